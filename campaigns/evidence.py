@@ -66,6 +66,7 @@ CAMPAIGNS = {
     "false_alarms": "campaigns.false_alarms",
     "exploration": "campaigns.exploration",
     "firmware_math": "campaigns.firmware_math",
+    "firmware_numbers": "campaigns.firmware_numbers",
     "reproduce": "campaigns.reproduce",
 }
 

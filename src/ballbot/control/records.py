@@ -235,6 +235,7 @@ class Schema:
 
     name: str
     fields: Mapping[str, Number | Schema]
+    text: str = ""  #: what the record is, for the comment of the struct in C
 
     def dtype(self, precision: Precision = "double") -> np.dtype[np.void]:
         """Return the NumPy structured type: 8 bytes a number, or 4 in single precision."""
@@ -272,7 +273,7 @@ class Schema:
 def schema_of(record: type) -> Schema:
     """Return the schema of a record's dataclass."""
     numbers: dict[str, Number | Schema] = {one.name: one.metadata[_NUMBER] for one in fields(record)}
-    return Schema(name=record.__name__, fields=numbers)
+    return Schema(name=record.__name__, fields=numbers, text=(record.__doc__ or "").partition("\n")[0])
 
 
 def fill_record(target: NDArray[np.void], value: object) -> None:

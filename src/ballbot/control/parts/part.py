@@ -29,7 +29,8 @@ and joins the law by a line in `ballbot.control.parts.Parts`. In compiled code `
 7. The disturbance observer takes `acting` of the history for the torque that the motors gave; the prediction takes it
    less both compensations. `acting` is the command, filtered and limited. If motors give another torque for a command,
    return it in the stage `act`.
-8. Write `tests/control/test_NAME.py` for what is particular to the part. The tests of files, records, batches and
+8. Write the part in C: the recipe is in `docs/architecture.md`, the test that asks for it `tests/firmware/test_law.py`.
+9. Write `tests/control/test_NAME.py` for what is particular to the part. The tests of files, records, batches and
    missing samples, and the fuzzing of controller files, run with its `example`.
 """
 

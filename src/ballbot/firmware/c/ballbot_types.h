@@ -1,0 +1,252 @@
+/* The records of Ballbot as structs: parameters, state and sensor readings.
+ *
+ * Generated from the schemas of the Python package by `python -m ballbot.firmware.header`; do not edit.
+ * Units are SI and stand behind each member; [1] is a number without a unit. Matrices are stored by rows.
+ * State vectors are x, y, theta, phi, psi and their rates.
+ */
+#ifndef BALLBOT_TYPES_H
+#define BALLBOT_TYPES_H
+
+#include <stdint.h>
+
+/* Wheels that a record has room for. */
+#define BALLBOT_MAX_WHEELS 4
+/* Updates whose torques the law remembers. */
+#define BALLBOT_MAX_PAST 22
+/* SHA-256 of names, order, types, lengths and units of everything below. */
+#define BALLBOT_SCHEMA_DIGEST "924bad82bd4e8471f4d7e53a9c6a62782d909ee57712c6296de9b42c84a773d3"
+/* The same as 8 numbers of 31 bits, as the parameters hold it. */
+#define BALLBOT_SCHEMA_WORDS { 306949506, 1028555889, 1960305978, 476734072, 764452581, 1997719081, 1844032556, 78083027 }
+
+/* Every number below has the same width. */
+typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
+
+/* The friction that is compensated, and how. */
+struct ballbot_compensation_record {
+    float inv_rb; /* [1/m] */
+    float inv_vs; /* [s/rad] */
+    float delta; /* [1] */
+    float rolling; /* [N] */
+    float steepness; /* [s/rad] */
+    float rolling_steepness; /* [s/m] */
+    float full; /* [1] */
+    float partial; /* [1] */
+    float axles[BALLBOT_MAX_WHEELS][3]; /* [1] */
+    float viscous[BALLBOT_MAX_WHEELS]; /* [N m s/rad] */
+    float coulomb[BALLBOT_MAX_WHEELS]; /* [N m] */
+    float stribeck[BALLBOT_MAX_WHEELS]; /* [N m] */
+    float directed; /* [1] */
+    float coulomb_asymmetry[BALLBOT_MAX_WHEELS]; /* [N m] */
+    float stribeck_asymmetry[BALLBOT_MAX_WHEELS]; /* [N m] */
+    float load[BALLBOT_MAX_WHEELS]; /* [1] */
+    float for_rolling[BALLBOT_MAX_WHEELS][2]; /* [m] */
+};
+typedef char ballbot_compensation_record_has_no_padding[(sizeof(struct ballbot_compensation_record) == 53u * sizeof(float)) ? 1 : -1];
+
+/* The sampled shaping. */
+struct ballbot_shaping_record {
+    int32_t on;
+    float frequency; /* [rad/s] */
+    float decay; /* [1] */
+    float yaw_frequency; /* [rad/s] */
+    float yaw_decay; /* [1] */
+    float speed; /* [m] */
+    float turn; /* [rad] */
+    float kink; /* [m] */
+    float turning_kink; /* [rad] */
+    float rate; /* [1/s] */
+    float delay; /* [s] */
+    float late; /* [1] */
+};
+typedef char ballbot_shaping_record_has_no_padding[(sizeof(struct ballbot_shaping_record) == 12u * sizeof(float)) ? 1 : -1];
+
+/* What a motion of the flat output asks for, linear in its derivatives, heading frame. */
+struct ballbot_feed_forward_record {
+    int32_t on;
+    float lean[2][2]; /* [rad s^2/m] */
+    float offset[2][2]; /* [s^2] */
+    float by_second[BALLBOT_MAX_WHEELS][2]; /* [N m s^2/m] */
+    float by_fourth[BALLBOT_MAX_WHEELS][2]; /* [N m s^4/m] */
+    float by_turning[BALLBOT_MAX_WHEELS]; /* [N m s^2/rad] */
+};
+typedef char ballbot_feed_forward_record_has_no_padding[(sizeof(struct ballbot_feed_forward_record) == 29u * sizeof(float)) ? 1 : -1];
+
+/* The sampled integral. */
+struct ballbot_integral_record {
+    int32_t on;
+    float step; /* [s] */
+    float kept; /* [1] */
+    float limit; /* [m s] */
+    float yaw_limit; /* [rad s] */
+    float dead_band; /* [m] */
+    float gain[BALLBOT_MAX_WHEELS][3]; /* [N m/(m s)] */
+};
+typedef char ballbot_integral_record_has_no_padding[(sizeof(struct ballbot_integral_record) == 18u * sizeof(float)) ? 1 : -1];
+
+/* The sampled observer, and the torques that a motion needs, heading frame. */
+struct ballbot_observer_record {
+    int32_t on;
+    float fraction; /* [1] */
+    float limit; /* [N m] */
+    float by_acceleration[BALLBOT_MAX_WHEELS][5]; /* [N m s^2/m] */
+    float by_lean[BALLBOT_MAX_WHEELS][2]; /* [N m/rad] */
+};
+typedef char ballbot_observer_record_has_no_padding[(sizeof(struct ballbot_observer_record) == 31u * sizeof(float)) ? 1 : -1];
+
+/* R, then h Q and P at the start of b and of kappa, and the bounds. */
+struct ballbot_floor_record {
+    int32_t on;
+    float noise; /* [1/s] */
+    float slope_walk; /* [1/s] */
+    float slope_start; /* [1/s] */
+    float drag_walk; /* [1/s] */
+    float drag_start; /* [1/s] */
+    float highest; /* [m s] */
+    float steepness; /* [s/m] */
+};
+typedef char ballbot_floor_record_has_no_padding[(sizeof(struct ballbot_floor_record) == 8u * sizeof(float)) ? 1 : -1];
+
+/* The limits, and the lean that errors command. */
+struct ballbot_lean_limit_record {
+    int32_t on;
+    float lean; /* [rad] */
+    float asked[2][4]; /* [rad/m] */
+    float turn; /* [rad] */
+    float turn_rate; /* [s] */
+};
+typedef char ballbot_lean_limit_record_has_no_padding[(sizeof(struct ballbot_lean_limit_record) == 12u * sizeof(float)) ? 1 : -1];
+
+/* (b_0 + b_1/z + b_2/z^2) / (1 + a_1/z + a_2/z^2). */
+struct ballbot_notch_record {
+    int32_t on;
+    float b_0; /* [1] */
+    float b_1; /* [1] */
+    float b_2; /* [1] */
+    float a_1; /* [1] */
+    float a_2; /* [1] */
+};
+typedef char ballbot_notch_record_has_no_padding[(sizeof(struct ballbot_notch_record) == 6u * sizeof(float)) ? 1 : -1];
+
+/* What is known of the state at which a torque will act, heading frame. */
+struct ballbot_prediction_record {
+    int32_t on;
+    int32_t count;
+    int32_t samples;
+    float fraction; /* [1] */
+    float transition[10][10]; /* [1] */
+    float by_torque[BALLBOT_MAX_WHEELS][20][10]; /* [1/(N m)] */
+};
+typedef char ballbot_prediction_record_has_no_padding[(sizeof(struct ballbot_prediction_record) == 904u * sizeof(float)) ? 1 : -1];
+
+struct ballbot_law {
+    float torque_limit; /* [N m] */
+    float rate; /* [1/s] */
+    float gain[BALLBOT_MAX_WHEELS][10]; /* [N m per state] */
+    struct ballbot_compensation_record compensation;
+    struct ballbot_shaping_record shaping;
+    struct ballbot_feed_forward_record feed_forward;
+    struct ballbot_integral_record integral;
+    struct ballbot_observer_record disturbance_observer;
+    struct ballbot_floor_record floor_adaptation;
+    struct ballbot_lean_limit_record lean_limit;
+    struct ballbot_notch_record notch;
+    struct ballbot_prediction_record prediction;
+};
+typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1115u * sizeof(float)) ? 1 : -1];
+
+/* The numbers of one controller. */
+struct ballbot_parameters {
+    int32_t schema[8];
+    int32_t wheel_count;
+    float sample_time; /* [s] */
+    struct ballbot_law law;
+};
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1125u * sizeof(float)) ? 1 : -1];
+
+/* What the law remembers of each wheel's torques at its last updates, the newest first. */
+struct ballbot_torque_history {
+    float acting[BALLBOT_MAX_PAST][BALLBOT_MAX_WHEELS]; /* [N m] */
+    float friction_compensation[BALLBOT_MAX_PAST][BALLBOT_MAX_WHEELS]; /* [N m] */
+    float disturbance_compensation[BALLBOT_MAX_PAST][BALLBOT_MAX_WHEELS]; /* [N m] */
+    float limited[BALLBOT_MAX_PAST][BALLBOT_MAX_WHEELS]; /* [1] */
+};
+typedef char ballbot_torque_history_has_no_padding[(sizeof(struct ballbot_torque_history) == 352u * sizeof(float)) ? 1 : -1];
+
+/* Of x, y and psi: four lags each, p, the last r, its last change, and of that the change that counts. */
+struct ballbot_shaping_state {
+    float lags[3][4]; /* [m] */
+    float followed[3]; /* [m] */
+    float last[3]; /* [m] */
+    int32_t started;
+    float change[3]; /* [m] */
+    float bend[3]; /* [m] */
+};
+typedef char ballbot_shaping_state_has_no_padding[(sizeof(struct ballbot_shaping_state) == 25u * sizeof(float)) ? 1 : -1];
+
+/* The state of a part without memory; compiled records have at least one field. */
+struct ballbot_no_state {
+    float unused; /* [1] */
+};
+typedef char ballbot_no_state_has_no_padding[(sizeof(struct ballbot_no_state) == 1u * sizeof(float)) ? 1 : -1];
+
+/* The integrals of x, y [m s] and psi [rad s], world frame. */
+struct ballbot_integral_state {
+    float sums[3]; /* [m s] */
+};
+typedef char ballbot_integral_state_has_no_padding[(sizeof(struct ballbot_integral_state) == 3u * sizeof(float)) ? 1 : -1];
+
+/* The rates of the last sample, whether there are any, and d, the estimate that is added. */
+struct ballbot_observer_state {
+    float rates[5]; /* [m/s] */
+    int32_t started;
+    float estimate[BALLBOT_MAX_WHEELS]; /* [N m] */
+};
+typedef char ballbot_observer_state_has_no_padding[(sizeof(struct ballbot_observer_state) == 10u * sizeof(float)) ? 1 : -1];
+
+/* kappa, b, and P less what it was at the start. */
+struct ballbot_floor_state {
+    float drag; /* [m s] */
+    float slope[2]; /* [m s] */
+    float P_xx; /* [1/s] */
+    float P_yy; /* [1/s] */
+    float P_kk; /* [1/s] */
+    float P_xy; /* [1/s] */
+    float P_xk; /* [1/s] */
+    float P_yk; /* [1/s] */
+};
+typedef char ballbot_floor_state_has_no_padding[(sizeof(struct ballbot_floor_state) == 9u * sizeof(float)) ? 1 : -1];
+
+/* Of each wheel's filter. */
+struct ballbot_notch_state {
+    float delayed[BALLBOT_MAX_WHEELS][2]; /* [N m] */
+};
+typedef char ballbot_notch_state_has_no_padding[(sizeof(struct ballbot_notch_state) == 8u * sizeof(float)) ? 1 : -1];
+
+/* The state to come, and what it is made in. */
+struct ballbot_prediction_state {
+    float ahead[10]; /* [1] */
+    float turned[10]; /* [1] */
+    float after[10]; /* [1] */
+};
+typedef char ballbot_prediction_state_has_no_padding[(sizeof(struct ballbot_prediction_state) == 30u * sizeof(float)) ? 1 : -1];
+
+struct ballbot_memory {
+    struct ballbot_torque_history history;
+    struct ballbot_shaping_state shaping;
+    struct ballbot_no_state feed_forward;
+    struct ballbot_integral_state integral;
+    struct ballbot_observer_state disturbance_observer;
+    struct ballbot_floor_state floor_adaptation;
+    struct ballbot_no_state lean_limit;
+    struct ballbot_notch_state notch;
+    struct ballbot_prediction_state prediction;
+};
+typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 439u * sizeof(float)) ? 1 : -1];
+
+/* All that changes while the robot runs; zeros at the start. */
+struct ballbot_state {
+    struct ballbot_memory memory;
+};
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 439u * sizeof(float)) ? 1 : -1];
+
+#endif

@@ -1,0 +1,156 @@
+/* The control law: the stages in order, each with the steps of its parts. See law.h. */
+#include "law.h"
+
+#include "parts/parts.h"
+
+/* Return the first place that asks for a lean or a rate, where A r is not 0, or for something impossible. */
+static int32_t forbidden(const float reference[10])
+{
+    static const float largest[10] = { BALLBOT_LARGEST_STATE, BALLBOT_LARGEST_STATE, 0.0f, 0.0f,
+                                       BALLBOT_LARGEST_STATE };
+
+    for (int32_t i = 0; i < 10; ++i) {
+        if (!(ballbot_size(reference[i]) <= largest[i])) {
+            return i;
+        }
+    }
+    return BALLBOT_ALLOWED;
+}
+
+/* Return whether every number of a state is possible for a robot; a NaN is not. */
+static bool is_state(const float state[10])
+{
+    for (int i = 0; i < 10; ++i) {
+        if (!(ballbot_size(state[i]) <= BALLBOT_LARGEST_STATE)) {
+            return false;
+        }
+    }
+    return true;
+}
+
+/* Fill the pose, the attitude and the state relative to the pose. */
+static void observed(struct ballbot_sample *now, const float measured[10])
+{
+    now->a = ballbot_attitude_of(measured[2], measured[3], measured[4]);
+    for (int i = 0; i < 10; ++i) {
+        now->state[i] = measured[i];
+    }
+    now->pose[0] = measured[0];
+    now->pose[1] = measured[1];
+    now->pose[2] = measured[4];
+    now->state[0] = 0.0f;
+    now->state[1] = 0.0f;
+    now->state[4] = 0.0f;
+}
+
+/* Return the reference of an axis without shaping. */
+static struct ballbot_smooth at_rest(float value)
+{
+    const struct ballbot_smooth still = { value, 0.0f, 0.0f, 0.0f, 0.0f };
+
+    return still;
+}
+
+/* Fill now->e with S(psi) (r_s - x). */
+static void heading_error(struct ballbot_sample *now)
+{
+    const float *state = now->state;
+    const struct ballbot_attitude *a = &now->a;
+    const struct ballbot_pair position = ballbot_to_heading(a, now->x.value - state[0], now->y.value - state[1]);
+    const struct ballbot_pair lean = ballbot_to_heading(a, state[2], state[3]);
+    const struct ballbot_pair speed = ballbot_to_heading(a, now->x.rate - state[5], now->y.rate - state[6]);
+    const struct ballbot_pair lean_rate = ballbot_to_heading(a, state[7], state[8]);
+
+    now->e[0] = position.x;
+    now->e[1] = position.y;
+    now->e[2] = -lean.x;
+    now->e[3] = -lean.y;
+    now->e[4] = now->psi.value - state[4];
+    now->e[5] = speed.x;
+    now->e[6] = speed.y;
+    now->e[7] = -lean_rate.x;
+    now->e[8] = -lean_rate.y;
+    now->e[9] = now->psi.rate - state[9];
+}
+
+/* Return the torque K e of a wheel. */
+static float feedback(const float gain[10], const float e[10])
+{
+    float torque = gain[0] * e[0];
+
+    for (int j = 1; j < 10; ++j) {
+        torque += gain[j] * e[j];
+    }
+    return torque;
+}
+
+/* Filter, limit and remember the torques; return whether one exceeded the limit. */
+static bool filter_and_limit(const struct ballbot_law *law, struct ballbot_memory *memory, float torques[],
+                             int32_t n)
+{
+    struct ballbot_torque_history *history = &memory->history;
+    bool limited = false;
+
+    for (int32_t i = 0; i < n; ++i) {
+        history->disturbance_compensation[0][i] = 0.0f; /* the stage adds to it */
+        torques[i] = ballbot_disturbance_observer_filter(memory, torques[i], i);
+        torques[i] = ballbot_notch_filter(law, memory, torques[i], i);
+        limited = limited || ballbot_size(torques[i]) > law->torque_limit;
+        torques[i] = ballbot_clipped(torques[i], law->torque_limit);
+        history->acting[0][i] = torques[i];
+    }
+    for (int32_t i = 0; i < n; ++i) {
+        history->limited[0][i] = limited ? 1.0f : 0.0f;
+    }
+    return limited;
+}
+
+/* Fill the torques for a state and a reference that are valid. */
+static void decide(const struct ballbot_law *law, struct ballbot_memory *memory, int32_t n, const float measured[10],
+                   const float reference[10], float torques[])
+{
+    struct ballbot_sample now;
+
+    observed(&now, measured);
+    ballbot_disturbance_observer_observe(law, memory, &now, n);
+    ballbot_prediction_predict(law, memory, &now, n);
+
+    now.reference = reference;
+    now.x = at_rest(reference[0] - now.pose[0]);
+    now.y = at_rest(reference[1] - now.pose[1]);
+    now.psi = at_rest(reference[4] - now.pose[2]);
+    ballbot_shaping_shape(law, memory, &now);
+
+    heading_error(&now);
+    now.error_limited = false;
+    ballbot_feed_forward_error(law, &now);
+    ballbot_lean_limit_error(law, &now);
+
+    for (int32_t i = 0; i < n; ++i) {
+        torques[i] = feedback(law->gain[i], now.e);
+        torques[i] = ballbot_feed_forward_torque(law, torques[i], &now, i);
+        torques[i] = ballbot_integral_torque(law, memory, torques[i], &now, i);
+    }
+    if (law->compensation.full + law->compensation.partial > 0.0f) {
+        ballbot_compensate(law, memory, &now, torques, n);
+    }
+    const bool limited = filter_and_limit(law, memory, torques, n) || now.error_limited;
+
+    ballbot_integral_learn(law, memory, &now, limited);
+    ballbot_floor_adaptation_learn(law, memory, &now, limited);
+}
+
+int32_t ballbot_control_law(const struct ballbot_law *law, struct ballbot_memory *memory, int32_t n,
+                            const float measured[10], const float reference[10], float torques[])
+{
+    const int32_t refused = forbidden(reference);
+
+    if (refused != BALLBOT_ALLOWED || !is_state(measured)) {
+        for (int32_t i = 0; i < n; ++i) {
+            torques[i] = 0.0f;
+        }
+        return refused;
+    }
+    decide(law, memory, n, measured, reference, torques);
+    return BALLBOT_ALLOWED;
+}

@@ -1,0 +1,50 @@
+/* Integral action: a position or heading that stays wrong is corrected until it is right.
+ *
+ *     I' = e - I/T      e the error of x, y [m] and psi [rad], world frame; sampled, within its limits
+ *     u += K_I S(psi) (I + drag d)
+ *
+ * Within the dead band the integrals rest. While a torque or the error is limited they may shrink but not grow. The
+ * drag and its direction d belong to the floor adaptation; without it they are zero.
+ */
+#include "parts.h"
+
+float ballbot_integral_torque(const struct ballbot_law *law, const struct ballbot_memory *memory, float torque,
+                              const struct ballbot_sample *now, int32_t i)
+{
+    const float *gain = law->integral.gain[i];
+    const float *sums = memory->integral.sums;
+    const float drag = memory->floor_adaptation.drag;
+    const struct ballbot_pair d = ballbot_direction(&law->floor_adaptation, now->x.rate, now->y.rate);
+    const struct ballbot_pair I = ballbot_to_heading(&now->a, sums[0] + drag * d.x, sums[1] + drag * d.y);
+
+    return torque + (gain[0] * I.x + gain[1] * I.y + gain[2] * sums[2]);
+}
+
+/* Return an integral after a sample. */
+static float stepped(float value, float kept, float change, float limit, bool limited)
+{
+    const float after = ballbot_clipped(kept * value + change, limit);
+
+    return (limited && ballbot_size(after) > ballbot_size(value)) ? value : after;
+}
+
+void ballbot_integral_learn(const struct ballbot_law *law, struct ballbot_memory *memory,
+                            const struct ballbot_sample *now, bool limited)
+{
+    const struct ballbot_integral_record *own = &law->integral;
+    float *sums = memory->integral.sums;
+
+    if (own->on == 0) {
+        return;
+    }
+    const struct ballbot_pair e = ballbot_from_heading(&now->a, now->e[0], now->e[1]);
+    const float e_psi = now->e[4];
+
+    if (e.x * e.x + e.y * e.y > own->dead_band * own->dead_band) {
+        sums[0] = stepped(sums[0], own->kept, own->step * e.x, own->limit, limited);
+        sums[1] = stepped(sums[1], own->kept, own->step * e.y, own->limit, limited);
+    }
+    if (ballbot_size(e_psi) > own->dead_band) {
+        sums[2] = stepped(sums[2], own->kept, own->step * e_psi, own->yaw_limit, limited);
+    }
+}

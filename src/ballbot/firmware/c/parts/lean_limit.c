@@ -1,0 +1,47 @@
+/* Lean limit: errors of position and speed command at most a certain lean, errors of the heading a certain turn.
+ *
+ * The commanded lean is asked (e_x, e_y, e_x', e_y') [rad], heading frame. First the errors of position are reduced if
+ * they alone command more than the limit, then all four. Within the limits nothing changes.
+ */
+#include "../ballbot_math.h"
+#include "parts.h"
+
+/* Return limit / |(a, b)|, or 1 within the limit. */
+static float fraction(float limit, float a, float b)
+{
+    const float size = ballbot_square_root(a * a + b * b);
+
+    return (size > limit) ? limit / size : 1.0f;
+}
+
+/* Return what is left of errors of position [m] and speed [m/s]. */
+static float lean_fraction(const struct ballbot_lean_limit_record *own, float x, float y, float v_x, float v_y)
+{
+    const float *first = own->asked[0];
+    const float *second = own->asked[1];
+
+    return fraction(own->lean,
+                    first[0] * x + first[1] * y + first[2] * v_x + first[3] * v_y,
+                    second[0] * x + second[1] * y + second[2] * v_x + second[3] * v_y);
+}
+
+void ballbot_lean_limit_error(const struct ballbot_law *law, struct ballbot_sample *now)
+{
+    const struct ballbot_lean_limit_record *own = &law->lean_limit;
+    float *e = now->e;
+
+    if (own->on == 0) {
+        return;
+    }
+    const float near = lean_fraction(own, e[0], e[1], 0.0f, 0.0f);
+    const float both = lean_fraction(own, near * e[0], near * e[1], e[5], e[6]);
+    const float heading = fraction(own->turn, e[4] + own->turn_rate * e[9], 0.0f);
+
+    e[0] *= near * both;
+    e[1] *= near * both;
+    e[5] *= both;
+    e[6] *= both;
+    e[4] *= heading;
+    e[9] *= heading;
+    now->error_limited = now->error_limited || (near * both * heading < 1.0f);
+}

@@ -1,0 +1,50 @@
+/* The steps of all parts, by stage of the law. `i` is a wheel, `n` the number of wheels. */
+#ifndef BALLBOT_PARTS_H
+#define BALLBOT_PARTS_H
+
+#include "part.h"
+
+/* observe: evaluate the sample that has passed */
+void ballbot_disturbance_observer_observe(const struct ballbot_law *law, struct ballbot_memory *memory,
+                                          const struct ballbot_sample *now, int32_t n);
+
+/* predict: replace the measured state by the one that is fed back */
+void ballbot_prediction_predict(const struct ballbot_law *law, struct ballbot_memory *memory,
+                                struct ballbot_sample *now, int32_t n);
+
+/* shape: replace the reference by the one that is followed */
+void ballbot_shaping_shape(const struct ballbot_law *law, struct ballbot_memory *memory,
+                           struct ballbot_sample *now);
+
+/* error: change the error */
+void ballbot_feed_forward_error(const struct ballbot_law *law, struct ballbot_sample *now);
+void ballbot_lean_limit_error(const struct ballbot_law *law, struct ballbot_sample *now);
+
+/* torque: return the feedback's torque [N m] with the part's summand */
+float ballbot_feed_forward_torque(const struct ballbot_law *law, float torque, const struct ballbot_sample *now,
+                                  int32_t i);
+float ballbot_integral_torque(const struct ballbot_law *law, const struct ballbot_memory *memory, float torque,
+                              const struct ballbot_sample *now, int32_t i);
+
+/* between torque and filter: add the compensation of friction */
+void ballbot_compensate(const struct ballbot_law *law, struct ballbot_memory *memory,
+                        const struct ballbot_sample *now, float torques[], int32_t n);
+
+/* filter: return the torque [N m] that is limited and then commanded */
+float ballbot_disturbance_observer_filter(struct ballbot_memory *memory, float torque, int32_t i);
+float ballbot_notch_filter(const struct ballbot_law *law, struct ballbot_memory *memory, float torque, int32_t i);
+
+/* learn: update slow states; `limited` if a torque or the error was at its limit */
+void ballbot_integral_learn(const struct ballbot_law *law, struct ballbot_memory *memory,
+                            const struct ballbot_sample *now, bool limited);
+void ballbot_floor_adaptation_learn(const struct ballbot_law *law, struct ballbot_memory *memory,
+                                    const struct ballbot_sample *now, bool limited);
+
+/* Return d: the direction of the commanded velocity [m/s], a ramp at low speed. */
+struct ballbot_pair ballbot_direction(const struct ballbot_floor_record *own, float v_x, float v_y);
+
+/* Return a number of the torque history [ago][wheel] for the torques that acted over the last sample, their mean. */
+float ballbot_over_last_sample(const struct ballbot_prediction_record *own,
+                               const float values[BALLBOT_MAX_PAST][BALLBOT_MAX_WHEELS], int32_t wheel);
+
+#endif

@@ -1,0 +1,184 @@
+"""The firmware's library on this computer: compiled as a shared library and called with records of NumPy.
+
+It is the same code that runs on the robot, for tests and for software in the loop. A record of
+`Schema.dtype("single")` has the bytes of its struct (`ballbot.firmware.header`), so that addresses are all that is
+passed.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.law import ALLOWED
+from ballbot.errors import InputError
+from ballbot.firmware.header import SOURCES
+
+#: with which the library compiles without a warning
+WARNINGS = (
+    "-Wall",
+    "-Wextra",
+    "-Wpedantic",
+    "-Wconversion",
+    "-Wshadow",
+    "-Wdouble-promotion",
+    "-Wstrict-prototypes",
+    "-Wmissing-prototypes",
+    "-Wcast-qual",
+    "-Wvla",
+    "-Werror",
+)
+#: on which the numbers depend: no fused multiply-add, no reordering
+NUMERICS = ("-std=c99", "-ffp-contract=off", "-fno-fast-math", "-fno-math-errno")
+_SHARED = ("-O2", "-fPIC", "-shared")
+
+
+def compilers() -> dict[str, tuple[str, ...]]:
+    """Return the C compilers of this computer by name, each as the start of its command line."""
+    found: dict[str, tuple[str, ...]] = {
+        name: (path,) for name in ("gcc", "clang") if (path := shutil.which(name))
+    }
+    if importlib.util.find_spec("ziglang"):
+        found["zig"] = (sys.executable, "-m", "ziglang", "cc")
+    return found
+
+
+def source_files(folder: Path = SOURCES) -> list[Path]:
+    """Return the C sources of the library in a folder, in order."""
+    return sorted(folder.rglob("*.c"))
+
+
+def compile_sources(
+    target: Path,
+    sources: Sequence[Path],
+    *,
+    flags: Sequence[str] = _SHARED,
+    compiler: str | None = None,
+) -> None:
+    """Compile C sources without a warning.
+
+    Parameters
+    ----------
+    target : Path
+        The file to write.
+    sources : sequence of Path
+        Files; they find the library's headers.
+    flags : sequence of str
+        More options of the compiler; by default those of a shared library.
+    compiler : str, optional
+        One of `compilers`; the first of them by default.
+
+    Raises
+    ------
+    InputError
+        If there is no such compiler, or it refuses the sources.
+    """
+    there = compilers()
+    name = compiler or next(iter(there), "")
+    if name not in there:
+        raise InputError(
+            f"There is no C compiler{f' {name!r}' if name else ''} on this computer; install gcc or clang, or "
+            "`pip install ziglang`."
+        )
+    command = [
+        *there[name],
+        *NUMERICS,
+        *WARNINGS,
+        *flags,
+        f"-I{SOURCES}",
+        *map(str, sources),
+        "-o",
+        str(target),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise InputError(f"{name} refuses the sources: {done.stderr.strip()}")
+
+
+@dataclass(frozen=True)
+class Library:
+    """The compiled library, of which every function takes rows of records."""
+
+    functions: ctypes.CDLL
+
+    @classmethod
+    def open(cls, path: Path) -> Library:
+        """Return the library in a file."""
+        functions = ctypes.CDLL(str(path))
+        pointer, whole = ctypes.c_void_p, ctypes.c_int32
+        functions.ballbot_control_law.argtypes = (pointer, pointer, whole, pointer, pointer, pointer)
+        functions.ballbot_control_law.restype = whole
+        return cls(functions)
+
+    def control_law(
+        self,
+        law: NDArray[np.void],
+        memory: NDArray[np.void],
+        measured: NDArray[np.float32],
+        reference: NDArray[np.float32],
+        torques: NDArray[np.float32],
+    ) -> NDArray[np.int32]:
+        """Call the control law once for each row, as `ballbot.control.law.control_law`.
+
+        Parameters
+        ----------
+        law : structured array (1,)
+            Of `LAW` in single precision.
+        memory : structured array (N,)
+            Of `MEMORY` in single precision; changed.
+        measured, reference : arrays (N, 10)
+        torques : array (N, n)
+            Overwritten [N m].
+
+        Returns
+        -------
+        array (N,)
+            `ALLOWED`, or the place at which a reference is refused.
+        """
+        arrays = (memory, measured, reference, torques)
+        assert all(one.flags.c_contiguous and one.itemsize * one.size for one in (law, *arrays))
+        call, numbers = self.functions.ballbot_control_law, law.ctypes.data
+        memories, states, references, answers = (one.ctypes.data for one in arrays)
+        size, width = memory.itemsize, torques.shape[1]
+        results = np.full(len(memory), ALLOWED, dtype=np.int32)
+        for k in range(len(memory)):
+            results[k] = call(
+                numbers,
+                memories + k * size,
+                width,
+                states + 40 * k,
+                references + 40 * k,
+                answers + 4 * width * k,
+            )
+        return results
+
+
+@cache
+def library() -> Library:
+    """Return the library, compiled once for this process by the first compiler that there is.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    folder = tempfile.mkdtemp(prefix="ballbot-firmware-")
+    try:
+        path = Path(folder) / "ballbot.so"
+        compile_sources(path, source_files())
+        return Library.open(path)
+    finally:
+        if os.name == "posix":  # a loaded library needs its file no more
+            shutil.rmtree(folder)

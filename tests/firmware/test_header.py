@@ -1,0 +1,81 @@
+"""The generated headers: structs as NumPy has the records, numbers that a compiler reads back bit for bit."""
+
+import re
+import subprocess
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from ballbot.control.records import Schema
+from ballbot.firmware.header import (
+    PARAMETERS_HEADER,
+    SOURCES,
+    TYPES_HEADER,
+    parameters_header,
+    struct_name,
+    types_header,
+)
+from ballbot.firmware.host import compile_sources, compilers
+from ballbot.firmware.records import FIRMWARE, PARAMETERS, parameter_record, schema_words
+from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
+
+needs_compiler = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
+
+
+def test_types_in_the_sources_are_those_of_the_records():
+    assert (SOURCES / TYPES_HEADER).read_text() == types_header(), "run: python -m ballbot.firmware.header"
+
+
+def offsets(schema: Schema, dtype: np.dtype, above: str = "", first: int = 0) -> Iterator[tuple[str, int]]:
+    """Return each member's path and its place in bytes."""
+    for name, one in schema.fields.items():
+        inner, place = dtype.fields[name][:2]
+        yield f"{above}{name}", first + place
+        if isinstance(one, Schema):
+            yield from offsets(one, inner, f"{above}{name}.", first + place)
+
+
+@needs_compiler
+def test_compiler_lays_structs_out_as_numpy_lays_records_out(tmp_path):
+    lines = ["#include <stddef.h>", f'#include "{TYPES_HEADER}"']
+    for schema in FIRMWARE.fields.values():
+        dtype, name = schema.dtype("single"), f"struct {struct_name(schema)}"
+        lines.append(f"typedef char {schema.name}_size[(sizeof({name}) == {dtype.itemsize}u) ? 1 : -1];")
+        for number, (path, place) in enumerate(offsets(schema, dtype)):
+            lines.append(
+                f"typedef char {schema.name}_{number}[(offsetof({name}, {path}) == {place}u) ? 1 : -1];"
+            )
+    assert len(lines) > 100
+    (tmp_path / "layout.c").write_text("\n".join([*lines, "extern int here;", ""]))
+    compile_sources(tmp_path / "layout.o", [tmp_path / "layout.c"], flags=("-c",))
+
+
+@needs_compiler
+@pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["3", "4"])
+def test_compiler_reads_the_numbers_back_bit_for_bit(robot, tmp_path):
+    record = parameter_record(everything(robot))
+    (tmp_path / PARAMETERS_HEADER).write_text(parameters_header(record, PARAMETERS, comment="A test."))
+    (tmp_path / "main.c").write_text(
+        '#include <stdio.h>\n#include "ballbot_parameters.h"\n'
+        "int main(void) { return fwrite(&ballbot_parameters, sizeof ballbot_parameters, 1, stdout) != 1; }\n"
+    )
+    compile_sources(tmp_path / "main", [tmp_path / "main.c"], flags=())
+    assert subprocess.run([tmp_path / "main"], capture_output=True, check=True).stdout == record.tobytes()
+
+
+def test_digest_is_in_the_types_and_in_the_parameters():
+    assert f'BALLBOT_SCHEMA_DIGEST "{FIRMWARE.digest}"' in types_header()
+    words = ", ".join(map(str, schema_words(FIRMWARE)))
+    assert f"BALLBOT_SCHEMA_WORDS {{ {words} }}" in types_header()
+    text = parameters_header(parameter_record(everything(alten())), PARAMETERS, comment="")
+    assert f".schema = {{ {words} }}" in text
+
+
+def test_members_have_the_names_and_units_of_the_records():
+    text = types_header()
+    assert "struct ballbot_notch_record {\n    int32_t on;\n    float b_0; /* [1] */" in text
+    assert "float gain[BALLBOT_MAX_WHEELS][3]; /* [N m/(m s)] */" in text
+    assert "float lags[3][4]; /* [m] */" in text
+    members = set(re.findall(r"^    (?:float|int32_t|struct \w+) (\w+)", text, flags=re.M))
+    assert {line.split()[0].split(".")[-1] for line in FIRMWARE.lines()} <= members
