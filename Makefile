@@ -16,7 +16,7 @@ test: .venv/.test  ## all tests, the fast ones first
 	$(BIN)/python -m pytest -m "not slow and not sample" -n auto --dist loadfile
 	$(BIN)/python -m pytest -m slow -n auto --dist loadfile
 
-samples: .venv/.test  ## a sample of each campaign and of the goldens; every array walked under bounds checks
+samples: .venv/.test  ## a sample of each campaign and of the goldens; pages and examples made anew; every array walked under bounds checks
 	$(BIN)/python -m pytest -m sample -n auto --dist loadfile
 
 bench: .venv/.bench  ## timings against peers, into docs/generated/benchmarks.md

@@ -104,7 +104,7 @@ def test_the_readme_lists_every_command_and_preset():
         assert f"`{preset}`" in text
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_the_readmes_python_runs(tmp_path, monkeypatch):
     pytest.importorskip("mujoco")
     (example,) = fenced("README.md", "python")
@@ -118,7 +118,7 @@ def test_the_readmes_python_runs(tmp_path, monkeypatch):
     assert isinstance(made["log"], Log)
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 @pytest.mark.parametrize("example", ["01_model.py", "02_closed_loop.py"])
 def test_examples_run(example):
     done = subprocess.run(

@@ -132,6 +132,7 @@ def test_rolling_compensation_pushes_forward_and_does_not_turn(design, state, po
         assert added @ u >= -1e-9
 
 
+@pytest.mark.slow
 def test_full_compensation_makes_the_robot_a_frictionless_one():
     free = alten()
     stuck = alten(replace(FRICTION, rolling=0.0))

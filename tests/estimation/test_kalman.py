@@ -211,6 +211,7 @@ def normalized(run: Run, kalman: KalmanFilter, state: NDArray[np.float64]) -> tu
     )
 
 
+@pytest.mark.slow
 def test_filter_errors_match_its_covariance() -> None:
     """60 robots that sway, turn and slip with noise of the filter's sizes: errors are chi-squared."""
     found = []

@@ -56,6 +56,7 @@ def test_accelerometer_s_columns_are_there_where_it_is() -> None:
     assert force.std() > 0
 
 
+@pytest.mark.slow
 def test_filter_steers_more_quietly_than_the_thesis_s_way() -> None:
     thesis = balanced(NOMINAL, duration=8.0)
     kalman = balanced(NOMINAL, KalmanFilter(ALTEN, sample_time=0.005), duration=8.0)
@@ -66,7 +67,7 @@ def test_filter_steers_more_quietly_than_the_thesis_s_way() -> None:
     assert np.sqrt(np.mean(np.sum(lean**2, axis=1))) < 0.15  # the thesis's: 0.14 of white noise alone
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_drift_is_a_third_of_the_thesis_s() -> None:
     """A sample of the campaign in docs/generated/evidence.md: its two numbers, on a minute and a half.
 

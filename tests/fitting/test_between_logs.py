@@ -36,6 +36,7 @@ def test_without_errors_within_logs_it_is_students_t(count: int, degrees: float)
         assert limits.upper == pytest.approx(y.mean() + half, abs=2e-3 * half)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 3])
 def test_coverage_over_robots_drawn_from_the_prior_is_exact(count: int) -> None:
     """Both intervals contain what they are for in 95 % of robots whose tau is drawn from the prior."""

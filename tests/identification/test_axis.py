@@ -142,7 +142,7 @@ def test_time_that_goes_back_is_refused(tmp_path):
         read_axis_record(path, AxisColumns())
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_emps_better_than_published(shared_data):
     columns = AxisColumns(
         position="qm",

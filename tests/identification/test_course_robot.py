@@ -18,7 +18,7 @@ from ballbot.identification.stages import IdentificationOptions
 
 FITTED, PREDICTED, SWEEP = "main_control_1", "main_control_autotune_1", "Test-Results_test_motors_1"
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.sample
 
 
 @pytest.fixture(scope="module")

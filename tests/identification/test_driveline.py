@@ -44,6 +44,7 @@ def test_pieces_leave_out_where_the_supply_limits(sweep):
         assert np.abs(sweep.speed[first:end]).max() < 27.7
 
 
+@pytest.mark.slow
 def test_known_friction_comes_back(sweep):
     found = fit_driveline(sweep, generations=60)
     # noise in a piece's first speed is in no standard error of a fit; hence five of them and a percent
@@ -101,6 +102,7 @@ def test_noise_of_the_torque_and_play_do_not_bias_the_friction():
         assert fit.delay < 2.0 * SAMPLE_TIME
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bits(sweep):
     short = {"generations": 5, "population": 8, "run": Run(seed=3)}
     one, other = fit_driveline(sweep, **short), fit_driveline(sweep, **short)
@@ -112,6 +114,7 @@ def test_a_wheel_that_is_always_at_its_limit_is_refused(sweep):
         fit_driveline(replace(sweep, limit=1e-3))
 
 
+@pytest.mark.slow
 def test_uninformative_sweep_is_refused(sweep):
     # far above what such a wheel has, so that every parameter ends at its least
     space = driveline_parameters(lower=(1.0, 1.0, 1.0, 50.0, 5.0), upper=(2.0, 2.0, 2.0, 60.0, 6.0))
@@ -215,7 +218,7 @@ def test_invalid_speed_limit_is_refused(limit):
         sweeps_of(Robot.load("alten"), log, limit=limit)
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_the_shared_sweep(tmp_path, shared_data, capsys):
     log = Log.read(shared_data / "bbr" / "driveline_sweep.csv").between(0.0, 37.0)
     log.write(tmp_path / "sweep.csv")

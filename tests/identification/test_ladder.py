@@ -99,6 +99,7 @@ def ladder() -> ModelSelection[Identification]:
                 population=12,
                 evolution_windows=24,
                 gauss_newton_steps=6,
+                most_profiles=0,
                 step=2.5e-3,
             ),
         )

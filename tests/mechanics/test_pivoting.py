@@ -120,6 +120,7 @@ def test_infinite_pivot_friction_gives_the_five_dof_model(robot: Robot) -> None:
     assert_allclose(pivoting[:, :10], plain, rtol=0, atol=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wheel_count", [3, pytest.param(4, marks=pytest.mark.slow)])
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=40, deadline=None)

@@ -26,6 +26,8 @@ from ballbot.twin.imperfections import imperfections_of, true_model
 from ballbot.workflows.metrics import rms_torque_change
 from tests.support.control_examples import FRICTION, alten, leaning
 
+pytestmark = pytest.mark.slow  # its engine takes long to compile
+
 SAMPLE = 0.005
 FREE, STUCK = Model(alten()), Model(alten(FRICTION))
 #: encoders count and samples are held, and nothing else errs
@@ -231,7 +233,6 @@ def test_play_that_vanishes_leaves_the_model():
     np.testing.assert_allclose(close.states[:, :5], model.states[:, :5], atol=2e-3)
 
 
-@pytest.mark.slow
 def test_a_ball_that_hardly_pivots_has_the_same_play_as_one_that_does_not():
     firm = GearPlayPlant(Model(alten(FRICTION), pivoting=100.0), PLAY)
     torques = torques_of(5, 100, size=0.5)

@@ -177,7 +177,7 @@ def test_unwritable_page_ends_in_one_sentence(tmp_path, capsys, monkeypatch) -> 
     assert (tmp_path / "page.md").read_text(encoding="utf-8") == "a page"
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_the_page_in_docs_is_what_the_command_computes() -> None:
     """Words exactly; numbers to 1 %, as stick-slip runs differ between processors in their last digits."""
     committed = (ROOT / "docs" / "generated" / "published_models.md").read_text(encoding="utf-8")

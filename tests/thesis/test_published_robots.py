@@ -27,6 +27,7 @@ def entries() -> dict[str, Entry]:
     return {entry.name: entry for entry in rezero.entries(REZERO)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wheel", [1, 2, 3])
 def test_heading_column_matches_to_the_last_digit_with_absolute_wheel_rotation(
     entries: dict[str, Entry], wheel: int

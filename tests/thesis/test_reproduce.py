@@ -288,7 +288,7 @@ def test_run_on_a_grid_is_the_same_under_a_change_of_1e_12(plant: str) -> None:
         assert np.abs(run(1.0, grid=False) - run(changed, grid=False)).max() > 1e-6
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_documented_page_is_what_a_fresh_run_gives(bench: Bench) -> None:
     """All that needs no recording, and the first of the twin's runs; campaigns/reproduce.py compares the whole."""
     page = ROOT.joinpath("docs", "generated", "reproduce.md").read_text(encoding="utf-8")

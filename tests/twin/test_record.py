@@ -166,6 +166,7 @@ def test_interrupted_recording_of_many_seeds_resumes(
     assert "holds runs of several seeds" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_finished_run_is_verified_by_its_checksums(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -288,6 +289,7 @@ def test_record_reads_the_controller_that_it_wrote(tmp_path: Path) -> None:
     assert (tmp_path / "one" / "log.csv").read_bytes() == (tmp_path / "two" / "log.csv").read_bytes()
 
 
+@pytest.mark.slow
 def test_estimator_steers_and_a_batch_of_another_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

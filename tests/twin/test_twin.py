@@ -77,7 +77,7 @@ def test_turns_past_half_a_turn_without_a_jump(gain: NDArray[np.float64]) -> Non
     assert np.abs(np.diff(psi)).max() < 0.05
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_balances_a_minute_on_wide_rows(gain: NDArray[np.float64]) -> None:
     """The nominal twin balances for longer in tests/estimation/test_on_twin.py."""
     measured = balance(Twin(ALTEN, Scenario.named("wide_rows", ALTEN)), gain, 60.0, seed=4)

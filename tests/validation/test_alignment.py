@@ -27,6 +27,7 @@ def off(found: Rotation, true: Rotation) -> float:
     return float((found.inv() * true).magnitude())
 
 
+@pytest.mark.slow
 @settings(max_examples=8, deadline=None)
 @given(
     seed=st.integers(0, 1000),
@@ -70,6 +71,7 @@ def test_alignment_intervals_cover_the_truth_in_95_percent():
     assert np.mean(inside) > 0.865
 
 
+@pytest.mark.slow
 @settings(max_examples=6, deadline=None)
 @given(
     flip=st.sampled_from([one for one in cube_rotations() if one.magnitude() > 0.1]),

@@ -309,6 +309,7 @@ def test_torque_ripple_is_found_with_its_order_and_amplitude():
     assert "no sign of play" in said
 
 
+@pytest.mark.slow
 def test_play_is_found_after_reversals():
     found = _wheels("play")
     assert found.by_travel is not None

@@ -224,6 +224,7 @@ def test_only_holdout_intervals_count():
     assert clean.duration == pytest.approx(5.0, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_wrapped_heading_is_counted_on():
     log = perfect_log()
     wrapped = log.with_columns({"psi": log["psi"] % (2.0 * np.pi)})
@@ -233,6 +234,7 @@ def test_a_wrapped_heading_is_counted_on():
     np.testing.assert_allclose(counted_on, plain, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_wrong_friction_is_named_with_the_states_it_spoils():
     # a robot without friction, held against a model that has it
     bare = true_robot().replace(friction=Friction.none(3))

@@ -42,6 +42,7 @@ def measured(plain):
     return measure_spin(open_video(plain.path))
 
 
+@pytest.mark.slow
 def test_plain_video_is_accurate_and_its_errors_match_the_covariance(plain, measured):
     assert measured.track.tracked.all()
     assert plain.error(measured) < PLAIN
@@ -149,6 +150,7 @@ def test_wheels_that_turn_differently_or_not_at_all_are_refused(measured, size):
         compare_with_wheels(measured, log, Robot.load("alten"))
 
 
+@pytest.mark.slow
 def test_command_writes_its_documented_files(plain, tmp_path, capsys):
     robot = Robot.load("alten")
     wheel_log(plain, robot, forward=0.5, offset=-4.0).write(tmp_path / "run.csv")

@@ -14,6 +14,7 @@ from ballbot.workflows.comparison import compare
 from tests.support.control_examples import FRICTION, alten
 
 
+@pytest.mark.slow
 def test_comparing_on_the_model():
     robot = alten(FRICTION)
     controllers = {name: nominal_controller(robot, compensation=name) for name in ("none", "full", "partial")}

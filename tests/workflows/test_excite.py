@@ -49,6 +49,7 @@ def designed():
     return design(asked(), effort=EFFORT)
 
 
+@pytest.mark.slow
 def test_the_limits_hold_on_the_model_with_any_of_the_frictions(designed):
     """`simulate`, not the batch that the design was made with, at a finer step."""
     for factor in (0.5, 1.0, 1.5):
@@ -75,6 +76,7 @@ def test_designed_excitation_is_more_informative_than_a_square(designed):
     assert list(designed.history) == sorted(designed.history, reverse=True)
 
 
+@pytest.mark.slow
 def test_a_design_that_was_killed_goes_on_to_the_same_on_other_threads(designed, tmp_path):
     path = tmp_path / "checkpoint.jsonl"
     dying = Dying(open_checkpoint(path, belongs_to={}, resume=False), stage="evolution", after=2)

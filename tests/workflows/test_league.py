@@ -70,6 +70,7 @@ def test_processes_change_nothing(folder, league):
         np.testing.assert_array_equal(again.tracks[key].x, track.x)
 
 
+@pytest.mark.slow
 def test_a_fall_is_counted_and_nothing_else_of_it(league):
     limp = standing(league, "stand", "limp")
     assert limp.falls == limp.runs == 2

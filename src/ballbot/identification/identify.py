@@ -301,6 +301,7 @@ def _with_uncertainty(
         estimate.finished,
         estimated=estimate.estimated,
         at_bound=_at_bounds(coordinates, estimate),
+        most_profiles=options.most_profiles,
         widen=apart.factor,
         run=run,
     )

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.fitting.checkpoint import digest
+from ballbot.fitting.intervals import MOST_PROFILES
 from ballbot.fitting.model_selection import Dependence, unidentifiable
 from ballbot.fitting.run import DEFAULT_RUN, Executor, Run
 from ballbot.fitting.search import CANDIDATES, GaussNewtonFit, SearchResult, at_bound, evolve, gauss_newton
@@ -86,6 +87,8 @@ class IdentificationOptions:
     population: int = 24  #: sets of parameters in each generation
     evolution_windows: int = 64  #: windows that the evolution looks at; Gauss-Newton takes all
     gauss_newton_steps: int = 25  #: Gauss-Newton steps, at most
+    #: parameters with doubtful errors whose intervals are profiled, at most; half of the work of a fit
+    most_profiles: int = MOST_PROFILES
     step: float = 1e-3  #: longest inner step of the final simulations [s]
 
     def __post_init__(self) -> None:
@@ -98,6 +101,7 @@ class IdentificationOptions:
             ("population", 4),
             ("evolution_windows", 1),
             ("gauss_newton_steps", 1),
+            ("most_profiles", 0),
         ):
             if getattr(self, name) < least:
                 raise InputError(f"{name} is {getattr(self, name)!r}; it must be {least} or more.")
