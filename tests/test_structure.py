@@ -18,8 +18,6 @@ LONGEST_BODY = 60
 LONGEST_FILE = 500
 #: functions that still take more, mostly compiled loops over arrays; none may be added
 STILL_MANY_PARAMETERS = {
-    "ballbot.identification.axis.model.follow_windows",
-    "ballbot.identification.axis.model.follow_loop",
     "ballbot.mechanics.engine.run.run_block",
     "ballbot.mechanics.engine.run.simulate_lanes",
     "ballbot.mechanics.engine.smooth.acceleration",

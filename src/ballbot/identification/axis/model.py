@@ -12,13 +12,13 @@ The nested friction laws of one axis:
 The laws are those of `ballbot.mechanics.friction_laws`; Dahl's is LuGre's without s and sigma_1.
 
 Forces that depend on position: G(q) = k q + sum_n (S_n sin(w n q) + C_n cos(w n q)), with w = 2 pi / period, and a
-period of one turn unless another is given. n = 1 is gravity on an axis that turns; higher ones are cogging and what a
-gear repeats; k is a cable or a spring. A load of known mass adds its own inertia and weight (`KnownLoad`).
+period of one turn unless another is given. n = 1 is gravity on an axis that turns; higher ones are cogging and gear
+errors; k is a cable or a spring. A load of known mass adds its own inertia and weight (`KnownLoad`).
 
 The motion is that of `ballbot.mechanics.friction_laws.interface.move`, the force held over a sample or interpolated, G
 taken in the middle of each step. Two laws of one kind, one for each direction: within the one step in which the
-direction changes, the law is that of its start; with steps of a sample or less this is far below what a record can
-show.
+direction changes, the law is that of its start; with steps of a sample or less the error is far below the resolution of
+a record.
 """
 
 from __future__ import annotations
@@ -27,12 +27,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import positive_number, real_array, real_number
-from ballbot.errors import InputError
+from ballbot.errors import InputError, suggest
 from ballbot.fitting.parameter import Parameter, Scale
 from ballbot.identification.axis.record import GAP, NO_LOAD, AxisRecord, KnownLoad
 from ballbot.mechanics.engine.compiled import compiled, inlined
@@ -44,7 +45,7 @@ from ballbot.simulation.driveline import Driveline
 Values = Mapping[str, float]
 Law = Classical | LuGre
 
-#: bristles need some Coulomb friction to slide at
+#: bristles need some Coulomb friction to slide
 _LEAST_COULOMB = 1e-9
 
 
@@ -174,9 +175,10 @@ AXIS_LAWS: Mapping[str, AxisLaw] = MappingProxyType(
 
 
 def axis_law_named(name: str) -> AxisLaw:
-    """Return the law of that name; InputError if there is none."""
+    """Return the law of that name; InputError if no law has it."""
     if name not in AXIS_LAWS:
-        raise InputError(f"There is no friction law {name!r}; the laws are {', '.join(AXIS_LAWS)}.")
+        hint = suggest(name, AXIS_LAWS, otherwise="the laws are")
+        raise InputError(f"There is no friction law {name!r} (--law); {hint}")
     return AXIS_LAWS[name]
 
 
@@ -190,78 +192,94 @@ def field_force(field, position):
     return force
 
 
-@compiled
-def follow_windows(
-    plus, minus, inertia, rest, field, firsts, counts, starts, forces, rises, durations, steps, positions
-):
-    """Move in windows under forces (N,), each row's acting for its duration (N,) [s] and rising by `rises` (N,).
+class _Numbers(NamedTuple):
+    """An axis as compiled code reads it."""
 
-    A window begins at row `firsts` with its `starts` (windows, 2), position and speed, and runs over `counts` rows;
-    `positions` takes, one window after another, the position at each row's end.
-    """
-    state = rest.copy()
+    plus: NamedTuple  #: the friction law forwards
+    minus: NamedTuple  #: the friction law backwards
+    inertia: NamedTuple
+    rest: NDArray[np.float64]  #: the laws' state at rest
+    field: NDArray[np.float64]  #: see `field_force`
+
+
+class _Windows(NamedTuple):
+    """Windows of a record's rows: each begins at a row with a position and a speed, and runs over some rows."""
+
+    firsts: NDArray[np.int64]  #: (windows,)
+    counts: NDArray[np.int64]  #: (windows,) rows
+    starts: NDArray[np.float64]  #: (windows, 2) [m], [m/s]
+
+
+class _Drive(NamedTuple):
+    """The force of each row (N,), which begins at `forces` [N] and rises evenly by `rises` [N] over `durations` [s]."""
+
+    forces: NDArray[np.float64]
+    rises: NDArray[np.float64]
+    durations: NDArray[np.float64]
+
+
+class _Loop(NamedTuple):
+    """A control loop and what acts on it."""
+
+    gains: tuple[float, float, float, float]  #: k_p, k_v, force per input and the input's limit
+    span: int  #: samples over which the loop takes its speed
+    h: float  #: sample time [s]
+    reference: NDArray[np.float64]  #: (n,) [m]
+    added: NDArray[np.float64]  #: (n,) forces [N] beside the loop's that the recorded force contains
+    acting: NDArray[np.float64]  #: (n,) other forces [N]
+
+
+@inlined
+def _step(axis, state, position, speed, force, h) -> tuple[float, float]:
+    """Return position and speed after h [s] under a force, less that of the position halfway."""
+    force -= field_force(axis.field, position + 0.5 * h * speed)
+    if speed > 0.0 or (speed == 0.0 and force > 0.0):
+        speed, travel = move(axis.plus, axis.inertia, force, state, speed, h)
+    else:
+        speed, travel = move(axis.minus, axis.inertia, force, state, speed, h)
+    return position + travel, speed
+
+
+@compiled
+def follow_windows(axis, windows, drive, steps, positions):
+    """Move in windows under a drive; `positions` takes, one window after another, the position at each row's end."""
+    state = axis.rest.copy()
     place = 0
-    for w in range(len(firsts)):
-        position, speed = starts[w, 0], starts[w, 1]
-        state[:] = rest
+    for w in range(len(windows.firsts)):
+        position, speed = windows.starts[w, 0], windows.starts[w, 1]
+        state[:] = axis.rest
         # bristles of an axis that moves are bent already
         if speed > 0.0:
-            settle(plus, state, speed, speed, 10.0)
+            settle(axis.plus, state, speed, speed, 10.0)
         elif speed < 0.0:
-            settle(minus, state, speed, speed, 10.0)
-        for k in range(firsts[w], firsts[w] + counts[w]):
-            part = durations[k] / steps
+            settle(axis.minus, state, speed, speed, 10.0)
+        for k in range(windows.firsts[w], windows.firsts[w] + windows.counts[w]):
+            part = drive.durations[k] / steps
             for i in range(steps):
-                force = forces[k] + rises[k] * (i + 0.5) / steps
-                force -= field_force(field, position + 0.5 * part * speed)
-                if speed > 0.0 or (speed == 0.0 and force > 0.0):
-                    speed, travel = move(plus, inertia, force, state, speed, part)
-                else:
-                    speed, travel = move(minus, inertia, force, state, speed, part)
-                position += travel
+                force = drive.forces[k] + drive.rises[k] * (i + 0.5) / steps
+                position, speed = _step(axis, state, position, speed, force, part)
             positions[place] = position
             place += 1
 
 
 @compiled
-def follow_loop(
-    plus,
-    minus,
-    inertia,
-    state,
-    field,
-    start,
-    acting,
-    reference,
-    added,
-    gains,
-    span,
-    h,
-    steps,
-    positions,
-    forces,
-):
-    """Move in closed loop along a reference (n,); `positions` and `forces` (n,) are those of each row.
-
-    `added` (n,) are forces beside the loop's that `forces` contain, `acting` (n,) others; `gains` (4,) are k_p, k_v,
-    force per input and the input's limit; `start` (2,) is the first position and speed.
-    """
-    part = h / steps
+def follow_loop(axis, loop, start, steps, positions, forces):
+    """Move in closed loop from a position and speed (2,); `positions` and `forces` (n,) are those of each row."""
+    state = axis.rest.copy()
+    k_p, k_v, force_per_input, limit = loop.gains
+    part = loop.h / steps
     position, speed = start[0], start[1]
-    for k in range(len(reference)):
+    for k in range(len(loop.reference)):
         positions[k] = position
-        before = positions[k - span] if k >= span else start[0] + (k - span) * h * start[1]
-        velocity = (position - before) / (span * h)
-        u = gains[1] * (gains[0] * (reference[k] - position) - velocity)
-        forces[k] = gains[2] * min(max(u, -gains[3]), gains[3]) + added[k]
-        held = forces[k] + acting[k]
+        before = (
+            positions[k - loop.span] if k >= loop.span else start[0] + (k - loop.span) * loop.h * start[1]
+        )
+        velocity = (position - before) / (loop.span * loop.h)
+        u = k_v * (k_p * (loop.reference[k] - position) - velocity)
+        forces[k] = force_per_input * min(max(u, -limit), limit) + loop.added[k]
+        held = forces[k] + loop.acting[k]
         for _ in range(steps):
-            force = held - field_force(field, position + 0.5 * part * speed)
-            if speed > 0.0 or (speed == 0.0 and force > 0.0):
-                speed, travel = move(plus, inertia, force, state, speed, part)
-            else:
-                speed, travel = move(minus, inertia, force, state, speed, part)
-            position += travel
+            position, speed = _step(axis, state, position, speed, held, part)
 
 
 #: explicit steps are at most this part of the axis's fastest time constant
@@ -274,7 +292,7 @@ _MOST_STEPS = 50
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trajectory:
-    """What an axis does."""
+    """A simulated motion of an axis."""
 
     positions: NDArray[np.float64]  #: (n,) [m]
     forces: NDArray[np.float64]  #: (n,) [N]
@@ -302,12 +320,14 @@ class Axis:
         acting = real_array(forces, ("n",), "The row of forces")
         sample_time = positive_number(sample_time, "The sample time")
         start = np.array([[real_number(position, "The position"), real_number(speed, "The speed")]])
-        acting = acting - self.values.get("offset", 0.0)
-        firsts, counts = np.zeros(1, dtype=np.int64), np.array([len(acting)])
-        durations = np.full(len(acting), sample_time)
-        return self._follow(
-            firsts, counts, start, (acting, np.zeros(len(acting)), durations), sample_time, NO_LOAD
+        count = len(acting)
+        drive = _Drive(
+            forces=acting - self.values.get("offset", 0.0),
+            rises=np.zeros(count),
+            durations=np.full(count, sample_time),
         )
+        whole = _Windows(firsts=np.zeros(1, dtype=np.int64), counts=np.array([count]), starts=start)
+        return self._follow(whole, drive, sample_time, NO_LOAD)
 
     def windows(
         self,
@@ -334,11 +354,14 @@ class Axis:
         rises = np.append(np.diff(acting), 0.0) if interpolated else np.zeros(len(acting))
         longest = float(record.durations.max()) if record.even else GAP * record.sample_time
         return self._follow(
-            firsts, counts, starts, (acting, rises, record.durations), longest, record.known_load
+            _Windows(firsts=firsts, counts=counts, starts=starts),
+            _Drive(forces=acting, rises=rises, durations=record.durations),
+            longest,
+            record.known_load,
         )
 
     def acting(self, record: AxisRecord) -> NDArray[np.float64]:
-        """Return the force (N,) on the axis: what is recorded, less the offset and its drift."""
+        """Return the force (N,) on the axis: the recorded force less the offset and its drift."""
         acting = record.force - self.values.get("offset", 0.0)
         drifts = [value for name, value in self.values.items() if name.startswith("drift_")]
         if not drifts:
@@ -359,31 +382,25 @@ class Axis:
                 f"{record.name} does not contain the control loop; give its gains and its reference."
             )
         speed = real_number(speed, "The speed")
-        (plus, minus), steps = self.law.laws(self.values), self._steps(record.sample_time, record.known_load)
+        known = record.known_load
+        steps = self._steps(record.sample_time, known)
         positions, forces = np.empty((2, len(record)))
         # a limit that is not finite is one that is never reached
         limit = loop.limit if math.isfinite(loop.limit) else np.finfo(float).max
-        follow_loop(
-            plus.numbers(),
-            minus.numbers(),
-            Driveline(inertia=self._mass(record.known_load), friction=plus).numbers(),
-            plus.initial_state(record.sample_time / steps),
-            self._field(record.known_load),
-            np.array([float(record.position[0]), speed]),
-            self.acting(record) - record.force,
-            record.reference,
-            np.zeros(len(record)) if record.added is None else record.added,
-            np.array([loop.position_gain, loop.velocity_gain, loop.force_per_input, limit]),
-            loop.span,
-            record.sample_time,
-            steps,
-            positions,
-            forces,
+        driven = _Loop(
+            gains=(loop.position_gain, loop.velocity_gain, loop.force_per_input, limit),
+            span=loop.span,
+            h=record.sample_time,
+            reference=record.reference,
+            added=np.zeros(len(record)) if record.added is None else record.added,
+            acting=self.acting(record) - record.force,
         )
+        start = np.array([float(record.position[0]), speed])
+        follow_loop(self._numbers(record.sample_time / steps, known), driven, start, steps, positions, forces)
         return Trajectory(positions=positions, forces=forces)
 
     def position_force(self, positions: ArrayLike, known: KnownLoad = NO_LOAD) -> NDArray[np.float64]:
-        """Return G(q) at positions (...), the constant force not among it."""
+        """Return G(q) at positions (...), without the constant force."""
         q = np.asarray(positions, dtype=np.float64)
         first, *harmonics = self._field(known)
         return first[1] * (q - first[0]) + sum(
@@ -405,37 +422,30 @@ class Axis:
         return self._mass(known) * acceleration + friction + offset + self.position_force(position, known)
 
     def _follow(
-        self,
-        firsts: NDArray[np.int64],
-        counts: NDArray[np.int64],
-        starts: NDArray[np.float64],
-        forces: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
-        longest: float,
-        known: KnownLoad,
+        self, windows: _Windows, drive: _Drive, longest: float, known: KnownLoad
     ) -> NDArray[np.float64]:
-        """Return the positions of windows under forces, their rises and their durations of at most `longest` [s]."""
-        (plus, minus), steps = self.law.laws(self.values), self._steps(longest, known)
-        positions = np.empty(int(counts.sum()))
-        follow_windows(
-            plus.numbers(),
-            minus.numbers(),
-            Driveline(inertia=self._mass(known), friction=plus).numbers(),
-            plus.initial_state(longest / steps),
-            self._field(known),
-            firsts,
-            counts,
-            starts,
-            *forces,
-            steps,
-            positions,
-        )
+        """Return the positions of windows under a drive whose rows last at most `longest` [s]."""
+        steps = self._steps(longest, known)
+        positions = np.empty(int(windows.counts.sum()))
+        follow_windows(self._numbers(longest / steps, known), windows, drive, steps, positions)
         return positions
+
+    def _numbers(self, step: float, known: KnownLoad) -> _Numbers:
+        """Return the axis as compiled code reads it, for time steps of `step` [s]."""
+        plus, minus = self.law.laws(self.values)
+        return _Numbers(
+            plus=plus.numbers(),
+            minus=minus.numbers(),
+            inertia=Driveline(inertia=self._mass(known), friction=plus).numbers(),
+            rest=plus.initial_state(step),
+            field=self._field(known),
+        )
 
     def _mass(self, known: KnownLoad) -> float:
         return self.values["mass"] + known.inertia
 
     def _field(self, known: KnownLoad) -> NDArray[np.float64]:
-        """Return what `field_force` reads; a known load's weight is the first harmonic of a turn."""
+        """Return the rows of `field_force`; a known load's weight is the first harmonic of a turn."""
         rows = [(0.0, self.values.get("spring", 0.0), 0.0)]
         for name in self.values:
             if name.startswith("sin_"):
