@@ -25,6 +25,7 @@ OPTIONS = [
     "--velocity-gain",
     "kv",
 ]
+AIM = ["--reference", "aim"]
 
 
 @pytest.fixture(scope="module")
@@ -92,16 +93,45 @@ def test_missing_mat_file_is_reported(tmp_path, capsys):
     [
         (["--position", "possition"], "did you mean 'position'?"),
         (["--force-scale", "aim"], "it must be one number"),
-        (["--force-scale", "0"], "the force is 0 N throughout"),
+        (["--force", "0"], "the force is 0 N throughout"),
+        (["--force-scale", "0"], "--force-scale is 0; it must not be zero"),
+        (["--position-scale", "0"], "--position-scale is 0; it must not be zero"),
+        (["--time-scale", "0"], "--time-scale is 0; it must be above zero"),
+        (["--time-scale", "-1"], "--time-scale is -1; it must be above zero"),
+        (["--time-scale", "x"], "no variable 'x' for --time-scale; it has"),
         (["--position-gain", "160"], "needs both"),
-        (["--law", "magic"], "There is no friction law 'magic'"),
+        (
+            ["--position-gain", "0", "--velocity-gain", "2", *AIM],
+            "--position-gain is 0; it must be above zero",
+        ),
+        (
+            ["--position-gain", "9", "--velocity-gain", "2", "--force-scale", "-35", *AIM],
+            "--force-scale is -35; with the gains",
+        ),
+        (["--law", "magic"], "There is no friction law 'magic' (--law); the laws are viscous, coulomb"),
+        (["--law", "stribek"], "did you mean 'stribeck'?"),
         (["--window", "5"], "--window is no longer an option of identify-axis"),
         (["--harmonics", "1"], "give --period"),
-        (["--period", "0", "--harmonics", "1"], "The period is 0"),
+        (["--harmonics", "0"], "--harmonics names 0; a harmonic is a whole number from 1 to 500"),
+        (["--harmonics", "-3"], "--harmonics names -3; a harmonic is a whole number from 1 to 500"),
+        (["--harmonics", "x"], "--harmonics is 'x'; it must be a whole number"),
+        (["--period", "0", "--harmonics", "1"], "--period is 0; the travel of the first harmonic must be"),
+        (["--period", "-1"], "must be a finite number above zero"),
+        (["--period", "x"], "--period is 'x'; it must be a number"),
         (["--separate", "ofset"], "did you mean 'offset'?"),
+        (
+            ["--separate", "nothing"],
+            "--separate names no parameter: 'nothing'; the parameters are mass, viscous",
+        ),
         (["--load-mass", "1,2,3"], "3 values for 1 records"),
         (["--unit", "rad", "--load-mass", "1"], "give --load-arm"),
-        (["--bandwidth", "0"], "needs a filter at 0 Hz"),
+        (["--load-mass", "-3"], "--load-mass is -3; it must be zero or more"),
+        (
+            ["--bandwidth", "0"],
+            "--bandwidth is 0; the bandwidth of the motion [Hz] must be a finite number above zero",
+        ),
+        (["--bandwidth", "-5"], "--bandwidth is -5"),
+        (["--bandwidth", "300"], "(--bandwidth) of 300 Hz needs a filter at 1500 Hz"),
         (["{file}"], "have the same name"),
     ],
 )
@@ -111,6 +141,14 @@ def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, mat_file, capsys, w
     told = capsys.readouterr().err
     assert sentence in told
     assert told.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "words", [["--law", "magic"], ["--separate", "nothing"], ["--harmonics", "0"], ["--period", "-1"]]
+)
+def test_a_wrong_option_is_refused_before_a_file_is_read(tmp_path, capsys, words):
+    assert main(["identify-axis", str(tmp_path / "none.mat"), *words, "--out", str(tmp_path)]) == 2
+    assert words[0] in capsys.readouterr().err
 
 
 def test_force_of_the_wrong_sign_is_reported(noisy_record):

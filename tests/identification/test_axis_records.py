@@ -122,7 +122,7 @@ def test_a_force_may_be_a_number(tmp_path: Path) -> None:
         ({}, {"t": T[::-1].copy()}, "row 2: time does not increase"),
         ({}, {"t": np.zeros(ROWS)}, "row 2: time does not increase"),
         ({}, {"position": np.zeros(ROWS)}, "the position never changes"),
-        ({"load_mass": "-1", "unit": "rad", "load_arm": "0.1"}, {}, "The load's mass is"),
+        ({"load_mass": "-1", "unit": "rad", "load_arm": "0.1"}, {}, "--load-mass is -1"),
         ({"load_mass": "nan"}, {}, "must be a finite number"),
         ({"load_mass": "1", "load_arm": "-2", "unit": "rad"}, {}, "give --load-arm"),
     ],

@@ -89,6 +89,7 @@ def identify_axis(
     resume
         Continue an interrupted run in the same folder.
     """
+    options = method.options()  # wrong ones are refused before anything is read
     fitted = (record, *(also or ()))
     paths = (*fitted, *against)
     read = read_axis_records(paths, columns)
@@ -108,7 +109,7 @@ def identify_axis(
         with result.progress("inverse model") as bar:
             found = identify_record(
                 read[: len(fitted)],
-                options=method.options(),
+                options=options,
                 validation_records=read[len(fitted) :],
                 run=result.run_with(bar.report),
             )

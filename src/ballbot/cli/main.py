@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
-from cyclopts import App, CycloptsError, Group, Parameter, UnknownCommandError
+from cyclopts import App, CoercionError, CycloptsError, Group, Parameter, UnknownCommandError
 
 from ballbot.cli import ARGV
 from ballbot.errors import InputError, suggest
@@ -162,6 +162,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _refuse(str(error))
     except UnknownCommandError:
         return _refuse(_unknown_command(tokens))
+    except CoercionError as error:
+        return _refuse(f"{_wrong_number(error)} Try: {_help_of(tokens)}")
     except CycloptsError as error:
         return _refuse(f"{' '.join(str(error).split())} Try: {_help_of(tokens)}")
     except ModuleNotFoundError as error:
@@ -239,6 +241,14 @@ def _unknown_command(tokens: list[str]) -> str:
     if word in names:  # a group
         return f"There is no command {' '.join(tokens[:2])!r}. Try: {_help_of(tokens)}"
     return f"There is no command {word!r}; {suggest(word, names, otherwise='the commands are')}"
+
+
+def _wrong_number(error: CoercionError) -> str:
+    """Return the sentence on an option's value that is not of the option's type."""
+    kind = {int: "a whole number", float: "a number"}.get(error.target_type or str)
+    if error.msg is not None or error.token is None or error.token.keyword is None or kind is None:
+        return " ".join(str(error).split())
+    return f"{error.token.keyword} is {error.token.value!r}; it must be {kind}."
 
 
 def _help_of(tokens: list[str]) -> str:

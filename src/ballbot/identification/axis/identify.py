@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, suggest
 from ballbot.findings import Finding
 from ballbot.fitting.model_selection import Gain
 from ballbot.fitting.run import DEFAULT_RUN, Run
@@ -21,7 +21,7 @@ from ballbot.identification.axis.inverse import (
     inverse_fit,
     without_drift,
 )
-from ballbot.identification.axis.model import AXIS_LAWS, axis_law_named
+from ballbot.identification.axis.model import AXIS_LAWS, PARAMETERS, axis_law_named
 from ballbot.identification.axis.motion import default_bandwidth
 from ballbot.identification.axis.output_error import (
     ClosedLoop,
@@ -59,7 +59,13 @@ from ballbot.progress import Progress, part_of
 
 @dataclass(frozen=True, kw_only=True)
 class AxisOptions:
-    """How an axis is identified; what is not given is selected by held-out errors."""
+    """How an axis is identified; what is not given is selected by held-out errors.
+
+    Raises
+    ------
+    InputError
+        If there is no such law, harmonic or parameter, or a bandwidth or a period is not above zero.
+    """
 
     law: str | None = None  #: the name of one of `AXIS_LAWS`
     bandwidth: float | None = None  #: of the motion [Hz]; from sampling and noise by default
@@ -69,7 +75,21 @@ class AxisOptions:
     period: float | None = None  #: of the first harmonic [m]; one turn of an axis that turns by default
     separate: tuple[str, ...] = ()  #: parameters of which each record has its own
 
+    def __post_init__(self) -> None:
+        if self.law is not None:
+            axis_law_named(self.law)
+        for name, meaning in _ABOVE_ZERO.items():
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value < np.inf:
+                raise InputError(f"--{name} is {value:g}; {meaning} must be a finite number above zero.")
+        known = (*PARAMETERS, *terms_of(spring=False, harmonics=self.harmonics or ()))
+        for name in self.separate:
+            if name not in known:
+                hint = suggest(name, known, otherwise="the parameters are")
+                raise InputError(f"--separate names no parameter: {name!r}; {hint}")
 
+
+_ABOVE_ZERO = {"bandwidth": "the bandwidth of the motion [Hz]", "period": "the travel of the first harmonic"}
 DEFAULT_OPTIONS = AxisOptions()
 
 
@@ -77,7 +97,7 @@ DEFAULT_OPTIONS = AxisOptions()
 _BRISTLE_TRAVEL, _BREAK_AWAY = 4e-4, 0.1
 #: shares of the work done when the horizon is chosen, when the laws are fitted, and when they are judged
 _HORIZON_TO, _FITS_TO, _LAWS_TO, _WHOLE_FROM = 0.3, 0.5, 0.9, 0.95
-#: an inverse model that leaves less force than this share of the other is taken for how the force acts between rows
+#: the force is taken as changing evenly between rows if that lowers the position error to less than this share
 _CLEARER = 0.98
 
 
@@ -103,11 +123,11 @@ def identify_axis(
     Raises
     ------
     InputError
-        If the records do not determine the parameters, there is no such law, or an option is invalid.
+        If the records do not determine the parameters, or the options do not suit them.
     """
     records = (record,) if isinstance(record, AxisRecord) else tuple(record)
     _check(records, validation_records)
-    wanted = axis_law_named(options.law) if options.law else None
+    wanted = None if options.law is None else axis_law_named(options.law)
     bench = _Bench(records=records, others=tuple(validation_records), bandwidth=options.bandwidth)
     blocks = blocks_of(records)
     model, terms = _structure(bench, options)
@@ -175,7 +195,7 @@ def _expected(
     blocks: Blocks,
     horizon: float,
 ) -> PredictedError:
-    """Return the error to expect on another record, of which a drift of these is not known."""
+    """Return the error to expect on another record, whose drift is not known."""
     if drifting is not bench:
         drifted = errors_on(fit, drifting.sightings, blocks, range(len(blocks)), horizon)
         squares = np.maximum(squares, drifted)
@@ -183,7 +203,7 @@ def _expected(
 
 
 def _elsewhere(bench: _Bench, fit: OutputErrorFit, expected: PredictedError) -> list[Finding]:
-    """Return how well the other records are predicted, against what is expected."""
+    """Return how well the other records are predicted, compared with the expected error."""
     found = [(one, error_elsewhere(fit, one, horizon=expected.horizon)) for one in bench.others]
     return elsewhere_findings(expected, found, unit=bench.records[0].unit)
 
@@ -214,7 +234,7 @@ class _Bench:
     records: tuple[AxisRecord, ...]
     others: tuple[AxisRecord, ...]
     bandwidth: float | None  #: that the user asks for
-    flat: bool = False  #: whether a drift is taken off the forces
+    flat: bool = False  #: whether a drift is subtracted from the forces
 
     @property
     def sightings(self) -> list[Sighting]:
@@ -226,7 +246,7 @@ class _Bench:
         return default_bandwidth(record) if self.bandwidth is None else self.bandwidth
 
     def estimate(self, method: str, fit: OutputErrorFit, horizon: float) -> Estimate:
-        """Return an estimate with what it predicts of all records."""
+        """Return an estimate with its errors on all records."""
         numbers: list[int | None] = [*range(len(self.records)), *(None for _ in self.others)]
         return Estimate(
             method=method,
@@ -242,10 +262,8 @@ class _Bench:
 
 
 def _structure(bench: _Bench, options: AxisOptions) -> tuple[AxisModel, tuple[tuple[str, Gain], ...]]:
-    """Return the model with the forces that are given or selected, and what the selected ones gain."""
+    """Return the model with the forces that are given or selected, and the gains of the selected ones."""
     period = TURN if options.period is None else options.period
-    if not 0.0 < period < np.inf:
-        raise InputError(f"The period is {period:g}; it must be above zero.")
     if options.harmonics and options.period is None and bench.records[0].unit == "m":
         raise InputError("Harmonics of an axis that slides need the travel of one period; give --period.")
     model = AxisModel(

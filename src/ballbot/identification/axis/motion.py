@@ -26,7 +26,7 @@ _BUTTERWORTH_ORDER = 4
 _DECIMATION_ORDER, _DECIMATION_RIPPLE = 8, 0.05  # ripple in dB
 #: the filter passes so many times the motion's bandwidth, decimation keeps twice it
 _FILTER_RATIO, _DECIMATION_RATIO = 5.0, 2.0
-#: an axis of that mass that moves faster than this is rare [Hz]
+#: largest bandwidth assumed for a motion; faster axes are rare [Hz]
 LARGEST_BANDWIDTH = 20.0
 _START_ROWS = 15
 #: a part between gaps with fewer rows is not used
@@ -35,16 +35,16 @@ LEAST_SEGMENT = 30
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What the axis did, without noise above the filter's frequency."""
+    """The motion of the axis, without noise above the filter's frequency."""
 
     position: NDArray[np.float64]  #: (N,) [m]
     speed: NDArray[np.float64]  #: (N,) [m/s]
     acceleration: NDArray[np.float64]  #: (N,) [m/s^2]
 
 
-#: noise of the position adds at most this share to the square of the acceleration
+#: noise of the position adds at most this share to the mean square of the acceleration
 _NOISE_SHARE = 0.02
-#: the bandwidth is lowered for that by this factor at a time, down to so many motions in the record
+#: for that the bandwidth is lowered by this factor at a time, down to so many periods in the record
 _LOWERED, _LEAST_MOTIONS = 1.25, 10.0
 
 
@@ -66,10 +66,10 @@ def default_bandwidth(record: AxisRecord) -> float:
 
 
 def position_noise(record: AxisRecord, *, bandwidth: float) -> float:
-    """Return the standard deviation [m] of white noise in the position that has what the filter takes off it."""
-    off = record.position - smoothed_motion(record, bandwidth=bandwidth).position
+    """Return the standard deviation [m] of white noise in the position, from the part that the filter removes."""
+    removed = record.position - smoothed_motion(record, bandwidth=bandwidth).position
     share = 1.0 - 2.0 * _FILTER_RATIO * bandwidth * record.sample_time
-    return float(np.sqrt(np.mean(off**2) / max(share, 0.1)))
+    return float(np.sqrt(np.mean(removed**2) / max(share, 0.1)))
 
 
 def smoothed_motion(record: AxisRecord, *, bandwidth: float) -> Motion:
@@ -84,7 +84,7 @@ def smoothed_motion(record: AxisRecord, *, bandwidth: float) -> Motion:
     cutoff = _FILTER_RATIO * bandwidth
     if not 0.0 < cutoff < 0.5 * rate:
         raise InputError(
-            f"A bandwidth of {bandwidth:g} Hz needs a filter at {cutoff:g} Hz, and {record.name} is "
+            f"A bandwidth (--bandwidth) of {bandwidth:g} Hz needs a filter at {cutoff:g} Hz, and {record.name} is "
             f"sampled at {rate:.4g} Hz; choose a bandwidth above zero and below {0.1 * rate:.3g} Hz."
         )
     b, a = np.asarray(signal.butter(_BUTTERWORTH_ORDER, cutoff / (0.5 * rate)), dtype=float)
@@ -110,14 +110,14 @@ def _on_even_rows(
     last: int,
     filtered: Callable[[NDArray[np.float64]], NDArray[np.float64]],
 ) -> NDArray[np.float64]:
-    """Return what a filter makes of rows first to last, (3, rows), at their own times."""
+    """Return the filtered motion of rows first to last, (3, rows), at their own times."""
     t = record.t[first:last]
     even = np.linspace(t[0], t[-1], max(LEAST_SEGMENT, round((t[-1] - t[0]) / record.sample_time) + 1))
     return CubicSpline(even, filtered(CubicSpline(t, record.position[first:last])(even)), axis=1)(t)
 
 
 def speed_at_start(record: AxisRecord) -> float:
-    """Return the speed [m/s] at the record's first row, where a filter has no past to look at.
+    """Return the speed [m/s] at the record's first row, where a filter has no past values.
 
     It is the slope there of a cubic through the first 15 rows, by least squares.
     """
@@ -126,12 +126,12 @@ def speed_at_start(record: AxisRecord) -> float:
 
 
 def first_row(record: AxisRecord, *, bandwidth: float) -> int:
-    """Return the first row that the filter's start does not spoil: five periods of it."""
+    """Return the first row after the filter's start-up, which takes five of its periods."""
     return round(5.0 / (_FILTER_RATIO * bandwidth * record.sample_time)) - 1
 
 
 def decimation_factor(record: AxisRecord, *, bandwidth: float) -> int:
-    """Return how many rows become one, so that twice the bandwidth stays."""
+    """Return the factor of a decimation that keeps twice the bandwidth."""
     return max(1, round(0.8 * 0.5 / record.sample_time / (_DECIMATION_RATIO * bandwidth)))
 
 

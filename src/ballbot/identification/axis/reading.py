@@ -121,6 +121,57 @@ def _columns_of(columns: AxisColumns, place: int, count: int) -> AxisColumns:
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class _File:
+    """A file's variables and which of them the user named, each by its field of `AxisColumns`."""
+
+    name: str
+    variables: Columns
+    columns: AxisColumns
+
+    def column(self, field: str, *, default: str = "") -> NDArray[np.float64]:
+        """Return the variable that an option names, or `default` if the option is not given (N,)."""
+        return self._variable(getattr(self.columns, field) or default, option_of(field))
+
+    def optional(self, field: str) -> NDArray[np.float64] | None:
+        """Return the variable that an option names (N,), None if the option is not given."""
+        return None if getattr(self.columns, field) is None else self.column(field)
+
+    def number(self, field: str) -> float:
+        """Return an option's number, written out or that of a constant variable."""
+        text, option = getattr(self.columns, field), option_of(field)
+        try:
+            value = float(text)
+        except ValueError:
+            values = self._variable(text, option)
+            if values.size == 0 or np.ptp(values) != 0.0:
+                fault = f"has {values.size} different values" if values.size else "is empty"
+                raise InputError(f"{self.name}, {option}: {text!r} {fault}; it must be one number.") from None
+            value = float(values[0])
+        if not abs(value) <= LARGEST_CELL:
+            raise InputError(f"{self.name}: {option} is {value:g}; it must be a finite number.")
+        return value
+
+    def factor(self, field: str, *, negative: bool = True) -> float:
+        """Return an option's number, which must not be zero, nor below zero unless it may be negative."""
+        value = self.number(field)
+        if value == 0.0 or (value < 0.0 and not negative):
+            wanted = "must not be zero" if negative else "must be above zero"
+            raise InputError(f"{self.name}: {option_of(field)} is {value:g}; it {wanted}.")
+        return value
+
+    def _variable(self, wanted: str, option: str) -> NDArray[np.float64]:
+        if wanted not in self.variables:
+            hint = suggest(wanted, self.variables, otherwise="it has")
+            raise InputError(f"{self.name} has no variable {wanted!r} for {option}; {hint}")
+        return self.variables[wanted]
+
+
+def option_of(field: str) -> str:
+    """Return the option of the command line that a field is: "--time-scale" of "time_scale"."""
+    return f"--{field.replace('_', '-')}"
+
+
 def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     """Read a record.
 
@@ -129,23 +180,18 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     InputError
         If the file cannot be read, a variable is missing or is of the wrong shape, or the rows make no record.
     """
-    variables = read_variables(path)
-    name = Path(path).name
-
-    def column(wanted: str | None) -> NDArray[np.float64] | None:
-        return None if wanted is None else _variable(name, variables, wanted)
-
-    t = _number(name, variables, columns.time_scale) * _variable(name, variables, columns.time)
-    scale = _number(name, variables, columns.force_scale)
-    driving = _force(name, variables, columns.force, len(t))
-    force = scale * driving
-    added = column(columns.added_force)
+    file = _File(name=Path(path).name, variables=read_variables(path), columns=columns)
+    name = file.name
+    t = file.factor("time_scale", negative=False) * file.column("time")
+    scale = file.factor("force_scale")
+    force = scale * _driving_force(file, len(t))
+    added = file.optional("added_force")
     if added is not None:
-        added = _number(name, variables, columns.added_force_scale) * added
+        added = file.factor("added_force_scale") * added
         force = force + added if added.shape == force.shape else force
-    travel = _number(name, variables, columns.position_scale)
-    position = travel * _position(name, variables, columns, t)
-    reference = column(columns.reference)
+    travel = file.factor("position_scale")
+    position = travel * _position(file, t)
+    reference = file.optional("reference")
     reference = None if reference is None else travel * reference
     rows = {
         "time": t,
@@ -153,8 +199,8 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
         "position": position,
         "reference": reference,
         "the added force": added,
-        "temperature": column(columns.temperature),
-        "load": column(columns.load),
+        "temperature": file.optional("temperature"),
+        "load": file.optional("load"),
     }
     kept = _complete(name, {key: values for key, values in rows.items() if values is not None})
     t, force, position, reference, added, temperature, load = (
@@ -173,9 +219,9 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
         times=times,
         temperature=temperature,
         load=load,
-        known_load=_known_load(name, variables, columns),
+        known_load=_known_load(file),
     )
-    loop = _loop(name, variables, columns, scale)
+    loop = _loop(file, scale)
     if loop is None:
         return record
     if reference is None:
@@ -233,60 +279,68 @@ def _complete(name: str, columns: Columns) -> NDArray[np.bool_]:
     return kept
 
 
-def _force(name: str, variables: Columns, text: str, rows: int) -> NDArray[np.float64]:
-    if text not in variables:
+def _driving_force(file: _File, rows: int) -> NDArray[np.float64]:
+    if file.columns.force not in file.variables:
         try:
-            value = float(text)
+            value = float(file.columns.force)
         except ValueError:
-            return _variable(name, variables, text)
+            return file.column("force")
         if abs(value) <= LARGEST_CELL:
             return np.full(rows, value)
-    return _variable(name, variables, text)
+    return file.column("force")
 
 
-def _position(
-    name: str, variables: Columns, columns: AxisColumns, t: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    if columns.position is not None or columns.velocity is None:
-        return _variable(name, variables, columns.position or "position")
-    velocity = _variable(name, variables, columns.velocity)
+def _position(file: _File, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    if file.columns.position is not None or file.columns.velocity is None:
+        return file.column("position", default="position")
+    velocity = file.column("velocity")
     if len(velocity) != len(t):
         raise InputError(
-            f"{name}: the velocity has {len(velocity)} values and the time has {len(t)}; "
+            f"{file.name}: the velocity has {len(velocity)} values and the time has {len(t)}; "
             "name a column of the same length."
         )
     known = np.isfinite(velocity) & np.isfinite(t)
     if known.sum() < 2:
-        raise InputError(f"{name}: the velocity has fewer than two values.")
+        raise InputError(f"{file.name}: the velocity has fewer than two values.")
     whole = np.interp(np.arange(len(t)), np.flatnonzero(known), velocity[known])
     clock = np.interp(np.arange(len(t)), np.flatnonzero(known), t[known])
     travelled = np.append(0.0, np.cumsum(0.5 * (whole[1:] + whole[:-1]) * np.diff(clock)))
     return np.where(known, travelled, np.nan)
 
 
-def _known_load(name: str, variables: Columns, columns: AxisColumns) -> KnownLoad:
-    mass = _number(name, variables, columns.load_mass)
+def _known_load(file: _File) -> KnownLoad:
+    mass = file.number("load_mass")
+    if mass < 0.0:
+        raise InputError(f"{file.name}: --load-mass is {mass:g}; it must be zero or more.")
     if mass == 0.0:
         return KnownLoad()
-    if columns.unit == "m":
+    if file.columns.unit == "m":
         return KnownLoad(inertia=mass)
-    arm = _number(name, variables, columns.load_arm)
+    arm = file.number("load_arm")
     if not arm > 0.0:
-        raise InputError(f"{name}: a load on an axis that turns needs its distance from it; give --load-arm.")
-    hanging = _number(name, variables, columns.hanging)
-    return KnownLoad(inertia=mass * arm**2, weight=mass * _GRAVITY * arm, hanging=hanging)
+        raise InputError(
+            f"{file.name}: a load on an axis that turns needs a distance from it above zero, not {arm:g} m; "
+            "give --load-arm."
+        )
+    return KnownLoad(inertia=mass * arm**2, weight=mass * _GRAVITY * arm, hanging=file.number("hanging"))
 
 
-def _loop(name: str, variables: Columns, columns: AxisColumns, scale: float) -> PositionVelocityLoop | None:
+def _loop(file: _File, scale: float) -> PositionVelocityLoop | None:
+    columns = file.columns
     if columns.position_gain is None and columns.velocity_gain is None:
         return None
     if columns.position_gain is None or columns.velocity_gain is None:
         raise InputError("The loop needs both gains; give --position-gain and --velocity-gain.")
+    if scale < 0.0:
+        raise InputError(
+            f"{file.name}: --force-scale is {scale:g}; with the gains of a loop it must be above zero. "
+            "Negate the force in the file, or leave out the gains."
+        )
     return PositionVelocityLoop(
-        position_gain=_number(name, variables, columns.position_gain),
-        velocity_gain=_number(name, variables, columns.velocity_gain),
+        position_gain=file.factor("position_gain", negative=False),
+        velocity_gain=file.factor("velocity_gain", negative=False),
         force_per_input=scale,
-        limit=np.inf if columns.limit is None else _number(name, variables, columns.limit),
+        limit=np.inf if columns.limit is None else file.factor("limit", negative=False),
     )
 
 
@@ -302,28 +356,3 @@ def _with_span(
         return float(np.std(loop.force_per_input * u - record.loop_force[span:]))
 
     return replace(loop, span=min(range(1, 5), key=error))
-
-
-def _variable(name: str, variables: Columns, wanted: str) -> NDArray[np.float64]:
-    if wanted not in variables:
-        raise InputError(
-            f"{name} has no variable {wanted!r}; {suggest(wanted, variables, otherwise='it has')}"
-        )
-    return variables[wanted]
-
-
-def _number(name: str, variables: Columns, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        values = _variable(name, variables, text)
-        if values.size == 0 or np.ptp(values) != 0.0:
-            raise InputError(
-                f"{name}: {text!r} has {values.size} different values; it must be one number."
-                if values.size
-                else f"{name}: {text!r} is empty; it must be one number."
-            ) from None
-        value = float(values[0])
-    if not abs(value) <= LARGEST_CELL:
-        raise InputError(f"{name}: {text!r} is {value:g}; it must be a finite number.")
-    return value

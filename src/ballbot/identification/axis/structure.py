@@ -1,4 +1,4 @@
-"""What is estimated of one axis: a friction law, forces over position, a drift, and what records share.
+"""The parameters of an axis that are estimated: of a friction law, forces over position and a drift.
 
 A parameter is common to all records or separate for each. A separate one has a label for each record, "offset[2]" for
 that of the second; a common one has its name. A drift of the offset belongs to its record.
@@ -13,11 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError, suggest
+from ballbot.errors import InputError
 from ballbot.fitting.parameter import Parameter, RelativeSpace
 from ballbot.identification.axis.model import (
     MOST_HARMONICS,
-    PARAMETERS,
     Axis,
     AxisLaw,
     Values,
@@ -48,12 +47,6 @@ class AxisModel:
     separate: tuple[str, ...] = ()  #: parameters of which each record has its own
     records: int = 1
     interpolated: bool = False  #: whether the force changes evenly from row to row; it is held otherwise
-
-    def __post_init__(self) -> None:
-        for name in self.separate:
-            if name not in self.names and name not in PARAMETERS:
-                hint = suggest(name, self.names, otherwise="the parameters are")
-                raise InputError(f"There is no parameter {name!r} to be separate; {hint}")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -129,7 +122,9 @@ def terms_of(*, spring: bool, harmonics: Sequence[int]) -> tuple[str, ...]:
     """
     for number in harmonics:
         if not 1 <= number <= MOST_HARMONICS:
-            raise InputError(f"A harmonic is {number}; it must be a whole number from 1 to {MOST_HARMONICS}.")
+            raise InputError(
+                f"--harmonics names {number}; a harmonic is a whole number from 1 to {MOST_HARMONICS}."
+            )
     names = [name for number in dict.fromkeys(harmonics) for name in harmonic(number)]
     return (*(("spring",) if spring else ()), *names)
 
