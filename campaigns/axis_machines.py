@@ -2,7 +2,7 @@
 
 The motion is a semi-implicit Euler step of 50 us with Karnopp's rest (a force below break-away at zero speed holds the
 axis), written here and sharing nothing with `ballbot.mechanics`. A position controller moves each machine along a sum
-of sines; the record is what a logger would have: a coarse encoder, a noisy force, late, lost or jittered rows.
+of sines; the record is that of a logger: a coarse encoder, a noisy force, late, lost or jittered rows.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Logging:
     force_noise: float = 0.0  #: standard deviation [N m]
     jitter: float = 0.0  #: of the rows' times, as a share of the interval
     missing: float = 0.0  #: share of rows lost
-    drift: float = 0.0  #: change of the offset over the record [N m]
+    drift: float = 0.0  #: change of the offset over the record, as a share of Coulomb friction
     warming: float = 0.0  #: share by which friction falls over the record
     velocity_only: bool = False
 
@@ -82,15 +82,12 @@ def _simulate(numbers, gravity, cogging, reference, rates, gains, every, limit, 
                 continue
             way = math.copysign(1.0, w if w != 0.0 else net)
             level = c + s * math.exp(-((w / v_s) ** 2))
-            faster = w + STEP_SIZE * (net - friction * (b * w + level * way)) / inertia
+            faster = w + STEP * (net - friction * (b * w + level * way)) / inertia
             if w != 0.0 and faster * w < 0.0:
                 faster = 0.0
             w = faster
-            q += STEP_SIZE * w
+            q += STEP * w
     return out
-
-
-STEP_SIZE = STEP
 
 
 def record_of(machine: Machine, logging: Logging, seed: int, name: str = "machine") -> AxisRecord:
@@ -131,7 +128,7 @@ def record_of(machine: Machine, logging: Logging, seed: int, name: str = "machin
         np.array([inertia * natural**2, 1.4 * inertia * natural]),
         every,
         1e9,
-        logging.drift,
+        logging.drift * machine.coulomb,
         logging.warming,
         float(reference[0]),
     )
@@ -146,7 +143,7 @@ def _logged(
     random: np.random.Generator,
     name: str,
 ) -> AxisRecord:
-    """Return what a logger keeps of rows (position, speed, force) at times t."""
+    """Return the record of a logger, from rows (position, speed, force) at times t."""
     steps = np.arange(round(logging.duration * logging.rate)) / logging.rate
     if logging.jitter:
         steps = steps + logging.jitter / logging.rate * random.uniform(-0.5, 0.5, len(steps))
@@ -279,13 +276,13 @@ def _cart(random: np.random.Generator) -> tuple[Machine, Logging]:
 
 
 MACHINES = MappingProxyType({"pendulum": _pendulum, "arm": _arm, "motor": _motor, "cart": _cart})
-#: what may be wrong with a record, beside nothing
-FAULTS: Mapping[str, Mapping[str, object]] = MappingProxyType(
+#: by the name of a fault, the fields of `Logging` that it changes
+FAULTS: Mapping[str, Mapping[str, float | bool]] = MappingProxyType(
     {
         "as it is": {},
         "jitter": {"jitter": 0.4},
         "lost rows": {"missing": 0.05},
-        "drift": {"drift": "0.6 c"},
+        "drift": {"drift": 0.6},
         "warming": {"warming": 0.3},
         "short": {"duration": 8.0},
         "velocity only": {"velocity_only": True},
@@ -297,6 +294,4 @@ def draw(kind: str, fault: str, seed: int) -> tuple[Machine, Logging]:
     """Return a random machine of a kind, and how it is logged with a fault."""
     machine, logging = MACHINES[kind](np.random.default_rng([seed, *kind.encode()]))
     logging = replace(logging, duration=min(logging.duration, LONGEST))
-    if fault == "drift":
-        return machine, replace(logging, drift=0.6 * machine.coulomb)
     return machine, replace(logging, **FAULTS[fault])

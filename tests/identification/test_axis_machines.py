@@ -66,7 +66,7 @@ def test_cogging_is_found_among_the_harmonics() -> None:
 
 
 def test_a_drift_is_selected() -> None:
-    model, gains = select_terms([record_of(ARM, replace(LOGGED, drift=3.0), 4)], PLAIN)
+    model, gains = select_terms([record_of(ARM, replace(LOGGED, drift=2.0), 4)], PLAIN)
     assert model.drifts > 0
     assert "drift" in [name for name, _ in gains]
 

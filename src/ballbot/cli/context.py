@@ -300,7 +300,7 @@ def read_logs(paths: Sequence[Path], mapping: Path | None) -> dict[str, Log]:
     Raises
     ------
     InputError
-        If there is none, one is named twice or cannot be read.
+        If no log is given, one is named twice or cannot be read.
     """
     from ballbot.log import Log
 
@@ -336,7 +336,7 @@ def named_files(paths: Sequence[Path]) -> dict[str, Path]:
     Raises
     ------
     InputError
-        If there is none, or one is named twice.
+        If no log is given, or one is named twice.
     """
     if not paths:
         raise InputError("No log is given. Name one or more log files after the robot.")

@@ -205,7 +205,7 @@ def _friction_terms_text(friction: Friction) -> str:
 
 
 def _parts_text(parts: Parts) -> str:
-    """Return the tables of the parts that are there; empty if there are none."""
+    """Return the tables of the parts that are there; empty if it has no parts."""
     return "".join(table_text(name, part, part.comment) for name, part in parts.present())
 
 

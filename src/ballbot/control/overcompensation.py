@@ -350,4 +350,4 @@ def _fraction(given: float, taken: float) -> float:
 
 
 def _percent(share: float) -> str:
-    return f"{100.0 * share:.0f} %" if np.isfinite(share) else "all, and there is none,"
+    return f"{100.0 * share:.0f} %" if np.isfinite(share) else "an infinite share"

@@ -195,7 +195,7 @@ class SafeController:
         t : float
             [s]
         state : array_like (10,)
-            Measured, or predicted by an estimator; NaN if there is none.
+            Measured, or predicted by an estimator; NaN without an estimator.
         reference : array (10,)
         measured : bool
             Whether the state is measured. A state with a value that is not finite is not.
@@ -260,7 +260,7 @@ class SelfTest:
         self.sample_time = robot.sensors.sample_time
 
     def reset(self) -> None:
-        """Forget the past; there is none."""
+        """Do nothing: the self-test has no memory."""
 
     def update(
         self,

@@ -130,7 +130,7 @@ class LinearFit:
         return stats.t.ppf(0.975, np.maximum(self.blocks - 1, 1)) * self.errors
 
     def p_value(self, places: Sequence[int]) -> float:
-        """Return how likely the parameters at `places` are to be so far from zero by chance, if all are zero.
+        """Return the p-value of the parameters at `places`, for the hypothesis that all are zero.
 
         NaN if there are too few blocks.
         """

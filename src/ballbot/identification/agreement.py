@@ -93,7 +93,7 @@ class Agreement:
 
     @property
     def chance(self) -> float:
-        """Probability of so large a difference by chance."""
+        """Probability of so large a difference if both estimate the same value (p-value)."""
         return float(chi2.sf(self.chi_squared, len(self.difference)))
 
     @property

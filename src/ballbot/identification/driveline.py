@@ -3,9 +3,9 @@
     (j_w + j_r) w_dot = u - (b w + (c + s exp(-|w/v_s|^delta)) sgn(w))           cost (3.5): |w - w_measured|
 
 The measured torque is the input, the inertia is the robot's. An evolution strategy finds the basin by that cost, as in
-the thesis. The noise of the torque moves the simulated speed for longer than a passage of the low speeds lasts, and its
-play lets a motor start alone: the cost's minimum is off by several standard errors in s, v_s and delta. The estimate
-therefore predicts a sample ahead (`ballbot.identification.driveline_estimate`).
+the thesis. The noise of the torque moves the simulated speed for longer than a passage of the low speeds lasts, and the
+gearbox's play lets a motor start alone: the cost's minimum is off by several standard errors in s, v_s and delta. The
+estimate therefore predicts a sample ahead (`ballbot.identification.driveline_estimate`).
 
 Two readings of the supply's speed limit l:
 
@@ -33,7 +33,12 @@ from ballbot.fitting.intervals import Interval
 from ballbot.fitting.parameter import Parameter, ParameterSpace
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import evolve
-from ballbot.identification.driveline_estimate import DrivelineEstimate, estimate_driveline
+from ballbot.identification.driveline_estimate import (
+    AT_BOUND,
+    NEAR_BOUND,
+    DrivelineEstimate,
+    estimate_driveline,
+)
 from ballbot.identification.driveline_innovations import Track, angles_of, break_aways
 from ballbot.identification.quantities import BY_NAME, FRICTION
 from ballbot.log import Log
@@ -90,11 +95,9 @@ def _deviation(values: NDArray[np.float64]) -> float:
 
 
 NAMES = ("b", "c", "s", "v_s", "delta")
-#: of that share of the limit, the speed counts as limited
+#: from this share of the limit, the speed counts as limited
 _LIMITED = 0.995
 _SHORTEST_PIECE = 0.5  # [s]
-_AT_BOUND = 1e-4
-_NEAR_BOUND = 1e-3  # the refinement begins no nearer to a bound
 #: samples of a turning wheel, below which there is nothing to fit
 _LEAST_MOVING = 20
 #: a standard error of this share of the bounds' width leaves a parameter unknown
@@ -175,7 +178,7 @@ class PrintedFit:
     values: NDArray[np.float64]  #: (5,)
     rmse: float  #: [rad/s]
     predicted: NDArray[np.float64]  #: (N,) [rad/s]
-    rmse_restarted: float  #: what the friction found from the pieces gives under this clamp [rad/s]
+    rmse_restarted: float  #: of the friction found from the pieces, under this clamp [rad/s]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -283,7 +286,7 @@ def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None, back_emf: f
 
 
 def _angle(log: Log, name: str) -> NDArray[np.float64] | None:
-    """Return a column of angles, None if there is none or some are missing."""
+    """Return a column of angles; None if the log lacks it or some angles are missing."""
     return log[name] if name in log and np.isfinite(log[name]).all() else None
 
 
@@ -319,7 +322,7 @@ def fit_driveline(
     best = _evolve(lambda values: np.linalg.norm(errors(values), axis=1), space, generations, population, run)
     found = estimate_driveline(track, best, space=space, play=sweep.play)
     known = np.sqrt(found.covariance.diagonal()) <= _UNKNOWN  # false without a standard error
-    if not np.any(known & (np.minimum(found.point, 1.0 - found.point) > _NEAR_BOUND)):
+    if not np.any(known & (np.minimum(found.point, 1.0 - found.point) > NEAR_BOUND)):
         raise InputError(
             f"The sweep of wheel {sweep.wheel} identifies none of {', '.join(NAMES)}: all end at a "
             "bound or have no effect. Sweep slowly and well beyond break-away, or widen the bounds."
@@ -339,7 +342,7 @@ def _result(
     z, covariance = found.point, found.covariance
     values = space.physical(z)
     scaled_errors = np.sqrt(covariance.diagonal())
-    at_bound = (z <= _AT_BOUND) | (z >= 1.0 - _AT_BOUND)
+    at_bound = (z <= AT_BOUND) | (z >= 1.0 - AT_BOUND)
     # one without influence has no standard error though it is at no bound; v_s and delta shape nothing if s is zero
     unknown = np.where(np.isnan(scaled_errors), ~at_bound, scaled_errors > _UNKNOWN)
     unknown[3:] |= values[2] == 0.0

@@ -32,8 +32,9 @@ from ballbot.identification.driveline_innovations import (
 
 #: half the central difference, of the bounds' width
 _DIFFERENCE = 1e-3
-#: of the bounds' width, from a bound
-_AT_BOUND = 1e-4
+#: shares of the bounds' width: a descent begins no nearer to a bound than `NEAR_BOUND`, and an estimate that ends
+#: nearer than `AT_BOUND` is at it
+NEAR_BOUND, AT_BOUND = 1e-3, 1e-4
 _BLOCK = 0.5  # [s]; residuals of one block may depend on each other
 #: gaps tried of each break-away, and rounds of trying
 _GAPS_TRIED, _ROUNDS = 13, 2
@@ -141,13 +142,13 @@ class InnovationFit:
 
         found = minimize_squares(
             lambda part: self.at(full(part)[None])[0],
-            np.clip(self.point[places], 1e-3, 1.0 - 1e-3),
+            np.clip(self.point[places], NEAR_BOUND, 1.0 - NEAR_BOUND),
             jacobian_of=lambda part: self._slopes(full(part), places),
             bounds=(0.0, 1.0),
             scale="jac",
             stopping=Stopping(most_evaluations=most_steps),
         ).point
-        z = full(np.where(found <= _AT_BOUND, 0.0, np.where(found >= 1.0 - _AT_BOUND, 1.0, found)))
+        z = full(np.where(found <= AT_BOUND, 0.0, np.where(found >= 1.0 - AT_BOUND, 1.0, found)))
         return replace(self, point=z)
 
     def repeated(
@@ -216,7 +217,9 @@ def estimate_driveline(
     events = int(track.event.max()) + 1
     used = track.events
     full = extended_space(space, events=events, used=used, play=play)
-    z = np.concatenate([np.clip(start, 1e-3, 1.0 - 1e-3), full.scaled(full.nominal)[FRICTION_SIZE:]])
+    z = np.concatenate(
+        [np.clip(start, NEAR_BOUND, 1.0 - NEAR_BOUND), full.scaled(full.nominal)[FRICTION_SIZE:]]
+    )
     fit = InnovationFit(track=track, coordinates=full, point=z, noise=0.0)
     everything = np.ones(len(z), dtype=bool)
     fit = fit.descended(free=everything, most_steps=30)

@@ -1,4 +1,4 @@
-"""One driveline predicted a sample ahead: what the encoder shows less what the model expects.
+"""One driveline predicted a sample ahead: the innovations, the encoder's angles less the predicted ones.
 
     (j_w + j_r) w_dot = u - tau(w) + noise        theta_dot = w
 
@@ -8,7 +8,7 @@ by the innovation e, the encoder's angle less the predicted one,
 
     theta += alpha e        w += beta e / h
 
-and the parameters with the smallest innovations are sought (prediction-error method: L. Ljung, System Identification,
+and the parameters minimize the innovations (prediction-error method: L. Ljung, System Identification,
 2nd ed. 1999, chapter 7; the gains: P. Kalata, The tracking index, IEEE Transactions on Aerospace and Electronic Systems
 20 (1984) 174-182). The gains are estimated beside the friction; beta = 0 is a simulation without noise of the torque.
 Angles and not speeds are compared: a speed differenced from counts is that of half its window ago.
@@ -18,7 +18,7 @@ Three effects act where s, v_s and delta do, in the tenths of a second about eac
 *Noise at rest.* A torque of mean u and deviation sigma moves a wheel that u alone would leave at rest. The speed
 expected after a sample is that of a normal variable cut off at zero, m Phi(m/d) + d phi(m/d), with d = sigma h / J.
 
-*Play.* A motor that breaks away crosses what is left of the gearbox's play alone, j_r, and then takes its wheel along:
+*Play.* A motor that breaks away crosses the rest of the gearbox's play alone, j_r, and then takes its wheel along:
 w <- w j_r / (j_w + j_r). How far each break-away goes alone is estimated, from zero to the play in the robot file.
 
 *Delay* of the torque, in samples, is estimated from zero to `MOST_DELAY`.
@@ -214,7 +214,7 @@ def break_aways(
 def angles_of(
     angle: NDArray[np.float64] | None, speed: NDArray[np.float64], *, sample_time: float
 ) -> NDArray[np.float64]:
-    """Return the encoder's angles (N,), or the speed's integral where there are none or they contradict the speed."""
+    """Return the encoder's angles (N,), or the speed's integral if they are missing or contradict the speed."""
     if angle is not None:
         apart = np.diff(angle) - sample_time * speed[1:]
         allowed = np.maximum(_LARGEST_JUMP, 0.5 * sample_time * np.abs(speed).max())

@@ -226,7 +226,7 @@ MOUNTING_WINDOW = 0.25
 SMOOTHING = 0.15
 #: magnitudes that correlate less than this are not of one and the same run
 LEAST_CORRELATION = 0.5
-#: both totals are means over this long [s], some samples of either, where the offset is sought
+#: for the search of the offset, both totals are means over this long [s], some samples of either
 CLOCK_MEAN = 0.05
 #: magnitudes above so many medians, as in a fall, count as this many
 _HIGHEST = 5.0

@@ -387,7 +387,7 @@ def correlation_findings(labels: tuple[str, ...], correlation: NDArray[np.float6
 def ridge_findings(labels: tuple[str, ...], correlation: NDArray[np.float64]) -> list[Finding]:
     """Return a finding that names parameters each of which the others can stand in for, where more than a pair do.
 
-    The inverse's diagonal is what knowing all others would take off a parameter's variance.
+    The inverse's diagonal is the factor by which knowing all others would reduce a parameter's variance.
     """
     places = np.flatnonzero(np.isfinite(correlation.diagonal()))
     if not len(places):

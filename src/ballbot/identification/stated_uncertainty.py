@@ -56,7 +56,7 @@ def parameter_covariance(
     deviations : ndarray (p,)
         Of the robot's parameters; NaN if unknown.
     errors : ndarray (p,)
-        Of the estimate under the logs' conditions, which the correlation is of; NaN if there is none.
+        Of the estimate under the logs' conditions, which the correlation is of; NaN if undetermined.
     correlation : ndarray (p, p)
     """
     sizes = np.nan_to_num(deviations)

@@ -64,7 +64,7 @@ from ballbot.robot import Robot
 
 
 def measured_wheel_speeds(log: Log, robot: Robot) -> NDArray[np.float64]:
-    """Return the wheel speeds (N, n) [rad/s]: the encoders', or where there are none those of the states."""
+    """Return the wheel speeds (N, n) [rad/s]: the encoders', or those of the states for a log without encoders."""
     names = wheel_speed_names(robot.wheel_count)
     if all(name in log for name in names):
         return np.column_stack([log[name] for name in names])

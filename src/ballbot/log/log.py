@@ -210,7 +210,7 @@ class Log:
         return Log({name: values[kept] for name, values in self.columns.items()})
 
     def select(self, rows: slice) -> Log:
-        """Return the rows of a slice with a positive step; InputError if there are none."""
+        """Return the rows of a slice with a positive step; InputError if it selects none."""
         return Log({name: values[rows] for name, values in self.columns.items()})
 
     def with_columns(self, columns: Mapping[str, ArrayLike]) -> Log:
@@ -332,7 +332,7 @@ class ColumnSummary:
 
     name: str
     unit: str | None  #: None for a name that is not Ballbot's
-    least: float | None  #: of the finite values; None if there are none
+    least: float | None  #: of the finite values; None if no value is finite
     greatest: float | None
     missing: int  #: cells that are NaN or infinite
     change_rate: float  #: changes of the value per second; for a slow sensor its own rate

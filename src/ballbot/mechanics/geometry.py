@@ -53,7 +53,7 @@ def wheel_load(robot: Robot) -> float:
 class Transforms:
     """The transformation matrices of Appendix II, by its names, for n wheels; read-only arrays.
 
-    A name says what it gives and from what: T_owb is the wheels' speed from the ball's. Vectors of ball, body
+    A name states output and input: T_owb is the wheels' speed from the ball's. Vectors of ball, body
     and wheels are in the body frame, those of the ground in the world frame.
     """
 

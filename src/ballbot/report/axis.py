@@ -217,7 +217,7 @@ def expected_sentence(found: AxisIdentification) -> str:
 
 
 def residual_rows(found: AxisIdentification, force_unit: str) -> list[tuple[str, ...]]:
-    """Return the tests of what is left of the force."""
+    """Return the tests of the residual force."""
     return [
         (
             one.quantity,
@@ -231,7 +231,7 @@ def residual_rows(found: AxisIdentification, force_unit: str) -> list[tuple[str,
 
 
 def error_rows(estimate: Estimate, unit: str) -> list[tuple[str, ...]]:
-    """Return what an estimate predicts: method, law, record, and its errors."""
+    """Return an estimate's prediction errors: method, law, record, and the errors."""
     return [
         (
             estimate.method,

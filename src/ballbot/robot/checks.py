@@ -256,7 +256,7 @@ def _principal_moments(inertia: NDArray[np.float64]) -> tuple[float, float, floa
 
 
 def _fault_of(moments: tuple[float, float, float]) -> str:
-    """Return the fault of three principal moments, smallest first ("" if there is none)."""
+    """Return the fault of three principal moments, smallest first ("" if they are possible)."""
     if moments[0] <= 0.0:
         return "each must be above zero"
     # a flat body meets the inequality with equality, up to rounding

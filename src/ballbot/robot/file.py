@@ -161,10 +161,10 @@ _TEXTS = {"name": 'name = "myrobot"', "body.inertia.about": 'about = "ball_cente
 _HEADER = """\
 # A ball-balancing robot for Ballbot. Check it with: ballbot check FILE
 #
-# Every number says its value, its unit and its source: measured, data sheet, previous work, calculated,
-# identified or assumed, with detail after a colon where there is more to say. A unit may be changed, as from
-# m to cm or from deg to rad. How well a number is known may stand beside it, as standard_deviation = 0.001,
-# in the same unit. The body's frame has x forward, y left and z up.
+# Every parameter has a value, a unit and a source: measured, data sheet, previous work, calculated, identified
+# or assumed, with details after a colon. Units may be changed, as from m to cm or from deg to rad. The standard
+# deviation of a value may be added, as standard_deviation = 0.001, in the same unit. The body's frame has
+# x forward, y left and z up.
 """
 
 

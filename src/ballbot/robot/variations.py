@@ -1,4 +1,4 @@
-"""Robots near this one: as uncertain as its standard deviations say, or meant in other units.
+"""Robots near this one: drawn from its standard deviations, or with values meant in other units.
 
 Errors of different parameters count as independent, but for those whose correlations the robot states. Linear
 propagation is the delta method: with the central differences d_i of a result over a tenth of each standard deviation

@@ -33,7 +33,7 @@ class Corrections:
 
     locked_wheels_once: bool
     """(II.27) adds the wheels' whole spin energy, though the body's inertia holds the locked wheels already.
-    Corrected: the share of the spin that the locked wheels have, a_i . w, is taken off."""
+    Corrected: the share of the spin that the locked wheels have, a_i . w, is subtracted."""
 
     reflected_rotors: bool
     """(II.28) leaves out rotor and gear. Corrected: n^2 (j_m + j_g) on the wheel's speed relative to the
@@ -48,7 +48,7 @@ class Corrections:
     nonholonomic_wheels: bool
     """(II.34) is Lagrange's equation for energies in which the wheels' speeds (II.16) are already put in. These
     are no derivatives of functions of q, for which that would be allowed. Corrected: the difference, which does
-    no work (Chaplygin's or Voronets's terms), is taken off."""
+    no work (Chaplygin's or Voronets's terms), is subtracted."""
 
 
 _NO_CORRECTIONS = Corrections(

@@ -70,8 +70,8 @@ class ResidualAnalysis:
     roller_passing: (
         NDArray[np.float64] | None
     )  #: (3,) [Hz] of a ring, at 10, 50 and 90 % of the wheels' speeds
-    no_wheels: str | None  #: why there is no look at the wheels' speed and travel
-    no_position: str | None  #: why there is none at their position
+    no_wheels: str | None  #: why the wheels' speed and travel are not analysed
+    no_position: str | None  #: why their position is not analysed
 
 
 def analyse_residuals(prediction: Prediction, model: Model, updates: Updates) -> ResidualAnalysis:
@@ -141,7 +141,7 @@ def _motion_effects(
 def _position_effect_of_log(
     prediction: Prediction, torques: NDArray[np.float64], blocks: NDArray[np.int64], robot: Robot
 ) -> tuple[PositionEffect | None, str | None]:
-    """Return the effect in the log whose wheels turned furthest, as each has its own zero, or why there is none."""
+    """Return the effect in the log whose wheels turned furthest, as each log has its own zero, or why it is unknown."""
     angles = prediction.wheel_angles
     assert angles is not None
     where = max(slices(prediction.logs), key=lambda rows: float(np.ptp(angles[rows], axis=0).min()))

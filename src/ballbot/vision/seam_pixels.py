@@ -299,7 +299,7 @@ class BallPixels:
         return np.asarray(cv2.resize(cut, self.shape[::-1], interpolation=cv2.INTER_AREA), np.uint8)
 
     def index_at(self, pixels: NDArray[np.float64]) -> NDArray[np.intp]:
-        """Return the row in `p` (k,) of the pixel used at each place (k, 2) of the picture; -1 where there is none."""
+        """Return the row in `p` (k,) of the pixel used at each place (k, 2) of the picture; -1 without one."""
         factor = self.shape[1] / (self.columns.stop - self.columns.start)
         column = np.rint((pixels[:, 0] - self.columns.start + 0.5) * factor - 0.5).astype(np.intp)
         row = np.rint((pixels[:, 1] - self.rows.start + 0.5) * factor - 0.5).astype(np.intp)

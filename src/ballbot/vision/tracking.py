@@ -260,7 +260,7 @@ def follow(
 
 #: before the first frame, standard deviations of the error [rad], velocity [rad/s] and acceleration [rad/s^2]
 _BEFORE = (0.1, 20.0, 200.0)
-#: the density of jerk is sought between these [rad^2/s^5], on so many frames
+#: the density of jerk is estimated between these [rad^2/s^5], on so many frames
 _DENSITIES = (0.1, 3e7)
 _SEARCHED = 480
 #: innovations and biases are averaged over this to either side, for noise and light may change [s]

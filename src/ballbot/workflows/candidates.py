@@ -328,7 +328,7 @@ def parse_candidates(words: Sequence[str]) -> tuple[Candidate, ...]:
     Raises
     ------
     InputError
-        If there is none, two have one name, or there is no such estimator.
+        If no controller is named, two have one name, or there is no such estimator.
     """
     if not words:
         raise InputError("There is nothing to compare: at least one controller is needed.")

@@ -104,7 +104,7 @@ class Trial:
     peaks: RunPeaks  #: true lean and place, torques as commanded
     errors: NDArray[
         np.float64
-    ]  #: (f,), standard errors of the parameters sought, scaled; NaN where there is none
+    ]  #: (f,), scaled standard errors of the estimated parameters; NaN if undetermined
     found: Identification
 
 

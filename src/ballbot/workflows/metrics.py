@@ -65,7 +65,7 @@ def settling_time(log: Log, *, band: float = BAND, disturbed: Sequence[float] = 
 
     The start, each jump of the reference and each time in `disturbed` begin a stretch, which lasts until the next of
     them. Its settling time runs from its begin to the last row at which the robot is farther than `band` from the
-    reference; zero where there is none. A stretch at whose end the robot is outside counts with all its length, and
+    reference; zero if it is never farther. A stretch at whose end the robot is outside counts with all its length, and
     the second value is then False: the time is a lower bound.
 
     Parameters

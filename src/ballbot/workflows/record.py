@@ -241,7 +241,7 @@ def _record(job: RecordJob, seed: int, progress: ProgressCallback) -> Recording:
 
 
 def finished_outcome(job: RecordJob, seed: int, folder: Path) -> RecordOutcome | None:
-    """Return the outcome of a run that is whole in its folder, every file as it was written, or None if there is none.
+    """Return the outcome of a run that is whole in its folder, every file as it was written; None otherwise.
 
     Raises
     ------

@@ -76,7 +76,7 @@ class StudyOptions:
     """Options of `study`; the defaults suit most logs."""
 
     accept: Collection[str] = ()  #: codes of errors found in the logs to ignore; see `ballbot.findings.CODES`
-    bounds: Bounds | None = None  #: within which the friction is sought
+    bounds: Bounds | None = None  #: of the friction that is estimated
     excluded_states: Sequence[
         str
     ] = ()  #: whose errors do not count in the fit; they are validated all the same

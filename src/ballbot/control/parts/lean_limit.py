@@ -59,7 +59,7 @@ def _limit_error(law, memory, error, a, wanted):
 
 @inlined
 def _fractions(own, e):
-    """Return what is left of the position, then of position and speed together, and of the heading."""
+    """Return the shares kept of the position, then of position and speed together, and of the heading."""
     near = _fraction(own.lean, *_lean(own, e[0], e[1], 0.0, 0.0))
     p = _fraction(own.lean, *_lean(own, near * e[0], near * e[1], e[5], e[6]))
     return near, p, _fraction(own.turn, e[4] + own.turn_rate * e[9], 0.0)

@@ -1,7 +1,7 @@
 """Wrong records of one axis, stopped with their cause.
 
-Over all of a record the inverse model must find a mass and a dry friction above zero. Where the loop is known, the
-record itself says what force it asked for,
+Over a whole record the inverse model must estimate a mass and a dry friction above zero. If the loop is known, its
+force follows from the record,
 
     force = f k_v (k_p a_1 (reference - position) - a_2 velocity)        a_1 = a_2 = 1
 
@@ -26,8 +26,8 @@ from ballbot.identification.axis.structure import AxisModel
 
 #: share of the force that the motion must explain
 _EXPLAINED, _WELL_EXPLAINED = 0.3, 0.8
-#: the loop's law may be off by this factor, and leave this share of the force
-_LOOP_FACTOR, _LOOP_LEAVES = 1.3, 0.4
+#: largest error of the loop's law: as a factor, and as the residual's share of the force
+_LOOP_FACTOR, _LOOP_RESIDUAL = 1.3, 0.4
 #: sizes of reference over position
 _TRACKING = 3.0
 #: [s]; faster and slower samplings of an axis are rather another unit of time
@@ -166,11 +166,11 @@ def _of_reference(record: AxisRecord) -> Iterator[Finding]:
 
 @dataclass(frozen=True, kw_only=True)
 class _LoopLaw:
-    """The loop's law fitted to a record: factors of its two parts, and the share of the force that is left."""
+    """The loop's law fitted to a record: factors of its two parts, and the residual's share of the force."""
 
     position: float  #: a_1
     velocity: float  #: a_2
-    left: float
+    residual: float
 
 
 def _fitted_law(
@@ -187,11 +187,11 @@ def _fitted_law(
     if len(X) < 100 or np.linalg.matrix_rank(X) < 2:
         return None
     (a1, a2), *_ = np.linalg.lstsq(X, force[free], rcond=None)
-    left = force[free] - X @ np.array([a1, a2])
+    residual = force[free] - X @ np.array([a1, a2])
     return _LoopLaw(
         position=float(a1),
         velocity=float(a2),
-        left=float(np.linalg.norm(left) / np.linalg.norm(force[free])),
+        residual=float(np.linalg.norm(residual) / np.linalg.norm(force[free])),
     )
 
 
@@ -202,9 +202,9 @@ def _of_loop(
     if law is None:
         return
     a1, a2 = law.position, law.velocity
-    if law.left > _LOOP_LEAVES:
+    if law.residual > _LOOP_RESIDUAL:
         text = (
-            f"The control law, with its best gains, leaves {100.0 * law.left:.0f} % of the recorded "
+            f"The control law, with its best gains, leaves {100.0 * law.residual:.0f} % of the recorded "
             "force unexplained: force, reference or position is another column, or the axis has "
             "another control law. Without --reference and the gains the record is used in open loop."
         )

@@ -1,4 +1,4 @@
-"""What the identification of an axis shows, in sentences: its law, an asymmetry, doubtful parameters and methods."""
+"""Findings on the identification of an axis: its law, an asymmetry, doubtful parameters, methods that differ."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.result import Estimate
 from ballbot.identification.axis.selection import USEFUL_GAIN
 
-#: a standard error of this share of a parameter leaves it all but open
+#: a parameter whose standard error exceeds this share of it is poorly determined
 _OPEN = 0.5
 #: beyond so many standard errors, two parts of a record differ
 _DIFFERENT = 2.0
@@ -106,7 +106,7 @@ def _open_parameters(best: Estimate) -> list[Finding]:
     return found
 
 
-#: the fit of whole records asks another question, and is not compared
+#: the fit of whole records minimizes another error, and is not compared
 _COMPARED = ("inverse", "closed loop")
 
 

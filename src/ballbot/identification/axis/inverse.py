@@ -1,18 +1,18 @@
-"""The inverse model of one axis: a regression of its force on what it did, and what that says of the record.
+"""The inverse model of one axis: a regression of the force on the recorded motion.
 
 The model gives the force as a linear sum, by least squares (IDIM-LS):
 
     F = M a + F_v v + F_c sgn(v) + offset                                    ("coulomb")
     F = M a + (F_v+ v + F_c+) [v > 0] + (F_v- v - F_c-) [v < 0]              ("asymmetric")
 
-and forces over position, a drift of the offset and several records if they are asked for. Speed and acceleration are
-those of `motion`. What a known load needs is taken off the force.
+and, if requested, forces over position, a drift of the offset and several records. Speed and acceleration are those of
+`motion`. The force that a known load requires is subtracted.
 
-A friction coefficient that comes out below zero is held at zero, and the others are fitted again, for friction takes
-energy. Standard deviations are given twice: as published, s sqrt(diag (X^T X)^-1), which takes every row for
-independent, and clustered by blocks of one second, which does not (see `ballbot.fitting.uncertainty`).
+Friction dissipates energy, so a friction coefficient that would be negative is fixed at zero, and the others are fitted
+again. Standard deviations are given twice: as published, s sqrt(diag (X^T X)^-1), which assumes independent rows, and
+clustered by blocks of one second, which does not (see `ballbot.fitting.uncertainty`).
 
-At rest the friction is whatever balances the force. The published fits have these rows, and `moving` leaves them out.
+At rest the friction balances the force, whatever it is. The published fits include these rows; `moving` excludes them.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from ballbot.identification.axis.structure import AxisModel, base_name, position
 
 #: residuals within a block may depend on each other [s]
 BLOCK = 1.0
-#: beyond this condition number, of columns of length one, the record does not tell the parameters apart
+#: beyond this condition number, of columns of length one, the record does not distinguish the parameters
 LARGEST_CONDITION = 1e4
 
 Form = Literal["coulomb", "asymmetric"]
@@ -57,11 +57,11 @@ SLOW_SAMPLING = 2e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class InverseFit:
-    """What the inverse model gives; p parameters."""
+    """A fit of the inverse model; p parameters."""
 
     names: tuple[str, ...]  #: (p,)
     values: NDArray[np.float64]  #: (p,) SI units
-    standard_deviations: NDArray[np.float64]  #: (p,) as published: rows taken for independent
+    standard_deviations: NDArray[np.float64]  #: (p,) as published: rows assumed independent
     clustered_errors: NDArray[np.float64]  #: (p,) rows of one second taken together
     relative_force_error: float  #: |F - F_hat| / |F|
     condition: float  #: of the regression's columns, each of length one
@@ -175,14 +175,13 @@ def free_inverse_fit(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RegressionRows:
-    """What the inverse model is fitted to: rows of all records, one after another."""
+    """Rows that the inverse model is fitted to, of all records one after another."""
 
     columns: dict[str, NDArray[np.float64]]  #: (n,) by label
-    force: NDArray[np.float64]  #: (n,) [N], less what known loads need
+    force: NDArray[np.float64]  #: (n,) [N], without the force that known loads require
     block: NDArray[np.int64]  #: (n,), of time
-    seen: dict[
-        str, NDArray[np.float64]
-    ]  #: (n,), what residuals are tested against: speed, position, time, ...
+    #: (n,), by name the quantities that residuals are tested against: speed, position, time, ...
+    seen: dict[str, NDArray[np.float64]]
 
 
 def regression_rows(
@@ -274,7 +273,7 @@ def _even_blocks(record: AxisRecord, kept: Sequence[Span], factor: int) -> NDArr
 def without_drift(
     records: Sequence[AxisRecord], model: AxisModel, *, bandwidth: float | None = None
 ) -> tuple[AxisRecord, ...]:
-    """Return records from whose forces the drift of the offset is taken that the inverse model of `model` finds."""
+    """Return records without the drift of the offset, as the inverse model of `model` estimates it, in their forces."""
     fit = inverse_fit(records, model=model, bandwidth=bandwidth, moving=True)
     found = []
     for number, record in enumerate(records):

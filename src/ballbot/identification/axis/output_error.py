@@ -4,11 +4,11 @@ In open loop the recorded force moves the axis over windows, and positions are c
 reference does, and forces are compared. Levenberg and Marquardt's steps by SciPy, with central differences wide enough
 to average over single events of sticking.
 
-The state at a window's start is estimated with the parameters. Position and speed of the filtered record are where it
-is sought, and what two numbers a window can explain is taken off its errors and their derivatives (variable projection:
-G. Golub and V. Pereyra, Inverse Problems 19 (2003) R1-R26; derivatives as L. Kaufman, BIT 15 (1975) 49-57), so that a
-noisy start is no error of the friction. The start's position counts as one more measurement, and its speed is held to
-`_START_SPEED` of the record's usual speed.
+The state at a window's start is estimated with the parameters, by a linear correction of the filtered record's
+position and speed there. From the window's errors and their derivatives, the part that another start would explain is
+projected out (variable projection: G. Golub and V. Pereyra, Inverse Problems 19 (2003) R1-R26; derivatives as
+L. Kaufman, BIT 15 (1975) 49-57), so that a noisy start is no error of the friction. The prior standard deviations are
+the position noise, and `_START_SPEED` of the record's usual speed.
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ _DIFFERENCE = 5e-4
 _MOST_STEPS = 30
 #: the descent ends where a step lowers the sum of squares by less than this share
 _ENOUGH = 1e-4
-#: it starts at least this far inside the bounds, and ends at one where it comes closer than `_AT_BOUND`
+#: it starts at least this far inside the bounds; a parameter that ends closer to one than `_AT_BOUND` is at it
 _INSIDE, _AT_BOUND = 1e-3, 1e-6
 #: the evolution strategy looks this far around, in scaled parameters
 _REACH, _REACH_LOGARITHMIC = 0.2, 2.0
 _GENERATIONS, _POPULATION = 25, 10
 #: positions are compared this often [s]
 _COMPARED_EVERY = 0.01
-#: shares of the usual speed: how well the start's speed is known before, and the difference taken
+#: shares of the usual speed: standard deviation of the start's speed, and the step of its finite difference
 _START_SPEED, _SPEED_DIFFERENCE = 0.2, 0.01
 #: residuals within so long depend on each other [s]
 BLOCK = 1.0
@@ -59,7 +59,7 @@ BLOCK = 1.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sighting:
-    """A record with what the filter makes of it."""
+    """A record with its filtered motion."""
 
     record: AxisRecord
     motion: Motion
@@ -139,7 +139,7 @@ Projection = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
 class Problem(Protocol):
-    """What parameters are fitted to."""
+    """Errors that parameters minimize."""
 
     @property
     def block(self) -> NDArray[np.int64]:
@@ -156,7 +156,7 @@ class Problem(Protocol):
         ...
 
     def projection(self, values: Values) -> Projection:
-        """Return what takes off errors (m,), or their derivatives, what other starts would explain."""
+        """Return the projection of errors (m,), or derivatives of them, that removes the part other starts explain."""
         ...
 
 
@@ -221,7 +221,7 @@ class OpenLoop:
         return np.concatenate(found)
 
     def projection(self, values: Values) -> Projection:
-        """Return what takes off errors what other positions and speeds at the windows' starts would explain."""
+        """Return the projection that removes the part of errors that other starts of the windows explain."""
         S, begins, inverse = self._starts_matter(values)
 
         def project(errors: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -232,7 +232,7 @@ class OpenLoop:
         return project
 
     def from_better_starts(self, values: Values) -> OpenLoop:
-        """Return the same problem, its windows starting where their errors say."""
+        """Return the same problem with the starts of its windows estimated from their errors."""
         S, begins, inverse = self._starts_matter(values)
         scores = np.add.reduceat(S * (self.errors(values) / self._noise)[:, None], begins, axis=0)
         shifts, begin, moved = np.einsum("wij,wj->wi", inverse, scores), 0, []
@@ -248,7 +248,7 @@ class OpenLoop:
     ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
         """Return the derivatives S (m, 2) by the starts, where windows begin, and (I + S^T S)^-1 (w, 2, 2)."""
         middle = self._positions(values)
-        # in units of the noise, for a start off by the noise, and by what its speed may be off by
+        # in units of the noise, for a start that is off by one standard deviation of its position or of its speed
         S = np.column_stack(
             [
                 (self._positions(values, noises=10.0) - middle) / 10.0,
@@ -262,7 +262,7 @@ class OpenLoop:
         return S, begins.astype(np.int64), np.asarray(np.linalg.inv(gram + np.eye(2)), dtype=np.float64)
 
     def from_best_starts(self, values: Values) -> NDArray[np.float64]:
-        """Return the position errors [m] (m,) from the start of each window that suits it best."""
+        """Return the position errors [m] (m,) from the estimated start of each window."""
         return self.projection(values)(self.errors(values))
 
 
@@ -281,7 +281,7 @@ class WholeRecords(OpenLoop):
         return np.concatenate(blocks)
 
     def projection(self, values: Values) -> Projection:  # noqa: ARG002
-        """Return what leaves errors as they are."""
+        """Return the identity."""
         return lambda errors: errors
 
 
@@ -332,13 +332,13 @@ class ClosedLoop:
         return np.concatenate(found)
 
     def projection(self, values: Values) -> Projection:  # noqa: ARG002
-        """Return what leaves errors as they are: the loop forgets its start."""
+        """Return the identity: the loop forgets its start."""
         return lambda errors: errors
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OutputErrorFit:
-    """What output error gives."""
+    """Parameters estimated by output error."""
 
     model: AxisModel
     values: dict[str, float]  #: by label, SI units
@@ -461,7 +461,7 @@ def _standard_errors(
     errors = np.full(len(z), np.nan)
     neighbours = block_length(int(block.max()) + 1)
     covariance = covariance_in_time(J[:, kept], residuals, block, neighbours=neighbours)
-    # as many blocks less are free as there are parameters
+    # each parameter uses one degree of freedom of the blocks
     count = len(np.unique(block))
     correction = (count - 1) / max(count - int(kept.sum()), 1)
     errors[kept] = np.sqrt(correction * np.maximum(covariance.diagonal(), 0.0))

@@ -1,10 +1,10 @@
-"""How well an identified axis predicts records, and what it should do on another one.
+"""How well an identified axis predicts records, and the error to expect on another one.
 
-The error expected is that of the position, root mean square over windows of one length from their best starts.
-Before another record is seen, the errors of held-out blocks give it an interval: log e is taken as normal with the
-variance of a bootstrap of the blocks, the record's own and the other's, and with a variance between records. Several
-records show that themselves. For a single one it is `BETWEEN`, a chosen value; campaigns/axis_machines.py counts how
-often the interval then holds the error of a second record of a simulated machine.
+The error expected is that of the position, root mean square over windows of one length from their best starts. Its
+interval comes from the errors of held-out blocks: log e is taken as normal. Its variance is the sum of a bootstrap
+variance of the blocks, both of these records and of the other one, and of a variance between records. Several records
+estimate the variance between records. For a single one it is `BETWEEN`, a chosen value; campaigns/axis_machines.py
+counts how often the interval then contains the error of a second record of a simulated machine.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ class AxisErrors:
     record: str
     window_rmse: float  #: of the position over windows of the fit's length, from their best starts [m]
     open_loop_rmse: float  #: of the position over the whole record, from its start [m]; NaN if it has gaps
-    inverse_force: float  #: |F - F_hat| / |F| of the force that the recorded motion needs
-    closed_loop_force: float | None  #: alike in closed loop; None if the loop is not known
-    closed_loop_position: float | None  #: alike for the position
+    inverse_force: float  #: |F - F_hat| / |F| of the force that the recorded motion requires
+    closed_loop_force: float | None  #: the same in closed loop; None if the loop is not known
+    closed_loop_position: float | None  #: the same for the position
 
 
-#: standard deviation of log e between records of one machine, beside what blocks show; chosen, not calibrated
+#: standard deviation of log e between records of one machine, beyond the variation of blocks; chosen, not calibrated
 BETWEEN = 0.25
 _DRAWS, _SEED = 2000, 0
 
@@ -55,7 +55,7 @@ class PredictedError:
     error: float  #: root mean square of the position [m]
     lower: float  #: of the 95 % interval
     upper: float
-    records: int  #: that show the variation between records; with one, it is assumed
+    records: int  #: that the variation between records is estimated from; it is assumed for one
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
@@ -93,7 +93,7 @@ def predicted_error(
     freedom = count - 1
     between = BETWEEN**2
     if records > 1:
-        # what few records show is drawn towards what is assumed, as if that came from three
+        # the estimate from few records shrinks towards the assumed value, which weighs as much as three records
         between = (3.0 * between + (records - 1) * float(np.var(logs, ddof=1))) / (records + 2)
         freedom = records + 2
     half = float(stats.t.ppf(0.975, freedom)) * np.sqrt(variance + between * (1.0 + 1.0 / records))
@@ -128,7 +128,7 @@ def error_elsewhere(
 def elsewhere_findings(
     expected: PredictedError, found: Sequence[tuple[AxisRecord, float]], *, unit: str
 ) -> list[Finding]:
-    """Return whether the errors found on other records lie within the interval."""
+    """Return a finding for each other record: whether its error lies within the interval."""
     findings = []
     for record, error in found:
         text = (

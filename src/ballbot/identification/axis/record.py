@@ -1,4 +1,4 @@
-"""One axis: what is recorded of it.
+"""Records of one axis.
 
 `AxisRecord`: force and position of one axis over time, the load that it carries, and the loop that moved it if that is
 known.
@@ -58,7 +58,7 @@ class PositionVelocityLoop:
 
 @dataclass(frozen=True, kw_only=True)
 class KnownLoad:
-    """A load of known mass that the axis carries beside what it is made of."""
+    """A load of known mass that the axis carries in addition to its own parts."""
 
     inertia: float = 0.0  #: added mass [kg] or inertia [kg m^2]
     weight: float = 0.0  #: its largest torque about an axis that turns, m g l [N m]
@@ -94,8 +94,12 @@ class AxisRecord:
     unit: Literal["m", "rad"] = "m"
     added: NDArray[np.float64] | None = None  #: (N,) the part of `force` that is not the loop's [N]
     times: NDArray[np.float64] | None = None  #: (N,) [s] of uneven rows; none of rows `sample_time` apart
-    temperature: NDArray[np.float64] | None = None  #: (N,), of any unit; residuals are tested against it
-    load: NDArray[np.float64] | None = None  #: (N,), what loads the bearings, of any unit; tested alike
+    temperature: NDArray[np.float64] | None = (
+        None  #: (N,), of any unit; residuals are tested for a dependence on it
+    )
+    load: NDArray[np.float64] | None = (
+        None  #: (N,), of the bearings, of any unit; residuals are tested for a dependence on it
+    )
     known_load: KnownLoad = NO_LOAD
 
     def __post_init__(self) -> None:

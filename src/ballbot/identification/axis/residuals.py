@@ -1,9 +1,9 @@
-"""What is left of the force, tested against position, speed, load, temperature and time.
+"""The residual force, tested for a dependence on position, speed, load, temperature and time.
 
-The inverse model's columns stand beside those that a missing effect would need, and all are fitted together: friction
-that depends on load or temperature is a change of c or b with it. Each group is tested as a whole (Hotelling's T^2,
-`ballbot.fitting.least_squares`); it is reported where chance would seldom give so much and where it is a share of what
-is left that matters.
+The columns that a missing effect would need are added to those of the inverse model, and all are fitted together:
+friction that depends on load or temperature is a change of c or b with it. Each group of columns is tested as a whole
+(Hotelling's T^2, `ballbot.fitting.least_squares`). A dependence is reported if it is significant (`CHANCE`) and
+explains enough of the residual's variance (`SHARE`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ballbot.identification.axis.inverse import RegressionRows, regression_rows
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.structure import AxisModel
 
-#: below this probability, what is left depends on a quantity; it is worth a word from this share of its variance on
+#: a dependence of the residual is significant below this p-value, and reported above this share of its variance
 CHANCE, SHARE = 1e-3, 0.05
 _ADVICE = {
     "position": "a force over position is missing: try --harmonics, --period or --spring",
@@ -34,16 +34,16 @@ _ADVICE = {
 
 @dataclass(frozen=True, kw_only=True)
 class ResidualTest:
-    """Whether what is left of the force depends on a quantity."""
+    """Whether the residual force depends on a quantity."""
 
     quantity: str
     p_value: float  #: NaN if there are too few blocks
-    share: float  #: of the variance of what is left that it explains
+    share: float  #: of the residual's variance that it explains
     size: float  #: root mean square of the force that it explains [N]
 
     @property
     def dependent(self) -> bool:
-        """Whether it is worth a word."""
+        """Whether the dependence is reported."""
         return self.p_value < CHANCE and self.share > SHARE
 
     def to_dict(self) -> dict[str, object]:
@@ -71,13 +71,13 @@ def residual_tests(
             continue
         fit = fit_linear(np.column_stack([base, kept]), rows.force, rows.block)
         places = list(range(base.shape[1], base.shape[1] + kept.shape[1]))
-        left = float(np.mean(fit.residuals**2))
+        remaining = float(np.mean(fit.residuals**2))
         found.append(
             ResidualTest(
                 quantity=quantity,
                 p_value=fit.p_value(places),
-                share=1.0 - left / total if total > 0.0 else 0.0,
-                size=float(np.sqrt(max(total - left, 0.0))),
+                share=1.0 - remaining / total if total > 0.0 else 0.0,
+                size=float(np.sqrt(max(total - remaining, 0.0))),
             )
         )
     return tuple(found)
@@ -111,7 +111,7 @@ def _columns(rows: RegressionRows, model: AxisModel, records: int) -> dict[str, 
 
 
 def _position_load(rows: RegressionRows) -> NDArray[np.float64] | None:
-    """Return the force over position that the model has, which loads the gears; None if it has none."""
+    """Return the force over position of the model, which loads the gears; None for a model without one."""
     names = [name for name in rows.columns if name.startswith(("sin_", "cos_", "spring"))]
     if not names:
         return None
@@ -127,7 +127,7 @@ def _centred(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _independent(base: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Return the columns that are not all but sums of the others; None if none is."""
+    """Return the columns that are not nearly sums of the others; None if there are no such columns."""
     kept, known = [], base
     for column in columns.T:
         size = np.linalg.norm(column)
@@ -141,11 +141,11 @@ def _independent(base: NDArray[np.float64], columns: NDArray[np.float64]) -> NDA
 
 
 def residual_findings(tests: Sequence[ResidualTest], *, force_unit: str) -> list[Finding]:
-    """Return what depends on what."""
+    """Return a finding for each quantity that the residual force depends on."""
     return [
         note(
             "axis-residuals",
-            f"What the model leaves of the force depends on {'the ' if one.quantity != 'time' else ''}{one.quantity} "
+            f"The residual force depends on {'the ' if one.quantity != 'time' else ''}{one.quantity} "
             f"(p = {one.p_value:.1g}; {one.size:.3g} {force_unit} RMS, {100.0 * one.share:.0f} % of its variance): "
             f"{_ADVICE[one.quantity]}.",
         )

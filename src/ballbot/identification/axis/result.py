@@ -1,4 +1,4 @@
-"""What the identification of an axis gives."""
+"""Result of the identification of an axis."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from ballbot.identification.axis.structure import AxisModel
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Estimate:
-    """One method's parameters and what they predict."""
+    """One method's parameters and their prediction errors."""
 
     method: str  #: "inverse", "closed loop", "whole record" or "open loop"
     model: AxisModel
     values: dict[str, float]  #: by label, SI units
-    standard_errors: dict[str, float]  #: clustered in time; NaN if there is none
+    standard_errors: dict[str, float]  #: clustered in time; NaN for a parameter at a bound
     half_widths: dict[str, float]  #: of the 95 % intervals, by label
     errors: tuple[AxisErrors, ...]  #: on the records fitted, then on the others
 
@@ -62,15 +62,14 @@ class AxisIdentification:
     unit: str  #: of positions: "m" or "rad"
     model: AxisModel  #: with the law that was selected or requested
     terms: tuple[tuple[str, Gain], ...]  #: forces over position and drift that were selected, and their gains
-    drift: float  #: of the offset, from its least to its greatest value [N]; taken off the forces before the fits
+    drift: float  #: of the offset, from its least to its greatest value [N]; subtracted from the forces before the fits
     horizon: HorizonChoice
     inverse: dict[str, InverseFit]  #: by form
     laws: ModelSelection[AxisLaw]  #: every law, by its errors on held-out blocks
     estimates: tuple[Estimate, ...]  #: the chosen law by every method
     by_law: dict[str, Estimate]  #: every law by output error in open loop
-    asymmetry: NDArray[
-        np.float64
-    ]  #: (parts, 2): (b- - b+)/2 in equal parts of the record, with standard errors; none if a part cannot tell
+    #: (parts, 2): (b- - b+)/2 in equal parts of the record, with standard errors; empty if a part moves one way only
+    asymmetry: NDArray[np.float64]
     residuals: tuple[ResidualTest, ...]
     expected: PredictedError  #: on another record
     remarks: tuple[Finding, ...]

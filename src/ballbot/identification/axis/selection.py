@@ -1,11 +1,11 @@
-"""What of an axis a record supports: forces over position, a drift, the horizon of the fit, and the friction law.
+"""Selection of an axis's model: forces over position, a drift, the horizon of the fit, and the friction law.
 
-Everything is judged on blocks of time that a fit did not see: every third block is held out, three times.
+Everything is selected by errors on blocks of time that the fit did not use: every third block is held out, three times.
 
 1. Forces over position and a drift of the offset enter the inverse model one after another, the one first that explains
    most of the force of held-out blocks, while the gain has a 95 % interval above zero and the coefficients differ from
-   zero (`LARGEST_CHANCE`). The harmonics tried are the first one of an axis that turns, and those at which what is left
-   of the force is largest.
+   zero (`LARGEST_CHANCE`). The harmonics tried are the first one of an axis that turns, and those at which the residual
+   force is largest.
 2. Whether the force is held from row to row or changes evenly between them: whichever explains the positions better.
 3. The horizon: over windows of each length the law `coulomb` is fitted in open loop, and predicts held-out blocks over
    all those lengths. The one with the least geometric mean of errors is taken.
@@ -58,18 +58,17 @@ SHORTEST_BLOCK, LEAST_BLOCK_ROWS = 0.4, 24
 #: lengths of windows tried [s]; a window has at least so many rows
 HORIZONS = (0.1, 0.2, 0.5, 1.0, 2.0)
 LEAST_WINDOW_ROWS = 10
-#: a force is taken only if chance would give such coefficients in at most this share of records; divided by the number
-#: of harmonics looked through
+#: largest p-value of the coefficients of a force that is selected; divided by the number of harmonics searched
 LARGEST_CHANCE = 1e-3
 #: and if it lowers the error of the force on held-out blocks by this share
 LEAST_GAIN = 0.01
-#: forces over position taken at most, and the harmonics looked through
+#: forces over position selected at most, and the highest harmonic searched
 _MOST_TERMS, _HIGHEST_HARMONIC = 6, 120
-#: a harmonic is looked for in rows between which its phase moves by less [rad], if there are so many
+#: a harmonic is searched in rows between which its phase moves by less [rad], if there are so many
 _FASTEST_PHASE, _LEAST_SLOW_ROWS = 1.5, 50
-#: what a spring's gain counts on an axis that turns
+#: weight of a spring's gain on an axis that turns
 _SPRING_WORTH = 0.3
-#: travel over which a harmonic must repeat to be looked for, in its periods
+#: least travel over which a harmonic is searched, in its periods
 _PERIODS = 0.75
 #: a drift has a piece for so long [s], at most so many
 _DRIFT_PIECE, _MOST_PIECES = 8.0, 6
@@ -143,7 +142,7 @@ def select_terms(
     kinds: Collection[Kind] = KINDS,
     bandwidth: float | None = None,
 ) -> tuple[AxisModel, tuple[tuple[str, Gain], ...]]:
-    """Return a model with the forces of these kinds that the records support, and what each gains."""
+    """Return a model with the forces of these kinds that the records support, and the gain of each."""
     gains: list[tuple[str, Gain]] = []
     turns = records[0].unit == "rad"
     rows = regression_rows(records, model, bandwidth=bandwidth, moving=True)
@@ -189,13 +188,13 @@ def _wider(
 
 
 def _strongest_harmonics(model: AxisModel, rows: RegressionRows) -> list[int]:
-    """Return the two harmonics at which what is left of the force is largest."""
+    """Return the two harmonics at which the residual force is largest."""
     X = np.column_stack(list(rows.columns.values()))
-    left = rows.force - X @ np.linalg.lstsq(X, rows.force, rcond=None)[0]
+    residual = rows.force - X @ np.linalg.lstsq(X, rows.force, rcond=None)[0]
     position = rows.seen["position"]
     least = max(2, int(np.ceil(_PERIODS * model.period / np.ptp(position))))
     numbers = [n for n in range(least, _HIGHEST_HARMONIC + 1) if harmonic(n)[0] not in model.terms]
-    # where a harmonic passes faster than rows come, the filter has taken it off
+    # the filter has removed a harmonic that passes faster than rows come
     turning = np.abs(rows.seen["speed"]) * float(np.median(np.abs(np.diff(rows.seen["time"]))))
     sizes = np.zeros(len(numbers))
     for place, number in enumerate(numbers):
@@ -203,7 +202,7 @@ def _strongest_harmonics(model: AxisModel, rows: RegressionRows) -> list[int]:
         slow = wave * turning < _FASTEST_PHASE
         if slow.sum() >= _LEAST_SLOW_ROWS:
             waves = np.exp(-1j * wave * position[slow])
-            sizes[place] = abs(waves @ left[slow]) / np.sqrt(slow.sum())
+            sizes[place] = abs(waves @ residual[slow]) / np.sqrt(slow.sum())
     order = np.argsort(sizes)[::-1][:2]
     return [numbers[i] for i in order]
 
@@ -244,8 +243,8 @@ def _held_out_force(rows: RegressionRows) -> NDArray[np.float64]:
     for fold in range(FOLDS):
         seen = group % FOLDS != fold
         found = np.linalg.lstsq(X[seen], rows.force[seen], rcond=None)[0]
-        left = (rows.force[~seen] - X[~seen] @ found) ** 2
-        sums = np.bincount(group[~seen], weights=left, minlength=len(squares))
+        errors = (rows.force[~seen] - X[~seen] @ found) ** 2
+        sums = np.bincount(group[~seen], weights=errors, minlength=len(squares))
         squares[fold::FOLDS, 0] = sums[fold::FOLDS]
     return squares
 
@@ -283,7 +282,7 @@ def errors_on(
 ) -> NDArray[np.float64]:
     """Return the mean square position error [m^2] of each of the blocks over windows of a length (blocks,).
 
-    Where `slow`, only of windows in which the axis reverses or rests; NaN for a block without one.
+    If `slow`, only of windows in which the axis reverses or rests; NaN for a block without one.
     """
     windows, owner = windows_in(sightings, blocks, chosen, horizon)
     problem = OpenLoop(model=fit.model, sightings=sightings, windows=windows)
@@ -313,7 +312,7 @@ def held_out_errors(
     horizon: float,
     judged: Sequence[tuple[float, bool]],
 ) -> NDArray[np.float64]:
-    """Fit a model again without each third of the blocks, from `fit`; return what it predicts of the rest.
+    """Fit a model again without each third of the blocks, from `fit`; return its errors on that third.
 
     Parameters
     ----------
@@ -362,7 +361,7 @@ def fit_all(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HorizonChoice:
-    """The lengths of windows tried, and what their fits predict of held-out blocks."""
+    """The lengths of windows tried, and the errors of their fits on held-out blocks."""
 
     horizons: tuple[float, ...]  #: [s]
     errors: NDArray[np.float64]  #: (fitted, predicted), root mean square [m]
@@ -451,7 +450,7 @@ def select_law(
 def _select(
     within: Mapping[str, str | None], squares: Mapping[str, NDArray[np.float64]]
 ) -> ModelSelection[AxisLaw]:
-    """Return the selection among laws with such errors of blocks (blocks,), NaN where there is none."""
+    """Return the selection among laws with such errors of blocks (blocks,), NaN for a block without errors."""
     known = np.isfinite(squares["coulomb"])
     groups = neighbours(range(int(known.sum())), block=1)
 

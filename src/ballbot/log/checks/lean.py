@@ -21,7 +21,7 @@ both terms get a free complex gain, whose size is a scale and whose angle is a t
 
 What else moves the ball is not independent of the lean: a controller answers a push with a lean, again and again in the
 same way, so that no standard error over blocks shows it. Unless the law explains nearly everything, a scale is an error
-only if a disturbance of the size of what is left, correlated with the lean by `CONFOUNDED`, could not have made it.
+only if a disturbance of the size of the residual, correlated with the lean by `CONFOUNDED`, could not have made it.
 
 The significance of a comparison comes from blocks of the log, which are nearly independent; neighbouring rows are not.
 """

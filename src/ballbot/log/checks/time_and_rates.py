@@ -213,7 +213,7 @@ def _runs_backwards(found: Mapping[str, Agreement]) -> bool:
 
 
 def _time_factor(found: Mapping[str, Agreement]) -> float | None:
-    """Return the common ratio of all changes to the integrals of their rates; None if there is none or it is one."""
+    """Return the common ratio of all changes to the integrals of their rates; None if they differ or it is one."""
     ratios = {name: one.ratio for name, one in found.items() if one.clear and not name.startswith("wheel")}
     lengths = [name for name in ratios if name in ("x", "y")]
     if not lengths or len(lengths) == len(ratios) or min(ratios.values()) <= 0.0:

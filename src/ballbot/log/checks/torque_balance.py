@@ -102,7 +102,7 @@ class Assignment:
 
     @property
     def fault(self) -> str:
-        """The fault of the torques under this assignment; empty if there is none."""
+        """The fault of the torques under this assignment; empty if they are right."""
         own = tuple(range(len(self.wheels)))
         negated = [f"u{j + 1}" for j, sign in enumerate(self.signs) if sign < 0]
         parts = []

@@ -65,7 +65,7 @@ def _constant(name: str) -> float:
 
 
 def _table(tree: object, *, depth: int) -> dict[str, list[float]]:
-    """Return the columns of the largest table in a tree; empty if there is none."""
+    """Return the columns of the largest table in a tree; empty if it has no table."""
     if depth > _DEEPEST:
         return {}
     if isinstance(tree, Sequence) and not isinstance(tree, str):

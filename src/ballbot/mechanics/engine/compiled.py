@@ -60,7 +60,7 @@ class ForgivingCache(FunctionCache):
     """Numba's code on disk; without it the work goes on, if its folder is full, read-only or damaged."""
 
     def load_overload(self, sig: object, target_context: CPUContext) -> CompileResult | None:
-        """Return the code kept for a signature; None if there is none or it cannot be read."""
+        """Return the code cached for a signature; None if it is missing or cannot be read."""
         try:
             return super().load_overload(sig, target_context)
         except Exception:  # a damaged pickle raises anything

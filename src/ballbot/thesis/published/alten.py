@@ -235,7 +235,7 @@ the corner over its last {SETTLED:g} s. The friction is the nominal scenario's, 
 
 On its own model the thesis's gain leaves {1e3 * tracks["thesis", "thesis"].settled_error:.1f} mm, on the exact one
 {1e3 * tracks["thesis", "exact"].settled_error:.1f} mm, where the exact model's gain leaves
-{1e3 * tracks["exact", "exact"].settled_error:.1f} mm. With friction it is the friction that decides what is left.
+{1e3 * tracks["exact", "exact"].settled_error:.1f} mm. With friction, the friction determines the settled error.
 """
 
 

@@ -113,7 +113,7 @@ def unstable_poles(model: LinearModel) -> tuple[float, float]:
 
 #: the path: once around, from corner to corner by steps of half a metre
 SIDE, PERIOD, ROUNDS = 0.5, 32.0, 2
-#: the last seconds at a corner, over which what is left of the step's error is taken
+#: the last seconds at a corner, over which the settled error of the step is taken
 SETTLED = 2.0
 
 

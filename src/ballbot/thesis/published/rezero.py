@@ -218,8 +218,8 @@ parameters give {_own_first(robot):.4f}: the printed matrices were made with oth
 {markdown_table(["", "fastest pole [rad/s]"], poles)}
 
 LQR with the source's Q and R = 100 I, first wheel. The figure prints the last entry of B with the sign of the one
-before ({float(_PRINTED_B["phi_y"][1]):.2f}); the gain shows that it is a misprint. The source cuts the gain's digits
-off and does not round; what is left of a difference is the rounding of the printed A and B.
+before ({float(_PRINTED_B["phi_y"][1]):.2f}); the gain shows that it is a misprint. The source truncates the gain's
+digits and does not round them; the remaining difference is the rounding of the printed A and B.
 
 {_gain_table(robot, source, right)}
 
@@ -229,7 +229,7 @@ The printed gain follows from the printed A and B:
 
 {_planar_gain_table()}
 
-But the printed A and B do not follow from the source's Table 2.1. Whatever the mass matrix, A and B together tell
+But the printed A and B do not follow from the source's Table 2.1. Whatever the mass matrix, A and B together determine
 gravity's torque for each radian of lean:
 
 {_tipping_table(robot)}

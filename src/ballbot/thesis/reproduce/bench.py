@@ -135,7 +135,7 @@ BASIC: Mapping[Formulation, str] = MappingProxyType(
     {"exact": "without friction", "thesis": "without friction, the thesis's equations"}
 )
 #: the swing of Appendix III: its length [s], a video's rate [1/s], first angle [rad], the tracking's error [rad], and
-#: the pivot's friction [N m s/rad, N m]; the thesis says nothing of any of them
+#: the pivot's friction [N m s/rad, N m]; the thesis gives none of them
 SWING, FILM_RATE, SWING_ANGLE, TRACKING_ERROR = 30.0, 30.0, 0.2, 0.003
 PIVOT_VISCOUS, PIVOT_DRY = 0.05, 0.02
 

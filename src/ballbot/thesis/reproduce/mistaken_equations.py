@@ -210,7 +210,7 @@ def locked_wheels_twice(bench: Bench) -> Mistake:
         where="(II.27), Appendix III",
         thesis="(II.27) adds the wheels' whole spin to a body whose inertia was measured with the wheels on it.",
         right="Locked wheels turn about their axles with a_i . w, and the swing measured that: j_w (a_i . w)^2 / 2 of "
-        "each wheel is to be taken off. It is little.",
+        "each wheel has to be subtracted. It is little.",
         shown_by=(
             Check(
                 claim="about z it counts twice",

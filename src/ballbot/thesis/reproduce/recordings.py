@@ -111,7 +111,7 @@ _MADE_BY = ("robot", "mechanics", "log", "control", "estimation", "simulation", 
 #: how long a run through the change lasts [s]
 CHANGE_RUN = 48.0
 #: from when on a run counts as arrived [s]: the linear model is within 5 mm from 14.4 s on, and the model with friction
-#: and compensation, slowed by the sample and by what is left of friction, has ended its approach at 24 s
+#: and compensation, slowed by the sample and by the remaining friction, has ended its approach at 24 s
 ARRIVED = 25.0
 #: of the ball on the wheels of the robot upside down [s]: friction is identified from all of it; the
 #: video shows its beginning
@@ -281,7 +281,7 @@ def _write(path: Path, logs: Mapping[str, Log]) -> None:
 
 
 def _read(path: Path) -> Logs | None:
-    """Return the logs of a file, or None if there is none, or it is damaged or edited: they are then made again."""
+    """Return the logs of a file, or None if the file is missing, damaged or edited: they are then made again."""
     try:
         with np.load(io.BytesIO(read_sealed(path))) as kept:
             names = dict.fromkeys(key.partition("/")[0] for key in kept)

@@ -56,7 +56,7 @@ from ballbot.validation.alignment.motion import (
 
 #: share of the turning that must be common to both, or they are not of the same run
 _LEAST_SHARE = 0.5
-#: another clock whose fit is so likely beside the best is worth a word
+#: another clock is reported if its likelihood exceeds this share of the best's
 _RIVAL = 0.5
 #: clocks nearer than this in the log's middle are the same [s]
 _SAME = 0.05

@@ -14,9 +14,9 @@ from ballbot.validation.alignment.motion import nearest_cube_rotation
 _FOLLOWS = 0.5
 #: a log's offset below this is a delay and not another clock [s]
 _DELAY = 0.1
-#: delays of angles below this are not worth a word [s]
+#: delays of angles below this are not reported [s]
 _LEAST_DELAY = 2e-3
-#: share of the time out of view that is worth a word
+#: a larger share of the time out of view is reported
 _UNSEEN = 0.01
 
 

@@ -42,8 +42,8 @@ class Common:
     t: NDArray[np.float64]  #: (k,) [s], the log's clock
     camera_body: Rotation  #: k of them: the log's body as the cameras saw it
     world_body: Rotation  #: k of them, by the log's angles
-    places: NDArray[np.float64]  #: (k, 3) [m], the cameras' frame; NaN if there is none
-    positions: NDArray[np.float64]  #: (k, 2) [m], the log's x and y; NaN if there is none
+    places: NDArray[np.float64]  #: (k, 3) [m], the cameras' frame; NaN if not seen
+    positions: NDArray[np.float64]  #: (k, 2) [m], the log's x and y; NaN if missing
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
