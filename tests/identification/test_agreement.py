@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from ballbot import Robot
+from ballbot.control.overcompensation import stated_covariance
 from ballbot.identification.agreement import (
     LEAST_CHANCE,
     StageEstimate,
@@ -11,7 +12,9 @@ from ballbot.identification.agreement import (
     compare,
     of_robot_file,
 )
+from ballbot.identification.quantities import with_friction
 from ballbot.identification.stated_uncertainty import parameter_covariance, with_uncertainty
+from ballbot.robot.file import write_robot
 from ballbot.robot.variations import correlations, uncertain
 
 LABELS = ("b1", "b2", "c1", "c2")
@@ -119,3 +122,23 @@ def test_the_robot_states_the_covariance_of_its_parameters():
     np.testing.assert_allclose(
         correlations(found)[labels.index("friction.rolling")], [0.05, 0.05, 0.05, 1.0], atol=1e-5
     )
+
+
+def test_a_robot_written_and_read_again_has_the_same_covariance(tmp_path):
+    robot, random = Robot.load("alten"), np.random.default_rng(5)
+    p = np.array([0.014, 0.016, 0.013, 0.11, 0.09, 0.12, 0.05, 0.04, 0.06, 0.6, 1.1, 0.007])
+    factors = random.standard_normal((12, 12)) @ np.diag(np.geomspace(3.0, 0.3, 12))
+    covariance = factors @ factors.T
+    sizes = np.sqrt(covariance.diagonal())
+    covariance *= np.outer(0.05 * p / sizes, 0.05 * p / sizes)
+    names = [f"friction.{name}" for name in ("viscous", "coulomb", "stribeck")]
+    names += [f"friction.{name}" for name in ("stribeck_speed", "stribeck_exponent", "rolling")]
+    found = with_uncertainty(
+        with_friction(robot, p), lambda q: with_friction(robot, q), p, covariance, names=names
+    )
+    write_robot(found, tmp_path / "found.toml")
+    stated = stated_covariance(Robot.load(tmp_path / "found.toml"))
+    assert stated is not None
+    scale = np.outer(0.05 * p, 0.05 * p)
+    # four digits are within 5e-4 of each of two deviations, five decimals within 5e-6 of the correlation
+    np.testing.assert_allclose(stated[:12, :12] / scale, covariance / scale, rtol=0.0, atol=1.01e-3)

@@ -4,6 +4,9 @@ The robot's numbers y follow from the parameters p that were estimated. With the
 G = dy/dp, the delta method gives the numbers' covariance G C G^T. The deviations are those of the robot's parameters,
 variation between logs included where it was estimated, so that a part D of them beside the errors under the logs'
 conditions has no correlation: C = E R E + D with the errors E and their correlation R.
+
+A robot that is written and read again has the same covariance within the digits of its file: deviations have four, and
+correlations five decimals.
 """
 
 from __future__ import annotations

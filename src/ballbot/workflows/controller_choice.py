@@ -136,7 +136,11 @@ def draw_plants(
 
 
 def parameter_covariance(found: Identification) -> NDArray[np.float64]:
-    """Return the covariance (p, p) of what was identified, SI units; zero for a parameter without standard error."""
+    """Return the covariance (p, p) of the estimates, SI units; zero for a parameter without standard error.
+
+    It is that under the conditions of these logs. The standard deviations in the identified robot's file also contain
+    the variation between logs (`ballbot.identification.stated_uncertainty`).
+    """
     errors = np.concatenate(
         [np.atleast_1d(found.standard_errors[BY_NAME[name].symbol]) for name in found.layout.names]
     ).astype(np.float64)
