@@ -62,16 +62,16 @@ Half = Literal["development", "second_development", "test"]
 ROBOTS: dict[Half, tuple[str, ...]] = {
     "development": ("alten", "kugle", "rezero_four_wheels"),
     "second_development": ("rob311", "rezero", "cmu"),
-    "test": ("slender", "desk", "heavy_four_wheels"),
+    "test": ("tower", "mini", "wide_four_wheels"),
 }
 MOTIONS: dict[Half, tuple[str, ...]] = {
     "development": ("hold", "square", "sway", "turn", "wander", "dead_band"),
     "second_development": ("circle", "figure_eight", "sway", "turn", "wander", "dead_band"),
-    "test": ("spiral", "zigzag", "pulses", "dead_band"),
+    "test": ("lissajous", "stops", "swing", "dead_band"),
 }
 #: first seed of each half, of its recordings and of its teams' habits
-RECORDED_SEED: dict[Half, int] = {"development": 0, "second_development": 100, "test": 200}
-HABITS_SEED: dict[Half, int] = {"development": 0, "second_development": 1_000_000, "test": 2_000_000}
+RECORDED_SEED: dict[Half, int] = {"development": 0, "second_development": 100, "test": 300}
+HABITS_SEED: dict[Half, int] = {"development": 0, "second_development": 1_000_000, "test": 3_000_000}
 #: part of the wheels' dry friction that the firmware adds in the duty's direction, in the motion dead_band
 COMPENSATED = 0.6
 #: [s] of each recording
@@ -127,41 +127,41 @@ def _ball(robot: Robot, *, radius: float, mass: float) -> Ball:
     return replace(robot.ball, radius=radius, mass=mass, inertia=0.55 * mass * radius**2)
 
 
-def _slender() -> Robot:
-    """Return a tall robot on a small ball, with steep wheels, the first at 60 degrees."""
-    robot = _with_body(Robot.load("alten"), mass=10.5, height=0.47, slenderness=1.25)
+def _tower() -> Robot:
+    """Return a tall, light robot, the first wheel at 100 degrees."""
+    robot = _with_body(Robot.load("alten"), mass=13.5, height=0.53, slenderness=1.3)
     robot = robot.replace(
-        ball=_ball(robot, radius=0.1, mass=2.2),
-        wheels=replace(robot.wheels, radius=0.05, tilt=float(np.radians(50.0)), inertia=6e-4),
-        drive=replace(robot.drive, torque_limit=4.0, gear_ratio=22.0),
+        ball=_ball(robot, radius=0.125, mass=3.4),
+        wheels=replace(robot.wheels, radius=0.055, tilt=float(np.radians(42.0)), inertia=9e-4),
+        drive=replace(robot.drive, torque_limit=5.5, gear_ratio=30.0),
     )
-    return _with_wheels(robot, count=3, first=float(np.radians(60.0)))
+    return _with_wheels(robot, count=3, first=float(np.radians(100.0)))
 
 
-def _desk() -> Robot:
-    """Return a small robot with coarse encoders, the first wheel in front."""
-    robot = _with_body(Robot.load("rob311"), mass=3.1, height=0.26, slenderness=1.35)
+def _mini() -> Robot:
+    """Return a small robot with small wheels, the first at -30 degrees."""
+    robot = _with_body(Robot.load("rob311"), mass=4.2, height=0.3, slenderness=1.3)
     robot = robot.replace(
-        ball=_ball(robot, radius=0.115, mass=0.8),
-        wheels=replace(robot.wheels, radius=0.04, tilt=float(np.radians(40.0)), inertia=7e-5),
-        drive=replace(robot.drive, torque_limit=1.8, gear_ratio=50.0),
-        sensors=replace(robot.sensors, encoder_counts=96),
+        ball=_ball(robot, radius=0.1, mass=1.1),
+        wheels=replace(robot.wheels, radius=0.03, tilt=float(np.radians(48.0)), inertia=6e-5),
+        drive=replace(robot.drive, torque_limit=2.2, gear_ratio=60.0),
+        sensors=replace(robot.sensors, encoder_counts=128),
     )
-    return _with_wheels(robot, count=3, first=0.0)
+    return _with_wheels(robot, count=3, first=float(np.radians(-30.0)))
 
 
-def _heavy() -> Robot:
-    """Return a heavy robot with four wheels, the first at 45 degrees."""
-    robot = _with_body(Robot.load("rezero"), mass=21.0, height=0.42, slenderness=1.3)
+def _wide() -> Robot:
+    """Return a robot with four wheels, the first at 20 degrees."""
+    robot = _with_body(Robot.load("rezero"), mass=16.0, height=0.38, slenderness=1.35)
     robot = robot.replace(
-        ball=_ball(robot, radius=0.12, mass=3.1),
-        drive=replace(robot.drive, torque_limit=7.0, gear_ratio=32.0),
+        ball=_ball(robot, radius=0.14, mass=3.6),
+        drive=replace(robot.drive, torque_limit=6.0, gear_ratio=36.0),
     )
-    return _with_wheels(robot, count=4, first=float(np.radians(45.0)))
+    return _with_wheels(robot, count=4, first=float(np.radians(20.0)))
 
 
 #: robots that are no preset
-OWN_ROBOTS = {"slender": _slender, "desk": _desk, "heavy_four_wheels": _heavy}
+OWN_ROBOTS = {"tower": _tower, "mini": _mini, "wide_four_wheels": _wide}
 
 
 def recording(half: Half, robot: str, motion: str) -> Log:
@@ -235,25 +235,27 @@ def _reference(motion: str, seed: int) -> Reference:
     if motion == "turn":
         turn = random.uniform(0.5 * np.pi, np.pi)
         return change_pose(x=size, y=-0.5 * size, psi=turn, at=6.0, ramp=40.0)
-    if motion in ("spiral", "zigzag", "pulses"):
+    if motion in ("lissajous", "stops", "swing"):
         return _path(motion, random, size)
     return _sway(random, heading=0.6 if motion == "sway" else 0.2)
 
 
 def _path(motion: str, random: np.random.Generator, size: float) -> Reference:
-    """Return a reference along a path of a size [m]; in `pulses` the robot stands, and its heading steps to and fro."""
-    slow, way, turn = random.uniform(0.3, 0.6), random.uniform(0.0, 2.0 * np.pi), random.uniform(0.3, 0.8)
+    """Return a reference along a path of a size [m]; in `swing` the robot stands, and its heading turns to and fro."""
+    slow, way, turn = random.uniform(0.25, 0.5), random.uniform(0.0, 2.0 * np.pi), random.uniform(0.4, 1.0)
 
     def reference(t: float) -> NDArray[np.float64]:
-        pose, now = np.zeros(10), slow * t
-        if motion == "spiral":
-            place = size * t / DURATION * (np.exp(2j * now) - 0.5)
-        elif motion == "zigzag":
-            place = 0.5 * size * (np.arcsin(np.sin(now)) + 0.5j * np.arcsin(np.sin(3.0 * now)))
+        pose, now, start = np.zeros(10), slow * t, min(t / 5.0, 1.0)
+        if motion == "lissajous":
+            place = 0.6 * size * (np.sin(2.0 * now) + 1j * np.sin(3.0 * now + 0.7))
+            pose[4] = 0.5 * turn * start * np.sin(0.8 * now)
+        elif motion == "stops":
+            # moves for half of each period and stands for the other half
+            place = 0.7 * size * np.exp(1j * np.pi * (np.floor(now) + np.clip(2.0 * (now % 1.0), 0.0, 1.0)))
         else:
             place = 0j
-            pose[4] = turn * round(np.sin(now)) * min(t / 6.0, 1.0)
-        place = place * np.exp(1j * way)
+            pose[4] = turn * start * np.sin(2.0 * now)
+        place = start * place * np.exp(1j * way)
         pose[:2] = place.real, place.imag
         return pose
 

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 from ballbot.log.mapping_inference.commands import FULL_DUTIES, Unit
 from ballbot.log.mapping_inference.evidence import MOST, Conclusion, advantage_confidence
+from ballbot.log.mapping_inference.names import read_name
 from ballbot.log.mapping_inference.placement import LeanTest
 from ballbot.log.mapping_inference.proposal import Proposal
-from ballbot.log.mapping_inference.tolerances import TURN, command_delay_confidence, turn_confidence
+from ballbot.log.mapping_inference.tolerances import command_delay_confidence, turn_confidence
 from ballbot.log.mapping_inference.units import Scale, time_conclusion
 
-#: probability that columns theta and phi are about the world's axes, and that others are about the IMU's
-WORLD_LEAN, IMU_LEAN = 0.5, 0.99
+#: probability that columns are about the world's axes: theta and phi, as papers on ball balancing call them; angles of
+#: one letter, theta_x and theta_y, as an IMU's three are often called; roll and pitch
+WORLD_THETA_PHI, WORLD_ONE_LETTER, WORLD_ROLL_PITCH = 0.5, 0.15, 0.01
+#: a heading that turns by less than this [rad] around its mean leaves no question of the lean's axes: the other
+#: reading turns the lean by no more
+STEADY_HEADING = math.radians(4.0)
 #: logarithm of the ratio of two scales that no log separates, such as 1000 and 1023
 ALIKE = 0.05
 
@@ -106,7 +112,7 @@ def _frame(proposal: Proposal) -> list[Conclusion]:
     )
     if frame.handedness < 0.999 and yaw:
         found.append(_handedness(proposal))
-    if tested.headings > TURN:
+    if tested.headings > STEADY_HEADING:
         found.append(_axes_of_lean(proposal, tested))
     return [*found, *_turn_and_delay(proposal)]
 
@@ -135,8 +141,9 @@ def _handedness(proposal: Proposal) -> Conclusion:
 
 def _axes_of_lean(proposal: Proposal, tested: LeanTest) -> Conclusion:
     """Return whether the lean is about the IMU's axes, which turn with the robot, or about the world's."""
-    named = proposal.roles.reading(proposal.roles.attitude)
-    prior = WORLD_LEAN if named is not None and named.stem in ("theta", "phi") else 1.0 - IMU_LEAN
+    stems = {read_name(name).stem for name in proposal.roles.attitude[:2]}
+    one_letter = WORLD_ONE_LETTER if len(stems) == 1 else WORLD_THETA_PHI
+    prior = one_letter if stems & {"theta", "phi"} else WORLD_ROLL_PITCH
     seen = min(max(advantage_confidence(tested.body_frame), 1.0 - MOST), MOST)
     odds = (1.0 - prior) / prior * seen / (1.0 - seen)
     return Conclusion(
@@ -234,10 +241,14 @@ def _kind(proposal: Proposal) -> list[Conclusion]:
     if drive is None:
         return []
     best, found = drive.unit, drive.response
+    same: dict[Unit, float] = {unit: 0.0 for unit in drive.units if unit.kind == best.kind}
     kinds: dict[str, float] = {}
     for unit, p in drive.units.items():
-        kinds[unit.kind] = kinds.get(unit.kind, 0.0) + p
-    same = {unit: p for unit, p in drive.units.items() if unit.kind == best.kind}
+        own = unit if unit in same else _equal_unit(unit, same, drive.standstill)
+        kind = unit.kind if own is None else own.kind
+        kinds[kind] = kinds.get(kind, 0.0) + p
+        if own is not None:
+            same[own] += p
     total = max(sum(same.values()), 1e-12)
     shown = "names, sizes and whole numbers only"
     if found is not None and math.isfinite(found.gain):
@@ -245,18 +256,18 @@ def _kind(proposal: Proposal) -> list[Conclusion]:
             f"{found.gain:.3g} of the file drive as 1 N m (error {100 * found.gain_error:.0f} %), and "
             f"{found.damping:.3f} N m s/rad of damping (error {found.damping_error:.3f})"
         )
-    kind = Conclusion(
+    kind_found = Conclusion(
         name="kind of the command",
         value=best.kind,
         confidence=min(kinds[best.kind], MOST),
         evidence=shown,
-        alternatives=tuple(kind for kind, p in kinds.items() if kind != best.kind and p > 0.02),
+        alternatives=tuple(one for one, p in kinds.items() if one != best.kind and p > 0.02),
         key="[input] kind",
     )
-    if not kind.determined:
-        return [kind]  # a unit belongs to a kind
+    if not kind_found.determined:
+        return [kind_found]  # a unit belongs to a kind
     return [
-        kind,
+        kind_found,
         Conclusion(
             name="full scale of the duty" if best.kind == "duty" else "unit of the command",
             value=_scale_words(best),
@@ -268,6 +279,21 @@ def _kind(proposal: Proposal) -> list[Conclusion]:
             key="[input] scale",
         ),
     ]
+
+
+def _equal_unit(unit: Unit, others: Iterable[Unit], standstill: dict[Unit, float]) -> Unit | None:
+    """Return the one of other units that makes the same log: a current, if one ampere gives as much as one N m."""
+    if unit.kind not in ("torque", "current"):
+        return None
+    torque = standstill[unit]
+    return next(
+        (
+            one
+            for one in others
+            if one.kind in ("torque", "current") and abs(math.log(standstill[one] / torque)) < ALIKE
+        ),
+        None,
+    )
 
 
 def _alike(one: Unit, other: Unit) -> bool:

@@ -34,6 +34,7 @@ from ballbot.log.mapping_inference.commands import (
     back_emf_damping,
     response,
     unit_probabilities,
+    units_of,
 )
 from ballbot.log.mapping_inference.names import Reading
 from ballbot.log.mapping_inference.tolerances import dead_band_confidence
@@ -54,6 +55,7 @@ class DriveEvidence:
     assigned: Assignment | None  #: None if the motion cannot be compared with the commands
     response: Response | None
     units: dict[Unit, float]  #: probability of each kind and unit, the likeliest first
+    standstill: dict[Unit, float]  #: torque [N m] at standstill of one in the file, by its kind and unit
     #: standard deviation of the commands, and of what the back-EMF leaves of them if they are duties
     size: float = math.nan
     driving_size: float = math.nan
@@ -129,7 +131,14 @@ def drive_evidence(
     if compared is not None and assigned and found:
         braking = back_emf_damping(robot) if next(iter(units)).kind in ("duty", "voltage") else 0.0
         size, driving_size = (_size(compared[0], assigned, found.gain * one) for one in (0.0, braking))
-    return DriveEvidence(assigned=assigned, response=found, units=units, size=size, driving_size=driving_size)
+    return DriveEvidence(
+        assigned=assigned,
+        response=found,
+        units=units,
+        standstill=units_of(robot),
+        size=size,
+        driving_size=driving_size,
+    )
 
 
 def _size(driving: Driving, assigned: Assignment, braking: float) -> float:

@@ -82,7 +82,9 @@ class LeanTest:
     body_frame: (
         float  #: by how many standard errors lean about the body's axes fits better than about the world's
     )
-    headings: float  #: root mean square of the yaw [rad]: how much the two differ
+    headings: (
+        float  #: standard deviation of the yaw [rad]: how much the two differ; a constant is part of the turn
+    )
     disturbance: float  #: root mean square of the lean's unexplained acceleration, over gravity's share of it
     balancing: NDArray[np.bool_]  #: (N,), the even rows that were judged
     pushed: NDArray[np.bool_]  #: (N,), rows left out because something pushed the robot
@@ -145,6 +147,8 @@ def lean_test(
     lag, lag_error = _best_lag(lean, wheels, weights, kappa)
     driven = _driven(lean, kappa, lag)
     weights, pushed = _weights(driven, wheels, usable)
+    # with the rows of pushes: a lean about other axes looks like one where the heading is away from its mean
+    headings = float(np.std(heading.value[usable])) if heading is not None else 0.0
     usable = usable & ~pushed
     placements, confidence = ranked_placements(robot, driven, wheels, heading, weights, gamma)
     best = placements[0]
@@ -166,7 +170,7 @@ def lean_test(
         time_error=ratio_error,
         same_handedness=_handedness(robot, lean, wheels, heading, best, weights, (kappa, lag)),
         body_frame=_body_frame(turning, driven, heading, weights),
-        headings=float(np.sqrt(np.mean(heading.value[usable] ** 2))) if heading is not None else 0.0,
+        headings=headings,
         disturbance=float(np.std(_slow(rest)[usable]) / np.std(_slow(gravity)[usable])),
         balancing=usable,
         pushed=pushed,
