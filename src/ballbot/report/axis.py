@@ -24,20 +24,25 @@ from ballbot.report.tables import digits, with_error
 
 #: a point of the friction figure is drawn only where the axis moves faster than this share of its fastest
 _SLOW = 0.02
+#: points of the friction figure, about
+_MOST_POINTS = 3000
+#: the least gain that the figure of the laws shows [%]
+_LEAST_GAIN = -100.0
 
 
 def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
-    """Return the force less all but friction over speed: what the record shows, and the law taken."""
+    """Return the friction over speed: the force less all other forces, and the laws found."""
     motion = smoothed_motion(record, bandwidth=default_bandwidth(record))
     axis = found.estimate("inverse").axis()
     needed = axis.needed_force(record, motion.position, np.zeros(len(record)), motion.acceleration)
     friction = record.force - needed
     fastest = float(np.abs(motion.speed).max())
-    moving = np.flatnonzero(np.abs(motion.speed) > _SLOW * fastest)[::7]
+    moving = np.flatnonzero(np.abs(motion.speed) > _SLOW * fastest)
+    moving = moving[:: max(1, len(moving) // _MOST_POINTS)]
     figure = Figure(figsize=(7.4, 3.4), layout="constrained")
     axes = figure.subplots()
     axes.plot(
-        motion.speed[moving], friction[moving], ".", color=MUTED, markersize=1.2, alpha=0.4, label="record"
+        motion.speed[moving], friction[moving], ".", color=MUTED, markersize=1.6, alpha=0.5, label="record"
     )
     for estimate, color, dash in _drawn_laws(found):
         _draw_law(estimate, fastest, color, dash, axes)
@@ -45,7 +50,7 @@ def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figur
     axes.set_ylim(-1.3 * middle, 1.3 * middle)
     axes.set_xlabel(f"speed [{found.unit}/s]")
     axes.set_ylabel(f"friction [{record.force_unit}]")
-    axes.legend(loc="upper left")
+    axes.legend(loc="upper left", markerscale=5.0)
     return figure
 
 
@@ -66,7 +71,8 @@ def _drawn_laws(found: AxisIdentification) -> list[tuple[Estimate, str, str]]:
 
 def _draw_law(estimate: Estimate, fastest: float, color: str, dash: str, axes: Axes) -> None:
     speed = np.linspace(1e-4, 1.0, 200) * fastest
-    plus, minus = estimate.law.laws(estimate.values)
+    axis = estimate.axis()
+    plus, minus = axis.law.laws(axis.values)
     label = f"{estimate.law.name}, {estimate.method}"
     for side, law in ((1.0, plus), (-1.0, minus)):
         axes.plot(
@@ -118,18 +124,21 @@ def open_loop_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
 
 
 def laws_figure(found: AxisIdentification) -> Figure:
-    """Return each law's gain on held-out blocks over the law below, with its 95 % interval."""
+    """Return each law's gain on held-out blocks over the simpler law within it, with its 95 % interval."""
     compared = [(one, one.gain) for one in found.laws.candidates if one.gain]
     figure = Figure(figsize=(7.4, 0.6 + 0.42 * len(compared)), layout="constrained")
     axes = figure.subplots()
+    ends = np.array([(100.0 * gain.lower, 100.0 * gain.upper) for _, gain in compared] or [(0.0, 0.0)])
+    left = max(_LEAST_GAIN, min(-5.0, 1.1 * float(ends.min())))
     for place, (one, gain) in enumerate(reversed(compared)):
         color = BLUE if one.accepted else MUTED
-        low, high = 100.0 * gain.lower, 100.0 * gain.upper
+        low, middle, high = (100.0 * share for share in (gain.lower, gain.share, gain.upper))
         axes.plot([low, high], [place, place], color=color, linewidth=2.0)
-        axes.plot(100.0 * gain.share, place, "o", color=color, markersize=5)
+        mark = "o" if middle >= left else "<"
+        axes.plot(max(middle, left), place, mark, color=color, markersize=5, clip_on=False)
     axes.axvline(0.0, color=INK, linewidth=0.8)
     axes.set_yticks(range(len(compared)), [f"{one.name} over {one.within}" for one, _ in reversed(compared)])
-    axes.set_xlim(-60.0, 130.0)
+    axes.set_xlim(left, max(5.0, 1.1 * float(ends.max())))
     axes.set_xlabel("less error on held-out blocks [%]")
     return figure
 
@@ -148,7 +157,8 @@ def axis_report(
         figures["closed_loop_figure"] = partial(closed_loop_figure, found, record)
     values: dict[str, object] = {
         "title": f"{', '.join(found.records)}: mass and friction",
-        "lead": f"{record.duration:.1f} s at {1.0 / record.sample_time:.0f} Hz; the law {found.chosen.name}, "
+        "lead": f"{_records_words(found)}{record.duration:.1f} s at {1.0 / record.sample_time:.0f} Hz; "
+        f"the law {found.chosen.name}, "
         f"fitted over windows of {found.horizon.chosen:g} s.",
         "terms": term_rows(found, record.force_unit),
         "expected": expected_sentence(found),
@@ -156,12 +166,12 @@ def axis_report(
         "remarks": texts(found.remarks),
         "parameters": parameter_rows(found),
         "methods": [f"{one.method} ({one.law.name})" for one in found.estimates],
-        "errors": [row for one in found.estimates for row in error_rows(one, found.unit)],
-        "laws": [row for one in found.by_law.values() for row in error_rows(one, found.unit)],
+        "of_record": f" ({record.name})" if len(found.records) > 1 else "",
+        "errors": error_table(found.estimates, found.unit),
+        "laws": error_table(tuple(found.by_law.values()), found.unit),
         "inverse": _inverse_rows(found),
         "closed_loop_figure": None,
         "open_loop_figure": None,
-        "error_headings": ERROR_HEADINGS,
         "made": made,
         "log_findings": findings,
     }
@@ -169,11 +179,15 @@ def axis_report(
     return render("axis", values | svgs)
 
 
+def _records_words(found: AxisIdentification) -> str:
+    count = len(found.records)
+    return "" if count == 1 else f"{count} records fitted together, the first of "
+
+
 def parameter_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
     """Return the parameters by every method: symbol, meaning, unit and values with their standard errors."""
-    labels = dict.fromkeys(
-        label for one in found.estimates for label in one.values if not label.startswith("drift_")
-    )
+    given = [label for one in found.estimates for label in one.values if not label.startswith("drift_")]
+    labels = dict.fromkeys([*(label for label in found.model.labels if label in given), *given])
     rows = []
     for label in labels:
         kind = found.model.parameter(label)
@@ -228,6 +242,18 @@ def residual_rows(found: AxisIdentification, force_unit: str) -> list[tuple[str,
         )
         for one in found.residuals
     ]
+
+
+def error_table(estimates: Sequence[Estimate], unit: str) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return headings and rows of the errors of estimates, without a column that is empty or the only method's."""
+    rows = [row for one in estimates for row in error_rows(one, unit)]
+    kept = [
+        place
+        for place, heading in enumerate(ERROR_HEADINGS)
+        if {row[place] for row in rows} != {"–"}
+        and (heading != "method" or len({row[place] for row in rows}) > 1)
+    ]
+    return tuple(ERROR_HEADINGS[i] for i in kept), [tuple(row[i] for i in kept) for row in rows]
 
 
 def error_rows(estimate: Estimate, unit: str) -> list[tuple[str, ...]]:
@@ -291,8 +317,7 @@ def axis_parts(found: AxisIdentification, *, framed: bool) -> Iterator[Renderabl
     """Yield the parameters by each method, their errors, and the findings."""
     headings = ("symbol", "meaning", "unit", *(one.method for one in found.estimates))
     yield table(f"Friction law: {found.chosen.name}", headings, parameter_rows(found), framed=framed)
-    rows = [row for one in found.estimates for row in error_rows(one, found.unit)]
-    yield table("Errors", ERROR_HEADINGS, rows, framed=framed)
+    yield table("Errors", *error_table(found.estimates, found.unit), framed=framed)
     yield Text(expected_sentence(found))
     for finding in found.remarks:
         yield Text(finding.text)

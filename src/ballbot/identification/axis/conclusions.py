@@ -41,19 +41,25 @@ def axis_findings(
 
 
 def _law_finding(laws: ModelSelection[AxisLaw], chosen: AxisLaw, *, by_user: bool) -> Finding:
-    others = [one for one in laws.candidates if one.gain and one.model.symmetric and one.name != chosen.name]
-    worse = [one.name for one in others if one.gain and one.gain.upper < 0.0]
-    small = [one.name for one in others if one.gain and 0.0 <= one.gain.upper < USEFUL_GAIN]
-    better = [one.name for one in others if one.accepted and one.name not in small]
-    open_ = [one.name for one in others if one.name not in (*worse, *small, *better)]
+    # a law whose next simpler one is not accepted is compared with the largest accepted one
+    gains = {
+        one.name: one.gain_over or one.gain
+        for one in laws.candidates
+        if one.model.symmetric and one.name != chosen.name
+    }
+    compared = {name: gain for name, gain in gains.items() if gain}
+    worse = [name for name, gain in compared.items() if gain.upper < 0.0]
+    small = [name for name, gain in compared.items() if 0.0 <= gain.upper < USEFUL_GAIN]
+    better = [name for name in compared if laws.find(name).accepted and name not in small]
+    open_ = [name for name in compared if name not in (*worse, *small, *better)]
     text = f"The law {chosen.name} was {('requested' if by_user else 'selected')}."
     for names, words in (
-        (worse, "predict held-out blocks worse than the law below"),
+        (worse, "predict held-out blocks worse than the simpler law"),
         (
             small,
             f"improve the prediction of held-out blocks by less than {100.0 * USEFUL_GAIN:.0f} % at best",
         ),
-        (open_, "may or may not help the prediction over the law below; these records cannot decide"),
+        (open_, "may or may not be better than the simpler law; these records cannot decide"),
     ):
         if names:
             verb = (

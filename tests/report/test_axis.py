@@ -1,0 +1,64 @@
+"""The page of an axis: records with separate parameters, and no column or mark that is lost."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballbot.fitting.model_selection import Gain
+from ballbot.identification.axis import AxisIdentification, AxisOptions, AxisRecord, identify_axis
+from ballbot.identification.axis.model import AXIS_LAWS, Axis
+from ballbot.report.axis import axis_friction_figure, error_table, laws_figure, parameter_rows
+
+VALUES = {"mass": 1.0, "viscous": 2.0, "coulomb": 1.5, "offset": 0.2}
+
+
+def moved(name: str, phase: float, *, viscous: float) -> AxisRecord:
+    """Return a record of 6 s at 100 Hz without noise, its force a sum of two sines."""
+    t = np.arange(600) * 0.01
+    force = 8.0 * np.sin(2.0 * np.pi * 0.7 * t + phase) + 4.0 * np.sin(2.0 * np.pi * 1.9 * t + 2.0 * phase)
+    axis = Axis(law=AXIS_LAWS["coulomb"], values=VALUES | {"viscous": viscous})
+    position = axis.open_loop(force, position=0.0, speed=0.0, sample_time=0.01)
+    return AxisRecord(name=name, sample_time=0.01, force=force, position=np.append(0.0, position[:-1]))
+
+
+@pytest.fixture(scope="module")
+def found() -> AxisIdentification:
+    options = AxisOptions(law="coulomb", spring=False, drift=False, separate=("viscous",))
+    return identify_axis(RECORDS, options=options)
+
+
+RECORDS = (moved("a.csv", 0.3, viscous=2.0), moved("b.csv", 1.1, viscous=2.6))
+
+
+@pytest.mark.slow
+def test_a_page_of_separate_parameters_draws_those_of_the_record(found: AxisIdentification) -> None:
+    # each record has the viscous friction that made it: without noise to the error of one step a sample
+    assert found.best.values["viscous[1]"] == pytest.approx(2.0, rel=0.02)
+    assert found.best.values["viscous[2]"] == pytest.approx(2.6, rel=0.02)
+    curves = {line.get_label(): line for line in axis_friction_figure(found, RECORDS[0]).axes[0].get_lines()}
+    speed, friction = (np.asarray(one) for one in curves["coulomb, open loop"].get_data())
+    np.testing.assert_allclose(friction, 1.5 + 2.0 * speed, rtol=0.02)
+    assert [row[0] for row in parameter_rows(found)] == ["M", "b[1]", "b[2]", "c", "offset"]
+
+
+@pytest.mark.slow
+def test_columns_that_hold_nothing_are_left_out(found: AxisIdentification) -> None:
+    headings, rows = error_table(found.estimates, "m")
+    # the loop is not known
+    assert headings == ("method", "law", "record", "position, windows", "position, whole", "force, inverse")
+    assert all(len(row) == len(headings) for row in rows)
+    assert error_table(tuple(found.by_law.values()), "m")[0][:2] == ("law", "record")
+
+
+@pytest.mark.slow
+def test_a_law_far_worse_than_the_one_within_it_is_an_arrow_at_the_edge(found: AxisIdentification) -> None:
+    good, bad = Gain(lower=0.1, share=0.2, upper=0.3), Gain(lower=-60.0, share=-40.0, upper=-5.0)
+    candidates = tuple(
+        replace(one, gain=one.gain and (bad if one.name == "dahl" else good)) for one in found.laws.candidates
+    )
+    (axes,) = laws_figure(replace(found, laws=replace(found.laws, candidates=candidates))).axes
+    left = axes.get_xlim()[0]
+    arrows = [line for line in axes.get_lines() if line.get_marker() == "<"]
+    assert left == -100.0
+    assert [float(np.asarray(line.get_xdata())[0]) for line in arrows] == [left]
