@@ -25,7 +25,7 @@ from ballbot.mechanics.floor import rolling_friction
 from benchmarks.workloads import nominal_robot
 from campaigns.section import Section
 
-_WHEEL_AT_REST = 1e-9  # [rad/s], what is left of a speed at an event
+_WHEEL_AT_REST = 1e-9  # [rad/s], the remainder of a speed at an event
 _BALL_AT_REST = 1e-9  # [m/s]; a ball that breaks away has it, since it must move some way
 
 

@@ -143,7 +143,9 @@ class Trial:
     errors: dict[str, float]  #: of c and b, as shares of the truth
     covered: dict[str, bool]  #: whether the 95 % interval contains it
     found: tuple[str, ...]  #: forces over position and drift
-    elsewhere: bool | None  #: whether another record's error lies in its interval; None if there is none
+    elsewhere: (
+        bool | None
+    )  #: whether another record's error lies in its interval; None without another record
     refused: str = ""  #: the sentence with which it was refused
 
 

@@ -65,7 +65,7 @@ def functions() -> list[tuple[str, ast.FunctionDef]]:
 
 
 def circle(graph: dict[str, set[str]]) -> list[str]:
-    """Return the names along one circle of imports; empty if there is none."""
+    """Return the names along one circle of imports; empty without a circle."""
     done: set[str] = set()
 
     def walk(name: str, path: list[str]) -> list[str]:

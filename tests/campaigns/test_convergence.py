@@ -87,7 +87,7 @@ def test_mujoco_friction_creeps_by_its_compliance_and_ballbot_s_does_not() -> No
             d = engine.impedance
             damping = 2.0 / (max(d, 0.95) * engine.time_constant)
             expected = torque * (1.0 - d) / d / (inertia() * damping)
-            # the run has settled: what is left of its start decays within some tens of milliseconds
+            # the run has settled: the effect of its start decays within some tens of milliseconds
             assert mujoco_creep(engine, torque) == pytest.approx(expected, rel=1e-6)
             assert our_creep(torque) == 0.0
     assert our_creep(BREAK_AWAY * (1.0 - 1e-9)) == 0.0

@@ -57,7 +57,7 @@ def test_more_than_friction_the_best_law_and_another_log(tmp_path, log_file, cap
     other = tmp_path / "other.csv"
     noisy(balancing_log(), seed=7).between(10.0, 13.0).write(other)
     bounds = tmp_path / "bounds.toml"
-    # for time's sake what is not looked at is held: no interval of it is sought by profiles
+    # for time's sake parameters that are not tested are held: no profile is computed for them
     held = ("stribeck_speed = [0.6, 0.6]", "stribeck_exponent = [1.1, 1.1]", "rolling = [0.007, 0.007]")
     bounds.write_text("\n".join(["delay = [0.0, 0.0]", *held]))
     options = [

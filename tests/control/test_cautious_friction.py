@@ -42,7 +42,7 @@ def test_few_robots_that_fit_the_logs_have_less_friction_at_any_speed(seed):
         safe = wheel_friction(np.tile(SPEEDS[:, None], 3), cautious)[:, wheel]
         least = np.array([curve(robot, wheel) for robot in robots])
         over = (least < safe).mean(axis=0)
-        # 5 % at the speed where the curve is known worst, less elsewhere; 4000 draws tell 5 % to 0.4 %
+        # 5 % at the speed where the curve is known worst, less elsewhere; 4000 draws estimate 5 % to 0.4 %
         assert over.max() < 0.065
         assert over.max() > 0.01  # and not for giving all of it away
     assert (robots[:, 11] < cautious.rolling).mean() == pytest.approx(0.05, abs=0.012)

@@ -96,7 +96,7 @@ def test_compensation_is_continuous_when_the_estimate_is_carried_over():
             given.append(controller.update(0.0, state, reference).copy())
         torques[name] = np.array(given)[100:]
     assert abs(quick.drag) > 0.01
-    # the leak of the integral, 1/60 s, works on what is left in it only
+    # the leak of the integral, 1/60 s, acts on its remainder only
     np.testing.assert_allclose(torques["carried"], torques["left"], atol=0.03 * np.ptp(torques["left"]))
 
 

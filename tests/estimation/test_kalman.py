@@ -228,7 +228,7 @@ def test_heading_uncertainty_walks_by_pivoting_without_references() -> None:
     """A gyro of any bias and an AHRS of any drift leave the wheels: the heading walks by `pivoting` a root second.
 
     An unsure lean adds to that, for the ball's turning is then not known to be level; a sure one, seen to turn in the
-    body's frame, tells a little of the bias.
+    body's frame, contains a little information on the bias.
     """
     blind = replace(NOISE, gyro_bias=1.0, heading_drift=1.0)
     run = swaying(samples=4000, seed=1, noise=replace(NOISE, gyro_bias=0.01))

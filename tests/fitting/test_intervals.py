@@ -33,7 +33,7 @@ def errors(**scaled: tuple[float, float, float]) -> Errors:
 def test_the_larger_error_makes_the_interval_in_si_units():
     found = intervals(COORDINATES, errors(c1=(0.2, 0.01, 0.012), b1=(0.5, 0.02, 0.01)), None, most_profiles=0)
     assert set(found) == {"c1", "b1"}
-    # c is sought between 0 and 0.5 N m, b between 0 and 0.1 N m s/rad
+    # c is estimated between 0 and 0.5 N m, b between 0 and 0.1 N m s/rad
     assert (found["c1"].lower, found["c1"].upper) == (pytest.approx(0.088), pytest.approx(0.112))
     assert found["c1"].method == "bootstrap"
     assert (found["b1"].lower, found["b1"].upper) == (pytest.approx(0.046), pytest.approx(0.054))

@@ -25,7 +25,7 @@ class Clock:
 
 
 def watched(steps: list[tuple[float, float]]) -> tuple[EtaEstimator, Clock, list[float | None]]:
-    """Return what is left after each step of so many seconds to a share."""
+    """Return the time left after each step of so many seconds to a share."""
     clock = Clock()
     pace = EtaEstimator(clock)
     left = []
@@ -56,7 +56,7 @@ def test_simultaneous_steps_do_not_count_as_fast_progress():
     waits = [60.0, *[1e-3] * 15] * 10  # sixteen threads, each step takes a minute
     _, _, left = watched([(wait, (i + 1) / 320) for i, wait in enumerate(waits)])
     foretold = [one for one in left[33:] if one is not None]
-    # within the share of a whole burst of what is left: 10 minutes
+    # within a whole burst's share of the time left: 10 minutes
     assert foretold[-1] == pytest.approx(600.0, rel=0.25)
     assert max(foretold) < 2.0 * 19 * 60.0
 

@@ -31,12 +31,12 @@ class Outcome:
     case: Case
     result: Json
     code: int  #: the exit code
-    refusal: str  #: what a command that failed said
+    refusal: str  #: the message of a command that failed
     seconds: float  #: of computing, on all cores
 
 
 def chosen(names: Sequence[str]) -> list[Case]:
-    """Return the frozen cases of these names, all if there is none.
+    """Return the frozen cases of these names, all if no name is given.
 
     Raises
     ------

@@ -94,7 +94,7 @@ def test_an_asymmetry_over_time_takes_parts_that_move_both_ways():
         strokes, sample_time=0.02, force=strokes.force[::20][:700], position=strokes.position[::20][:700]
     )
     assert asymmetry_over_time(short).shape == (0, 2)
-    fit = inverse_fit(strokes, form="asymmetric")  # the whole record tells both directions
+    fit = inverse_fit(strokes, form="asymmetric")  # the whole record moves in both directions
     assert fit.value("viscous_minus") == pytest.approx(200.0, rel=0.01)
     assert asymmetry_over_time(strokes).shape == (0, 2)
 

@@ -47,7 +47,7 @@ def test_gravity_is_selected_and_a_spring_is_not() -> None:
     fit = inverse_fit(record_of(ARM, LOGGED, 1), model=model, moving=True)
     # the noise of acceleration and the rows of a held force leave a few per cent
     assert fit.value("sin_1") == pytest.approx(4.0, rel=0.05)
-    # over +-0.7 rad a cosine is hardly told from a constant; their sum is known
+    # over +-0.7 rad a cosine hardly differs from a constant; their sum is determined
     assert fit.value("cos_1") + fit.value("offset") == pytest.approx(-0.8, abs=0.05)
 
 
@@ -126,7 +126,7 @@ def test_residuals_show_what_the_model_leaves_out() -> None:
     for force, quantity in ((0.0, ""), (friction, "temperature"), (uneven, "position")):
         record = replace(clean, force=clean.force + force, temperature=warmth)
         found = {one.quantity for one in residual_tests([record], with_gravity()) if one.dependent}
-        # what is left may resemble other quantities too; of a complete model nothing is left
+        # the residual may depend on other quantities too; that of a complete model depends on none
         assert quantity in found if quantity else not found
 
 

@@ -272,7 +272,7 @@ def test_measured_logs_of_the_stand_in_robot(shared_data):
     )
     assert max(step.errors.ratios.values()) < 0.5
     assert step.remarks == ()
-    # the wheels chatter within the play: friction makes the lean's prediction worse, and this is said with the reason
+    # the wheels chatter within the play: friction makes the lean's prediction worse, and a finding gives the reason
     worse = [state for state, ratio in stiff.errors.ratios.items() if ratio >= 1.0]
     assert [remark for remark in texts(stiff.remarks) if "within the gearbox's play" in remark]
     assert all(

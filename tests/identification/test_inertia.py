@@ -69,7 +69,7 @@ def test_pendulum_motion_equals_scipys_integration(
 
 
 def test_appendix_iii_comes_out_of_its_period(robot: Robot) -> None:
-    """A small swing with the period that 4.37 kg m^2 have gives 4.37 kg m^2, though it was never told them."""
+    """A small swing with the period that 4.37 kg m^2 have gives 4.37 kg m^2, which is not an input."""
     period = 2.0 * np.pi / np.sqrt(STIFFNESS)
     t = np.linspace(0.0, 30.0, 901)
     fit = fit_swing(swing_of(t, 0.02 * np.cos(2.0 * np.pi / period * t), kind="angle", source="a video"))
@@ -217,7 +217,7 @@ def test_impossible_pivot_distance_is_refused(robot: Robot) -> None:
         Pivot.of(robot, distance=-0.1)
 
 
-#: a swing of so many radians, recorded wrongly, and what must be said
+#: a swing of so many radians, recorded wrongly, and the message
 MISTAKES: dict[str, tuple[float, str, str]] = {
     "milliseconds": (0.3, "swing-inertia", "t appears to be in milliseconds"),
     "1 degree in degrees": (np.radians(1.0), "swing-unit", "appears to be in degrees"),

@@ -27,7 +27,7 @@ DRY = Friction(
     rolling=0.007,
 )
 LAYOUT = Layout(wheel_count=3, extra=("torque_gain",))
-#: b and c of three wheels, C_rr and three gains: what the logs tell here; s, v_s and delta they do not
+#: b and c of three wheels, C_rr and three gains are determined by the logs here; s, v_s and delta are not
 KNOWN = np.array([*range(6), 11, 12, 13, 14])
 TRUE = np.array([*DRY.viscous, *DRY.coulomb, 0.0, 0.0, 0.0, 1.0, 1.0, 0.007, 0.9, 1.1, 1.05])
 
@@ -88,8 +88,8 @@ def test_estimated_gains_give_smaller_errors_of_the_stated_size():
     for _ in range(draws):
         values = TRUE.copy()
         values[KNOWN] = random.multivariate_normal(TRUE[KNOWN], C[np.ix_(KNOWN, KNOWN)])
-        told = np.stack([random.multivariate_normal(by_sweep[i], P[i]) for i in range(3)])
-        found.append(combine(LAYOUT, values, C, SweepFriction(values=told, covariances=P)))
+        swept = np.stack([random.multivariate_normal(by_sweep[i], P[i]) for i in range(3)])
+        found.append(combine(LAYOUT, values, C, SweepFriction(values=swept, covariances=P)))
     off = np.array([one.values[KNOWN] - TRUE[KNOWN] for one in found])
     errors = np.array([np.sqrt(one.covariance.diagonal()[KNOWN]) for one in found])
     deviations = off.std(axis=0)
@@ -104,9 +104,9 @@ def test_estimated_gains_give_smaller_errors_of_the_stated_size():
 def test_contradicting_sweep_is_excluded_and_reported():
     random = np.random.default_rng(5)
     C, P = of_logs(random)[:12, :12], of_sweep(random)
-    told = np.stack([TRUE[:3], TRUE[3:6]], axis=1)
-    told[1, 1] -= 0.06  # six of the logs' errors
-    combined = combine(Layout(wheel_count=3), TRUE[:12], C, SweepFriction(values=told, covariances=P))
+    swept = np.stack([TRUE[:3], TRUE[3:6]], axis=1)
+    swept[1, 1] -= 0.06  # six of the logs' errors
+    combined = combine(Layout(wheel_count=3), TRUE[:12], C, SweepFriction(values=swept, covariances=P))
     assert set(combined.used) == {"b1", "b2", "b3", "c1", "c3"}
     together, single = combined.remarks
     assert (together.code, single.code) == ("methods-differ", "sweep")

@@ -226,7 +226,7 @@ class TestIdentification:
                 found.standard_errors[symbol]
             )
             assert (off < 4.0).all(), symbol  # 11 numbers: beyond 4 once in 1400 logs
-        # what is left is the camera's noise, once in a sample and a third of it in the start
+        # the residual is the camera's noise, once in a sample and a third of it in the start
         assert found.held_out["found"].max() < 1.3 * 0.03
         assert found.held_out["none"].min() > 10.0 * found.held_out["found"].max()
         assert "robot file" not in found.held_out

@@ -46,7 +46,7 @@ def test_causal_states_do_not_depend_on_later_rows(file, mapping, moments, tmp_p
     t = rows[:, header.split().index("t_now")]
     after = rows.copy()
     moment = float(moments[3])
-    # the first row that tells of the moment counts, and none after it
+    # the first row that shows the moment counts, and none after it
     later = np.flatnonzero(t >= moment + sensor_delay(mapping))[1:]
     after[later, 2:] += np.random.default_rng(1).standard_normal((len(later), rows.shape[1] - 2))
     changed = tmp_path / "changed.txt"

@@ -89,7 +89,7 @@ def test_accelerations_equal_the_engine_s(engine: str, kind: str) -> None:
 @each_engine
 @each_kind
 def test_floor_s_force_is_what_moves_the_whole_robot(engine: str, kind: str) -> None:
-    """Linear momentum: the floor bears the robot as `normal_force` says; ball and body together weigh the rest."""
+    """Linear momentum: the floor bears the robot with `normal_force`; ball and body together weigh the rest."""
     for one in cases(engine, kind, states=100):
         upward = Model(one.robot, "exact").normal_force(one.q, one.q_dot, one.u)
         weight = (one.robot.ball.mass + one.robot.body.mass) * one.robot.gravity

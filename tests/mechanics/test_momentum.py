@@ -58,7 +58,7 @@ class Accelerated:
 
 
 def accelerated(robot: Robot, seed: int, count: int) -> Accelerated:
-    """Return a robot at random states, moved as `Model` says."""
+    """Return a robot at random states, moved by `Model`."""
     rng = np.random.default_rng(seed)
     states = [random_state(rng, robot.wheel_count) for _ in range(count)]
     q, q_dot, u = (np.array(part) for part in zip(*states, strict=True))

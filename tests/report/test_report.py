@@ -222,7 +222,7 @@ def test_a_shortened_line_keeps_a_peak_of_one_sample_and_a_gap(count):
             values = np.sin(t)
             values[peak] = size
             shown, kept = with_peaks(t, values)
-            assert len(shown) <= 902  # two of each of 450 pieces, and of what is left over
+            assert len(shown) <= 902  # two of each of 450 pieces, and of the remainder
             assert size in kept
             np.testing.assert_array_equal(kept, values[shown.astype(int)])
             assert np.all(np.diff(shown) >= 0.0)

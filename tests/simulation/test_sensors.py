@@ -46,7 +46,7 @@ def test_encoders_count_and_difference(window: int) -> None:
 
 
 def test_heading_drifts_by_sixteen_degrees_in_three_minutes() -> None:
-    """Appendix IV; noise of each kind has the size that the robot file says."""
+    """Appendix IV; noise of each kind has the size in the robot file."""
     sensors = ALTEN.sensors
     imu = AttitudeSensor(sensors, np.random.default_rng(1))
     read = [imu.read(180.0, np.zeros(3), np.zeros(3)) for _ in range(4000)]

@@ -1,6 +1,6 @@
 """Robots whose motion and sensors the filter's tests make for themselves, without the filter's own equations.
 
-The body sways as told; the ball's speed follows from the momentum about the floor's contact, in the world's frame
+The body sways as prescribed; the ball's speed follows from the momentum about the floor's contact, in the world's frame
 (the filter has it in the heading's); the wheels see A (R^T Omega - w).
 """
 
@@ -58,7 +58,7 @@ def swaying(
     wheels = relative @ transforms(ALTEN).T_owb.T
     angles = np.vstack((np.zeros(3), np.cumsum(0.5 * (wheels[1:] + wheels[:-1]), axis=0) * H / fine))[::fine]
     truth, rate = truth[::fine], rate[::fine]
-    # what rollers, play and slip do to the way that the wheels tell, and to the ball's turning
+    # errors by rollers, play and slip of the distance by the wheels and of the ball's turning
     slip = np.column_stack(
         (
             noise.rolling / ALTEN.ball.radius * random.standard_normal((samples + 1, 2)),
@@ -73,7 +73,7 @@ def swaying(
 def _motion(
     t: NDArray[np.float64], random: np.random.Generator, noise: FilterNoise, turning: float
 ) -> NDArray[np.float64]:
-    """States (N, 10): lean and heading as told, speed by gravity's integral, place by the speed's."""
+    """States (N, 10): lean and heading as prescribed, speed by gravity's integral, place by the speed's."""
     robot, step = ALTEN, t[1]
     periods, phases = random.uniform(1.5, 4.0, 2), random.uniform(0, 2 * np.pi, 2)
     lean = 0.02 * np.sin(2 * np.pi * t[:, None] / periods + phases)

@@ -15,7 +15,7 @@ from ballbot.twin.recording import MotionCapture
 
 
 def test_cameras_can_be_brought_back_to_the_world() -> None:
-    """Undoing frame and clock by what the setup says gives the motion back, to the cameras' noise."""
+    """Undoing frame and clock of the setup gives the motion back, to the cameras' noise."""
     t = 0.005 * np.arange(2001)
     columns = {name: np.zeros_like(t) for name in STATE_NAMES}
     columns |= {"t": t, "x": 0.3 * np.sin(t), "y": 0.2 * np.cos(2 * t), "psi": 0.9 * t}

@@ -55,7 +55,7 @@ def test_the_formulation_that_made_the_log_is_found_in_closed_loop():
     validation = validate_pair(models, noisy_log())
     assert validation.closed_loop is not None
     assert validation.closed_loop.restarted.ratio[:4].min() > 1.5
-    # without friction both start at the same noise: only half a second tells them apart
+    # without friction both start at the same noise: they differ only after half a second
     assert np.median(validation.horizon.errors.ratio[0]) == pytest.approx(1.0, abs=0.02)
 
 

@@ -162,7 +162,7 @@ def test_kinds_of_autocorrelation_are_distinguished():
     found = whiteness(columns, (20_000,))
     assert found is not None
     assert found.colours == ("white", "nearly white", "noise of the start", "coloured")
-    # what the past foretells: rho^2 of a first-order series
+    # the share that the past predicts: rho^2 of a first-order series
     assert found.predicted_share[3] == pytest.approx(0.49, abs=0.03)
     assert whiteness(columns[: 10 * LAGS], (10 * LAGS,)) is None
 
@@ -248,11 +248,11 @@ def test_lines_above_half_the_sampling_rate_are_named_where_they_fold_to():
 
 
 def test_residual_torques_are_those_that_were_missing():
-    # each sample's torque is told to the model wrong by a known amount
+    # the model gets each sample's torque with a known error
     log = noisy_log()
     wrong = 0.2 * np.sin(np.outer(log.t, [1.0, 1.7, 2.3]))
-    told = log.with_columns({f"u{i + 1}": log[f"u{i + 1}"] - wrong[:, i] for i in range(3)})
-    residual = wheel_torque_residuals(_predicted(true_robot(), told), Model(true_robot()))
+    biased = log.with_columns({f"u{i + 1}": log[f"u{i + 1}"] - wrong[:, i] for i in range(3)})
+    residual = wheel_torque_residuals(_predicted(true_robot(), biased), Model(true_robot()))
     slopes = [np.polyfit(w, r, 1)[0] for w, r in zip(wrong[:-1].T, residual.T, strict=True)]
     # while a wheel sticks, friction takes up what is missing; the log rolls nearly always
     np.testing.assert_allclose(slopes, 1.0, atol=0.15)

@@ -84,7 +84,7 @@ def test_outline_is_where_rays_graze_the_ball_and_determines_the_view(view):
     away = np.linalg.norm(np.cross(rays, view.distance * view.axis), axis=1)
     np.testing.assert_allclose(away, 1.0, rtol=0.0, atol=1e-9)
     found = view_of_outline(outline, size=(400, 300), closeness=view.closeness)
-    # a tenth of what an outline in a picture tells
+    # a tenth of the accuracy of an outline in a picture
     np.testing.assert_allclose(
         [found.x, found.y, found.radius], [view.x, view.y, view.radius], rtol=0.0, atol=0.02
     )
@@ -176,7 +176,7 @@ def test_frame_times_are_even_where_a_container_rounded_them():
 
 
 def made_track(*, seed: int, noise: float, blind: bool) -> tuple[np.ndarray, Track, np.ndarray]:
-    """Return times, a track with known noise and the true velocity; `blind` frames tell nothing about one axis."""
+    """Return times, a track with known noise and the true velocity; `blind` frames contain nothing about one axis."""
     motion = wandering(duration=6.0, peak=8.0, seed=seed)
     rng = np.random.default_rng(seed)
     t = np.arange(360) / 60.0

@@ -63,7 +63,7 @@ def off_view(spin: Spin, scene: Scene) -> float:
 
 @pytest.mark.slow
 def test_off_centre_ball_of_a_near_camera_is_accurate(tmp_path):
-    """Its outline is no circle, and what it says of the ball's place and size depends on the camera's distance."""
+    """Its outline is no circle, and the ball's place and size by it depend on the camera's distance."""
     camera = replace(SMALL, size=(300, 240), centre=(70.0, 70.0), distance=4.0)
     made = ball_video(tmp_path / "aside.avi", Scene(camera=camera), duration=1.3)
     spin = measure_spin(open_video(made.path))
@@ -98,7 +98,7 @@ def test_a_covered_ball_is_lost_and_found_again(tmp_path):
     assert not spin.track.tracked[40:60].any()
     assert np.isnan(spin.omega[40:60]).all()
     assert spin.track.tracked[:40].all()
-    assert spin.track.tracked[65:].all()  # it is sought in one frame of four
+    assert spin.track.tracked[65:].all()  # it is searched in one frame of four
     true = motion.omega_at(spin.t)
     np.testing.assert_allclose(spin.omega[spin.known], true[spin.known], rtol=0.0, atol=HARD * 6.0)
     assert any(

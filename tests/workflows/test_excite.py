@@ -144,10 +144,10 @@ def test_errors_expected_are_those_that_identification_finds():
     options = IdentificationOptions(generations=20, population=16, step=2.5e-3)
     found = identify(alten(), noisy(log, seed=2), options=options)
     errors = np.concatenate([np.atleast_1d(one) for one in found.standard_errors.values()])
-    told = np.isfinite(errors)
-    assert told.sum() >= 9
+    known = np.isfinite(errors)
+    assert known.sum() >= 9
     # the fit has three quarters of the windows; errors of errors from 75 windows and 12 parameters are tens of percent
-    ratio = errors[told] / (expected[told] / math.sqrt(0.75))
+    ratio = errors[known] / (expected[known] / math.sqrt(0.75))
     assert 0.6 < np.exp(np.median(np.log(ratio))) < 1.6
 
 

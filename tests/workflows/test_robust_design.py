@@ -132,7 +132,7 @@ def test_perturbed_robots_follow_the_given_ranges():
     coulomb = np.array([one.friction.coulomb for one in drawn.robots]) / robot.friction.coulomb
     for shares, width in ((masses, 0.1), (heights, 0.05), (coulomb.ravel(), 0.3)):
         assert np.abs(shares - 1.0).max() <= width
-        # the deviation of U(-width, width); 400 draws tell it to 4 %
+        # the deviation of U(-width, width); 400 draws estimate it to 4 %
         assert shares.std() == pytest.approx(width / np.sqrt(3.0), rel=0.15)
     assert {one.delay for one in drawn.conditions} == {0, 1, 2, 3}
     slopes = np.array([np.hypot(*one.slope) for one in drawn.conditions])
@@ -177,7 +177,7 @@ def test_noise_through_the_gain_is_as_drawn():
     controller = nominal_controller(robot)
     noise = np.random.default_rng(0).standard_normal((20_000, 10)) * measurement_noise(robot, 0.005)
     changes = np.diff(noise @ controller.gain.T, axis=0)
-    # 60 000 changes tell a root mean square to 0.4 %
+    # 60 000 changes estimate a root mean square to 0.4 %
     assert noise_roughness(robot, controller) == pytest.approx(np.sqrt((changes**2).mean()), rel=0.02)
 
 

@@ -132,7 +132,7 @@ def test_study_and_identify_report_the_same_numbers_and_doubts(small: Study):
 
 def test_the_friction_found_is_near_the_truth(small: Study):
     found = small.found.robot.friction
-    # a short log and a small effort: the sum that a slow wheel feels is told best
+    # a short log and a small effort: c + s, the friction of a slow wheel, is determined best
     sums = np.array(found.coulomb) + np.array(found.stribeck)
     np.testing.assert_allclose(sums, np.array(FRICTION.coulomb) + np.array(FRICTION.stribeck), rtol=0.35)
     assert np.all(small.validation.open_loop.errors.ratio > 1.0)
@@ -288,7 +288,7 @@ def test_measured_logs_are_predicted_better_with_friction(
 ):
     monkeypatch.setattr(study_command, "StudyOptions", Brief)
     bounds = tmp_path / "bounds.toml"
-    # for time's sake v_s and delta are held: no interval of them is sought by profiles
+    # for time's sake v_s and delta are held: no profile is computed for them
     bounds.write_text("stribeck_speed = [0.6, 0.6]\nstribeck_exponent = [1.0, 1.0]\n")
     log = tmp_path / "square_soft.csv"
     # once and a half around the square: 72 windows for ten parameters, and a quarter held out
