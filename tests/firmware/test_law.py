@@ -80,9 +80,10 @@ def test_reference_at_the_limit_of_speed_gives_the_torque_of_a_branch():
 def double_library(folder: Path) -> Library:
     """Return the law in double precision."""
     target = folder / "double.so"
-    sources = [path for path in source_files() if path.name != "ballbot_math.c"]
+    sources = [SOURCES / name for name in ("law.c", "attitude.c")]
+    sources += [path for path in source_files() if path.parent.name == "parts"]
     flags = ("-O2", "-fPIC", "-shared", "-include", str(HERE / "double.h"), "-Wno-double-promotion", "-lm")
-    compile_sources(target, [*sources, HERE / "double_math.c"], flags=flags)
+    compile_sources(target, sources, flags=flags)
     return Library.open(target)
 
 

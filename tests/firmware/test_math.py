@@ -33,7 +33,7 @@ def test_the_header_states_these_errors():
         f"The error is at most {STATED['sine']:g} ulp. * Both",
         f"The error is at most {STATED['exponential']:g} ulp. NaN",
         f"at most {STATED['power']:g} * 2^-23 (1 + |log2 result|)",
-        "below 1 ulp",
+        "the float nearest to it",
         f"The error is at most {STATED['arctangent']:g} ulp for",
     ):
         assert text in header, text

@@ -79,7 +79,7 @@ class KalmanFilter:
         """
         self._x = np.zeros(STATES)
         self._x[X : X + 2] = position
-        self._P = _first_covariance(self.noise)
+        self._P = first_covariance(self.noise)
         self._angles: NDArray[np.float64] | None = None
         self._without_angles = 0  # samples since the encoders last had all angles
         self._gyro = np.zeros(3)
@@ -235,7 +235,7 @@ def filter_model(robot: Robot, *, sample_time: float, noise: FilterNoise) -> Fil
     )
 
 
-def _first_covariance(noise: FilterNoise) -> NDArray[np.float64]:
+def first_covariance(noise: FilterNoise) -> NDArray[np.float64]:
     """Return P (14, 14) before the first reading: it sets the attitude, errors and all."""
     P = np.zeros((STATES, STATES))
     P[X, X] = P[X + 1, X + 1] = noise.start_position**2

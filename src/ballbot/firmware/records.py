@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.law import LAW, MEMORY
-from ballbot.control.records import Number, Schema, converted
+from ballbot.control.records import Number, Schema, converted, schema_of
+from ballbot.firmware.estimators import (
+    KalmanMemory,
+    KalmanRecord,
+    OnboardMemory,
+    OnboardRecord,
+    ReadingRecord,
+)
 
 #: numbers in which the digest is exported
 DIGEST_WORDS = 8
@@ -32,7 +39,18 @@ STATE = Schema(
     text="All that changes while the robot runs; zeros at the start.",
     fields={"memory": MEMORY},
 )
-FIRMWARE = Schema(name="firmware", fields={"parameters": PARAMETERS, "state": STATE})
+FIRMWARE = Schema(
+    name="firmware",
+    fields={
+        "parameters": PARAMETERS,
+        "state": STATE,
+        "reading": schema_of(ReadingRecord),
+        "onboard": schema_of(OnboardRecord),
+        "onboard_memory": schema_of(OnboardMemory),
+        "kalman": schema_of(KalmanRecord),
+        "kalman_memory": schema_of(KalmanMemory),
+    },
+)
 
 
 def schema_words(schema: Schema) -> tuple[int, ...]:

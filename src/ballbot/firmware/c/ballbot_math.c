@@ -1,5 +1,5 @@
 /*
- * Sine, cosine, exponential, power, square root and arctangent in single precision; see ballbot_math.h.
+ * Sine, cosine, exponential, power and arctangent in single precision; see ballbot_math.h.
  *
  * The range is reduced to a small one (W. J. Cody and W. Waite, Software Manual for the Elementary Functions, 1980; for
  * angles M. H. Payne and R. N. Hanek, Radian Reduction for Trigonometric Functions, SIGNUM Newsletter 18, 1983). There
@@ -36,11 +36,6 @@ static float float_of(uint32_t bits)
 #define MANTISSA_BITS 0x007FFFFFu
 #define MANTISSA_WIDTH 23u
 #define EXPONENT_OF_ONE 127u
-
-float ballbot_magnitude(float x)
-{
-    return float_of(bits_of(x) & MAGNITUDE_BITS);
-}
 
 /* ---- sine and cosine ---- */
 
@@ -186,28 +181,6 @@ float ballbot_power(float base, float exponent)
     return result;
 }
 
-/* ---- square root ---- */
-
-/* half the bits of a positive float and this are those of its root, wrong by 3.5 % at most */
-#define ROOT_SEED 0x1FBD1DF5u
-
-float ballbot_square_root(float x)
-{
-    float result = x; /* infinity and NaN */
-    if (x <= 0.0f) {
-        result = 0.0f;
-    } else if (bits_of(x) < INFINITY_BITS) {
-        const int small = x < 0x1p-100f;
-        const float a = (small != 0) ? (x * 0x1p60f) : x; /* a subnormal has no exponent to halve */
-        float y = float_of((bits_of(a) >> 1) + ROOT_SEED);
-        for (int32_t i = 0; i < 3; ++i) { /* Heron's rule: 3.5e-2, 6e-4, 2e-7, 2e-14 */
-            y = 0.5f * (y + a / y);
-        }
-        result = (small != 0) ? (y * 0x1p-30f) : y;
-    }
-    return result;
-}
-
 /* ---- arctangent ---- */
 
 #define PI 3.14159265f
@@ -241,4 +214,23 @@ float ballbot_arctangent(float y, float x)
     angle = (steep != 0) ? ((HALF_PI - angle) + HALF_PI_LOW) : angle;
     angle = (x < 0.0f) ? ((PI - angle) + PI_LOW) : angle;
     return (y < 0.0f) ? -angle : angle;
+}
+
+/* ---- angles within a turn ---- */
+
+#define TURNS_OF_RADIAN 0.159154943f
+#define TURN_HIGH 6.28125f /* 8 bits: a whole number below 2^16 times it is exact */
+#define TURN_LOW 1.93530717e-3f
+
+float ballbot_within_half_turn(float angle)
+{
+    const float turns = (angle * TURNS_OF_RADIAN + SHIFT) - SHIFT;
+    return (angle - turns * TURN_HIGH) - turns * TURN_LOW;
+}
+
+/* ---- special values ---- */
+
+float ballbot_not_a_number(void)
+{
+    return float_of(INFINITY_BITS | (INFINITY_BITS >> 1));
 }

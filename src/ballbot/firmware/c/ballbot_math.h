@@ -1,9 +1,9 @@
 /*
- * Sine, cosine, exponential, power, square root and arctangent in single precision.
+ * Sine, cosine, exponential, power, arctangent and square root in single precision.
  *
- * Every processor gives the same bits: only additions, multiplications, divisions and integers are used, each of which
- * IEEE 754 or C defines to the bit. Build with -ffp-contract=off, so that no compiler fuses a multiplication and an
- * addition. Nothing is read but the arguments, nothing is kept, and every loop is bounded.
+ * Every processor gives the same bits: only additions, multiplications, divisions, roots and integers are used, each
+ * of which IEEE 754 or C defines to the bit. Build with -ffp-contract=off, so that no compiler fuses a multiplication
+ * and an addition, and with -fno-math-errno, so that a root is one instruction. Nothing is read but the arguments, nothing is kept, and every loop is bounded.
  *
  * Errors are in units in the last place (ulp) of the exact result. They are the largest over all arguments that the
  * function accepts; the power and the arctangent, which have two, were measured at random ones
@@ -11,6 +11,28 @@
  */
 #ifndef BALLBOT_MATH_H
 #define BALLBOT_MATH_H
+
+/* IEEE 754 defines root and magnitude to the bit; GNU C has them as instructions, without a library. */
+#if defined(__GNUC__)
+#define BALLBOT_SQUARE_ROOT(x) __builtin_sqrtf(x)
+#define BALLBOT_MAGNITUDE(x) __builtin_fabsf(x)
+#else
+#include <math.h>
+#define BALLBOT_SQUARE_ROOT(x) sqrtf(x)
+#define BALLBOT_MAGNITUDE(x) fabsf(x)
+#endif
+
+/* Return the magnitude of x. */
+static inline float ballbot_magnitude(float x)
+{
+    return BALLBOT_MAGNITUDE(x);
+}
+
+/* Return the square root of x, the float nearest to it. A negative x counts as zero. NaN stays NaN. */
+static inline float ballbot_square_root(float x)
+{
+    return BALLBOT_SQUARE_ROOT((x < 0.0f) ? 0.0f : x);
+}
 
 /*
  * Return the sine and the cosine of an angle [rad].
@@ -36,13 +58,6 @@ float ballbot_exponential(float x);
 float ballbot_power(float base, float exponent);
 
 /*
- * Return the square root of x.
- *
- * The error is below 1 ulp. A negative x counts as zero. Infinity and NaN stay.
- */
-float ballbot_square_root(float x);
-
-/*
  * Return the angle of the point (x, y) from the x axis [rad], -pi to pi.
  *
  * The error is at most 2.5 ulp for |x| and |y| below 2^126. The angle of (0, 0) is 0. It is NaN if x or y is NaN or both
@@ -50,7 +65,10 @@ float ballbot_square_root(float x);
  */
 float ballbot_arctangent(float y, float x);
 
-/* Return the magnitude of x. */
-float ballbot_magnitude(float x);
+/* Return an angle less its whole turns [rad]: at most half a turn to either side, and rounding. NaN stays NaN. */
+float ballbot_within_half_turn(float angle);
+
+/* Return a quiet NaN. */
+float ballbot_not_a_number(void);
 
 #endif

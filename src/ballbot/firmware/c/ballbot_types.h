@@ -14,9 +14,9 @@
 /* Updates whose torques the law remembers. */
 #define BALLBOT_MAX_PAST 22
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "924bad82bd4e8471f4d7e53a9c6a62782d909ee57712c6296de9b42c84a773d3"
+#define BALLBOT_SCHEMA_DIGEST "319022aa9455ef926fbf22ce47f77e72e559272a08cfee18c22b3aceb5e1f74c"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 306949506, 1028555889, 1960305978, 476734072, 764452581, 1997719081, 1844032556, 78083027 }
+#define BALLBOT_SCHEMA_WORDS { 831529642, 341176210, 1874797262, 1207402098, 1700341546, 147844632, 1110129358, 904001356 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -248,5 +248,70 @@ struct ballbot_state {
     struct ballbot_memory memory;
 };
 typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 439u * sizeof(float)) ? 1 : -1];
+
+/* The readings of all sensors at one instant; a value that is missing is NaN. */
+struct ballbot_reading_record {
+    int32_t encoders_valid;
+    int32_t wheel_counts[BALLBOT_MAX_WHEELS];
+    float wheel_speeds[BALLBOT_MAX_WHEELS]; /* [rad/s] */
+    float gyro[3]; /* [rad/s] */
+    float attitude[3]; /* [rad] */
+    float fix_position[2]; /* [m] */
+    float fix_heading; /* [rad] */
+    float fix_position_deviation; /* [m] */
+    float fix_heading_deviation; /* [rad] */
+};
+typedef char ballbot_reading_record_has_no_padding[(sizeof(struct ballbot_reading_record) == 20u * sizeof(float)) ? 1 : -1];
+
+/* The numbers of the on-board state, the thesis's way. */
+struct ballbot_onboard_record {
+    float sample_time; /* [s] */
+    float radius; /* [m] */
+    float ball_from_wheels[3][4]; /* [1] */
+};
+typedef char ballbot_onboard_record_has_no_padding[(sizeof(struct ballbot_onboard_record) == 14u * sizeof(float)) ? 1 : -1];
+
+/* What the on-board state remembers. */
+struct ballbot_onboard_memory {
+    int32_t started;
+    float position[2]; /* [m] */
+    float position_rest[2]; /* [m] */
+    float velocity[2]; /* [m/s] */
+    float gyro[3]; /* [rad/s] */
+    float attitude[3]; /* [rad] */
+};
+typedef char ballbot_onboard_memory_has_no_padding[(sizeof(struct ballbot_onboard_memory) == 13u * sizeof(float)) ? 1 : -1];
+
+/* The numbers of the Kalman filter. */
+struct ballbot_kalman_record {
+    float sample_time; /* [s] */
+    float radius; /* [m] */
+    float ball_turn[3][4]; /* [rad] */
+    float lever[2][3]; /* [m] */
+    float pull[2][2]; /* [m/s^2] */
+    float forgotten; /* [1] */
+    float gyro_variance; /* [rad^2/s^2] */
+    float walk[14]; /* [square of the state] */
+    float wheel_variances[3]; /* [m^2/s^2, rad^2/s^2] */
+    float attitude_variances[3]; /* [1, rad^2] */
+    float start_variances[14]; /* [square of the state] */
+    float start_covariances[3]; /* [1, rad^2] */
+    float pivoting_share; /* [1] */
+    float pivoting_limit; /* [rad/s] */
+};
+typedef char ballbot_kalman_record_has_no_padding[(sizeof(struct ballbot_kalman_record) == 65u * sizeof(float)) ? 1 : -1];
+
+/* What the Kalman filter remembers. */
+struct ballbot_kalman_memory {
+    int32_t started;
+    int32_t missed;
+    int32_t wheel_counts[BALLBOT_MAX_WHEELS];
+    float gyro[3]; /* [rad/s] */
+    float pivoting; /* [rad/s] */
+    float x[14]; /* [state] */
+    float rest[14]; /* [state] */
+    float P[14][14]; /* [product of two states] */
+};
+typedef char ballbot_kalman_memory_has_no_padding[(sizeof(struct ballbot_kalman_memory) == 234u * sizeof(float)) ? 1 : -1];
 
 #endif

@@ -1,0 +1,234 @@
+"""The records of the firmware's estimators: the numbers that they read, what they remember, and a sensor reading.
+
+The C sources are `c/estimation/onboard.c` and `kalman.c`. Their numbers come from the same robot, noise and model as
+those of `ballbot.estimation`; what they remember is zero at the start, which is a robot at (0, 0).
+
+The firmware's Kalman filter has two of the 14 states of `ballbot.estimation.kalman_model` in another form: instead of
+the errors d and a of the AHRS it has what the AHRS shows, psi + d and g + a. The filter is the same, because the change
+is linear. The covariance is not: the AHRS keeps psi + d known to a tenth of a degree, while the variances of psi and d
+grow without bound, opposite and equal but for that tenth. After hours a float32 would have lost the difference.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.records import MAX_WHEELS, converted, fill_record, number, schema_of, whole
+from ballbot.errors import InputError
+from ballbot.estimation.interface import Reading
+from ballbot.estimation.kalman import filter_model, first_covariance
+from ballbot.estimation.kalman_model import (
+    BIAS,
+    DRIFT,
+    HEADING_ERROR,
+    LEAN_ERROR,
+    PSI,
+    STATES,
+    FilterNoise,
+    G,
+    S,
+    X,
+)
+from ballbot.mechanics.geometry import transforms
+from ballbot.robot import Robot
+from ballbot.robot.derived import encoder_step
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReadingRecord:
+    """The readings of all sensors at one instant; a value that is missing is NaN."""
+
+    encoders_valid: int = field(metadata=whole())  #: whether the counts are there
+    wheel_counts: NDArray[np.int64] = field(metadata=whole(MAX_WHEELS))  #: of the encoders; may wrap around
+    wheel_speeds: NDArray[np.float64] = field(metadata=number("rad/s", MAX_WHEELS))
+    gyro: NDArray[np.float64] = field(metadata=number("rad/s", 3))  #: body frame
+    attitude: NDArray[np.float64] = field(
+        metadata=number("rad", 3)
+    )  #: theta, phi, psi without jumps of a turn
+    fix_position: NDArray[np.float64] = field(metadata=number("m", 2))  #: world frame
+    fix_heading: float = field(metadata=number("rad"))
+    fix_position_deviation: float = field(metadata=number("m"))  #: standard deviation
+    fix_heading_deviation: float = field(metadata=number("rad"))  #: standard deviation
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OnboardRecord:
+    """The numbers of the on-board state, the thesis's way."""
+
+    sample_time: float = field(metadata=number("s"))
+    radius: float = field(metadata=number("m"))  #: of the ball
+    ball_from_wheels: NDArray[np.float64] = field(metadata=number("1", 3, MAX_WHEELS))  #: T_obw
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OnboardMemory:
+    """What the on-board state remembers."""
+
+    started: int = field(metadata=whole())
+    position: NDArray[np.float64] = field(metadata=number("m", 2))
+    position_rest: NDArray[np.float64] = field(metadata=number("m", 2))  #: what rounding has taken from it
+    velocity: NDArray[np.float64] = field(metadata=number("m/s", 2))
+    gyro: NDArray[np.float64] = field(metadata=number("rad/s", 3))
+    attitude: NDArray[np.float64] = field(metadata=number("rad", 3))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class KalmanRecord:
+    """The numbers of the Kalman filter."""
+
+    sample_time: float = field(metadata=number("s"))
+    radius: float = field(metadata=number("m"))  #: of the ball
+    ball_turn: NDArray[np.float64] = field(
+        metadata=number("rad", 3, MAX_WHEELS)
+    )  #: T_obw of one encoder count
+    lever: NDArray[np.float64] = field(metadata=number("m", 2, 3))  #: C
+    pull: NDArray[np.float64] = field(metadata=number("m/s^2", 2, 2))  #: Lambda
+    forgotten: float = field(metadata=number("1"))  #: 1 - exp(-h / tau) of the slow lean error
+    gyro_variance: float = field(metadata=number("rad^2/s^2"))
+    walk: NDArray[np.float64] = field(metadata=number("square of the state", STATES))
+    wheel_variances: NDArray[np.float64] = field(metadata=number("m^2/s^2, rad^2/s^2", 3))
+    attitude_variances: NDArray[np.float64] = field(metadata=number("1, rad^2", 3))
+    start_variances: NDArray[np.float64] = field(metadata=number("square of the state", STATES))
+    #: of g with g + a, and of psi with psi + d
+    start_covariances: NDArray[np.float64] = field(metadata=number("1, rad^2", 3))
+    pivoting_share: float = field(metadata=number("1"))  #: of a new sample in the mean of the pivoting
+    pivoting_limit: float = field(metadata=number("rad/s"))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class KalmanMemory:
+    """What the Kalman filter remembers."""
+
+    started: int = field(metadata=whole())  #: 1; 0 before the first whole reading, -1 if the state is lost
+    missed: int = field(metadata=whole())  #: samples since the encoders last had all counts
+    wheel_counts: NDArray[np.int64] = field(metadata=whole(MAX_WHEELS))
+    gyro: NDArray[np.float64] = field(metadata=number("rad/s", 3))
+    pivoting: float = field(metadata=number("rad/s"))
+    x: NDArray[np.float64] = field(metadata=number("state", STATES))
+    rest: NDArray[np.float64] = field(metadata=number("state", STATES))  #: what rounding has taken from it
+    #: covariance; what lies below its diagonal is not kept up
+    P: NDArray[np.float64] = field(metadata=number("product of two states", STATES, STATES))
+
+
+def onboard_record(robot: Robot, *, sample_time: float) -> OnboardRecord:
+    """Return the numbers of the on-board state for a robot.
+
+    Raises
+    ------
+    InputError
+        If the sample time is not positive.
+    """
+    if not sample_time > 0:
+        raise InputError(f"The sample time of an on-board state must be above 0 s, not {sample_time}.")
+    return OnboardRecord(
+        sample_time=sample_time, radius=robot.ball.radius, ball_from_wheels=transforms(robot).T_obw
+    )
+
+
+def kalman_record(robot: Robot, *, sample_time: float, noise: FilterNoise | None = None) -> KalmanRecord:
+    """Return the numbers of the Kalman filter for a robot.
+
+    Parameters
+    ----------
+    robot : Robot
+    sample_time : float
+        [s]
+    noise : FilterNoise, optional
+        `FilterNoise.of(robot)` by default.
+
+    Raises
+    ------
+    InputError
+        If the sample time is not positive.
+    """
+    if not sample_time > 0:
+        raise InputError(f"The sample time of a Kalman filter must be above 0 s, not {sample_time}.")
+    noise = noise if noise is not None else FilterNoise.of(robot)
+    model = filter_model(robot, sample_time=sample_time, noise=noise)
+    T = firmware_states()
+    P, walk = (T @ covariance @ T.T for covariance in (first_covariance(noise), np.diag(model.walk)))
+    pairs = [(_ORDER.index(one), _ORDER.index(other)) for one, other in _SHOWN_WITH]
+    return KalmanRecord(
+        sample_time=sample_time,
+        radius=model.radius,
+        ball_turn=transforms(robot).T_obw * step_of(robot),
+        lever=model.lever,
+        pull=model.pull,
+        forgotten=-np.expm1(-sample_time / noise.lean_error_time),
+        gyro_variance=model.gyro_variance,
+        walk=np.diagonal(walk),
+        wheel_variances=model.wheel_variances,
+        attitude_variances=model.attitude_variances,
+        start_variances=np.diagonal(P),
+        start_covariances=np.array([P[pair] for pair in pairs]),
+        pivoting_share=min(1.0, sample_time / noise.pivoting_time),
+        pivoting_limit=noise.pivoting_limit,
+    )
+
+
+def step_of(robot: Robot) -> float:
+    """Return the turn of a wheel [rad] in one count of its encoder."""
+    return encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio)
+
+
+#: states of `ballbot.estimation.kalman_model` in the order of the firmware's (`kalman.c`)
+_ORDER = (
+    *range(BIAS, BIAS + 3),
+    DRIFT,
+    G,
+    G + 1,
+    LEAN_ERROR,
+    LEAN_ERROR + 1,
+    S,
+    S + 1,
+    PSI,
+    HEADING_ERROR,
+    X,
+    X + 1,
+)
+
+
+#: each state that the AHRS shows, in the place of its error, with the state that it shows
+_SHOWN_WITH = ((G, LEAN_ERROR), (G + 1, LEAN_ERROR + 1), (PSI, HEADING_ERROR))
+
+
+def firmware_states() -> NDArray[np.float64]:
+    """Return T (14, 14): T x are the firmware's states, x those of `ballbot.estimation.kalman_model`."""
+    T = np.eye(STATES)
+    T[HEADING_ERROR, PSI] = T[LEAN_ERROR, G] = T[LEAN_ERROR + 1, G + 1] = 1.0
+    return T[list(_ORDER)]
+
+
+def reading_record(reading: Reading, *, robot: Robot) -> NDArray[np.void]:
+    """Return a reading as a record (1,) in single precision.
+
+    Wheel angles become whole counts, modulo 2^32; the angle zero is count zero.
+    """
+    record = np.zeros(1, schema_of(ReadingRecord).dtype("single"))
+    n = robot.wheel_count
+    angles = np.asarray(reading.wheel_angles, dtype=np.float64)
+    if np.isfinite(angles).all():
+        counts = np.round(angles / step_of(robot)).astype(np.int64)
+        record["wheel_counts"][0, :n] = counts.astype(np.uint64).astype(np.uint32).view(np.int32)
+        record["encoders_valid"] = 1
+    record["wheel_speeds"][0, :n] = reading.wheel_speeds
+    record["gyro"], record["attitude"] = reading.gyro, reading.attitude
+    record["fix_position"], record["fix_heading"] = np.nan, np.nan
+    if (fix := reading.fix) is not None:
+        if fix.position is not None:
+            record["fix_position"] = fix.position
+        record["fix_heading"] = np.nan if fix.heading is None else fix.heading
+        record["fix_position_deviation"] = fix.position_deviation
+        record["fix_heading_deviation"] = fix.heading_deviation
+    return record
+
+
+def single(value: OnboardRecord | KalmanRecord) -> NDArray[np.void]:
+    """Return an estimator's numbers as a record (1,) in single precision."""
+    schema = schema_of(type(value))
+    record = schema.zeros()
+    fill_record(record, value)
+    return converted(record, schema)
