@@ -98,6 +98,52 @@ def test_safety_stop_follows_its_rule_and_stays(max_missing, run):
     assert safety.admit(0.0, measured=True, theta=0.0, phi=0.0)
 
 
+@given(st.lists(st.sampled_from([H, 2.0 * H, 3.0 * H]), min_size=1, max_size=20))
+def test_late_sample_stops(intervals):
+    safety = Safety(SafetyLimits(max_interval=2.5 * H))
+    t = 0.0
+    for k, interval in enumerate(intervals):
+        t += interval if k else 0.0
+        safety.admit(t, measured=True, theta=0.0, phi=0.0)
+    late = any(interval > 2.5 * H for interval in intervals[1:])
+    assert (safety.stop is not None) == late
+    if safety.stop is not None:
+        assert safety.stop.reason is StopReason.LATE
+        assert "0.015 s since the last sample; at most 0.0125 s are allowed" in safety.stop.text
+
+
+@given(st.lists(st.sampled_from([0.0, 1.0, math.nan]), max_size=25), st.integers(0, 4))
+def test_imu_that_repeats_itself_stops(values, most):
+    """NaN is missing, which is another rule's business."""
+    safety = Safety(SafetyLimits(max_unchanged=most))
+    longest, run = 0, 0
+    for k, value in enumerate(values):
+        run = run + 1 if k and value == values[k - 1] else 0
+        longest = max(longest, run)
+        safety.watch(k * H, imu=(0.5, value), angles=(float(k),), torques=(9.0,))
+    assert (safety.stop is not None) == (most > 0 and longest >= most)
+
+
+@given(st.lists(st.tuples(st.sampled_from([0.0, 0.1]), st.sampled_from([2.0, 0.5, -2.0])), max_size=25))
+def test_encoder_that_does_not_count_stops(samples):
+    safety = Safety(SafetyLimits(max_unchanged=3, turning_torque=1.0))
+    stuck = False
+    for k, (angle, torque) in enumerate(samples):
+        safety.watch(k * H, imu=(float(k),), angles=(float(k), angle), torques=(2.0, torque))
+        last = samples[k - 2 : k + 1] if k >= 3 else []
+        still = bool(last) and len({one[0] for one in samples[k - 3 : k + 1]}) == 1
+        stuck |= still and abs(sum(one[1] for one in last)) == 6.0
+    assert (safety.stop is not None) == stuck
+    if safety.stop is not None:
+        assert safety.stop.reason is StopReason.STUCK
+        assert "wheel 2 was driven for 3 samples and its encoder did not count" in safety.stop.text
+
+
+def test_limits_of_a_real_robot():
+    limits = SafetyLimits.on_robot(ROBOT, sample_time=0.005)
+    assert limits == SafetyLimits(lean=0.35, max_interval=0.0175, max_unchanged=20, turning_torque=1.5)
+
+
 def test_the_reason_is_one_sentence_with_the_time():
     controller = guarded(max_missing=1)
     for k in range(3):
@@ -221,6 +267,9 @@ def test_the_twin_s_estimator_bridges_a_gap_and_the_layer_stops_a_longer_one(est
         ({"max_missing": 1.5}, "whole number"),
         ({"lean": 0.0}, "lean of the safety limits is 0; it must be above zero"),
         ({"lean": math.nan}, "finite"),
+        ({"max_unchanged": -1}, "max_unchanged of the safety limits is -1"),
+        ({"max_interval": 0.0}, "max_interval of the safety limits is 0; it must be above zero"),
+        ({"turning_torque": math.nan}, "turning_torque of the safety limits"),
     ],
 )
 def test_wrong_limits_are_refused(limits, sentence):

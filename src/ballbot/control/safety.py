@@ -5,6 +5,9 @@ The layer bridges a short gap in the measurements and stops on everything worse:
     sample without a valid measurement    up to `max_missing` in a row are bridged; one more stops
     lean beyond the limit                 stops at once
     torque that is not a finite number    stops at once
+    late sample                           stops, if more than `max_interval` has passed since the last
+    stuck sensor                          stops after `max_unchanged` samples: an IMU that repeats itself, or an
+                                          encoder that does not count while its wheel must turn
 
 A gap is bridged by the estimator, which predicts the state. If there is no state at all, the torques are zero for as
 long and the controller is not called. A stop is latched: every torque is zero until `reset`, and `stop` has the reason.
@@ -20,6 +23,7 @@ degree or two. Hold the robot meanwhile, or let it stand upright by itself.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -46,6 +50,8 @@ class StopReason(StrEnum):
     MISSING = "missing"  #: more samples in a row without a valid measurement than are bridged
     LEAN = "lean"  #: theta or phi beyond the limit
     TORQUE = "torque"  #: a torque that is not a finite number
+    LATE = "late"  #: more time between two samples than is allowed
+    STUCK = "stuck"  #: a sensor that gives the same value sample after sample
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,30 +70,72 @@ class SafetyLimits:
     Raises
     ------
     InputError
-        If `max_missing` is not a whole number, zero or more, or the lean is not above zero.
+        If `max_missing` or `max_unchanged` is not a whole number, zero or more, or another limit is not above zero.
     """
 
     max_missing: int = 2  #: samples in a row without a valid measurement that are bridged
     lean: float = (
         _MAX_LEAN  #: largest |theta| and |phi| [rad]; on a robot choose the lean it can recover from
     )
+    max_interval: float = math.inf  #: longest time between two samples [s]
+    #: samples in a row in which a sensor may repeat itself; 0: any number, as perfect sensors at rest do
+    max_unchanged: int = 0
+    turning_torque: float = math.inf  #: torque [N m] in one direction under which a wheel must turn
 
     def __post_init__(self) -> None:
         whole_number(self.max_missing, "max_missing of the safety limits", least=0)
+        whole_number(self.max_unchanged, "max_unchanged of the safety limits", least=0)
         positive_number(self.lean, "lean of the safety limits")
+        for name in ("max_interval", "turning_torque"):
+            if getattr(self, name) != math.inf:
+                positive_number(getattr(self, name), f"{name} of the safety limits")
+
+    @classmethod
+    def on_robot(cls, robot: Robot, *, sample_time: float, lean: float = 0.35) -> SafetyLimits:
+        """Return the limits for a real robot, whose sensors have noise and whose loop may be late.
+
+        A sample may be as late as a gap that is bridged. A sensor may repeat itself for `_STUCK_TIME`. A wheel must
+        turn under twice its break-away torque, and under a quarter of the torque limit if that is more.
+
+        Parameters
+        ----------
+        robot : Robot
+        sample_time : float
+            [s]
+        lean : float
+            Largest |theta| and |phi| [rad]; `ballbot limits` finds the lean that a robot recovers from.
+        """
+        torque = max(_TURNING * max(robot.friction.breakaway), 0.25 * robot.drive.torque_limit)
+        return cls(
+            lean=lean,
+            max_interval=(cls.max_missing + 1.5) * sample_time,
+            max_unchanged=max(3, math.ceil(_STUCK_TIME / sample_time - 1e-9)),
+            turning_torque=min(torque, robot.drive.torque_limit),
+        )
+
+
+#: for which a sensor of a real robot may repeat itself [s]; an IMU of 100 Hz does so for 0.01 s
+_STUCK_TIME = 0.1
+#: torque over the break-away torque under which a wheel must turn
+_TURNING = 2.0
 
 
 class Safety:
-    """The logic, a sample at a time: `admit` before the controller is asked, `release` with what it answers."""
+    """The logic, a sample at a time: `watch` and `admit` before the controller is asked, `release` with its answer."""
 
     def __init__(self, limits: SafetyLimits = SafetyLimits()) -> None:
         self.limits = limits
         self.reset()
 
     def reset(self) -> None:
-        """Forget a stop and the samples that were missing."""
+        """Forget a stop and the past samples."""
         self._stop: Stop | None = None
         self._missing = 0
+        self._t: float | None = None
+        self._imu: tuple[float, ...] = ()
+        self._angles: tuple[float, ...] = ()
+        self._imu_unchanged = 0
+        self._pushed: list[int] = []
 
     @property
     def stop(self) -> Stop | None:
@@ -98,6 +146,48 @@ class Safety:
     def missing(self) -> int:
         """How many samples in a row, up to the last, came without a valid measurement."""
         return self._missing
+
+    def watch(self, t: float, *, imu: Sequence[float], angles: Sequence[float], torques: Sequence[float]) -> None:
+        """Take what the sensors gave in a sample, and stop if one of them is stuck. Optional; call it before `admit`.
+
+        Parameters
+        ----------
+        t : float
+            [s]
+        imu : sequence of float
+            All values of the IMU, the same ones in each sample; NaN if missing.
+        angles : sequence of float
+            The encoders' (n,), in any unit; NaN if missing.
+        torques : sequence of float
+            Those of the wheels since the last sample (n,) [N m].
+        """
+        if self._stop is not None:
+            return
+        repeated = len(self._imu) == len(imu) and all(a == b for a, b in zip(self._imu, imu, strict=True))
+        self._imu_unchanged = self._imu_unchanged + 1 if repeated else 0
+        still = self._angles or (math.nan,) * len(angles)
+        before = self._pushed or [0] * len(angles)
+        self._pushed = [
+            self._pushed_on(count, torque) if angle == last else 0
+            for count, torque, angle, last in zip(before, torques, angles, still, strict=True)
+        ]
+        self._imu, self._angles = tuple(imu), tuple(angles)
+        most = self.limits.max_unchanged
+        if most and self._imu_unchanged >= most:
+            self._latch(StopReason.STUCK, t, f"the IMU has given the same values for {most + 1} samples")
+        for wheel, count in enumerate(self._pushed):
+            if most and abs(count) >= most and self._stop is None:
+                self._latch(
+                    StopReason.STUCK,
+                    t,
+                    f"wheel {wheel + 1} was driven for {most} samples and its encoder did not count",
+                )
+
+    def _pushed_on(self, count: int, torque: float) -> int:
+        """Return for how many samples a wheel that did not turn was pushed, negative if backward."""
+        if torque >= self.limits.turning_torque:
+            return max(count, 0) + 1
+        return min(count, 0) - 1 if torque <= -self.limits.turning_torque else 0
 
     def admit(self, t: float, *, measured: bool, theta: float, phi: float) -> bool:
         """Take a sample; return whether torques may follow from it.
@@ -113,9 +203,16 @@ class Safety:
         """
         if self._stop is not None:
             return False
+        interval = 0.0 if self._t is None else t - self._t
+        self._t = t
         known = math.isfinite(theta) and math.isfinite(phi)
         self._missing = 0 if measured and known else self._missing + 1
-        if self._missing > self.limits.max_missing:
+        if interval > self.limits.max_interval:
+            limit = self.limits.max_interval
+            self._latch(
+                StopReason.LATE, t, f"{interval:.3g} s since the last sample; at most {limit:.3g} s are allowed"
+            )
+        elif self._missing > self.limits.max_missing:
             bridged = self.limits.max_missing
             self._latch(
                 StopReason.MISSING,
