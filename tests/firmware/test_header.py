@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ballbot.control.records import Schema
+from ballbot.control.safety import SafetyLimits
 from ballbot.firmware.header import (
     PARAMETERS_HEADER,
     SOURCES,
@@ -19,6 +20,8 @@ from ballbot.firmware.header import (
 from ballbot.firmware.host import compile_sources, compilers
 from ballbot.firmware.records import FIRMWARE, PARAMETERS, parameter_record, schema_words
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
+
+LIMITS = SafetyLimits.on_robot(alten(), sample_time=0.005)
 
 needs_compiler = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 
@@ -54,7 +57,7 @@ def test_compiler_lays_structs_out_as_numpy_lays_records_out(tmp_path):
 @needs_compiler
 @pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["3", "4"])
 def test_compiler_reads_the_numbers_back_bit_for_bit(robot, tmp_path):
-    record = parameter_record(everything(robot))
+    record = parameter_record(everything(robot), LIMITS)
     (tmp_path / PARAMETERS_HEADER).write_text(parameters_header(record, PARAMETERS, comment="A test."))
     (tmp_path / "main.c").write_text(
         '#include <stdio.h>\n#include "ballbot_parameters.h"\n'
@@ -68,7 +71,7 @@ def test_digest_is_in_the_types_and_in_the_parameters():
     assert f'BALLBOT_SCHEMA_DIGEST "{FIRMWARE.digest}"' in types_header()
     words = ", ".join(map(str, schema_words(FIRMWARE)))
     assert f"BALLBOT_SCHEMA_WORDS {{ {words} }}" in types_header()
-    text = parameters_header(parameter_record(everything(alten())), PARAMETERS, comment="")
+    text = parameters_header(parameter_record(everything(alten()), LIMITS), PARAMETERS, comment="")
     assert f".schema = {{ {words} }}" in text
 
 

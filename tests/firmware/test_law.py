@@ -13,7 +13,7 @@ from ballbot.control.law import ALLOWED, LAW, MEMORY, STAGES, control_law
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.records import converted
 from ballbot.firmware.header import SOURCES
-from ballbot.firmware.host import Library, compile_sources, compilers, library, source_files
+from ballbot.firmware.host import Library, compile_sources, compilers, library
 from campaigns import firmware_numbers
 from campaigns.firmware_numbers import TOLERANCE, Update, compare, of_a_branch, python_torques, updates
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
@@ -22,6 +22,7 @@ pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, cla
 
 CONTROLLERS = firmware_numbers.controllers()
 HERE = Path(__file__).parent
+LAW_SOURCES = [SOURCES / "law.c", SOURCES / "attitude.c", *sorted((SOURCES / "parts").glob("*.c"))]
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)
@@ -80,10 +81,8 @@ def test_reference_at_the_limit_of_speed_gives_the_torque_of_a_branch():
 def double_library(folder: Path) -> Library:
     """Return the law in double precision."""
     target = folder / "double.so"
-    sources = [SOURCES / name for name in ("law.c", "attitude.c")]
-    sources += [path for path in source_files() if path.parent.name == "parts"]
     flags = ("-O2", "-fPIC", "-shared", "-include", str(HERE / "double.h"), "-Wno-double-promotion", "-lm")
-    compile_sources(target, sources, flags=flags)
+    compile_sources(target, LAW_SOURCES, flags=flags)
     return Library.open(target)
 
 
@@ -151,7 +150,7 @@ def test_sanitizers_find_nothing_and_change_no_bit(tmp_path):
     replay = tmp_path / "replay"
     flags = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
     try:
-        compile_sources(replay, [*source_files(), HERE / "replay.c"], flags=flags)
+        compile_sources(replay, [*LAW_SOURCES, SOURCES / "ballbot_math.c", HERE / "replay.c"], flags=flags)
     except InputError as refusal:
         pytest.skip(f"the compiler has no sanitizers: {str(refusal)[:200]}")
     for controller in (everything(four_wheeled(friction=True)), CONTROLLERS["adaptive, 3 wheels"]):

@@ -147,7 +147,9 @@ class Safety:
         """How many samples in a row, up to the last, came without a valid measurement."""
         return self._missing
 
-    def watch(self, t: float, *, imu: Sequence[float], angles: Sequence[float], torques: Sequence[float]) -> None:
+    def watch(
+        self, t: float, *, imu: Sequence[float], angles: Sequence[float], torques: Sequence[float]
+    ) -> None:
         """Take what the sensors gave in a sample, and stop if one of them is stuck. Optional; call it before `admit`.
 
         Parameters
@@ -210,7 +212,9 @@ class Safety:
         if interval > self.limits.max_interval:
             limit = self.limits.max_interval
             self._latch(
-                StopReason.LATE, t, f"{interval:.3g} s since the last sample; at most {limit:.3g} s are allowed"
+                StopReason.LATE,
+                t,
+                f"{interval:.3g} s since the last sample; at most {limit:.3g} s are allowed",
             )
         elif self._missing > self.limits.max_missing:
             bridged = self.limits.max_missing

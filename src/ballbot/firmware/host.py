@@ -23,8 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.law import ALLOWED
+from ballbot.control.records import MAX_WHEELS
+from ballbot.control.safety import StopReason
 from ballbot.errors import InputError
 from ballbot.firmware.header import SOURCES
+from ballbot.firmware.records import STATE
 
 #: with which the library compiles without a warning
 WARNINGS = (
@@ -165,6 +168,23 @@ class Library:
         return results
 
 
+def _typed(functions: ctypes.CDLL) -> ctypes.CDLL:
+    """Give the functions of ballbot.h the types of their arguments and results."""
+    pointer = ctypes.c_void_p
+    functions.ballbot_init.argtypes = (pointer, pointer)
+    functions.ballbot_init.restype = ctypes.c_bool
+    for name in ("ballbot_arm", "ballbot_disarm"):
+        getattr(functions, name).argtypes = (pointer,)
+        getattr(functions, name).restype = None
+    functions.ballbot_update.argtypes = (pointer, pointer, pointer, ctypes.c_uint32, pointer, pointer)
+    functions.ballbot_update.restype = ctypes.c_bool
+    functions.ballbot_stop_of.argtypes = (pointer,)
+    functions.ballbot_stop_of.restype = ctypes.c_int
+    functions.ballbot_stop_word.argtypes = (ctypes.c_int,)
+    functions.ballbot_stop_word.restype = ctypes.c_char_p
+    return functions
+
+
 @cache
 def library() -> Library:
     """Return the library, compiled once for this process by the first compiler that there is.
@@ -182,3 +202,72 @@ def library() -> Library:
     finally:
         if os.name == "posix":  # a loaded library needs its file no more
             shutil.rmtree(folder)
+
+
+class Firmware:
+    """The firmware of one robot, running on this computer; it starts disarmed.
+
+    Parameters
+    ----------
+    parameters : structured array (1,)
+        Of `ballbot.firmware.records.PARAMETERS` in single precision.
+
+    Raises
+    ------
+    InputError
+        If there is no compiler, or the parameters are not those of the library.
+    """
+
+    def __init__(self, parameters: NDArray[np.void]) -> None:
+        self.parameters = parameters
+        self.state = np.zeros(1, STATE.dtype("single"))
+        self._functions = _typed(library().functions)
+        self._torques = np.zeros(MAX_WHEELS, dtype=np.float32)
+        self._wheels = int(parameters["wheel_count"][0])
+        if not self._functions.ballbot_init(self.state.ctypes.data, parameters.ctypes.data):
+            raise InputError("The firmware does not know these parameters: they are of another version.")
+
+    def arm(self) -> None:
+        """Forget a stop, and give torques from the next update on."""
+        self._functions.ballbot_arm(self.state.ctypes.data)
+
+    def disarm(self) -> None:
+        """Give no torques until armed again."""
+        self._functions.ballbot_disarm(self.state.ctypes.data)
+
+    def update(
+        self, reading: NDArray[np.void], time: int, reference: NDArray[np.float64] | None
+    ) -> NDArray[np.float32]:
+        """Take one sample and return the torques (n,) [N m].
+
+        Parameters
+        ----------
+        reading : structured array (1,)
+            Of `ballbot.firmware.records.READING` in single precision.
+        time : int
+            [us]
+        reference : array (10,), optional
+            The last one holds if it is not given.
+        """
+        wanted = None if reference is None else np.ascontiguousarray(reference, dtype=np.float32)
+        self._functions.ballbot_update(
+            self.state.ctypes.data,
+            self.parameters.ctypes.data,
+            reading.ctypes.data,
+            time % 2**32,
+            None if wanted is None else wanted.ctypes.data,
+            self._torques.ctypes.data,
+        )
+        return self._torques[: self._wheels].copy()
+
+    @property
+    def estimate(self) -> NDArray[np.float32]:
+        """The state (10,) that the last update estimated."""
+        return self.state["run"]["estimate"][0].copy()
+
+    @property
+    def stop(self) -> StopReason | None:
+        """Why the robot was stopped, or None."""
+        number = self._functions.ballbot_stop_of(self.state.ctypes.data)
+        word = self._functions.ballbot_stop_word(number).decode()
+        return StopReason(word) if word else None

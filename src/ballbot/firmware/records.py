@@ -1,27 +1,92 @@
 """The records of the firmware: a controller's parameters, and the state that the application owns.
 
-They are made of the records of the control law and of the safety layer. `FIRMWARE` is all of them; its digest stands in
-the C sources and in every exported controller.
+They are made of the records of the control law, of the estimators and of the safety layer. `FIRMWARE` is all of them;
+its digest stands in the C sources and in every exported controller.
 """
 
 from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.law import LAW, MEMORY
-from ballbot.control.records import Number, Schema, converted, schema_of
+from ballbot.control.records import (
+    MAX_WHEELS,
+    Number,
+    Schema,
+    converted,
+    fill_record,
+    number,
+    schema_of,
+    whole,
+)
+from ballbot.control.safety import SafetyLimits
+from ballbot.estimation.interface import EstimatorName
 from ballbot.firmware.estimators import (
     KalmanMemory,
     KalmanRecord,
     OnboardMemory,
     OnboardRecord,
     ReadingRecord,
+    kalman_record,
+    onboard_record,
+    step_of,
 )
 
 #: numbers in which the digest is exported
 DIGEST_WORDS = 8
+
+
+#: number of each estimator in C
+ESTIMATORS: dict[EstimatorName, int] = {"onboard": 0, "kalman": 1}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SafetyRecord:
+    """What the safety layer lets pass."""
+
+    max_missing: int = field(metadata=whole())
+    lean: float = field(metadata=number("rad"))
+    max_interval: float = field(metadata=number("s"))
+    max_unchanged: int = field(metadata=whole())
+    turning_torque: float = field(metadata=number("N m"))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SafetyState:
+    """Why the torques are zero, and the last samples."""
+
+    stop: int = field(metadata=whole())
+    stop_wheel: int = field(metadata=whole())
+    missing: int = field(metadata=whole())
+    watched: int = field(metadata=whole())
+    imu: NDArray[np.float64] = field(metadata=number("rad/s, rad", 6))
+    imu_unchanged: int = field(metadata=whole())
+    counts_valid: int = field(metadata=whole())
+    counts: NDArray[np.int64] = field(metadata=whole(MAX_WHEELS))
+    pushed: NDArray[np.int64] = field(metadata=whole(MAX_WHEELS))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunState:
+    """Whether torques are given, and the last update."""
+
+    #: whether the parameters are those of the library
+    known: int = field(metadata=whole())
+    armed: int = field(metadata=whole())
+    #: whether there is a reference
+    held: int = field(metadata=whole())
+    started: int = field(metadata=whole())
+    #: of the last update, microseconds modulo 2^32
+    time: int = field(metadata=whole())
+    #: the state that was estimated
+    estimate: NDArray[np.float64] = field(metadata=number("state", 10))
+    #: the last one that was not refused
+    reference: NDArray[np.float64] = field(metadata=number("state", 10))
+    torques: NDArray[np.float64] = field(metadata=number("N m", MAX_WHEELS))
 
 
 PARAMETERS = Schema(
@@ -30,27 +95,28 @@ PARAMETERS = Schema(
     fields={
         "schema": Number(unit="1", shape=(DIGEST_WORDS,), whole=True),
         "wheel_count": Number(unit="1", whole=True),
+        "estimator": Number(unit="1", whole=True),
         "sample_time": Number(unit="s"),
+        "encoder_step": Number(unit="rad"),
         "law": LAW,
+        "safety": schema_of(SafetyRecord),
+        "onboard": schema_of(OnboardRecord),
+        "kalman": schema_of(KalmanRecord),
     },
 )
 STATE = Schema(
     name="state",
-    text="All that changes while the robot runs; zeros at the start.",
-    fields={"memory": MEMORY},
-)
-FIRMWARE = Schema(
-    name="firmware",
+    text="All that changes while the robot runs.",
     fields={
-        "parameters": PARAMETERS,
-        "state": STATE,
-        "reading": schema_of(ReadingRecord),
-        "onboard": schema_of(OnboardRecord),
-        "onboard_memory": schema_of(OnboardMemory),
-        "kalman": schema_of(KalmanRecord),
-        "kalman_memory": schema_of(KalmanMemory),
+        "run": schema_of(RunState),
+        "safety": schema_of(SafetyState),
+        "memory": MEMORY,
+        "onboard": schema_of(OnboardMemory),
+        "kalman": schema_of(KalmanMemory),
     },
 )
+READING = schema_of(ReadingRecord)
+FIRMWARE = Schema(name="firmware", fields={"parameters": PARAMETERS, "state": STATE, "reading": READING})
 
 
 def schema_words(schema: Schema) -> tuple[int, ...]:
@@ -59,17 +125,23 @@ def schema_words(schema: Schema) -> tuple[int, ...]:
     return tuple(int(digest[8 * i : 8 * i + 8], 16) & 0x7FFFFFFF for i in range(DIGEST_WORDS))
 
 
-def parameter_record(controller: Controller) -> NDArray[np.void]:
+def parameter_record(controller: Controller, limits: SafetyLimits) -> NDArray[np.void]:
     """Return a controller's parameters (1,) of `PARAMETERS` in single precision.
 
     Raises
     ------
     InputError
-        If single precision cannot hold a number.
+        If single precision cannot hold a number, or a limit is infinite.
     """
+    robot, sample_time = controller.robot, controller.sample_time
     record = PARAMETERS.zeros()
     record["schema"] = schema_words(FIRMWARE)
     record["wheel_count"] = len(controller.gain)
-    record["sample_time"] = controller.sample_time
+    record["estimator"] = ESTIMATORS[controller.estimator]
+    record["sample_time"] = sample_time
+    record["encoder_step"] = step_of(robot)
     record["law"] = controller.record
+    fill_record(record["safety"], SafetyRecord(**asdict(limits)))
+    fill_record(record["onboard"], onboard_record(robot, sample_time=sample_time))
+    fill_record(record["kalman"], kalman_record(robot, sample_time=sample_time))
     return converted(record, PARAMETERS)

@@ -14,9 +14,9 @@
 /* Updates whose torques the law remembers. */
 #define BALLBOT_MAX_PAST 22
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "319022aa9455ef926fbf22ce47f77e72e559272a08cfee18c22b3aceb5e1f74c"
+#define BALLBOT_SCHEMA_DIGEST "754e55a3b45b48839c87d7d0e249c63418905405ee0d73b9941d38f1226dc536"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 831529642, 341176210, 1874797262, 1207402098, 1700341546, 147844632, 1110129358, 904001356 }
+#define BALLBOT_SCHEMA_WORDS { 1968068003, 878397571, 478664656, 1649002036, 412111877, 1846375353, 337459441, 577619254 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -154,14 +154,83 @@ struct ballbot_law {
 };
 typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1115u * sizeof(float)) ? 1 : -1];
 
+/* What the safety layer lets pass. */
+struct ballbot_safety_record {
+    int32_t max_missing;
+    float lean; /* [rad] */
+    float max_interval; /* [s] */
+    int32_t max_unchanged;
+    float turning_torque; /* [N m] */
+};
+typedef char ballbot_safety_record_has_no_padding[(sizeof(struct ballbot_safety_record) == 5u * sizeof(float)) ? 1 : -1];
+
+/* The numbers of the on-board state, the thesis's way. */
+struct ballbot_onboard_record {
+    float sample_time; /* [s] */
+    float radius; /* [m] */
+    float ball_from_wheels[3][4]; /* [1] */
+};
+typedef char ballbot_onboard_record_has_no_padding[(sizeof(struct ballbot_onboard_record) == 14u * sizeof(float)) ? 1 : -1];
+
+/* The numbers of the Kalman filter. */
+struct ballbot_kalman_record {
+    float sample_time; /* [s] */
+    float radius; /* [m] */
+    float ball_turn[3][4]; /* [rad] */
+    float lever[2][3]; /* [m] */
+    float pull[2][2]; /* [m/s^2] */
+    float forgotten; /* [1] */
+    float gyro_variance; /* [rad^2/s^2] */
+    float walk[14]; /* [square of the state] */
+    float wheel_variances[3]; /* [m^2/s^2, rad^2/s^2] */
+    float attitude_variances[3]; /* [1, rad^2] */
+    float start_variances[14]; /* [square of the state] */
+    float start_covariances[3]; /* [1, rad^2] */
+    float pivoting_share; /* [1] */
+    float pivoting_limit; /* [rad/s] */
+};
+typedef char ballbot_kalman_record_has_no_padding[(sizeof(struct ballbot_kalman_record) == 65u * sizeof(float)) ? 1 : -1];
+
 /* The numbers of one controller. */
 struct ballbot_parameters {
     int32_t schema[8];
     int32_t wheel_count;
+    int32_t estimator;
     float sample_time; /* [s] */
+    float encoder_step; /* [rad] */
     struct ballbot_law law;
+    struct ballbot_safety_record safety;
+    struct ballbot_onboard_record onboard;
+    struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1125u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1211u * sizeof(float)) ? 1 : -1];
+
+/* Whether torques are given, and the last update. */
+struct ballbot_run_state {
+    int32_t known;
+    int32_t armed;
+    int32_t held;
+    int32_t started;
+    int32_t time;
+    float estimate[10]; /* [state] */
+    float reference[10]; /* [state] */
+    float torques[BALLBOT_MAX_WHEELS]; /* [N m] */
+};
+typedef char ballbot_run_state_has_no_padding[(sizeof(struct ballbot_run_state) == 29u * sizeof(float)) ? 1 : -1];
+
+/* Why the torques are zero, and the last samples. */
+struct ballbot_safety_state {
+    int32_t stop;
+    int32_t stop_wheel;
+    int32_t missing;
+    int32_t watched;
+    float imu[6]; /* [rad/s, rad] */
+    int32_t imu_unchanged;
+    int32_t counts_valid;
+    int32_t counts[BALLBOT_MAX_WHEELS];
+    int32_t pushed[BALLBOT_MAX_WHEELS];
+};
+typedef char ballbot_safety_state_has_no_padding[(sizeof(struct ballbot_safety_state) == 20u * sizeof(float)) ? 1 : -1];
 
 /* What the law remembers of each wheel's torques at its last updates, the newest first. */
 struct ballbot_torque_history {
@@ -243,11 +312,39 @@ struct ballbot_memory {
 };
 typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 439u * sizeof(float)) ? 1 : -1];
 
-/* All that changes while the robot runs; zeros at the start. */
-struct ballbot_state {
-    struct ballbot_memory memory;
+/* What the on-board state remembers. */
+struct ballbot_onboard_memory {
+    int32_t started;
+    float position[2]; /* [m] */
+    float position_rest[2]; /* [m] */
+    float velocity[2]; /* [m/s] */
+    float gyro[3]; /* [rad/s] */
+    float attitude[3]; /* [rad] */
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 439u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_onboard_memory_has_no_padding[(sizeof(struct ballbot_onboard_memory) == 13u * sizeof(float)) ? 1 : -1];
+
+/* What the Kalman filter remembers. */
+struct ballbot_kalman_memory {
+    int32_t started;
+    int32_t missed;
+    int32_t wheel_counts[BALLBOT_MAX_WHEELS];
+    float gyro[3]; /* [rad/s] */
+    float pivoting; /* [rad/s] */
+    float x[14]; /* [state] */
+    float rest[14]; /* [state] */
+    float P[14][14]; /* [product of two states] */
+};
+typedef char ballbot_kalman_memory_has_no_padding[(sizeof(struct ballbot_kalman_memory) == 234u * sizeof(float)) ? 1 : -1];
+
+/* All that changes while the robot runs. */
+struct ballbot_state {
+    struct ballbot_run_state run;
+    struct ballbot_safety_state safety;
+    struct ballbot_memory memory;
+    struct ballbot_onboard_memory onboard;
+    struct ballbot_kalman_memory kalman;
+};
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 735u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {
@@ -262,56 +359,5 @@ struct ballbot_reading_record {
     float fix_heading_deviation; /* [rad] */
 };
 typedef char ballbot_reading_record_has_no_padding[(sizeof(struct ballbot_reading_record) == 20u * sizeof(float)) ? 1 : -1];
-
-/* The numbers of the on-board state, the thesis's way. */
-struct ballbot_onboard_record {
-    float sample_time; /* [s] */
-    float radius; /* [m] */
-    float ball_from_wheels[3][4]; /* [1] */
-};
-typedef char ballbot_onboard_record_has_no_padding[(sizeof(struct ballbot_onboard_record) == 14u * sizeof(float)) ? 1 : -1];
-
-/* What the on-board state remembers. */
-struct ballbot_onboard_memory {
-    int32_t started;
-    float position[2]; /* [m] */
-    float position_rest[2]; /* [m] */
-    float velocity[2]; /* [m/s] */
-    float gyro[3]; /* [rad/s] */
-    float attitude[3]; /* [rad] */
-};
-typedef char ballbot_onboard_memory_has_no_padding[(sizeof(struct ballbot_onboard_memory) == 13u * sizeof(float)) ? 1 : -1];
-
-/* The numbers of the Kalman filter. */
-struct ballbot_kalman_record {
-    float sample_time; /* [s] */
-    float radius; /* [m] */
-    float ball_turn[3][4]; /* [rad] */
-    float lever[2][3]; /* [m] */
-    float pull[2][2]; /* [m/s^2] */
-    float forgotten; /* [1] */
-    float gyro_variance; /* [rad^2/s^2] */
-    float walk[14]; /* [square of the state] */
-    float wheel_variances[3]; /* [m^2/s^2, rad^2/s^2] */
-    float attitude_variances[3]; /* [1, rad^2] */
-    float start_variances[14]; /* [square of the state] */
-    float start_covariances[3]; /* [1, rad^2] */
-    float pivoting_share; /* [1] */
-    float pivoting_limit; /* [rad/s] */
-};
-typedef char ballbot_kalman_record_has_no_padding[(sizeof(struct ballbot_kalman_record) == 65u * sizeof(float)) ? 1 : -1];
-
-/* What the Kalman filter remembers. */
-struct ballbot_kalman_memory {
-    int32_t started;
-    int32_t missed;
-    int32_t wheel_counts[BALLBOT_MAX_WHEELS];
-    float gyro[3]; /* [rad/s] */
-    float pivoting; /* [rad/s] */
-    float x[14]; /* [state] */
-    float rest[14]; /* [state] */
-    float P[14][14]; /* [product of two states] */
-};
-typedef char ballbot_kalman_memory_has_no_padding[(sizeof(struct ballbot_kalman_memory) == 234u * sizeof(float)) ? 1 : -1];
 
 #endif

@@ -3,14 +3,18 @@
 
 #include "parts/parts.h"
 
-/* Return the first place that asks for a lean or a rate, where A r is not 0, or for something impossible. */
-static int32_t forbidden(const float reference[10])
+bool ballbot_is_possible(float value)
+{
+    return ballbot_magnitude(value) <= BALLBOT_LARGEST_STATE;
+}
+
+int32_t ballbot_refused_place(const float reference[10])
 {
     static const float largest[10] = { BALLBOT_LARGEST_STATE, BALLBOT_LARGEST_STATE, 0.0f, 0.0f,
                                        BALLBOT_LARGEST_STATE };
 
     for (int32_t i = 0; i < 10; ++i) {
-        if (!(ballbot_size(reference[i]) <= largest[i])) {
+        if (!(ballbot_magnitude(reference[i]) <= largest[i])) {
             return i;
         }
     }
@@ -21,7 +25,7 @@ static int32_t forbidden(const float reference[10])
 static bool is_state(const float state[10])
 {
     for (int i = 0; i < 10; ++i) {
-        if (!(ballbot_size(state[i]) <= BALLBOT_LARGEST_STATE)) {
+        if (!ballbot_is_possible(state[i])) {
             return false;
         }
     }
@@ -95,7 +99,7 @@ static bool filter_and_limit(const struct ballbot_law *law, struct ballbot_memor
         history->disturbance_compensation[0][i] = 0.0f; /* the stage adds to it */
         torques[i] = ballbot_disturbance_observer_filter(memory, torques[i], i);
         torques[i] = ballbot_notch_filter(law, memory, torques[i], i);
-        limited = limited || ballbot_size(torques[i]) > law->torque_limit;
+        limited = limited || ballbot_magnitude(torques[i]) > law->torque_limit;
         torques[i] = ballbot_clipped(torques[i], law->torque_limit);
         history->acting[0][i] = torques[i];
     }
@@ -143,7 +147,7 @@ static void decide(const struct ballbot_law *law, struct ballbot_memory *memory,
 int32_t ballbot_control_law(const struct ballbot_law *law, struct ballbot_memory *memory, int32_t n,
                             const float measured[10], const float reference[10], float torques[])
 {
-    const int32_t refused = forbidden(reference);
+    const int32_t refused = ballbot_refused_place(reference);
 
     if (refused != BALLBOT_ALLOWED || !is_state(measured)) {
         for (int32_t i = 0; i < n; ++i) {

@@ -7,6 +7,8 @@
 #ifndef BALLBOT_LAW_H
 #define BALLBOT_LAW_H
 
+#include <stdbool.h>
+
 #include "ballbot_types.h"
 
 /* Result of ballbot_control_law if the reference is allowed. */
@@ -14,11 +16,19 @@
 /* A measured state that holds a larger number, or no number, is invalid. */
 #define BALLBOT_LARGEST_STATE 1e6f
 
+/* Return whether a number of a state is possible for a robot; a NaN is not. */
+bool ballbot_is_possible(float value);
+
+/* Return the first place of a reference (10) that is refused, else BALLBOT_ALLOWED: a lean or a rate, for which A r is not
+ * 0, or something impossible.
+ */
+int32_t ballbot_refused_place(const float reference[10]);
+
 /* Fill the torques of n wheels [N m].
  *
  * `memory` is all zeros at the start of a run. `measured` and `reference` are states (10); a reference may ask for x, y
- * and psi only. Returns BALLBOT_ALLOWED, or the place in the reference that asks for a lean or a rate or holds an
- * impossible number. Then, and without a valid state, the torques are zero and the memory stays as it is.
+ * and psi only. Returns ballbot_refused_place of the reference. If that is refused, and without a valid state, the torques are
+ * zero and the memory stays as it is.
  */
 int32_t ballbot_control_law(const struct ballbot_law *law, struct ballbot_memory *memory, int32_t n,
                             const float measured[10], const float reference[10], float torques[]);

@@ -84,7 +84,7 @@ bool ballbot_safety_admit(const struct ballbot_safety_record *own, struct ballbo
         latch(state, BALLBOT_STOP_LATE, 0);
     } else if (state->missing > own->max_missing) {
         latch(state, BALLBOT_STOP_MISSING, 0);
-    } else if (known && ballbot_larger(ballbot_size(theta), ballbot_size(phi)) > own->lean) {
+    } else if (known && ballbot_larger(ballbot_magnitude(theta), ballbot_magnitude(phi)) > own->lean) {
         latch(state, BALLBOT_STOP_LEAN, 0);
     }
     return state->stop == BALLBOT_STOP_NONE && known;
@@ -93,7 +93,7 @@ bool ballbot_safety_admit(const struct ballbot_safety_record *own, struct ballbo
 void ballbot_safety_release(struct ballbot_safety_state *state, int32_t n, float torques[])
 {
     for (int32_t i = 0; i < n; ++i) {
-        if (!(ballbot_size(torques[i]) <= FLT_MAX)) {
+        if (!(ballbot_magnitude(torques[i]) <= FLT_MAX)) {
             latch(state, BALLBOT_STOP_TORQUE, i + 1);
         }
     }

@@ -9,8 +9,7 @@
  * the speed band the sign of a speed is a ramp, so that a wheel at rest is not compensated. Friction that differs with
  * direction adds (d + e E) |ramp|, and the load of a drive mu |u| ramp.
  */
-#include "../ballbot_math.h"
-#include "parts.h"
+#include "parts/parts.h"
 
 /* In place of a speed of zero [m/s], which has no direction. */
 #define NO_SPEED 1e-30f
@@ -64,13 +63,13 @@ static struct friction wheel_friction(const struct ballbot_compensation_record *
     const float *axle = own->axles[i];
     const float speed = axle[0] * relative[0] + axle[1] * relative[1] + axle[2] * relative[2];
     const float ramp = ballbot_clipped(speed * own->steepness, 1.0f);
-    const float decay = ballbot_exponential(-ballbot_power(ballbot_size(speed) * own->inv_vs, own->delta));
+    const float decay = ballbot_exponential(-ballbot_power(ballbot_magnitude(speed) * own->inv_vs, own->delta));
     struct friction found;
 
     found.torque = own->viscous[i] * speed + (own->coulomb[i] + own->stribeck[i] * decay) * ramp;
     if (own->directed > 0.0f) {
-        found.torque += (own->coulomb_asymmetry[i] + own->stribeck_asymmetry[i] * decay) * ballbot_size(ramp);
-        found.torque += own->load[i] * ballbot_size(torque + found.torque) * ramp;
+        found.torque += (own->coulomb_asymmetry[i] + own->stribeck_asymmetry[i] * decay) * ballbot_magnitude(ramp);
+        found.torque += own->load[i] * ballbot_magnitude(torque + found.torque) * ramp;
     }
     const bool works_against = torque * found.torque > 0.0f;
 

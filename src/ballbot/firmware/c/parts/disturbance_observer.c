@@ -6,7 +6,7 @@
  * The change of the rates is that of the last sample, in [m/s^2] and [rad/s^2], heading frame. A sample in which a
  * torque was at its limit does not determine the lost torque.
  */
-#include "parts.h"
+#include "parts/parts.h"
 
 /* Fill the rates' change since the last sample (5), heading frame; `rate` is samples a second. */
 static void accelerations(const struct ballbot_sample *now, const float rates[5], float rate, float changes[5])

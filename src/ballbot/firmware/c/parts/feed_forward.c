@@ -5,7 +5,7 @@
  * s is the motion of the flat output, the point that feels no torque. Quantities are those of the heading frame. The
  * record is all zeros if the controller lacks the part: then nothing is added.
  */
-#include "parts.h"
+#include "parts/parts.h"
 
 static struct ballbot_pair times(const float M[2][2], struct ballbot_pair v)
 {

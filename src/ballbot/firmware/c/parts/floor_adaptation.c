@@ -9,8 +9,7 @@
  *
  * with phi = (1, 0, d_x) or (0, 1, d_y). P is kept less its start, so that zeros are the start.
  */
-#include "../ballbot_math.h"
-#include "parts.h"
+#include "parts/parts.h"
 
 /* |d|^2 below which nothing is asked to move: a shaped motion never ends altogether. */
 #define MOVES 1e-2f

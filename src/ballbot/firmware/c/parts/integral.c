@@ -6,7 +6,7 @@
  * Within the dead band the integrals rest. While a torque or the error is limited they may shrink but not grow. The
  * drag and its direction d belong to the floor adaptation; without it they are zero.
  */
-#include "parts.h"
+#include "parts/parts.h"
 
 float ballbot_integral_torque(const struct ballbot_law *law, const struct ballbot_memory *memory, float torque,
                               const struct ballbot_sample *now, int32_t i)
@@ -25,7 +25,7 @@ static float stepped(float value, float kept, float change, float limit, bool li
 {
     const float after = ballbot_clipped(kept * value + change, limit);
 
-    return (limited && ballbot_size(after) > ballbot_size(value)) ? value : after;
+    return (limited && ballbot_magnitude(after) > ballbot_magnitude(value)) ? value : after;
 }
 
 void ballbot_integral_learn(const struct ballbot_law *law, struct ballbot_memory *memory,
@@ -44,7 +44,7 @@ void ballbot_integral_learn(const struct ballbot_law *law, struct ballbot_memory
         sums[0] = stepped(sums[0], own->kept, own->step * e.x, own->limit, limited);
         sums[1] = stepped(sums[1], own->kept, own->step * e.y, own->limit, limited);
     }
-    if (ballbot_size(e_psi) > own->dead_band) {
+    if (ballbot_magnitude(e_psi) > own->dead_band) {
         sums[2] = stepped(sums[2], own->kept, own->step * e_psi, own->yaw_limit, limited);
     }
 }

@@ -3,8 +3,7 @@
  * The commanded lean is asked (e_x, e_y, e_x', e_y') [rad], heading frame. First the errors of position are reduced if
  * they alone command more than the limit, then all four. Within the limits nothing changes.
  */
-#include "../ballbot_math.h"
-#include "parts.h"
+#include "parts/parts.h"
 
 /* Return limit / |(a, b)|, or 1 within the limit. */
 static float fraction(float limit, float a, float b)

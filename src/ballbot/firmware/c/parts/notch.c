@@ -2,7 +2,7 @@
  *
  *     (b_0 + b_1/z + b_2/z^2) / (1 + a_1/z + a_2/z^2)      transposed direct form II
  */
-#include "parts.h"
+#include "parts/parts.h"
 
 float ballbot_notch_filter(const struct ballbot_law *law, struct ballbot_memory *memory, float torque, int32_t i)
 {

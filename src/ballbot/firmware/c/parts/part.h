@@ -10,8 +10,9 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "../attitude.h"
-#include "../ballbot_types.h"
+#include "attitude.h"
+#include "ballbot_math.h"
+#include "ballbot_types.h"
 
 /* The reference of x, y or psi with its derivatives: [m] or [rad], and the same per s, s^2, s^3 and s^4. */
 struct ballbot_smooth {
@@ -46,11 +47,6 @@ static inline float ballbot_clipped(float value, float limit)
         return limit;
     }
     return (value < -limit) ? -limit : value;
-}
-
-static inline float ballbot_size(float value)
-{
-    return (value < 0.0f) ? -value : value;
 }
 
 static inline float ballbot_smaller(float a, float b)

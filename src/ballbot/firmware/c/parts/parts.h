@@ -2,7 +2,7 @@
 #ifndef BALLBOT_PARTS_H
 #define BALLBOT_PARTS_H
 
-#include "part.h"
+#include "parts/part.h"
 
 /* observe: evaluate the sample that has passed */
 void ballbot_disturbance_observer_observe(const struct ballbot_law *law, struct ballbot_memory *memory,

@@ -6,7 +6,7 @@
  * model does not depend on x, y and psi: they are predicted relative to the measured pose. The state's change is summed
  * and then added, because it is small and so is its rounding.
  */
-#include "parts.h"
+#include "parts/parts.h"
 
 /* Fill the pairs (x y), (theta phi) of a state and their rates in the heading frame, psi and its rate as they are. */
 static void turn(const struct ballbot_attitude *a, const float state[10], float turned[10])

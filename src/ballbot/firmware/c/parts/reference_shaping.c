@@ -10,8 +10,7 @@
  *
  *     d_i(h) = exp(-g) (d_i + g d_(i-1) + g^2/2 d_(i-2) + g^3/6 d_(i-3))
  */
-#include "../ballbot_math.h"
-#include "parts.h"
+#include "parts/parts.h"
 
 /* One axis's lags. */
 struct lags {
@@ -48,7 +47,7 @@ static void follow_bends(const struct ballbot_shaping_record *own, struct ballbo
 {
     const float n[3] = { change[0] - state->change[0], change[1] - state->change[1], change[2] - state->change[2] };
     const float moving = counted(ballbot_square_root(n[0] * n[0] + n[1] * n[1]) / own->kink);
-    const float turning = counted(ballbot_size(n[2]) / own->turning_kink);
+    const float turning = counted(ballbot_magnitude(n[2]) / own->turning_kink);
 
     state->bend[0] += own->late * (moving * n[0] - state->bend[0]);
     state->bend[1] += own->late * (moving * n[1] - state->bend[1]);
@@ -136,7 +135,7 @@ void ballbot_shaping_shape(const struct ballbot_law *law, struct ballbot_memory 
     const float change[3] = { r[0] - state->last[0], r[1] - state->last[1], r[2] - state->last[2] };
     const float before[3] = { state->followed[0], state->followed[1], state->followed[2] };
     const bool moves = change[0] * change[0] + change[1] * change[1] <= own->speed * own->speed;
-    const bool turns = ballbot_size(change[2]) <= own->turn;
+    const bool turns = ballbot_magnitude(change[2]) <= own->turn;
 
     follow_bends(own, state, change);
     follow(own, state->followed, r, steps);

@@ -1,0 +1,173 @@
+#include "ballbot.h"
+
+#include <stddef.h>
+
+#include "estimation/kalman.h"
+#include "estimation/onboard.h"
+#include "law.h"
+
+/* Return whether the parameters are laid out as this library reads them, and within the room of its records. */
+static bool are_known(const struct ballbot_parameters *parameters)
+{
+    static const int32_t words[] = BALLBOT_SCHEMA_WORDS;
+    bool same = true;
+
+    for (size_t k = 0; k < sizeof words / sizeof words[0]; ++k) {
+        same = same && words[k] == parameters->schema[k];
+    }
+    return same && parameters->wheel_count >= 3 && parameters->wheel_count <= BALLBOT_MAX_WHEELS &&
+           (parameters->estimator == BALLBOT_ONBOARD || parameters->estimator == BALLBOT_KALMAN) &&
+           parameters->law.prediction.count >= 0 && parameters->law.prediction.count <= BALLBOT_MAX_PAST - 2 &&
+           parameters->law.prediction.samples >= 0 && parameters->law.prediction.samples <= BALLBOT_MAX_PAST - 2;
+}
+
+/* Fill a struct of numbers with zeros. */
+static void clear(void *numbers, size_t size)
+{
+    unsigned char *bytes = (unsigned char *)numbers;
+
+    for (size_t k = 0; k < size; ++k) {
+        bytes[k] = 0u;
+    }
+}
+
+bool ballbot_init(struct ballbot_state *state, const struct ballbot_parameters *parameters)
+{
+    static const float origin[2] = { 0.0f, 0.0f };
+
+    clear(state, sizeof *state);
+    ballbot_onboard_reset(&state->onboard, origin);
+    ballbot_kalman_reset(&state->kalman, origin);
+    state->run.known = are_known(parameters) ? 1 : 0;
+    return state->run.known != 0;
+}
+
+void ballbot_arm(struct ballbot_state *state)
+{
+    ballbot_safety_reset(&state->safety);
+    clear(&state->memory, sizeof state->memory);
+    for (int i = 0; i < 10; ++i) {
+        state->run.reference[i] = 0.0f;
+    }
+    state->run.held = 0;
+    state->run.armed = state->run.known;
+}
+
+void ballbot_disarm(struct ballbot_state *state)
+{
+    state->run.armed = 0;
+}
+
+/* Fill the estimate; return whether the sensors gave all that it needs. */
+static bool estimate(struct ballbot_state *state, const struct ballbot_parameters *parameters,
+                     const struct ballbot_reading_record *reading)
+{
+    const int32_t n = parameters->wheel_count;
+    float *found = state->run.estimate;
+
+    if (parameters->estimator == BALLBOT_KALMAN) {
+        return ballbot_kalman_update(&parameters->kalman, &state->kalman, n, reading, found) != 0;
+    }
+    return ballbot_onboard_update(&parameters->onboard, &state->onboard, n, reading, found) != 0;
+}
+
+/* Return whether there is a state: numbers that are possible for a robot. */
+static bool is_known(const float found[10])
+{
+    for (int i = 0; i < 10; ++i) {
+        if (!ballbot_is_possible(found[i])) {
+            return false;
+        }
+    }
+    return true;
+}
+
+/* Return whether the safety layer lets torques follow from this sample. */
+static bool admitted(struct ballbot_state *state, const struct ballbot_parameters *parameters,
+                     const struct ballbot_reading_record *reading, float interval, bool measured)
+{
+    const float imu[BALLBOT_IMU_VALUES] = { reading->gyro[0],     reading->gyro[1],     reading->gyro[2],
+                                            reading->attitude[0], reading->attitude[1], reading->attitude[2] };
+    const float *found = state->run.estimate;
+
+    ballbot_safety_watch(&parameters->safety, &state->safety, parameters->wheel_count, imu, reading->wheel_counts,
+                         reading->encoders_valid != 0, state->run.torques);
+    return ballbot_safety_admit(&parameters->safety, &state->safety, interval, measured, is_known(found), found[2],
+                                found[3]);
+}
+
+/* Take over a reference that is allowed; before the first one, the pose is held. */
+static void take_reference(struct ballbot_state *state, const float reference[10])
+{
+    struct ballbot_run_state *run = &state->run;
+
+    if (run->held == 0) {
+        run->reference[0] = run->estimate[0];
+        run->reference[1] = run->estimate[1];
+        run->reference[4] = run->estimate[4];
+        run->held = 1;
+    }
+    if (reference != NULL && ballbot_refused_place(reference) == BALLBOT_ALLOWED) {
+        for (int i = 0; i < 10; ++i) {
+            run->reference[i] = reference[i];
+        }
+    }
+}
+
+bool ballbot_update(struct ballbot_state *state, const struct ballbot_parameters *parameters,
+                    const struct ballbot_reading_record *reading, uint32_t time, const float reference[10],
+                    float torques[BALLBOT_MAX_WHEELS])
+{
+    struct ballbot_run_state *run = &state->run;
+    bool may = false;
+
+    for (int i = 0; i < BALLBOT_MAX_WHEELS; ++i) {
+        torques[i] = 0.0f;
+    }
+    if (run->known == 0) {
+        return false;
+    }
+    const uint32_t passed = (run->started != 0) ? time - (uint32_t)run->time : 0u;
+    const bool measured = estimate(state, parameters, reading);
+
+    run->time = (int32_t)time;
+    run->started = 1;
+    if (run->armed != 0) {
+        may = admitted(state, parameters, reading, 1e-6f * (float)passed, measured);
+    }
+    if (may) {
+        take_reference(state, reference);
+        (void)ballbot_control_law(&parameters->law, &state->memory, parameters->wheel_count, run->estimate,
+                                  run->reference, torques);
+        ballbot_safety_release(&state->safety, parameters->wheel_count, torques);
+        may = state->safety.stop == BALLBOT_STOP_NONE;
+    }
+    for (int i = 0; i < BALLBOT_MAX_WHEELS; ++i) {
+        run->torques[i] = torques[i];
+    }
+    return may;
+}
+
+enum ballbot_stop ballbot_stop_of(const struct ballbot_state *state)
+{
+    return (enum ballbot_stop)state->safety.stop;
+}
+
+const char *ballbot_stop_word(enum ballbot_stop stop)
+{
+    switch (stop) {
+    case BALLBOT_STOP_MISSING:
+        return "missing";
+    case BALLBOT_STOP_LEAN:
+        return "lean";
+    case BALLBOT_STOP_TORQUE:
+        return "torque";
+    case BALLBOT_STOP_LATE:
+        return "late";
+    case BALLBOT_STOP_STUCK:
+        return "stuck";
+    case BALLBOT_STOP_NONE:
+    default:
+        return "";
+    }
+}

@@ -1,0 +1,51 @@
+/* Ballbot's firmware: estimator, control law and safety layer of a ball-balancing robot.
+ *
+ *     static struct ballbot_state state;
+ *
+ *     if (ballbot_init(&state, &ballbot_parameters)) { ... }       once
+ *     ballbot_arm(&state);                                         when the robot stands upright
+ *     ballbot_update(&state, &ballbot_parameters, &reading, time, reference, torques);      each sample time
+ *
+ * The application owns the state; the library has no variables of its own, takes no memory and calls nobody. Times are
+ * microseconds of a counter of 32 bits that wraps around. The Python package has the same names and units.
+ */
+#ifndef BALLBOT_H
+#define BALLBOT_H
+
+#include <stdbool.h>
+
+#include "ballbot_types.h"
+#include "safety.h"
+
+/* Numbers of `estimator` in the parameters. */
+enum ballbot_estimator { BALLBOT_ONBOARD = 0, BALLBOT_KALMAN = 1 };
+
+/* Start disarmed, at x = y = 0, and return whether the parameters are those of this library and of a robot that it knows.
+ *
+ * Without that every update gives zero torques.
+ */
+bool ballbot_init(struct ballbot_state *state, const struct ballbot_parameters *parameters);
+
+/* Forget a stop and what the law remembers, and give torques from the next update on; the estimate goes on. */
+void ballbot_arm(struct ballbot_state *state);
+
+/* Give no torques until armed again. */
+void ballbot_disarm(struct ballbot_state *state);
+
+/* Take one sample; fill the torques of all wheels [N m].
+ *
+ * reading: what the sensors gave; NaN for a value that is missing. time: of the sample [us]. reference: the state (10) that
+ * is asked for; x, y and psi may differ from zero. One that is refused is ignored, and the last one holds; NULL is that too.
+ * Returns whether torques may be given: armed, not stopped, and with a state to give them for.
+ */
+bool ballbot_update(struct ballbot_state *state, const struct ballbot_parameters *parameters,
+                    const struct ballbot_reading_record *reading, uint32_t time, const float reference[10],
+                    float torques[BALLBOT_MAX_WHEELS]);
+
+/* Return why the robot was stopped; BALLBOT_STOP_NONE if it was not. */
+enum ballbot_stop ballbot_stop_of(const struct ballbot_state *state);
+
+/* Return a word for a reason, as Python has it: "missing", "lean", "torque", "late", "stuck"; "" for none. */
+const char *ballbot_stop_word(enum ballbot_stop stop);
+
+#endif

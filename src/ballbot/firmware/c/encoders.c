@@ -1,0 +1,33 @@
+#include "encoders.h"
+
+#include <stddef.h>
+
+/* In place of a speed that is missing: a value beyond any sensor's. */
+#define MISSING_SPEED 1e30f
+
+/* Return how far a count went; the counter wraps around. */
+static int32_t gone(int32_t now, int32_t before)
+{
+    return (int32_t)((uint32_t)now - (uint32_t)before);
+}
+
+void ballbot_take_encoders(struct ballbot_encoders *encoders, const struct ballbot_parameters *parameters,
+                           const int32_t counts[], struct ballbot_reading_record *reading)
+{
+    const float time = parameters->sample_time * (float)(1 + encoders->missed);
+
+    reading->encoders_valid = (counts != NULL) ? 1 : 0;
+    for (int32_t i = 0; i < parameters->wheel_count; ++i) {
+        if (counts == NULL) {
+            reading->wheel_speeds[i] = MISSING_SPEED;
+            continue;
+        }
+        const int32_t steps = encoders->started ? gone(counts[i], encoders->counts[i]) : 0;
+
+        reading->wheel_counts[i] = counts[i];
+        reading->wheel_speeds[i] = parameters->encoder_step * (float)steps / time;
+        encoders->counts[i] = counts[i];
+    }
+    encoders->missed = (counts != NULL || !encoders->started) ? 0 : encoders->missed + 1;
+    encoders->started = encoders->started || counts != NULL;
+}

@@ -1,0 +1,126 @@
+"""What `ballbot export` writes: the library, a controller's numbers, build files and examples.
+
+    ballbot/                the library: the C sources of `ballbot.firmware`, as they are
+    ballbot_parameters.h    the controller's numbers in single precision
+    ballbot_hardware.h      seven functions that the application writes for its board
+    robot.c, robot.h        sensors, library and motors put together
+    examples/               main loops for bare metal and for an operating system
+    CMakeLists.txt, Makefile, README.md
+
+The same controller and robot give the same bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.controller import Controller
+from ballbot.control.lqr import held
+from ballbot.control.safety import SafetyLimits
+from ballbot.errors import InputError
+from ballbot.files import read_text, read_toml
+from ballbot.firmware.header import PARAMETERS_HEADER, SOURCES, parameters_header
+from ballbot.firmware.records import FIRMWARE, PARAMETERS, STATE, parameter_record
+from ballbot.mechanics.model import Model
+from ballbot.robot import Friction, Robot
+
+#: build files and examples
+PROJECT = Path(__file__).parent / "project"
+#: folder of the library in what is written
+LIBRARY = "ballbot"
+#: a frequency of the shaping [rad/s] up to which its fourth power and all products stay far within single precision
+_LARGEST_FREQUENCY = 1e4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Export:
+    """A controller as firmware."""
+
+    parameters: NDArray[np.void]  #: (1,) of `PARAMETERS` in single precision
+    files: Mapping[str, str]  #: text by path, in order
+    limits: SafetyLimits
+
+    @property
+    def parameter_bytes(self) -> int:
+        """Flash that the controller's numbers take."""
+        return self.parameters.itemsize
+
+    @property
+    def state_bytes(self) -> int:
+        """RAM that the state takes, without the stack."""
+        return STATE.dtype("single").itemsize
+
+
+def exported_names() -> list[str]:
+    """Return the paths of all files that an export writes."""
+    return sorted([PARAMETERS_HEADER, *_fixed_files()])
+
+
+def export_controller(controller: Controller, *, lean: float = 0.35) -> Export:
+    """Return a controller and its robot as firmware.
+
+    Parameters
+    ----------
+    controller : Controller
+        With the robot that it was read for.
+    lean : float
+        Largest |theta| and |phi| [rad]; the safety layer stops beyond it.
+
+    Raises
+    ------
+    InputError
+        If the gain does not stabilise the robot, or single precision cannot hold the controller.
+    """
+    check_stabilises(controller)
+    shaping = controller.parts.shaping
+    if shaping and max(shaping.frequency, shaping.yaw_frequency) > _LARGEST_FREQUENCY:
+        raise InputError(
+            f"The reference shaping has a frequency of {max(shaping.frequency, shaping.yaw_frequency):g} rad/s; "
+            f"firmware can have up to {_LARGEST_FREQUENCY:g} rad/s."
+        )
+    limits = SafetyLimits.on_robot(controller.robot, sample_time=controller.sample_time, lean=lean)
+    record = parameter_record(controller, limits)
+    comment = (
+        f"Robot: {controller.robot.name}, {len(controller.gain)} wheels. Controller: every "
+        f"{1e3 * controller.sample_time:g} ms, state of the estimator {controller.estimator!r}.\n"
+        f"Records: SHA-256 {FIRMWARE.digest}."
+    )
+    files = _fixed_files() | {PARAMETERS_HEADER: parameters_header(record, PARAMETERS, comment=comment)}
+    return Export(parameters=record, files=dict(sorted(files.items())), limits=limits)
+
+
+def _fixed_files() -> dict[str, str]:
+    """Return the files that are the same for every controller, by their paths."""
+    sources = [path for path in SOURCES.rglob("*") if path.suffix in (".c", ".h")]
+    project = [path for path in PROJECT.rglob("*") if path.is_file() and "__pycache__" not in path.parts]
+    return {f"{LIBRARY}/{path.relative_to(SOURCES).as_posix()}": read_text(path) for path in sources} | {
+        path.relative_to(PROJECT).as_posix(): read_text(path) for path in project
+    }
+
+
+def check_belongs(path: Path, robot: Robot) -> None:
+    """Raise InputError if a controller file names another robot than the one that it is read for."""
+    named = read_toml(path).get("robot")
+    if isinstance(named, str) and named != robot.name:
+        raise InputError(
+            f"{path} was designed for the robot {named!r}, not for {robot.name!r}; design a controller for "
+            f"{robot.name!r}, or correct the name in one of the files if they are the same robot."
+        )
+
+
+def check_stabilises(controller: Controller) -> None:
+    """Raise InputError if the gain does not stabilise the robot's linear model without friction, sampled."""
+    robot = controller.robot
+    linear = Model(robot.replace(friction=Friction.none(robot.wheel_count))).linearize()
+    A, B = held(np.asarray(linear.A), np.asarray(linear.B), controller.sample_time)
+    fastest = float(np.abs(np.linalg.eigvals(A - B @ controller.gain)).max())
+    if not fastest < 1.0:
+        raise InputError(
+            f"The controller does not stabilise the robot {robot.name!r}: an error grows by a factor of "
+            f"{fastest ** (1.0 / controller.sample_time):.3g} a second. They do not belong together."
+        )

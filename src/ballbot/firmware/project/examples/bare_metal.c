@@ -1,0 +1,44 @@
+/* A main loop for a board without an operating system.
+ *
+ * The loop waits for the time of the next sample and never skips one: a sample that comes too late stops the robot, with
+ * the reason "late". A byte 'a' from the host arms, any other disarms; replace this by the robot's own button.
+ */
+#include "ballbot_hardware.h"
+#include "ballbot_parameters.h"
+#include "robot.h"
+
+/* Obey the last byte that came from the host. */
+static void obey_host(struct robot *robot)
+{
+    uint8_t byte = 0;
+
+    if (ballbot_receive(&byte, 1) == 0) {
+        return;
+    }
+    if (byte == (uint8_t)'a') {
+        robot_arm(robot);
+    } else {
+        ballbot_disarm(&robot->state);
+        ballbot_set_enable(false);
+    }
+}
+
+int main(void)
+{
+    static struct robot robot;
+    const uint32_t period = (uint32_t)(1e6f * ballbot_parameters.sample_time + 0.5f);
+
+    if (!robot_start(&robot)) {
+        return 1;
+    }
+    uint32_t next = ballbot_read_time();
+
+    for (;;) {
+        while ((int32_t)(ballbot_read_time() - next) < 0) {
+            /* a processor may sleep here until its timer's interrupt */
+        }
+        next += period;
+        obey_host(&robot);
+        robot_step(&robot);
+    }
+}

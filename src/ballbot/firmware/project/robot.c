@@ -1,0 +1,53 @@
+#include "robot.h"
+
+#include "ballbot_hardware.h"
+#include "ballbot_parameters.h"
+
+/* In place of a value that the IMU did not give: beyond any sensor's. */
+#define MISSING 1e30f
+
+bool robot_start(struct robot *robot)
+{
+    static const struct ballbot_encoders no_counts = { .started = false };
+    static const struct ballbot_reading_record no_fix = { .fix_position = { MISSING, MISSING },
+                                                          .fix_heading = MISSING };
+
+    robot->encoders = no_counts;
+    robot->reading = no_fix;
+    ballbot_set_enable(false);
+    return ballbot_init(&robot->state, &ballbot_parameters);
+}
+
+void robot_arm(struct robot *robot)
+{
+    ballbot_arm(&robot->state);
+    ballbot_set_enable(true);
+}
+
+static void read_sensors(struct robot *robot)
+{
+    struct ballbot_reading_record *reading = &robot->reading;
+    int32_t counts[BALLBOT_MAX_WHEELS];
+
+    if (!ballbot_read_imu(reading->gyro, reading->attitude)) {
+        for (int i = 0; i < 3; ++i) {
+            reading->gyro[i] = MISSING;
+            reading->attitude[i] = MISSING;
+        }
+    }
+    const bool counted = ballbot_read_encoders(counts);
+
+    ballbot_take_encoders(&robot->encoders, &ballbot_parameters, counted ? counts : NULL, reading);
+}
+
+void robot_step(struct robot *robot)
+{
+    float torques[BALLBOT_MAX_WHEELS];
+
+    read_sensors(robot);
+    (void)ballbot_update(&robot->state, &ballbot_parameters, &robot->reading, ballbot_read_time(), NULL, torques);
+    ballbot_set_torques(torques);
+    if (ballbot_stop_of(&robot->state) != BALLBOT_STOP_NONE) {
+        ballbot_set_enable(false);
+    }
+}

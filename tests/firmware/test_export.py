@@ -1,0 +1,135 @@
+"""`ballbot export`: whole, repeatable, refused if controller and robot do not belong together, and it compiles."""
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ballbot import Controller, InputError
+from ballbot.cli.main import main
+from ballbot.control.file import write_controller
+from ballbot.control.presets import adaptive, nominal_controller, precise_controller
+from ballbot.firmware.export import export_controller, exported_names
+from ballbot.firmware.host import compile_sources, compilers
+from ballbot.robot.file import write_robot
+from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
+
+needs_compiler = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
+
+ROBOT = alten(FRICTION)
+
+
+@pytest.fixture(scope="module")
+def given(tmp_path_factory) -> Path:
+    """Return a folder with robot files and controllers."""
+    folder = tmp_path_factory.mktemp("given")
+    write_robot(ROBOT, folder / "robot.toml")
+    write_controller(precise_controller(ROBOT), folder / "controller.toml")
+    return folder
+
+
+def export(given: Path, out: Path, *more: str, controller: str = "controller.toml") -> int:
+    return main(
+        ["export", str(given / controller), "--robot", str(given / "robot.toml"), "--out", str(out), *more]
+    )
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+
+
+def test_files_are_whole_and_the_same_each_time(given, tmp_path, capsys):
+    assert export(given, tmp_path / "one") == 0
+    assert "stops beyond a lean of" in capsys.readouterr().out
+    first = contents(tmp_path / "one")
+    assert set(exported_names()) | {"results.json"} <= set(first)
+    assert export(given, tmp_path / "one") == 0
+    assert export(given, tmp_path / "two") == 0
+    second = contents(tmp_path / "two")
+    for name in exported_names():
+        assert first[name] == second[name] == (tmp_path / "one" / name).read_bytes(), name
+    results = json.loads(first["results.json"])
+    assert results["safety"]["lean"] == 0.35
+    assert results["estimator"] == "kalman"
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda text: text.replace('robot = "', 'robot = "other '), "was designed for the robot 'other "),
+        (
+            lambda text: text.replace("frequency = 3.0", "frequency = 1e9"),
+            "firmware can have up to 10000 rad/s",
+        ),
+    ],
+)
+def test_controller_that_cannot_be_exported_is_refused_in_one_sentence(
+    given, tmp_path, capsys, change, sentence
+):
+    (given / "changed.toml").write_text(change((given / "controller.toml").read_text()))
+    assert export(given, tmp_path / "out", controller="changed.toml") == 2
+    refusal = capsys.readouterr().err
+    assert sentence in refusal
+    assert refusal.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_gain_of_another_robot_is_refused():
+    controller = nominal_controller(ROBOT)
+    with pytest.raises(InputError, match=r"does not stabilise the robot .* They do not belong together"):
+        export_controller(Controller(ROBOT, -controller.gain))
+
+
+def test_number_beyond_single_precision_is_refused():
+    with pytest.raises(InputError, match=r"parameters\.law\.torque_limit is 1e\+40"):
+        export_controller(Controller(ROBOT, nominal_controller(ROBOT).gain, torque_limit=1e40))
+
+
+@needs_compiler
+@pytest.mark.parametrize("compiler", ["gcc", "clang", "zig"])
+def test_what_is_exported_compiles_without_a_warning(compiler, tmp_path):
+    if compiler not in compilers():
+        pytest.skip(f"{compiler} is missing")
+    controllers = {
+        "nominal": nominal_controller(ROBOT),
+        "adaptive": adaptive(precise_controller(ROBOT)),
+        "everything": everything(four_wheeled(friction=True)),
+    }
+    for name, controller in controllers.items():
+        for path, text in export_controller(controller).files.items():
+            (tmp_path / name / path).parent.mkdir(parents=True, exist_ok=True)
+            (tmp_path / name / path).write_text(text)
+        folder = tmp_path / name
+        flags = ("-c", f"-I{folder / 'ballbot'}", f"-I{folder}")
+        for source in ("robot.c", "examples/bare_metal.c", "examples/rtos_task.c"):
+            compile_sources(folder / "one.o", [folder / source], flags=flags, compiler=compiler)
+    everything_else = sorted((tmp_path / "nominal" / "ballbot").rglob("*.c"))
+    for source in everything_else:
+        compile_sources(tmp_path / "one.o", [source], flags=("-c", "-O1"), compiler=compiler)
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_makefile_and_cmake_build_the_library(tmp_path):
+    for path, text in export_controller(nominal_controller(ROBOT)).files.items():
+        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / path).write_text(text)
+    if shutil.which("make") and shutil.which("cc"):
+        subprocess.run(["make", "-C", tmp_path, "all"], check=True, capture_output=True)
+        assert (tmp_path / "build" / "libballbot.a").is_file()
+    if shutil.which("cmake") and shutil.which("cc"):
+        made = tmp_path / "made"
+        subprocess.run(["cmake", "-S", tmp_path, "-B", made], check=True, capture_output=True)
+        subprocess.run(["cmake", "--build", made], check=True, capture_output=True)
+        assert (made / "libballbot.a").is_file()
+
+
+def test_sources_are_in_the_package():
+    names = exported_names()
+    assert {"ballbot/ballbot.c", "ballbot/parts/notch.c", "Makefile", "examples/rtos_task.c"} <= set(names)
+    assert not [name for name in names if "__" in name]
+    assert np.all([name.isascii() for name in names])

@@ -1,0 +1,269 @@
+"""The front of the firmware: arming, the safety layer's reasons, and a loop that balances as Python's does."""
+
+import ctypes
+import math
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ballbot import Controller, Model, simulate
+from ballbot.control.presets import nominal_controller, precise_controller
+from ballbot.control.records import schema_of
+from ballbot.control.references import circle
+from ballbot.control.safety import Safety, SafetyLimits, StopReason
+from ballbot.errors import InputError
+from ballbot.estimation.interface import Reading
+from ballbot.firmware.estimators import reading_record
+from ballbot.firmware.host import Firmware, compile_sources, compilers, library, source_files
+from ballbot.firmware.records import SafetyRecord, SafetyState, parameter_record
+from ballbot.simulation.sensed_plant import Imperfections, SensedPlant
+from tests.support.control_examples import FRICTION, alten
+
+pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
+
+ROBOT, H = alten(FRICTION), 0.005
+LIMITS = SafetyLimits.on_robot(ROBOT, sample_time=H)
+STEP = 2.0 * math.pi / (4 * ROBOT.sensors.encoder_counts * ROBOT.drive.gear_ratio)
+
+
+def firmware(*, armed: bool = True, compensation="partial") -> Firmware:
+    """Return the firmware of the nominal controller."""
+    made = Firmware(parameter_record(nominal_controller(ROBOT, compensation=compensation), LIMITS))
+    if armed:
+        made.arm()
+    return made
+
+
+def reading(k: int, *, lean: float = 0.01, **changed) -> np.ndarray:
+    """Return what the sensors of a robot that leans give in sample k, with a little noise."""
+    noise = 1e-4 * math.sin(12.9898 * k)
+    whole = Reading(
+        wheel_angles=np.full(3, 0.01 * k),
+        wheel_speeds=np.full(3, 0.01 / H),
+        gyro=np.full(3, noise),
+        attitude=np.array([lean, 0.0, 0.1]),
+    )
+    record = reading_record(whole, robot=ROBOT)
+    for name, value in changed.items():
+        record[name] = value
+    return record
+
+
+def run(made: Firmware, count: int, *, first: int = 0, **changed) -> np.ndarray:
+    """Return the torques (count, 3) of samples in a row."""
+    return np.array([made.update(reading(k, **changed), k * 5000, None) for k in range(first, first + count)])
+
+
+def test_nothing_moves_before_it_is_armed_nor_after():
+    made = firmware(armed=False)
+    assert not run(made, 5).any()
+    made.arm()
+    assert run(made, 5, first=5).all()
+    made.disarm()
+    assert not run(made, 5, first=10).any()
+    assert made.stop is None
+
+
+@pytest.mark.parametrize("name", ["schema", "wheel_count", "estimator"])
+def test_parameters_of_another_version_are_refused(name):
+    record = parameter_record(nominal_controller(ROBOT), LIMITS)
+    record[name] += 5
+    with pytest.raises(InputError, match="does not know these parameters"):
+        Firmware(record)
+
+
+def test_reference_that_is_refused_is_ignored():
+    made, other = firmware(), firmware()
+    given, refused = np.zeros(10), np.zeros(10)
+    given[0], refused[2] = 0.2, 0.1
+    for k in range(20):
+        torques = made.update(reading(k), k * 5000, given if k < 5 else refused)
+        assert (torques == other.update(reading(k), k * 5000, given)).all()
+    assert made.stop is None
+
+
+@pytest.mark.parametrize(
+    ("reason", "changed"),
+    [
+        (StopReason.MISSING, {"gyro": np.nan}),
+        (StopReason.MISSING, {"encoders_valid": 0, "wheel_speeds": np.nan}),
+        (StopReason.LEAN, {"lean": 0.36}),
+        (StopReason.STUCK, {"gyro": 0.01}),
+    ],
+)
+def test_every_fault_is_latched_until_armed_again(reason, changed):
+    made = firmware()
+    assert run(made, 10).all()
+    run(made, 25, first=10, **changed)
+    assert made.stop is reason
+    assert not run(made, 10, first=35).any()
+    made.arm()
+    assert made.stop is None
+    assert run(made, 10, first=45).all()
+
+
+def test_gap_of_two_samples_is_bridged():
+    made = firmware()
+    run(made, 10)
+    assert run(made, 2, first=10, gyro=np.nan, attitude=np.nan).all()
+    assert run(made, 1, first=12).all()
+    assert made.stop is None
+
+
+def test_torques_are_zero_while_there_was_never_a_state():
+    made = firmware()
+    assert not run(made, 2, gyro=np.nan).any()
+    assert made.stop is None
+    assert run(made, 1, first=2).all()
+
+
+def test_late_loop_stops_and_the_clock_may_wrap_around():
+    made = firmware()
+    times = [2**32 - 7000, 2**32 - 2000, 2**32 + 3000, 2**32 + 8000]
+    for k, time in enumerate(times):
+        assert made.update(reading(k), time, None).all()
+    assert not made.update(reading(4), times[-1] + 17_600, None).any()
+    assert made.stop is StopReason.LATE
+
+
+def test_encoder_that_does_not_count_stops():
+    made = firmware(compensation="none")
+    far = np.zeros(10)
+    far[0] = 30.0
+    for k in range(40):
+        one = reading(k)
+        one["wheel_counts"][0, 1] = 7
+        made.update(one, k * 5000, far)
+    assert made.stop is StopReason.STUCK
+    assert made.state["safety"]["stop_wheel"] == 2
+
+
+@pytest.mark.parametrize("place", range(3))
+def test_torque_that_is_not_a_number_stops(place):
+    record = parameter_record(nominal_controller(ROBOT), LIMITS)
+    made = Firmware(record)
+    made.arm()
+    record["law"]["gain"][0, place, 4] = np.nan  # as a flipped bit in memory would
+    assert not run(made, 1).any()
+    assert made.stop is StopReason.TORQUE
+    assert made.state["safety"]["stop_wheel"] == place + 1
+
+
+values = st.sampled_from([0.0, 0.1, -0.29, 0.31, -0.5, math.nan])
+samples = st.tuples(
+    st.sampled_from([0.005, 0.01, 0.02]),  # since the last sample
+    st.booleans(),  # measured
+    values,
+    values,  # theta, phi
+    st.sampled_from([0.5, 0.25, math.nan]),  # of the IMU
+    st.tuples(st.integers(0, 1), st.booleans()),  # encoder, valid
+    st.sampled_from([0.0, 1.0, -2.0, 1.5, math.nan, math.inf]),  # torque
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.integers(0, 3), st.integers(0, 3), st.lists(samples, max_size=25))
+def test_safety_layer_decides_as_python_s(most_missing, most_unchanged, run):
+    limits = SafetyLimits(
+        max_missing=most_missing,
+        lean=0.3,
+        max_interval=0.0175,
+        max_unchanged=most_unchanged,
+        turning_torque=1.0,
+    )
+    python, functions = Safety(limits), library().functions
+    record = np.zeros(1, schema_of(SafetyRecord).dtype("single"))
+    for name in record.dtype.names or ():
+        record[name] = getattr(limits, name)
+    state = np.zeros(1, schema_of(SafetyState).dtype("single"))
+    own, now = ctypes.c_void_p(record.ctypes.data), ctypes.c_void_p(state.ctypes.data)
+    admit, t, last = functions.ballbot_safety_admit, 0.0, np.zeros(1, np.float32)
+    admit.restype = ctypes.c_bool
+    for k, (interval, measured, theta, phi, imu, (count, valid), torque) in enumerate(run):
+        t += interval
+        values, counts = np.full(6, imu, np.float32), np.array([count], np.int32)
+        python.watch(
+            t, imu=values.tolist(), angles=(float(count) if valid else math.nan,), torques=last.tolist()
+        )
+        functions.ballbot_safety_watch(
+            own, now, 1, ctypes.c_void_p(values.ctypes.data), ctypes.c_void_p(counts.ctypes.data),
+            ctypes.c_bool(valid), ctypes.c_void_p(last.ctypes.data),
+        )  # fmt: skip
+        known = math.isfinite(theta) and math.isfinite(phi)
+        may = python.admit(t, measured=measured, theta=theta, phi=phi)
+        numbers = [ctypes.c_float(one) for one in (interval if k else 0.0, theta, phi)]
+        assert may == admit(own, now, numbers[0], ctypes.c_bool(measured), ctypes.c_bool(known), *numbers[1:])
+        last = np.array([torque if may else 0.0], np.float32)
+        if may:
+            released = python.release(t, 1, torque)
+            functions.ballbot_safety_release(now, 1, ctypes.c_void_p(last.ctypes.data))
+            assert last[0] == released
+        stop = functions.ballbot_stop_word(int(state["stop"][0]))
+        assert stop.decode() == (python.stop.reason if python.stop else "")
+
+
+class InTheLoop:
+    """The firmware as a controller of a plant with sensors: it reads these, and Python's controller sees the same."""
+
+    def __init__(self, plant: SensedPlant, controller: Controller) -> None:
+        self.controller, self.sample_time, self.estimator = controller, H, controller.estimator
+        self.firmware = Firmware(parameter_record(controller, LIMITS))
+        self.differences: list[float] = []
+        self.paths: list[float] = []
+        read = plant._sensors.read
+
+        def remembered(*given, **named) -> Reading:
+            self.reading = read(*given, **named)
+            return self.reading
+
+        plant._sensors.read = remembered
+
+    def reset(self) -> None:
+        self.controller.reset()
+        self.firmware.arm()
+
+    def update(self, t, state, reference):
+        record = reading_record(self.reading, robot=ROBOT)
+        torques = self.firmware.update(record, round(1e6 * t), reference).astype(np.float64)
+        of_python = self.controller.update(
+            t, state, reference.astype(np.float32)
+        )  # shaping differentiates it
+        self.differences.append(float(np.abs(torques - of_python).max()) / self.controller.torque_limit)
+        self.paths.append(float(np.abs(self.firmware.estimate - state).max()))
+        return torques
+
+
+@pytest.mark.parametrize("kind", [nominal_controller, precise_controller])
+def test_firmware_balances_a_robot_with_the_torques_of_python(kind):
+    """Sensors in, torques out, in a loop with noise, encoder counts and play; each has its own estimator and memory."""
+    controller = kind(ROBOT, compensation="partial")
+    imperfections = Imperfections(sensors=ROBOT.sensors, backlash=0.017)
+    plant = SensedPlant(Model(ROBOT), imperfections, estimator=controller.estimator)
+    loop = InTheLoop(plant, controller)
+    log = simulate(plant, loop, circle(radius=0.5, period=8.0), duration=4.0, seed=1)
+    assert log.ended is None
+    assert loop.firmware.stop is None
+    # precise: the shaping's lags, whose last bits lie w^4 times in the torque, are summed up in float32; 2e-4 measured
+    assert max(loop.differences) < (1e-6 if controller.parts.shaping is None else 1e-3)
+    assert max(loop.paths) < 1e-6  # 1e-7 measured
+
+
+def test_library_calls_nobody_and_has_no_variables(tmp_path):
+    if not shutil.which("nm"):
+        pytest.skip("nm is missing")
+    compile_sources(tmp_path / "all.o", source_files(), flags=("-O2", "-r", "-nostdlib"))
+    listed = subprocess.run(["nm", tmp_path / "all.o"], capture_output=True, text=True, check=True).stdout
+    symbols = [line.split()[-2:] for line in listed.splitlines()]
+    # what a compiler itself writes for copies of structs
+    assert {name for kind, name in symbols if kind == "U"} <= {
+        "memcpy",
+        "memmove",
+        "memset",
+        "_GLOBAL_OFFSET_TABLE_",
+    }
+    assert [name for kind, name in symbols if kind in "bBdDC"] == []
+    assert {name for kind, name in symbols if kind == "T" and not name.startswith("ballbot_")} == set()
