@@ -7,7 +7,7 @@ A variant is a stretch of a recorded log, written as a team might write it (`cam
 a mapping, and the log that this mapping makes is compared with the recorded one. A result is
 
 right           the log is the recorded one, up to a transformation that leaves every measured signal and the robot's
-                dynamics unchanged (`equivalent_logs`)
+                dynamics unchanged (`differences`)
 undetermined    a conclusion is below the confidence that `check-log` asks for, so that it names the line to fill in
 doubtful        wrong, with a stated confidence below 0.9
 wrong           wrong, and confident
@@ -277,10 +277,10 @@ def _sway(random: np.random.Generator, *, heading: float) -> Reference:
     return reference
 
 
-#: length of the Hann window [s] that a mapped log and the truth pass before they are compared: what is left is below
-#: 8 Hz, without the noise of a lean and the chatter of commands, which no delay of milliseconds could match
+#: length of the Hann window [s] that smooths both logs before they are compared. Its first zero is at 8 Hz: noise of
+#: the lean and chatter of the commands, which differ after an error of a millisecond in a delay, are above that
 SMOOTHED = 0.25
-#: largest error of size and turn of the lean [rad], of the size of wheels and torques
+#: largest error of the lean's size [-] and turn [rad], and of the wheels' angles and torques over their size [-]
 LEAN_ERROR, TURN_ERROR, WHEEL_ERROR, TORQUE_ERROR = 0.1, np.radians(12.0), 0.03, 0.2
 
 Result = Literal["right", "undetermined", "doubtful", "wrong"]
@@ -483,11 +483,25 @@ COUNT, MINUTES, PROCESSES = "BALLBOT_VARIANTS", "BALLBOT_MINUTES", "BALLBOT_PROC
 def campaign() -> Section:
     """Judge all halves and return the section of docs/generated/evidence.md."""
     count = int(os.environ.get(COUNT, VARIANTS))
-    return section([one for half in ROBOTS for one in _followed(half, range(count))])
+    found = [one for half in ROBOTS for one in _followed(half, range(count))]
+    return section(found, dead_bands=dead_band_parts())
 
 
-def section(found: Sequence[Outcome]) -> Section:
-    """Return the section of docs/generated/evidence.md that outcomes make."""
+def dead_band_parts() -> list[float]:
+    """Return the part of the torques that the dead band is, smoothed as `differences` does, for every robot."""
+    found = []
+    for half, names in ROBOTS.items():
+        for name in names:
+            robot, log = robot_named(name), recording(half, name, "dead_band")
+            duty = commands(robot, log.torques, log.wheel_speeds, "duty")
+            added = dead_band(robot) * robot.drive.torque_limit * np.sign(duty)
+            sizes = [_smoothed(one.T, log.sample_time).std(axis=1).mean() for one in (added, log.torques)]
+            found.append(float(sizes[0] / sizes[1]))
+    return found
+
+
+def section(found: Sequence[Outcome], *, dead_bands: Sequence[float]) -> Section:
+    """Return the section of docs/generated/evidence.md that outcomes and the parts of the dead bands make."""
     rows = []
     for half in ROBOTS:
         judged_ones = [one.judgement for one in found if one.half == half]
@@ -533,7 +547,9 @@ def section(found: Sequence[Outcome]) -> Section:
         rows=rows,
         after=f"Confidently wrong: {wrong or 'none'}. Undetermined most often: "
         + "; ".join(f"{reason} ({count})" for reason, count in asked)
-        + f". {MINUTES} limits the minutes of a half, and with them the number of its variants.",
+        + f". The firmware's dead band is {100 * min(dead_bands):.0f} to {100 * max(dead_bands):.0f} % of the torques"
+        f" of its logs, of which a right mapping may miss {100 * TORQUE_ERROR:.0f} %."
+        f" {MINUTES} limits the minutes of a half, and with them the number of its variants.",
     )
 
 
@@ -567,4 +583,5 @@ def _followed(half: Half, seeds: Sequence[int]) -> Iterator[Outcome]:
 if __name__ == "__main__":
     halves: dict[str, Half] = {str(half): half for half in ROBOTS}
     chosen = halves[sys.argv[1]]
-    print(section(list(_followed(chosen, range(int(sys.argv[2]))))).markdown())
+    outcomes_found = list(_followed(chosen, range(int(sys.argv[2]))))
+    print(section(outcomes_found, dead_bands=dead_band_parts()).markdown())

@@ -1,13 +1,16 @@
 """The document "From a CSV file to a report": its file and messages are those of the commands."""
 
+import json
 import re
 import subprocess
 import sys
 
 import pytest
 
+from ballbot import Robot
 from ballbot.cli.main import main
 from ballbot.files import read_toml
+from ballbot.twin import Scenario
 from tests.support.paths import ROOT
 
 pytest.importorskip("mujoco")
@@ -60,7 +63,18 @@ def test_one_line_is_left_and_the_rest_is_the_truth(folder, refused):
 
 
 @pytest.mark.usefixtures("refused")
-def test_filled_in_as_the_document_says_the_log_is_the_recording(folder, capsys):
+def test_numbers_of_the_first_check_are_those_of_the_document(folder):
+    found = json.loads((folder / "checked" / "results.json").read_text())["conclusions"]
+    time = next(one for one in found if one["name"] == "unit of the time")
+    assert f"the milliseconds ({100 * time['confidence']:.0f} %)" in DOCUMENT
+    drive = Robot.load("alten").drive
+    assert f"1 A gives {drive.gear_ratio * drive.torque_constant:.2f} N m" in DOCUMENT
+
+
+@pytest.fixture(scope="module")
+def filled(folder, refused):
+    """Return the mapping, filled in as the document shows."""
+    assert refused == 2
     text = (folder / "checked" / "mapping.toml").read_text()
     alternative = re.search(r"# if it is a current, these lines instead:\n((?:#   .*\n)+)", text)
     assert alternative
@@ -68,8 +82,21 @@ def test_filled_in_as_the_document_says_the_log_is_the_recording(folder, capsys)
     text = text.replace(alternative[0], lines)
     text = re.sub(r"^kind = \"torque\".*\n", "", text, flags=re.MULTILINE)
     text = re.sub(r"^complete = false.*\n", "", text, flags=re.MULTILINE)
-    filled = folder / "filled.toml"
-    filled.write_text(text)
+    path = folder / "filled.toml"
+    path.write_text(text)
+    return path
+
+
+def test_rolling_friction_of_the_log_is_about_twice_the_floors(folder, filled):
+    words = ["identify", "alten", str(folder / "balance.csv"), "--mapping", str(filled)]
+    assert main([*words, "--out", str(folder / "found")]) == 0
+    found = Robot.load(folder / "found" / "robot.toml").friction.rolling
+    floor = Scenario.named("nominal", Robot.load("alten")).friction.rolling
+    assert f"the floor of this twin has {floor:g}, and the log gives about twice as much" in DOCUMENT
+    assert 1.5 < found / floor < 2.5
+
+
+def test_filled_in_as_the_document_says_the_log_is_the_recording(folder, filled, capsys):
     words = ["check-log", str(folder / "balance.csv"), "--robot", "alten", "--mapping", str(filled)]
     assert main(words) == 0
     shown = capsys.readouterr().out

@@ -128,7 +128,7 @@ def _conclusion_table(found: Evaluation, *, framed: bool) -> Table:
         (
             one.name,
             one.value if one.determined else f"cannot determine: {one.question}",
-            f"{100.0 * one.confidence:.0f}",
+            one.percent,
             one.evidence + (f"; standard error {one.error_text}" if one.error_text else ""),
         )
         for one in found.conclusions

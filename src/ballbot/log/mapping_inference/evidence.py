@@ -45,6 +45,11 @@ class Conclusion:
         return self.confidence >= CONFIDENT
 
     @property
+    def percent(self) -> str:
+        """The confidence in percent, rounded down: no log makes a conclusion certain."""
+        return "> 99" if self.confidence > 0.99 else f"{math.floor(100.0 * self.confidence + 1e-9)}"
+
+    @property
     def error_text(self) -> str:
         """The standard error with its unit; nothing without one."""
         return "" if self.error is None else f"{self.error:.2g} {self.unit}".rstrip()

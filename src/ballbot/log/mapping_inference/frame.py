@@ -28,6 +28,10 @@ from ballbot.robot import Robot
 LEAST_CORRELATION = 2.5
 #: lean and yaw are taken to be of the same handedness with this probability before the log is seen
 SAME_HANDEDNESS, SAME_IF_MIRRORED = 0.95, 0.6
+#: a heading that turns by less than this [rad] around its mean hardly shows the handedness: so much of the standard
+#: errors is then believed. Of 142 logs of the development halves, 2 are wrong by two standard errors, both of such a
+#: heading
+STILL_HEADING, BELIEVED_IF_STILL = 0.02, 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,7 +132,8 @@ def frame_of(robot: Robot, tested: LeanTest | None, heading: HeadingTest | None)
 def _same_handedness(tested: LeanTest, *, mirrored: bool) -> float:
     """Return the probability that lean and yaw have the same handedness."""
     prior = SAME_IF_MIRRORED if mirrored else SAME_HANDEDNESS
-    seen = max(advantage_confidence(tested.same_handedness), 1.0 - MOST)
+    believed = BELIEVED_IF_STILL if tested.headings < STILL_HEADING else 1.0
+    seen = max(advantage_confidence(believed * tested.same_handedness), 1.0 - MOST)
     odds = prior / (1.0 - prior) * seen / (1.0 - seen)
     return odds / (1.0 + odds)
 

@@ -111,7 +111,11 @@ def command_delay(
         return Delay(applied=0.0, error=0.0, quickness=0.0, confidence=0.5, evidence="there are no commands")
     calm = smooth(signals.rows, signals.rows, signals.commands, width=COMMAND_FILTER)
     quick = quickness(calm, usable)
-    evidence, estimate, error = "the commands do not explain the wheels' accelerations", 0.0, math.inf
+    evidence, estimate, error = (
+        "not measured: commands and quick accelerations of the wheels differ",
+        0.0,
+        math.inf,
+    )
     if tested is not None:
         evidence = (
             f"at {1e3 * tested.delay:.1f} ms the commands explain {100 * tested.explained:.0f} % of the wheels' "

@@ -114,10 +114,13 @@ def time_conclusion(
         evidence += f"; but gyro over rate of the angles is {by_gyro:.3g}"
     ratio, error = by_gravity
     if math.isfinite(ratio) and error < 0.4:
-        evidence += f"; by gravity's part of the motion a second of the file is {ratio:.2g} s"
         if not TIME_RATIOS[0] < ratio < TIME_RATIOS[1]:
+            evidence += f"; but by gravity's part of the motion a second of the file is {ratio:.2g} s"
             confidence = min(confidence, 0.3)
-        elif time.confidence < 0.9:
+        else:
+            # a ratio within these limits says no more: noise makes it too small
+            evidence += "; gravity's part of the lean's acceleration fits"
+        if TIME_RATIOS[0] < ratio < TIME_RATIOS[1] and time.confidence < 0.9:
             confidence = max(confidence, 0.93 if 0.4 < ratio < 1.6 else 0.8)
     return Conclusion(
         name="unit of the time",
