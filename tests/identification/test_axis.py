@@ -118,6 +118,10 @@ def test_missing_mat_file_is_reported(tmp_path, capsys):
         (["--period", "0", "--harmonics", "1"], "--period is 0; the travel of the first harmonic must be"),
         (["--period", "-1"], "must be a finite number above zero"),
         (["--period", "x"], "--period is 'x'; it must be a number"),
+        (
+            ["--separate", "offset"],
+            "--separate offset: a parameter can be separate only between several records",
+        ),
         (["--separate", "ofset"], "did you mean 'offset'?"),
         (
             ["--separate", "nothing"],

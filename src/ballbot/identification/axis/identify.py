@@ -126,7 +126,7 @@ def identify_axis(
         If the records do not determine the parameters, or the options do not suit them.
     """
     records = (record,) if isinstance(record, AxisRecord) else tuple(record)
-    _check(records, validation_records)
+    _check(records, validation_records, options)
     wanted = None if options.law is None else axis_law_named(options.law)
     bench = _Bench(records=records, others=tuple(validation_records), bandwidth=options.bandwidth)
     blocks = blocks_of(records)
@@ -208,9 +208,16 @@ def _elsewhere(bench: _Bench, fit: OutputErrorFit, expected: PredictedError) -> 
     return elsewhere_findings(expected, found, unit=bench.records[0].unit)
 
 
-def _check(records: Sequence[AxisRecord], validation_records: Sequence[AxisRecord]) -> None:
+def _check(
+    records: Sequence[AxisRecord], validation_records: Sequence[AxisRecord], options: AxisOptions
+) -> None:
     if not records:
         raise InputError("There is no record to identify the axis from.")
+    if options.separate and len(records) == 1:
+        raise InputError(
+            f"--separate {options.separate[0]}: a parameter can be separate only between several records, and one is "
+            "fitted; give more with --also, or leave it out."
+        )
     everything = (*records, *validation_records)
     names = [one.name for one in everything]
     if len(set(names)) < len(names):
