@@ -1,6 +1,7 @@
 """`propose`: foreign logs of a simulated robot, whose order, signs, units, turn and delays are known."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.mapping_file import parse_mapping
+from ballbot.log.mapping_inference.commands import Unit
 from ballbot.log.mapping_inference.conclusions import conclusions_of
 from ballbot.log.mapping_inference.placement import torque_free_gains
 from ballbot.log.mapping_inference.proposal import Proposal, propose
@@ -193,3 +195,17 @@ def test_columns_that_stand_still_in_most_rows_are_no_lean(tmp_path):
     np.savetxt(tmp_path / "bare.txt", rows)
     with pytest.raises(InputError, match="cannot determine which columns"):
         propose(tmp_path / "bare.txt", small_robot())
+
+
+@pytest.mark.parametrize(("per_ampere", "one_answer"), [(1.0, True), (0.87, False)])
+def test_kinds_that_make_the_same_log_are_one_answer(case, per_ampere, one_answer):
+    proposal, _ = case("as the robot's")
+    assert proposal.drive is not None
+    torque, current = Unit("torque", "N m", 1.0), Unit("current", "A", 1.0)
+    drive = replace(
+        proposal.drive,
+        units={torque: 0.6, current: 0.4},
+        standstill={torque: 1.0, current: per_ampere},
+    )
+    found = {one.name: one for one in conclusions_of(replace(proposal, drive=drive))}
+    assert found["kind of the command"].determined == one_answer
