@@ -20,7 +20,7 @@ from ballbot.identification.result import Identification, WindowErrors
 from ballbot.identification.variation import Variation
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.driveline import driveline_findings
-from ballbot.report.friction import friction_curve, parameter_covariance
+from ballbot.report.friction import friction_curve
 from ballbot.report.style import drawn, thinned, with_peaks
 from ballbot.report.tables import digits, state_mark, with_error, with_symbols
 from ballbot.results import as_json
@@ -123,7 +123,7 @@ def test_the_friction_band_is_that_of_drawn_parameters(wheel):
     )
     f = found.robot.friction
     mean = np.array([*f.viscous, *f.coulomb, *f.stribeck, f.stribeck_speed, f.stribeck_exponent, f.rolling])
-    drawn_sets = np.random.default_rng(0).multivariate_normal(mean, parameter_covariance(found), size=4000)
+    drawn_sets = np.random.default_rng(0).multivariate_normal(mean, found.covariance, size=4000)
     torques = []
     for row in drawn_sets:
         friction = Friction(
@@ -142,7 +142,7 @@ def test_the_friction_band_is_that_of_drawn_parameters(wheel):
 def test_a_parameter_without_a_standard_error_counts_as_known():
     found = _found()
     lost = replace(found, standard_errors=found.standard_errors | {"delta": np.nan})
-    covariance = parameter_covariance(lost)
+    covariance = lost.covariance
     assert np.isfinite(covariance).all()
     assert not covariance[10].any()
 

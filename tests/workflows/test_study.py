@@ -29,7 +29,7 @@ from ballbot.report.study_files import study_results, write_study
 from ballbot.results import as_json
 from ballbot.robot import Robot
 from ballbot.workflows import study as study_workflow
-from ballbot.workflows.controller_choice import ABLATIONS, CANDIDATES, draw_plants, parameter_covariance
+from ballbot.workflows.controller_choice import ABLATIONS, CANDIDATES, draw_plants
 from ballbot.workflows.controller_prediction import (
     DISCREPANCY,
     Prediction,
@@ -150,7 +150,7 @@ def test_plants_are_drawn_from_the_identified_uncertainty(small: Study):
     assert min(min(one.viscous + one.coulomb + one.stribeck) for one in frictions) >= 0.0
     # C_rr lies far from its bounds, so that nothing is clipped: 4 sigma of a sampled mean and standard deviation
     rolling = np.array([one.rolling for one in frictions])
-    deviation = float(np.sqrt(parameter_covariance(small.found)[11, 11]))
+    deviation = float(np.sqrt(small.found.covariance[11, 11]))
     assert 0.0 < deviation < small.found.robot.friction.rolling / 4.0
     assert abs(rolling.mean() - small.found.robot.friction.rolling) < 4.0 * deviation / np.sqrt(count)
     assert rolling.std() == pytest.approx(deviation, rel=4.0 / np.sqrt(2.0 * count))

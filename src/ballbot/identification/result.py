@@ -133,6 +133,17 @@ class Identification:
         """Of the correlation's rows (p,): b1 .. bn, c1 .. cn, s1 .. sn, v_s, delta, C_rr, then the other quantities."""
         return self.layout.labels
 
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """Of the estimates under these logs' conditions (p, p), SI units; zero for one without standard error.
+
+        The standard deviations in the robot's file also contain the variation between logs; see
+        `ballbot.identification.stated_uncertainty`.
+        """
+        values = (np.atleast_1d(value) for value in self.standard_errors.values())
+        errors = np.nan_to_num(np.concatenate(list(values)))
+        return errors[:, None] * np.nan_to_num(self.correlation) * errors
+
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds; NaN becomes None, JSON's null."""
         return {

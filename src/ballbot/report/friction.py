@@ -56,21 +56,9 @@ def friction_curve(found: Identification, wheel: int, speed: NDArray[np.float64]
     )
     if friction.coulomb_asymmetry:  # found as a torque against it
         gradient[:, found.labels.index(f"offset{wheel + 1}")] = -1.0
-    C = parameter_covariance(found)
-    variance = np.einsum("ki,ij,kj->k", gradient, C, gradient)
+    variance = np.einsum("ki,ij,kj->k", gradient, found.covariance, gradient)
     torque = wheel_friction(np.repeat(speed[:, None], n, axis=1), friction)[:, wheel]
     return FrictionCurve(speed=speed, torque=torque, standard_error=np.sqrt(np.maximum(variance, 0.0)))
-
-
-def parameter_covariance(found: Identification) -> NDArray[np.float64]:
-    """Return the covariance (p, p) in the order of `found.labels`; zero where there is no standard error."""
-    errors = np.nan_to_num(standard_errors(found))
-    return np.nan_to_num(found.correlation) * np.outer(errors, errors)
-
-
-def standard_errors(found: Identification) -> NDArray[np.float64]:
-    """Return the standard errors (p,) in the order of `found.labels`."""
-    return np.concatenate([np.atleast_1d(value) for value in found.standard_errors.values()])
 
 
 #: wheel speeds shown reach this quantile of those in the logs

@@ -135,20 +135,6 @@ def draw_plants(
     return tuple(draws)
 
 
-def parameter_covariance(found: Identification) -> NDArray[np.float64]:
-    """Return the covariance (p, p) of the estimates, SI units; zero for a parameter without standard error.
-
-    It is that under the conditions of these logs. The standard deviations in the identified robot's file also contain
-    the variation between logs (`ballbot.identification.stated_uncertainty`).
-    """
-    errors = np.concatenate(
-        [np.atleast_1d(found.standard_errors[BY_NAME[name].symbol]) for name in found.layout.names]
-    ).astype(np.float64)
-    known = np.isfinite(errors)
-    D = np.diag(np.where(known, errors, 0.0))
-    return D @ np.where(np.outer(known, known), found.correlation, 0.0) @ D
-
-
 def _parameters(
     found: Identification, count: int, random: np.random.Generator
 ) -> Sequence[NDArray[np.float64]]:
@@ -160,7 +146,7 @@ def _parameters(
         )
         mean[offsets] = np.negative(found.robot.friction.coulomb_asymmetry)
     bounds = np.concatenate([BY_NAME[name].default_bounds(found.robot) for name in found.layout.names])
-    drawn = random.multivariate_normal(mean, parameter_covariance(found), size=count, method="eigh")
+    drawn = random.multivariate_normal(mean, found.covariance, size=count, method="eigh")
     # a value identified beyond the default bounds, by bounds of the user's own, stays where it is
     lower, upper = np.minimum(bounds[:, 0], mean), np.maximum(bounds[:, 1], mean)
     return list(np.clip(drawn, lower, upper))
@@ -305,7 +291,7 @@ def compensated_robot(found: Identification) -> Robot:
 
 def _friction_covariance(found: Identification) -> NDArray[np.float64]:
     """Return the covariance of b, c, s, v_s, delta and C_rr, then of d, e and mu, as `cautious_friction` reads it."""
-    P, layout, n = parameter_covariance(found), found.layout, found.robot.wheel_count
+    P, layout, n = found.covariance, found.layout, found.robot.wheel_count
     places, signs = np.full(6 * n + 3, -1), np.ones(6 * n + 3)
     places[: 3 * n + 3] = np.arange(3 * n + 3)
     terms = {"torque_offset": 3 * n + 3, "stribeck_asymmetry": 4 * n + 3, "load": 5 * n + 3}
