@@ -14,11 +14,11 @@ from ballbot import Controller, Model, simulate
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.records import schema_of
 from ballbot.control.references import circle
-from ballbot.control.safety import Safety, SafetyLimits, StopReason
+from ballbot.control.safety import Safety, SafetyLimits, SelfTest, StopReason
 from ballbot.errors import InputError
 from ballbot.estimation.interface import Reading
 from ballbot.firmware.estimators import reading_record
-from ballbot.firmware.host import Firmware, compile_sources, compilers, library, source_files
+from ballbot.firmware.host import Firmware, SelfTestOutcome, compile_sources, compilers, library, source_files
 from ballbot.firmware.records import SafetyRecord, SafetyState, parameter_record
 from ballbot.simulation.sensed_plant import Imperfections, SensedPlant
 from tests.support.control_examples import FRICTION, alten
@@ -33,8 +33,9 @@ STEP = 2.0 * math.pi / (4 * ROBOT.sensors.encoder_counts * ROBOT.drive.gear_rati
 def firmware(*, armed: bool = True, compensation="partial") -> Firmware:
     """Return the firmware of the nominal controller."""
     made = Firmware(parameter_record(nominal_controller(ROBOT, compensation=compensation), LIMITS))
+    made.skip_self_test()
     if armed:
-        made.arm()
+        assert made.arm()
     return made
 
 
@@ -146,6 +147,7 @@ def test_encoder_that_does_not_count_stops():
 def test_torque_that_is_not_a_number_stops(place):
     record = parameter_record(nominal_controller(ROBOT), LIMITS)
     made = Firmware(record)
+    made.skip_self_test()
     made.arm()
     record["law"]["gain"][0, place, 4] = np.nan  # as a flipped bit in memory would
     assert not run(made, 1).any()
@@ -212,6 +214,7 @@ class InTheLoop:
     def __init__(self, plant: SensedPlant, controller: Controller) -> None:
         self.controller, self.sample_time, self.estimator = controller, H, controller.estimator
         self.firmware = Firmware(parameter_record(controller, LIMITS))
+        self.firmware.skip_self_test()
         self.differences: list[float] = []
         self.paths: list[float] = []
         read = plant._sensors.read
@@ -250,6 +253,72 @@ def test_firmware_balances_a_robot_with_the_torques_of_python(kind):
     # precise: the shaping's lags, whose last bits lie w^4 times in the torque, are summed up in float32; 2e-4 measured
     assert max(loop.differences) < (1e-6 if controller.parts.shaping is None else 1e-3)
     assert max(loop.paths) < 1e-6  # 1e-7 measured
+
+
+class Held:
+    """A robot whose wheels turn freely, wired as given."""
+
+    def __init__(self, signs=(1, 1, 1), order=(0, 1, 2)) -> None:
+        self.counts, self.signs, self.order = np.zeros(3), np.array(signs), list(order)
+
+    def sample(self, k: int, torques: np.ndarray) -> np.ndarray:
+        """Let the motors turn the wheels for a sample; return what the sensors give."""
+        turned = np.zeros(3)
+        turned[self.order] = 20.0 * self.signs * torques
+        self.counts += turned - 0.3 * turned.sum() / 3.0  # through the ball they turn the others, backward
+        record = reading(k)
+        record["wheel_counts"][0, :3] = self.counts.astype(np.int64)
+        return record
+
+
+def self_tested(robot: Held, **changed) -> Firmware:
+    """Return the firmware after its self-test."""
+    made = Firmware(parameter_record(nominal_controller(ROBOT), LIMITS))
+    assert not made.arm()
+    assert made.self_test is SelfTestOutcome.NOT_RUN
+    made.start_self_test()
+    torques, k = np.zeros(3), 0
+    python = SelfTest(ROBOT, torque=1.0)
+    while made.self_test in (SelfTestOutcome.NOT_RUN, SelfTestOutcome.RUNNING):
+        record = robot.sample(k, torques)
+        for name, value in changed.items():
+            record[name] = value
+        torques = made.update(record, 5000 * k, None)
+        if made.self_test is SelfTestOutcome.RUNNING:
+            assert (torques == python.update(k * H, np.zeros(10), np.zeros(10))).all()
+        k += 1
+        assert k <= 102
+    assert not torques.any()
+    return made
+
+
+def test_self_test_passes_and_then_arms():
+    made = self_tested(Held())
+    assert made.self_test is SelfTestOutcome.PASSED
+    assert made.arm()
+
+
+@pytest.mark.parametrize(
+    ("robot", "outcome", "wheel"),
+    [
+        (Held(signs=(1, -1, 1)), SelfTestOutcome.TORQUE_SIGN, 2),
+        (Held(signs=(1, 1, 0)), SelfTestOutcome.DEAD_MOTOR, 3),
+        (Held(order=(0, 2, 1)), SelfTestOutcome.TORQUE_ORDER, 2),
+    ],
+)
+def test_wrong_wiring_does_not_arm(robot, outcome, wheel):
+    made = self_tested(robot)
+    assert made.self_test is outcome
+    assert made.state["self_test"]["wheel"] == wheel
+    assert not made.arm()
+    assert not run(made, 3).any()
+
+
+@pytest.mark.parametrize("changed", [{"encoders_valid": 0}, {"gyro": np.nan}, {"attitude": 0.4}])
+def test_self_test_is_stopped_by_what_stops_a_balance(changed):
+    made = self_tested(Held(), **changed)
+    assert made.self_test is SelfTestOutcome.STOPPED
+    assert not made.arm()
 
 
 def test_library_calls_nobody_and_has_no_variables(tmp_path):

@@ -16,6 +16,7 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from functools import cache
 from pathlib import Path
 
@@ -173,9 +174,11 @@ def _typed(functions: ctypes.CDLL) -> ctypes.CDLL:
     pointer = ctypes.c_void_p
     functions.ballbot_init.argtypes = (pointer, pointer)
     functions.ballbot_init.restype = ctypes.c_bool
-    for name in ("ballbot_arm", "ballbot_disarm"):
+    actions = ("ballbot_start_self_test", "ballbot_skip_self_test", "ballbot_disarm")
+    answers = {"ballbot_arm": ctypes.c_bool, "ballbot_self_test_of": ctypes.c_int}
+    for name, result in (dict.fromkeys(actions) | answers).items():
         getattr(functions, name).argtypes = (pointer,)
-        getattr(functions, name).restype = None
+        getattr(functions, name).restype = result
     functions.ballbot_update.argtypes = (pointer, pointer, pointer, ctypes.c_uint32, pointer, pointer)
     functions.ballbot_update.restype = ctypes.c_bool
     functions.ballbot_stop_of.argtypes = (pointer,)
@@ -204,6 +207,18 @@ def library() -> Library:
             shutil.rmtree(folder)
 
 
+class SelfTestOutcome(IntEnum):
+    """The results of the firmware's self-test, with the numbers that they have in C."""
+
+    NOT_RUN = 0
+    RUNNING = 1
+    PASSED = 2
+    DEAD_MOTOR = 3
+    TORQUE_ORDER = 4
+    TORQUE_SIGN = 5
+    STOPPED = 6
+
+
 class Firmware:
     """The firmware of one robot, running on this computer; it starts disarmed.
 
@@ -227,9 +242,22 @@ class Firmware:
         if not self._functions.ballbot_init(self.state.ctypes.data, parameters.ctypes.data):
             raise InputError("The firmware does not know these parameters: they are of another version.")
 
-    def arm(self) -> None:
-        """Forget a stop, and give torques from the next update on."""
-        self._functions.ballbot_arm(self.state.ctypes.data)
+    def arm(self) -> bool:
+        """Forget a stop, and give torques from the next update on; return False unless the self-test has passed."""
+        return bool(self._functions.ballbot_arm(self.state.ctypes.data))
+
+    def start_self_test(self) -> None:
+        """Let the next updates be the self-test."""
+        self._functions.ballbot_start_self_test(self.state.ctypes.data)
+
+    def skip_self_test(self) -> None:
+        """Count the self-test as passed."""
+        self._functions.ballbot_skip_self_test(self.state.ctypes.data)
+
+    @property
+    def self_test(self) -> SelfTestOutcome:
+        """The result of the self-test."""
+        return SelfTestOutcome(self._functions.ballbot_self_test_of(self.state.ctypes.data))
 
     def disarm(self) -> None:
         """Give no torques until armed again."""

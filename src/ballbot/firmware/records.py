@@ -35,6 +35,7 @@ from ballbot.firmware.estimators import (
     onboard_record,
     step_of,
 )
+from ballbot.robot import Robot
 
 #: numbers in which the digest is exported
 DIGEST_WORDS = 8
@@ -71,6 +72,18 @@ class SafetyState:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class SelfTestState:
+    """How far the self-test is, and its result."""
+
+    result: int = field(metadata=whole())
+    #: that the result is about, from 1; 0 for none
+    wheel: int = field(metadata=whole())
+    sample: int = field(metadata=whole())
+    #: of the encoders when the push began
+    counts: NDArray[np.int64] = field(metadata=whole(MAX_WHEELS))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class RunState:
     """Whether torques are given, and the last update."""
 
@@ -98,6 +111,7 @@ PARAMETERS = Schema(
         "estimator": Number(unit="1", whole=True),
         "sample_time": Number(unit="s"),
         "encoder_step": Number(unit="rad"),
+        "self_test_torque": Number(unit="N m"),
         "law": LAW,
         "safety": schema_of(SafetyRecord),
         "onboard": schema_of(OnboardRecord),
@@ -110,6 +124,7 @@ STATE = Schema(
     fields={
         "run": schema_of(RunState),
         "safety": schema_of(SafetyState),
+        "self_test": schema_of(SelfTestState),
         "memory": MEMORY,
         "onboard": schema_of(OnboardMemory),
         "kalman": schema_of(KalmanMemory),
@@ -140,8 +155,14 @@ def parameter_record(controller: Controller, limits: SafetyLimits) -> NDArray[np
     record["estimator"] = ESTIMATORS[controller.estimator]
     record["sample_time"] = sample_time
     record["encoder_step"] = step_of(robot)
+    record["self_test_torque"] = self_test_torque(robot)
     record["law"] = controller.record
     fill_record(record["safety"], SafetyRecord(**asdict(limits)))
     fill_record(record["onboard"], onboard_record(robot, sample_time=sample_time))
     fill_record(record["kalman"], kalman_record(robot, sample_time=sample_time))
     return converted(record, PARAMETERS)
+
+
+def self_test_torque(robot: Robot) -> float:
+    """Return the torque [N m] of the self-test's pushes: 1 N m, or twice the break-away torque if that is more."""
+    return min(max(1.0, 2.0 * max(robot.friction.breakaway)), robot.drive.torque_limit)

@@ -42,15 +42,36 @@ bool ballbot_init(struct ballbot_state *state, const struct ballbot_parameters *
     return state->run.known != 0;
 }
 
-void ballbot_arm(struct ballbot_state *state)
+void ballbot_start_self_test(struct ballbot_state *state)
 {
+    state->run.armed = 0;
+    ballbot_safety_reset(&state->safety);
+    ballbot_self_test_start(&state->self_test);
+}
+
+enum ballbot_self_test ballbot_self_test_of(const struct ballbot_state *state)
+{
+    return (enum ballbot_self_test)state->self_test.result;
+}
+
+void ballbot_skip_self_test(struct ballbot_state *state)
+{
+    state->self_test.result = BALLBOT_TEST_PASSED;
+}
+
+bool ballbot_arm(struct ballbot_state *state)
+{
+    if (state->run.known == 0 || state->self_test.result != BALLBOT_TEST_PASSED) {
+        return false;
+    }
     ballbot_safety_reset(&state->safety);
     clear(&state->memory, sizeof state->memory);
     for (int i = 0; i < 10; ++i) {
         state->run.reference[i] = 0.0f;
     }
     state->run.held = 0;
-    state->run.armed = state->run.known;
+    state->run.armed = 1;
+    return true;
 }
 
 void ballbot_disarm(struct ballbot_state *state)
@@ -114,6 +135,27 @@ static void take_reference(struct ballbot_state *state, const float reference[10
     }
 }
 
+/* Fill the torques of the law; return whether the safety layer lets them pass. */
+static bool balance(struct ballbot_state *state, const struct ballbot_parameters *parameters,
+                    const float reference[10], float torques[])
+{
+    take_reference(state, reference);
+    (void)ballbot_control_law(&parameters->law, &state->memory, parameters->wheel_count, state->run.estimate,
+                              state->run.reference, torques);
+    ballbot_safety_release(&state->safety, parameters->wheel_count, torques);
+    return state->safety.stop == BALLBOT_STOP_NONE;
+}
+
+/* Fill the torques of the self-test, which the safety layer may end. */
+static void test(struct ballbot_state *state, const struct ballbot_parameters *parameters,
+                 const struct ballbot_reading_record *reading, bool admitted_now, float torques[])
+{
+    if (!admitted_now) {
+        state->self_test.result = BALLBOT_TEST_STOPPED;
+    }
+    ballbot_self_test_step(&state->self_test, parameters, reading, torques);
+}
+
 bool ballbot_update(struct ballbot_state *state, const struct ballbot_parameters *parameters,
                     const struct ballbot_reading_record *reading, uint32_t time, const float reference[10],
                     float torques[BALLBOT_MAX_WHEELS])
@@ -132,15 +174,17 @@ bool ballbot_update(struct ballbot_state *state, const struct ballbot_parameters
 
     run->time = (int32_t)time;
     run->started = 1;
-    if (run->armed != 0) {
+    const bool testing = run->armed == 0 && state->self_test.result == BALLBOT_TEST_RUNNING;
+
+    if (run->armed != 0 || testing) {
         may = admitted(state, parameters, reading, 1e-6f * (float)passed, measured);
     }
-    if (may) {
-        take_reference(state, reference);
-        (void)ballbot_control_law(&parameters->law, &state->memory, parameters->wheel_count, run->estimate,
-                                  run->reference, torques);
-        ballbot_safety_release(&state->safety, parameters->wheel_count, torques);
-        may = state->safety.stop == BALLBOT_STOP_NONE;
+    if (testing) {
+        test(state, parameters, reading, may, torques);
+    } else if (may) {
+        may = balance(state, parameters, reference, torques);
+    } else {
+        /* no torques */
     }
     for (int i = 0; i < BALLBOT_MAX_WHEELS; ++i) {
         run->torques[i] = torques[i];

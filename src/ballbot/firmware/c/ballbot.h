@@ -3,7 +3,8 @@
  *     static struct ballbot_state state;
  *
  *     if (ballbot_init(&state, &ballbot_parameters)) { ... }       once
- *     ballbot_arm(&state);                                         when the robot stands upright
+ *     ballbot_start_self_test(&state);                             held, before the first balance
+ *     ballbot_arm(&state);                                         when that has passed, upright
  *     ballbot_update(&state, &ballbot_parameters, &reading, time, reference, torques);      each sample time
  *
  * The application owns the state; the library has no variables of its own, takes no memory and calls nobody. Times are
@@ -16,6 +17,7 @@
 
 #include "ballbot_types.h"
 #include "safety.h"
+#include "self_test.h"
 
 /* Numbers of `estimator` in the parameters. */
 enum ballbot_estimator { BALLBOT_ONBOARD = 0, BALLBOT_KALMAN = 1 };
@@ -26,8 +28,20 @@ enum ballbot_estimator { BALLBOT_ONBOARD = 0, BALLBOT_KALMAN = 1 };
  */
 bool ballbot_init(struct ballbot_state *state, const struct ballbot_parameters *parameters);
 
-/* Forget a stop and what the law remembers, and give torques from the next update on; the estimate goes on. */
-void ballbot_arm(struct ballbot_state *state);
+/* Let the next updates, disarmed, be the self-test; its result is in ballbot_self_test_of. */
+void ballbot_start_self_test(struct ballbot_state *state);
+
+/* Return the result of the self-test; `self_test.wheel` of the state has the wheel, from 1. */
+enum ballbot_self_test ballbot_self_test_of(const struct ballbot_state *state);
+
+/* Count the self-test as passed: for a simulated robot, or one whose wiring is known to be right. */
+void ballbot_skip_self_test(struct ballbot_state *state);
+
+/* Forget a stop and what the law remembers, and give torques from the next update on; the estimate goes on.
+ *
+ * Returns false, and stays disarmed, unless the self-test has passed.
+ */
+bool ballbot_arm(struct ballbot_state *state);
 
 /* Give no torques until armed again. */
 void ballbot_disarm(struct ballbot_state *state);

@@ -14,9 +14,9 @@
 /* Updates whose torques the law remembers. */
 #define BALLBOT_MAX_PAST 22
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "754e55a3b45b48839c87d7d0e249c63418905405ee0d73b9941d38f1226dc536"
+#define BALLBOT_SCHEMA_DIGEST "ad16be168dfc180d8e4166f08d6c637e05e0b4b9846b6f379683a17a183ecc6b"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 1968068003, 878397571, 478664656, 1649002036, 412111877, 1846375353, 337459441, 577619254 }
+#define BALLBOT_SCHEMA_WORDS { 756465174, 234625037, 239167216, 225207166, 98612409, 74149687, 377725306, 406768747 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -198,12 +198,13 @@ struct ballbot_parameters {
     int32_t estimator;
     float sample_time; /* [s] */
     float encoder_step; /* [rad] */
+    float self_test_torque; /* [N m] */
     struct ballbot_law law;
     struct ballbot_safety_record safety;
     struct ballbot_onboard_record onboard;
     struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1211u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1212u * sizeof(float)) ? 1 : -1];
 
 /* Whether torques are given, and the last update. */
 struct ballbot_run_state {
@@ -231,6 +232,15 @@ struct ballbot_safety_state {
     int32_t pushed[BALLBOT_MAX_WHEELS];
 };
 typedef char ballbot_safety_state_has_no_padding[(sizeof(struct ballbot_safety_state) == 20u * sizeof(float)) ? 1 : -1];
+
+/* How far the self-test is, and its result. */
+struct ballbot_self_test_state {
+    int32_t result;
+    int32_t wheel;
+    int32_t sample;
+    int32_t counts[BALLBOT_MAX_WHEELS];
+};
+typedef char ballbot_self_test_state_has_no_padding[(sizeof(struct ballbot_self_test_state) == 7u * sizeof(float)) ? 1 : -1];
 
 /* What the law remembers of each wheel's torques at its last updates, the newest first. */
 struct ballbot_torque_history {
@@ -340,11 +350,12 @@ typedef char ballbot_kalman_memory_has_no_padding[(sizeof(struct ballbot_kalman_
 struct ballbot_state {
     struct ballbot_run_state run;
     struct ballbot_safety_state safety;
+    struct ballbot_self_test_state self_test;
     struct ballbot_memory memory;
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 735u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 742u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {

@@ -18,10 +18,24 @@ bool robot_start(struct robot *robot)
     return ballbot_init(&robot->state, &ballbot_parameters);
 }
 
-void robot_arm(struct robot *robot)
+void robot_test(struct robot *robot)
 {
-    ballbot_arm(&robot->state);
+    ballbot_start_self_test(&robot->state);
     ballbot_set_enable(true);
+}
+
+bool robot_arm(struct robot *robot)
+{
+    const bool armed = ballbot_arm(&robot->state);
+
+    ballbot_set_enable(armed);
+    return armed;
+}
+
+void robot_disarm(struct robot *robot)
+{
+    ballbot_disarm(&robot->state);
+    ballbot_set_enable(false);
 }
 
 static void read_sensors(struct robot *robot)

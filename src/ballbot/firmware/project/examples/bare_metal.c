@@ -1,7 +1,8 @@
 /* A main loop for a board without an operating system.
  *
  * The loop waits for the time of the next sample and never skips one: a sample that comes too late stops the robot, with
- * the reason "late". A byte 'a' from the host arms, any other disarms; replace this by the robot's own button.
+ * the reason "late". A byte 't' from the host begins the self-test, 'a' arms, any other disarms; replace this by the robot's
+ * own buttons.
  */
 #include "ballbot_hardware.h"
 #include "ballbot_parameters.h"
@@ -15,11 +16,12 @@ static void obey_host(struct robot *robot)
     if (ballbot_receive(&byte, 1) == 0) {
         return;
     }
-    if (byte == (uint8_t)'a') {
-        robot_arm(robot);
+    if (byte == (uint8_t)'t') {
+        robot_test(robot);
+    } else if (byte == (uint8_t)'a') {
+        (void)robot_arm(robot);
     } else {
-        ballbot_disarm(&robot->state);
-        ballbot_set_enable(false);
+        robot_disarm(robot);
     }
 }
 

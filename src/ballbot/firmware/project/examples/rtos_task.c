@@ -1,7 +1,7 @@
 /* A task of an operating system. The functions of the first block are the system's; those of FreeRTOS are beside them.
  *
  * Give the task the highest priority but the drivers', and the stack that `ballbot export` reports with 512 bytes for the
- * application. `arm` and `disarm` may be called from other tasks: they leave a wish, which the task obeys.
+ * application. `self_test`, `arm` and `disarm` may be called from other tasks: they leave a wish, which the task obeys.
  */
 #include "ballbot_hardware.h"
 #include "ballbot_parameters.h"
@@ -11,12 +11,18 @@
 void rtos_wait_until(uint32_t *last, uint32_t period);
 
 void balance_task(void *unused);
+void self_test(void);
 void arm(void);
 void disarm(void);
 
 /* What other tasks wish; a byte is written at once. */
-enum wish { NO_WISH = 0, WISH_ARM = 1, WISH_DISARM = 2 };
+enum wish { NO_WISH = 0, WISH_ARM = 1, WISH_DISARM = 2, WISH_TEST = 3 };
 static volatile uint8_t wish = NO_WISH;
+
+void self_test(void)
+{
+    wish = WISH_TEST;
+}
 
 void arm(void)
 {
@@ -33,12 +39,14 @@ static void obey(struct robot *robot)
     const uint8_t wished = wish;
 
     wish = NO_WISH;
+    if (wished == (uint8_t)WISH_TEST) {
+        robot_test(robot);
+    }
     if (wished == (uint8_t)WISH_ARM) {
-        robot_arm(robot);
+        (void)robot_arm(robot);
     }
     if (wished == (uint8_t)WISH_DISARM) {
-        ballbot_disarm(&robot->state);
-        ballbot_set_enable(false);
+        robot_disarm(robot);
     }
 }
 

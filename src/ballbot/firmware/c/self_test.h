@@ -1,0 +1,32 @@
+/* Self-test before the first balance: each wheel is pushed forward and back, and its encoder must turn as it is pushed.
+ *
+ * It takes half a second. One wheel after the other gets the torque forward for a fifth of its turn at the test and
+ * backward for another fifth, the others none. A motor or an encoder with the wrong sign, or cables in the wrong order, would turn
+ * the balance's feedback into a push away from upright; here they move a wheel by a degree or two. Hold the robot
+ * meanwhile, or let it stand upright by itself.
+ */
+#ifndef BALLBOT_SELF_TEST_H
+#define BALLBOT_SELF_TEST_H
+
+#include <stdbool.h>
+
+#include "ballbot_types.h"
+
+enum ballbot_self_test {
+    BALLBOT_TEST_NOT_RUN = 0,
+    BALLBOT_TEST_RUNNING = 1,
+    BALLBOT_TEST_PASSED = 2,
+    BALLBOT_TEST_DEAD_MOTOR = 3,   /* the wheel was pushed and no encoder turned */
+    BALLBOT_TEST_TORQUE_ORDER = 4, /* another encoder turned the most */
+    BALLBOT_TEST_TORQUE_SIGN = 5,  /* pushed forward, the encoder turned backward */
+    BALLBOT_TEST_STOPPED = 6       /* the safety layer stopped it, or encoders were missing */
+};
+
+/* Begin. */
+void ballbot_self_test_start(struct ballbot_self_test_state *test);
+
+/* Take a sample's encoders; fill the torques of all wheels [N m]. Ends with a result and zero torques. */
+void ballbot_self_test_step(struct ballbot_self_test_state *test, const struct ballbot_parameters *parameters,
+                            const struct ballbot_reading_record *reading, float torques[BALLBOT_MAX_WHEELS]);
+
+#endif
