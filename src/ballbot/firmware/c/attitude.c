@@ -6,7 +6,10 @@
 static struct ballbot_attitude attitude(float theta, float phi, float ss, float cs)
 {
     struct ballbot_attitude a;
-    float st, ct, sp, cp;
+    float st;
+    float ct;
+    float sp;
+    float cp;
 
     ballbot_sine_cosine(theta, &st, &ct);
     ballbot_sine_cosine(phi, &sp, &cp);
@@ -28,7 +31,8 @@ static struct ballbot_attitude attitude(float theta, float phi, float ss, float 
 
 struct ballbot_attitude ballbot_attitude_of(float theta, float phi, float psi)
 {
-    float ss, cs;
+    float ss;
+    float cs;
 
     ballbot_sine_cosine(psi, &ss, &cs);
     return attitude(theta, phi, ss, cs);
@@ -36,7 +40,8 @@ struct ballbot_attitude ballbot_attitude_of(float theta, float phi, float psi)
 
 struct ballbot_attitude ballbot_attitude_after(const struct ballbot_attitude *a, float theta, float phi, float turn)
 {
-    float s, c;
+    float s;
+    float c;
 
     ballbot_sine_cosine(turn, &s, &c);
     return attitude(theta, phi, c * a->sin_psi + s * a->cos_psi, c * a->cos_psi - s * a->sin_psi);

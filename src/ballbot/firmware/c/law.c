@@ -10,8 +10,9 @@ bool ballbot_is_possible(float value)
 
 int32_t ballbot_refused_place(const float reference[10])
 {
-    static const float largest[10] = { BALLBOT_LARGEST_STATE, BALLBOT_LARGEST_STATE, 0.0f, 0.0f,
-                                       BALLBOT_LARGEST_STATE };
+    static const float largest[10] = {
+        BALLBOT_LARGEST_STATE, BALLBOT_LARGEST_STATE, 0.0f, 0.0f, BALLBOT_LARGEST_STATE, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f
+    };
 
     for (int32_t i = 0; i < 10; ++i) {
         if (!(ballbot_magnitude(reference[i]) <= largest[i])) {

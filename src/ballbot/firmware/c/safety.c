@@ -86,6 +86,8 @@ bool ballbot_safety_admit(const struct ballbot_safety_record *own, struct ballbo
         latch(state, BALLBOT_STOP_MISSING, 0);
     } else if (known && ballbot_larger(ballbot_magnitude(theta), ballbot_magnitude(phi)) > own->lean) {
         latch(state, BALLBOT_STOP_LEAN, 0);
+    } else {
+        /* a sample as it should be */
     }
     return state->stop == BALLBOT_STOP_NONE && known;
 }

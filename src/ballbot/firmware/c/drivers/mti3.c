@@ -124,20 +124,22 @@ static void times_transposed(float A[3][3], float B[3][3], float product[3][3])
 /* Return psi without a jump of a turn from the last one. */
 static float unwrapped(struct ballbot_mti3 *imu, float psi)
 {
+    float whole = 0.0f;
+
     if (!(psi >= -PI - 1e-3f && psi <= PI + 1e-3f)) {
         return psi; /* the sensor gave what is not a number */
     }
     if (imu->turned) {
         const float turns = (imu->psi - psi) / (2.0f * PI);
 
-        /* whole turns, towards the nearest; a robot that has turned a thousand times is not one that balances */
+        /* the nearest; a robot that has turned a thousand times is not one that balances */
         if (turns > -1000.0f && turns < 1000.0f) {
-            psi += 2.0f * PI * (float)(int32_t)(turns + ((turns < 0.0f) ? -0.5f : 0.5f));
+            whole = (float)(int32_t)(turns + ((turns < 0.0f) ? -0.5f : 0.5f));
         }
     }
-    imu->psi = psi;
+    imu->psi = psi + 2.0f * PI * whole;
     imu->turned = true;
-    return psi;
+    return imu->psi;
 }
 
 bool ballbot_mti3_read(struct ballbot_mti3 *imu, float gyro[3], float attitude[3])

@@ -37,8 +37,8 @@ static float torque_needed(const struct ballbot_observer_record *own, int32_t i,
 }
 
 /* Step the estimate of each wheel. */
-static void estimate(const struct ballbot_law *law, struct ballbot_memory *memory, const struct ballbot_sample *now,
-                     int32_t n)
+static void step_estimates(const struct ballbot_law *law, struct ballbot_memory *memory,
+                           const struct ballbot_sample *now, int32_t n)
 {
     const struct ballbot_observer_record *own = &law->disturbance_observer;
     const struct ballbot_torque_history *past = &memory->history;
@@ -69,7 +69,7 @@ void ballbot_disturbance_observer_observe(const struct ballbot_law *law, struct 
         return;
     }
     if (state->started > 0) {
-        estimate(law, memory, now, n);
+        step_estimates(law, memory, now, n);
     }
     for (int j = 0; j < 5; ++j) {
         state->rates[j] = now->state[5 + j];

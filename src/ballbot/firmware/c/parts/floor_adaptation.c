@@ -27,7 +27,12 @@ struct ballbot_pair ballbot_direction(const struct ballbot_floor_record *own, fl
 
 /* Covariance of b_x, b_y and kappa, in this order. */
 struct covariance {
-    float xx, yy, kk, xy, xk, yk;
+    float xx;
+    float yy;
+    float kk;
+    float xy;
+    float xk;
+    float yk;
 };
 
 /* Return the covariance after a random walk over a sample, never above the start. */
@@ -48,8 +53,8 @@ static struct covariance walked(const struct ballbot_floor_record *own, const st
 }
 
 /* Take in one axis's sum `miss` beyond the expected one: p = P phi is its covariance with the three, `size` its own. */
-static void absorb(struct ballbot_floor_state *state, struct covariance *P, const float p[3], float size, float miss,
-                   bool moves)
+static void take_in(struct ballbot_floor_state *state, struct covariance *P, const float p[3], float size,
+                    float miss, bool moves)
 {
     state->slope[0] += p[0] * miss / size;
     state->slope[1] += p[1] * miss / size;
@@ -72,10 +77,10 @@ static void separate(const struct ballbot_floor_record *own, struct ballbot_floo
     struct covariance P = walked(own, state, moves);
     const float by_x[3] = { P.xx + P.xk * d.x, P.xy + P.yk * d.x, P.xk + P.kk * d.x };
 
-    absorb(state, &P, by_x, own->noise + by_x[0] + d.x * by_x[2], G_x - state->slope[0] - state->drag * d.x, moves);
+    take_in(state, &P, by_x, own->noise + by_x[0] + d.x * by_x[2], G_x - state->slope[0] - state->drag * d.x, moves);
     const float by_y[3] = { P.xy + P.xk * d.y, P.yy + P.yk * d.y, P.yk + P.kk * d.y };
 
-    absorb(state, &P, by_y, own->noise + by_y[1] + d.y * by_y[2], G_y - state->slope[1] - state->drag * d.y, moves);
+    take_in(state, &P, by_y, own->noise + by_y[1] + d.y * by_y[2], G_y - state->slope[1] - state->drag * d.y, moves);
     state->drag = ballbot_clipped(state->drag, own->highest);
     state->P_xx = P.xx - own->slope_start;
     state->P_yy = P.yy - own->slope_start;

@@ -20,7 +20,7 @@ struct lags {
 };
 
 /* Let the motion start at rest where the robot is. */
-static void start(struct ballbot_shaping_state *state, const struct ballbot_sample *now, const float r[3])
+static void start_at_pose(struct ballbot_shaping_state *state, const struct ballbot_sample *now, const float r[3])
 {
     const float pose[3] = { now->pose[0] + now->state[0], now->pose[1] + now->state[1],
                             now->pose[2] + now->state[4] };
@@ -130,7 +130,7 @@ void ballbot_shaping_shape(const struct ballbot_law *law, struct ballbot_memory 
     float steps[3];
 
     if (state->started == 0) {
-        start(state, now, r);
+        start_at_pose(state, now, r);
     }
     const float change[3] = { r[0] - state->last[0], r[1] - state->last[1], r[2] - state->last[2] };
     const float before[3] = { state->followed[0], state->followed[1], state->followed[2] };
