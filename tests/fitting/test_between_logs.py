@@ -10,6 +10,7 @@ from scipy import stats
 
 from ballbot.fitting.between_logs import (
     Limits95,
+    RobotLogs,
     VariancePrior,
     fit_prior,
     interval_score,
@@ -101,11 +102,45 @@ def test_the_prior_of_many_robots_is_recovered() -> None:
     robots = []
     for _ in range(400):
         tau = 0.5 * np.sqrt(8.0 / random.chisquare(8.0))
-        errors = random.uniform(0.1, 0.5, 2)
-        robots.append((tau * random.standard_normal(2) + errors * random.standard_normal(2), errors))
+        errors = np.full(2, random.uniform(0.1, 0.5))
+        y = tau * random.standard_normal(2) + errors * random.standard_normal(2)
+        robots.append(RobotLogs(estimates=y, errors=errors, beyond=np.zeros(2, dtype=int)))
     found = fit_prior(robots, most_degrees=60.0)
     assert found.scale == pytest.approx(0.5, rel=0.15)
     assert found.degrees > 3.0
+
+
+def test_estimates_at_a_bound_do_not_narrow_the_prior() -> None:
+    """Of 400 robots with a bound that half of the estimates exceed: the scale as it was drawn, to 20 %.
+
+    Taken as they stand, at the bound, they agree with each other, and the prior would be far too narrow.
+    """
+    random = np.random.default_rng(3)
+    bounded, taken = [], []
+    for _ in range(400):
+        errors = np.full(2, 0.1)
+        y = random.standard_normal() + 0.5 * random.standard_normal(2) + errors * random.standard_normal(2)
+        beyond = np.where(y >= 0.0, 1, 0)
+        at = np.minimum(y, 0.0)
+        bounded.append(RobotLogs(estimates=at, errors=errors, beyond=beyond))
+        taken.append(RobotLogs(estimates=at, errors=errors, beyond=np.zeros(2, dtype=int)))
+    assert fit_prior(bounded, most_degrees=60.0).scale == pytest.approx(0.5, rel=0.2)
+    assert fit_prior(taken, most_degrees=60.0).scale < 0.3
+
+
+def test_errors_that_differ_from_log_to_log_widen_the_prior() -> None:
+    """A log predicts the next one by its own error; what the next one's exceeds it by belongs to the prior."""
+    random = np.random.default_rng(4)
+    robots, inside = [], 0
+    draws = [(random.choice([0.1, 1.0], 2), random.standard_normal(2)) for _ in range(800)]
+    for errors, normal in draws[:400]:
+        robots.append(RobotLogs(estimates=errors * normal, errors=errors, beyond=np.zeros(2, dtype=int)))
+    prior = fit_prior(robots, most_degrees=60.0)
+    for errors, normal in draws[400:]:
+        found = vary(errors[:1] * normal[:1], errors[:1], prior=prior, next_error=float(errors[0])).prediction
+        inside += found.lower <= errors[1] * normal[1] <= found.upper
+    # 95 %, less three deviations of a binomial count of 400, and the shape is not that of the prior
+    assert inside / 400 > 0.9
 
 
 def test_interval_score_is_the_width_and_twice_the_miss_over_the_level() -> None:

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
+from ballbot.identification.coulomb import CoulombEquivalent
 from ballbot.identification.driveline import DrivelineFit, PrintedFit
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import Layout
@@ -101,6 +102,9 @@ def _found() -> Identification:
             prior_robots=0,
         ),
         correlation=spread / np.outer(scale, scale),
+        coulomb=CoulombEquivalent(
+            values=np.full(3, 0.1), standard_errors=np.full(3, 5e-3), speeds=np.full(3, 3.0)
+        ),
         fit=errors,
         held_out=errors,
         fit_windows=(),

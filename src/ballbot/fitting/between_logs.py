@@ -6,7 +6,9 @@ Log k gives a parameter the estimate y_k, with the variance v_k that its own res
 
 where a_k is what changes from log to log and the model lacks: the way driven, where the rollers touch, the floor, the
 drift of a sensor. Little is known of tau from few logs, and nothing from one. Other robots, with two logs or more
-each, give it a prior, tau^2 ~ scaled inverse chi-squared of nu degrees and scale s (`fit_prior`). With
+each, give it a prior, tau^2 ~ scaled inverse chi-squared of nu degrees and scale s (`fit_prior`). It is the one under
+which the other logs of each robot predict the one left out best. How well that one determines the parameter is not
+known beforehand, so tau contains what its error varies from log to log. With
 
     w_k = 1 / (v_k + tau^2),   V = 1 / sum w_k,   m = V sum w_k y_k
 
@@ -30,7 +32,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.special import gammaln, logsumexp, ndtr
+from scipy.special import log_ndtr, logsumexp, ndtr
 
 #: of the intervals
 CONFIDENCE = 0.95
@@ -110,39 +112,64 @@ def vary(
     )
 
 
-def fit_prior(
-    robots: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]], *, most_degrees: float
-) -> VariancePrior:
-    """Return the prior that makes the estimates of other robots the likeliest.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RobotLogs:
+    """Estimates from the logs of one robot, k of 2 or more."""
+
+    estimates: NDArray[np.float64]  #: (k,)
+    errors: NDArray[np.float64]  #: (k,), standard errors within each log
+    #: (k,), 1 if the estimate ended at its upper bound, so that it is that or more, -1 at the lower one, else 0
+    beyond: NDArray[np.int64]
+
+
+def fit_prior(robots: Sequence[RobotLogs], *, most_degrees: float) -> VariancePrior:
+    """Return the prior under which the other logs of each robot predict the one left out best.
+
+    That is the largest product of predictive densities; an estimate at a bound has the probability of all beyond it (J.
+    Tobin, Estimation of relationships for limited dependent variables, Econometrica 26 (1958) 24-36).
 
     Parameters
     ----------
-    robots : sequence of (ndarray (k,), ndarray (k,))
-        Of each robot the estimates from its logs and their standard errors, k of 2 or more.
+    robots : sequence of RobotLogs
     most_degrees : float
-        Of the prior: no more than there are independent robots, which tell no more of a variance.
+        Of the prior: no more than there are independent robots, which determine a variance no better.
     """
     limits = (_LEAST_DEGREES, max(most_degrees, _LEAST_DEGREES))
-    several = [(y, v) for y, v in robots if len(y) > 1]
-    typical = np.sqrt(np.mean([np.var(y, ddof=1) for y, _ in several]))
-    tau = float(typical) * np.exp(np.linspace(np.log(1e-3), np.log(1e2), 4 * _GRID))
-    likelihoods = np.stack([_given(tau, y, v)[2] for y, v in several])
+    variances = [np.var(one.estimates, ddof=1) for one in robots]
+    typical = max(float(np.sqrt(np.mean(variances))), float(np.finfo(float).tiny))
+    tau = typical * np.exp(np.linspace(np.log(1e-3), np.log(1e2), 2 * _GRID))
+    parts = [_left_out(tau, one, k) for one in robots for k in range(len(one.estimates))]
+    of_others, ahead = (np.stack(part) for part in zip(*parts, strict=True))
+
+    def prior_of(numbers: NDArray[np.float64]) -> VariancePrior:
+        degrees = float(np.exp(np.clip(numbers[1], *np.log(limits))))
+        return VariancePrior(scale=float(typical * np.exp(np.clip(numbers[0], -7.0, 5.0))), degrees=degrees)
 
     def loss(numbers: NDArray[np.float64]) -> float:
-        prior = VariancePrior(
-            scale=float(typical * np.exp(numbers[0])),
-            degrees=float(np.clip(np.exp(numbers[1]), *limits)),
-        )
-        half = 0.5 * prior.degrees
-        constant = np.log(2.0) + half * np.log(half) - gammaln(half) + np.log(np.log(tau[1] / tau[0]))
-        return -float(np.sum(logsumexp(likelihoods + prior.density(tau) + constant, axis=1)))
+        weights = of_others + prior_of(numbers).density(tau)
+        return -float(np.sum(_log_sums(weights + ahead) - _log_sums(weights)))
 
     starts = [np.array([scale, degrees]) for scale in (-2.0, -0.5) for degrees in np.log((4.0, 12.0))]
     found = min((minimize(loss, start, method="Nelder-Mead") for start in starts), key=lambda one: one.fun)
-    return VariancePrior(
-        scale=float(typical * np.exp(found.x[0])),
-        degrees=float(np.clip(np.exp(found.x[1]), *limits)),
-    )
+    return prior_of(found.x)
+
+
+def _log_sums(logs: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the logarithms (n,) of sums over rows (n, g) that are given by their logarithms."""
+    return np.asarray(logsumexp(logs, axis=1))
+
+
+def _left_out(
+    tau: NDArray[np.float64], robot: RobotLogs, k: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the logarithms at each tau (g,) of the other logs' likelihood, and of the density of log k by them."""
+    others = np.arange(len(robot.estimates)) != k
+    middle, spread, log_likelihood = _given(tau, robot.estimates[others], robot.errors[others])
+    deviation = np.sqrt(spread**2 + tau**2 + np.median(robot.errors[others]) ** 2)
+    off = (robot.estimates[k] - middle) / deviation
+    if robot.beyond[k]:
+        return log_likelihood, log_ndtr(-robot.beyond[k] * off)
+    return log_likelihood, -np.log(deviation) - 0.5 * off**2
 
 
 def interval_score(limits: Limits95, value: float) -> float:

@@ -22,6 +22,7 @@ from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import SearchResult, at_bound
 from ballbot.fitting.uncertainty import Discrepancy, discrepancy
 from ballbot.identification.agreement import StageEstimate, agreement_findings, of_robot_file
+from ballbot.identification.coulomb import coulomb_equivalent
 from ballbot.identification.excitation import chatter, chatter_finding, heading_findings, share_shown
 from ballbot.identification.laws import LAWS, LawName, bounds_of, law_named, select_law
 from ballbot.identification.parameters import Bounds, Coordinates, scale_between
@@ -270,6 +271,13 @@ def _result(
         intervals=uncertainty.intervals,
         variation=varied,
         correlation=uncertainty.correlation,
+        coulomb=coulomb_equivalent(
+            layout,
+            values,
+            errors=np.fmax(uncertainty.standard_errors, uncertainty.bootstrap_errors),
+            correlation=uncertainty.correlation,
+            wheel_speeds=wheel_speeds(predictor.robot, prepared.fit),
+        ),
         fit=errors(predictor, prepared.fit, values),
         held_out=held_out,
         fit_windows=prepared.fit.spans,
@@ -326,9 +334,14 @@ _SPEED_GROUPS = 3
 
 def speed_groups(robot: Robot, windows: Windows) -> NDArray[np.int64]:
     """Return the number (w,) of each window's group, from the slowest third of the wheels' speeds to the fastest."""
-    states = np.concatenate([windows.initial[:, None], windows.measured], axis=1)
-    speeds = np.abs(Model(robot).wheel_speed(states[..., :5], states[..., 5:])).mean(axis=(1, 2))
+    speeds = np.abs(wheel_speeds(robot, windows)).mean(axis=(1, 2))
     return np.argsort(np.argsort(speeds, kind="stable"), kind="stable") * _SPEED_GROUPS // len(speeds)
+
+
+def wheel_speeds(robot: Robot, windows: Windows) -> NDArray[np.float64]:
+    """Return the speeds of the wheels (w, 1 + m, n) [rad/s] in windows."""
+    states = np.concatenate([windows.initial[:, None], windows.measured], axis=1)
+    return Model(robot).wheel_speed(states[..., :5], states[..., 5:])
 
 
 def _agreement(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ballbot.findings import Finding, finding_results, warning
 from ballbot.fitting.intervals import Interval
+from ballbot.identification.coulomb import CoulombEquivalent
 from ballbot.identification.parameters import Coordinates
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import (
@@ -110,6 +111,7 @@ class Identification:
     ]  #: of 95 %, by label; none for a parameter without influence, held or refused
     variation: Variation  #: between logs: intervals for the estimate from another one
     correlation: NDArray[np.float64]  #: (p, p); NaN for parameters without standard error
+    coulomb: CoulombEquivalent  #: to compare with other logs, if the law has a Stribeck part
     fit: WindowErrors  #: on the windows fitted
     held_out: WindowErrors  #: on the windows that were held out
     fit_windows: tuple[Span, ...]
@@ -159,6 +161,7 @@ class Identification:
                 ),
             },
             "correlation": {"labels": list(self.labels), "matrix": _without_nan(self.correlation.tolist())},
+            "coulomb_equivalent": self.coulomb.to_dict(),
             "represents": {
                 BY_NAME[name].symbol: {"kind": "effective" if also else "physical", "also": also}
                 for name in self.layout.names

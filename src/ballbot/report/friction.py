@@ -23,6 +23,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ballbot.fitting.model_selection import Candidate, Gain, ModelSelection
+from ballbot.identification.coulomb import coulomb_sentence
 from ballbot.identification.holdout import HoldoutResult
 from ballbot.identification.laws import law_named
 from ballbot.identification.quantities import BY_NAME
@@ -179,6 +180,7 @@ def identification_parts(
         yield _selection_table(selection, framed=framed)
     yield _parameter_table(found, framed=framed)
     yield Text(represents_sentence(found.layout))
+    yield Text(coulomb_sentence(found.coulomb))
     yield _error_table(found, holdouts, framed=framed)
     for one in holdouts:
         if one.horizons:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Controller
 from ballbot.control.presets import design_integral_gain
 from ballbot.findings import texts
+from ballbot.identification.coulomb import coulomb_sentence
 from ballbot.identification.result import represents_sentence
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.model import Model
@@ -255,7 +256,7 @@ def study_report(study: Study, made: Provenance) -> str:
         "robot_words": robot_words(study.robot),
         "log_words": _log_words(study),
         "parameters": parameter_rows(study.found),
-        "represents": represents_sentence(study.found.layout),
+        "represents": f"{represents_sentence(study.found.layout)} {coulomb_sentence(study.found.coulomb)}",
         "warnings": [with_symbols(warning.text) for warning in study.found.warnings],
         "doubts": with_symbols(doubts_sentence(study)),
         "validation_words": _validation_words(study),

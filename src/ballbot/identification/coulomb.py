@@ -1,0 +1,108 @@
+"""The Coulomb friction that compares logs and robots if the friction law has a Stribeck part.
+
+A log of balancing hardly separates c, the dry friction at high speed, from s, which adds to it at low speed: their
+errors are opposite, and over ten logs of one robot c alone varies by a third. What the log determines is the curve at
+the speeds driven. So the identified dry friction c + s E(w) is replaced by the straight line c_e + a w nearest to it
+from rest to the speed W that 95 % of the log's speeds stay below, in the mean of squares over that range. Its value at
+rest c_e is what a law without Stribeck part calls Coulomb friction. With x = w / W from 0 to 1,
+
+    c_e = c + s (4 A - 6 B)        A = int E dx,  B = int x E dx        E = exp(-|W x / v_s|^delta)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.identification.quantities import Layout
+from ballbot.mechanics.friction import stribeck_decay
+
+#: of the speeds driven, below W
+SHARE = 0.95
+#: values of x; more change c_e by less than 1e-5 of s
+_POINTS = 2000
+#: a derivative is a difference over this share of a parameter
+_STEP = 1e-4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CoulombEquivalent:
+    """Coulomb friction of each wheel by the straight line nearest to its dry friction."""
+
+    values: NDArray[np.float64]  #: c_e (n,) [N m]
+    standard_errors: NDArray[np.float64]  #: (n,) [N m], under the conditions of these logs; NaN if c has none
+    speeds: NDArray[np.float64]  #: W (n,) [rad/s]
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        return {
+            "values": self.values.tolist(),
+            "standard_errors": [float(one) if np.isfinite(one) else None for one in self.standard_errors],
+            "up_to_speed": self.speeds.tolist(),
+        }
+
+
+def coulomb_equivalent(
+    layout: Layout,
+    values: NDArray[np.float64],
+    *,
+    errors: NDArray[np.float64],
+    correlation: NDArray[np.float64],
+    wheel_speeds: NDArray[np.float64],
+) -> CoulombEquivalent:
+    """Return each wheel's c_e; see the module's text.
+
+    Parameters
+    ----------
+    layout : Layout
+    values : ndarray (p,)
+        The estimates, SI units.
+    errors : ndarray (p,)
+        Their standard errors; NaN for those without.
+    correlation : ndarray (p, p)
+    wheel_speeds : ndarray (..., n)
+        Those driven [rad/s].
+    """
+    n = layout.wheel_count
+    speeds = np.quantile(np.abs(wheel_speeds.reshape(-1, n)), SHARE, axis=0)
+
+    def at(parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        c, s = parameters[n : 2 * n], parameters[2 * n : 3 * n]
+        return c + s * _weight_of_s(speeds, parameters[3 * n], parameters[3 * n + 1])
+
+    C = np.nan_to_num(correlation) * np.outer(np.nan_to_num(errors), np.nan_to_num(errors))
+    moved = np.flatnonzero(C.diagonal() > 0.0)
+    steps = _STEP * np.maximum(np.abs(values), 1e-6)
+    G = np.zeros((n, len(values)))
+    for i in moved[moved < 3 * n + 2]:
+        step = steps[i] * np.eye(len(values))[i]
+        G[:, i] = (at(values + step) - at(values - step)) / (2.0 * steps[i])
+    variances = np.einsum("ki,ij,kj->k", G, C, G, optimize=False)
+    known = np.isfinite(errors[n : 2 * n])
+    return CoulombEquivalent(
+        values=at(values),
+        standard_errors=np.where(known, np.sqrt(np.maximum(variances, 0.0)), np.nan),
+        speeds=speeds,
+    )
+
+
+def _weight_of_s(speeds: NDArray[np.float64], v_s: float, delta: float) -> NDArray[np.float64]:
+    """Return 4 A - 6 B (n,) for each W (n,), by the midpoint rule."""
+    x = (np.arange(_POINTS) + 0.5) / _POINTS
+    E = stribeck_decay(speeds[:, None] * x / v_s, delta)
+    return (E * (4.0 - 6.0 * x)).mean(axis=1)
+
+
+def coulomb_sentence(found: CoulombEquivalent) -> str:
+    """Return the sentence that a report has of it."""
+    each = ", ".join(
+        f"{value:.3g} ± {error:.2g}" if np.isfinite(error) else f"{value:.3g}"
+        for value, error in zip(found.values, found.standard_errors, strict=True)
+    )
+    return (
+        f"Coulomb friction to compare with other logs and robots: {each} N m. It is the value at rest of the straight "
+        f"line nearest to the dry friction up to {found.speeds.min():.2g} rad/s or more; c and s each are determined "
+        "less well than this."
+    )

@@ -1,0 +1,69 @@
+"""The Coulomb equivalent: against a line fitted by NumPy, its errors against drawn parameters, and its limits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ballbot.identification.coulomb import coulomb_equivalent, coulomb_sentence
+from ballbot.identification.quantities import Layout
+
+LAYOUT = Layout(wheel_count=3)
+SPEEDS = np.linspace(-3.0, 3.0, 2001)[:, None] * np.array([1.0, 0.7, 1.3])
+VALUES = np.array([0.014] * 3 + [0.11, 0.09, 0.12] + [0.05, 0.04, 0.06] + [0.6, 1.1, 0.007])
+
+
+def found(values: np.ndarray, errors: np.ndarray | None = None, correlation: np.ndarray | None = None):
+    return coulomb_equivalent(
+        LAYOUT,
+        values,
+        errors=np.full(12, np.nan) if errors is None else errors,
+        correlation=np.eye(12) if correlation is None else correlation,
+        wheel_speeds=SPEEDS,
+    )
+
+
+@pytest.mark.parametrize(("v_s", "delta"), [(0.6, 1.1), (0.1, 0.3), (3.0, 10.0), (0.45, 3.6)])
+def test_it_is_the_value_at_rest_of_the_line_that_numpy_fits(v_s: float, delta: float) -> None:
+    values = VALUES.copy()
+    values[9:11] = v_s, delta
+    got = found(values)
+    for i in range(3):
+        w = np.linspace(0.0, got.speeds[i], 20_001)
+        dry = values[3 + i] + values[6 + i] * np.exp(-((w / v_s) ** delta))
+        # the cusp at rest of a small exponent costs the midpoint rule up to 1e-4 of s
+        assert got.values[i] == pytest.approx(np.polyfit(w, dry, 1)[1], abs=2e-4 * values[6 + i])
+
+
+@given(c=st.floats(0.0, 0.5), s=st.floats(0.0, 0.5), v_s=st.floats(0.1, 3.0), delta=st.floats(0.3, 10.0))
+def test_it_lies_about_the_dry_friction_and_is_c_without_a_stribeck_part(
+    c: float, s: float, v_s: float, delta: float
+) -> None:
+    values = np.array([0.01] * 3 + [c] * 3 + [s] * 3 + [v_s, delta, 0.0])
+    with_part = found(values).values
+    # a line's value at rest exceeds a falling curve's by 1/3 of its fall at most: a step down at 2/3 of the range
+    assert np.all((with_part >= c - 1e-9) & (with_part <= c + 4.0 / 3.0 * s + 1e-9))
+    values[6:9] = 0.0
+    np.testing.assert_allclose(found(values).values, c, atol=1e-12)
+
+
+def test_its_errors_are_those_of_drawn_parameters() -> None:
+    errors = np.array([2e-3] * 3 + [0.02] * 3 + [0.02] * 3 + [0.03, 0.05, 1e-3])
+    R = np.eye(12)
+    for i in range(3):
+        R[3 + i, 6 + i] = R[6 + i, 3 + i] = -0.9
+    got = found(VALUES, errors, R)
+    drawn = np.random.default_rng(1).multivariate_normal(VALUES, R * np.outer(errors, errors), size=4000)
+    deviations = np.array([found(row).values for row in drawn]).std(axis=0)
+    # 4000 draws give a deviation to 1.1 %, and the derivatives are those at the estimate
+    np.testing.assert_allclose(got.standard_errors, deviations, rtol=0.05)
+    assert np.all(got.standard_errors < 0.6 * errors[3:6])
+
+
+def test_without_an_error_of_c_it_has_none() -> None:
+    got = found(VALUES)
+    assert np.isnan(got.standard_errors).all()
+    assert got.to_dict()["standard_errors"] == [None] * 3
+    assert "±" not in coulomb_sentence(got)
