@@ -66,6 +66,8 @@ CAMPAIGNS = {
     "false_alarms": "campaigns.false_alarms",
     "exploration": "campaigns.exploration",
     "firmware_math": "campaigns.firmware_math",
+    "firmware_estimators": "campaigns.firmware_estimators",
+    "firmware_timing": "campaigns.firmware_timing",
     "firmware_numbers": "campaigns.firmware_numbers",
     "reproduce": "campaigns.reproduce",
 }

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -15,95 +12,16 @@ from ballbot import Robot
 from ballbot.control.records import schema_of
 from ballbot.errors import InputError
 from ballbot.estimation import OnboardState
-from ballbot.estimation.interface import EstimatorName, Fix, Reading
+from ballbot.estimation.interface import EstimatorName, Reading
 from ballbot.estimation.kalman import KalmanFilter
-from ballbot.firmware.estimators import (
-    KalmanMemory,
-    OnboardMemory,
-    ReadingRecord,
-    firmware_states,
-    kalman_record,
-    onboard_record,
-    reading_record,
-    single,
-    step_of,
-)
-from ballbot.firmware.host import compilers, library
-from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
+from ballbot.firmware.estimators import ReadingRecord, kalman_record, onboard_record, reading_record
+from ballbot.firmware.host import compilers
+from ballbot.mechanics.geometry import transforms
+from campaigns.firmware_estimators import MEMORIES, Compiled, H, covariances, long_run, readings
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 
 ALTEN = Robot.load("alten")
-H = 0.005
-MEMORIES = {"onboard": OnboardMemory, "kalman": KalmanMemory}
-
-
-def address(array: NDArray) -> ctypes.c_void_p:
-    return ctypes.c_void_p(array.ctypes.data)
-
-
-class Compiled:
-    """An estimator in C, with the interface of one in Python."""
-
-    def __init__(self, name: EstimatorName, robot: Robot, *, sample_time: float = H) -> None:
-        make = {"onboard": onboard_record, "kalman": kalman_record}[name]
-        self.robot, self.name = robot, name
-        self.record = single(make(robot, sample_time=sample_time))
-        self.memory = np.zeros(1, schema_of(MEMORIES[name]).dtype("single"))
-
-    def reset(self, *, position: tuple[float, float] = (0.0, 0.0)) -> None:
-        call = getattr(library().functions, f"ballbot_{self.name}_reset")
-        call(address(self.memory), address(np.array(position, dtype=np.float32)))
-
-    def update(self, reading: Reading) -> NDArray[np.float64]:
-        return self.take(reading_record(reading, robot=self.robot))[0]
-
-    def take(self, record: NDArray[np.void]) -> tuple[NDArray[np.float64], bool]:
-        """Take a reading's record; return the state and whether the reading was whole."""
-        state = np.zeros(10, dtype=np.float32)
-        call = getattr(library().functions, f"ballbot_{self.name}_update")
-        call.restype = ctypes.c_int32
-        given = (address(self.record), address(self.memory), self.robot.wheel_count, address(record))
-        whole = call(*given, address(state))
-        return state.astype(np.float64), bool(whole)
-
-
-def readings(
-    robot: Robot, *, samples: int, seed: int = 1, missing: float = 0.0, fixes: float = 0.0, h: float = H
-) -> Iterator[Reading]:
-    """Return what the sensors of a robot show that sways, turns and rolls; single-precision numbers, whole counts."""
-    random = np.random.default_rng(seed)
-    step, wheels = step_of(robot), transforms(robot).T_owb
-    bias, drift = random.normal(0.0, 2e-3, 3), 1.5e-3
-    angles = counted = np.zeros(robot.wheel_count)
-    for k in range(samples):
-        t = k * h
-        attitude = np.array(
-            [0.04 * np.sin(1.3 * t), -0.03 * np.cos(1.7 * t), 0.05 * t - 1.5 * np.cos(0.2 * t)]
-        )
-        rate = np.array([0.052 * np.cos(1.3 * t), 0.051 * np.sin(1.7 * t), 0.05 + 0.3 * np.sin(0.2 * t)])
-        gyro = body_rates_matrix(*attitude) @ rate
-        v_x, v_y = 0.4 * np.sin(0.5 * t), 0.3 * np.cos(0.3 * t)
-        ball = rotation(*attitude).T @ np.array([-v_y, v_x, 0.0]) / robot.ball.radius
-        angles = angles + h * (wheels @ (ball - gyro))
-        before, counted = counted, np.floor(angles / step) * step
-        gyro = gyro + bias + random.normal(0.0, robot.sensors.gyro_noise, 3)
-        shown = attitude + random.normal(0.0, robot.sensors.attitude_noise, 3) + [0.0, 0.0, drift * t]
-        speeds, gyro, shown = (
-            one.astype(np.float32).astype(np.float64) for one in ((counted - before) / h, gyro, shown)
-        )
-        lost = random.random(3) < missing
-        yield Reading(
-            wheel_angles=np.full_like(counted, np.nan) if lost[0] else counted,
-            wheel_speeds=np.full_like(speeds, np.nan) if lost[0] else speeds,
-            gyro=np.array([gyro[0], np.nan, 1e9]) if lost[1] else gyro,
-            attitude=np.array([shown[0], np.nan, shown[2]]) if lost[2] else shown,
-            fix=_fix(random, float(attitude[2])) if random.random() < fixes else None,
-        )
-
-
-def _fix(random: np.random.Generator, heading: float) -> Fix:
-    return Fix(position=random.normal(0.0, 0.01, 2), heading=heading + 2.0 * np.pi * random.integers(-2, 3))
 
 
 def compared(
@@ -150,13 +68,20 @@ def test_kalman_state_is_python_s_within_a_fraction_of_its_own_uncertainty(prese
     deviation = np.sqrt(np.diagonal(of_python.covariance))  # x, y, theta, phi, psi, velocity
     error = np.nanmax(np.abs(found - exact), axis=0)
     assert (error[:7] <= 0.02 * deviation + 4.0 * ULP * np.nanmax(np.abs(exact[:, :7]), axis=0)).all()
-    T = firmware_states()
-    P = T @ of_python._P @ T.T
-    scale = np.sqrt(np.diagonal(P))
-    kept = np.triu(of_c.memory["P"][0].astype(np.float64))
-    kept = kept + np.triu(kept, 1).T
-    assert np.abs((kept - P) / np.outer(scale, scale)).max() < 0.01
-    assert np.linalg.eigvalsh(kept / np.outer(scale, scale)).min() > 0.0
+    kept, P = covariances(of_c, of_python)
+    scale = np.sqrt(np.outer(np.diagonal(P), np.diagonal(P)))
+    assert np.abs((kept - P) / scale).max() < 0.01
+    assert np.linalg.eigvalsh(kept / scale).min() > 0.0
+
+
+@pytest.mark.sample
+@pytest.mark.parametrize("fixes", [0.0, 1e-3])
+def test_filter_stays_python_s_for_two_minutes(fixes):
+    """`make evidence` runs two hours."""
+    (look,) = long_run(ALTEN, minutes=[2.0], fixes=fixes)
+    assert look.state < 0.02
+    assert look.covariance < 0.01
+    assert look.correlation > 0.5 * look.exact_correlation
 
 
 def test_nothing_is_known_before_a_whole_reading():

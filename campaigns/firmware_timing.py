@@ -1,0 +1,204 @@
+"""Measure what the firmware takes on a Cortex-M4F: instructions, cycles, flash, RAM and stack.
+
+.venv/bin/python -m campaigns.evidence firmware_timing
+
+The code is compiled by Clang (the `ziglang` wheel, -O2) and run by the emulator; instructions are exact, cycles an
+upper estimate (`ballbot.firmware.cortex_m4`). The Kalman filter is also measured in a direct translation of the Python
+code, dense matrices and all (`campaigns/firmware_direct.c`), without the parts around its sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot import Controller, Robot
+from ballbot.control.law import LAW, MEMORY
+from ballbot.control.records import converted
+from ballbot.estimation.interface import EstimatorName
+from ballbot.estimation.kalman import filter_model, first_covariance
+from ballbot.estimation.kalman_model import STATES, FilterNoise, S
+from ballbot.firmware.cortex_m4 import CLOCK
+from ballbot.firmware.emulator import Board, Image, Run, compile_image
+from ballbot.firmware.estimators import reading_record
+from ballbot.firmware.host import library, source_files
+from campaigns.firmware_estimators import Compiled, readings
+from campaigns.firmware_numbers import controllers, updates
+from campaigns.section import Section
+
+_SAMPLES = 400  # of each estimator
+_UPDATES = 40  # of each of ten lanes of a controller
+_PERIOD = 1e-3  # [s]
+DIRECT = Path(__file__).with_name("firmware_direct.c")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Timing:
+    """The calls of one function."""
+
+    name: str
+    runs: tuple[Run, ...]
+    flash: int  #: of the function and all that it calls [bytes]
+    ram: int  #: of its record and its memory [bytes]
+    stack: int  #: at most [bytes]
+
+    def cells(self) -> list[str]:
+        """Return the row of the table."""
+        instructions = [run.instructions for run in self.runs]
+        worst = max(run.cycles for run in self.runs)
+        return [
+            self.name,
+            f"{np.median(instructions):,.0f}",
+            f"{max(instructions):,}",
+            f"{np.median([run.cycles for run in self.runs]):,.0f}",
+            f"{worst:,}",
+            f"{max(run.cycles_in_ram for run in self.runs):,}",
+            f"{100 * worst / (CLOCK * _PERIOD):.1f} %",
+            f"{CLOCK / worst:,.0f}",
+            f"{self.flash:,}",
+            f"{self.ram:,}",
+            f"{self.stack:,}",
+        ]
+
+
+@cache
+def image() -> Image:
+    """Return the firmware's library and the direct translation, compiled for the processor."""
+    return compile_image([*source_files(), DIRECT])
+
+
+def timing(name: str, function: str, runs: list[Run], ram: int) -> Timing:
+    """Return the timing of calls of a function."""
+    whole = image()
+    return Timing(
+        name=name,
+        runs=tuple(runs),
+        flash=sum(len(whole.functions[one]) for one in whole.reachable(function)),
+        ram=ram,
+        stack=whole.stack_bound(function),
+    )
+
+
+def estimator_runs(
+    name: EstimatorName, robot: Robot, *, samples: int, missing: float = 0.0, fixes: float = 0.0
+) -> Iterator[tuple[Run, bool]]:
+    """Return each call of an estimator, and whether state and memory are those of this computer bit for bit."""
+    board, host = Board(image()), Compiled(name, robot, sample_time=_PERIOD)
+    record, memory = board.place(host.record), board.place(host.memory)
+    state, given = np.zeros(10, np.float32), 0
+    answer = board.place(state)
+    for reading in readings(robot, samples=samples, h=_PERIOD, missing=missing, fixes=fixes):
+        taken = reading_record(reading, robot=robot)
+        if not given:
+            given = board.place(taken)
+        board.write(given, taken)
+        run = board.call(f"ballbot_{name}_update", record, memory, robot.wheel_count, given, answer)
+        expected = host.take(taken)[0].astype(np.float32)
+        found, kept = board.read(answer, state), board.read(memory, host.memory)
+        yield run, found.tobytes() == expected.tobytes() and kept.tobytes() == host.memory.tobytes()
+
+
+def law_runs(controller: Controller, *, lanes: int, count: int) -> Iterator[tuple[Run, bool]]:
+    """Return each call of a control law, and whether its torques are those of this computer bit for bit."""
+    board = Board(image())
+    law = board.place(converted(controller.record, LAW))
+    memory = board.place(np.zeros(1, MEMORY.dtype("single")))
+    state, reference = (board.place(np.zeros(10, np.float32)) for _ in range(2))
+    wheels = len(controller.gain)
+    answer = board.place(np.zeros(wheels, np.float32))
+    for update, torques in updates(controller, library(), lanes=lanes, count=count, seed=1):
+        for lane, expected in enumerate(torques):
+            board.write(memory, update.memory[lane : lane + 1])
+            board.write(state, update.state[lane])
+            board.write(reference, update.reference[lane])
+            run = board.call("ballbot_control_law", law, memory, wheels, state, reference, answer)
+            yield run, board.read(answer, expected).tobytes() == expected.tobytes()
+
+
+def direct_runs(robot: Robot, *, samples: int) -> list[Run]:
+    """Return each call of the direct translation of the filter's sample, on noise about standing still."""
+    noise = FilterNoise.of(robot)
+    model = filter_model(robot, sample_time=_PERIOD, noise=noise)
+    numbers = np.concatenate([np.ravel(one) for one in model]).astype(np.float32)
+    board, random = Board(image()), np.random.default_rng(1)
+    x = np.zeros(STATES, np.float32)
+    x[S : S + 2] = 0.1
+    addresses = [board.place(one) for one in (numbers, x, first_covariance(noise).astype(np.float32))]
+    inputs: NDArray[np.float32] = np.zeros(12, np.float32)
+    given, runs = board.place(inputs), []
+    for _ in range(samples):
+        board.write(given, random.normal(0.0, 0.01, 12).astype(np.float32))
+        runs.append(board.call("direct_sample", *addresses, given))
+    return runs
+
+
+def timings(*, samples: int, count: int) -> list[Timing]:
+    """Return the timings of estimators and controllers.
+
+    Raises
+    ------
+    RuntimeError
+        If a number is not that of this computer bit for bit.
+    """
+    robot = Robot.load("alten")
+    direct = direct_runs(robot, samples=min(samples, 20))
+    found = [
+        timing("Kalman filter, direct translation", "direct_sample", direct, 4 * (63 + STATES * (STATES + 1)))
+    ]
+    cases: list[tuple[str, EstimatorName, float]] = [
+        ("Kalman filter", "kalman", 0.0),
+        ("Kalman filter, with fixes", "kalman", 0.05),
+        ("on-board state, thesis", "onboard", 0.0),
+    ]
+    for label, name, fixes in cases:
+        rows = list(estimator_runs(name, robot, samples=samples, missing=0.05, fixes=fixes))
+        _check(label, rows)
+        host = Compiled(name, robot)
+        ram = host.record.nbytes + host.memory.nbytes
+        found.append(timing(label, f"ballbot_{name}_update", [run for run, _ in rows], ram))
+    for label, controller in controllers().items():
+        rows = list(law_runs(controller, lanes=10, count=count))
+        _check(label, rows)
+        ram = LAW.dtype("single").itemsize + MEMORY.dtype("single").itemsize
+        found.append(timing(f"law: {label}", "ballbot_control_law", [run for run, _ in rows], ram))
+    return found
+
+
+def _check(label: str, rows: list[tuple[Run, bool]]) -> None:
+    wrong = sum(not same for _, same in rows)
+    if wrong:
+        raise RuntimeError(
+            f"{label}: {wrong} of {len(rows)} results differ between this computer and the processor."
+        )
+
+
+def campaign() -> Section:
+    """Return the table."""
+    whole = image()
+    return Section(
+        title="The firmware on the processor",
+        before="The estimators and controllers of the firmware on an emulated Cortex-M4F, compiled by Clang with -O2: "
+        "instructions of an update, typical (median) and largest, and cycles at most, by the processor's manual with "
+        "two wait states for each 64 bits of code and each word of constants in flash, nothing hidden by prefetching "
+        f"(`ballbot.firmware.cortex_m4`). Share of {1e3 * _PERIOD:g} ms and highest rate are for the largest at "
+        f"{CLOCK / 1e6:g} MHz. Flash is of the function and all that it calls, RAM of its record and its memory, stack "
+        "of the deepest chain of calls by the compiler. Every number of these runs has the bits of this computer.",
+        columns=[
+            "update", "instructions", "largest", "cycles", "largest", "without waits", "share", "highest rate, Hz",
+            "flash, B", "RAM, B", "stack, B",
+        ],
+        rows=[one.cells() for one in timings(samples=_SAMPLES, count=_UPDATES)],
+        after=f"The whole library takes {whole.flash - _direct_size(whole):,} bytes of flash and {whole.ram} bytes of "
+        "variables.",
+    )  # fmt: skip
+
+
+def _direct_size(whole: Image) -> int:
+    """Return the bytes of flash that the direct translation alone takes."""
+    ours = whole.reachable("direct_sample") - whole.reachable("ballbot_kalman_update")
+    return sum(len(whole.functions[name]) for name in ours)

@@ -1,0 +1,379 @@
+"""The firmware on an emulated Cortex-M4F, from two wheels of pip: `ziglang` compiles, `unicorn` runs.
+
+Code lies in flash, records and stack in RAM, as on an STM32F303. The numbers are those of the processor's FPU to the
+bit, and instructions are counted exactly: the emulator reports each block of instructions that it runs, and one that a
+condition skips counts, as it takes a cycle. The cycles are an upper estimate (`ballbot.firmware.cortex_m4`).
+
+    image = compile_image(sources)
+    board = Board(image)
+    record = board.place(numbers)
+    run = board.call("ballbot_onboard_update", record, ...)
+    run.instructions, run.cycles, run.stack
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import struct
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.firmware.cortex_m4 import (
+    WAIT_STATES,
+    Cost,
+    block_cost,
+    branch_target,
+    instruction,
+    tail_call_target,
+)
+from ballbot.firmware.header import SOURCES
+from ballbot.firmware.host import NUMERICS
+
+_RUNTIME = Path(__file__).parent / "emulator_runtime.c"
+
+#: the processor
+PROCESSOR = ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m4+vfp4d16sp")
+_BUILD = ("-O2", "-g0", "-fomit-frame-pointer", "-ffreestanding", "-ffunction-sections", "-fno-unwind-tables",
+          "-fstack-size-section")  # fmt: skip
+
+FLASH, FLASH_SIZE = 0x0800_0000, 256 * 1024
+RAM, RAM_SIZE = 0x2000_0000, 256 * 1024  # more than the chip's, for many records at a time
+_RETURN = 0x0900_0000  # where a function that was called returns to
+_PAINT = 0xA5  # of RAM that was never written
+_STACK = 16 * 1024  # [bytes] at the end of RAM
+
+_LINKER_SCRIPT = f"""
+SECTIONS {{
+  . = {FLASH:#x};
+  .text : {{ *(.text*) }}
+  .rodata : {{ *(.rodata*) }}
+  . = {RAM:#x};
+  .data : {{ *(.data*) }}
+  .bss : {{ *(.bss*) *(COMMON) }}
+  .stack_sizes (INFO) : {{ *(.stack_sizes) }}
+  /DISCARD/ : {{ *(.ARM.ex*) *(.comment) }}
+}}
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Image:
+    """Compiled code as it lies in memory."""
+
+    segments: Mapping[int, bytes]  #: address -> bytes
+    functions: Mapping[str, range]  #: name, with the address if there are more of it -> addresses
+    is_code: Mapping[int, bool]  #: addresses at which instructions or constants begin
+    frames: Mapping[int, int]  #: address of a function -> bytes of its stack frame, by the compiler
+    flash: int  #: code and constants [bytes]
+    ram: int  #: variables [bytes]
+
+    def stack_bound(self, name: str) -> int:
+        """Return the most stack [bytes] that a call of a function takes, along its deepest chain of calls.
+
+        Raises
+        ------
+        InputError
+            If functions call each other in a circle.
+        """
+
+        def deepest(one: str, above: tuple[str, ...]) -> int:
+            if one in above:
+                raise InputError(
+                    f"The firmware's {' calls '.join([*above, one])}; there is no bound of its stack."
+                )
+            below = [deepest(other, (*above, one)) for other in self.calls(one)]
+            return self.frames.get(self.functions[one].start, 0) + max(below, default=0)
+
+        return deepest(name, ())
+
+    def reachable(self, name: str) -> set[str]:
+        """Return a function and all that it calls, and they."""
+        found, left = {name}, [name]
+        while left:
+            new = self.calls(left.pop()) - found
+            found |= new
+            left += new
+        return found
+
+    def calls(self, name: str) -> set[str]:
+        """Return the names of the functions that a function calls."""
+        names = {addresses.start: one for one, addresses in self.functions.items()}
+        addresses = self.functions[name]
+        found = set()
+        for address, code in self._instructions(addresses):
+            target = branch_target(code, address)
+            if target is None:
+                target = tail_call_target(code, address)
+            if target is not None and target not in addresses:
+                found |= {names[target]} if target in names else set()
+        return found
+
+    def _instructions(self, addresses: range) -> Iterator[tuple[int, bytes]]:
+        """Return address and code of each instruction of a function, without the constants among them."""
+        start, code = next(
+            (start, code)
+            for start, code in self.segments.items()
+            if start <= addresses.start < start + len(code)
+        )
+        address, is_code = addresses.start, True
+        while address < addresses.stop:
+            is_code = self.is_code.get(address, is_code)
+            here = code[address - start : address - start + 4]
+            if is_code:
+                yield address, here
+            address += instruction(here)[0] if is_code else 2
+
+
+def compile_image(
+    sources: Sequence[Path], *, include: Sequence[Path] = (SOURCES,), flags: Sequence[str] = ()
+) -> Image:
+    """Compile and link sources for a Cortex-M4F.
+
+    Parameters
+    ----------
+    sources : sequence of Path
+        C sources; together they call nothing that they lack.
+    include : sequence of Path
+        Folders of headers.
+    flags : sequence of str
+        More options of the compiler.
+
+    Raises
+    ------
+    InputError
+        If `ziglang` is not installed, or the compiler refuses the sources.
+    """
+    if importlib.util.find_spec("ziglang") is None:
+        raise InputError("Compiling for the emulated processor needs ziglang; `pip install ziglang`.")
+    zig = (sys.executable, "-m", "ziglang")
+    with tempfile.TemporaryDirectory(prefix="ballbot-arm-") as name:
+        folder = Path(name)
+        objects = []
+        for number, source in enumerate([*sources, _RUNTIME]):
+            objects.append(folder / f"{number}.o")
+            paths = [f"-I{path}" for path in include]
+            more = ["-fno-builtin"] if source == _RUNTIME else []
+            _run(
+                *zig,
+                "cc",
+                *PROCESSOR,
+                *NUMERICS,
+                *_BUILD,
+                *flags,
+                *more,
+                *paths,
+                "-c",
+                source,
+                "-o",
+                objects[-1],
+            )
+        script, target = folder / "memory.ld", folder / "image.elf"
+        script.write_text(_LINKER_SCRIPT)
+        _run(*zig, "ld.lld", "-T", script, "--entry=0", *objects, "-o", target)
+        return read_elf(target.read_bytes())
+
+
+def _run(*command: str | Path) -> None:
+    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise InputError(f"The compiler refuses the firmware: {done.stderr.strip()}")
+
+
+#: an ELF32 file: header of a section, symbol; types of sections
+_SECTION, _SYMBOL = struct.Struct("<10I"), struct.Struct("<3IBBH")
+_NO_BITS, _SYMBOL_TABLE = 8, 2
+_ALLOCATED, _WRITTEN = 2, 1
+_FUNCTION = 2
+
+
+def read_elf(content: bytes) -> Image:
+    """Return the code, functions and sizes in an ELF32 file of a little-endian ARM.
+
+    Raises
+    ------
+    InputError
+        If it is no such file.
+    """
+    if content[:6] != b"\x7fELF\x01\x01" or content[18:20] != b"\x28\x00":
+        raise InputError("The firmware's image is no 32-bit ELF file of a little-endian ARM.")
+    (table,), (width, count, names_at) = (
+        struct.unpack_from("<I", content, 32),
+        struct.unpack_from("<3H", content, 46),
+    )
+    rows = [_SECTION.unpack_from(content, table + width * i) for i in range(count)]
+
+    def text(section: int, place: int) -> str:
+        start = rows[section][4] + place
+        return content[start : content.index(b"\0", start)].decode()
+
+    segments: dict[int, bytes] = {}
+    functions: dict[str, range] = {}
+    frames: dict[int, int] = {}
+    is_code: dict[int, bool] = {}
+    flash = ram = 0
+    for row in rows:
+        label, kind, flags, address, offset, size, link = row[:7]
+        here = content[offset : offset + size]
+        if flags & _ALLOCATED and size:
+            segments[address] = bytes(size) if kind == _NO_BITS else here
+            ram += size if flags & _WRITTEN else 0
+            flash += 0 if kind == _NO_BITS else size
+        elif kind == _SYMBOL_TABLE:
+            for name, value, length, info, _, _ in _SYMBOL.iter_unpack(here):
+                mark = text(link, name)[:2]  # the linker marks where code and constants begin
+                if mark in ("$t", "$d"):
+                    is_code[value & ~1] = mark == "$t"
+                if info & 0xF == _FUNCTION:
+                    own = text(link, name)
+                    own = own if own not in functions else f"{own} at {value:#x}"  # static, in another file
+                    functions[own] = range(value & ~1, (value & ~1) + length)
+        elif text(names_at, label) == ".stack_sizes":
+            frames = dict(_stack_sizes(here))
+    return Image(segments=segments, functions=functions, is_code=is_code, frames=frames, flash=flash, ram=ram)
+
+
+def _stack_sizes(content: bytes) -> Iterator[tuple[int, int]]:
+    """Return address and stack frame of each function from what LLVM writes with -fstack-size-section."""
+    place = 0
+    while place < len(content):
+        (address,) = struct.unpack_from("<I", content, place)
+        place, size, shift = place + 4, 0, 0
+        while True:
+            byte = content[place]
+            place, size, shift = place + 1, size | (byte & 0x7F) << shift, shift + 7
+            if byte < 0x80:
+                break
+        yield address & ~1, size
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """A call of a function."""
+
+    returned: int  #: register r0
+    instructions: int  #: executed
+    cycles: int  #: at most, code and constants in flash
+    cycles_in_ram: int  #: at most, code and constants in memory that does not wait
+    stack: int  #: used [bytes]
+
+
+@dataclass
+class _Count:
+    instructions: int = 0
+    cycles: int = 0
+    waits: int = 0
+    blocks: dict[tuple[int, int], Cost] = field(default_factory=dict)
+
+
+class Board:
+    """A Cortex-M4F with an image in its flash, and RAM.
+
+    Parameters
+    ----------
+    image : Image
+
+    Raises
+    ------
+    InputError
+        If `unicorn` is not installed.
+    """
+
+    def __init__(self, image: Image) -> None:
+        try:
+            import unicorn  # pyright: ignore[reportMissingImports]
+            from unicorn import arm_const as arm  # pyright: ignore[reportMissingImports]
+        except ImportError:
+            raise InputError("Emulating the processor needs unicorn; `pip install unicorn`.") from None
+        self.image = image
+        self._arm = arm
+        self._core = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
+        self._core.ctl_set_cpu_model(arm.UC_CPU_ARM_CORTEX_M4)
+        self._core.mem_map(FLASH, FLASH_SIZE, unicorn.UC_PROT_READ | unicorn.UC_PROT_EXEC)
+        self._core.mem_map(RAM, RAM_SIZE, unicorn.UC_PROT_READ | unicorn.UC_PROT_WRITE)
+        self._core.mem_map(_RETURN, 4096)
+        for address, content in image.segments.items():
+            self._core.mem_write(address, content)
+        self._free = RAM + (image.ram + 7) // 8 * 8
+        self._count = _Count()
+        self._core.hook_add(unicorn.UC_HOOK_BLOCK, self._on_block, begin=FLASH, end=FLASH + FLASH_SIZE)
+        self._core.hook_add(
+            unicorn.UC_HOOK_MEM_READ, self._on_flash_read, begin=FLASH, end=FLASH + FLASH_SIZE
+        )
+
+    def place(self, array: NDArray[np.generic]) -> int:
+        """Copy an array or a record into RAM and return its address.
+
+        Raises
+        ------
+        InputError
+            If RAM is full.
+        """
+        content = np.ascontiguousarray(array).tobytes()
+        address = self._free
+        self._free += (len(content) + 7) // 8 * 8
+        if self._free > RAM + RAM_SIZE - _STACK:
+            raise InputError("The emulated board's RAM is full.")
+        self._core.mem_write(address, content)
+        return address
+
+    def write(self, address: int, array: NDArray[np.generic]) -> None:
+        """Overwrite what lies at an address."""
+        self._core.mem_write(address, np.ascontiguousarray(array).tobytes())
+
+    def read(self, address: int, like: NDArray[np.generic]) -> NDArray[np.generic]:
+        """Return what lies at an address, as an array of the type and shape of another."""
+        content = bytes(self._core.mem_read(address, like.nbytes))
+        return np.frombuffer(content, like.dtype).reshape(like.shape).copy()
+
+    def call(self, name: str, *arguments: int) -> Run:
+        """Call a function with addresses or whole numbers, and count.
+
+        Raises
+        ------
+        InputError
+            If the image has no such function.
+        """
+        if name not in self.image.functions:
+            raise InputError(f"The firmware's image has no function {name!r}.")
+        arm, core = self._arm, self._core
+        top = RAM + RAM_SIZE
+        core.mem_write(top - _STACK, bytes([_PAINT]) * _STACK)
+        more = b"".join((one & 0xFFFFFFFF).to_bytes(4, "little") for one in arguments[4:])
+        pointer = top - (len(more) + 7) // 8 * 8
+        core.mem_write(pointer, more)
+        registers = (arm.UC_ARM_REG_R0, arm.UC_ARM_REG_R1, arm.UC_ARM_REG_R2, arm.UC_ARM_REG_R3)
+        for register, value in zip(registers, arguments, strict=False):
+            core.reg_write(register, value & 0xFFFFFFFF)
+        core.reg_write(arm.UC_ARM_REG_SP, pointer)
+        core.reg_write(arm.UC_ARM_REG_LR, _RETURN | 1)
+        count = self._count
+        count.instructions = count.cycles = count.waits = 0
+        core.emu_start(self.image.functions[name].start | 1, _RETURN)
+        stack = bytes(core.mem_read(top - _STACK, pointer - (top - _STACK)))
+        return Run(
+            returned=int(core.reg_read(arm.UC_ARM_REG_R0)),
+            instructions=count.instructions,
+            cycles=count.cycles + count.waits,
+            cycles_in_ram=count.cycles,
+            stack=len(stack.lstrip(bytes([_PAINT]))),
+        )
+
+    def _on_block(self, core, address: int, size: int, _) -> None:
+        count = self._count
+        known = count.blocks.get((address, size))
+        if known is None:
+            known = count.blocks[address, size] = block_cost(bytes(core.mem_read(address, size)), address)
+        count.instructions += known.instructions
+        count.cycles += known.cycles
+        count.waits += known.waits
+
+    def _on_flash_read(self, *_) -> None:
+        self._count.waits += WAIT_STATES
