@@ -69,6 +69,7 @@ CAMPAIGNS = {
     "firmware_estimators": "campaigns.firmware_estimators",
     "firmware_timing": "campaigns.firmware_timing",
     "firmware_numbers": "campaigns.firmware_numbers",
+    "firmware_loop": "campaigns.firmware_loop",
     "reproduce": "campaigns.reproduce",
 }
 

@@ -21,10 +21,11 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from ballbot.control.law import ALLOWED
-from ballbot.control.records import MAX_WHEELS
+from ballbot.control.controller import Controller, refusal
+from ballbot.control.law import ALLOWED, LAW, MEMORY
+from ballbot.control.records import MAX_WHEELS, converted
 from ballbot.control.safety import StopReason
 from ballbot.errors import InputError
 from ballbot.firmware.header import SOURCES
@@ -205,6 +206,53 @@ def library() -> Library:
     finally:
         if os.name == "posix":  # a loaded library needs its file no more
             shutil.rmtree(folder)
+
+
+class CompiledController:
+    """A controller's law in C, as a controller: it takes a state and a reference, as every plant of Ballbot gives them.
+
+    Parameters
+    ----------
+    controller : Controller
+        It stays as it is.
+
+    Raises
+    ------
+    InputError
+        If single precision cannot hold one of its numbers.
+    """
+
+    def __init__(self, controller: Controller) -> None:
+        self.sample_time = controller.sample_time
+        self.estimator = controller.estimator
+        self._law = converted(controller.record, LAW)
+        self._memory = np.zeros(1, MEMORY.dtype("single"))
+        self._wheels = len(controller.gain)
+
+    def reset(self) -> None:
+        """Forget everything that happened so far."""
+        self._memory[:] = np.zeros(1, self._memory.dtype)
+
+    def update(
+        self,
+        t: float,  # noqa: ARG002
+        state: ArrayLike,
+        reference: ArrayLike,
+    ) -> NDArray[np.float64]:
+        """Return the wheel torques (n,) [N m]; both states are rounded to single precision.
+
+        Raises
+        ------
+        InputError
+            If the reference asks for a lean or a rate, or holds an impossible number.
+        """
+        measured = np.asarray(state, dtype=np.float32).reshape(1, 10)
+        wanted = np.asarray(reference, dtype=np.float32).reshape(1, 10)
+        torques = np.zeros((1, self._wheels), dtype=np.float32)
+        (place,) = library().control_law(self._law, self._memory, measured, wanted, torques)
+        if place != ALLOWED:
+            raise InputError(refusal(int(place), float(wanted[0, place])))
+        return torques[0].astype(np.float64)
 
 
 class SelfTestOutcome(IntEnum):
