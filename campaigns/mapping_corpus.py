@@ -470,7 +470,11 @@ def outcomes(half: Half, seeds: Sequence[int], *, processes: int = 1) -> Iterato
         return
     with worker_pool(processes) as pool:
         runs = [pool.submit(outcome, half, seed) for seed in seeds]
-        yield from (run.result() for run in as_completed(runs))
+        try:
+            yield from (run.result() for run in as_completed(runs))
+        finally:
+            # whoever takes no more of them does not wait for the rest
+            pool.shutdown(cancel_futures=True)
 
 
 #: variants of each half
