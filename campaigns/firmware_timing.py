@@ -19,14 +19,17 @@ from numpy.typing import NDArray
 
 from ballbot import Controller, Robot
 from ballbot.control.law import LAW, MEMORY
-from ballbot.control.records import converted
+from ballbot.control.presets import nominal_controller, precise_controller
+from ballbot.control.records import MAX_WHEELS, converted
+from ballbot.control.safety import SafetyLimits
 from ballbot.estimation.interface import EstimatorName
 from ballbot.estimation.kalman import filter_model, first_covariance
 from ballbot.estimation.kalman_model import STATES, FilterNoise, S
 from ballbot.firmware.cortex_m4 import CLOCK
 from ballbot.firmware.emulator import Board, Image, Run, compile_image
 from ballbot.firmware.estimators import reading_record
-from ballbot.firmware.host import library, source_files
+from ballbot.firmware.host import Firmware, library, source_files
+from ballbot.firmware.records import PARAMETERS, STATE, parameter_record
 from campaigns.firmware_estimators import Compiled, readings
 from campaigns.firmware_numbers import controllers, updates
 from campaigns.section import Section
@@ -120,6 +123,31 @@ def law_runs(controller: Controller, *, lanes: int, count: int) -> Iterator[tupl
             yield run, board.read(answer, expected).tobytes() == expected.tobytes()
 
 
+def firmware_runs(controller: Controller, *, samples: int) -> Iterator[tuple[Run, bool]]:
+    """Return each call of the whole update, armed, and whether torques and state are those of this computer."""
+    robot, h = controller.robot, controller.sample_time
+    limits = SafetyLimits.on_robot(robot, sample_time=h)
+    host = Firmware(parameter_record(controller, limits))
+    board = Board(image())
+    parameters, state = board.place(host.parameters), board.place(host.state)
+    reference, torques = np.zeros(10, np.float32), np.zeros(MAX_WHEELS, np.float32)
+    wanted, answer, given = board.place(reference), board.place(torques), 0
+    board.call("ballbot_init", state, parameters)
+    for name in ("skip_self_test", "arm"):
+        getattr(host, name)()
+        board.call(f"ballbot_{name}", state)
+    for k, reading in enumerate(readings(robot, samples=samples, h=h)):
+        taken = reading_record(reading, robot=robot)
+        if not given:
+            given = board.place(taken)
+        board.write(given, taken)
+        time = round(1e6 * k * h)
+        run = board.call("ballbot_update", state, parameters, given, time, wanted, answer)
+        expected = host.update(taken, time, reference)
+        found, kept = board.read(answer, torques)[: len(expected)], board.read(state, host.state)
+        yield run, found.tobytes() == expected.tobytes() and kept.tobytes() == host.state.tobytes()
+
+
 def direct_runs(robot: Robot, *, samples: int) -> list[Run]:
     """Return each call of the direct translation of the filter's sample, on noise about standing still."""
     noise = FilterNoise.of(robot)
@@ -162,10 +190,24 @@ def timings(*, samples: int, count: int) -> list[Timing]:
         ram = host.record.nbytes + host.memory.nbytes
         found.append(timing(label, f"ballbot_{name}_update", [run for run, _ in rows], ram))
     for label, controller in controllers().items():
+        if label.startswith("without") or label.endswith("alone"):  # those of the test of each part
+            continue
         rows = list(law_runs(controller, lanes=10, count=count))
         _check(label, rows)
         ram = LAW.dtype("single").itemsize + MEMORY.dtype("single").itemsize
         found.append(timing(f"law: {label}", "ballbot_control_law", [run for run, _ in rows], ram))
+
+    whole: list[tuple[str, Controller, EstimatorName]] = [
+        ("nominal", nominal_controller(robot), "onboard"),
+        ("nominal", nominal_controller(robot), "kalman"),
+        ("precise", precise_controller(robot), "kalman"),
+    ]
+    for label, controller, estimator in whole:
+        rows = list(firmware_runs(controller.with_estimator(estimator), samples=samples))
+        _check(label, rows)
+        ram = PARAMETERS.dtype("single").itemsize + STATE.dtype("single").itemsize
+        runs = [run for run, _ in rows]
+        found.append(timing(f"whole update: {label}, {estimator}", "ballbot_update", runs, ram))
     return found
 
 
