@@ -2,8 +2,8 @@
 
 .venv/bin/python -m campaigns.evidence firmware_loop
 
-Both drive the same twin with the same seeds. Where a limit cycle amplifies rounding, two runs that differ in the last bit
-differ by millimetres some seconds later. So the question is not whether the runs are the same, but whether their
+Both drive the same twin with the same seeds. Where a limit cycle amplifies rounding, two runs that differ in the last
+bit differ by millimetres some seconds later. So the question is not whether the runs are the same, but whether their
 errors differ on average.
 """
 

@@ -2,9 +2,29 @@
 
 #include "ballbot_math.h"
 
-/* Return R = Rx(theta) Ry(phi) Rz(psi), given sine and cosine of psi. */
-static struct ballbot_attitude attitude(float theta, float phi, float ss, float cs)
+struct ballbot_heading ballbot_heading_of(float psi)
 {
+    struct ballbot_heading heading;
+
+    ballbot_sine_cosine(psi, &heading.sine, &heading.cosine);
+    return heading;
+}
+
+struct ballbot_heading ballbot_heading_after(struct ballbot_heading heading, float turn)
+{
+    const struct ballbot_heading small = ballbot_heading_of(turn);
+    const struct ballbot_heading after = {
+        small.cosine * heading.sine + small.sine * heading.cosine,
+        small.cosine * heading.cosine - small.sine * heading.sine,
+    };
+
+    return after;
+}
+
+struct ballbot_attitude ballbot_attitude_of(float theta, float phi, struct ballbot_heading heading)
+{
+    const float ss = heading.sine;
+    const float cs = heading.cosine;
     struct ballbot_attitude a;
     float st;
     float ct;
@@ -24,27 +44,8 @@ static struct ballbot_attitude attitude(float theta, float phi, float ss, float 
     a.R[2][2] = ct * cp;
     a.sin_phi = sp;
     a.cos_phi = cp;
-    a.sin_psi = ss;
-    a.cos_psi = cs;
+    a.heading = heading;
     return a;
-}
-
-struct ballbot_attitude ballbot_attitude_of(float theta, float phi, float psi)
-{
-    float ss;
-    float cs;
-
-    ballbot_sine_cosine(psi, &ss, &cs);
-    return attitude(theta, phi, ss, cs);
-}
-
-struct ballbot_attitude ballbot_attitude_after(const struct ballbot_attitude *a, float theta, float phi, float turn)
-{
-    float s;
-    float c;
-
-    ballbot_sine_cosine(turn, &s, &c);
-    return attitude(theta, phi, c * a->sin_psi + s * a->cos_psi, c * a->cos_psi - s * a->sin_psi);
 }
 
 void ballbot_body_rates(const struct ballbot_attitude *a, const float angle_rates[3], float w[3])
@@ -52,8 +53,8 @@ void ballbot_body_rates(const struct ballbot_attitude *a, const float angle_rate
     const float t = angle_rates[0];
     const float p = angle_rates[1];
 
-    w[0] = a->cos_phi * a->cos_psi * t + a->sin_psi * p;
-    w[1] = a->cos_psi * p - a->cos_phi * a->sin_psi * t;
+    w[0] = a->cos_phi * a->heading.cosine * t + a->heading.sine * p;
+    w[1] = a->heading.cosine * p - a->cos_phi * a->heading.sine * t;
     w[2] = a->sin_phi * t + angle_rates[2];
 }
 
@@ -62,18 +63,4 @@ void ballbot_rotate_back(const struct ballbot_attitude *a, const float v[3], flo
     for (int i = 0; i < 3; ++i) {
         turned[i] = a->R[0][i] * v[0] + a->R[1][i] * v[1] + a->R[2][i] * v[2];
     }
-}
-
-struct ballbot_pair ballbot_to_heading(const struct ballbot_attitude *a, float x, float y)
-{
-    const struct ballbot_pair turned = { a->cos_psi * x + a->sin_psi * y, a->cos_psi * y - a->sin_psi * x };
-
-    return turned;
-}
-
-struct ballbot_pair ballbot_from_heading(const struct ballbot_attitude *a, float x, float y)
-{
-    const struct ballbot_pair turned = { a->cos_psi * x - a->sin_psi * y, a->sin_psi * x + a->cos_psi * y };
-
-    return turned;
 }

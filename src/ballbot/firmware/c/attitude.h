@@ -1,4 +1,4 @@
-/* The robot's attitude, and vectors between its frames.
+/* The robot's heading and attitude, and vectors between its frames.
  *
  *     R = Rx(theta) Ry(phi) Rz(psi)      takes the body's frame to the world's
  *     w = B(theta, phi, psi) (theta_dot, phi_dot, psi_dot)      angular velocity, body frame
@@ -8,12 +8,17 @@
 #ifndef BALLBOT_ATTITUDE_H
 #define BALLBOT_ATTITUDE_H
 
+/* Sine and cosine of psi. */
+struct ballbot_heading {
+    float sine;
+    float cosine;
+};
+
 struct ballbot_attitude {
     float R[3][3];
     float sin_phi;
     float cos_phi;
-    float sin_psi;
-    float cos_psi;
+    struct ballbot_heading heading;
 };
 
 /* A vector over the floor. */
@@ -22,25 +27,38 @@ struct ballbot_pair {
     float y;
 };
 
-/* Return the attitude for three angles. */
-struct ballbot_attitude ballbot_attitude_of(float theta, float phi, float psi);
+/* Return the heading for psi. */
+struct ballbot_heading ballbot_heading_of(float psi);
 
-/* Return the attitude for theta, phi, and the psi of another attitude with a small turn [rad] added.
+/* Return the heading after a small turn [rad].
  *
  * The sum of a large psi and a small turn would be rounded; their sines and cosines are not.
  */
-struct ballbot_attitude ballbot_attitude_after(const struct ballbot_attitude *a, float theta, float phi, float turn);
+struct ballbot_heading ballbot_heading_after(struct ballbot_heading heading, float turn);
+
+/* Return a vector of the world in the heading frame. */
+static inline struct ballbot_pair ballbot_to_heading(struct ballbot_heading a, float x, float y)
+{
+    const struct ballbot_pair turned = { a.cosine * x + a.sine * y, a.cosine * y - a.sine * x };
+
+    return turned;
+}
+
+/* Return a vector of the heading frame in the world. */
+static inline struct ballbot_pair ballbot_from_heading(struct ballbot_heading a, float x, float y)
+{
+    const struct ballbot_pair turned = { a.cosine * x - a.sine * y, a.sine * x + a.cosine * y };
+
+    return turned;
+}
+
+/* Return the attitude for two angles and a heading. */
+struct ballbot_attitude ballbot_attitude_of(float theta, float phi, struct ballbot_heading heading);
 
 /* Fill a body's angular velocity w (3), body frame, from the rates of theta, phi and psi. */
 void ballbot_body_rates(const struct ballbot_attitude *a, const float angle_rates[3], float w[3]);
 
 /* Fill R^T v: a vector of the world in the body's frame. */
 void ballbot_rotate_back(const struct ballbot_attitude *a, const float v[3], float turned[3]);
-
-/* Return a vector of the world in the heading frame. */
-struct ballbot_pair ballbot_to_heading(const struct ballbot_attitude *a, float x, float y);
-
-/* Return a vector of the heading frame in the world. */
-struct ballbot_pair ballbot_from_heading(const struct ballbot_attitude *a, float x, float y);
 
 #endif

@@ -33,10 +33,10 @@ static bool is_state(const float state[10])
     return true;
 }
 
-/* Fill the pose, the attitude and the state relative to the pose. */
+/* Fill the pose, the heading and the state relative to the pose. */
 static void observed(struct ballbot_sample *now, const float measured[10])
 {
-    now->a = ballbot_attitude_of(measured[2], measured[3], measured[4]);
+    now->a = ballbot_heading_of(measured[4]);
     for (int i = 0; i < 10; ++i) {
         now->state[i] = measured[i];
     }
@@ -60,7 +60,7 @@ static struct ballbot_smooth at_rest(float value)
 static void heading_error(struct ballbot_sample *now)
 {
     const float *state = now->state;
-    const struct ballbot_attitude *a = &now->a;
+    const struct ballbot_heading a = now->a;
     const struct ballbot_pair position = ballbot_to_heading(a, now->x.value - state[0], now->y.value - state[1]);
     const struct ballbot_pair lean = ballbot_to_heading(a, state[2], state[3]);
     const struct ballbot_pair speed = ballbot_to_heading(a, now->x.rate - state[5], now->y.rate - state[6]);
@@ -133,9 +133,9 @@ static void decide(const struct ballbot_law *law, struct ballbot_memory *memory,
 
     for (int32_t i = 0; i < n; ++i) {
         torques[i] = feedback(law->gain[i], now.e);
-        torques[i] = ballbot_feed_forward_torque(law, torques[i], &now, i);
-        torques[i] = ballbot_integral_torque(law, memory, torques[i], &now, i);
     }
+    ballbot_feed_forward_torque(law, &now, torques, n);
+    ballbot_integral_torque(law, memory, &now, torques, n);
     if (law->compensation.full + law->compensation.partial > 0.0f) {
         ballbot_compensate(law, memory, &now, torques, n);
     }

@@ -26,10 +26,11 @@ static void relative_rate(const struct ballbot_compensation_record *own, const s
 {
     const float *rates = &now->state[5];
     const float ball[3] = { -rates[1] * own->inv_rb, rates[0] * own->inv_rb, 0.0f };
+    const struct ballbot_attitude a = ballbot_attitude_of(now->state[2], now->state[3], now->a);
     float body[3];
 
-    ballbot_body_rates(&now->a, &rates[2], body);
-    ballbot_rotate_back(&now->a, ball, relative);
+    ballbot_body_rates(&a, &rates[2], body);
+    ballbot_rotate_back(&a, ball, relative);
     for (int i = 0; i < 3; ++i) {
         relative[i] -= body[i];
     }
@@ -44,7 +45,7 @@ static struct ballbot_pair rolling_force(const struct ballbot_compensation_recor
     const float speed = ballbot_square_root(v_x * v_x + v_y * v_y);
     const float share = ballbot_smaller(1.0f, speed * own->rolling_steepness);
     const float size = own->rolling * share / ballbot_larger(speed, NO_SPEED);
-    const struct ballbot_pair v = ballbot_to_heading(&now->a, v_x, v_y);
+    const struct ballbot_pair v = ballbot_to_heading(now->a, v_x, v_y);
     const struct ballbot_pair force = { size * v.x, size * v.y };
 
     return force;

@@ -13,9 +13,9 @@ static void accelerations(const struct ballbot_sample *now, const float rates[5]
 {
     const float *seen = &now->state[5];
     const struct ballbot_pair speed =
-        ballbot_to_heading(&now->a, rate * (seen[0] - rates[0]), rate * (seen[1] - rates[1]));
+        ballbot_to_heading(now->a, rate * (seen[0] - rates[0]), rate * (seen[1] - rates[1]));
     const struct ballbot_pair lean =
-        ballbot_to_heading(&now->a, rate * (seen[2] - rates[2]), rate * (seen[3] - rates[3]));
+        ballbot_to_heading(now->a, rate * (seen[2] - rates[2]), rate * (seen[3] - rates[3]));
 
     changes[0] = speed.x;
     changes[1] = speed.y;
@@ -42,7 +42,7 @@ static void step_estimates(const struct ballbot_law *law, struct ballbot_memory 
 {
     const struct ballbot_observer_record *own = &law->disturbance_observer;
     const struct ballbot_torque_history *past = &memory->history;
-    const struct ballbot_pair lean = ballbot_to_heading(&now->a, now->state[2], now->state[3]);
+    const struct ballbot_pair lean = ballbot_to_heading(now->a, now->state[2], now->state[3]);
     float *found = memory->disturbance_observer.estimate;
     float changes[5];
 

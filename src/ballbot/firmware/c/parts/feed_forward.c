@@ -2,8 +2,7 @@
  *
  *     (theta, phi) = lean s''      position = s - offset s''      u = by_second s'' + by_fourth s'''' + by_turning psi''
  *
- * s is the motion of the flat output, the point that feels no torque. Quantities are those of the heading frame. The
- * record is all zeros if the controller lacks the part: then nothing is added.
+ * s is the motion of the flat output, the point that feels no torque. Quantities are those of the heading frame.
  */
 #include "parts/parts.h"
 
@@ -17,8 +16,12 @@ static struct ballbot_pair times(const float M[2][2], struct ballbot_pair v)
 void ballbot_feed_forward_error(const struct ballbot_law *law, struct ballbot_sample *now)
 {
     const struct ballbot_feed_forward_record *own = &law->feed_forward;
-    const struct ballbot_pair second = ballbot_to_heading(&now->a, now->x.second, now->y.second);
-    const struct ballbot_pair third = ballbot_to_heading(&now->a, now->x.third, now->y.third);
+
+    if (own->on == 0) {
+        return;
+    }
+    const struct ballbot_pair second = ballbot_to_heading(now->a, now->x.second, now->y.second);
+    const struct ballbot_pair third = ballbot_to_heading(now->a, now->x.third, now->y.third);
     const struct ballbot_pair lean = times(own->lean, second);
     const struct ballbot_pair lean_rate = times(own->lean, third);
     const struct ballbot_pair ahead = times(own->offset, second);
@@ -35,14 +38,20 @@ void ballbot_feed_forward_error(const struct ballbot_law *law, struct ballbot_sa
     e[8] += lean_rate.y;
 }
 
-float ballbot_feed_forward_torque(const struct ballbot_law *law, float torque, const struct ballbot_sample *now,
-                                  int32_t i)
+void ballbot_feed_forward_torque(const struct ballbot_law *law, const struct ballbot_sample *now, float torques[],
+                                 int32_t n)
 {
     const struct ballbot_feed_forward_record *own = &law->feed_forward;
-    const struct ballbot_pair second = ballbot_to_heading(&now->a, now->x.second, now->y.second);
-    const struct ballbot_pair fourth = ballbot_to_heading(&now->a, now->x.fourth, now->y.fourth);
 
-    return torque + (own->by_second[i][0] * second.x + own->by_second[i][1] * second.y +
-                     own->by_fourth[i][0] * fourth.x + own->by_fourth[i][1] * fourth.y +
-                     own->by_turning[i] * now->psi.second);
+    if (own->on == 0) {
+        return;
+    }
+    const struct ballbot_pair second = ballbot_to_heading(now->a, now->x.second, now->y.second);
+    const struct ballbot_pair fourth = ballbot_to_heading(now->a, now->x.fourth, now->y.fourth);
+
+    for (int32_t i = 0; i < n; ++i) {
+        torques[i] += own->by_second[i][0] * second.x + own->by_second[i][1] * second.y +
+                      own->by_fourth[i][0] * fourth.x + own->by_fourth[i][1] * fourth.y +
+                      own->by_turning[i] * now->psi.second;
+    }
 }

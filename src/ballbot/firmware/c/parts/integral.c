@@ -8,16 +8,22 @@
  */
 #include "parts/parts.h"
 
-float ballbot_integral_torque(const struct ballbot_law *law, const struct ballbot_memory *memory, float torque,
-                              const struct ballbot_sample *now, int32_t i)
+void ballbot_integral_torque(const struct ballbot_law *law, const struct ballbot_memory *memory,
+                             const struct ballbot_sample *now, float torques[], int32_t n)
 {
-    const float *gain = law->integral.gain[i];
+    const struct ballbot_integral_record *own = &law->integral;
     const float *sums = memory->integral.sums;
     const float drag = memory->floor_adaptation.drag;
-    const struct ballbot_pair d = ballbot_direction(&law->floor_adaptation, now->x.rate, now->y.rate);
-    const struct ballbot_pair I = ballbot_to_heading(&now->a, sums[0] + drag * d.x, sums[1] + drag * d.y);
 
-    return torque + (gain[0] * I.x + gain[1] * I.y + gain[2] * sums[2]);
+    if (own->on == 0) {
+        return;
+    }
+    const struct ballbot_pair d = ballbot_direction(&law->floor_adaptation, now->x.rate, now->y.rate);
+    const struct ballbot_pair I = ballbot_to_heading(now->a, sums[0] + drag * d.x, sums[1] + drag * d.y);
+
+    for (int32_t i = 0; i < n; ++i) {
+        torques[i] += own->gain[i][0] * I.x + own->gain[i][1] * I.y + own->gain[i][2] * sums[2];
+    }
 }
 
 /* Return an integral after a sample. */
@@ -37,7 +43,7 @@ void ballbot_integral_learn(const struct ballbot_law *law, struct ballbot_memory
     if (own->on == 0) {
         return;
     }
-    const struct ballbot_pair e = ballbot_from_heading(&now->a, now->e[0], now->e[1]);
+    const struct ballbot_pair e = ballbot_from_heading(now->a, now->e[0], now->e[1]);
     const float e_psi = now->e[4];
 
     if (e.x * e.x + e.y * e.y > own->dead_band * own->dead_band) {

@@ -31,7 +31,7 @@ struct ballbot_smooth {
 struct ballbot_sample {
     float pose[3];               /* x, y [m] and psi [rad] as measured */
     const float *reference;      /* the state (10) that is asked for, as it was given */
-    struct ballbot_attitude a;   /* of the state */
+    struct ballbot_heading a;    /* of the state */
     float state[10];             /* measured; predicted after the stage `predict`; relative to the pose */
     struct ballbot_smooth x;     /* the reference that is followed, relative to the pose */
     struct ballbot_smooth y;

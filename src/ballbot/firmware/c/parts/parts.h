@@ -20,11 +20,11 @@ void ballbot_shaping_shape(const struct ballbot_law *law, struct ballbot_memory 
 void ballbot_feed_forward_error(const struct ballbot_law *law, struct ballbot_sample *now);
 void ballbot_lean_limit_error(const struct ballbot_law *law, struct ballbot_sample *now);
 
-/* torque: return the feedback's torque [N m] with the part's summand */
-float ballbot_feed_forward_torque(const struct ballbot_law *law, float torque, const struct ballbot_sample *now,
-                                  int32_t i);
-float ballbot_integral_torque(const struct ballbot_law *law, const struct ballbot_memory *memory, float torque,
-                              const struct ballbot_sample *now, int32_t i);
+/* torque: add the part's summand to the feedback's torques [N m] */
+void ballbot_feed_forward_torque(const struct ballbot_law *law, const struct ballbot_sample *now, float torques[],
+                                 int32_t n);
+void ballbot_integral_torque(const struct ballbot_law *law, const struct ballbot_memory *memory,
+                             const struct ballbot_sample *now, float torques[], int32_t n);
 
 /* between torque and filter: add the compensation of friction */
 void ballbot_compensate(const struct ballbot_law *law, struct ballbot_memory *memory,

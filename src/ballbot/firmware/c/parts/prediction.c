@@ -9,7 +9,7 @@
 #include "parts/parts.h"
 
 /* Fill the pairs (x y), (theta phi) of a state and their rates in the heading frame, psi and its rate as they are. */
-static void turn(const struct ballbot_attitude *a, const float state[10], float turned[10])
+static void turn(struct ballbot_heading a, const float state[10], float turned[10])
 {
     static const int pairs[4] = { 0, 2, 5, 7 };
 
@@ -25,11 +25,11 @@ static void turn(const struct ballbot_attitude *a, const float state[10], float 
 }
 
 /* The same from the heading frame to the world. */
-static void turn_back(const struct ballbot_attitude *a, const float turned[10], float state[10])
+static void turn_back(struct ballbot_heading a, const float turned[10], float state[10])
 {
-    const struct ballbot_attitude back = { .sin_psi = -a->sin_psi, .cos_psi = a->cos_psi };
+    const struct ballbot_heading back = { -a.sine, a.cosine };
 
-    turn(&back, turned, state);
+    turn(back, turned, state);
 }
 
 /* Fill by how much the state changes until the torque that is computed now will act, heading frame. */
@@ -78,9 +78,9 @@ void ballbot_prediction_predict(const struct ballbot_law *law, struct ballbot_me
     if (own->on == 0) {
         return;
     }
-    turn(&now->a, now->state, work->turned);
+    turn(now->a, now->state, work->turned);
     change_until(own, &memory->history, work->turned, work->after, n);
-    turn_back(&now->a, work->after, work->turned);
+    turn_back(now->a, work->after, work->turned);
     for (int i = 0; i < 10; ++i) {
         now->state[i] += work->turned[i];
         work->ahead[i] = now->state[i];
@@ -88,7 +88,7 @@ void ballbot_prediction_predict(const struct ballbot_law *law, struct ballbot_me
     work->ahead[0] += now->pose[0];
     work->ahead[1] += now->pose[1];
     work->ahead[4] += now->pose[2];
-    now->a = ballbot_attitude_after(&now->a, now->state[2], now->state[3], now->state[4]);
+    now->a = ballbot_heading_after(now->a, now->state[4]);
     grow_older(&memory->history, own->samples + 1);
 }
 
