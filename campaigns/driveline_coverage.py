@@ -27,7 +27,7 @@ from campaigns.section import Section
 
 KEPT = Path(__file__).parents[1] / "build" / "driveline_coverage.json"
 #: not those that the method was developed on, which began at 0
-SEEDS = range(100, 110)
+SEEDS = range(100, 108)
 DURATION = 62.83  # [s], once around the thesis's sine
 
 Numbers = dict[str, list[float]]

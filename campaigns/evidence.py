@@ -50,6 +50,7 @@ CAMPAIGNS = {
     "feedback_options": "campaigns.feedback_options",
     "coverage": "campaigns.coverage",
     "between_logs": "campaigns.between_logs",
+    "course_robot": "campaigns.course_robot",
     "coulomb_variation": "campaigns.between_logs:coulomb_variation",
     "effective": "campaigns.between_logs:effective",
     "one_axis": "campaigns.one_axis",
@@ -76,9 +77,9 @@ CAMPAIGNS = {
 _HEAD = """# Evidence
 
 The results of long campaigns, of which the tests run samples. `make evidence` writes this page; the command under a
-section writes that section alone. The section on the EMPS benchmark needs its public record (see
-[one axis](../axis.md)): it is written if BALLBOT_DATA names the folder with `emps/DATA_EMPS.mat`, and stays as it is
-if not.
+section writes that section alone. The sections on the EMPS benchmark and on a course's robot need public records (see
+[one axis](../axis.md) and [a real robot](../real_robots.md)): they are written if BALLBOT_DATA names the folder with
+`emps/DATA_EMPS.mat` and `rob311`, and stay as they are if not.
 
 """
 

@@ -1,0 +1,200 @@
+"""Intervals for the estimate from another log, on a real robot: all pairs of three public logs.
+
+.venv/bin/python -m campaigns.course_robot --data DIR    prints the section
+.venv/bin/python -m campaigns.evidence course_robot      writes it, with BALLBOT_DATA=DIR
+
+The logs are of the robots of the University of Michigan's course ROB 311 (https://github.com/michiganrobotics/rob311).
+They carry no licence and are not part of Ballbot: put them into the folder rob311 of DIR. `ballbot check-log` proposes
+a mapping for each. For one of them it cannot determine the kind of the commands; they are duties, as the course's
+firmware sends them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import re
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import permutations
+from pathlib import Path
+
+import numpy as np
+
+from ballbot.cli.context import read_balancing_log
+from ballbot.cli.main import main as ballbot
+from ballbot.files import write_text
+from ballbot.fitting.between_logs import Limits95, interval_score
+from ballbot.fitting.intervals import Interval
+from ballbot.fitting.run import Run, Threads
+from ballbot.identification.identify import identify
+from ballbot.identification.stages import IdentificationOptions
+from ballbot.identification.windows import common_back_emf
+from ballbot.robot import Robot
+from campaigns.section import DataMissingError, Section, data_folder
+
+SOURCE = "https://github.com/michiganrobotics/rob311"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source:
+    """A public log."""
+
+    sha256: str
+    dead_band: float  #: duty that the firmware adds; see docs/real_robots.md
+
+
+SOURCES = {
+    "main_control_1": Source(
+        sha256="b2f8fb77e120815d8ccf7c37d1b597c63741283973f5709244c3ec4423e90bec", dead_band=0.06
+    ),
+    "main_control_autotune_1": Source(
+        sha256="f5d8abfac9a14df43f3b0e562f1d0b725eab47dab0bd87d70f8b77a37b3800f2", dead_band=0.06
+    ),
+    # the course's firmware adds 1024 of 32639
+    "lab10_data_trial_408": Source(
+        sha256="3d971b3a835faf3808785890b803e0a7a3baef621c8eb96d7d8d1012c7b74d03", dead_band=0.0314
+    ),
+}
+_STEP = 2.5e-3  # [s], inner step of the fits; a cost differs by 1e-4
+_GROUPS = ("b", "c", "C_rr")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Found:
+    """What one log gives, by label."""
+
+    values: Mapping[str, float]
+    conditional: Mapping[str, Interval]
+    prediction: Mapping[str, Interval]
+
+
+def log_file(name: str) -> Path:
+    """Return the file of a log in `data_folder`.
+
+    Raises
+    ------
+    DataMissingError
+        If it is not there, or is another version.
+    """
+    path = data_folder() / "rob311" / f"{name}.txt"
+    if not path.exists():
+        raise DataMissingError(f"it needs the public log {path.name} as {path}; see docs/real_robots.md")
+    if hashlib.sha256(path.read_bytes()).hexdigest() != SOURCES[name].sha256:
+        raise DataMissingError(f"{path} is another version than the one that the section is about")
+    return path
+
+
+def with_duties(mapping: str) -> str:
+    """Return a proposed mapping with its lines for duties in place of those for torques, as its comments say."""
+    before, section = mapping.split("[input]\n")
+    section = re.sub(r"^(kind|scale) = .*\n", "", section, flags=re.MULTILINE)
+    head, duties = section.split("# if it is a duty, these lines instead:\n")
+    kept = "".join(line for line in head.splitlines(keepends=True) if not line.startswith("#"))
+    chosen = re.sub(r"^#   ", "", duties, flags=re.MULTILINE)
+    before = re.sub(r"^complete = .*\n", "", before, flags=re.MULTILINE)
+    return f"{before}[input]\n{kept}{chosen}"
+
+
+def found_in(name: str, folder: Path) -> Found:
+    """Map a log and identify it by itself, as docs/real_robots.md does."""
+    path, robot = log_file(name), Robot.load("rob311")
+    out = folder / name
+    words = ["check-log", str(path), "--robot", "rob311", "--out", str(out)]
+    undetermined = ballbot([*words, "--dead-band", str(SOURCES[name].dead_band)])
+    mapping = out / "mapping.toml"
+    if undetermined:
+        write_text(mapping, with_duties(mapping.read_text(encoding="utf-8")))
+    found = identify(
+        robot,
+        read_balancing_log(path, mapping, robot),
+        law="coulomb",
+        seed=0,
+        options=IdentificationOptions(
+            excluded_states=("psi", "psi_dot"), back_emf=common_back_emf([mapping]), step=_STEP
+        ),
+        run=Run(seed=0, executor=Threads(count=1)),
+    )
+    return Found(
+        values={
+            label: value
+            for label, value in zip(found.labels, found.values.tolist(), strict=True)
+            if label.rstrip("123") in _GROUPS
+        },
+        conditional=found.intervals,
+        prediction=found.variation.predictions,
+    )
+
+
+def campaign() -> Section:
+    """Compare all pairs of the logs and return the section of docs/generated/evidence.md."""
+    for name in SOURCES:
+        log_file(name)
+    with tempfile.TemporaryDirectory() as folder:
+        found = {name: found_in(name, Path(folder)) for name in SOURCES}
+    rows = []
+    totals = np.zeros(3, dtype=int)
+    for one, other in permutations(found, 2):
+        row, counts = pair_row(found[one], found[other])
+        totals += counts
+        rows.append([f"{one} for {other}", *row])
+    of, own, another = totals.tolist()
+    hashes = ", ".join(f"{name} ({source.sha256[:12]})" for name, source in SOURCES.items())
+    return Section(
+        title="Intervals for the estimate from another log, on a real robot",
+        before=f"Three logs of robots of a course ({SOURCE}; in brackets the first digits of the files' SHA-256: "
+        f"{hashes}), each identified by itself (law coulomb, heading excluded). The 95 % intervals from one log are "
+        "compared with the estimate from another: that under the log's own conditions, and that for another log. Of "
+        "the robot and the floor nothing is known but the logs; the third log may be of another robot of the course. "
+        "So this shows what happens outside of simulated robots, and sets no mark to pass. Score: mean over the "
+        "parameters of the interval score over that of the own conditions.",
+        columns=["log for another", *(f"{group}: own, another" for group in _GROUPS), "score"],
+        rows=rows,
+        after=f"In all the intervals under own conditions held {own} of {of} estimates, those for another log "
+        f"{another} of {of}. `python -m campaigns.course_robot --data DIR` prints this section.",
+    )
+
+
+def pair_row(one: Found, other: Found) -> tuple[list[str], list[int]]:
+    """Return a pair's cells, and how many estimates there are and either interval held.
+
+    Parameters
+    ----------
+    one : Found
+        Whose intervals are compared with the other's estimates.
+    other : Found
+    """
+    cells, ratios, totals = [], [], [0, 0, 0]
+    for group in _GROUPS:
+        labels = [
+            label
+            for label in one.values
+            if label.rstrip("123") == group and label in one.prediction and label in one.conditional
+        ]
+        own = sum(other.values[label] in one.conditional[label] for label in labels)
+        another = sum(other.values[label] in one.prediction[label] for label in labels)
+        cells.append(f"{own}, {another} of {len(labels)}")
+        totals = [totals[0] + len(labels), totals[1] + own, totals[2] + another]
+        for label in labels:
+            mine, wide = (
+                Limits95(lower=kind[label].lower, upper=kind[label].upper)
+                for kind in (one.conditional, one.prediction)
+            )
+            if np.isfinite([mine.lower, mine.upper]).all():
+                value = other.values[label]
+                ratios.append(interval_score(wide, value) / interval_score(mine, value))
+    return [*cells, f"{np.mean(ratios):.2f}"], totals
+
+
+def main() -> None:
+    """Print the section."""
+    parser = argparse.ArgumentParser(description="Compare all pairs of logs of the course's robots.")
+    parser.add_argument("--data", required=True, help="the folder that holds rob311")
+    os.environ["BALLBOT_DATA"] = parser.parse_args().data
+    print(campaign().markdown())
+
+
+if __name__ == "__main__":
+    main()
