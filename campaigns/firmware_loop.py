@@ -20,7 +20,8 @@ from ballbot.workflows.courses import LEAGUE, choose_courses
 from ballbot.workflows.league import METRIC_BY_KEY, League, run_league, standing
 from campaigns.section import Section
 
-SEEDS = tuple(range(300, 306))
+#: many: the nominal controller wanders by centimetres, and from run to run differently
+SEEDS = tuple(range(300, 326))
 COURSE = "square"
 _METRICS = ("peak_position_error", "rms_position_error", "high_frequency_torque")
 
@@ -41,7 +42,7 @@ def pairs(seeds: Sequence[int] = SEEDS, *, processes: int | None = None) -> dict
 
 def campaign() -> Section:
     """Return the differences between the two laws on the twin."""
-    found = pairs(processes=1)
+    found = pairs()
     rows = []
     for name, league in found.items():
         python, compiled = (standing(league, COURSE, one) for one in ("Python", "C"))

@@ -26,9 +26,10 @@ static void relative_rate(const struct ballbot_compensation_record *own, const s
 {
     const float *rates = &now->state[5];
     const float ball[3] = { -rates[1] * own->inv_rb, rates[0] * own->inv_rb, 0.0f };
-    const struct ballbot_attitude a = ballbot_attitude_of(now->state[2], now->state[3], now->a);
+    struct ballbot_attitude a;
     float body[3];
 
+    a = ballbot_attitude_of(now->state[2], now->state[3], now->a);
     ballbot_body_rates(&a, &rates[2], body);
     ballbot_rotate_back(&a, ball, relative);
     for (int i = 0; i < 3; ++i) {

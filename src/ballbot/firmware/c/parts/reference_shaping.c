@@ -54,15 +54,23 @@ static void follow_bends(const struct ballbot_shaping_record *own, struct ballbo
     state->bend[2] += own->late * (turning * n[2] - state->bend[2]);
 }
 
-/* Return p* - p for the reference's change in a sample, and that change's own. */
-static float lead(const struct ballbot_shaping_record *own, const struct lags *lags, float change, float bend)
+/* How far p* is ahead of p for the reference's change in a sample [1], and for that change's own [1]. */
+struct leads {
+    float of_change;
+    float of_bend;
+};
+
+static struct leads leads_of(const struct ballbot_shaping_record *own, const struct lags *lags)
 {
     const float w = lags->frequency;
     const float tau = own->delay;
     const float rate = own->rate;
+    const struct leads found = {
+        (4.0f / w + tau) * rate,
+        (6.0f / (w * w) + 4.0f * tau / w + 0.5f * tau * tau) * rate * rate,
+    };
 
-    return (4.0f / w + tau) * rate * change +
-           (6.0f / (w * w) + 4.0f * tau / w + 0.5f * tau * tau) * rate * rate * bend;
+    return found;
 }
 
 /* Fill how far p goes towards r within the limits of speed (3), and let it go. */
@@ -143,9 +151,11 @@ void ballbot_shaping_shape(const struct ballbot_law *law, struct ballbot_memory 
         state->last[axis] = r[axis];
         state->change[axis] = change[axis];
     }
-    const float lead_x = moves ? lead(own, &place, change[0], state->bend[0]) : 0.0f;
-    const float lead_y = moves ? lead(own, &place, change[1], state->bend[1]) : 0.0f;
-    const float lead_psi = turns ? lead(own, &heading, change[2], state->bend[2]) : 0.0f;
+    const struct leads moving = leads_of(own, &place);
+    const struct leads turning = leads_of(own, &heading);
+    const float lead_x = moves ? moving.of_change * change[0] + moving.of_bend * state->bend[0] : 0.0f;
+    const float lead_y = moves ? moving.of_change * change[1] + moving.of_bend * state->bend[1] : 0.0f;
+    const float lead_psi = turns ? turning.of_change * change[2] + turning.of_bend * state->bend[2] : 0.0f;
 
     now->x = lagged(&place, state->lags[0], before[0], steps[0] + lead_x, now->pose[0]);
     now->y = lagged(&place, state->lags[1], before[1], steps[1] + lead_y, now->pose[1]);
