@@ -4,8 +4,9 @@
 
 Whole logs hardly ever have wrong placements, and no constant could be fitted to them. So each log is judged on windows
 of a few seconds, cut out at random, as if the rest had not been recorded. `LEAST_RATIO` and `EACH_SECOND` of
-`ballbot.log.mapping_inference.placements` and `ballbot.log.mapping_inference.commands` are such that no answer with a
-confidence of 0.9 or more is wrong here. An assignment is judged only if the whole log's frame is right.
+`ballbot.log.mapping_inference.placements` and `ballbot.log.mapping_inference.commands` were chosen on such windows: the
+largest with which an answer of confidence 0.9 or more is hardly ever wrong. An assignment is judged only if the whole
+log's frame is right.
 """
 
 from __future__ import annotations

@@ -30,9 +30,8 @@ OWN_ORDER, MIRRORED_ORDER, EQUAL_SIGNS = 0.55, 0.25, 0.6
 #: part of the standard errors by which a placement is behind the best that is believed, and power of how usual it is
 #: in the confidence: habits choose between placements that fit alike, but do not make one certain
 BELIEVED_ERRORS, BELIEVED_USUAL = 0.6, 0.7
-#: logarithm of the ratio of two misfits from which each second counts as one normal error. With these numbers, of the
-#: windows of 3, 4, 5, 6, 8 and 12 s of the development halves of `campaigns/mapping_corpus.py` (3195 windows of 174
-#: logs), no one of the 2242 that get a confidence above 0.9 has a wrong placement. With twice as much a second, 2 have.
+#: logarithm of the ratio of two misfits from which each second counts as one normal error. `python -m
+#: campaigns.mapping_windows 24` gives 245 of 317 windows of 4 to 12 s a confidence above 0.9, and none of them is wrong
 LEAST_RATIO = 0.2
 #: placements whose wheels differ by less than this part of their angles are one
 SAME_WHEELS = 0.02
