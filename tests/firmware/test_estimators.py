@@ -17,7 +17,7 @@ from ballbot.estimation.kalman import KalmanFilter
 from ballbot.firmware.estimators import ReadingRecord, kalman_record, onboard_record, reading_record
 from ballbot.firmware.host import compilers
 from ballbot.mechanics.geometry import transforms
-from campaigns.firmware_estimators import MEMORIES, Compiled, H, covariances, long_run, readings
+from campaigns.firmware_estimators import MEMORIES, Compiled, H, covariances, driven_run, long_run, readings
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 
@@ -82,6 +82,17 @@ def test_filter_stays_python_s_for_two_minutes(fixes):
     assert look.state < 0.02
     assert look.covariance < 0.01
     assert look.correlation > 0.5 * look.exact_correlation
+
+
+@pytest.mark.sample
+@pytest.mark.parametrize("fixes", [0.0, 1e-4])
+def test_covariance_in_single_precision_stays_positive(fixes):
+    """`make evidence` runs four hours."""
+    looks = driven_run(ALTEN, minutes=[1.0, 20.0], fixes=fixes, looks=20)
+    for look in looks:
+        assert look.state < 0.05
+        assert look.covariance < 0.02
+        assert look.correlation > 0.5 * look.exact_correlation > 0.0
 
 
 def test_nothing_is_known_before_a_whole_reading():

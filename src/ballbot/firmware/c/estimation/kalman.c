@@ -32,7 +32,7 @@ enum {
 /* What `started` says. */
 enum { LOST = -1, NOT_STARTED = 0, RUNNING = 1 };
 
-/* A state or a variance beyond this is none. */
+/* States and variances whose sum is beyond this are none. */
 #define LARGEST 1.0e12f
 
 /* What a sample leaves of a variance, at least: numbers that no sensor shows would leave nothing */
@@ -315,6 +315,8 @@ static void absorb(struct ballbot_kalman_memory *memory, struct seen *seen)
         kept *= seen->variance[m] * inverse[m];
     }
     kept = (kept > LEAST_KEPT) ? kept : LEAST_KEPT;
+    float smallest = LARGEST; /* variance */
+    float size = 0.0f;        /* of all variances and states */
     for (int32_t i = STATES - 1; i >= 0; --i) {
         float *const V = seen->Ph[i];
         float *const row = memory->P[i];
@@ -334,10 +336,12 @@ static void absorb(struct ballbot_kalman_memory *memory, struct seen *seen)
                       + (gain[4] * other[4] + gain[5] * other[5]);
         }
         row[i] = (row[i] > least) ? row[i] : least;
+        smallest = (row[i] < smallest) ? row[i] : smallest;
         move(memory, i, change);
-        if (!(row[i] > 0.0f) || !(row[i] <= LARGEST) || !(ballbot_magnitude(memory->x[i]) <= LARGEST)) {
-            memory->started = LOST; /* by readings that no sensor gives */
-        }
+        size += row[i] + ballbot_magnitude(memory->x[i]);
+    }
+    if (!(smallest > 0.0f) || !(size <= LARGEST)) {
+        memory->started = LOST; /* by readings that no sensor gives */
     }
 }
 
@@ -517,8 +521,9 @@ static void ball_rate_of(const struct ballbot_kalman_record *record, const struc
         float turn = 0.0f;
         for (int32_t i = 0; i < wheel_count; ++i) {
             /* modulo 2^32, so that a counter may wrap around */
-            const uint32_t change = (uint32_t)counts[i] - (uint32_t)memory->wheel_counts[i];
-            turn += record->ball_turn[k][i] * (float)(int32_t)change;
+            const uint32_t forward = (uint32_t)counts[i] - (uint32_t)memory->wheel_counts[i];
+            const uint32_t backward = (uint32_t)memory->wheel_counts[i] - (uint32_t)counts[i];
+            turn += record->ball_turn[k][i] * ((forward < backward) ? (float)forward : -(float)backward);
         }
         ball_rate[k] = turn / time;
     }

@@ -1,0 +1,42 @@
+/* Included before all else: the estimators in double precision, with records of 8 bytes a number and the functions of
+ * the C library in place of ballbot_math.h.
+ */
+#include <math.h>
+#include <stdbool.h>
+#include <stdint.h>
+
+#define BALLBOT_DOUBLE
+#define float double
+#define int32_t int64_t
+
+#define BALLBOT_MATH_H
+static inline float ballbot_magnitude(float x)
+{
+    return fabs(x);
+}
+
+static inline float ballbot_square_root(float x)
+{
+    return sqrt((x < 0.0) ? 0.0 : x);
+}
+
+static inline void ballbot_sine_cosine(float angle, float *sine, float *cosine)
+{
+    *sine = sin(angle);
+    *cosine = cos(angle);
+}
+
+static inline float ballbot_arctangent(float y, float x)
+{
+    return atan2(y, x);
+}
+
+static inline float ballbot_within_half_turn(float angle)
+{
+    return remainder(angle, 6.283185307179586);
+}
+
+static inline float ballbot_not_a_number(void)
+{
+    return NAN;
+}
