@@ -130,9 +130,8 @@ def readings(
 
 def covariances(compiled: Compiled, exact: KalmanFilter) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the covariances (14, 14) of the filter in C and of the one in Python in the firmware's states."""
-    upper = np.triu(compiled.memory["P"][0].astype(np.float64))
     T = firmware_states()
-    return upper + np.triu(upper, 1).T, T @ exact._P @ T.T
+    return compiled.memory["P"][0].astype(np.float64), T @ exact._P @ T.T
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -230,8 +229,7 @@ class Driven:
 
     def covariance(self) -> NDArray[np.float64]:
         """Return the covariance (14, 14)."""
-        upper = np.triu(self.memory["P"][0].astype(np.float64))
-        return upper + np.triu(upper, 1).T
+        return self.memory["P"][0].astype(np.float64)
 
 
 def driven_run(

@@ -109,8 +109,7 @@ class KalmanMemory:
     pivoting: float = field(metadata=number("rad/s"))
     x: NDArray[np.float64] = field(metadata=number("state", STATES))
     rest: NDArray[np.float64] = field(metadata=number("state", STATES))  #: what rounding has taken from it
-    #: covariance; what lies below its diagonal is not kept up
-    P: NDArray[np.float64] = field(metadata=number("product of two states", STATES, STATES))
+    P: NDArray[np.float64] = field(metadata=number("product of two states", STATES, STATES))  #: covariance
 
 
 def onboard_record(robot: Robot, *, sample_time: float) -> OnboardRecord:

@@ -177,7 +177,7 @@ static void mirror(float P[STATES][STATES], int32_t end)
  * Overwrite the covariance P by F P F^T + Q.
  *
  * F times each row of P is a column of T = F P; F times each row of that, a column of the result. Of T only what the
- * second product uses is made, of the result only what lies above the diagonal.
+ * second product uses is made, of the result only what lies above the diagonal; `absorb` fills in the rest.
  *
  * A sample's gyro noise does what a bias of one sample would: Q = F_b F_b^T gyro_variance + walk, with the columns
  * F_b of the bias, less the bias's own rows. It comes in with the second product, if T's columns of the bias are larger
@@ -198,7 +198,6 @@ static void propagate(const struct ballbot_kalman_record *record, const struct t
         [Y] = {f->y_b[0], f->y_b[1], f->y_b[2]},
     };
     float T[STATES][STATES];
-    mirror(P, STATES);
     for (int32_t i = 0; i < LEAN_AND_SPEED_END; ++i) {
         lean_and_speed(f, P[i], &T[0][i]);
     }
@@ -283,6 +282,12 @@ struct seen {
     float variance[SEEN];   /* of each number's own error */
 };
 
+/* Return the product of two vectors (SEEN). */
+static inline float product(const float a[SEEN], const float b[SEEN])
+{
+    return ((a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3])) + (a[4] * b[4] + a[5] * b[5]);
+}
+
 /*
  * Take in numbers that were seen, changing the state and its covariance P.
  *
@@ -317,28 +322,43 @@ static void absorb(struct ballbot_kalman_memory *memory, struct seen *seen)
     kept = (kept > LEAST_KEPT) ? kept : LEAST_KEPT;
     float smallest = LARGEST; /* variance */
     float size = 0.0f;        /* of all variances and states */
-    for (int32_t i = STATES - 1; i >= 0; --i) {
+    for (int32_t i = 0; i < STATES; ++i) {
         float *const V = seen->Ph[i];
-        float *const row = memory->P[i];
-        const float least = kept * row[i];
-        float gain[SEEN];
         float change = 0.0f;
         for (int32_t m = 0; m < SEEN; ++m) {
             for (int32_t l = 0; l < m; ++l) {
                 V[m] -= L[m][l] * V[l];
             }
-            gain[m] = V[m] * inverse[m];
             change += V[m] * step[m];
         }
-        for (int32_t j = i; j < STATES; ++j) {
-            const float *const other = seen->Ph[j];
-            row[j] -= ((gain[0] * other[0] + gain[1] * other[1]) + (gain[2] * other[2] + gain[3] * other[3]))
-                      + (gain[4] * other[4] + gain[5] * other[5]);
-        }
-        row[i] = (row[i] > least) ? row[i] : least;
-        smallest = (row[i] < smallest) ? row[i] : smallest;
         move(memory, i, change);
-        size += row[i] + ballbot_magnitude(memory->x[i]);
+        size += ballbot_magnitude(memory->x[i]);
+    }
+    for (int32_t i = 0; i < STATES; i += 2) { /* two rows at a time, which share what they read of V */
+        float *const row[2] = {memory->P[i], memory->P[i + 1]};
+        const float least[2] = {kept * row[0][i], kept * row[1][i + 1]};
+        float gain[2][SEEN];
+        for (int32_t m = 0; m < SEEN; ++m) {
+            gain[0][m] = seen->Ph[i][m] * inverse[m];
+            gain[1][m] = seen->Ph[i + 1][m] * inverse[m];
+        }
+        row[0][i] -= product(gain[0], seen->Ph[i]);
+        row[0][i + 1] -= product(gain[0], seen->Ph[i + 1]);
+        row[1][i] = row[0][i + 1];
+        row[1][i + 1] -= product(gain[1], seen->Ph[i + 1]);
+        for (int32_t j = i + 2; j < STATES; ++j) {
+            const float after[2] = {row[0][j] - product(gain[0], seen->Ph[j]), row[1][j] - product(gain[1], seen->Ph[j])};
+            row[0][j] = after[0];
+            row[1][j] = after[1];
+            memory->P[j][i] = after[0];
+            memory->P[j][i + 1] = after[1];
+        }
+        for (int32_t k = 0; k < 2; ++k) {
+            float *const variance = &row[k][i + k];
+            *variance = (*variance > least[k]) ? *variance : least[k];
+            smallest = (*variance < smallest) ? *variance : smallest;
+            size += *variance;
+        }
     }
     if (!(smallest > 0.0f) || !(size <= LARGEST)) {
         memory->started = LOST; /* by readings that no sensor gives */
@@ -503,10 +523,12 @@ static void start(const struct ballbot_kalman_record *record, struct ballbot_kal
         memory->x[SHOWN_X + k] = lean[k];
         memory->x[S_X + k] = lever_speed(record, k, gyro);
         memory->P[G_X + k][SHOWN_X + k] = record->start_covariances[k];
+        memory->P[SHOWN_X + k][G_X + k] = record->start_covariances[k];
     }
     memory->x[PSI] = psi;
     memory->x[SHOWN_PSI] = psi;
     memory->P[PSI][SHOWN_PSI] = record->start_covariances[2];
+    memory->P[SHOWN_PSI][PSI] = record->start_covariances[2];
     memory->pivoting = 0.0f;
     memory->missed = 0;
     memory->started = RUNNING;

@@ -24,7 +24,7 @@
  *
  *     H P H^T + R = L D L^T    V = P H^T L^-T    P+ = P - V D^-1 V^T    x+ = x + V D^-1 L^-1 (seen - expected)
  *
- * No matrix is inverted. P is symmetric: its upper triangle alone is kept up. A variance is never let below the part of
+ * No matrix is inverted. P is symmetric to the bit. A variance is never let below the part of
  * it that the numbers must leave by the inequality of Cauchy and Schwarz, so that rounding makes none negative.
  */
 #ifndef BALLBOT_ESTIMATION_KALMAN_H
