@@ -293,7 +293,7 @@ def campaign() -> Section:
             "samples/s", "fixes", "minutes", "state, deviations", "covariance", "smallest eigenvalue", "in double",
         ],
         rows=rows,
-        after="Without a fix the variances of place and heading grow for ever, and what a sample adds to them falls "
-        "below the rounding of single precision: they fall behind. Nothing uses them but a fix, which they let correct "
-        "nearly the whole error either way.",
+        after="Without a fix, place and heading are less and less known. What a sample adds to their variances "
+        "falls below the rounding of single precision in the end; so these variances grow no more above 0.04 rad^2 or "
+        "0.04 m^2, in either precision. Without that limit the covariance lost its sign within four hours at 1 kHz.",
     )  # fmt: skip

@@ -38,6 +38,10 @@ enum { LOST = -1, NOT_STARTED = 0, RUNNING = 1 };
 /* What a sample leaves of a variance, at least: numbers that no sensor shows would leave nothing */
 #define LEAST_KEPT 1.0e-6f
 
+/* Variance of psi [rad^2], x or y [m^2] above which all three are forgotten, and what a sample then keeps of their errors */
+#define FORGOTTEN_ABOVE 0.04f
+#define REMEMBERED (1.0f - 0x1p-18f)
+
 /* Numbers that are taken in at a time: three of the wheels and three of the AHRS, or those of a fix. */
 enum { FROM_WHEELS = 0, FROM_AHRS = 3, SEEN = 6 };
 
@@ -174,6 +178,28 @@ static void mirror(float P[STATES][STATES], int32_t end)
 }
 
 /*
+ * Keep the variances of heading and place from growing without bound.
+ *
+ * Without a fix they would, until what a sample adds to them is lost in rounding and the covariance is none any more.
+ * To multiply the rows and the columns of some states by a number leaves it positive.
+ */
+static void forget(float P[STATES][STATES])
+{
+    static const int32_t UNSEEN[3] = {PSI, X, Y};
+    if ((P[PSI][PSI] > FORGOTTEN_ABOVE) || (P[X][X] > FORGOTTEN_ABOVE) || (P[Y][Y] > FORGOTTEN_ABOVE)) {
+        for (int32_t k = 0; k < 3; ++k) {
+            const int32_t state = UNSEEN[k];
+            for (int32_t i = 0; i <= state; ++i) {
+                P[i][state] *= REMEMBERED;
+            }
+            for (int32_t i = state; i < STATES; ++i) {
+                P[state][i] *= REMEMBERED;
+            }
+        }
+    }
+}
+
+/*
  * Overwrite the covariance P by F P F^T + Q.
  *
  * F times each row of P is a column of T = F P; F times each row of that, a column of the result. Of T only what the
@@ -225,6 +251,7 @@ static void propagate(const struct ballbot_kalman_record *record, const struct t
     for (int32_t i = 0; i < STATES; ++i) {
         P[i][i] += record->walk[i];
     }
+    forget(P);
 }
 
 /*
