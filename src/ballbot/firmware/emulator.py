@@ -294,7 +294,7 @@ class Board:
             raise InputError("Emulating the processor needs unicorn; `pip install unicorn`.") from None
         self.image = image
         self._arm = arm
-        self._core = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
+        self._core = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)  # pyright: ignore[reportPrivateImportUsage]
         self._core.ctl_set_cpu_model(arm.UC_CPU_ARM_CORTEX_M4)
         self._core.mem_map(FLASH, FLASH_SIZE, unicorn.UC_PROT_READ | unicorn.UC_PROT_EXEC)
         self._core.mem_map(RAM, RAM_SIZE, unicorn.UC_PROT_READ | unicorn.UC_PROT_WRITE)

@@ -16,9 +16,10 @@ def export_parts(exported: Export, controller: Controller, *, framed: bool) -> I
     """Yield the controller, sizes and limits of an exported firmware."""
     limits = exported.limits
     parts = ", ".join(part.label for _, part in controller.parts.present()) or "none"
+    compensation = "no" if controller.compensation == "none" else controller.compensation
     yield Text(
-        f"{len(exported.files)} files for {controller.robot.name}: {controller.estimator} state, gain, "
-        f"{controller.compensation} compensation; parts: {parts}."
+        f"{len(exported.files)} files for {controller.robot.name}. Estimator: {controller.estimator}; {compensation} "
+        f"friction compensation; parts: {parts}."
     )
     rows = [
         ["period", f"{1e3 * controller.sample_time:g} ms"],
