@@ -38,7 +38,7 @@ enum { LOST = -1, NOT_STARTED = 0, RUNNING = 1 };
 /* What a sample leaves of a variance, at least: numbers that no sensor shows would leave nothing */
 #define LEAST_KEPT 1.0e-6f
 
-/* Variance of psi [rad^2], x or y [m^2] above which all three are forgotten, and what a sample then keeps of their errors */
+/* Variance of psi [rad^2], x or y [m^2] above which all three are forgotten, and what a sample then keeps of them */
 #define FORGOTTEN_ABOVE 0.04f
 #define REMEMBERED (1.0f - 0x1p-18f)
 
@@ -318,7 +318,7 @@ static inline float product(const float a[SEEN], const float b[SEEN])
 /*
  * Take in numbers that were seen, changing the state and its covariance P.
  *
- * H P H^T + R = L D L^T, L with ones on its diagonal. Then P+ = P - V D^-1 V^T with V = P H^T L^-T, and a column of V is
+ * H P H^T + R = L D L^T, L with ones on its diagonal. Then P+ = P - V D^-1 V^T with V = P H^T L^-T. A column of V is
  * that P h which the numbers before have left: the same as to take them in one after the other, but P is read once.
  */
 static void absorb(struct ballbot_kalman_memory *memory, struct seen *seen)
@@ -374,7 +374,8 @@ static void absorb(struct ballbot_kalman_memory *memory, struct seen *seen)
         row[1][i] = row[0][i + 1];
         row[1][i + 1] -= product(gain[1], seen->Ph[i + 1]);
         for (int32_t j = i + 2; j < STATES; ++j) {
-            const float after[2] = {row[0][j] - product(gain[0], seen->Ph[j]), row[1][j] - product(gain[1], seen->Ph[j])};
+            const float less[2] = {product(gain[0], seen->Ph[j]), product(gain[1], seen->Ph[j])};
+            const float after[2] = {row[0][j] - less[0], row[1][j] - less[1]};
             row[0][j] = after[0];
             row[1][j] = after[1];
             memory->P[j][i] = after[0];

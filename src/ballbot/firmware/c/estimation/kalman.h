@@ -26,7 +26,7 @@
  *
  * No matrix is inverted. P is symmetric to the bit. A variance is never let below the part of
  * it that the numbers must leave by the inequality of Cauchy and Schwarz, so that rounding makes none negative. Once
- * heading or place is unknown by 0.2 rad or 0.2 m, without a fix, that grows no more: single precision could not hold it.
+ * heading or place is unknown by 0.2 rad or 0.2 m, without a fix, that grows no more: it would outgrow a float.
  */
 #ifndef BALLBOT_ESTIMATION_KALMAN_H
 #define BALLBOT_ESTIMATION_KALMAN_H
