@@ -190,6 +190,9 @@ CASES: tuple[Case, ...] = (
         "--robots 20 --generations 2 --population 4 --fresh 20",
         alone=True,
     ),
+    _command(
+        "export", f"export design_full/controller.toml --robot {_ROBOT}", needs=("design_full",), sampled=True
+    ),
     _command("limits", f"limits {_ROBOT} none files/controller_full.toml --refinements 0"),
     _command(
         "compare",
