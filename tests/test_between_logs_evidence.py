@@ -51,6 +51,7 @@ def pair(random: np.random.Generator) -> tuple[Fit, Fit]:
     return fits[0], fits[1]
 
 
+@pytest.mark.slow
 def test_predictions_hold_the_other_log_and_the_conditional_intervals_do_not() -> None:
     random = np.random.default_rng(1)
     priors = fitted_priors([pair(random) for _ in range(12)])

@@ -89,6 +89,7 @@ class Blinking(ModelPlant):
         return measured
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PARTS)
 def test_single_and_batched_laws_bridge_alike(name):
     """Two samples are missing in one lane and none in the other, of a run with every part."""

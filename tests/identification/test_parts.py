@@ -27,6 +27,7 @@ def predictor(formulation="exact") -> Predictor:
 # --- windows ---
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["exact", "thesis"])
 def test_true_friction_predicts_a_simulated_log_to_rounding(formulation):
     # torques of row k act from t_k to t_(k+1): one row off would leave errors of 1e-3 rad

@@ -244,6 +244,7 @@ def test_a_lean_breaks_away_where_gravity_passes_what_wheels_and_floor_hold(
     assert bool(np.any(model.advance(start, np.zeros(3), 1e-3) != start)) == beyond
 
 
+@pytest.mark.slow
 def test_four_wheels_that_push_against_each_other_turn_nothing() -> None:
     """The ball blocks them, whatever the torque: its axles' torques cancel on the ball."""
     robot = four_wheeled(friction=True)

@@ -172,6 +172,7 @@ def test_minimiser_of_asymmetric_boxes_satisfies_the_optimality_conditions(wheel
         assert asymmetric_violation(nu, M, free, C, pairs, rolling, h) < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 @pytest.mark.parametrize("excess", [-1e-6, 1e-6])
 def test_a_wheel_breaks_away_at_the_limit_of_its_direction(direction, excess):

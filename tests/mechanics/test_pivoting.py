@@ -24,6 +24,8 @@ from tests.support.control_examples import FRICTION, alten, four_wheeled, leanin
 from tests.support.freed_mechanism import reflected_inertia, rolling_motion
 from tests.support.symbolic_oracle import random_robot, random_state
 
+pytestmark = pytest.mark.slow  # the pivoting model's engines take long to compile
+
 STATES = 1000
 
 #: more than any wheel of these robots can exert on the ball [N m]
@@ -106,7 +108,6 @@ def driven(model: Model, state: NDArray, torques: NDArray) -> NDArray[np.float64
     return np.array(states)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["3", "4"])
 def test_infinite_pivot_friction_gives_the_five_dof_model(robot: Robot) -> None:
     """Through smooth motion and stick-slip alike the spin is zero to the bit and all else equal to rounding."""
@@ -120,8 +121,7 @@ def test_infinite_pivot_friction_gives_the_five_dof_model(robot: Robot) -> None:
     assert_allclose(pivoting[:, :10], plain, rtol=0, atol=1e-11)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("wheel_count", [3, pytest.param(4, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("wheel_count", [3, 4])
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=40, deadline=None)
 def test_held_the_acceleration_is_the_five_dof_one_and_free_it_is_the_frictionless_pivot_s(
@@ -336,7 +336,6 @@ def test_in_closed_loop_the_heading_lags_the_more_the_less_holds_the_ball() -> N
     assert np.max(plain["psi"][moving] - loose["psi"][moving]) > 0.02
 
 
-@pytest.mark.slow
 def test_a_batch_runs_the_pivoting_model_as_the_plant_does() -> None:
     robot = alten(FRICTION)
     model, controller = Model(robot, pivoting=0.03), nominal_controller(robot, compensation="full")

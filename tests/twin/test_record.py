@@ -73,6 +73,7 @@ def test_record_writes_a_run_that_can_be_made_again(tmp_path: Path) -> None:
     assert film.t[0] == pytest.approx(made["motion_capture"]["clock_offset"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("experiment", ["balance", "driveline_sweep", "upside_down"])
 def test_the_command_in_the_folder_makes_the_run_again(
     experiment: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

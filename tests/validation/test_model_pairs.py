@@ -32,6 +32,7 @@ def _viscous() -> Robot:
     )
 
 
+@pytest.mark.slow
 def test_swapping_the_models_inverts_every_ratio_and_verdict():
     models = ModelPair.of_two(Model(true_robot()), Model(_viscous()), files=("true.toml", "viscous.toml"))
     swapped = ModelPair(first=models.second, second=models.first)

@@ -114,6 +114,7 @@ def wheel_log(made: Film, robot: Robot, *, forward: float, offset: float) -> Log
     return Log({"t": t - offset, **{f"wheel{i + 1}_dot": speeds[:, i] for i in range(3)}})
 
 
+@pytest.mark.slow
 def test_wheels_and_video_agree_once_clock_and_camera_are_found(plain, measured):
     robot = Robot.load("alten")
     comparison = compare_with_wheels(measured, wheel_log(plain, robot, forward=0.7, offset=12.3), robot)

@@ -68,6 +68,7 @@ def test_the_limits_hold_on_the_model_with_any_of_the_frictions(designed):
         assert max(LIMITS.used(peaks).values()) > 0.2  # and the robot does move
 
 
+@pytest.mark.slow
 def test_designed_excitation_is_more_informative_than_a_square(designed):
     question = asked().question
     plain = expected_errors(question, [run_on_model(asked(), square(side=0.5, period=10.0)).log])

@@ -82,6 +82,7 @@ def test_a_fall_is_counted_and_nothing_else_of_it(league):
     assert standing(league, "stand", "none").falls == 0
 
 
+@pytest.mark.slow
 def test_differences_are_seed_by_seed(league):
     for course in ("stand", "step"):
         peaks = [[one.rms_position_error for one in league.scores[course, name]] for name in ("full", "none")]
