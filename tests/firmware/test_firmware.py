@@ -86,6 +86,24 @@ def test_parameters_of_another_version_are_refused(name):
         Firmware(record)
 
 
+@pytest.mark.parametrize("bad", [math.nan, -1.0, 1e30, math.inf])
+@pytest.mark.parametrize("name", ["sample_time", "self_test_torque", "torque_limit", "lean", "max_interval"])
+def test_parameters_that_bound_nothing_are_refused(name, bad):
+    record = parameter_record(nominal_controller(ROBOT), LIMITS)
+    place = {"torque_limit": record["law"], "lean": record["safety"], "max_interval": record["safety"]}
+    large = name in place and bad == 1e30  # a limit may be large
+    place.get(name, record)[name] = bad
+    if (
+        large
+        or (name in ("lean", "max_interval") and bad == math.inf)
+        or (name, bad) == ("self_test_torque", -1.0)
+    ):
+        Firmware(record)
+    else:
+        with pytest.raises(InputError, match="does not know these parameters"):
+            Firmware(record)
+
+
 def test_reference_that_is_refused_is_ignored():
     made, other = firmware(), firmware()
     given, refused = np.zeros(10), np.zeros(10)
@@ -164,9 +182,31 @@ def test_torque_that_is_not_a_number_stops(place):
     assert made.state["safety"]["stop_wheel"] == place + 1
 
 
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_self_test_torque_that_is_not_a_number_stops(bad):
+    record = parameter_record(nominal_controller(ROBOT), LIMITS)
+    made = Firmware(record)
+    made.start_self_test()
+    record["self_test_torque"] = bad  # as a flipped bit in memory would
+    assert not run(made, 1).any()
+    assert made.stop is StopReason.TORQUE
+    assert not run(made, 3, first=1).any()
+    assert made.self_test is SelfTestOutcome.STOPPED
+
+
+def test_disarming_ends_the_self_test():
+    made = Firmware(parameter_record(nominal_controller(ROBOT), LIMITS))
+    made.start_self_test()
+    assert run(made, 3).any()
+    made.disarm()
+    assert made.self_test is SelfTestOutcome.STOPPED
+    assert not run(made, 100, first=3).any()
+    assert not made.arm()
+
+
 values = st.sampled_from([0.0, 0.1, -0.29, 0.31, -0.5, math.nan])
 samples = st.tuples(
-    st.sampled_from([0.005, 0.01, 0.02]),  # since the last sample
+    st.sampled_from([0.005, 0.01, 0.02, math.nan]),  # since the last sample
     st.booleans(),  # measured
     values,
     values,  # theta, phi
@@ -195,7 +235,7 @@ def test_safety_layer_decides_as_python_s(most_missing, most_unchanged, run):
     admit, t, last = functions.ballbot_safety_admit, 0.0, np.zeros(1, np.float32)
     admit.restype = ctypes.c_bool
     for k, (interval, measured, theta, phi, imu, (count, valid), torque) in enumerate(run):
-        t += interval
+        t += interval if k else 0.0  # the first sample has no interval
         values, counts = np.full(6, imu, np.float32), np.array([count], np.int32)
         python.watch(
             t, imu=values.tolist(), angles=(float(count) if valid else math.nan,), torques=last.tolist()

@@ -40,7 +40,7 @@ from ballbot.log.columns import wheel_angle_names
 from ballbot.robot import Robot
 from ballbot.robot.derived import encoder_step
 
-#: lean [rad] past which no wheel holds the ball any more, the model's own end
+#: lean [rad] beyond which no wheel holds the ball: the end of the model
 _MAX_LEAN = 1.2
 
 
@@ -104,7 +104,17 @@ class SafetyLimits:
             [s]
         lean : float
             Largest |theta| and |phi| [rad]; `ballbot limits` finds the lean that a robot recovers from.
+
+        Raises
+        ------
+        InputError
+            If the lean is not above zero and at most 1.2 rad.
         """
+        if lean > _MAX_LEAN:
+            raise InputError(
+                f"lean of the safety limits is {lean:g} rad; it must be at most {_MAX_LEAN:g} rad, beyond which no "
+                "wheel holds the ball."
+            )
         torque = max(_TURNING * max(robot.friction.breakaway), 0.25 * robot.drive.torque_limit)
         return cls(
             lean=lean,
@@ -209,7 +219,7 @@ class Safety:
         self._t = t
         known = math.isfinite(theta) and math.isfinite(phi)
         self._missing = 0 if measured and known else self._missing + 1
-        if interval > self.limits.max_interval:
+        if not interval <= self.limits.max_interval:  # a NaN is late
             limit = self.limits.max_interval
             self._latch(
                 StopReason.LATE,
@@ -333,7 +343,9 @@ _MIN_COUNTS = 20
 
 
 class SelfTest:
-    """A controller that pushes one wheel after the other, for `ballbot.simulate` and robots alike; run for `DURATION`.
+    """A controller that pushes one wheel after the other, for `ballbot.simulate` and robots alike.
+
+    Run it for `SELF_TEST_DURATION`.
 
     Parameters
     ----------
@@ -398,7 +410,7 @@ def evaluate_self_test(robot: Robot, log: Log) -> SelfTestResult:
     ----------
     robot : Robot
     log : Log
-        Of at least `DURATION`, from the test's start on.
+        Of at least `SELF_TEST_DURATION`, from the test's start on.
 
     Raises
     ------

@@ -1,10 +1,27 @@
 #include "ballbot.h"
 
+#include <float.h>
 #include <stddef.h>
 
+#include "ballbot_math.h"
 #include "estimation/kalman.h"
 #include "estimation/onboard.h"
 #include "law.h"
+
+/* From one tick of the clock to a second [s]. */
+#define SHORTEST_SAMPLE_TIME 1e-6f
+#define LONGEST_SAMPLE_TIME 1.0f
+
+/* Return whether each number that bounds a torque or the time is one that can; a NaN cannot. */
+static bool are_bounds(const struct ballbot_parameters *parameters)
+{
+    const struct ballbot_safety_record *safety = &parameters->safety;
+    const float limit = parameters->law.torque_limit;
+
+    return parameters->sample_time >= SHORTEST_SAMPLE_TIME && parameters->sample_time <= LONGEST_SAMPLE_TIME &&
+           limit > 0.0f && limit <= FLT_MAX && ballbot_magnitude(parameters->self_test_torque) <= limit &&
+           safety->lean > 0.0f && safety->max_interval > 0.0f && safety->max_missing >= 0;
+}
 
 /* Return whether the parameters are laid out as this library reads them, and within the room of its records. */
 static bool are_known(const struct ballbot_parameters *parameters)
@@ -15,7 +32,7 @@ static bool are_known(const struct ballbot_parameters *parameters)
     for (size_t k = 0; k < sizeof words / sizeof words[0]; ++k) {
         same = same && words[k] == parameters->schema[k];
     }
-    return same && parameters->wheel_count >= 3 && parameters->wheel_count <= BALLBOT_MAX_WHEELS &&
+    return same && are_bounds(parameters) && parameters->wheel_count >= 3 && parameters->wheel_count <= BALLBOT_MAX_WHEELS &&
            (parameters->estimator == BALLBOT_ONBOARD || parameters->estimator == BALLBOT_KALMAN) &&
            parameters->law.prediction.count >= 0 && parameters->law.prediction.count <= BALLBOT_MAX_PAST - 2 &&
            parameters->law.prediction.samples >= 0 && parameters->law.prediction.samples <= BALLBOT_MAX_PAST - 2;
@@ -77,6 +94,9 @@ bool ballbot_arm(struct ballbot_state *state)
 void ballbot_disarm(struct ballbot_state *state)
 {
     state->run.armed = 0;
+    if (state->self_test.result == BALLBOT_TEST_RUNNING) {
+        state->self_test.result = BALLBOT_TEST_STOPPED;
+    }
 }
 
 /* Fill the estimate; return whether the sensors gave all that it needs. */
@@ -92,17 +112,6 @@ static bool estimate(struct ballbot_state *state, const struct ballbot_parameter
     return ballbot_onboard_update(&parameters->onboard, &state->onboard, n, reading, found) != 0;
 }
 
-/* Return whether there is a state: numbers that are possible for a robot. */
-static bool is_known(const float found[10])
-{
-    for (int i = 0; i < 10; ++i) {
-        if (!ballbot_is_possible(found[i])) {
-            return false;
-        }
-    }
-    return true;
-}
-
 /* Return whether the safety layer lets torques follow from this sample. */
 static bool admitted(struct ballbot_state *state, const struct ballbot_parameters *parameters,
                      const struct ballbot_reading_record *reading, float interval, bool measured)
@@ -113,7 +122,7 @@ static bool admitted(struct ballbot_state *state, const struct ballbot_parameter
 
     ballbot_safety_watch(&parameters->safety, &state->safety, parameters->wheel_count, imu, reading->wheel_counts,
                          reading->encoders_valid != 0, state->run.torques);
-    return ballbot_safety_admit(&parameters->safety, &state->safety, interval, measured, is_known(found), found[2],
+    return ballbot_safety_admit(&parameters->safety, &state->safety, interval, measured, ballbot_is_state(found), found[2],
                                 found[3]);
 }
 
@@ -154,6 +163,7 @@ static void test(struct ballbot_state *state, const struct ballbot_parameters *p
         state->self_test.result = BALLBOT_TEST_STOPPED;
     }
     ballbot_self_test_step(&state->self_test, parameters, reading, torques);
+    ballbot_safety_release(&state->safety, parameters->wheel_count, torques);
 }
 
 bool ballbot_update(struct ballbot_state *state, const struct ballbot_parameters *parameters,

@@ -7,7 +7,8 @@
  *     ballbot_arm(&state);                                         when that has passed, upright
  *     ballbot_update(&state, &ballbot_parameters, &reading, time, reference, torques);      each sample time
  *
- * The application owns the state; the library has no variables of its own, takes no memory and calls nobody. Times are
+ * The application owns the state; the library has no variables of its own, allocates no memory and calls no function of
+ * the application. Call all functions of one state from one task or one interrupt: they lock nothing. Times are
  * microseconds of a counter of 32 bits that wraps around. The Python package has the same names and units.
  */
 #ifndef BALLBOT_H
@@ -22,9 +23,9 @@
 /* Numbers of `estimator` in the parameters. */
 enum ballbot_estimator { BALLBOT_ONBOARD = 0, BALLBOT_KALMAN = 1 };
 
-/* Start disarmed, at x = y = 0, and return whether the parameters are those of this library and of a robot that it knows.
+/* Start disarmed, at x = y = 0, and return whether the parameters are those of this library and their limits are valid.
  *
- * Without that every update gives zero torques.
+ * If not, every update gives zero torques.
  */
 bool ballbot_init(struct ballbot_state *state, const struct ballbot_parameters *parameters);
 
@@ -43,7 +44,7 @@ void ballbot_skip_self_test(struct ballbot_state *state);
  */
 bool ballbot_arm(struct ballbot_state *state);
 
-/* Give no torques until armed again. */
+/* Give no torques until armed again; end a self-test that is running. */
 void ballbot_disarm(struct ballbot_state *state);
 
 /* Take one sample; fill the torques of all wheels [N m].

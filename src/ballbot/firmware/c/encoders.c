@@ -5,6 +5,9 @@
 /* In place of a speed that is missing: a value beyond any sensor's. */
 #define MISSING_SPEED 1e30f
 
+/* Samples that are counted; beyond it a float skips whole numbers. */
+#define MOST_MISSED 0x1000000
+
 /* Return how far a count went; the counter wraps around. */
 static int32_t gone(int32_t now, int32_t before)
 {
@@ -28,6 +31,12 @@ void ballbot_take_encoders(struct ballbot_encoders *encoders, const struct ballb
         reading->wheel_speeds[i] = parameters->encoder_step * (float)steps / time;
         encoders->counts[i] = counts[i];
     }
-    encoders->missed = (counts != NULL || !encoders->started) ? 0 : encoders->missed + 1;
+    if (counts != NULL || !encoders->started) {
+        encoders->missed = 0;
+    } else if (encoders->missed < MOST_MISSED) {
+        encoders->missed += 1;
+    } else {
+        /* a robot at rest whose encoders have been off for days */
+    }
     encoders->started = encoders->started || counts != NULL;
 }

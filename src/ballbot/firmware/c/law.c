@@ -3,9 +3,14 @@
 
 #include "parts/parts.h"
 
-bool ballbot_is_possible(float value)
+bool ballbot_is_state(const float state[10])
 {
-    return ballbot_magnitude(value) <= BALLBOT_LARGEST_STATE;
+    for (int i = 0; i < 10; ++i) {
+        if (!(ballbot_magnitude(state[i]) <= BALLBOT_LARGEST_STATE)) {
+            return false;
+        }
+    }
+    return true;
 }
 
 int32_t ballbot_refused_place(const float reference[10])
@@ -20,17 +25,6 @@ int32_t ballbot_refused_place(const float reference[10])
         }
     }
     return BALLBOT_ALLOWED;
-}
-
-/* Return whether every number of a state is possible for a robot; a NaN is not. */
-static bool is_state(const float state[10])
-{
-    for (int i = 0; i < 10; ++i) {
-        if (!ballbot_is_possible(state[i])) {
-            return false;
-        }
-    }
-    return true;
 }
 
 /* Fill the pose, the heading and the state relative to the pose. */
@@ -150,7 +144,7 @@ int32_t ballbot_control_law(const struct ballbot_law *law, struct ballbot_memory
 {
     const int32_t refused = ballbot_refused_place(reference);
 
-    if (refused != BALLBOT_ALLOWED || !is_state(measured)) {
+    if (refused != BALLBOT_ALLOWED || !ballbot_is_state(measured)) {
         for (int32_t i = 0; i < n; ++i) {
             torques[i] = 0.0f;
         }

@@ -16,8 +16,8 @@
 /* A measured state that holds a larger number, or no number, is invalid. */
 #define BALLBOT_LARGEST_STATE 1e6f
 
-/* Return whether a number of a state is possible for a robot; a NaN is not. */
-bool ballbot_is_possible(float value);
+/* Return whether every number of a state (10) is possible for a robot; a NaN is not. */
+bool ballbot_is_state(const float state[10]);
 
 /* Return the first place of a reference (10) that is refused, else BALLBOT_ALLOWED: a lean or a rate, for which A r is not
  * 0, or something impossible.

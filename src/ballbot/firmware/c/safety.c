@@ -52,11 +52,11 @@ static int32_t pushed_on(int32_t count, float torque, float turning_torque)
 void ballbot_safety_watch(const struct ballbot_safety_record *own, struct ballbot_safety_state *state, int32_t n,
                           const float imu[], const int32_t counts[], bool counts_valid, const float torques[])
 {
-    if (state->stop != BALLBOT_STOP_NONE) {
-        return;
+    if (state->stop != BALLBOT_STOP_NONE || own->max_unchanged <= 0) {
+        return; /* without a limit, nothing is counted and no counter overflows */
     }
     state->imu_unchanged = imu_repeated(state, imu);
-    if (own->max_unchanged > 0 && state->imu_unchanged >= own->max_unchanged) {
+    if (state->imu_unchanged >= own->max_unchanged) {
         latch(state, BALLBOT_STOP_STUCK, 0);
     }
     for (int32_t i = 0; i < n; ++i) {
@@ -64,8 +64,7 @@ void ballbot_safety_watch(const struct ballbot_safety_record *own, struct ballbo
 
         state->pushed[i] = still ? pushed_on(state->pushed[i], torques[i], own->turning_torque) : 0;
         state->counts[i] = counts[i];
-        if (own->max_unchanged > 0 &&
-            (state->pushed[i] >= own->max_unchanged || state->pushed[i] <= -own->max_unchanged)) {
+        if (state->pushed[i] >= own->max_unchanged || state->pushed[i] <= -own->max_unchanged) {
             latch(state, BALLBOT_STOP_STUCK, i + 1);
         }
     }
@@ -80,7 +79,7 @@ bool ballbot_safety_admit(const struct ballbot_safety_record *own, struct ballbo
         return false;
     }
     state->missing = (measured && known) ? 0 : state->missing + 1;
-    if (interval > own->max_interval) {
+    if (!(interval <= own->max_interval)) { /* an interval of NaN is late */
         latch(state, BALLBOT_STOP_LATE, 0);
     } else if (state->missing > own->max_missing) {
         latch(state, BALLBOT_STOP_MISSING, 0);

@@ -66,13 +66,14 @@ static void look(struct ballbot_self_test_state *test, const struct ballbot_para
                  const struct ballbot_reading_record *reading)
 {
     for (int32_t wheel = 0; wheel < parameters->wheel_count; ++wheel) {
-        if (test->sample == sample_of(parameters, (float)wheel + PUSH_FRACTION)) {
-            judge(test, parameters, reading->wheel_counts, wheel);
-        }
         if (test->sample == sample_of(parameters, (float)wheel)) {
             for (int32_t i = 0; i < parameters->wheel_count; ++i) {
                 test->counts[i] = reading->wheel_counts[i];
             }
+        }
+        /* after the line above: a push shorter than a sample moves nothing, and fails */
+        if (test->sample == sample_of(parameters, (float)wheel + PUSH_FRACTION)) {
+            judge(test, parameters, reading->wheel_counts, wheel);
         }
     }
 }

@@ -19,7 +19,7 @@ enum ballbot_self_test {
     BALLBOT_TEST_DEAD_MOTOR = 3,   /* the wheel was pushed and no encoder turned */
     BALLBOT_TEST_TORQUE_ORDER = 4, /* another encoder turned the most */
     BALLBOT_TEST_TORQUE_SIGN = 5,  /* pushed forward, the encoder turned backward */
-    BALLBOT_TEST_STOPPED = 6       /* the safety layer stopped it, or encoders were missing */
+    BALLBOT_TEST_STOPPED = 6       /* disarmed, stopped by the safety layer, or encoders were missing */
 };
 
 /* Begin. */

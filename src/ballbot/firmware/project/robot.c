@@ -6,6 +6,15 @@
 /* In place of a value that the IMU did not give: beyond any sensor's. */
 #define MISSING 1e30f
 
+/* Command no torques, so that none is held when the drivers are enabled again, and disable them. */
+static void stop_motors(void)
+{
+    static const float none[BALLBOT_MAX_WHEELS] = { 0.0f };
+
+    ballbot_set_torques(none);
+    ballbot_set_enable(false);
+}
+
 bool robot_start(struct robot *robot)
 {
     static const struct ballbot_encoders no_counts = { .started = false };
@@ -14,7 +23,7 @@ bool robot_start(struct robot *robot)
 
     robot->encoders = no_counts;
     robot->reading = no_fix;
-    ballbot_set_enable(false);
+    stop_motors();
     return ballbot_init(&robot->state, &ballbot_parameters);
 }
 
@@ -26,16 +35,18 @@ void robot_test(struct robot *robot)
 
 bool robot_arm(struct robot *robot)
 {
-    const bool armed = ballbot_arm(&robot->state);
-
-    ballbot_set_enable(armed);
-    return armed;
+    if (!ballbot_arm(&robot->state)) {
+        robot_disarm(robot);
+        return false;
+    }
+    ballbot_set_enable(true);
+    return true;
 }
 
 void robot_disarm(struct robot *robot)
 {
     ballbot_disarm(&robot->state);
-    ballbot_set_enable(false);
+    stop_motors();
 }
 
 static void read_sensors(struct robot *robot)
@@ -61,7 +72,9 @@ void robot_step(struct robot *robot)
     read_sensors(robot);
     (void)ballbot_update(&robot->state, &ballbot_parameters, &robot->reading, ballbot_read_time(), NULL, torques);
     ballbot_set_torques(torques);
-    if (ballbot_stop_of(&robot->state) != BALLBOT_STOP_NONE) {
-        ballbot_set_enable(false);
+    const bool testing = ballbot_self_test_of(&robot->state) == BALLBOT_TEST_RUNNING;
+
+    if (ballbot_stop_of(&robot->state) != BALLBOT_STOP_NONE || (robot->state.run.armed == 0 && !testing)) {
+        stop_motors(); /* also when a self-test has ended */
     }
 }

@@ -1,5 +1,7 @@
 #include "drivers/escon.h"
 
+#include <float.h>
+
 #include "parts/part.h"
 
 #define NO_CURRENT 0.5f
@@ -7,7 +9,11 @@
 
 float ballbot_escon_duty(const struct ballbot_escon *driver, float torque)
 {
-    const float share = ballbot_clipped(torque / (driver->torque_per_ampere * driver->current_range), 1.0f);
+    const float most = driver->torque_per_ampere * driver->current_range;
 
-    return (ballbot_magnitude(share) <= 1.0f) ? NO_CURRENT + SPAN * share : NO_CURRENT; /* of a NaN it is not */
+    /* both comparisons fail for a NaN */
+    if (!(ballbot_magnitude(torque) <= FLT_MAX) || !(ballbot_magnitude(most) > 0.0f)) {
+        return NO_CURRENT;
+    }
+    return NO_CURRENT + SPAN * ballbot_clipped(torque / most, 1.0f);
 }

@@ -13,7 +13,10 @@ struct ballbot_escon {
     float current_range;     /* [A] */
 };
 
-/* Return the duty, 0.1 to 0.9, for a torque at the wheel [N m]; 0.5, no current, for what is not a number. */
+/* Return the duty, 0.1 to 0.9, for a torque at the wheel [N m].
+ *
+ * It is 0.5, no current, if the torque is not a finite number or the driver's record is empty.
+ */
 float ballbot_escon_duty(const struct ballbot_escon *driver, float torque);
 
 #endif

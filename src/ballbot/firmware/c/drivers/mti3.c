@@ -12,6 +12,9 @@
 /* Bytes before the data: FA FF 36 length. */
 #define HEAD 4u
 
+/* Largest error of the square of a quaternion's length; rounding is 1e-6. */
+#define LONGEST_ERROR 1e-3f
+
 #define PI 3.14159265358979f
 
 /* Return the number of 4 bytes, the highest first. */
@@ -86,6 +89,11 @@ static void take(struct ballbot_mti3 *imu, uint8_t byte)
         imu->place = 0u;
         if (imu->sum == 0u) {
             take_message(imu);
+        } else if (byte == PREAMBLE) {
+            imu->sum = 0u;
+            imu->place = 1u; /* a byte was lost: the next message begins here */
+        } else {
+            /* the search goes on */
         }
     }
 }
@@ -151,6 +159,13 @@ bool ballbot_mti3_read(struct ballbot_mti3 *imu, float gyro[3], float attitude[3
         return false;
     }
     imu->fresh = false;
+    const float *q = imu->quaternion;
+    const float square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
+
+    /* zeros would pass for upright; a NaN fails too */
+    if (!(ballbot_magnitude(square - 1.0f) <= LONGEST_ERROR)) {
+        return false;
+    }
     rotation(imu->quaternion, of_sensor);
     times_transposed(of_sensor, imu->mounting, R); /* the body's frame to the sensor's, and that to the world's */
     attitude[0] = ballbot_arctangent(-R[1][2], R[2][2]);

@@ -22,7 +22,7 @@ struct ballbot_mti3 {
     uint8_t data[BALLBOT_MTI3_LONGEST];
     uint8_t sum;    /* of the bytes since FA */
     uint8_t length; /* of the data */
-    uint16_t place; /* bytes of the message that have come */
+    uint16_t place; /* bytes of the message so far */
     bool fresh;     /* a message came since the last reading */
     bool turned;    /* there is a psi */
     float gyro[3];
@@ -33,7 +33,8 @@ struct ballbot_mti3 {
 /* Take bytes as they come from the serial line. */
 void ballbot_mti3_take(struct ballbot_mti3 *imu, const uint8_t *bytes, size_t count);
 
-/* Fill what the last message holds; return false if none with both values came since the last call.
+/* Fill the last message's values; return false if none with both values, and a quaternion of length one, came since the
+ * last call.
  *
  * gyro: body frame [rad/s]. attitude: theta, phi, psi [rad], psi without jumps of a turn.
  */

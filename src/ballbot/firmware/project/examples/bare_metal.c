@@ -1,8 +1,9 @@
 /* A main loop for a board without an operating system.
  *
  * The loop waits for the time of the next sample and never skips one: a sample that comes too late stops the robot, with
- * the reason "late". A byte 't' from the host begins the self-test, 'a' arms, any other disarms; replace this by the robot's
- * own buttons.
+ * the reason "late". If the loop hangs, the last torques stay: let the board's watchdog disable the drivers.
+ *
+ * A byte 't' from the host begins the self-test, 'a' arms, any other disarms; replace this by the robot's own buttons.
  */
 #include "ballbot_hardware.h"
 #include "ballbot_parameters.h"
@@ -11,11 +12,14 @@
 /* Obey the last byte that came from the host. */
 static void obey_host(struct robot *robot)
 {
-    uint8_t byte = 0;
+    uint8_t bytes[64];
+    const size_t count = ballbot_receive(bytes, sizeof bytes);
 
-    if (ballbot_receive(&byte, 1) == 0) {
+    if (count == 0) {
         return;
     }
+    const uint8_t byte = bytes[count - 1];
+
     if (byte == (uint8_t)'t') {
         robot_test(robot);
     } else if (byte == (uint8_t)'a') {

@@ -1,7 +1,9 @@
 /* A task of an operating system. The functions of the first block are the system's; those of FreeRTOS are beside them.
  *
- * Give the task the highest priority but the drivers', and the stack that `ballbot export` reports with 512 bytes for the
- * application. `self_test`, `arm` and `disarm` may be called from other tasks: they leave a wish, which the task obeys.
+ * Give the task the highest priority below the drivers', and the stack that `ballbot export` reports with 512 bytes for the
+ * application. `self_test`, `arm` and `disarm` may be called from other tasks and from interrupts: they leave a request, which
+ * the task obeys before its next sample. If the task hangs, the last torques stay: let the board's watchdog disable the
+ * drivers.
  */
 #include "ballbot_hardware.h"
 #include "ballbot_parameters.h"
@@ -15,37 +17,41 @@ void self_test(void);
 void arm(void);
 void disarm(void);
 
-/* What other tasks wish; a byte is written at once. */
-enum wish { NO_WISH = 0, WISH_ARM = 1, WISH_DISARM = 2, WISH_TEST = 3 };
-static volatile uint8_t wish = NO_WISH;
+/* Requests, one byte each, so that none overwrites another. The task clears one before it obeys: if the same request comes
+ * in between, it is being obeyed.
+ */
+static volatile bool test_requested = false;
+static volatile bool arm_requested = false;
+static volatile bool disarm_requested = false;
 
 void self_test(void)
 {
-    wish = WISH_TEST;
+    test_requested = true;
 }
 
 void arm(void)
 {
-    wish = WISH_ARM;
+    arm_requested = true;
 }
 
 void disarm(void)
 {
-    wish = WISH_DISARM;
+    disarm_requested = true;
 }
 
+/* Obey the requests; disarming comes last, so that it wins over the others. */
 static void obey(struct robot *robot)
 {
-    const uint8_t wished = wish;
-
-    wish = NO_WISH;
-    if (wished == (uint8_t)WISH_TEST) {
+    if (test_requested) {
+        test_requested = false;
         robot_test(robot);
     }
-    if (wished == (uint8_t)WISH_ARM) {
+    if (arm_requested) {
+        arm_requested = false;
         (void)robot_arm(robot);
     }
-    if (wished == (uint8_t)WISH_DISARM) {
+    if (disarm_requested) {
+        disarm_requested = false;
         robot_disarm(robot);
     }
 }
