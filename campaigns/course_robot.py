@@ -11,9 +11,7 @@ firmware sends them.
 
 from __future__ import annotations
 
-import argparse
 import hashlib
-import os
 import re
 import tempfile
 from collections.abc import Mapping
@@ -33,7 +31,7 @@ from ballbot.identification.identify import identify
 from ballbot.identification.stages import IdentificationOptions
 from ballbot.identification.windows import common_back_emf
 from ballbot.robot import Robot
-from campaigns.section import DataMissingError, Section, data_folder
+from campaigns.section import DataMissingError, Section, data_folder, print_section
 
 SOURCE = "https://github.com/michiganrobotics/rob311"
 
@@ -64,7 +62,7 @@ _GROUPS = ("b", "c", "C_rr")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Found:
-    """What one log gives, by label."""
+    """Estimates and intervals from one log, by label."""
 
     values: Mapping[str, float]
     conditional: Mapping[str, Interval]
@@ -188,13 +186,5 @@ def pair_row(one: Found, other: Found) -> tuple[list[str], list[int]]:
     return [*cells, f"{np.mean(ratios):.2f}"], totals
 
 
-def main() -> None:
-    """Print the section."""
-    parser = argparse.ArgumentParser(description="Compare all pairs of logs of the course's robots.")
-    parser.add_argument("--data", required=True, help="the folder that holds rob311")
-    os.environ["BALLBOT_DATA"] = parser.parse_args().data
-    print(campaign().markdown())
-
-
 if __name__ == "__main__":
-    main()
+    print_section(campaign, description="Compare all pairs of logs of the course's robots.", holds="rob311")

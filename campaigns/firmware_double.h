@@ -1,5 +1,5 @@
-/* Included before all else: the estimators in double precision, with records of 8 bytes a number and the functions of
- * the C library in place of ballbot_math.h.
+/* Included before all else: the firmware in double precision, with records of 8 bytes a number and the functions of the
+ * C library in place of ballbot_math.h.
  */
 #include <math.h>
 #include <stdbool.h>
@@ -18,6 +18,16 @@ static inline float ballbot_magnitude(float x)
 static inline float ballbot_square_root(float x)
 {
     return sqrt((x < 0.0) ? 0.0 : x);
+}
+
+static inline float ballbot_exponential(float x)
+{
+    return exp(x);
+}
+
+static inline float ballbot_power(float base, float exponent)
+{
+    return pow(base, exponent);
 }
 
 static inline void ballbot_sine_cosine(float angle, float *sine, float *cosine)

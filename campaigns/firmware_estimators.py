@@ -40,6 +40,8 @@ from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from campaigns.section import Section
 
 H = 0.005  #: [s]
+#: included before a source, it is compiled in double precision
+DOUBLE = Path(__file__).with_name("firmware_double.h")
 MEMORIES = {"onboard": OnboardMemory, "kalman": KalmanMemory}
 #: when the long run is looked at [min]
 _MINUTES = (1, 10, 60, 240)
@@ -144,6 +146,18 @@ class Look:
     correlation: float  #: smallest eigenvalue of the correlation matrix
     exact_correlation: float  #: the same in float64
 
+    @classmethod
+    def of(cls, P: NDArray[np.float64], exact: NDArray[np.float64], *, minutes: float, state: float) -> Look:
+        """Return the comparison of a covariance with the exact one, both (14, 14)."""
+        scale = np.sqrt(np.outer(np.diagonal(exact), np.diagonal(exact)))
+        return cls(
+            minutes=minutes,
+            state=state,
+            covariance=float(np.abs((P - exact) / scale).max()),
+            correlation=float(np.linalg.eigvalsh(P / scale)[0]),
+            exact_correlation=float(np.linalg.eigvalsh(exact / scale)[0]),
+        )
+
 
 def long_run(robot: Robot, *, minutes: Sequence[float], fixes: float = 0.0, seed: int = 1) -> list[Look]:
     """Return how the Kalman filter in C differs from that in Python, at some instants of one run."""
@@ -157,16 +171,7 @@ def long_run(robot: Robot, *, minutes: Sequence[float], fixes: float = 0.0, seed
             state = max(state, float((np.abs(a - b)[:7] / deviation).max()))
         if k in looks:
             P, exact = covariances(*filters)
-            scale = np.sqrt(np.outer(np.diagonal(exact), np.diagonal(exact)))
-            found.append(
-                Look(
-                    minutes=k * H / 60.0,
-                    state=state,
-                    covariance=float(np.abs((P - exact) / scale).max()),
-                    correlation=float(np.linalg.eigvalsh(P / scale)[0]),
-                    exact_correlation=float(np.linalg.eigvalsh(exact / scale)[0]),
-                )
-            )
+            found.append(Look.of(P, exact, minutes=k * H / 60.0, state=state))
     return found
 
 
@@ -180,12 +185,7 @@ def hours_library(precision: Precision) -> ctypes.CDLL:
     sources = [SOURCES / "estimation" / "kalman.c", here / "firmware_hours.c"]
     flags = ["-O2", "-fPIC", "-shared", "-Wno-conversion", "-Wno-double-promotion"]
     if precision == "double":
-        flags += [
-            "-include",
-            str(here / "firmware_double.h"),
-            "-Wno-double-promotion",
-            "-Wno-float-conversion",
-        ]
+        flags += ["-include", str(DOUBLE), "-Wno-float-conversion"]
     else:
         sources.append(SOURCES / "ballbot_math.c")
     target = Path(tempfile.mkdtemp(prefix="ballbot-hours-")) / "hours.so"
@@ -252,16 +252,7 @@ def driven_run(
             )
             largest = max(largest, float((np.abs(x - true) / np.sqrt(np.diagonal(exact))).max()))
         done = end
-        scale = np.sqrt(np.outer(np.diagonal(exact), np.diagonal(exact)))
-        found.append(
-            Look(
-                minutes=one,
-                state=largest,
-                covariance=float(np.abs((P - exact) / scale).max()),
-                correlation=float(np.linalg.eigvalsh(P / scale)[0]),
-                exact_correlation=float(np.linalg.eigvalsh(exact / scale)[0]),
-            )
-        )
+        found.append(Look.of(P, exact, minutes=one, state=largest))
     return found
 
 

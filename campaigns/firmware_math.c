@@ -10,30 +10,23 @@ void sine_cosine(size_t count, const float *angle, float *sine, float *cosine)
     }
 }
 
-void exponential(size_t count, const float *x, float *result)
-{
-    for (size_t i = 0; i < count; ++i) {
-        result[i] = ballbot_exponential(x[i]);
+/* A function of one argument, and one of two. */
+#define OF_ONE(name) \
+    void name(size_t count, const float *x, float *result) \
+    { \
+        for (size_t i = 0; i < count; ++i) { \
+            result[i] = ballbot_##name(x[i]); \
+        } \
     }
-}
+#define OF_TWO(name) \
+    void name(size_t count, const float *a, const float *b, float *result) \
+    { \
+        for (size_t i = 0; i < count; ++i) { \
+            result[i] = ballbot_##name(a[i], b[i]); \
+        } \
+    }
 
-void power(size_t count, const float *base, const float *exponent, float *result)
-{
-    for (size_t i = 0; i < count; ++i) {
-        result[i] = ballbot_power(base[i], exponent[i]);
-    }
-}
-
-void square_root(size_t count, const float *x, float *result)
-{
-    for (size_t i = 0; i < count; ++i) {
-        result[i] = ballbot_square_root(x[i]);
-    }
-}
-
-void arctangent(size_t count, const float *y, const float *x, float *result)
-{
-    for (size_t i = 0; i < count; ++i) {
-        result[i] = ballbot_arctangent(y[i], x[i]);
-    }
-}
+OF_ONE(exponential)
+OF_ONE(square_root)
+OF_TWO(power)
+OF_TWO(arctangent)

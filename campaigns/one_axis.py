@@ -10,9 +10,7 @@ EMPS, 2019. It is not part of Ballbot: put it into the folder emps of DIR.
 
 from __future__ import annotations
 
-import argparse
 import hashlib
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -25,7 +23,7 @@ from ballbot.identification.axis.checks import record_findings
 from ballbot.identification.axis.reading import AxisColumns, read_axis_record
 from ballbot.identification.axis.result import Estimate
 from campaigns.axis_machines import FAULTS, MACHINES, draw, record_of
-from campaigns.section import DataMissingError, Section, data_folder
+from campaigns.section import DataMissingError, Section, data_folder, print_section
 
 #: of the record
 SHA_256 = "6cf6814ae14618795da0101aae2bb97ff0c6351b0501b5492751b02b07facf7e"
@@ -227,13 +225,7 @@ def _distribution(trials: Sequence[Trial]) -> list[str]:
     return [*texts, f"{within} of {len(done)}", *covered, f"{elsewhere} of {len(done)}"]
 
 
-def main() -> None:
-    """Print the section."""
-    parser = argparse.ArgumentParser(description="Identify the axis of the public EMPS record.")
-    parser.add_argument("--data", required=True, help="the folder that holds emps/DATA_EMPS.mat")
-    os.environ["BALLBOT_DATA"] = parser.parse_args().data
-    print(campaign().markdown())
-
-
 if __name__ == "__main__":
-    main()
+    print_section(
+        campaign, description="Identify the axis of the public EMPS record.", holds="emps/DATA_EMPS.mat"
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -47,6 +48,23 @@ def data_folder() -> Path:
     if not folder or not Path(folder).is_dir():
         raise DataMissingError("it needs public data; set BALLBOT_DATA to the folder that holds them")
     return Path(folder)
+
+
+def print_section(campaign: Callable[[], Section], *, description: str, holds: str) -> None:
+    """Print the section of a campaign on public data; the option --data names their folder.
+
+    Parameters
+    ----------
+    campaign : callable
+    description : str
+        What the campaign does, one sentence.
+    holds : str
+        The file or folder that the folder of public data must hold.
+    """
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("--data", required=True, help=f"the folder that holds {holds}")
+    os.environ["BALLBOT_DATA"] = parser.parse_args().data
+    print(campaign().markdown())
 
 
 FOLDER = Path(__file__).parents[1] / "docs" / "images"

@@ -13,7 +13,7 @@ from ballbot.cli.main import main
 from ballbot.control.file import write_controller
 from ballbot.control.presets import adaptive, nominal_controller, precise_controller
 from ballbot.firmware.export import export_controller, exported_names
-from ballbot.firmware.host import compile_sources, compilers
+from ballbot.firmware.host import compile_sources, compilers, source_files
 from ballbot.robot.file import write_robot
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
 
@@ -78,6 +78,15 @@ def test_controller_that_cannot_be_exported_is_refused_in_one_sentence(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("lean", ["0", "-1", "nan", "inf", "1.21", "20"])
+def test_lean_that_no_robot_recovers_from_is_refused_in_one_sentence(given, tmp_path, capsys, lean):
+    assert export(given, tmp_path / "out", f"--lean={lean}") == 2
+    refusal = capsys.readouterr().err
+    assert "lean of the safety limits is" in refusal
+    assert refusal.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
 def test_gain_of_another_robot_is_refused():
     controller = nominal_controller(ROBOT)
     with pytest.raises(InputError, match=r"does not stabilise the robot .* They do not belong together"):
@@ -106,10 +115,25 @@ def test_what_is_exported_compiles_without_a_warning(compiler, tmp_path):
         folder = tmp_path / name
         flags = ("-c", f"-I{folder / 'ballbot'}", f"-I{folder}")
         for source in ("robot.c", "examples/bare_metal.c", "examples/rtos_task.c"):
-            compile_sources(folder / "one.o", [folder / source], flags=flags, compiler=compiler)
-    everything_else = sorted((tmp_path / "nominal" / "ballbot").rglob("*.c"))
-    for source in everything_else:
-        compile_sources(tmp_path / "one.o", [source], flags=("-c", "-O1"), compiler=compiler)
+            target = (folder / source).with_suffix(".o")
+            compile_sources(target, [folder / source], flags=flags, compiler=compiler)
+            assert target.stat().st_size
+    library = source_files(tmp_path / "nominal" / "ballbot")
+    assert [path.name for path in library] == [path.name for path in source_files()]
+    for source in library:
+        target = source.with_suffix(".o")
+        compile_sources(target, [source], flags=("-c", "-O1"), compiler=compiler)
+        assert target.stat().st_size
+
+
+@needs_compiler
+@pytest.mark.parametrize("compiler", ["gcc", "clang", "zig"])
+def test_warning_of_the_compiler_is_an_error(compiler, tmp_path):
+    if compiler not in compilers():
+        pytest.skip(f"{compiler} is missing")
+    (tmp_path / "one.c").write_text("int one(double x);\nint one(double x)\n{\n    return x;\n}\n")
+    with pytest.raises(InputError, match=r"(?s)refuses the sources.*conversion"):
+        compile_sources(tmp_path / "one.o", [tmp_path / "one.c"], flags=("-c",), compiler=compiler)
 
 
 @needs_compiler

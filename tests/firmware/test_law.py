@@ -15,6 +15,7 @@ from ballbot.control.records import converted
 from ballbot.firmware.header import SOURCES
 from ballbot.firmware.host import Library, compile_sources, compilers, library
 from campaigns import firmware_numbers
+from campaigns.firmware_estimators import DOUBLE
 from campaigns.firmware_numbers import TOLERANCE, Update, compare, of_a_branch, python_torques, updates
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
 
@@ -81,7 +82,7 @@ def test_reference_at_the_limit_of_speed_gives_the_torque_of_a_branch():
 def double_library(folder: Path) -> Library:
     """Return the law in double precision."""
     target = folder / "double.so"
-    flags = ("-O2", "-fPIC", "-shared", "-include", str(HERE / "double.h"), "-Wno-double-promotion", "-lm")
+    flags = ("-O2", "-fPIC", "-shared", "-include", str(DOUBLE), "-Wno-double-promotion", "-lm")
     compile_sources(target, LAW_SOURCES, flags=flags)
     return Library.open(target)
 

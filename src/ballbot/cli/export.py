@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
+
+from rich.console import RenderableType
+from rich.text import Text
 
 from ballbot.cli.context import input_files, open_result
 from ballbot.cli.controllers import warn_of_idle_compensation, warn_of_overcompensation
 from ballbot.cli.findings import Accept, check_robot
+from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
 from ballbot.files import write_text
-from ballbot.firmware.export import check_belongs, export_controller, exported_names
+from ballbot.firmware.export import Export, check_belongs, export_controller, exported_names
 from ballbot.firmware.records import FIRMWARE
-from ballbot.report.export import export_parts
+from ballbot.report.console import table
 from ballbot.robot import Robot
 
 
@@ -66,7 +71,30 @@ def export(
                 "state_bytes": exported.state_bytes,
             }
             result.write_json(results, new)
-    result.show(export_parts(exported, read, framed=result.console.is_terminal))
+    result.show(_parts(exported, read, framed=result.console.is_terminal))
     warn_of_idle_compensation({controller.name: read}, result.console)
     warn_of_overcompensation({controller.name: read}, described, result.console)
     result.show_file("README.md")
+
+
+def _parts(exported: Export, controller: Controller, *, framed: bool) -> Iterator[RenderableType]:
+    """Yield the controller, sizes and limits of an exported firmware."""
+    limits = exported.limits
+    parts = ", ".join(part.label for _, part in controller.parts.present()) or "none"
+    compensation = "no" if controller.compensation == "none" else controller.compensation
+    yield Text(
+        f"{len(exported.files)} files for {controller.robot.name}. Estimator: {controller.estimator}; {compensation} "
+        f"friction compensation; parts: {parts}."
+    )
+    rows = [
+        ["period", f"{1e3 * controller.sample_time:g} ms"],
+        ["numbers of the controller (flash)", f"{exported.parameter_bytes} bytes"],
+        ["state (RAM)", f"{exported.state_bytes} bytes"],
+        ["torque limit", f"{controller.torque_limit:.3g} N m"],
+        ["stops beyond a lean of", f"{limits.lean:g} rad"],
+        ["stops if a sample comes after more than", f"{1e3 * limits.max_interval:g} ms"],
+        ["stops after missing samples", f"{limits.max_missing + 1}"],
+        ["stops if a sensor repeats itself for", f"{limits.max_unchanged} samples"],
+        ["a wheel must turn under", f"{limits.turning_torque:.3g} N m"],
+    ]
+    yield table("firmware", ("quantity", "value"), rows, framed=framed)

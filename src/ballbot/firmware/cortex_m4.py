@@ -75,12 +75,11 @@ def instruction(code: bytes) -> tuple[int, int]:
     Raises
     ------
     ValueError
-        If the instruction is none that compiled code has.
+        If the instruction is not one that compilers generate for a Cortex-M4F.
     """
-    first = int.from_bytes(code[:2], "little")
+    first, second = _words(code)
     if first >> 11 < 0b11101:
         return 2, _short(first)
-    second = int.from_bytes(code[2:4], "little")
     if first & 0xEC00 == 0xEC00:
         return 4, _float(first, second)
     return 4, _long(first, second)
@@ -88,7 +87,7 @@ def instruction(code: bytes) -> tuple[int, int]:
 
 def branch_target(code: bytes, address: int) -> int | None:
     """Return where a branch with link (BL) at an address goes; None if it is another instruction."""
-    first, second = int.from_bytes(code[:2], "little"), int.from_bytes(code[2:4], "little")
+    first, second = _words(code)
     return (
         _target(first, second, address)
         if first >> 11 == 0b11110 and second >> 14 == 3 and second >> 12 & 1
@@ -98,7 +97,7 @@ def branch_target(code: bytes, address: int) -> int | None:
 
 def tail_call_target(code: bytes, address: int) -> int | None:
     """Return where an unconditional long branch (B.W) at an address goes; None if it is another instruction."""
-    first, second = int.from_bytes(code[:2], "little"), int.from_bytes(code[2:4], "little")
+    first, second = _words(code)
     return _target(first, second, address) if first >> 11 == 0b11110 and second & 0xD000 == 0x9000 else None
 
 
@@ -175,6 +174,7 @@ def _float(first: int, second: int) -> int:
 
 
 def _words(code: bytes) -> tuple[int, int]:
+    """Return the two halves of a 32-bit instruction; the second means nothing if the first is a 16-bit one."""
     return int.from_bytes(code[:2], "little"), int.from_bytes(code[2:4], "little")
 
 

@@ -95,7 +95,7 @@ class Image:
         return deepest(name, ())
 
     def reachable(self, name: str) -> set[str]:
-        """Return a function and all that it calls, and they."""
+        """Return the names of a function and of all that it calls, directly or through others."""
         found, left = {name}, [name]
         while left:
             new = self.calls(left.pop()) - found

@@ -74,7 +74,8 @@ def export_controller(controller: Controller, *, lean: float = 0.35) -> Export:
     Raises
     ------
     InputError
-        If the gain does not stabilise the robot, or single precision cannot hold the controller.
+        If the gain does not stabilise the robot, single precision cannot hold the controller, or the lean is not
+        above zero and at most 1.2 rad.
     """
     check_stabilises(controller)
     shaping = controller.parts.shaping

@@ -31,7 +31,7 @@ from ballbot.errors import InputError
 from ballbot.firmware.header import SOURCES
 from ballbot.firmware.records import STATE
 
-#: with which the library compiles without a warning
+#: warnings of the compiler, all of them errors; the library compiles without one
 WARNINGS = (
     "-Wall",
     "-Wextra",
@@ -45,7 +45,7 @@ WARNINGS = (
     "-Wvla",
     "-Werror",
 )
-#: on which the numbers depend: no fused multiply-add, no reordering
+#: options that the numbers depend on: no fused multiply-add, no reordering
 NUMERICS = ("-std=c99", "-ffp-contract=off", "-fno-fast-math", "-fno-math-errno")
 _SHARED = ("-O2", "-fPIC", "-shared")
 
@@ -191,12 +191,12 @@ def _typed(functions: ctypes.CDLL) -> ctypes.CDLL:
 
 @cache
 def library() -> Library:
-    """Return the library, compiled once for this process by the first compiler that there is.
+    """Return the library, compiled once for this process by the first of `compilers`.
 
     Raises
     ------
     InputError
-        If there is none.
+        If this computer has no C compiler, or the compiler refuses the sources.
     """
     folder = tempfile.mkdtemp(prefix="ballbot-firmware-")
     try:
@@ -209,12 +209,12 @@ def library() -> Library:
 
 
 class CompiledController:
-    """A controller's law in C, as a controller: it takes a state and a reference, as every plant of Ballbot gives them.
+    """A control law in C with the interface of `Controller`, so that every plant of Ballbot can run it.
 
     Parameters
     ----------
     controller : Controller
-        It stays as it is.
+        Not changed; its numbers are copied.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """The records of the firmware: a controller's parameters, and the state that the application owns.
 
-They are made of the records of the control law, of the estimators and of the safety layer. `FIRMWARE` is all of them;
-its digest stands in the C sources and in every exported controller.
+They consist of the records of the control law, the estimators and the safety layer. `FIRMWARE` holds all of them.
+Its digest is compiled into the C library and written into every exported controller.
 """
 
 from __future__ import annotations
