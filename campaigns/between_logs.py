@@ -427,8 +427,8 @@ def coulomb_variation() -> Section:
         rows=rows,
         after="On each log's held-out windows the error with the Stribeck law is smaller than with the Coulomb law by "
         f"{np.mean(gains):.1f} % in the mean ({min(gains):.1f} to {max(gains):.1f} %), but such a log does not "
-        "separate c from s. The Coulomb equivalent is what "
-        "`results.json` has to compare logs and robots: the value at rest of the straight line nearest to the dry "
+        "separate c from s. To compare logs and robots, `results.json` has the Coulomb equivalent: "
+        "the value at rest of the straight line nearest to the dry "
         "friction over the speeds driven (`src/ballbot/identification/coulomb.py`). It was chosen on the "
         "ten logs; the last row is of others.",
     )

@@ -4,9 +4,9 @@
 
 Whole logs hardly ever have wrong placements, and no constant could be fitted to them. So each log is judged on windows
 of a few seconds, cut out at random, as if the rest had not been recorded. `LEAST_RATIO` and `EACH_SECOND` of
-`ballbot.log.mapping_inference.placements` and `ballbot.log.mapping_inference.commands` were chosen on such windows: the
-largest with which an answer of confidence 0.9 or more is hardly ever wrong. An assignment is judged only if the whole
-log's frame is right.
+`ballbot.log.mapping_inference.commands`, and `LEAST_RATIO` of `ballbot.log.mapping_inference.placements`, were chosen
+on such windows, so that an answer of confidence 0.9 or more is hardly ever wrong. An assignment is judged only if the
+whole log's frame is right.
 """
 
 from __future__ import annotations
@@ -29,19 +29,27 @@ from ballbot.log.mapping_inference.placements import Placement, even_azimuths
 from ballbot.log.mapping_inference.proposal import Proposal, log_mapping, propose
 from ballbot.robot import Robot
 from campaigns.foreign_logs import Habits, columns_of, draw, write
-from campaigns.mapping_corpus import HABITS_SEED, MOTIONS, ROBOTS, Half, dead_band, recording, robot_named
+from campaigns.mapping_corpus import (
+    HABITS_SEED,
+    MOTIONS,
+    ROBOTS,
+    TORQUE_ERROR,
+    WHEEL_ERROR,
+    Half,
+    dead_band,
+    recording,
+    robot_named,
+)
 
 #: lengths of the windows [s], and windows of each length of a log
 LENGTHS, EACH = (4.0, 6.0, 8.0, 12.0), 2
-#: two assignments whose torques differ by less than this part of their size are one
-SAME_TORQUES = 0.2
 
 Question = Literal["wheels", "commands"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
-    """What a window shows."""
+    """The answer to one question from one window."""
 
     question: Question
     half: Half
@@ -121,7 +129,7 @@ def _same(
     real = (moved * np.asarray(true[1]))[:, np.argsort(true[0])]
     size = np.maximum(real.std(axis=0), 1e-9)
     return any(
-        float((np.std(mine - sign * np.roll(real, turn, axis=1), axis=0) / size).max()) < 0.03
+        float((np.std(mine - sign * np.roll(real, turn, axis=1), axis=0) / size).max()) < WHEEL_ERROR
         for turn in range(robot.wheel_count)
         for sign in (1.0, -1.0)
     )
@@ -156,7 +164,7 @@ def _commands(
     ]
     mine = (commands * np.asarray(found.signs))[:, np.argsort(found.wheels)]
     real = (commands * np.asarray(signs))[:, np.argsort([wheel for wheel, _ in true])]
-    return found.confidence, float(np.std(mine - real, axis=0).max() / np.std(real)) < SAME_TORQUES
+    return found.confidence, float(np.std(mine - real, axis=0).max() / np.std(real)) < TORQUE_ERROR
 
 
 if __name__ == "__main__":

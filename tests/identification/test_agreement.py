@@ -6,7 +6,7 @@ import pytest
 from ballbot import Robot
 from ballbot.control.overcompensation import stated_covariance
 from ballbot.identification.agreement import (
-    LEAST_CHANCE,
+    LEAST_P_VALUE,
     StageEstimate,
     agreement_findings,
     compare,
@@ -40,7 +40,7 @@ def test_chance_is_reported_as_rarely_as_it_should_be():
         )
         reported += bool(agreement_findings(one, other))
     # binomial: 10.8 expected, three deviations either way
-    assert abs(reported - draws * LEAST_CHANCE) < 3.0 * np.sqrt(draws * LEAST_CHANCE)
+    assert abs(reported - draws * LEAST_P_VALUE) < 3.0 * np.sqrt(draws * LEAST_P_VALUE)
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,8 @@ Log k gives a parameter the estimate y_k, with the variance v_k that its own res
 where a_k is what changes from log to log and the model lacks: the way driven, where the rollers touch, the floor, the
 drift of a sensor. Little is known of tau from few logs, and nothing from one. Other robots, with two logs or more
 each, give it a prior, tau^2 ~ scaled inverse chi-squared of nu degrees and scale s (`fit_prior`). It is the one under
-which the other logs of each robot predict the one left out best. How well that one determines the parameter is not
-known beforehand, so tau contains what its error varies from log to log. With
+which the other logs of each robot predict the one left out best. The error of that one is not known beforehand and
+counts as the median of theirs, so tau also contains the variation of the errors from log to log. With
 
     w_k = 1 / (v_k + tau^2),   V = 1 / sum w_k,   m = V sum w_k y_k
 
@@ -71,7 +71,7 @@ class LogVariation:
     """A parameter over several logs of one robot, or one."""
 
     mean: float  #: theta: mean of its distribution
-    parameter: Limits95  #: for theta, what the logs of this robot have in common
+    parameter: Limits95  #: for theta, the mean over all logs of this robot
     prediction: Limits95  #: for the estimate from another log
     between: float  #: tau: median of its distribution
     between_limits: Limits95
@@ -84,7 +84,7 @@ def vary(
     prior: VariancePrior,
     next_error: float,
 ) -> LogVariation:
-    """Return what the estimates from logs of one robot say of another log's.
+    """Return the distribution of a parameter over logs of one robot, from the estimates of some.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def interval_score(limits: Limits95, value: float) -> float:
 
 
 def _taus(prior: VariancePrior, estimates: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the values of tau that count, (g,): the prior's, and up to well beyond what the estimates differ by."""
+    """Return a grid of tau (g,): the prior's range, extended well beyond the range of the estimates."""
     lowest, highest = _RANGE[0] * prior.scale, _RANGE[1] * prior.scale
     highest = max(highest, 10.0 * float(np.ptp(estimates)))
     return np.exp(np.linspace(np.log(lowest), np.log(highest), _GRID))

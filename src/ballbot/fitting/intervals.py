@@ -173,6 +173,10 @@ LARGEST_RATIO = 1.5
 WIDEST = 0.25
 
 
+#: half the width of a 95 % interval of a normal variable, in its deviations
+_HALF_WIDTH = 1.96
+
+
 @dataclass(frozen=True, kw_only=True)
 class Interval:
     """A 95 % confidence interval of a parameter, SI units; infinite on a side that the logs do not limit."""
@@ -180,6 +184,12 @@ class Interval:
     lower: float
     upper: float
     method: Method
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of a normal variable with an interval of this width; NaN if a side is infinite."""
+        width = self.upper - self.lower
+        return width / (2.0 * _HALF_WIDTH) if math.isfinite(width) else math.nan
 
     def __contains__(self, value: float) -> bool:
         """Return whether a value lies within."""

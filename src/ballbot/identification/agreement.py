@@ -4,8 +4,8 @@ With estimates x and y of k quantities and their covariances, which are independ
 
     chi^2 = (x - y)^T (P_x + P_y)^-1 (x - y)
 
-is the square of their difference in its errors, with k degrees of freedom if nothing but chance makes them differ. A
-difference that chance explains in fewer than `LEAST_CHANCE` of cases is reported, with the effect that may be missing:
+is the squared difference in units of its errors. If both estimate the same values, it is chi-squared distributed with k
+degrees of freedom. A difference with a p-value below `LEAST_P_VALUE` is reported, with the effect that may be missing:
 
 - *One factor.* If y is x times one factor within the errors, the two logs' torques differ in scale.
 - *Losses of rollers, ball and floor.* On the nominal twin, balancing finds 1.9 times the b and 0.8 times the c of a
@@ -31,8 +31,8 @@ from ballbot.identification.quantities import BY_NAME, Layout
 from ballbot.robot import Robot
 
 #: three standard deviations of one number. Standard errors are known to a fifth or so: at two, one comparison in
-#: twenty would report chance, and an error underestimated by a fifth makes that one in nine
-LEAST_CHANCE = 0.0027
+#: twenty would be a false alarm, and one in nine with an error underestimated by a fifth
+LEAST_P_VALUE = 0.0027
 #: the symbols whose errors are near to normal, and the sign of what losses of rollers, ball and floor add to them
 _ROLLERS = {"b": 1, "c": -1, "C_rr": 1}
 _WORDS = {"more": 1, "less": -1}
@@ -44,7 +44,7 @@ _DIRECTION = 2.0
 class StageEstimate:
     """Estimates of k quantities by one stage."""
 
-    source: str  #: what they come from, as in "the sweep"
+    source: str  #: in words, as "the sweep"
     labels: tuple[str, ...]  #: (k,) "b1", "c1", ..., "C_rr"
     values: NDArray[np.float64]  #: (k,), SI units
     covariance: NDArray[np.float64]  #: (k, k); NaN or zero for a number without standard error
@@ -92,8 +92,8 @@ class Agreement:
         return _squared(self.difference, self.covariance)
 
     @property
-    def chance(self) -> float:
-        """Probability of so large a difference if both estimate the same value (p-value)."""
+    def p_value(self) -> float:
+        """Probability of so large a difference if both estimate the same values."""
         return float(chi2.sf(self.chi_squared, len(self.difference)))
 
     @property
@@ -124,8 +124,8 @@ class Agreement:
         for _ in range(20):  # the covariance depends on k: a few repetitions settle it
             weight = np.linalg.pinv(k**2 * self.first.covariance + self.second.covariance, hermitian=True)
             k = float(x @ weight @ y) / float(x @ weight @ x)
-        left = _squared(y - k * x, k**2 * self.first.covariance + self.second.covariance)
-        return k if k > 0.0 and chi2.sf(left, count - 1) > LEAST_CHANCE else None
+        misfit = _squared(y - k * x, k**2 * self.first.covariance + self.second.covariance)
+        return k if k > 0.0 and chi2.sf(misfit, count - 1) > LEAST_P_VALUE else None
 
 
 def _squared(difference: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:
@@ -136,7 +136,7 @@ def _squared(difference: NDArray[np.float64], covariance: NDArray[np.float64]) -
 
 
 def compare(first: StageEstimate, second: StageEstimate) -> Agreement | None:
-    """Return the comparison of what both estimate, None if there is nothing."""
+    """Return the comparison of the quantities that both estimate, None if they have none in common."""
     both = [label for label in first.known if label in second.known]
     return Agreement(first=first.among(both), second=second.among(both)) if both else None
 
@@ -144,7 +144,7 @@ def compare(first: StageEstimate, second: StageEstimate) -> Agreement | None:
 def agreement_findings(first: StageEstimate, second: StageEstimate) -> list[Finding]:
     """Return a warning if two stages differ by more than their errors, with the effect that may be missing."""
     found = compare(first, second)
-    if found is None or found.chance > LEAST_CHANCE:
+    if found is None or found.p_value > LEAST_P_VALUE:
         return []
     order = np.argsort(-np.abs(found.deviations))[:3]
     named = ", ".join(

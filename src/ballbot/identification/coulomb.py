@@ -1,12 +1,16 @@
 """The Coulomb friction that compares logs and robots if the friction law has a Stribeck part.
 
 A log of balancing hardly separates c, the dry friction at high speed, from s, which adds to it at low speed: their
-errors are opposite, and over ten logs of one robot c alone varies by a third. What the log determines is the curve at
-the speeds driven. So the identified dry friction c + s E(w) is replaced by the straight line c_e + a w nearest to it
-from rest to the speed W that 95 % of the log's speeds stay below, in the mean of squares over that range. Its value at
-rest c_e is what a law without Stribeck part calls Coulomb friction. With x = w / W from 0 to 1,
+errors are opposite, and over ten logs of one robot c alone varies by a third (`python -m campaigns.evidence
+coulomb_variation`). The log determines the curve at the speeds driven. So the identified dry friction c + s E(w) is
+replaced by the straight line c_e + a w nearest to it from rest to the speed W that 95 % of the log's speeds stay below,
+in the mean of squares over that range. Its value at rest c_e corresponds to the Coulomb friction of a law without
+Stribeck part. With x = w / W from 0 to 1,
 
     c_e = c + s (4 A - 6 B)        A = int E dx,  B = int x E dx        E = exp(-|W x / v_s|^delta)
+
+The standard error follows from those of c, s, v_s and delta and their correlations. It holds W constant, and each
+parameter without standard error, as v_s or delta at a bound. It contains no variation between logs.
 """
 
 from __future__ import annotations
@@ -19,9 +23,9 @@ from numpy.typing import NDArray
 from ballbot.identification.quantities import Layout
 from ballbot.mechanics.friction import stribeck_decay
 
-#: of the speeds driven, below W
+#: of the speeds driven that are below W
 SHARE = 0.95
-#: values of x; more change c_e by less than 1e-5 of s
+#: values of x; more change c_e by less than 4e-5 of s, for v_s of 0.05 to 3 rad/s, delta of 0.1 to 10 and W to 3 rad/s
 _POINTS = 2000
 #: a derivative is a difference over this share of a parameter
 _STEP = 1e-4
@@ -32,7 +36,7 @@ class CoulombEquivalent:
     """Coulomb friction of each wheel by the straight line nearest to its dry friction."""
 
     values: NDArray[np.float64]  #: c_e (n,) [N m]
-    standard_errors: NDArray[np.float64]  #: (n,) [N m], under the conditions of these logs; NaN if c has none
+    standard_errors: NDArray[np.float64]  #: (n,) [N m]; see the module's text; NaN if c has none
     speeds: NDArray[np.float64]  #: W (n,) [rad/s]
 
     def to_dict(self) -> dict[str, object]:
@@ -96,13 +100,14 @@ def _weight_of_s(speeds: NDArray[np.float64], v_s: float, delta: float) -> NDArr
 
 
 def coulomb_sentence(found: CoulombEquivalent) -> str:
-    """Return the sentence that a report has of it."""
+    """Return the sentences of a report."""
     each = ", ".join(
         f"{value:.3g} ± {error:.2g}" if np.isfinite(error) else f"{value:.3g}"
         for value, error in zip(found.values, found.standard_errors, strict=True)
     )
+    top = ", ".join(f"{speed:.2g}" for speed in found.speeds)
     return (
-        f"Coulomb friction to compare with other logs and robots: {each} N m. It is the value at rest of the straight "
-        f"line nearest to the dry friction up to {found.speeds.min():.2g} rad/s or more; c and s each are determined "
-        "less well than this."
+        f"Coulomb equivalent of each wheel: {each} N m. Compare this with other logs and robots, not c or s, which are "
+        "less well determined. It is the value at rest of the straight line nearest to the dry friction up to "
+        f"{top} rad/s. Standard errors are for the conditions of these logs; v_s or delta at a bound counts as known."
     )

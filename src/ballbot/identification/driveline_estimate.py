@@ -87,8 +87,15 @@ class InnovationFit:
 
     @cached_property
     def jacobian(self) -> NDArray[np.float64]:
-        """Their derivatives (m, p) by the scaled parameters; zero by those held."""
-        return self._central_slopes()
+        """Their derivatives (m, p) by the scaled parameters, by central differences; zero by those held."""
+        z, chosen = self.point, np.flatnonzero(self.coordinates.free)
+        moves = _DIFFERENCE * np.eye(len(z))[chosen]
+        ahead, behind = np.minimum(z + moves, 1.0), np.maximum(z - moves, 0.0)
+        both = self.at(np.concatenate([ahead, behind]))
+        result = np.zeros((both.shape[1], len(z)))
+        widths = (ahead - behind)[np.arange(len(chosen)), chosen]
+        result[:, chosen] = ((both[: len(chosen)] - both[len(chosen) :]) / widths[:, None]).T
+        return result
 
     @property
     def residual_count(self) -> int:
@@ -121,10 +128,11 @@ class InnovationFit:
         """The block of time of each innovation (m,)."""
         length = max(1, round(_BLOCK / self.track.sample_time))
         sizes = [end - first - 1 for first, end in self.track.pieces]
-        settled = innovation_count(self.track) / sum(sizes)
+        innovations_in_all = len(self.track.moving)
+        settled = innovations_in_all / sum(sizes)
         # a piece's innovations begin a few samples after it, which shifts the blocks' edges only
         counts = [round(settled * size) for size in sizes]
-        counts[-1] = innovation_count(self.track) - sum(counts[:-1])
+        counts[-1] = innovations_in_all - sum(counts[:-1])
         firsts = [first for first, _ in self.track.pieces]
         rows = np.concatenate([first + np.arange(count) for first, count in zip(firsts, counts, strict=True)])
         return np.unique(rows // length, return_inverse=True)[1].astype(np.int64)
@@ -170,22 +178,6 @@ class InnovationFit:
         points[np.arange(len(places)), places] += steps
         found = self.at(points)
         return ((found[:-1] - found[-1]) / steps[:, None]).T
-
-    def _central_slopes(self) -> NDArray[np.float64]:
-        """Return the derivatives (m, p) here by central differences, for the covariance; zero by those held."""
-        z, chosen = self.point, np.flatnonzero(self.coordinates.free)
-        moves = _DIFFERENCE * np.eye(len(z))[chosen]
-        ahead, behind = np.minimum(z + moves, 1.0), np.maximum(z - moves, 0.0)
-        both = self.at(np.concatenate([ahead, behind]))
-        result = np.zeros((both.shape[1], len(z)))
-        widths = (ahead - behind)[np.arange(len(chosen)), chosen]
-        result[:, chosen] = ((both[: len(chosen)] - both[len(chosen) :]) / widths[:, None]).T
-        return result
-
-
-def innovation_count(track: Track) -> int:
-    """Return how many innovations a track has."""
-    return len(track.moving)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,7 +1,7 @@
 """The robot that a sweep of its free wheels describes, and whether its file agrees.
 
 Each wheel has its own v_s and delta; a robot file has one of each, the mean over the wheels that determine it. Its
-standard deviation is that of one wheel's: from the errors of the mean, and from what the wheels differ by.
+standard deviation is that of a single wheel's value: it combines the errors of the mean with the scatter of the wheels.
 """
 
 from __future__ import annotations
@@ -20,8 +20,6 @@ from ballbot.robot import Friction, Robot
 _LINES = tuple(
     f"friction.{name}" for name in ("viscous", "coulomb", "stribeck", "stribeck_speed", "stribeck_exponent")
 )
-#: half the width of a 95 % interval of a normal variable, in its deviations
-_HALF = 1.96
 
 
 def _friction(values: NDArray[np.float64], known: NDArray[np.bool_], *, rolling: float) -> Friction:
@@ -60,7 +58,7 @@ def robot_of_sweep(robot: Robot, fits: Sequence[DrivelineFit], *, log: str) -> R
     sources = dict.fromkeys(_LINES, f"identified: sweep of the free wheels, {log}")
 
     def robot_of(parameters: NDArray[np.float64]) -> Robot:
-        # what the wheels' v_s and delta differ by, beside their errors, moves the means alone
+        # the last two parameters are the scatter of v_s and delta between wheels; it shifts their means only
         shifted = parameters[:-2].reshape(-1, len(NAMES)).copy()
         shifted[:, 3:] += parameters[-2:]
         return robot.replace(friction=_friction(shifted, known, rolling=rolling))
@@ -103,8 +101,8 @@ def _deviation(fit: DrivelineFit, place: int) -> float:
     interval = fit.intervals.get(NAMES[place])
     if fit.unknown[place] or interval is None:
         return np.nan
-    width = interval.upper - interval.lower
-    return float(np.fmax(width / (2.0 * _HALF), fit.standard_errors[place])) if np.isfinite(width) else np.nan
+    deviation = interval.deviation
+    return float(np.fmax(deviation, fit.standard_errors[place])) if np.isfinite(deviation) else np.nan
 
 
 def sweep_estimate(fits: Sequence[DrivelineFit]) -> StageEstimate:

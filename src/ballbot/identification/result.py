@@ -111,7 +111,7 @@ class Identification:
     ]  #: of 95 %, by label; none for a parameter without influence, held or refused
     variation: Variation  #: between logs: intervals for the estimate from another one
     correlation: NDArray[np.float64]  #: (p, p); NaN for parameters without standard error
-    coulomb: CoulombEquivalent  #: to compare with other logs, if the law has a Stribeck part
+    coulomb: CoulombEquivalent  #: to compare logs and robots; see `ballbot.identification.coulomb`
     fit: WindowErrors  #: on the windows fitted
     held_out: WindowErrors  #: on the windows that were held out
     fit_windows: tuple[Span, ...]
@@ -142,8 +142,7 @@ class Identification:
         The standard deviations in the robot's file also contain the variation between logs; see
         `ballbot.identification.stated_uncertainty`.
         """
-        values = (np.atleast_1d(value) for value in self.standard_errors.values())
-        errors = np.nan_to_num(np.concatenate(list(values)))
+        errors = np.nan_to_num(np.concatenate([np.atleast_1d(one) for one in self.standard_errors.values()]))
         return errors[:, None] * np.nan_to_num(self.correlation) * errors
 
     def to_dict(self) -> dict[str, object]:

@@ -17,15 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.fitting.intervals import Interval, Uncertainty
+from ballbot.fitting.intervals import Uncertainty
 from ballbot.robot import Robot
 from ballbot.robot.components import BY_NAME, Correlation
 from ballbot.robot.parameters import Value, value_of
 
 #: derivatives are differences over this share of a deviation
 _STEP = 0.1
-#: half the width of a 95 % interval of a normal variable, in its deviations
-_HALF = 1.96
 #: a number that changes by less, relative to its size, does not depend on a parameter
 _UNCHANGED = 1e-12
 
@@ -40,13 +38,9 @@ def deviations_of(
     """
     largest = np.fmax(uncertainty.standard_errors, uncertainty.bootstrap_errors)
     largest = np.where(np.isfinite(of_robot), of_robot, largest)
-    widths = np.array([_width(uncertainty.intervals.get(label)) for label in labels])
-    return np.where(np.isfinite(largest), largest, widths / (2.0 * _HALF))
-
-
-def _width(interval: Interval | None) -> float:
-    width = np.nan if interval is None else interval.upper - interval.lower
-    return float(width) if np.isfinite(width) else np.nan
+    intervals = [uncertainty.intervals.get(label) for label in labels]
+    by_interval = np.array([np.nan if one is None else one.deviation for one in intervals])
+    return np.where(np.isfinite(largest), largest, by_interval)
 
 
 def parameter_covariance(

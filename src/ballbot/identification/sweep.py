@@ -13,8 +13,8 @@ and S their covariance by the sweep,
     K = C H^T (H C H^T + S)^-1        x' = x - K r        C' = C - K H C
 
 Friction under the robot's weight is not always that of a free wheel. A measurement that contradicts the logs by more
-than `CONTRADICTS` of its errors is left out, and a finding reports it. Another compares all of them at once
-(`ballbot.identification.agreement`).
+than `CONTRADICTS` of its errors is left out, and a finding reports it. Another finding compares all of them
+at once (`ballbot.identification.agreement`).
 """
 
 from __future__ import annotations

@@ -90,7 +90,7 @@ def robust_design_parts(found: RobustDesign, *, framed: bool) -> Iterator[Render
 
 
 def _perturbed_by(spread: PerturbationRanges) -> str:
-    """Return what the perturbed robots' mass, height and friction were drawn from."""
+    """Return the sentence on the ranges or standard deviations of the perturbed mass, height and friction."""
     ranges = {"mass": spread.mass, "height": spread.height, "friction": spread.friction}
     known = [name for name, share in ranges.items() if share is None]
     ranged = [f"{name} within {100.0 * share:g} %" for name, share in ranges.items() if share is not None]

@@ -126,11 +126,11 @@ def _by_wheel(
 
 #: part of the standard errors by which one assignment is behind another that is believed
 BELIEVED_ERRORS = 0.6
-#: logarithm of the ratio of two squared errors from which it counts, too, and what a second then counts. `python -m
+#: logarithm of the ratio of two squared errors from which it counts, too, and its weight for each second. `python -m
 #: campaigns.mapping_windows 24` gives 165 of 222 windows of 6 to 12 s a confidence above 0.9; one of these is wrong
 LEAST_RATIO, EACH_SECOND = 0.2, 0.75
 #: probability that motors are numbered as encoders; that each motor turns for a positive command as its encoder counts,
-#: or all motors turn alike, whatever an encoder counts; the rest is for any signs
+#: or all motors turn alike, whatever an encoder counts; the rest is for any signs. Chosen, not measured
 SAME_ORDER, AS_ENCODERS, ALL_ALIKE = 0.8, 0.5, 0.3
 
 

@@ -13,8 +13,8 @@ from ballbot.log.mapping_inference.proposal import Proposal
 from ballbot.log.mapping_inference.tolerances import command_delay_confidence, turn_confidence
 from ballbot.log.mapping_inference.units import Scale, time_conclusion
 
-#: probability that columns are about the world's axes: theta and phi, as papers on ball balancing call them; angles of
-#: one letter, theta_x and theta_y, as an IMU's three are often called; roll and pitch
+#: prior probability that columns are about the world's axes, chosen and not measured: theta and phi, as papers on ball
+#: balancing call them; angles of one letter, theta_x and theta_y, as an IMU's three are often called; roll and pitch
 WORLD_THETA_PHI, WORLD_ONE_LETTER, WORLD_ROLL_PITCH = 0.5, 0.15, 0.01
 #: a heading that turns by less than this [rad] around its mean leaves no question of the lean's axes: the other
 #: reading turns the lean by no more

@@ -1,7 +1,8 @@
 """All placements of the wheels: how well every order and every choice of signs fits a log of balancing.
 
-What is left of the lean's acceleration, and how much of the wheels' motion is neither lean nor heading, both from sums
-over blocks of the log, so that every placement, with each block left out in turn, takes a small system of equations.
+A placement is judged by the residual of the lean's acceleration, and by the part of the wheels' motion that is neither
+lean nor heading. Both come from sums over blocks of the log, so that every placement, with each block left out in turn,
+takes a small system of equations.
 """
 
 from __future__ import annotations
@@ -27,13 +28,14 @@ USUAL_REST, LARGEST_REST = 0.5, 0.85
 LEAST_TOGETHER = 0.003
 #: before the log is seen: wheels in the robot's order, and in the opposite one; wheels of equal signs
 OWN_ORDER, MIRRORED_ORDER, EQUAL_SIGNS = 0.55, 0.25, 0.6
-#: part of the standard errors by which a placement is behind the best that is believed, and power of how usual it is
-#: in the confidence: habits choose between placements that fit alike, but do not make one certain
+#: part of the standard errors by which a placement is behind the best that is believed, and power of the prior in the
+#: confidence: a usual order is preferred among placements that fit alike, but does not make one certain
 BELIEVED_ERRORS, BELIEVED_USUAL = 0.6, 0.7
 #: logarithm of the ratio of two misfits from which each second counts as one normal error. `python -m
 #: campaigns.mapping_windows 24` gives 245 of 317 windows of 4 to 12 s a confidence above 0.9, and none of them is wrong
 LEAST_RATIO = 0.2
-#: placements whose wheels differ by less than this part of their angles are one
+#: placements whose wheels differ by less than this part of their angles count as one; a mapping whose wheels are off by
+#: 0.03 is still right (campaigns/mapping_corpus.py)
 SAME_WHEELS = 0.02
 #: wheel speed (root of the sum of squares) below which the ball hardly rolls, and rolling friction has no sign [rad/s]
 ROLLING = 0.2
@@ -177,8 +179,8 @@ def _weighed(
 ) -> dict[int, float]:
     """Return the probability of each placement, by its place in `every`, the likeliest first.
 
-    `usual` is the power of how usual it is. A placement is behind the best by the jackknife of what the best gains, or
-    by so much that few seconds are enough.
+    `usual` is the power of the prior. A placement is behind the best by the jackknife of the best's gain, or by so much
+    that few seconds are enough.
     """
     best, seconds = int(np.argmin(score)), len(blocks) * BLOCK
     weights = {}
@@ -193,7 +195,7 @@ def _weighed(
     return probabilities(weights)
 
 
-#: less probable placements are not compared with the best
+#: less probable placements are not compared with the best: they would add little to its confidence
 TINY_PROBABILITY = 1e-3
 
 
