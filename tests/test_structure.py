@@ -11,7 +11,7 @@ SOURCE = Path(ballbot.__file__).parent
 #: a package may import those before it; what stands at the root of the source may be imported by all
 PACKAGES = (
     "robot", "mechanics", "log", "estimation", "control", "simulation", "twin", "fitting",
-    "identification", "validation", "vision", "workflows", "firmware", "report", "thesis", "cli",
+    "identification", "validation", "vision", "workflows", "firmware", "link", "report", "thesis", "cli",
 )  # fmt: skip
 MOST_PARAMETERS = 9
 LONGEST_BODY = 60

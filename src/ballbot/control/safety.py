@@ -52,6 +52,7 @@ class StopReason(StrEnum):
     TORQUE = "torque"  #: a torque that is not a finite number
     LATE = "late"  #: more time between two samples than is allowed
     STUCK = "stuck"  #: a sensor that gives the same value sample after sample
+    LINK = "link"  #: no valid frame from the host for too long
 
 
 @dataclass(frozen=True, kw_only=True)

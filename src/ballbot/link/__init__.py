@@ -1,0 +1,8 @@
+"""The link to a robot: messages in frames over a serial line, UDP or an emulated robot.
+
+messages     what host and robot send each other: one schema each, from which the structs in C are written too
+frames       messages to bytes and back, with every check that a frame must pass
+transport    serial port, UDP and TCP behind three functions
+datagram     datagrams signed with the robot's key
+session      handshake, watchdogs, arming in two steps, parameters: the host's side of a connection
+"""

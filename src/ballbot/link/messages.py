@@ -1,0 +1,348 @@
+"""What host and robot send each other.
+
+A message is a frozen dataclass whose fields carry unit and shape, as records of the control law do. `Schema.dtype`
+gives its bytes: numbers of 4 bytes, little-endian, in order. The structs in C are written from the
+same schemas, so that both sides agree; a digest of all messages is exchanged in the handshake.
+
+    host -> robot    Hello Keep SelfTest Arm Disarm Reference Torques Read Write Commit AskCounts
+    robot -> host    Welcome State Answer Parameters Counts
+    to and from the sensors and motors of an emulated robot    Sensors Motors
+
+`docs/link.md` describes the protocol.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from enum import IntEnum
+from hashlib import sha256
+from typing import ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.records import MAX_WHEELS, Schema, number, schema_of, whole
+from ballbot.firmware.records import DIGEST_WORDS, FIRMWARE, schema_words
+
+#: of the protocol, in every frame
+VERSION = 1
+#: longest time without a valid frame [s]: the robot stops, the host stops sending
+WATCHDOG = 0.05
+#: for which an answer to the first step of arming is good [s]
+CONFIRMATION_TIME = 10.0
+#: numbers of 4 bytes that one message of parameters carries
+PARAMETER_WORDS = 32
+#: longest time between two `State` messages that a host can ask for [s]
+LONGEST_STATE_INTERVAL = 0.02
+
+
+class Layer(IntEnum):
+    """The checks that a frame must pass, in order. Each counts the frames that it refuses."""
+
+    FRAMING = 0  #: the bytes between two zeros are COBS
+    LENGTH = 1  #: neither shorter than a frame without a body nor longer than the longest
+    CHECKSUM = 2  #: CRC-32
+    VERSION = 3
+    TYPE = 4  #: known, and meant for this side
+    BODY = 5  #: the length that the type has
+    SESSION = 6  #: of the handshake
+    SEQUENCE = 7  #: newer than the last
+    VALUES = 8  #: finite and in range
+
+
+LAYERS = len(Layer)
+
+
+class Result(IntEnum):
+    """Answers of the robot to a command."""
+
+    OK = 0
+    CONFIRM = (
+        1  #: first step of arming: `value` must come back within `CONFIRMATION_TIME`, confirmed at the host
+    )
+    SELF_TEST = 2  #: the self-test has not passed
+    ACTIVE = 3  #: only while disarmed and without a self-test that runs
+    NONCE = 4  #: arming was not asked for, too long ago, or the number is another
+    BUTTON = 5  #: this robot needs its own button as well
+    RANGE = 6  #: beyond the parameters
+    CHECKSUM = 7  #: the parameters that were written have another CRC-32; `value` is that CRC-32
+    PARAMETERS = 8  #: the robot does not accept these parameters
+    VALUES = 9  #: a value is not finite or out of range
+    DISARMED = 10  #: only while armed
+
+
+class ControllerPlace(IntEnum):
+    """Where the controller runs that an armed robot obeys."""
+
+    ROBOT = 0
+    HOST = 1
+
+
+class Capability(IntEnum):
+    """Bits of `Welcome.capabilities`."""
+
+    EMULATED = 1  #: sensors and motors are emulated
+    BUTTON = 2  #: arming needs the robot's own button
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Hello:
+    """Open a session. The frame's session is a random number of the host; the robot's answer has the session."""
+
+    TYPE: ClassVar[int] = 1
+    firmware: NDArray[np.int32] = field(metadata=whole(DIGEST_WORDS))  #: schema of parameters and state
+    messages: NDArray[np.int32] = field(metadata=whole(DIGEST_WORDS))  #: schema of the messages
+    state_every: int = field(metadata=whole())  #: samples from one `State` to the next
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Keep:
+    """Show that the host is there."""
+
+    TYPE: ClassVar[int] = 2
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SelfTest:
+    """Start the self-test."""
+
+    TYPE: ClassVar[int] = 3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Arm:
+    """Arm in two steps: ask with the number 0, then return the number that the robot answered."""
+
+    TYPE: ClassVar[int] = 4
+    nonce: int = field(metadata=whole())
+    controller: int = field(metadata=whole())  #: a `ControllerPlace`
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Disarm:
+    """Disarm, or end a self-test."""
+
+    TYPE: ClassVar[int] = 5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reference:
+    """Give the controller on the robot a reference; it holds until the next one."""
+
+    TYPE: ClassVar[int] = 6
+    reference: NDArray[np.float32] = field(metadata=number("state", 10))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Torques:
+    """Give the torques of a controller on the host; they pass the robot's safety layer."""
+
+    TYPE: ClassVar[int] = 7
+    torques: NDArray[np.float32] = field(metadata=number("N m", MAX_WHEELS))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Read:
+    """Ask for a part of the parameters."""
+
+    TYPE: ClassVar[int] = 8
+    offset: int = field(metadata=whole())  #: in words
+    count: int = field(metadata=whole())
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Write:
+    """Write a part of the parameters into a copy that is not in use; only while disarmed."""
+
+    TYPE: ClassVar[int] = 9
+    offset: int = field(metadata=whole())  #: in words
+    count: int = field(metadata=whole())
+    words: NDArray[np.int32] = field(metadata=whole(PARAMETER_WORDS))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Commit:
+    """Use the parameters that were written, if their CRC-32 is this one and they are allowed."""
+
+    TYPE: ClassVar[int] = 10
+    crc: int = field(metadata=whole())
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AskCounts:
+    """Ask for the counts of frames."""
+
+    TYPE: ClassVar[int] = 11
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sensors:
+    """What the sensors of an emulated robot give in a sample. Its session is 0."""
+
+    TYPE: ClassVar[int] = 32
+    time: int = field(metadata=whole())  #: of the robot's clock [us], modulo 2^32
+    imu_valid: int = field(metadata=whole())
+    encoders_valid: int = field(metadata=whole())
+    gyro: NDArray[np.float32] = field(metadata=number("rad/s", 3))
+    attitude: NDArray[np.float32] = field(metadata=number("rad", 3))
+    wheel_counts: NDArray[np.int32] = field(metadata=whole(MAX_WHEELS))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motors:
+    """What an emulated robot commands its motors after a sample. Its session is 0."""
+
+    TYPE: ClassVar[int] = 33
+    time: int = field(metadata=whole())  #: of the sample [us], modulo 2^32
+    enabled: int = field(metadata=whole())
+    torques: NDArray[np.float32] = field(metadata=number("N m", MAX_WHEELS))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Welcome:
+    """Answer a `Hello`; its frame has the random number of that."""
+
+    TYPE: ClassVar[int] = 64
+    session: int = field(metadata=whole())  #: of all frames that follow; 0 if the schemas differ
+    firmware: NDArray[np.int32] = field(metadata=whole(DIGEST_WORDS))
+    messages: NDArray[np.int32] = field(metadata=whole(DIGEST_WORDS))
+    wheel_count: int = field(metadata=whole())
+    sample_time: float = field(metadata=number("s"))
+    capabilities: int = field(metadata=whole())  #: bits of `Capability`
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class State:
+    """A sample: sensors, estimate, torques, and whether the robot is armed or why it is stopped."""
+
+    TYPE: ClassVar[int] = 65
+    time: int = field(metadata=whole())  #: of the sample [us], modulo 2^32
+    sample: int = field(metadata=whole())  #: from 1
+    armed: int = field(metadata=whole())
+    stop: int = field(metadata=whole())  #: number of the reason; `stop_reason` has the reason
+    stop_wheel: int = field(metadata=whole())  #: from 1; 0 for none
+    self_test: int = field(metadata=whole())  #: a `SelfTestOutcome`
+    self_test_wheel: int = field(metadata=whole())  #: from 1; 0 for none
+    controller: int = field(metadata=whole())  #: a `ControllerPlace`
+    imu_valid: int = field(metadata=whole())
+    encoders_valid: int = field(metadata=whole())
+    gyro: NDArray[np.float32] = field(metadata=number("rad/s", 3))
+    attitude: NDArray[np.float32] = field(metadata=number("rad", 3))
+    wheel_counts: NDArray[np.int32] = field(metadata=whole(MAX_WHEELS))
+    wheel_speeds: NDArray[np.float32] = field(metadata=number("rad/s", MAX_WHEELS))
+    estimate: NDArray[np.float32] = field(metadata=number("state", 10))
+    reference: NDArray[np.float32] = field(metadata=number("state", 10))  #: that the controller follows
+    torques: NDArray[np.float32] = field(metadata=number("N m", MAX_WHEELS))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Answer:
+    """Answer a command."""
+
+    TYPE: ClassVar[int] = 66
+    command: int = field(metadata=whole())  #: its type
+    sequence: int = field(metadata=whole())  #: its sequence number
+    result: int = field(metadata=whole())  #: a `Result`
+    value: int = field(metadata=whole())
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Parameters:
+    """A part of the parameters that are in use."""
+
+    TYPE: ClassVar[int] = 67
+    offset: int = field(metadata=whole())  #: in words
+    count: int = field(metadata=whole())
+    words: NDArray[np.int32] = field(metadata=whole(PARAMETER_WORDS))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Counts:
+    """How many frames the robot accepted, how many each layer refused, and how many of its own found no room."""
+
+    TYPE: ClassVar[int] = 68
+    accepted: int = field(metadata=whole())
+    refused: NDArray[np.int32] = field(metadata=whole(LAYERS))
+    dropped: int = field(metadata=whole())
+
+
+class Message(Protocol):
+    """One of the messages above."""
+
+    TYPE: ClassVar[int]
+
+
+TO_ROBOT: dict[int, type[Message]] = {
+    one.TYPE: one
+    for one in (Hello, Keep, SelfTest, Arm, Disarm, Reference, Torques, Read, Write, Commit, AskCounts)
+}
+TO_HOST: dict[int, type[Message]] = {one.TYPE: one for one in (Welcome, State, Answer, Parameters, Counts)}
+EMULATED: dict[int, type[Message]] = {one.TYPE: one for one in (Sensors, Motors)}
+MESSAGES = TO_ROBOT | EMULATED | TO_HOST
+
+SCHEMAS: dict[int, Schema] = {number: schema_of(one) for number, one in MESSAGES.items()}
+_DTYPES = {number: one.dtype("single").newbyteorder("<") for number, one in SCHEMAS.items()}
+#: bytes of each message's body
+BODY_LENGTHS = {number: one.itemsize for number, one in _DTYPES.items()}
+
+
+def message_digest() -> str:
+    """Return the SHA-256 of the types, names, order, shapes and units of all messages."""
+    lines = [f"{number} {one.name} {line}" for number, one in SCHEMAS.items() for line in ["", *one.lines()]]
+    return sha256("\n".join([f"version {VERSION}", *lines]).encode()).hexdigest()
+
+
+def message_words() -> NDArray[np.int32]:
+    """Return the digest of the messages as `DIGEST_WORDS` numbers of 31 bits."""
+    digest = message_digest()
+    numbers = [int(digest[8 * k : 8 * k + 8], 16) & 0x7FFFFFFF for k in range(DIGEST_WORDS)]
+    return np.array(numbers, dtype=np.int32)
+
+
+def firmware_words() -> NDArray[np.int32]:
+    """Return the digest of parameters, state and readings as `DIGEST_WORDS` numbers of 31 bits."""
+    return np.array(schema_words(FIRMWARE), dtype=np.int32)
+
+
+def pack_body(message: Message) -> bytes:
+    """Return the body of a message: its numbers, little-endian."""
+    record = np.zeros((), _DTYPES[message.TYPE])
+    for name, one in SCHEMAS[message.TYPE].fields.items():
+        value = getattr(message, name)
+        is_whole = not isinstance(one, Schema) and one.whole
+        record[name] = wrapped(value) if is_whole else value
+    return record.tobytes()
+
+
+def unpack_body(kind: int, body: bytes) -> Message:
+    """Return the message of a type from its body.
+
+    Raises
+    ------
+    KeyError
+        If there is no such type.
+    ValueError
+        If the body has another length than the type.
+    """
+    if len(body) != BODY_LENGTHS[kind]:
+        raise ValueError(f"{MESSAGES[kind].__name__} has {BODY_LENGTHS[kind]} bytes, not {len(body)}.")
+    record = np.frombuffer(body, _DTYPES[kind])[0] if body else None
+    values: dict[str, object] = {}
+    for name, one in SCHEMAS[kind].fields.items():
+        assert record is not None
+        value = record[name]
+        values[name] = np.array(value, value.dtype.newbyteorder("=")) if one.shape else value.item()  # type: ignore[union-attr]
+    return MESSAGES[kind](**values)
+
+
+def wrapped(value: object) -> NDArray[np.int32]:
+    """Return whole numbers modulo 2^32 as numbers with a sign, as a counter of 32 bits goes on."""
+    return np.asarray(value, dtype=np.int64).astype(np.uint32).view(np.int32)
+
+
+def finite(message: Message) -> bool:
+    """Return whether every real number of a message is finite."""
+    return all(
+        bool(np.isfinite(getattr(message, one.name)).all())
+        for one in fields(message)  # type: ignore[arg-type]
+    )

@@ -1,0 +1,427 @@
+"""A session with a robot: handshake, watchdogs, arming in two steps, parameters.
+
+    session = Session(open_transport("/dev/ttyACM0"))
+    session.connect()
+    session.self_test()
+    session.arm(lambda: input("Type yes to arm: ") == "yes")
+    while True:
+        for message in session.poll(0.01): ...
+
+One thread, no callbacks. `poll` must be called at least every 50 ms: it sends what the robot's watchdog waits for, and
+notices that the robot is silent. Then it raises `LinkError`, and nothing is sent until the next `connect`.
+"""
+
+from __future__ import annotations
+
+import secrets
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+from fastcrc import crc32
+from numpy.typing import ArrayLike, NDArray
+
+from ballbot.arrays import real_array
+from ballbot.control.records import MAX_WHEELS
+from ballbot.control.safety import StopReason
+from ballbot.errors import InputError
+from ballbot.firmware.host import SelfTestOutcome
+from ballbot.firmware.records import PARAMETERS
+from ballbot.link.frames import Frame, FrameReader, LayerCounts, encode, is_newer, message_of
+from ballbot.link.messages import (
+    PARAMETER_WORDS,
+    TO_HOST,
+    WATCHDOG,
+    Answer,
+    Arm,
+    AskCounts,
+    Commit,
+    ControllerPlace,
+    Counts,
+    Disarm,
+    Hello,
+    Keep,
+    Layer,
+    Message,
+    Parameters,
+    Read,
+    Reference,
+    Result,
+    SelfTest,
+    State,
+    Torques,
+    Welcome,
+    Write,
+    firmware_words,
+    message_words,
+)
+from ballbot.link.transport import LinkError, Transport
+
+#: after which the host sends something, if only `Keep` [s]
+KEEP_INTERVAL = WATCHDOG / 5.0
+#: for an answer, after which a command is sent again [s]
+_ANSWER_TIME = 0.1
+#: times that a command is sent
+_ATTEMPTS = 5
+_WORD = np.dtype("<i4")
+_Kind = TypeVar("_Kind", Counts, Parameters)
+
+_REASONS = {
+    Result.SELF_TEST: "the self-test has not passed",
+    Result.ACTIVE: "it is armed or its self-test runs",
+    Result.NONCE: "arming was not asked for, or too long ago",
+    Result.BUTTON: "its own button was not pressed",
+    Result.RANGE: "the place is beyond its parameters",
+    Result.CHECKSUM: "the parameters that it received are not those that were sent",
+    Result.PARAMETERS: "the parameters are not allowed",
+    Result.VALUES: "a value is not finite or out of range",
+    Result.DISARMED: "it is not armed",
+}
+
+
+def stop_reason(state: State) -> StopReason | None:
+    """Return why the robot is stopped, or None."""
+    return list(StopReason)[state.stop - 1] if 1 <= state.stop <= len(StopReason) else None
+
+
+class Session:
+    """The host's side of a connection to one robot.
+
+    Parameters
+    ----------
+    transport : Transport
+    clock : callable
+        Gives the time [s]; for an emulated robot that runs in its own time, that time.
+    """
+
+    def __init__(self, transport: Transport, *, clock: Callable[[], float] = time.monotonic) -> None:
+        self.transport = transport
+        self.counts = LayerCounts()
+        self.welcome: Welcome | None = None  #: of the handshake; None before it and after the link is lost
+        self.state: State | None = None  #: the last one
+        self._clock = clock
+        self._reader = FrameReader(TO_HOST, self.counts)
+        self._session = 0
+        self._sequence = 0
+        self._last: int | None = None  # sequence number of the robot's last frame
+        self._queued: list[Message] = []
+        self._heard = self._sent = clock()
+
+    def connect(self, *, timeout: float = 2.0, state_every: int = 1) -> Welcome:
+        """Open a session and return the robot's answer.
+
+        Parameters
+        ----------
+        timeout : float
+            [s]
+        state_every : int
+            Samples from one `State` to the next; the robot sends one at least every 20 ms.
+
+        Raises
+        ------
+        LinkError
+            If nothing answers, or the robot has firmware of another version.
+        """
+        hello = Hello(firmware=firmware_words(), messages=message_words(), state_every=state_every)
+        self.welcome, self.state, self._last = None, None, None
+        self._queued = []
+        self._session = secrets.randbelow(2**32 - 1) + 1
+        end = self._clock() + timeout
+        while self._clock() < end:
+            self._write(hello)
+            again = min(self._clock() + _ANSWER_TIME, end)
+            while self._clock() < again:
+                for message in self._received(KEEP_INTERVAL):
+                    if isinstance(message, Welcome):
+                        return self._opened(message)
+        raise LinkError(f"No robot answers within {timeout:g} s.")
+
+    def _opened(self, welcome: Welcome) -> Welcome:
+        """Take the session that the robot has opened."""
+        for name, own, theirs in (
+            ("messages", message_words(), welcome.messages),
+            ("parameters", firmware_words(), welcome.firmware),
+        ):
+            if not np.array_equal(own, theirs):
+                raise LinkError(
+                    f"The robot's firmware has {name} of another version; export it again and flash it."
+                )
+        self.welcome, self._session = welcome, welcome.session % 2**32
+        self._heard = self._clock()
+        return welcome
+
+    @property
+    def connected(self) -> bool:
+        """Whether there is a session and the robot is not silent."""
+        return self.welcome is not None
+
+    def poll(self, timeout: float = 0.0) -> list[Message]:
+        """Return the messages that have come; wait for the first one at most `timeout` [s].
+
+        Raises
+        ------
+        LinkError
+            If there is no session, or the robot has been silent for 50 ms.
+        """
+        queued, self._queued = self._queued, []
+        end = self._clock() + timeout
+        found = queued + self._step(0.0 if queued else min(timeout, KEEP_INTERVAL))
+        while not found and self._clock() < end:
+            found = self._step(min(KEEP_INTERVAL, end - self._clock()))
+        return found
+
+    def _step(self, timeout: float) -> list[Message]:
+        """Send what the robot's watchdog waits for, and return what comes within a time."""
+        if self.welcome is None:
+            raise LinkError("There is no session with a robot; connect first.")
+        if self._clock() - self._sent >= KEEP_INTERVAL:
+            self._write(Keep())
+        found = self._received(timeout)
+        now = self._clock()
+        if found:
+            self._heard = now
+        elif now - self._heard > WATCHDOG:
+            self.welcome = None
+            raise LinkError(
+                f"The robot has been silent for {1e3 * (now - self._heard):.0f} ms. It stops by itself; connect "
+                "again."
+            )
+        return found
+
+    def _received(self, timeout: float) -> list[Message]:
+        """Return the messages that come within a time and pass every layer."""
+        found = []
+        for frame in self._reader.feed(self.transport.read(timeout)):
+            message = self._accepted(frame)
+            if isinstance(message, Layer):
+                self.counts.refuse(message)
+                continue
+            self.counts.accepted += 1
+            self._last = frame.sequence
+            if isinstance(message, State):
+                self.state = message
+            found.append(message)
+        return found
+
+    def _accepted(self, frame: Frame) -> Message | Layer:
+        """Return a frame's message, or the layer that refuses it."""
+        opening = self.welcome is None
+        if frame.session != self._session or (frame.kind == Welcome.TYPE) != opening:
+            return Layer.SESSION
+        if self._last is not None and not is_newer(frame.sequence, self._last):
+            return Layer.SEQUENCE
+        return message_of(frame)
+
+    def send(self, message: Message) -> int:
+        """Send a message and return its sequence number.
+
+        Raises
+        ------
+        LinkError
+            If there is no session.
+        """
+        if self.welcome is None:
+            raise LinkError("There is no session with a robot; connect first.")
+        return self._write(message)
+
+    def _write(self, message: Message) -> int:
+        self._sequence = (self._sequence + 1) % 65536
+        self.transport.write(encode(message, session=self._session, sequence=self._sequence))
+        self._sent = self._clock()
+        return self._sequence
+
+    def request(self, message: Message) -> Answer:
+        """Send a command until it is answered, and return the answer. Other messages wait for the next `poll`.
+
+        Raises
+        ------
+        LinkError
+            If no answer comes.
+        """
+        sent = set()
+        for _ in range(_ATTEMPTS):
+            sent.add(self.send(message))
+            end = self._clock() + _ANSWER_TIME
+            while self._clock() < end:
+                found = self._step(KEEP_INTERVAL)
+                self._queued += found
+                for one in found:
+                    if isinstance(one, Answer) and one.command == message.TYPE and one.sequence in sent:
+                        return one
+        raise LinkError(f"The robot does not answer the command {type(message).__name__}.")
+
+    def _demand(self, message: Message) -> None:
+        """Send a command; raise LinkError if the robot refuses it."""
+        answer = self.request(message)
+        if answer.result != Result.OK:
+            raise LinkError(
+                f"The robot refuses the command {type(message).__name__}: {reason(answer.result)}."
+            )
+
+    def start_self_test(self) -> None:
+        """Let the robot begin its self-test; `state.self_test` has the result later.
+
+        Raises
+        ------
+        LinkError
+            If it is armed, or does not answer.
+        """
+        self._demand(SelfTest())
+
+    def self_test(self, *, timeout: float = 3.0) -> SelfTestOutcome:
+        """Run the self-test and return its result. States that come meanwhile wait for the next `poll`.
+
+        Raises
+        ------
+        LinkError
+            If the robot is armed, does not answer, or does not end the test in time.
+        """
+        self.start_self_test()
+        end = self._clock() + timeout
+        seen: State | None = self.state
+        while self._clock() < end:
+            self._queued += self._step(KEEP_INTERVAL)
+            if self.state is not seen and self.state is not None:
+                outcome = SelfTestOutcome(self.state.self_test)
+                if outcome not in (SelfTestOutcome.NOT_RUN, SelfTestOutcome.RUNNING):
+                    return outcome
+        raise LinkError(f"The robot's self-test does not end within {timeout:g} s.")
+
+    def arm(
+        self, confirm: Callable[[], bool], *, controller: ControllerPlace = ControllerPlace.ROBOT
+    ) -> Result:
+        """Arm in two steps: ask the robot, let a person here confirm, return the robot's number.
+
+        Parameters
+        ----------
+        confirm : callable
+            Asks a person at this computer, and returns the answer. The robot's number is good for 10 s.
+        controller : ControllerPlace
+            Whose torques the robot obeys.
+
+        Returns
+        -------
+        Result
+            OK; CONFIRM if the person did not confirm; otherwise why the robot refused.
+
+        Raises
+        ------
+        LinkError
+            If the robot does not answer.
+        """
+        asked = self.request(Arm(nonce=0, controller=controller))
+        if asked.result != Result.CONFIRM or not confirm():
+            return Result(asked.result)
+        self._heard = self._clock()  # nobody listened while the person thought
+        answer = self.request(Arm(nonce=asked.value, controller=controller))
+        return Result(answer.result)
+
+    def disarm(self) -> None:
+        """Disarm the robot, or end its self-test.
+
+        Raises
+        ------
+        LinkError
+            If it does not answer.
+        """
+        self._demand(Disarm())
+
+    def set_reference(self, reference: ArrayLike) -> int:
+        """Send a reference (10,) for the controller on the robot; return its sequence number.
+
+        Raises
+        ------
+        InputError
+            If it is not ten finite numbers.
+        """
+        return self.send(
+            Reference(reference=real_array(reference, (10,), "The reference").astype(np.float32))
+        )
+
+    def set_torques(self, torques: ArrayLike) -> int:
+        """Send the torques (n,) [N m] of a controller on the host; return their sequence number.
+
+        Raises
+        ------
+        InputError
+            If they are not as many finite numbers as the robot has wheels.
+        """
+        if self.welcome is None:
+            raise LinkError("There is no session with a robot; connect first.")
+        room = np.zeros(MAX_WHEELS, dtype=np.float32)
+        room[: self.welcome.wheel_count] = real_array(torques, (self.welcome.wheel_count,), "The torques")
+        return self.send(Torques(torques=room))
+
+    def ask_counts(self) -> Counts:
+        """Return the robot's counts of frames.
+
+        Raises
+        ------
+        LinkError
+            If no answer comes.
+        """
+        return self._ask(AskCounts(), Counts, lambda _: True)
+
+    def read_parameters(self) -> NDArray[np.void]:
+        """Return the robot's parameters (1,), of `PARAMETERS` in single precision.
+
+        Raises
+        ------
+        LinkError
+            If no answer comes.
+        """
+        record = np.zeros(1, PARAMETERS.dtype("single"))
+        words = record.view(_WORD)
+        for first in range(0, len(words), PARAMETER_WORDS):
+            count = min(PARAMETER_WORDS, len(words) - first)
+            part = self._ask(
+                Read(offset=first, count=count),
+                Parameters,
+                lambda one, first=first, count=count: (one.offset, one.count) == (first, count),
+            )
+            words[first : first + count] = part.words[:count]
+        return record
+
+    def write_parameters(self, record: NDArray[np.void]) -> None:
+        """Write parameters (1,), of `PARAMETERS` in single precision; the self-test must then pass again.
+
+        Raises
+        ------
+        InputError
+            If the record is of another type.
+        LinkError
+            If the robot is armed, does not accept the parameters, or does not answer.
+        """
+        if record.shape != (1,) or record.dtype != PARAMETERS.dtype("single"):
+            raise InputError("Parameters of a robot are one record of PARAMETERS in single precision.")
+        words = record.view(_WORD)
+        for first in range(0, len(words), PARAMETER_WORDS):
+            part = np.zeros(PARAMETER_WORDS, dtype=np.int32)
+            count = min(PARAMETER_WORDS, len(words) - first)
+            part[:count] = words[first : first + count]
+            self._demand(Write(offset=first, count=count, words=part))
+        self._demand(Commit(crc=crc32.iso_hdlc(record.tobytes())))
+
+    def _ask(self, message: Message, kind: type[_Kind], matches: Callable[[_Kind], bool]) -> _Kind:
+        """Send a question until its answer comes; other messages wait for the next `poll`."""
+        for _ in range(_ATTEMPTS):
+            self.send(message)
+            end = self._clock() + _ANSWER_TIME
+            while self._clock() < end:
+                found = self._step(KEEP_INTERVAL)
+                wanted = [one for one in found if isinstance(one, kind) and matches(one)]
+                self._queued += [one for one in found if not isinstance(one, kind)]
+                if wanted:
+                    return wanted[0]
+        raise LinkError(f"The robot does not answer the question {type(message).__name__}.")
+
+    def close(self) -> None:
+        """Close the transport. An armed robot stops 50 ms later; disarm it first."""
+        self.welcome = None
+        self.transport.close()
+
+
+def reason(result: int) -> str:
+    """Return a clause that says why the robot refused a command."""
+    return _REASONS.get(Result(result), "it gives no reason")

@@ -1,0 +1,67 @@
+"""Frames in Python: every message comes back, and each layer refuses what it should."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ballbot.control.records import Number
+from ballbot.link.frames import LONGEST_FRAME, Frame, FrameReader, decode, encode, is_newer, message_of
+from ballbot.link.messages import BODY_LENGTHS, MESSAGES, SCHEMAS, Layer, Message, Reference, pack_body
+
+
+@st.composite
+def messages(draw) -> Message:
+    """Draw any message, with numbers of any size that its types hold."""
+    kind = draw(st.sampled_from(sorted(MESSAGES)))
+    values = {}
+    for name, one in SCHEMAS[kind].fields.items():
+        assert isinstance(one, Number)
+        element = (
+            st.integers(-(2**31), 2**31 - 1)
+            if one.whole
+            else st.floats(width=32, allow_nan=False, allow_infinity=False)
+        )
+        size = int(np.prod(one.shape))
+        drawn = draw(st.lists(element, min_size=size, max_size=size))
+        dtype = np.int32 if one.whole else np.float32
+        values[name] = np.array(drawn, dtype=dtype).reshape(one.shape) if one.shape else drawn[0]
+    return MESSAGES[kind](**values)
+
+
+@given(messages(), st.integers(0, 2**32 - 1), st.integers(0, 65535))
+def test_every_message_comes_back(message, session, sequence):
+    coded = encode(message, session=session, sequence=sequence)
+    assert coded.count(0) == 1
+    assert len(coded) <= LONGEST_FRAME + 1
+    frame = decode(coded[:-1], MESSAGES)
+    assert isinstance(frame, Frame)
+    assert (frame.kind, frame.session, frame.sequence) == (message.TYPE, session, sequence)
+    assert len(frame.body) == BODY_LENGTHS[message.TYPE]
+    back = message_of(frame)
+    assert not isinstance(back, Layer)
+    assert pack_body(back) == pack_body(message)
+
+
+@given(st.lists(messages(), max_size=4), st.data())
+def test_frames_come_back_from_pieces_of_any_size(sent, data):
+    stream = b"".join(encode(one, session=7, sequence=k) for k, one in enumerate(sent))
+    reader, found = FrameReader(MESSAGES), []
+    while stream:
+        size = data.draw(st.integers(1, len(stream)))
+        found += reader.feed(stream[:size])
+        stream = stream[size:]
+    assert [frame.kind for frame in found] == [one.TYPE for one in sent]
+    assert reader.counts.total == 0
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_values_that_are_not_finite_are_refused(value):
+    frame = decode(encode(Reference(reference=np.full(10, value)), session=1, sequence=1)[:-1], MESSAGES)
+    assert isinstance(frame, Frame)
+    assert message_of(frame) is Layer.VALUES
+
+
+@given(st.integers(0, 65535), st.integers(-70000, 70000))
+def test_sequence_window_is_half_the_numbers(last, step):
+    assert is_newer((last + step) % 65536, last) == (1 <= step % 65536 <= 32767)
