@@ -1,0 +1,242 @@
+"""A robot in its team's hands: on the ball, in the air or upside down, until it is let go.
+
+    on_ball        the body is held, the ball lies on the floor: (J_b + m r_b^2 [1 1 0] + (j_w + j_r) A^T A) Omega_dot =
+                   A^T (u - tau), because robot and ball roll over the floor together; m is the mass of both
+    in_air         the wheels turn freely, each (j_w + j_r) w_dot = u - tau(w)
+    upside_down    the ball lies on the wheels (`ballbot.simulation.upside_down`)
+
+`tilt` moves the body as a hand does. On the ball, a foot holds the ball still meanwhile, so that the wheels turn by
+-A w under the body's angular velocity w. `let_go` hands the robot over to another plant, which begins upright; the
+encoders go on counting from where they are.
+
+With it, all that a team does with a new robot can be tried on a simulated one (`ballbot.link.emulated`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ballbot.arrays import positive_number, real_array
+from ballbot.errors import InputError
+from ballbot.mechanics.friction import friction_terms
+from ballbot.mechanics.geometry import body_rates_matrix
+from ballbot.robot import Robot, Sensors
+from ballbot.simulation.driveline import Driveline, simulate_drivelines
+from ballbot.simulation.plant import Measurement, Plant
+from ballbot.simulation.sensors import SensorSuite, sensor_samples
+from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
+
+Hold = Literal["on_ball", "in_air", "upside_down"]
+
+#: time in which a hand turns the body by a radian [s]; a shorter turn takes `_SHORTEST_TILT`
+_TILT_TIME, _SHORTEST_TILT = 4.0, 0.5
+
+
+class HeldRobot:
+    """A held robot behind the plant's seam, and the plant that it becomes once it is let go.
+
+    Parameters
+    ----------
+    released : Plant
+        The robot on its own; its friction is that of the held one, too.
+    sensors : Sensors
+        What the sensors of the held robot are.
+    hold : {"on_ball", "in_air", "upside_down"}
+    torque_noise : float
+        Standard deviation of each sample's torque while held [N m].
+    """
+
+    def __init__(
+        self, released: Plant, *, sensors: Sensors, hold: Hold = "on_ball", torque_noise: float = 0.0
+    ) -> None:
+        self._released, self._hold = released, hold
+        self._robot, self._noise = released.robot, torque_noise
+        self._sensors = sensors
+        self._suite = SensorSuite(self._robot, sensors)
+        self._ball = _ball_under_hand(self._robot, hold)
+        self._lines = [Driveline.of_wheel(self._robot, i) for i in range(self._robot.wheel_count)]
+        self.reset(None, seed=0)
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that the plant is."""
+        return self._robot
+
+    @property
+    def ball_omega(self) -> NDArray[np.float64]:
+        """Angular velocity of the ball (3,), robot frame [rad/s]; zero in the air."""
+        return self._omega.copy()
+
+    @property
+    def is_held(self) -> bool:
+        """Whether the robot has not been let go yet."""
+        return self._offset is None
+
+    @property
+    def is_tilting(self) -> bool:
+        """Whether the hand moves the body."""
+        return self._t < self._tilt_end
+
+    def reset(self, initial_state: ArrayLike | None, *, seed: int) -> Measurement:
+        """Start again, held, and return the first measurement.
+
+        Parameters
+        ----------
+        initial_state : array_like (10,) or None
+            True state at which the robot is let go.
+        seed : int
+            All noise follows from it.
+        """
+        self._start, self._seed = initial_state, seed
+        self._random = np.random.default_rng([seed, 17])
+        self._t = self._tilt_begin = self._tilt_end = 0.0
+        n = self._robot.wheel_count
+        self._angles, self._speeds, self._omega = np.zeros(n), np.zeros(n), np.zeros(3)
+        self._level = np.array([math.pi if self._hold == "upside_down" else 0.0, 0.0, 0.0])
+        self._from = self._to = self._level
+        self._offset: tuple[float, NDArray[np.float64]] | None = None
+        self._suite.reset(self._random, self._angles)
+        return self._measure()
+
+    def tilt(self, attitude: ArrayLike) -> None:
+        """Let the hand move the body to theta, phi, psi (3,) [rad], from the next sample on.
+
+        Raises
+        ------
+        InputError
+            If the robot was let go, or the attitude is not three numbers.
+        """
+        if not self.is_held:
+            raise InputError("The robot was let go; it cannot be tilted by hand.")
+        target = real_array(attitude, (3,), "The attitude")
+        self._from, _ = self._hand()
+        self._to = target
+        self._tilt_begin = self._t
+        self._tilt_end = self._t + max(
+            _SHORTEST_TILT, _TILT_TIME * float(np.abs(self._to - self._from).max())
+        )
+
+    def let_go(self) -> None:
+        """Let go of the robot, which begins upright on the floor; nothing happens if it was let go before."""
+        if self._offset is None:
+            counted = self._measure().wheel_angles
+            self._released.reset(self._start, seed=self._seed)
+            self._offset = (self._t, counted)
+
+    def step(self, torques: NDArray[np.float64], duration: float) -> Measurement:
+        """Hold the torques (n,) [N m] for a duration [s], whole samples, and return the measurement at its end."""
+        held = real_array(torques, (self._robot.wheel_count,), "The array of torques")
+        duration = positive_number(duration, "The duration")
+        if self._offset is not None:
+            return self._on_its_own(held, duration)
+        measured = None
+        for _ in range(sensor_samples(duration, self._sensors.sample_time)):
+            self._advance(held)
+            measured = self._measure()
+        assert measured is not None
+        return measured
+
+    def _on_its_own(self, torques: NDArray[np.float64], duration: float) -> Measurement:
+        assert self._offset is not None
+        began, counted = self._offset
+        one = self._released.step(torques, duration)
+        return Measurement(
+            t=round(began + one.t, 9),
+            state=one.state,
+            wheel_angles=counted + one.wheel_angles,
+            wheel_speeds=one.wheel_speeds,
+            gyro=one.gyro,
+            acceleration=one.acceleration,
+            truth=one.truth,
+            valid=one.valid,
+            ended=one.ended,
+        )
+
+    def _hand(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return attitude (3,) [rad] and its rates (3,) [rad/s]: a half wave of a cosine from one to the next."""
+        lasts = self._tilt_end - self._tilt_begin
+        if not self.is_tilting or lasts <= 0.0:
+            return self._to, np.zeros(3)
+        phase = math.pi * (self._t - self._tilt_begin) / lasts
+        way = self._to - self._from
+        return self._from + 0.5 * (1.0 - math.cos(phase)) * way, 0.5 * math.pi / lasts * math.sin(phase) * way
+
+    def _advance(self, torques: NDArray[np.float64]) -> None:
+        """Advance by one sample."""
+        h, limit = self._sensors.sample_time, self._robot.drive.torque_limit
+        noise = self._noise * self._random.standard_normal(len(torques))
+        acting = np.clip(torques + noise, -limit, limit)
+        if self._ball is None:
+            motion = simulate_drivelines(
+                self._lines, acting[:, None], sample_time=h, initial_speeds=self._speeds, threads=1
+            )
+            self._speeds = motion.speeds[:, 0].copy()
+            self._angles = self._angles + motion.angles[:, 0]
+        else:
+            self._turn_ball(acting, h)
+        self._t = round(self._t + h, 9)
+
+    def _turn_ball(self, torques: NDArray[np.float64], h: float) -> None:
+        """Advance ball and wheels by a sample."""
+        assert self._ball is not None
+        before = self._speeds
+        if self.is_tilting:
+            attitude, _ = self._hand()
+            self._t += h
+            ahead, rates = self._hand()
+            self._t -= h
+            body_rate = body_rates_matrix(*ahead) @ rates
+            turned = body_rates_matrix(*(0.5 * (attitude + ahead))) @ (ahead - attitude)
+            self._omega = np.zeros(3)
+            self._speeds = -self._ball.A @ body_rate
+            self._angles = self._angles - self._ball.A @ turned
+            return
+        friction = self._robot.friction
+        self._omega = simulate_balls(
+            self._ball,
+            friction=friction_row(friction)[None],
+            terms=None if friction.is_plain else friction_terms(friction),
+            initial=self._omega[None],
+            torques=torques[None, None],
+            sample_time=h,
+            threads=1,
+        )[0, 0, 0]
+        self._speeds = self._ball.A @ self._omega
+        self._angles = self._angles + 0.5 * h * (before + self._speeds)
+
+    def _measure(self) -> Measurement:
+        """Read every sensor once."""
+        attitude, rates = self._hand()
+        truth = np.zeros(10)
+        truth[2:5], truth[7:10] = attitude, rates
+        body_velocity = np.concatenate([np.zeros(3), body_rates_matrix(*attitude) @ rates])
+        from_level = truth.copy()  # the AHRS's errors are those about the attitude in which the robot is held
+        from_level[2:5] -= self._level
+        reading = self._suite.read(self._t, from_level, body_velocity, self._angles)
+        state = truth.copy()
+        state[2:5] = self._level + reading.attitude
+        return Measurement(
+            t=self._t,
+            state=state,
+            wheel_angles=reading.wheel_angles,
+            wheel_speeds=reading.wheel_speeds,
+            gyro=reading.gyro,
+            truth=truth,
+        )
+
+
+def _ball_under_hand(robot: Robot, hold: Hold) -> ClampedBall | None:
+    """Return the ball that the wheels of a held robot turn; None in the air."""
+    if hold == "in_air":
+        return None
+    ball = ClampedBall.of_robot(robot)
+    if hold == "upside_down":
+        return ball
+    rolling = (
+        robot.ball.mass + robot.body.mass
+    ) * robot.ball.radius**2  # both roll over the floor with the ball
+    return ClampedBall(A=ball.A, inertia=ball.inertia + np.diag([rolling, rolling, 0.0]))

@@ -1,0 +1,127 @@
+"""The robot in its team's hands, against the plants that it is put together from."""
+
+import numpy as np
+import pytest
+
+from ballbot import Robot
+from ballbot.control.safety import SELF_TEST_DURATION, SelfTest, evaluate_self_test
+from ballbot.errors import InputError
+from ballbot.log import Log
+from ballbot.mechanics.geometry import transforms
+from ballbot.mechanics.model import Model
+from ballbot.robot.derived import encoder_step
+from ballbot.simulation.driveline import Driveline, simulate_drivelines
+from ballbot.simulation.held_robot import HeldRobot
+from ballbot.simulation.model_plant import ModelPlant
+from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
+from ballbot.twin.imperfections import true_model
+from ballbot.twin.scenario import load_scenario
+
+STEP = 0.005
+
+
+def robot_with_friction():
+    robot = Robot.load("alten")
+    return true_model(robot, load_scenario("nominal", robot)).robot
+
+
+def held(hold):
+    robot = robot_with_friction()
+    return HeldRobot(ModelPlant(Model(robot)), sensors=robot.sensors, hold=hold)
+
+
+def resolution(robot):
+    return encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio)
+
+
+def test_wheels_in_the_air_are_free_drivelines():
+    plant = held("in_air")
+    torques = np.sin(0.02 * np.arange(400))[:, None] * [1.0, -0.8, 0.6]
+    found = np.array([plant.step(one, STEP).wheel_angles for one in torques])
+    lines = [Driveline.of_wheel(plant.robot, i) for i in range(3)]
+    wanted = simulate_drivelines(lines, torques.T, sample_time=STEP, threads=1)
+    # a count of the encoder, and what a sample by itself rounds differently
+    np.testing.assert_allclose(found.T, wanted.angles, atol=1.01 * resolution(plant.robot))
+
+
+def test_upside_down_the_ball_turns_as_on_clamped_wheels():
+    plant = held("upside_down")
+    robot = plant.robot
+    torques = 0.5 * np.random.default_rng(1).standard_normal((200, 3))
+    found = []
+    for one in torques:
+        measured = plant.step(one, STEP)
+        found.append(plant.ball_omega)
+    wanted = simulate_balls(
+        ClampedBall.of_robot(robot),
+        friction=friction_row(robot.friction)[None],
+        initial=np.zeros((1, 3)),
+        torques=torques[None],
+        sample_time=STEP,
+        threads=1,
+    )[0, 0]
+    np.testing.assert_allclose(found, wanted, atol=1e-12)
+    assert abs(measured.state[2] - np.pi) < 0.1
+
+
+@pytest.mark.parametrize(("axis", "angle"), [(0, 0.25), (1, -0.2), (2, 1.0)])
+def test_tilted_body_turns_the_wheels_the_other_way(axis, angle):
+    plant = held("on_ball")
+    target = np.zeros(3)
+    target[axis] = angle
+    plant.tilt(target)
+    turned, gone = np.zeros(3), 0.0
+    while plant.is_tilting:
+        measured = plant.step(np.zeros(3), STEP)
+        turned += STEP * measured.gyro
+        gone += STEP
+    noise = 6.0 * plant.robot.sensors.gyro_noise * STEP * np.sqrt(gone / STEP)
+    # one angle after the other is a turn about one axis of the body; a sum of rates over samples has the first order
+    np.testing.assert_allclose(turned, target, atol=noise + 0.02 * abs(angle))
+    np.testing.assert_allclose(
+        measured.wheel_angles, -transforms(plant.robot).T_owb @ target, atol=1.01 * resolution(plant.robot)
+    )
+    np.testing.assert_allclose(measured.truth[2:5], target, atol=1e-12)
+
+
+def test_self_test_on_the_ball_passes():
+    plant = held("on_ball")
+    test = SelfTest(plant.robot)
+    rows, measured = [], plant.reset(None, seed=3)
+    for k in range(round(SELF_TEST_DURATION / STEP)):
+        rows.append([measured.t, *measured.wheel_angles])
+        measured = plant.step(test.update(k * STEP, measured.state, np.zeros(10)), STEP)
+    names = ("t", "wheel1", "wheel2", "wheel3")
+    log = Log(dict(zip(names, np.array(rows).T, strict=True)))
+    assert evaluate_self_test(plant.robot, log).passed
+
+
+def test_robot_that_is_let_go_is_the_other_plant():
+    plant, alone = held("on_ball"), ModelPlant(Model(robot_with_friction()))
+    start = np.zeros(10)
+    start[2] = 0.02
+    plant.reset(start, seed=5)
+    alone.reset(start)
+    for _ in range(20):
+        before = plant.step(np.array([0.8, 0.0, 0.0]), STEP)
+    plant.let_go()
+    plant.let_go()
+    for _ in range(30):
+        found = plant.step(np.array([0.1, 0.2, -0.1]), STEP)
+        wanted = alone.step(np.array([0.1, 0.2, -0.1]), STEP)
+        np.testing.assert_array_equal(found.truth, wanted.truth)
+        np.testing.assert_allclose(found.wheel_angles - before.wheel_angles, wanted.wheel_angles, atol=1e-12)
+    assert found.t == pytest.approx(0.25)
+    with pytest.raises(InputError, match="let go"):
+        plant.tilt([0.1, 0.0, 0.0])
+
+
+def test_equal_seeds_give_equal_runs():
+    one, other = held("in_air"), held("in_air")
+    for plant in (one, other):
+        plant.reset(None, seed=9)
+    for k in range(50):
+        torques = np.array([0.01 * k, 0.0, -0.3])
+        a, b = one.step(torques, STEP), other.step(torques, STEP)
+        np.testing.assert_array_equal(a.gyro, b.gyro)
+        np.testing.assert_array_equal(a.wheel_angles, b.wheel_angles)
