@@ -1,0 +1,321 @@
+"""Where a live robot is asked to be: a named course, a file, the arrow keys or a gamepad.
+
+A live reference is asked once a sample for the state (10,) that the robot is to have, from the start of the run on. It
+is in the frame of the start: the robot begins at (0, 0) with psi = 0, and `in_start_frame` and `in_robot_frame`
+convert. Only x, y and psi are other than zero, as in `ballbot.control.references`.
+
+    named course, file     as `ballbot simulate` has them
+    keyboard               arrow keys move it by 5 cm, comma and full stop turn it by 10 degrees, e ends the run
+    gamepad                left stick up to 0.2 m/s, right stick up to 0.5 rad/s, the first button ends the run
+
+Keyboard and gamepad move the reference as the driver sees the robot: forward is along its own heading.
+
+A gamepad is read from Linux's joystick device (/dev/input/js0, linux/joystick.h): events of 8 bytes, time [ms], value,
+type, and number of the axis or button.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import os
+import select
+import struct
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.references import REFERENCES, Reference, is_reference_file, reference_from
+from ballbot.errors import InputError, suggest
+from ballbot.mechanics.geometry import body_rates_matrix, turned_about_vertical
+
+#: a key press moves the reference by this [m, rad]
+KEY_STEP, KEY_TURN = 0.05, math.radians(10.0)
+#: speeds at a stick's end [m/s, rad/s]
+STICK_SPEED, STICK_TURN = 0.2, 0.5
+#: share of a stick's way that does nothing: sticks do not return to zero
+DEAD_ZONE = 0.1
+#: the first gamepad
+GAMEPAD = "/dev/input/js0"
+#: a longer time between two samples counts as this [s], so that a pause never makes the reference jump
+_LONGEST_STEP = 0.1
+
+_EVENT = struct.Struct("=IhBB")
+_BUTTON, _AXIS, _INITIAL = 0x01, 0x02, 0x80
+_STICK_END = 32767.0
+
+
+class LiveReference(Protocol):
+    """Gives the reference of a live run."""
+
+    def update(self, t: float) -> NDArray[np.float64]:
+        """Return the state (10,) asked for at a time since the start of the run [s], in the frame of the start."""
+        ...
+
+    @property
+    def ended(self) -> bool:
+        """Whether the driver has asked for the end of the run."""
+        ...
+
+    @property
+    def trouble(self) -> str | None:
+        """Why the driver can no longer move the reference, in one sentence; None as long as all is well."""
+        ...
+
+    def close(self) -> None:
+        """Give back the terminal or the device."""
+        ...
+
+
+class CourseReference:
+    """A named course or a file, followed from the start of the run on."""
+
+    ended = False
+    trouble = None
+
+    def __init__(self, course: Reference) -> None:
+        self._course = course
+
+    def update(self, t: float) -> NDArray[np.float64]:
+        """Return the course's state (10,) at a time [s]."""
+        return self._course(t)
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
+class _Driven:
+    """A pose that a driver moves, x forward and y left as the robot's heading has them."""
+
+    def __init__(self) -> None:
+        self.pose = np.zeros(10)
+        self.ended = False
+        self.trouble: str | None = None
+
+    def move(self, forward: float, left: float, turn: float) -> None:
+        cosine, sine = math.cos(self.pose[4]), math.sin(self.pose[4])
+        self.pose[0] += cosine * forward - sine * left
+        self.pose[1] += sine * forward + cosine * left
+        self.pose[4] += turn
+
+
+#: bytes that a key sends, with the movement: forward, left [m], turn [rad]
+_KEYS = {
+    b"\x1b[A": (KEY_STEP, 0.0, 0.0),
+    b"\x1b[B": (-KEY_STEP, 0.0, 0.0),
+    b"\x1b[D": (0.0, KEY_STEP, 0.0),
+    b"\x1b[C": (0.0, -KEY_STEP, 0.0),
+    b",": (0.0, 0.0, KEY_TURN),
+    b".": (0.0, 0.0, -KEY_TURN),
+}
+_END_KEY = b"e"
+
+
+class KeyboardReference:
+    """The arrow keys of a terminal, which gives each key at once and shows none while this is open.
+
+    Parameters
+    ----------
+    descriptor : int
+        Of the terminal's input.
+
+    Raises
+    ------
+    InputError
+        If it is not a terminal, or the system has none of this kind.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        self._driven = _Driven()
+        self._descriptor, self._waiting = descriptor, b""
+        self._restore = _keys_at_once(descriptor)
+
+    @property
+    def ended(self) -> bool:
+        """Whether e was pressed."""
+        return self._driven.ended
+
+    @property
+    def trouble(self) -> str | None:
+        """Why no keys come any more."""
+        return self._driven.trouble
+
+    def update(self, t: float) -> NDArray[np.float64]:  # noqa: ARG002
+        """Return the pose (10,) after all keys that were pressed."""
+        self._waiting += self._new_bytes()
+        while self._waiting:
+            key = next((key for key in (*_KEYS, _END_KEY) if self._waiting.startswith(key)), None)
+            if key is None and any(one.startswith(self._waiting) for one in _KEYS):
+                break  # the rest of an arrow key is still to come
+            if key == _END_KEY:
+                self._driven.ended = True
+            elif key:
+                self._driven.move(*_KEYS[key])
+            self._waiting = self._waiting[len(key or b"?") :]
+        return self._driven.pose.copy()
+
+    def close(self) -> None:
+        """Give the terminal back as it was."""
+        self._restore()
+
+    def _new_bytes(self) -> bytes:
+        if self._driven.trouble or not select.select([self._descriptor], [], [], 0.0)[0]:
+            return b""
+        try:
+            found = os.read(self._descriptor, 1024)
+        except OSError:
+            found = b""
+        if not found:
+            self._driven.trouble = "The terminal is gone; the reference stays where it is."
+        return found
+
+
+def _keys_at_once(descriptor: int) -> Callable[[], None]:
+    """Let a terminal give keys at once and show none; return what gives it back as it was."""
+    if importlib.util.find_spec("termios") is None or not os.isatty(descriptor):
+        raise InputError(
+            "The reference keyboard needs a terminal of Linux or macOS; give another --reference."
+        )
+    import termios
+    import tty
+
+    before = termios.tcgetattr(descriptor)
+    tty.setcbreak(descriptor)
+    return lambda: termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+
+
+class GamepadReference:
+    """The sticks of a gamepad.
+
+    Parameters
+    ----------
+    path : str or Path
+        Of the joystick device.
+
+    Raises
+    ------
+    InputError
+        If it cannot be opened.
+    """
+
+    def __init__(self, path: str | Path = GAMEPAD) -> None:
+        self._driven, self._path = _Driven(), path
+        try:
+            self._descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+        except OSError as error:
+            raise InputError(f"The gamepad {path} cannot be opened: {error.strerror or error}.") from None
+        self._waiting, self._before = b"", 0.0
+        self._sticks = {0: 0.0, 1: 0.0, 3: 0.0}  # right, back, turn right: the axes of a gamepad's two sticks
+
+    @property
+    def ended(self) -> bool:
+        """Whether the first button was pressed."""
+        return self._driven.ended
+
+    @property
+    def trouble(self) -> str | None:
+        """Why the gamepad says no more."""
+        return self._driven.trouble
+
+    def update(self, t: float) -> NDArray[np.float64]:
+        """Return the pose (10,) at a time [s]; the sticks are its speeds."""
+        self._read()
+        passed = min(max(t - self._before, 0.0), _LONGEST_STEP)
+        self._before = t
+        right, back, turn_right = (_past_dead_zone(self._sticks[axis]) for axis in (0, 1, 3))
+        speed = passed * STICK_SPEED
+        self._driven.move(-speed * back, -speed * right, -passed * STICK_TURN * turn_right)
+        return self._driven.pose.copy()
+
+    def close(self) -> None:
+        """Close the device."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+    def _read(self) -> None:
+        """Take all events that have come."""
+        try:
+            while self._driven.trouble is None and (found := os.read(self._descriptor, 64 * _EVENT.size)):
+                self._waiting += found
+        except BlockingIOError:
+            pass
+        except OSError:
+            self._driven.trouble = f"The gamepad {self._path} is gone; the reference stays where it is."
+            self._sticks = dict.fromkeys(self._sticks, 0.0)
+        whole = len(self._waiting) // _EVENT.size * _EVENT.size
+        for _, value, kind, number in _EVENT.iter_unpack(self._waiting[:whole]):
+            if kind & ~_INITIAL == _AXIS and number in self._sticks:
+                self._sticks[number] = max(-1.0, value / _STICK_END)
+            elif kind == _BUTTON and number == 0 and value:
+                self._driven.ended = True
+        self._waiting = self._waiting[whole:]
+
+
+def _past_dead_zone(value: float) -> float:
+    """Return a stick's place from -1 to 1, zero in the dead zone and without a jump at its edge."""
+    return math.copysign(max(abs(value) - DEAD_ZONE, 0.0) / (1.0 - DEAD_ZONE), value)
+
+
+def live_reference(source: str) -> LiveReference:
+    """Return the reference that a text names: a course, a file, keyboard, gamepad, or a joystick device.
+
+    Raises
+    ------
+    InputError
+        If there is no such course, file, terminal or device.
+    """
+    if source == "keyboard":
+        return KeyboardReference(sys.stdin.fileno())
+    if source == "gamepad" or source.startswith("/dev/input/"):
+        return GamepadReference(GAMEPAD if source == "gamepad" else source)
+    if not is_reference_file(source) and source.replace("-", "_") not in REFERENCES:
+        names = [*REFERENCES, "keyboard", "gamepad"]
+        hint = suggest(source, names, otherwise="the names are")
+        raise InputError(f"There is no reference {source!r}; {hint}")
+    return CourseReference(reference_from(source))
+
+
+def in_robot_frame(reference: NDArray[np.float64], start: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a reference (10,), given in the frame of the start, in the frame in which the robot estimates its state.
+
+    Parameters
+    ----------
+    reference : ndarray (10,)
+        Other than zero in x, y and psi only.
+    start : ndarray (3,)
+        x, y [m] and psi [rad] of the robot at the start.
+    """
+    x, y, psi = start.tolist()
+    cosine, sine = math.cos(psi), math.sin(psi)
+    turned = np.zeros(10)
+    turned[0] = x + cosine * reference[0] - sine * reference[1]
+    turned[1] = y + sine * reference[0] + cosine * reference[1]
+    turned[4] = psi + reference[4]
+    return turned
+
+
+def in_start_frame(state: NDArray[np.float64], start: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a state (10,), as the robot estimates it, in the frame of the start.
+
+    The frame is turned about the vertical: x, y and their rates turn, and so do theta and phi, which are about the
+    frame's axes.
+    """
+    x, y, psi = start.tolist()
+    cosine, sine = math.cos(psi), math.sin(psi)
+    found = state.copy()
+    found[0:2] = _turned(state[0] - x, state[1] - y, cosine, -sine)
+    found[5:7] = _turned(state[5], state[6], cosine, -sine)
+    if psi != 0.0:
+        found[2:5] = turned_about_vertical(state[2:5], -psi)
+        body_rates = body_rates_matrix(*state[2:5]) @ state[7:10]  # the body's own axes know no frame
+        found[7:10] = np.linalg.solve(body_rates_matrix(*found[2:5]), body_rates)
+    return found
+
+
+def _turned(x: float, y: float, cosine: float, sine: float) -> tuple[float, float]:
+    return cosine * x - sine * y, sine * x + cosine * y

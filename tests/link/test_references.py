@@ -1,0 +1,214 @@
+"""References of a live robot: keys, a gamepad's events, courses, and the frame of the start."""
+
+import math
+import os
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ballbot.control.references import square
+from ballbot.errors import InputError
+from ballbot.link.references import (
+    KEY_STEP,
+    KEY_TURN,
+    STICK_SPEED,
+    STICK_TURN,
+    GamepadReference,
+    KeyboardReference,
+    in_robot_frame,
+    in_start_frame,
+    live_reference,
+)
+from ballbot.mechanics.geometry import rotation
+
+pytestmark = pytest.mark.skipif(
+    os.name != "posix", reason="terminals and joystick devices are those of POSIX"
+)
+
+
+@pytest.fixture
+def terminal():
+    """Return a keyboard reference, and what sends it keys."""
+    import pty
+
+    driver, own = pty.openpty()
+    reference = KeyboardReference(own)
+
+    def press(keys: bytes) -> None:
+        os.write(driver, keys)
+
+    yield reference, press
+    reference.close()
+    os.close(driver)
+    os.close(own)
+
+
+def pose_of(reference, t=0.0):
+    return reference.update(t)[[0, 1, 4]]
+
+
+def test_arrow_keys_move_along_the_heading(terminal):
+    reference, press = terminal
+    press(b"\x1b[A\x1b[A\x1b[D")
+    np.testing.assert_allclose(pose_of(reference), [2 * KEY_STEP, KEY_STEP, 0.0], atol=1e-15)
+    press(b"," * 9 + b"\x1b[A")  # a quarter turn to the left: forward is now +y
+    np.testing.assert_allclose(pose_of(reference), [2 * KEY_STEP, 2 * KEY_STEP, 9 * KEY_TURN], atol=1e-12)
+    assert not reference.ended
+
+
+def test_key_that_comes_in_two_parts_counts_once(terminal):
+    reference, press = terminal
+    press(b"\x1b[")
+    np.testing.assert_array_equal(pose_of(reference), 0.0)
+    press(b"A")
+    np.testing.assert_allclose(pose_of(reference), [KEY_STEP, 0.0, 0.0])
+
+
+@given(keys=st.binary(max_size=40))
+def test_any_bytes_leave_a_finite_pose(keys):
+    import pty
+
+    driver, own = pty.openpty()
+    reference = KeyboardReference(own)
+    os.write(driver, keys.replace(b"\x03", b"").replace(b"\x1a", b"").replace(b"\x1c", b"") or b" ")
+    found = reference.update(0.0)
+    reference.close()
+    os.close(driver)
+    os.close(own)
+    assert np.isfinite(found).all()
+    assert not found[[2, 3, 5, 6, 7, 8, 9]].any()
+
+
+def test_e_ends_the_run(terminal):
+    reference, press = terminal
+    press(b"e")
+    pose_of(reference)
+    assert reference.ended
+
+
+def test_keyboard_needs_a_terminal(tmp_path):
+    with open(tmp_path / "file", "w+") as stream, pytest.raises(InputError, match="terminal"):
+        KeyboardReference(stream.fileno())
+
+
+def event(kind, number, value):
+    return struct.pack("=IhBB", 0, value, kind, number)
+
+
+@pytest.fixture
+def gamepad(tmp_path):
+    """Return a gamepad on a pipe, and what sends it events."""
+    path = tmp_path / "js0"
+    os.mkfifo(path)
+    reference = GamepadReference(path)
+    sender = os.open(path, os.O_WRONLY)
+    yield reference, sender
+    reference.close()
+    os.close(sender)
+
+
+def test_sticks_are_speeds(gamepad):
+    reference, sender = gamepad
+    pose_of(reference, 0.0)
+    os.write(sender, event(2, 1, -32767) + event(0x82, 0, 0) + event(1, 3, 1))
+    for k in range(1, 201):
+        pose = pose_of(reference, 0.005 * k)
+    np.testing.assert_allclose(pose, [STICK_SPEED * 1.0, 0.0, 0.0], atol=1e-9)
+    os.write(sender, event(2, 1, 0) + event(2, 3, 32767))
+    for k in range(201, 401):
+        pose = pose_of(reference, 0.005 * k)
+    np.testing.assert_allclose(pose, [STICK_SPEED, 0.0, -STICK_TURN], atol=1e-9)
+    assert not reference.ended
+
+
+def test_event_in_two_parts_dead_zone_and_button(gamepad):
+    reference, sender = gamepad
+    whole = event(2, 0, 3000)  # within the dead zone
+    os.write(sender, whole[:3])
+    pose_of(reference, 0.0)
+    os.write(sender, whole[3:])
+    np.testing.assert_array_equal(pose_of(reference, 0.005), 0.0)
+    os.write(sender, event(0x81, 0, 1))  # what the buttons are at the start is no press
+    pose_of(reference, 0.01)
+    assert not reference.ended
+    os.write(sender, event(1, 0, 1))
+    pose_of(reference, 0.015)
+    assert reference.ended
+
+
+def test_gamepad_that_is_pulled_out_leaves_the_reference_where_it_is(gamepad, monkeypatch):
+    reference, sender = gamepad
+    os.write(sender, event(2, 1, -32767))
+    reference.update(0.0)
+    before = pose_of(reference, 0.05)
+
+    def gone(*_):
+        raise OSError(19, "No such device")
+
+    monkeypatch.setattr(os, "read", gone)
+    np.testing.assert_array_equal(pose_of(reference, 0.1), before)
+    assert reference.trouble is not None
+    assert "is gone" in reference.trouble
+
+
+def test_long_pause_never_makes_the_reference_jump(gamepad):
+    reference, sender = gamepad
+    os.write(sender, event(2, 1, -32767))
+    reference.update(0.0)
+    assert pose_of(reference, 60.0)[0] <= 0.1 * STICK_SPEED + 1e-12
+
+
+def test_course_is_the_reference_of_that_name():
+    reference = live_reference("square")
+    for t in (0.0, 7.995, 8.0, 30.0):
+        np.testing.assert_array_equal(reference.update(t), square()(t))
+
+
+@pytest.mark.parametrize(("source", "words"), [("sqare", "square"), ("/dev/input/js99", "cannot be opened")])
+def test_unknown_reference_is_refused_in_one_sentence(source, words):
+    with pytest.raises(InputError, match=words):
+        live_reference(source)
+
+
+angles = st.floats(min_value=-0.4, max_value=0.4)
+headings = st.floats(min_value=-7.0, max_value=7.0)
+
+
+@given(angles, angles, headings, headings, st.lists(st.floats(-2.0, 2.0), min_size=7, max_size=7))
+def test_frame_of_the_start(theta, phi, psi, start_psi, numbers):
+    """A state in the frame of the start is the same motion: R_z(psi_0) takes it back to the robot's frame."""
+    x, y, x_dot, y_dot, *rates = numbers
+    state = np.array([x, y, theta, phi, psi, x_dot, y_dot, *rates])
+    start = np.array([0.3, -0.7, start_psi])
+    found = in_start_frame(state, start)
+    turn = rotation(0.0, 0.0, start_psi)
+    np.testing.assert_allclose(turn @ rotation(*found[2:5]), rotation(*state[2:5]), atol=1e-12)
+    np.testing.assert_allclose(turn @ [*found[5:7], 0.0], [x_dot, y_dot, 0.0], atol=1e-12)
+    np.testing.assert_allclose(turn[:2, :2] @ found[0:2] + start[:2], state[0:2], atol=1e-12)
+    # the rates are those of the angles, by central differences of the attitude; their error is of the second order
+    h = 1e-5
+    moved = [in_start_frame(_advanced(state, step), start)[2:5] for step in (-h, h)]
+    np.testing.assert_allclose(found[7:10], (moved[1] - moved[0]) / (2 * h), atol=1e-6)
+
+
+def _advanced(state, step):
+    moved = state.copy()
+    moved[2:5] += step * state[7:10]
+    return moved
+
+
+@given(headings, headings)
+def test_reference_in_the_robots_frame_comes_back(start_psi, psi):
+    start = np.array([1.0, 2.0, start_psi])
+    wanted = np.zeros(10)
+    wanted[[0, 1, 4]] = 0.5, -0.25, psi
+    np.testing.assert_allclose(in_start_frame(in_robot_frame(wanted, start), start), wanted, atol=1e-12)
+
+
+def test_start_at_the_origin_changes_no_bit():
+    state = np.linspace(-0.3, 0.7, 10)
+    np.testing.assert_array_equal(in_start_frame(state, np.zeros(3)), state)
+    assert math.isclose(in_robot_frame(state, np.zeros(3))[4], state[4], abs_tol=0.0)
