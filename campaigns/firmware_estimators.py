@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ballbot import Robot
 from ballbot.control.records import fill_record, schema_of
-from ballbot.estimation.interface import EstimatorName, Fix, Reading
+from ballbot.estimation.interface import EstimatorName, Reading
 from ballbot.estimation.kalman import KalmanFilter
 from ballbot.firmware.estimators import (
     KalmanMemory,
@@ -36,7 +36,8 @@ from ballbot.firmware.estimators import (
 )
 from ballbot.firmware.header import SOURCES
 from ballbot.firmware.host import compile_sources, library
-from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
+from ballbot.firmware.processor_load import readings
+from ballbot.mechanics.geometry import transforms
 from campaigns.section import Section
 
 H = 0.005  #: [s]
@@ -78,56 +79,6 @@ class Compiled:
         given = (address(self.record), address(self.memory), self.robot.wheel_count, address(record))
         whole = self._update(*given, address(state))
         return state.astype(np.float64), bool(whole)
-
-
-def readings(
-    robot: Robot, *, samples: int, seed: int = 1, missing: float = 0.0, fixes: float = 0.0, h: float = H
-) -> Iterator[Reading]:
-    """Return what the sensors of a robot show that sways, turns and rolls; single-precision numbers, whole counts.
-
-    Parameters
-    ----------
-    robot : Robot
-    samples, seed : int
-    missing : float
-        Chance that encoders, gyro or attitude are missing in a sample.
-    fixes : float
-        Chance of a fix in a sample.
-    h : float
-        Sample time [s].
-    """
-    random = np.random.default_rng(seed)
-    step, wheels = step_of(robot), transforms(robot).T_owb
-    bias, drift = random.normal(0.0, 2e-3, 3), 1.5e-3
-    angles = counted = np.zeros(robot.wheel_count)
-    for k in range(samples):
-        t = k * h
-        attitude = np.array(
-            [0.04 * np.sin(1.3 * t), -0.03 * np.cos(1.7 * t), 0.3 * np.sin(t) - 1.5 * np.cos(0.2 * t)]
-        )
-        rate = np.array(
-            [0.052 * np.cos(1.3 * t), 0.051 * np.sin(1.7 * t), 0.3 * np.cos(t) + 0.3 * np.sin(0.2 * t)]
-        )
-        gyro = body_rates_matrix(*attitude) @ rate
-        v_x, v_y = 0.4 * np.sin(0.5 * t), 0.3 * np.cos(0.3 * t)
-        ball = rotation(*attitude).T @ np.array([-v_y, v_x, 0.0]) / robot.ball.radius
-        angles = angles + h * (wheels @ (ball - gyro))
-        before, counted = counted, np.floor(angles / step) * step
-        gyro = gyro + bias + random.normal(0.0, robot.sensors.gyro_noise, 3)
-        shown = attitude + random.normal(0.0, robot.sensors.attitude_noise, 3) + [0.0, 0.0, drift * t]
-        speeds, gyro, shown = (
-            one.astype(np.float32).astype(np.float64) for one in ((counted - before) / h, gyro, shown)
-        )
-        lost = random.random(3) < missing
-        heading = float(attitude[2]) + 2.0 * np.pi * random.integers(-2, 3)
-        position = np.array([0.8 - 0.8 * np.cos(0.5 * t), np.sin(0.3 * t)]) + random.normal(0.0, 0.005, 2)
-        yield Reading(
-            wheel_angles=np.full_like(counted, np.nan) if lost[0] else counted,
-            wheel_speeds=np.full_like(speeds, np.nan) if lost[0] else speeds,
-            gyro=np.array([gyro[0], np.nan, 1e9]) if lost[1] else gyro,
-            attitude=np.array([shown[0], np.nan, shown[2]]) if lost[2] else shown,
-            fix=Fix(position=position, heading=heading) if random.random() < fixes else None,
-        )
 
 
 def covariances(compiled: Compiled, exact: KalmanFilter) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -9,7 +9,7 @@ code, dense matrices and all (`campaigns/firmware_direct.c`), without the parts 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -18,19 +18,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot import Controller, Robot
+from ballbot.control.controller import Compensation
 from ballbot.control.law import LAW, MEMORY
-from ballbot.control.presets import nominal_controller, precise_controller
-from ballbot.control.records import MAX_WHEELS, converted
-from ballbot.control.safety import SafetyLimits
+from ballbot.control.presets import adaptive, nominal_controller, precise_controller
+from ballbot.control.records import converted
 from ballbot.estimation.interface import EstimatorName
 from ballbot.estimation.kalman import filter_model, first_covariance
 from ballbot.estimation.kalman_model import STATES, FilterNoise, S
 from ballbot.firmware.cortex_m4 import CLOCK
 from ballbot.firmware.emulator import Board, Image, Run, compile_image
 from ballbot.firmware.estimators import reading_record
+from ballbot.firmware.export import export_controller
 from ballbot.firmware.host import Firmware, library, source_files
-from ballbot.firmware.records import PARAMETERS, STATE, parameter_record
-from campaigns.firmware_estimators import Compiled, readings
+from ballbot.firmware.processor_load import SAMPLES, Update, readings, rehearse
+from ballbot.firmware.records import PARAMETERS, STATE
+from ballbot.twin import Scenario
+from campaigns.firmware_estimators import Compiled
 from campaigns.firmware_numbers import controllers, updates
 from campaigns.section import Section
 
@@ -106,9 +109,14 @@ def estimator_runs(
         yield run, found.tobytes() == expected.tobytes() and kept.tobytes() == host.memory.tobytes()
 
 
-def law_runs(controller: Controller, *, lanes: int, count: int) -> Iterator[tuple[Run, bool]]:
-    """Return each call of a control law, and whether its torques are those of this computer bit for bit."""
-    board = Board(image())
+def law_runs(
+    controller: Controller, *, lanes: int, count: int, board: Board | None = None
+) -> Iterator[tuple[Run, bool]]:
+    """Return each call of a control law, and whether its torques are those of this computer bit for bit.
+
+    A new board is taken if none is given.
+    """
+    board = board or Board(image())
     law = board.place(converted(controller.record, LAW))
     memory = board.place(np.zeros(1, MEMORY.dtype("single")))
     state, reference = (board.place(np.zeros(10, np.float32)) for _ in range(2))
@@ -123,29 +131,18 @@ def law_runs(controller: Controller, *, lanes: int, count: int) -> Iterator[tupl
             yield run, board.read(answer, expected).tobytes() == expected.tobytes()
 
 
-def firmware_runs(controller: Controller, *, samples: int) -> Iterator[tuple[Run, bool]]:
-    """Return each call of the whole update, armed, and whether torques and state are those of this computer."""
-    robot, h = controller.robot, controller.sample_time
-    limits = SafetyLimits.on_robot(robot, sample_time=h)
-    host = Firmware(parameter_record(controller, limits))
-    board = Board(image())
-    parameters, state = board.place(host.parameters), board.place(host.state)
-    reference, torques = np.zeros(10, np.float32), np.zeros(MAX_WHEELS, np.float32)
-    wanted, answer, given = board.place(reference), board.place(torques), 0
-    board.call("ballbot_init", state, parameters)
-    for name in ("skip_self_test", "arm"):
-        getattr(host, name)()
-        board.call(f"ballbot_{name}", state)
-    for k, reading in enumerate(readings(robot, samples=samples, h=h)):
-        taken = reading_record(reading, robot=robot)
-        if not given:
-            given = board.place(taken)
-        board.write(given, taken)
-        time = round(1e6 * k * h)
-        run = board.call("ballbot_update", state, parameters, given, time, wanted, answer)
-        expected = host.update(taken, time, reference)
-        found, kept = board.read(answer, torques)[: len(expected)], board.read(state, host.state)
-        yield run, found.tobytes() == expected.tobytes() and kept.tobytes() == host.state.tobytes()
+def firmware_runs(controller: Controller, *, samples: int) -> Iterator[tuple[Update, bool]]:
+    """Return each update of a rehearsal, and whether torques and state are those of this computer bit for bit."""
+    exported = export_controller(controller)
+    host = Firmware(exported.parameters)
+    host.skip_self_test()
+    host.arm()
+    for update in rehearse(controller, exported, Board(image()), samples=samples):
+        expected = host.update(update.reading, update.time, update.reference)
+        same = (
+            update.torques.tobytes() == expected.tobytes() and update.state.tobytes() == host.state.tobytes()
+        )
+        yield update, same
 
 
 def direct_runs(robot: Robot, *, samples: int) -> list[Run]:
@@ -197,21 +194,34 @@ def timings(*, samples: int, count: int) -> list[Timing]:
         ram = LAW.dtype("single").itemsize + MEMORY.dtype("single").itemsize
         found.append(timing(f"law: {label}", "ballbot_control_law", [run for run, _ in rows], ram))
 
-    whole: list[tuple[str, Controller, EstimatorName]] = [
-        ("nominal", nominal_controller(robot), "onboard"),
-        ("nominal", nominal_controller(robot), "kalman"),
-        ("precise", precise_controller(robot), "kalman"),
-    ]
-    for label, controller, estimator in whole:
-        rows = list(firmware_runs(controller.with_estimator(estimator), samples=samples))
-        _check(label, rows)
-        ram = PARAMETERS.dtype("single").itemsize + STATE.dtype("single").itemsize
-        runs = [run for run, _ in rows]
-        found.append(timing(f"whole update: {label}, {estimator}", "ballbot_update", runs, ram))
+    ram = PARAMETERS.dtype("single").itemsize + STATE.dtype("single").itemsize
+    for label, controller in presets().items():
+        updates_of = list(firmware_runs(controller, samples=SAMPLES))
+        _check(label, updates_of)
+        takes_fixes = controller.estimator == "kalman"
+        for suffix, with_fix in (("", False), (", with fixes", True))[: 1 + takes_fixes]:
+            runs = [one.run for one, _ in updates_of if one.has_fix == with_fix]
+            found.append(timing(f"whole update: {label}{suffix}", "ballbot_update", runs, ram))
     return found
 
 
-def _check(label: str, rows: list[tuple[Run, bool]]) -> None:
+def presets() -> dict[str, Controller]:
+    """Return the preset controllers of the thesis's robot with each estimator that they are made for, by name."""
+    robot = Robot.load("alten").replace(friction=Scenario.nominal(Robot.load("alten")).friction)
+    compensations: tuple[Compensation, ...] = ("none", "full", "partial")
+    estimators: tuple[EstimatorName, ...] = ("onboard", "kalman")
+    found = {
+        f"nominal {compensation}, {estimator}": nominal_controller(
+            robot, compensation=compensation
+        ).with_estimator(estimator)
+        for compensation in compensations
+        for estimator in estimators
+    }
+    precise = precise_controller(robot)
+    return found | {"precise, kalman": precise, "precise adaptive, kalman": adaptive(precise)}
+
+
+def _check(label: str, rows: Sequence[tuple[object, bool]]) -> None:
     wrong = sum(not same for _, same in rows)
     if wrong:
         raise RuntimeError(

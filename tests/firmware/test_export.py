@@ -12,8 +12,10 @@ from ballbot import Controller, InputError
 from ballbot.cli.main import main
 from ballbot.control.file import write_controller
 from ballbot.control.presets import adaptive, nominal_controller, precise_controller
+from ballbot.firmware import processor_load
 from ballbot.firmware.export import export_controller, exported_names
 from ballbot.firmware.host import compile_sources, compilers, source_files
+from ballbot.firmware.processor_load import what_to_install
 from ballbot.robot.file import write_robot
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
 
@@ -51,10 +53,29 @@ def test_files_are_whole_and_the_same_each_time(given, tmp_path, capsys):
     assert export(given, tmp_path / "two") == 0
     second = contents(tmp_path / "two")
     for name in exported_names():
-        assert first[name] == second[name] == (tmp_path / "one" / name).read_bytes(), name
+        assert first[name] == second[name], name
     results = json.loads(first["results.json"])
     assert results["safety"]["lean"] == 0.35
     assert results["estimator"] == "kalman"
+
+
+def test_load_of_the_processor_is_reported_or_what_it_needs(given, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(processor_load, "_NEEDED", ("no_such_package",))
+    assert export(given, tmp_path / "without") == 0
+    sentence = "Not measured: instructions, cycles, flash and stack need `pip install no_such_package`."
+    assert sentence in capsys.readouterr().out.replace("\n", " ")
+    assert (tmp_path / "without" / "README.md").read_text().endswith(f"## On the processor\n\n{sentence}\n")
+    assert json.loads((tmp_path / "without" / "results.json").read_text())["processor"] is None
+    monkeypatch.undo()
+    if what_to_install():
+        pytest.skip("ziglang or unicorn is not installed")
+    assert export(given, tmp_path / "with", "--clock", "36e6") == 0
+    load = json.loads((tmp_path / "with" / "results.json").read_text())["processor"]
+    assert load["worst_share"] == pytest.approx(load["worst_cycles"] / (36e6 * 0.005))
+    row = f"| instructions of an update, worst | {load['worst_instructions']:,} |"
+    assert row in (tmp_path / "with" / "README.md").read_text()
+    assert "share of 5 ms at 36 MHz, worst" in capsys.readouterr().out
+    assert export(given, tmp_path / "with", "--clock", "72") == 2
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,7 @@ PROSE = "<prose>"
 DIGEST = "<numbers>"
 LONGEST = 9  #: numbers
 
-_PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "mujoco", "cmaes", "opencv-python-headless")
+_PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "mujoco", "cmaes", "opencv-python-headless", "ziglang")
 
 
 def freeze_folder(folder: Path, *, code: int) -> Json:

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
-
-from rich.console import RenderableType
-from rich.text import Text
 
 from ballbot.cli.context import input_files, open_result
 from ballbot.cli.controllers import warn_of_idle_compensation, warn_of_overcompensation
 from ballbot.cli.findings import Accept, check_robot
-from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
 from ballbot.files import write_text
-from ballbot.firmware.export import Export, check_belongs, export_controller, exported_names
+from ballbot.firmware.export import check_belongs, export_controller, exported_names
+from ballbot.firmware.processor_load import check_clock, measure_load, what_to_install
 from ballbot.firmware.records import FIRMWARE
-from ballbot.report.console import table
+from ballbot.report.export import export_parts, load_section
 from ballbot.robot import Robot
+
+_README = "README.md"
 
 
 def export(
@@ -26,6 +24,7 @@ def export(
     *,
     robot: str,
     lean: float = 0.35,
+    clock: float = 72e6,
     accept: Accept = None,
     out: Path,
 ) -> None:
@@ -37,6 +36,9 @@ def export(
     It computes in single precision, needs no operating system and no C library, and takes no memory. Start with
     README.md in the folder; ballbot_hardware.h has the seven functions to write for a board.
 
+    With the packages ziglang and unicorn, the library is compiled for a Cortex-M4F and run on an emulator, which counts
+    the instructions of an update. Cycles are an upper estimate with two wait states of flash.
+
     Parameters
     ----------
     controller
@@ -46,9 +48,12 @@ def export(
     lean
         Largest tilt [rad] at which the firmware gives torques; beyond it the robot is stopped. `ballbot limits` finds
         the largest tilt from which a robot recovers.
+    clock
+        Clock of the processor [Hz], for the share of the period that an update takes.
     out
         The folder to write into.
     """
+    check_clock(clock)
     described = Robot.load(robot)
     check_robot(described, robot, accept=accept)
     check_belongs(controller, described)
@@ -57,10 +62,13 @@ def export(
     writes = [*exported_names(), "results.json"]
     with open_result(out, command="export", writes=writes, inputs=inputs) as result:
         exported = export_controller(read, lean=lean)
+        to_install = what_to_install()
+        load = None if to_install else measure_load(read, exported, clock=clock)
+        section = load_section(load, to_install=to_install)
         with result.replaced() as new:
             for name, text in exported.files.items():
                 (new / name).parent.mkdir(parents=True, exist_ok=True)
-                write_text(new / name, text)
+                write_text(new / name, f"{text}\n{section}" if name == _README else text)
             results = {
                 "robot": described.name,
                 "estimator": read.estimator,
@@ -69,32 +77,12 @@ def export(
                 "schema": FIRMWARE.digest,
                 "parameter_bytes": exported.parameter_bytes,
                 "state_bytes": exported.state_bytes,
+                "processor": None if load is None else load.to_dict(),
             }
             result.write_json(results, new)
-    result.show(_parts(exported, read, framed=result.console.is_terminal))
+    result.show(export_parts(exported, read, load, framed=result.console.is_terminal))
+    if to_install:
+        result.console.print(to_install)
     warn_of_idle_compensation({controller.name: read}, result.console)
     warn_of_overcompensation({controller.name: read}, described, result.console)
-    result.show_file("README.md")
-
-
-def _parts(exported: Export, controller: Controller, *, framed: bool) -> Iterator[RenderableType]:
-    """Yield the controller, sizes and limits of an exported firmware."""
-    limits = exported.limits
-    parts = ", ".join(part.label for _, part in controller.parts.present()) or "none"
-    compensation = "no" if controller.compensation == "none" else controller.compensation
-    yield Text(
-        f"{len(exported.files)} files for {controller.robot.name}. Estimator: {controller.estimator}; {compensation} "
-        f"friction compensation; parts: {parts}."
-    )
-    rows = [
-        ["period", f"{1e3 * controller.sample_time:g} ms"],
-        ["numbers of the controller (flash)", f"{exported.parameter_bytes} bytes"],
-        ["state (RAM)", f"{exported.state_bytes} bytes"],
-        ["torque limit", f"{controller.torque_limit:.3g} N m"],
-        ["stops beyond a lean of", f"{limits.lean:g} rad"],
-        ["stops if a sample comes after more than", f"{1e3 * limits.max_interval:g} ms"],
-        ["stops after missing samples", f"{limits.max_missing + 1}"],
-        ["stops if a sensor repeats itself for", f"{limits.max_unchanged} samples"],
-        ["a wheel must turn under", f"{limits.turning_torque:.3g} N m"],
-    ]
-    yield table("firmware", ("quantity", "value"), rows, framed=framed)
+    result.show_file(_README)

@@ -14,11 +14,14 @@ condition skips counts, as it takes a cycle. The cycles are an upper estimate (`
 from __future__ import annotations
 
 import importlib.util
+import itertools
+import os
 import struct
 import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -156,25 +159,18 @@ def compile_image(
     zig = (sys.executable, "-m", "ziglang")
     with tempfile.TemporaryDirectory(prefix="ballbot-arm-") as name:
         folder = Path(name)
-        objects = []
-        for number, source in enumerate([*sources, _RUNTIME]):
-            objects.append(folder / f"{number}.o")
-            paths = [f"-I{path}" for path in include]
+        paths = [f"-I{path}" for path in include]
+
+        def compiled(number: int, source: Path) -> Path:
+            target = folder / f"{number}.o"
             more = ["-fno-builtin"] if source == _RUNTIME else []
             _run(
-                *zig,
-                "cc",
-                *PROCESSOR,
-                *NUMERICS,
-                *_BUILD,
-                *flags,
-                *more,
-                *paths,
-                "-c",
-                source,
-                "-o",
-                objects[-1],
+                *zig, "cc", *PROCESSOR, *NUMERICS, *_BUILD, *flags, *more, *paths, "-c", source, "-o", target
             )
+            return target
+
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            objects = list(pool.map(compiled, itertools.count(), [*sources, _RUNTIME]))
         script, target = folder / "memory.ld", folder / "image.elf"
         script.write_text(_LINKER_SCRIPT)
         _run(*zig, "ld.lld", "-T", script, "--entry=0", *objects, "-o", target)
@@ -365,6 +361,11 @@ class Board:
             cycles_in_ram=count.cycles,
             stack=len(stack.lstrip(bytes([_PAINT]))),
         )
+
+    @property
+    def executed(self) -> set[int]:
+        """Addresses of all instructions that calls have gone through so far."""
+        return {one for start, size in self._count.blocks for one in range(start, start + size, 2)}
 
     def _on_block(self, core, address: int, size: int, _) -> None:
         count = self._count

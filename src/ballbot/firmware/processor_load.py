@@ -1,0 +1,271 @@
+"""What a controller takes on its processor: instructions and cycles of an update, flash, RAM and stack.
+
+The library is compiled for a Cortex-M4F and takes a rehearsal of some hundred samples on the emulator
+(`ballbot.firmware.emulator`): a robot that sways, turns and rolls, a reference that stands, moves and jumps, and now
+and then a sample without encoders, gyro or attitude. Such a rehearsal goes through every branch that random states
+and references find in the parts of the controller (`tests/firmware/test_processor_load.py`).
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.controller import Controller
+from ballbot.control.records import MAX_WHEELS
+from ballbot.errors import InputError
+from ballbot.estimation.interface import Fix, Reading
+from ballbot.firmware.cortex_m4 import CLOCK
+from ballbot.firmware.emulator import Board, Run, compile_image
+from ballbot.firmware.estimators import reading_record, step_of
+from ballbot.firmware.export import Export
+from ballbot.firmware.host import source_files
+from ballbot.firmware.records import STATE
+from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
+from ballbot.robot import Robot
+
+#: of a rehearsal
+SAMPLES = 240
+#: wheels of pip that a measurement needs
+_NEEDED = ("ziglang", "unicorn")
+#: samples between two of which a sensor is missing, and between two with a fix
+_MISSING_EVERY, _FIX_EVERY = 17, 29
+#: samples of a phase of the reference
+_PHASE = 20
+#: offsets of the reference from the estimated x [m], y [m] and psi [rad], phase by phase: at rest, near, far, turned
+_OFFSETS = ((0.0, 0.0, 0.0), (0.02, -0.01, 0.05), (1.0, 0.5, 0.0), (0.0, 0.0, 1.0), (-0.3, 0.3, -0.5))
+#: change of the reference in a sample of a phase, over the largest that the shaping follows as a motion
+_SLOW = 0.001
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProcessorLoad:
+    """What the firmware takes on a Cortex-M4F; cycles are upper estimates with two wait states of flash."""
+
+    clock: float  #: [Hz]
+    period: float  #: sample time [s]
+    samples: int  #: of the rehearsal
+    compiler: str  #: and its version
+    typical_instructions: int  #: median over the samples without a fix
+    worst_instructions: int  #: largest over the samples without a fix
+    typical_cycles: int
+    worst_cycles: int
+    fix_instructions: (
+        int | None
+    )  #: largest over the samples with a fix of the pose; None if the estimator takes none
+    fix_cycles: int | None
+    flash: int  #: the whole library and the numbers of the controller [bytes]
+    ram: int  #: the state [bytes]
+    stack: int  #: of an update, along the deepest chain of calls [bytes]
+
+    @property
+    def typical_share(self) -> float:
+        """Share of the period that a typical update takes [1]."""
+        return self.typical_cycles / (self.clock * self.period)
+
+    @property
+    def worst_share(self) -> float:
+        """Largest share of the period that an update without a fix takes [1]."""
+        return self.worst_cycles / (self.clock * self.period)
+
+    @property
+    def highest_rate(self) -> float:
+        """Rate at which the worst update would take the whole period [Hz]."""
+        return self.clock / max(self.worst_cycles, self.fix_cycles or 0)
+
+    def to_dict(self) -> dict[str, float | int | str | None]:
+        """Return the numbers for results.json."""
+        return asdict(self) | {
+            "typical_share": self.typical_share,
+            "worst_share": self.worst_share,
+            "highest_rate": self.highest_rate,
+        }
+
+
+def what_to_install() -> str:
+    """Return one sentence on what a measurement needs and lacks; empty if all is there."""
+    missing = [name for name in _NEEDED if importlib.util.find_spec(name) is None]
+    return (
+        f"Not measured: instructions, cycles, flash and stack need `pip install {' '.join(missing)}`."
+        if missing
+        else ""
+    )
+
+
+def check_clock(clock: float) -> None:
+    """Raise InputError unless a processor's clock [Hz] is possible."""
+    if not 1e6 <= clock <= 1e9:
+        raise InputError(
+            f"The clock of the processor must be between 1e6 and 1e9 Hz, not {clock:g}; 72 MHz is 72e6."
+        )
+
+
+def measure_load(controller: Controller, exported: Export, *, clock: float = CLOCK) -> ProcessorLoad:
+    """Return what an exported controller takes on its processor, measured on the emulator.
+
+    Parameters
+    ----------
+    controller : Controller
+    exported : Export
+        Of the controller.
+    clock : float
+        Of the processor [Hz].
+
+    Raises
+    ------
+    InputError
+        If `ziglang` or `unicorn` is not installed, or the clock is impossible.
+    """
+    check_clock(clock)
+    image = compile_image(source_files())
+    plain, fixed = [], []
+    for update in rehearse(controller, exported, Board(image)):
+        (fixed if update.has_fix else plain).append(update.run)
+    takes_fixes = controller.estimator == "kalman"
+    return ProcessorLoad(
+        clock=clock,
+        period=controller.sample_time,
+        samples=len(plain) + len(fixed),
+        compiler=f"ziglang {version('ziglang')}",
+        typical_instructions=int(np.median([run.instructions for run in plain])),
+        worst_instructions=max(run.instructions for run in plain),
+        typical_cycles=int(np.median([run.cycles for run in plain])),
+        worst_cycles=max(run.cycles for run in plain),
+        fix_instructions=max(run.instructions for run in fixed) if takes_fixes else None,
+        fix_cycles=max(run.cycles for run in fixed) if takes_fixes else None,
+        flash=image.flash + exported.parameter_bytes,
+        ram=image.ram + exported.state_bytes,
+        stack=image.stack_bound("ballbot_update"),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Update:
+    """An update on the emulated processor: what it was given, what it gave and what it took."""
+
+    reading: NDArray[np.void]  #: (1,) of `READING`
+    time: int  #: [us]
+    reference: NDArray[np.float32]  #: (10,)
+    has_fix: bool
+    torques: NDArray[np.float32]  #: (n,) [N m]
+    state: NDArray[np.void]  #: (1,) of `STATE` after the update
+    run: Run
+
+
+def rehearse(
+    controller: Controller, exported: Export, board: Board, *, samples: int = SAMPLES
+) -> Iterator[Update]:
+    """Yield the updates of a rehearsal, armed, on a new emulated processor with the library in its flash."""
+    robot, h = controller.robot, controller.sample_time
+    parameters = board.place(exported.parameters)
+    blank = np.zeros(1, STATE.dtype("single"))
+    state = board.place(blank)
+    reference, torques = np.zeros(10, np.float32), np.zeros(MAX_WHEELS, np.float32)
+    wanted, answer = board.place(reference), board.place(torques)
+    board.call("ballbot_init", state, parameters)
+    board.call("ballbot_skip_self_test", state)
+    board.call("ballbot_arm", state)
+    given = 0
+    for k, reading in enumerate(readings(robot, samples=samples, h=h)):
+        record = reading_record(_disturbed(reading, k), robot=robot)
+        if not given:
+            given = board.place(record)
+        board.write(given, record)
+        board.write(wanted, reference)
+        time = round(1e6 * k * h)
+        run = board.call("ballbot_update", state, parameters, given, time, wanted, answer)
+        after = board.read(state, blank)
+        yield Update(
+            reading=record,
+            time=time,
+            reference=reference.copy(),
+            has_fix=k % _FIX_EVERY == _FIX_EVERY - 1,
+            torques=board.read(answer, torques)[: robot.wheel_count],
+            state=after,
+            run=run,
+        )
+        reference = _next_reference(reference, after["run"]["estimate"][0], k + 1)
+
+
+def _disturbed(reading: Reading, k: int) -> Reading:
+    """Return a sample's reading, every now and then without a sensor or with a fix of the pose."""
+    turn, place = divmod(k, _MISSING_EVERY)
+    lost = turn % 3 if place == _MISSING_EVERY - 1 else None
+    fix = Fix(position=np.array([0.1, 0.0]), heading=0.0) if k % _FIX_EVERY == _FIX_EVERY - 1 else None
+    gone = np.full_like
+    return Reading(
+        wheel_angles=gone(reading.wheel_angles, np.nan) if lost == 0 else reading.wheel_angles,
+        wheel_speeds=gone(reading.wheel_speeds, np.nan) if lost == 0 else reading.wheel_speeds,
+        gyro=gone(reading.gyro, np.nan) if lost == 1 else reading.gyro,
+        attitude=gone(reading.attitude, np.nan) if lost == 2 else reading.attitude,
+        fix=fix,
+    )
+
+
+def _next_reference(
+    before: NDArray[np.float32], estimate: NDArray[np.float32], k: int
+) -> NDArray[np.float32]:
+    """Return the reference (10,) of sample k: it jumps at the start of a phase and moves on slowly within."""
+    reference = before.copy()
+    phase, place = divmod(k, _PHASE)
+    if place == 0:
+        offset = _OFFSETS[phase % len(_OFFSETS)]
+        reference[[0, 1, 4]] = estimate[[0, 1, 4]] + np.array(offset, np.float32)
+    elif phase % 2:
+        reference[[0, 1, 4]] += np.float32(_SLOW)
+    return reference
+
+
+def readings(
+    robot: Robot, *, samples: int, seed: int = 1, h: float = 0.005, missing: float = 0.0, fixes: float = 0.0
+) -> Iterator[Reading]:
+    """Yield what the sensors of a robot show that sways, turns and rolls; single-precision numbers, whole counts.
+
+    Parameters
+    ----------
+    robot : Robot
+    samples, seed : int
+    h : float
+        Sample time [s].
+    missing : float
+        Chance that encoders, gyro or attitude are missing in a sample.
+    fixes : float
+        Chance of a fix in a sample.
+    """
+    random = np.random.default_rng(seed)
+    step, wheels = step_of(robot), transforms(robot).T_owb
+    bias, drift = random.normal(0.0, 2e-3, 3), 1.5e-3
+    angles = counted = np.zeros(robot.wheel_count)
+    for k in range(samples):
+        t = k * h
+        attitude = np.array(
+            [0.04 * np.sin(1.3 * t), -0.03 * np.cos(1.7 * t), 0.3 * np.sin(t) - 1.5 * np.cos(0.2 * t)]
+        )
+        rate = np.array(
+            [0.052 * np.cos(1.3 * t), 0.051 * np.sin(1.7 * t), 0.3 * np.cos(t) + 0.3 * np.sin(0.2 * t)]
+        )
+        gyro = body_rates_matrix(*attitude) @ rate
+        v_x, v_y = 0.4 * np.sin(0.5 * t), 0.3 * np.cos(0.3 * t)
+        ball = rotation(*attitude).T @ np.array([-v_y, v_x, 0.0]) / robot.ball.radius
+        angles = angles + h * (wheels @ (ball - gyro))
+        before, counted = counted, np.floor(angles / step) * step
+        gyro = gyro + bias + random.normal(0.0, robot.sensors.gyro_noise, 3)
+        shown = attitude + random.normal(0.0, robot.sensors.attitude_noise, 3) + [0.0, 0.0, drift * t]
+        speeds, gyro, shown = (
+            one.astype(np.float32).astype(np.float64) for one in ((counted - before) / h, gyro, shown)
+        )
+        lost = random.random(3) < missing
+        heading = float(attitude[2]) + 2.0 * np.pi * random.integers(-2, 3)
+        position = np.array([0.8 - 0.8 * np.cos(0.5 * t), np.sin(0.3 * t)]) + random.normal(0.0, 0.005, 2)
+        yield Reading(
+            wheel_angles=np.full_like(counted, np.nan) if lost[0] else counted,
+            wheel_speeds=np.full_like(speeds, np.nan) if lost[0] else speeds,
+            gyro=np.array([gyro[0], np.nan, 1e9]) if lost[1] else gyro,
+            attitude=np.array([shown[0], np.nan, shown[2]]) if lost[2] else shown,
+            fix=Fix(position=position, heading=heading) if random.random() < fixes else None,
+        )

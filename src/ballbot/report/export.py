@@ -1,0 +1,92 @@
+"""An exported firmware as text: what it is for, how much it takes, and when its safety layer stops."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rich.console import RenderableType
+from rich.text import Text
+
+from ballbot.control.controller import Controller
+from ballbot.firmware.export import Export
+from ballbot.firmware.processor_load import ProcessorLoad
+from ballbot.report.console import table
+
+_HEADINGS = ("quantity", "value")
+
+
+def export_parts(
+    exported: Export, controller: Controller, load: ProcessorLoad | None, *, framed: bool
+) -> Iterator[RenderableType]:
+    """Yield the controller, limits, and what it takes on its processor if that was measured."""
+    parts = ", ".join(part.label for _, part in controller.parts.present()) or "none"
+    compensation = "no" if controller.compensation == "none" else controller.compensation
+    yield Text(
+        f"{len(exported.files)} files for {controller.robot.name}. Estimator: {controller.estimator}; {compensation} "
+        f"friction compensation; parts: {parts}."
+    )
+    yield table("firmware", _HEADINGS, _limit_rows(exported, controller), framed=framed)
+    if load is not None:
+        yield table("on a Cortex-M4F", _HEADINGS, load_rows(load), framed=framed)
+
+
+def _limit_rows(exported: Export, controller: Controller) -> list[list[str]]:
+    limits = exported.limits
+    return [
+        ["period", f"{1e3 * controller.sample_time:g} ms"],
+        ["numbers of the controller (flash)", f"{exported.parameter_bytes} bytes"],
+        ["state (RAM)", f"{exported.state_bytes} bytes"],
+        ["torque limit", f"{controller.torque_limit:.3g} N m"],
+        ["stops beyond a lean of", f"{limits.lean:g} rad"],
+        ["stops if a sample comes after more than", f"{1e3 * limits.max_interval:g} ms"],
+        ["stops after missing samples", f"{limits.max_missing + 1}"],
+        ["stops if a sensor repeats itself for", f"{limits.max_unchanged} samples"],
+        ["a wheel must turn under", f"{limits.turning_torque:.3g} N m"],
+    ]
+
+
+def load_rows(load: ProcessorLoad) -> list[list[str]]:
+    """Return quantities and values of what a controller takes on its processor."""
+    period = f"{1e3 * load.period:g} ms at {load.clock / 1e6:g} MHz"
+    rows = [
+        ["instructions of an update, typical", f"{load.typical_instructions:,}"],
+        ["instructions of an update, worst", f"{load.worst_instructions:,}"],
+        ["cycles, typical, at most", f"{load.typical_cycles:,}"],
+        ["cycles, worst, at most", f"{load.worst_cycles:,}"],
+    ]
+    if load.fix_instructions is not None and load.fix_cycles is not None:
+        rows += [
+            ["instructions, worst, with a fix of the pose", f"{load.fix_instructions:,}"],
+            ["cycles, worst, with a fix of the pose, at most", f"{load.fix_cycles:,}"],
+        ]
+    return [
+        *rows,
+        [f"share of {period}, typical", f"{100 * load.typical_share:.1f} %"],
+        [f"share of {period}, worst", f"{100 * load.worst_share:.1f} %"],
+        ["highest rate", f"{load.highest_rate:,.0f} Hz"],
+        ["flash, library and numbers", f"{load.flash:,} bytes"],
+        ["RAM, state", f"{load.ram:,} bytes"],
+        ["stack, at most", f"{load.stack:,} bytes"],
+    ]
+
+
+def load_section(load: ProcessorLoad | None, *, to_install: str) -> str:
+    """Return the section of the exported README.md about the processor, in Markdown."""
+    if load is None:
+        return f"## On the processor\n\n{to_install}\n"
+    lines = [f"| {name} | {value} |" for name, value in load_rows(load)]
+    return "\n".join(
+        [
+            "## On the processor",
+            "",
+            f"Measured over {load.samples} samples on an emulated Cortex-M4F, the library compiled by Clang with -O2 "
+            f"({load.compiler}).",
+            "Instructions are exact. Cycles are an upper estimate: those of the processor's manual, and two wait",
+            "states for each 64 bits of code and each word of constants in flash. Interrupts and drivers come on top.",
+            "",
+            "| quantity | value |",
+            "|---|---:|",
+            *lines,
+            "",
+        ]
+    )

@@ -1,0 +1,72 @@
+"""What a controller takes on its processor: the rehearsal sees every branch, and has the bits of this computer."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("ziglang", reason="ziglang, of the extra `test`, is not installed")
+pytest.importorskip("unicorn", reason="unicorn, of the extra `test`, is not installed")
+
+from ballbot import InputError
+from ballbot.firmware import processor_load
+from ballbot.firmware.emulator import Board
+from ballbot.firmware.export import export_controller
+from ballbot.firmware.processor_load import SAMPLES, measure_load, rehearse, what_to_install
+from campaigns.firmware_timing import firmware_runs, image, law_runs, presets
+from tests.support.control_examples import FRICTION, alten, everything
+
+CONTROLLERS = presets() | {"everything": everything(alten(FRICTION)).with_estimator("kalman")}
+
+
+@pytest.mark.parametrize(
+    "name", ["nominal partial, onboard", "precise, kalman", "precise adaptive, kalman", "everything"]
+)
+def test_rehearsal_goes_through_every_branch_that_random_states_find(name):
+    controller = CONTROLLERS[name]
+    rehearsed, random = Board(image()), Board(image())
+    updates = list(rehearse(controller, export_controller(controller), rehearsed))
+    assert all(update.torques.any() for update in updates)
+    assert updates[-1].state["safety"]["stop"][0] == 0
+    list(law_runs(controller, lanes=10, count=60, board=random))
+    assert random.executed - rehearsed.executed == set()
+
+
+def test_rehearsal_has_the_bits_of_this_computer():
+    assert all(same for _, same in firmware_runs(CONTROLLERS["everything"], samples=60))
+
+
+def test_load_is_the_rehearsal_s():
+    controller = CONTROLLERS["precise, kalman"]
+    exported = export_controller(controller)
+    load = measure_load(controller, exported, clock=36e6)
+    updates = list(rehearse(controller, exported, Board(image())))
+    plain = [update.run for update in updates if not update.has_fix]
+    assert load.samples == len(updates) == SAMPLES
+    assert load.worst_instructions == max(run.instructions for run in plain)
+    # the campaign's image has more functions: these lie elsewhere, and fewer or more lines of flash are read
+    assert load.worst_cycles == pytest.approx(max(run.cycles for run in plain), rel=1e-3)
+    assert load.typical_cycles <= load.worst_cycles < (load.fix_cycles or 0)
+    assert load.worst_share == load.worst_cycles / (36e6 * 0.005)
+    assert max(update.run.stack for update in updates) <= load.stack
+    assert load.flash > exported.parameter_bytes + 30_000
+    assert load.ram == exported.state_bytes
+
+
+def test_estimator_without_fixes_has_no_row_for_them():
+    controller = CONTROLLERS["nominal none, onboard"]
+    load = measure_load(controller, export_controller(controller))
+    assert load.fix_cycles is None
+    assert load.worst_share < 0.2  # at 200 Hz and 72 MHz
+
+
+@pytest.mark.parametrize("clock", [0.0, -72e6, 72.0, 1e12, float("nan")])
+def test_impossible_clock_is_refused(clock):
+    controller = CONTROLLERS["precise, kalman"]
+    with pytest.raises(InputError, match="clock of the processor must be between"):
+        measure_load(controller, export_controller(controller), clock=clock)
+
+
+def test_missing_packages_are_named(monkeypatch):
+    assert what_to_install() == ""
+    monkeypatch.setattr(processor_load, "_NEEDED", ("numpy", "no_such_package"))
+    assert what_to_install().endswith("need `pip install no_such_package`.")
