@@ -138,7 +138,7 @@ def firmware_runs(controller: Controller, *, samples: int) -> Iterator[tuple[Upd
     host.skip_self_test()
     host.arm()
     for update in rehearse(controller, exported, Board(image()), samples=samples):
-        expected = host.update(update.reading, update.time, update.reference)
+        expected = host.update(update.reading, update.time, update.reference.astype(np.float64))
         same = (
             update.torques.tobytes() == expected.tobytes() and update.state.tobytes() == host.state.tobytes()
         )

@@ -24,6 +24,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,8 @@ from ballbot.firmware.cortex_m4 import (
 )
 from ballbot.firmware.header import SOURCES
 from ballbot.firmware.host import NUMERICS
+
+_Scalar = TypeVar("_Scalar", bound=np.generic)
 
 _RUNTIME = Path(__file__).parent / "emulator_runtime.c"
 
@@ -324,7 +327,7 @@ class Board:
         """Overwrite what lies at an address."""
         self._core.mem_write(address, np.ascontiguousarray(array).tobytes())
 
-    def read(self, address: int, like: NDArray[np.generic]) -> NDArray[np.generic]:
+    def read(self, address: int, like: NDArray[_Scalar]) -> NDArray[_Scalar]:
         """Return what lies at an address, as an array of the type and shape of another."""
         content = bytes(self._core.mem_read(address, like.nbytes))
         return np.frombuffer(content, like.dtype).reshape(like.shape).copy()
