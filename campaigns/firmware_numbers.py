@@ -15,8 +15,9 @@ be one of the two results.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -237,41 +238,49 @@ def _changed(record: NDArray[np.void], *, torque_limit: float, compensated: bool
     return copy
 
 
-def controllers() -> dict[str, Controller]:
-    """Return the presets and every part on and off, for three and four wheels, by name."""
+def controllers() -> dict[str, Callable[[], Controller]]:
+    """Return what designs the presets and every part on and off, for three and four wheels, by name."""
     alten = Robot.load("alten").replace(friction=Scenario.nominal(Robot.load("alten")).friction)
-    found = {}
+    found: dict[str, Callable[[], Controller]] = {}
     for robot, wheels in ((alten, "3 wheels"), (four_wheeled(friction=True), "4 wheels")):
         for compensation in ("none", "full", "partial"):
-            found[f"nominal, {compensation}, {wheels}"] = nominal_controller(robot, compensation=compensation)
-        precise = precise_controller(robot)
-        found[f"precise, {wheels}"] = precise
-        found[f"adaptive, {wheels}"] = adaptive(precise)
-        whole = everything(robot)
-        found[f"every part, {wheels}"] = whole
+            found[f"nominal, {compensation}, {wheels}"] = partial(
+                nominal_controller, robot, compensation=compensation
+            )
+        found[f"precise, {wheels}"] = partial(precise_controller, robot)
+        found[f"adaptive, {wheels}"] = partial(_adaptive, robot)
+        found[f"every part, {wheels}"] = partial(everything, robot)
         directed = replace(
             robot.friction,
             coulomb_asymmetry=(0.02,) * robot.wheel_count,
             stribeck_asymmetry=(-0.01,) * robot.wheel_count,
             load=(0.05,) * robot.wheel_count,
         )
-        found[f"every part, directed friction, {wheels}"] = everything(robot.replace(friction=directed))
+        found[f"every part, directed friction, {wheels}"] = partial(
+            everything, robot.replace(friction=directed)
+        )
     for name in KINDS:
-        found[f"without {name}"] = everything(alten).with_parts(_without(everything(alten).parts, name))
-        found[f"{name} alone"] = precise_controller(alten).with_parts(_alone(everything(alten).parts, name))
+        found[f"without {name}"] = partial(_without, alten, name)
+        found[f"{name} alone"] = partial(_alone, alten, name)
     return found
 
 
-def _without(parts: Parts, name: str) -> Parts:
-    """Return parts without one and without those that need it."""
+def _adaptive(robot: Robot) -> Controller:
+    return adaptive(precise_controller(robot))
+
+
+def _without(robot: Robot, name: str) -> Controller:
+    """Return the controller of every part without one and without those that need it."""
+    whole = everything(robot)
     gone = {name, *(other for other, kind in KINDS.items() if name in kind.needs)}
-    return replace(parts, **dict.fromkeys(gone))
+    return whole.with_parts(replace(whole.parts, **dict.fromkeys(gone)))
 
 
-def _alone(parts: Parts, name: str) -> Parts:
-    """Return one part with those that it needs."""
+def _alone(robot: Robot, name: str) -> Controller:
+    """Return the precise controller with one part and those that it needs."""
     kept = {name, *KINDS[name].needs}
-    return Parts(**{one: part for one, part in parts.present() if one in kept})
+    parts = Parts(**{one: part for one, part in everything(robot).parts.present() if one in kept})
+    return precise_controller(robot).with_parts(parts)
 
 
 def campaign(states: int = 1_000_000) -> Section:
@@ -279,8 +288,8 @@ def campaign(states: int = 1_000_000) -> Section:
     chosen = controllers()
     count = math.ceil(states / (len(chosen) * _LANES))
     found = {
-        name: compare(one, lanes=_LANES, count=count, seed=place)
-        for place, (name, one) in enumerate(chosen.items())
+        name: compare(design(), lanes=_LANES, count=count, seed=place)
+        for place, (name, design) in enumerate(chosen.items())
     }
     total = sum(one.states for one in found.values())
     switching = sum(one.switching for one in found.values())

@@ -186,10 +186,10 @@ def timings(*, samples: int, count: int) -> list[Timing]:
         host = Compiled(name, robot)
         ram = host.record.nbytes + host.memory.nbytes
         found.append(timing(label, f"ballbot_{name}_update", [run for run, _ in rows], ram))
-    for label, controller in controllers().items():
+    for label, design in controllers().items():
         if label.startswith("without") or label.endswith("alone"):  # those of the test of each part
             continue
-        rows = list(law_runs(controller, lanes=10, count=count))
+        rows = list(law_runs(design(), lanes=10, count=count))
         _check(label, rows)
         ram = LAW.dtype("single").itemsize + MEMORY.dtype("single").itemsize
         found.append(timing(f"law: {label}", "ballbot_control_law", [run for run, _ in rows], ram))

@@ -1,6 +1,7 @@
 """What tests share."""
 
 import os
+import sys
 from pathlib import Path
 
 # one thread of BLAS: several processes test side by side, and waiting threads would take the cores from each other
@@ -8,11 +9,32 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is imported
 
 import hypothesis
 import pytest
+from numba.core.dispatcher import Dispatcher
 
 # the same examples in every run; `python -m campaigns.evidence exploration` looks at other ones
 hypothesis.settings.register_profile("same", derandomize=True, database=None, deadline=None)
 hypothesis.settings.register_profile("exploring", database=None, deadline=None, print_blob=True)
 hypothesis.settings.load_profile(os.environ.get("BALLBOT_EXAMPLES", "same"))
+
+
+RUN_AT_COLLECTION = pytest.StashKey[list[str]]()
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Note which compiled functions ran while tests were collected."""
+    session.config.stash[RUN_AT_COLLECTION] = sorted(
+        f"{name}.{key}"
+        for name, module in list(sys.modules.items())
+        if name.partition(".")[0] == "ballbot"
+        for key, value in vars(module).items()
+        if isinstance(value, Dispatcher) and value.signatures
+    )
+
+
+@pytest.fixture(scope="session")
+def run_at_collection(request: pytest.FixtureRequest) -> list[str]:
+    """Return the compiled functions that ran while tests were collected."""
+    return request.config.stash[RUN_AT_COLLECTION]
 
 
 @pytest.fixture(scope="session")

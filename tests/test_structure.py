@@ -88,6 +88,11 @@ def test_a_circle_is_found_where_there_is_one():
     assert circle({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == []
 
 
+def test_collecting_tests_runs_no_compiled_code(run_at_collection):
+    """Every worker collects every test: what it compiles then is compiled once for each worker."""
+    assert run_at_collection == []
+
+
 def test_no_module_imports_itself_through_others():
     # the lazy names of the toolkit's front page point down into the packages; they are no import of that page's
     found = circle({name: wanted for name, wanted in imports().items() if name != "ballbot"})

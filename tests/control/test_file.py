@@ -2,6 +2,7 @@
 
 import warnings
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -94,8 +95,14 @@ def test_the_files_friction_is_compensated_and_not_the_robots(tmp_path):
     assert read_controller(path, alten()).robot.friction == FRICTION
 
 
-GOOD = controller_text(nominal_controller(alten(FRICTION), compensation="full"))
-ALL = controller_text(everything(alten(FRICTION)))
+@cache
+def good_file() -> str:
+    return controller_text(nominal_controller(alten(FRICTION), compensation="full"))
+
+
+@cache
+def file_of_every_part() -> str:
+    return controller_text(everything(alten(FRICTION)))
 
 
 @pytest.mark.parametrize(
@@ -126,7 +133,7 @@ ALL = controller_text(everything(alten(FRICTION)))
     ],
 )
 def test_invalid_controller_file_ends_in_one_sentence(tmp_path, good, bad, sentence):
-    text = GOOD if good in GOOD else ALL
+    text = good_file() if good in good_file() else file_of_every_part()
     assert good in text
     path = tmp_path / "controller.toml"
     path.write_text(text.replace(good, bad, 1))
@@ -195,6 +202,6 @@ def test_unreadable_controller_file_is_refused(tmp_path):
 
 def test_controller_for_another_wheel_count_is_refused(tmp_path):
     path = tmp_path / "controller.toml"
-    path.write_text(GOOD)
+    path.write_text(good_file())
     with pytest.raises(InputError, match="4 wheels"):
         read_controller(path, four_wheeled(friction=False))

@@ -3,6 +3,7 @@
 import copy
 import time
 from dataclasses import replace
+from functools import cache
 
 import numba
 import numpy as np
@@ -26,9 +27,17 @@ states = st.lists(finite, min_size=10, max_size=10).map(np.array)
 poses = st.lists(finite, min_size=3, max_size=3).map(
     lambda p: np.array([p[0], p[1], 0, 0, p[2], 0, 0, 0, 0, 0])
 )
-SOFT = nominal_controller(alten())
 #: robots with the gains designed for them
-designed = st.sampled_from([(r, design_gain(r).gain) for r in (alten(FRICTION), four_wheeled(friction=True))])
+designed = st.deferred(
+    lambda: st.sampled_from(
+        [(r, design_gain(r).gain) for r in (alten(FRICTION), four_wheeled(friction=True))]
+    )
+)
+
+
+@cache
+def soft_controller() -> Controller:
+    return nominal_controller(alten())
 
 
 def encoder_speeds(robot: Robot, state: np.ndarray) -> np.ndarray:
@@ -89,7 +98,7 @@ def test_law_equals_its_numpy_reference(design, state, pose, compensation, limit
 @settings(max_examples=100, deadline=None)
 @given(state=states, pose=poses, turn=st.floats(-4.0, 4.0))
 def test_feedback_does_not_depend_on_the_heading(state, pose, turn):
-    controller = SOFT
+    controller = soft_controller()
 
     def turned(vector: np.ndarray) -> np.ndarray:
         result = turned_back(vector, -turn)

@@ -1,6 +1,7 @@
 """Samples without a valid state: the law, each of its parts and the estimators bridge them and forget them."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -25,19 +26,23 @@ from ballbot.simulation.run import simulate
 from tests.support.control_examples import FRICTION, alten, everything, leaning
 
 ROBOT = alten(FRICTION)
-EVERYTHING = everything(ROBOT)
-#: every part with those that it needs, and all of them together
-PARTS = {
-    name: Parts(**{one: getattr(EVERYTHING.parts, one) for one in (name, *kind.needs)})
-    for name, kind in KINDS.items()
-}
-PARTS |= {"none": Parts(), "all": EVERYTHING.parts}
+#: every part with those that it needs, none, and all of them together
+PARTS = (*KINDS, "none", "all")
 INVALID = (np.nan, np.inf, -np.inf, 2.0 * LARGEST_STATE)
 H = ROBOT.sensors.sample_time
 
 
+@cache
+def whole() -> Controller:
+    return everything(ROBOT)
+
+
 def with_parts(name: str) -> Controller:
-    return EVERYTHING.with_parts(PARTS[name])
+    parts = whole().parts
+    if name != "all":
+        kept = () if name == "none" else (name, *KINDS[name].needs)
+        parts = Parts(**{one: getattr(parts, one) for one in kept})
+    return whole().with_parts(parts)
 
 
 def swaying(k: int) -> NDArray[np.float64]:
@@ -202,10 +207,10 @@ def test_a_reading_of_another_robot_is_refused(kind):
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: EVERYTHING.with_parts(Parts(prediction=DelayPrediction(delay=10.0))),
-        lambda: EVERYTHING.with_parts(Parts(integral=IntegralAction(gain=np.zeros((4, 3))))),
-        lambda: replace(EVERYTHING.parts.integral, gain=np.zeros((3, 2))),
-        lambda: replace(EVERYTHING.parts.integral, gain=[["1", "2", "3"]]),
+        lambda: whole().with_parts(Parts(prediction=DelayPrediction(delay=10.0))),
+        lambda: whole().with_parts(Parts(integral=IntegralAction(gain=np.zeros((4, 3))))),
+        lambda: replace(whole().parts.integral, gain=np.zeros((3, 2))),
+        lambda: replace(whole().parts.integral, gain=[["1", "2", "3"]]),
     ],
 )
 def test_a_part_of_another_size_is_refused(make):

@@ -1,5 +1,7 @@
 """The notch: SciPy's sampling of its transfer function, what it does in a loop, and what a controller file refuses."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -16,7 +18,11 @@ from tests.support.control_examples import alten
 
 SAMPLE = 0.005
 ROBOT = alten()
-GAIN = design_gain(ROBOT).gain
+
+
+@cache
+def designed_gain() -> np.ndarray:
+    return design_gain(ROBOT).gain
 
 
 def sampled(notch: Notch) -> tuple[np.ndarray, np.ndarray]:
@@ -36,9 +42,9 @@ notches = st.builds(
 @given(notch=notches, seed=st.integers(0, 99))
 def test_the_law_filters_each_wheels_torque_as_scipy_would(notch, seed):
     states = 0.02 * np.random.default_rng(seed).standard_normal((60, 10))
-    bare = Controller(ROBOT, GAIN, torque_limit=1e6)
+    bare = Controller(ROBOT, designed_gain(), torque_limit=1e6)
     torques = np.array([bare.update(0.0, state, np.zeros(10)) for state in states])
-    controller = Controller(ROBOT, GAIN, torque_limit=1e6, parts=Parts(notch=notch))
+    controller = Controller(ROBOT, designed_gain(), torque_limit=1e6, parts=Parts(notch=notch))
     found = np.array([controller.update(0.0, state, np.zeros(10)) for state in states])
     # sums of 60 terms of at most 10 N m
     np.testing.assert_allclose(found, lfilter(*sampled(notch), torques, axis=0), rtol=0, atol=1e-10)
@@ -57,7 +63,7 @@ def test_response_is_scipys_and_leaves_its_depth(notch):
 
 
 def test_nan_measurement_leaves_filter_state_unchanged():
-    controller = Controller(ROBOT, GAIN, parts=Parts(notch=Notch(frequency=33.0)))
+    controller = Controller(ROBOT, designed_gain(), parts=Parts(notch=Notch(frequency=33.0)))
     state = np.full(10, 0.01)
     before = controller.update(0.0, state, np.zeros(10))
     controller.reset()
@@ -80,7 +86,7 @@ def test_invalid_notch_is_refused(wrong, told):
 
 def test_notch_above_the_nyquist_frequency_is_refused():
     with pytest.raises(InputError, match=r"A notch at 95 Hz needs a sample time below 0.0047 s"):
-        Controller(ROBOT, GAIN, parts=Parts(notch=Notch(frequency=95.0)))
+        Controller(ROBOT, designed_gain(), parts=Parts(notch=Notch(frequency=95.0)))
 
 
 def test_design_writes_the_requested_notch(tmp_path, capsys):

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -23,18 +24,22 @@ from ballbot.robot.file import write_robot
 from tests.support.control_examples import FRICTION, alten
 
 ROBOT = alten(FRICTION)
-GAIN = design_gain(ROBOT).gain
+
+
+@cache
+def designed_gain() -> np.ndarray:
+    return design_gain(ROBOT).gain
 
 
 def compensating(share: float, parts: Parts = Parts()) -> Controller:  # noqa: B008 (frozen)
     """Return a controller that compensates that share of the robot's friction."""
     believed = ROBOT.replace(friction=scaled_friction(FRICTION, share))
-    return Controller(believed, GAIN, compensation="full", parts=parts)
+    return Controller(believed, designed_gain(), compensation="full", parts=parts)
 
 
 def spin_after(controller: Controller, spin: float) -> float:
     """Return how fast a robot still turns on the spot, 6 s after it was set turning, its heading left free [rad/s]."""
-    free = GAIN.copy()
+    free = designed_gain().copy()
     free[:, [4, 9]] = 0.0
     loose = Controller(controller.robot, free, compensation=controller.compensation, parts=controller.parts)
     state = np.zeros(10)
@@ -59,17 +64,17 @@ def test_refused_compensation_drives_a_turning_robot_and_accepted_lets_it_rest(s
 
 def test_excess_of_rolling_friction_or_of_one_wheel_is_found():
     rolling = ROBOT.replace(friction=replace(FRICTION, rolling=1.5 * FRICTION.rolling))
-    margin = compensation_margin(Controller(rolling, GAIN, compensation="partial"), FRICTION)
+    margin = compensation_margin(Controller(rolling, designed_gain(), compensation="partial"), FRICTION)
     assert margin.rolling_fraction == pytest.approx(1.5)
     assert max(margin.wheel_fractions) == pytest.approx(1.0)
     assert "rolling friction is 150 %" in margin.sentence
     wheel = ROBOT.replace(friction=replace(FRICTION, coulomb=(0.11, 0.12, 0.12)))
-    margin = compensation_margin(Controller(wheel, GAIN, compensation="full"), FRICTION)
+    margin = compensation_margin(Controller(wheel, designed_gain(), compensation="full"), FRICTION)
     assert margin.overcompensates
     assert margin.rolling_fraction == pytest.approx(1.0)
     assert "wheel 2" in margin.sentence
     assert not compensation_margin(
-        Controller(wheel, GAIN), FRICTION
+        Controller(wheel, designed_gain()), FRICTION
     ).overcompensates  # it compensates nothing
 
 
@@ -77,14 +82,16 @@ def test_energy_of_a_swing_equals_the_closed_forms():
     viscous = (0.014, 0.016, 0.013)
     dry = replace(FRICTION, viscous=viscous, stribeck=(0.0,) * 3)
     robot = alten(dry)
-    margin = compensation_margin(Controller(robot, GAIN, compensation="full", speed_band=1e-3), dry)
+    margin = compensation_margin(
+        Controller(robot, designed_gain(), compensation="full", speed_band=1e-3), dry
+    )
     for swing in margin.swings:
         A = swing.amplitude
         # of |w| the mean over a swing is 2 A/pi, of w^2 A^2/2; 200 phases are good to 1e-5
         wanted = 2.0 * A / np.pi * np.array(dry.coulomb) + 0.5 * A * A * np.array(viscous)
         np.testing.assert_allclose(swing.taken, wanted, rtol=1e-4)
         np.testing.assert_allclose(swing.given, wanted, rtol=2e-2)  # but within the band
-    wide = compensation_margin(Controller(robot, GAIN, compensation="full", speed_band=0.5), dry)
+    wide = compensation_margin(Controller(robot, designed_gain(), compensation="full", speed_band=0.5), dry)
     shares = [swing.fraction for swing in wide.swings]
     assert shares == sorted(shares)
     # inside the band c w/0.5 in place of c: half of A^2 c/0.5 beside half of A^2 b
@@ -156,7 +163,7 @@ def test_compensation_is_the_friction_of_the_direction_and_the_load():
     assert len(set(np.sign(speeds))) == 2
     torques = []
     for compensation in ("none", "full"):
-        controller = Controller(robot, GAIN, compensation=compensation, speed_band=0.1)
+        controller = Controller(robot, designed_gain(), compensation=compensation, speed_band=0.1)
         controller.reset()
         torques.append(controller.update(0.0, state, np.zeros(10)))
     feedback, whole = torques
@@ -166,15 +173,15 @@ def test_compensation_is_the_friction_of_the_direction_and_the_load():
 
 
 def test_directed_friction_is_checked_in_both_directions():
-    knowing = Controller(alten(DIRECTED), GAIN, compensation="full")
+    knowing = Controller(alten(DIRECTED), designed_gain(), compensation="full")
     assert compensation_margin(knowing, DIRECTED).largest == pytest.approx(1.0)
-    symmetric = Controller(alten(FRICTION), GAIN, compensation="full")
+    symmetric = Controller(alten(FRICTION), designed_gain(), compensation="full")
     margin = compensation_margin(symmetric, DIRECTED)
     assert margin.largest > 1.1
     assert min(margin.at_speeds) < 0.0 < max(margin.at_speeds)
 
 
 def test_controller_file_keeps_the_terms_of_the_friction(tmp_path):
-    controller = Controller(alten(DIRECTED), GAIN, compensation="full")
+    controller = Controller(alten(DIRECTED), designed_gain(), compensation="full")
     write_controller(controller, tmp_path / "directed.toml")
     assert read_controller(tmp_path / "directed.toml", alten(FRICTION)).robot.friction == DIRECTED

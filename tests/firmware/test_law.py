@@ -28,7 +28,7 @@ LAW_SOURCES = [SOURCES / "law.c", SOURCES / "attitude.c", *sorted((SOURCES / "pa
 
 @pytest.mark.parametrize("name", CONTROLLERS)
 def test_single_updates_have_the_torques_of_the_float64_law(name):
-    found = compare(CONTROLLERS[name], lanes=20, count=40, seed=1)
+    found = compare(CONTROLLERS[name](), lanes=20, count=40, seed=1)
     # worst of a million states: docs/generated/evidence.md
     assert found.worst <= TOLERANCE
     assert found.unexplained == 0
@@ -94,7 +94,7 @@ def test_law_in_double_precision_is_python_s_law(name, tmp_path_factory):
         "everything": lambda: everything(alten(FRICTION)),
         "four wheels": lambda: everything(four_wheeled(friction=True)),
         "partial": lambda: nominal_controller(alten(FRICTION), compensation="partial"),
-        "adaptive": lambda: CONTROLLERS["adaptive, 3 wheels"],
+        "adaptive": CONTROLLERS["adaptive, 3 wheels"],
     }[name]()
     compiled = double_library(tmp_path_factory.getbasetemp())
     memory, of_python = (np.zeros(1, MEMORY.dtype()) for _ in range(2))
@@ -154,7 +154,7 @@ def test_sanitizers_find_nothing_and_change_no_bit(tmp_path):
         compile_sources(replay, [*LAW_SOURCES, SOURCES / "ballbot_math.c", HERE / "replay.c"], flags=flags)
     except InputError as refusal:
         pytest.skip(f"the compiler has no sanitizers: {str(refusal)[:200]}")
-    for controller in (everything(four_wheeled(friction=True)), CONTROLLERS["adaptive, 3 wheels"]):
+    for controller in (everything(four_wheeled(friction=True)), CONTROLLERS["adaptive, 3 wheels"]()):
         law, n = converted(controller.record, LAW), len(controller.gain)
         given, wanted = law.tobytes(), b""
         for update, torques in updates(controller, library(), lanes=20, count=30, seed=7):

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +18,15 @@ from ballbot.identification.axis.reading import AxisColumns, read_axis_record
 from ballbot.log import Log
 from tests.support.axis_examples import LOOP, SAMPLE_TIME, TRUTH, simulated_record
 
-CLOSED = simulated_record(duration=9.0, noise=1.0)
-OPEN = replace(CLOSED, loop=None, reference=None)
+
+@cache
+def closed_loop() -> AxisRecord:
+    return simulated_record(duration=9.0, noise=1.0)
+
+
+@cache
+def open_loop() -> AxisRecord:
+    return replace(closed_loop(), loop=None, reference=None)
 
 
 def noise(record: AxisRecord) -> NDArray[np.float64]:
@@ -70,19 +78,19 @@ def error_texts(record: AxisRecord, code: str) -> list[str]:
 
 @pytest.mark.parametrize(("change", "code", "message"), WRONG_OPEN.values(), ids=WRONG_OPEN)
 def test_wrong_records_in_open_loop_are_stopped(change: Change, code: str, message: str) -> None:
-    wrong = change(OPEN)
+    wrong = change(open_loop())
     assert any(message in text for text in error_texts(wrong, code)), record_findings(wrong)
 
 
 @pytest.mark.parametrize(("change", "code", "message"), WRONG_CLOSED.values(), ids=WRONG_CLOSED)
 def test_wrong_records_in_closed_loop_are_stopped(change: Change, code: str, message: str) -> None:
-    wrong = change(CLOSED)
+    wrong = change(closed_loop())
     assert any(message in text for text in error_texts(wrong, code)), record_findings(wrong)
 
 
-@pytest.mark.parametrize("record", [OPEN, CLOSED], ids=["open loop", "closed loop"])
-def test_correct_records_pass(record: AxisRecord) -> None:
-    assert record_findings(record) == ()
+@pytest.mark.parametrize("record", [open_loop, closed_loop], ids=["open loop", "closed loop"])
+def test_correct_records_pass(record: Callable[[], AxisRecord]) -> None:
+    assert record_findings(record()) == ()
 
 
 def test_the_benchmark_s_record_passes(shared_data: Path) -> None:
@@ -99,10 +107,10 @@ def test_the_benchmark_s_record_passes(shared_data: Path) -> None:
 
 def test_friction_below_zero_is_held_at_zero() -> None:
     """An axis that a force along its speed pushes a little has less than no viscous friction."""
-    fit = free_inverse_fit(CLOSED)
-    speed = np.gradient(CLOSED.position, SAMPLE_TIME)
-    force = np.asarray(CLOSED.force - 1.2 * fit.value("viscous") * speed, dtype=np.float64)
-    pushed = replace(OPEN, force=force)
+    fit = free_inverse_fit(closed_loop())
+    speed = np.gradient(closed_loop().position, SAMPLE_TIME)
+    force = np.asarray(closed_loop().force - 1.2 * fit.value("viscous") * speed, dtype=np.float64)
+    pushed = replace(open_loop(), force=force)
     assert free_inverse_fit(pushed).value("viscous") < 0.0
     held = inverse_fit(pushed)
     assert held.value("viscous") == 0.0
@@ -118,12 +126,12 @@ def test_friction_below_zero_is_held_at_zero() -> None:
 
 def test_an_added_force_acts_in_closed_loop(tmp_path: Path) -> None:
     """A spring's force beside the motor's: the loop, simulated with it, gives the motor's force back."""
-    t = np.arange(len(CLOSED)) * SAMPLE_TIME
+    t = np.arange(len(closed_loop())) * SAMPLE_TIME
     added = np.asarray(40.0 * np.sin(2.0 * np.pi * t / 2.0), dtype=np.float64)
-    empty = replace(CLOSED, added=added)
+    empty = replace(closed_loop(), added=added)
     axis = Axis(law=AXIS_LAWS["coulomb"], values=TRUTH)
-    assert CLOSED.reference is not None
-    start = float((CLOSED.reference[1] - CLOSED.reference[0]) / SAMPLE_TIME)
+    assert closed_loop().reference is not None
+    start = float((closed_loop().reference[1] - closed_loop().reference[0]) / SAMPLE_TIME)
     moved = axis.closed_loop(empty, speed=start)
     file = tmp_path / "record.csv"
     Log(
@@ -132,7 +140,7 @@ def test_an_added_force_acts_in_closed_loop(tmp_path: Path) -> None:
             "position": moved.positions,
             "input": (moved.forces - added) / LOOP.force_per_input,
             "spring": added,
-            "wanted": CLOSED.reference,
+            "wanted": closed_loop().reference,
         }
     ).write(file)
     columns = AxisColumns(
@@ -154,8 +162,10 @@ def test_an_added_force_acts_in_closed_loop(tmp_path: Path) -> None:
 
 
 def test_the_command_stops_before_it_works(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    t = np.arange(len(OPEN)) * SAMPLE_TIME
-    Log({"t": t, "position": OPEN.position, "force": -OPEN.force}).write(tmp_path / "record.csv")
+    t = np.arange(len(open_loop())) * SAMPLE_TIME
+    Log({"t": t, "position": open_loop().position, "force": -open_loop().force}).write(
+        tmp_path / "record.csv"
+    )
     out = tmp_path / "out"
     assert main(["identify-axis", str(tmp_path / "record.csv"), "--out", str(out)]) == 2
     printed = capsys.readouterr().err

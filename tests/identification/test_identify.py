@@ -284,7 +284,6 @@ def test_measured_logs_of_the_stand_in_robot(shared_data):
 
 
 PREDICTOR = Predictor(robot=Robot.load("alten"), formulation="exact", step=1e-3)
-LOG = noisy(balancing_log(), seed=3)
 #: b, c, s of three wheels and C_rr are amounts of friction; v_s and delta are its form
 AMOUNTS = np.array([*range(9), 11])
 
@@ -292,7 +291,7 @@ AMOUNTS = np.array([*range(9), 11])
 def errors(factor: float):
     values = TRUTH.copy()
     values[AMOUNTS] *= factor
-    return friction_by_horizon(horizon_errors(PREDICTOR, values, LOG))
+    return friction_by_horizon(horizon_errors(PREDICTOR, values, noisy(balancing_log(), seed=3)))
 
 
 def test_friction_share_of_the_identified_log_is_one():

@@ -8,6 +8,7 @@ coordinates, so that they hold only for the right accelerations.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -137,6 +138,7 @@ def body_momentum_rate(s: Accelerated) -> tuple[Vectors, Vectors]:
     return linear, np.cross(c, linear) + spin
 
 
+@cache
 def robots() -> list[Robot]:
     rng = np.random.default_rng(11)
     return [Robot.load("alten"), *(random_robot(rng, n) for n in (3, 4) for _ in range(5))]

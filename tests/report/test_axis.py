@@ -1,6 +1,7 @@
 """The page of an axis: records with separate parameters, and no column or mark that is lost."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -25,10 +26,12 @@ def moved(name: str, phase: float, *, viscous: float) -> AxisRecord:
 @pytest.fixture(scope="module")
 def found() -> AxisIdentification:
     options = AxisOptions(law="coulomb", spring=False, drift=False, separate=("viscous",))
-    return identify_axis(RECORDS, options=options)
+    return identify_axis(records(), options=options)
 
 
-RECORDS = (moved("a.csv", 0.3, viscous=2.0), moved("b.csv", 1.1, viscous=2.6))
+@cache
+def records() -> tuple[AxisRecord, AxisRecord]:
+    return moved("a.csv", 0.3, viscous=2.0), moved("b.csv", 1.1, viscous=2.6)
 
 
 @pytest.mark.slow
@@ -36,7 +39,9 @@ def test_a_page_of_separate_parameters_draws_those_of_the_record(found: AxisIden
     # each record has the viscous friction that made it: without noise to the error of one step a sample
     assert found.best.values["viscous[1]"] == pytest.approx(2.0, rel=0.02)
     assert found.best.values["viscous[2]"] == pytest.approx(2.6, rel=0.02)
-    curves = {line.get_label(): line for line in axis_friction_figure(found, RECORDS[0]).axes[0].get_lines()}
+    curves = {
+        line.get_label(): line for line in axis_friction_figure(found, records()[0]).axes[0].get_lines()
+    }
     speed, friction = (np.asarray(one) for one in curves["coulomb, open loop"].get_data())
     np.testing.assert_allclose(friction, 1.5 + 2.0 * speed, rtol=0.02)
     assert [row[0] for row in parameter_rows(found)] == ["M", "b[1]", "b[2]", "c", "offset"]

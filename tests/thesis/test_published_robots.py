@@ -133,9 +133,10 @@ def matrices(shared_data: Path) -> tuple[NDArray, NDArray, NDArray]:
     return linear["A"], linear["B"], scipy_io.loadmat(folder / "BalanceLQRgain.mat")["BalanceLQRgain"]
 
 
-@pytest.mark.parametrize("entry", kugle.entries(KUGLE), ids=lambda entry: entry.name)
-def test_every_printed_number_comes_out_to_its_last_digit(entry: kugle.Entry) -> None:
-    assert entry.comes_out, f"{entry.reproduced} is not {entry.printed}"
+def test_every_printed_number_comes_out_to_its_last_digit() -> None:
+    missed = [entry for entry in kugle.entries(KUGLE) if not entry.comes_out]
+    assert not missed, [f"{entry.name}: {entry.reproduced} is not {entry.printed}" for entry in missed]
+    assert len(kugle.entries(KUGLE)) == 17
 
 
 def test_printed_numbers_are_far_from_right() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from ballbot.control.controller import Controller
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import hold
 from ballbot.errors import InputError
@@ -28,7 +30,6 @@ from ballbot.workflows.metrics import QUANTITIES, Performance, Score
 from ballbot.workflows.study import sampled_at
 from tests.support.control_examples import FRICTION, alten
 
-NOMINAL = nominal_controller(alten(FRICTION))
 _FIELDS = ("rms_position_error", "peak_heading_error", "rms_heading_error", "settling_time", "rms_torque")
 
 
@@ -46,8 +47,13 @@ def run(peak: float, roughness: float = 0.05, ended: str | None = None) -> Score
     )
 
 
+@cache
+def nominal() -> Controller:
+    return nominal_controller(alten(FRICTION))
+
+
 def trial(*runs: Score) -> Trial:
-    return Trial(controller=NOMINAL, scores=runs, performances=())
+    return Trial(controller=nominal(), scores=runs, performances=())
 
 
 def around(peak: float, roughness: float) -> Trial:
