@@ -1,0 +1,241 @@
+"""A whole board under QEMU: the MPS2 with the image AN386, a Cortex-M4F with a serial line and a timer.
+
+    image = folder / "board.elf"
+    build_board(export_controller(controller), image)
+    with QemuBoard(image) as board:
+        board.line.sendall(...)
+
+`board/` has what a board needs beside the exported firmware: vector table and reset, linker script, drivers of the
+serial line and the timer, and the main loop. arm-none-eabi-gcc builds it, or Clang from the `ziglang` wheel.
+
+The serial line is one end of a pair of sockets that QEMU inherits: no port is opened, and nobody else can connect. QEMU
+runs below a shell that waits for the end of a pipe from this process. If this process ends, however it ends, the pipe
+closes, and the shell kills QEMU.
+
+Time. The firmware's clock is the time in the frames of the emulated sensors, not QEMU's: each such frame is one sample.
+The torques therefore follow from the frames alone, however fast QEMU runs, and need no `-icount`. The board's own timer
+wakes the main loop, and stops the motors if no sample comes for a second.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import itertools
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from ballbot.errors import InputError
+from ballbot.firmware.emulator import PROCESSOR
+from ballbot.firmware.export import Export
+from ballbot.firmware.host import NUMERICS, WARNINGS
+
+#: what a board needs beside the exported firmware
+BOARD = Path(__file__).parent / "board"
+QEMU = "qemu-system-arm"
+_GCC = "arm-none-eabi-gcc"
+_RUNTIME = Path(__file__).parent / "emulator_runtime.c"
+_BUILD = ("-O2", "-g", "-ffreestanding", "-fno-common", "-ffunction-sections", "-fdata-sections")
+#: kills the command that follows it when its standard input ends
+_SUPERVISED = '"$@" </dev/null & board=$!; cat >/dev/null; kill -9 "$board" 2>/dev/null; wait "$board"'
+#: for a process that was killed to be gone [s]
+_GONE = 5.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Toolchain:
+    """A compiler and a linker for the board's processor."""
+
+    name: str
+    compile: tuple[str, ...]  #: start of the command that compiles one source
+    link: tuple[str, ...]  #: start of the command that links objects
+    libraries: tuple[str, ...] = ()  #: its end
+
+
+def toolchains() -> dict[str, Toolchain]:
+    """Return the toolchains on this computer by name: "gcc" and "zig"."""
+    found = {}
+    if path := shutil.which(_GCC):
+        processor = ("-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard")
+        found["gcc"] = Toolchain(
+            name="gcc",
+            compile=(path, *processor),
+            link=(path, *processor, "-nostdlib", "-Wl,--gc-sections", "-Wl,-z,noexecstack"),
+            libraries=("-lgcc",),
+        )
+    if importlib.util.find_spec("ziglang"):
+        zig = (sys.executable, "-m", "ziglang")
+        found["zig"] = Toolchain(
+            name="zig",
+            compile=(*zig, "cc", *PROCESSOR, "-fno-unwind-tables"),
+            link=(*zig, "ld.lld", "--gc-sections"),
+        )
+    return found
+
+
+def what_to_install() -> str:
+    """Return one sentence on what a board under QEMU needs and this computer lacks; empty if all is there."""
+    missing = [] if shutil.which(QEMU) else [f"{QEMU} (Debian: apt-get install qemu-system-arm)"]
+    if not toolchains():
+        missing.append(f"{_GCC} (Debian: apt-get install gcc-arm-none-eabi) or `pip install ziglang`")
+    return f"A board under QEMU needs {' and '.join(missing)}." if missing else ""
+
+
+def build_board(exported: Export, target: Path, *, toolchain: str | None = None) -> None:
+    """Build an exported firmware with the board's main loop.
+
+    Parameters
+    ----------
+    exported : Export
+    target : Path
+        The ELF file to write.
+    toolchain : str, optional
+        One of `toolchains`; the first of them by default.
+
+    Raises
+    ------
+    InputError
+        If there is no such toolchain, or it refuses the sources.
+    """
+    with tempfile.TemporaryDirectory(prefix="ballbot-board-") as name:
+        folder = Path(name)
+        for path, text in exported.files.items():
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            (folder / path).write_text(text, encoding="utf-8")
+        sources = [folder / path for path in exported.files if _is_source(path)]
+        compile_board(
+            target,
+            [*sources, *sorted(BOARD.glob("*.c"))],
+            include=[folder / "ballbot", folder],
+            toolchain=toolchain,
+        )
+
+
+def _is_source(path: str) -> bool:
+    """Return whether an exported file belongs to a program with a main loop of its own."""
+    return path.endswith(".c") and not path.startswith("examples/")
+
+
+def compile_board(
+    target: Path, sources: Sequence[Path], *, include: Sequence[Path] = (), toolchain: str | None = None
+) -> None:
+    """Compile and link a program for the board.
+
+    Parameters
+    ----------
+    target : Path
+        The ELF file to write.
+    sources : sequence of Path
+        One of them has `main`; the board's own sources are not added.
+    include : sequence of Path
+        Folders of headers; the board's own is added.
+    toolchain : str, optional
+        One of `toolchains`; the first of them by default.
+
+    Raises
+    ------
+    InputError
+        If there is no such toolchain, or it refuses the sources.
+    """
+    there = toolchains()
+    name = toolchain or next(iter(there), "")
+    if name not in there:
+        raise InputError(
+            f"There is no {name + ' ' if name else ''}toolchain for the board's processor; install {_GCC}, or "
+            "`pip install ziglang`."
+        )
+    tools = there[name]
+    paths = [f"-I{path}" for path in (*include, BOARD)]
+    with tempfile.TemporaryDirectory(prefix="ballbot-board-") as folder:
+
+        def compiled(number: int, source: Path) -> Path:
+            object_file = Path(folder) / f"{number}.o"
+            own = ("-fno-builtin",) if source == _RUNTIME else (*WARNINGS, *NUMERICS)
+            _run(*tools.compile, *own, *_BUILD, *paths, "-c", source, "-o", object_file)
+            return object_file
+
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            objects = list(pool.map(compiled, itertools.count(), [*sources, _RUNTIME]))
+        script = BOARD / "mps2_an386.ld"
+        _run(*tools.link, "-T", script, *objects, *tools.libraries, "-o", target)
+
+
+def _run(*command: str | Path) -> None:
+    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise InputError(f"The compiler refuses the firmware: {done.stderr.strip()}")
+
+
+class QemuBoard:
+    """A board that runs a program, until it is closed or this process ends.
+
+    Parameters
+    ----------
+    image : Path
+        ELF file of the program.
+
+    Attributes
+    ----------
+    line : socket.socket
+        The other end of the board's serial line.
+
+    Raises
+    ------
+    InputError
+        If QEMU is not installed.
+    """
+
+    def __init__(self, image: Path) -> None:
+        if not shutil.which(QEMU):
+            raise InputError(f"Emulating a board needs {QEMU}; on Debian, apt-get install qemu-system-arm.")
+        self.line, theirs = socket.socketpair()
+        command = (
+            QEMU, "-machine", "mps2-an386", "-nodefaults", "-nic", "none", "-display", "none", "-monitor", "none",
+            "-kernel", str(image),
+            "-chardev", f"socket,id=line,fd={theirs.fileno()}", "-serial", "chardev:line",
+        )  # fmt: skip
+        with theirs:
+            self._process = subprocess.Popen(
+                ("sh", "-c", _SUPERVISED, "board", *command),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                pass_fds=(theirs.fileno(),),
+                start_new_session=True,  # Ctrl-C is for this process, which then closes the board
+            )
+
+    @property
+    def running(self) -> bool:
+        """Whether the board has not been closed."""
+        return self._process.poll() is None
+
+    def close(self) -> None:
+        """Stop the board, now."""
+        self.line.close()
+        if self._process.stdin is not None:
+            self._process.stdin.close()
+        try:
+            self._process.wait(_GONE)
+        except subprocess.TimeoutExpired:
+            os.killpg(self._process.pid, signal.SIGKILL)
+            self._process.wait()
+
+    def __enter__(self) -> Self:
+        """Return the board."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stop the board."""
+        self.close()

@@ -1,0 +1,125 @@
+"""The board under QEMU: its drivers, and that it leaves nothing behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ballbot import InputError
+from ballbot.firmware import qemu
+from ballbot.firmware.qemu import BOARD, QemuBoard, compile_board, toolchains, what_to_install
+
+pytestmark = pytest.mark.skipif(bool(what_to_install()), reason=what_to_install())
+
+ECHO = Path(__file__).with_name("board_echo.c")
+
+
+@pytest.fixture(scope="module", params=["gcc", "zig"])
+def echo(request, tmp_path_factory) -> Path:
+    """Return the image of the program that echoes, for each toolchain."""
+    if request.param not in toolchains():
+        pytest.skip(f"the toolchain {request.param} is not installed")
+    image = tmp_path_factory.mktemp("echo") / "echo.elf"
+    drivers = [path for path in sorted(BOARD.glob("*.c")) if path.name != "main.c"]
+    compile_board(image, [*drivers, ECHO], toolchain=request.param)
+    return image
+
+
+def received(board: QemuBoard, count: int) -> bytes:
+    """Return so many bytes from the board; fail if they do not come within 20 s."""
+    board.line.settimeout(20.0)
+    found = b""
+    while len(found) < count:
+        found += board.line.recv(count - len(found))
+    return found
+
+
+def test_serial_line_gives_back_every_byte_in_order(echo):
+    sent = np.random.default_rng(1).integers(0, 255, 20_000, dtype=np.uint8).tobytes()
+    with QemuBoard(echo) as board:
+        board.line.sendall(sent)  # far more than the rings hold
+        assert received(board, len(sent)) == sent
+
+
+def test_timer_runs_with_the_time_of_this_computer(echo):
+    with QemuBoard(echo) as board:
+        times = []
+        for _ in range(2):
+            board.line.sendall(b"\xff")
+            times.append((time.monotonic(), int.from_bytes(received(board, 4), "little")))
+            time.sleep(0.3)
+    passed = times[1][0] - times[0][0]
+    assert 1e-6 * (times[1][1] - times[0][1]) == pytest.approx(passed, abs=0.2)  # the computer may be busy
+
+
+def processes_of(image: Path) -> list[int]:
+    """Return the processes whose command line has a path."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            if str(image).encode() in (folder / "cmdline").read_bytes():
+                found.append(int(folder.name))
+        except OSError:
+            continue  # it has ended meanwhile
+    return [one for one in found if one != os.getpid()]
+
+
+def gone(image: Path, *, within: float) -> bool:
+    """Return whether no process has the path in its command line within so many seconds."""
+    end = time.monotonic() + within
+    while processes_of(image) and time.monotonic() < end:
+        time.sleep(0.02)
+    return not processes_of(image)
+
+
+@pytest.mark.skipif(
+    not Path("/proc").is_dir(), reason="processes are listed in /proc, which this system lacks"
+)
+def test_board_that_is_closed_is_gone(echo):
+    board = QemuBoard(echo)
+    assert board.running
+    board.line.sendall(b"a")
+    assert received(board, 1) == b"a"
+    board.close()
+    assert not board.running
+    assert gone(echo, within=2.0)
+
+
+@pytest.mark.skipif(
+    not Path("/proc").is_dir(), reason="processes are listed in /proc, which this system lacks"
+)
+def test_board_of_a_process_that_is_killed_is_gone(echo):
+    program = (
+        "import sys\nfrom pathlib import Path\nfrom ballbot.firmware.qemu import QemuBoard\n"
+        "board = QemuBoard(Path(sys.argv[1]))\nboard.line.sendall(b'a')\nboard.line.recv(1)\n"
+        "print('runs', flush=True)\nsys.stdin.read()\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", program, str(echo)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as owner:
+        assert owner.stdout is not None
+        assert owner.stdout.readline() == b"runs\n"
+        assert len(processes_of(echo)) >= 2
+        os.kill(owner.pid, signal.SIGKILL)
+        owner.wait()
+    assert gone(echo, within=5.0)
+
+
+def test_missing_toolchain_and_qemu_are_named(monkeypatch, tmp_path):
+    with pytest.raises(InputError, match="no other toolchain"):
+        compile_board(tmp_path / "none.elf", [], toolchain="other")
+    (tmp_path / "wrong.c").write_text("int main(void) { return missing(); }\n")
+    with pytest.raises(InputError, match="compiler refuses"):
+        compile_board(tmp_path / "none.elf", [tmp_path / "wrong.c"])
+    monkeypatch.setattr(qemu, "QEMU", "qemu-of-nobody")
+    with pytest.raises(InputError, match="Emulating a board needs qemu-of-nobody"):
+        QemuBoard(tmp_path / "none.elf")
+    monkeypatch.setattr(qemu, "toolchains", dict)
+    assert "apt-get install gcc-arm-none-eabi" in what_to_install()
