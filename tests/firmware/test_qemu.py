@@ -16,7 +16,10 @@ from ballbot import InputError
 from ballbot.firmware import qemu
 from ballbot.firmware.qemu import BOARD, QemuBoard, compile_board, toolchains, what_to_install
 
-pytestmark = pytest.mark.skipif(bool(what_to_install()), reason=what_to_install())
+pytestmark = [
+    pytest.mark.board,
+    pytest.mark.skipif(bool(what_to_install()), reason=what_to_install() or "all is installed"),
+]
 
 ECHO = Path(__file__).with_name("board_echo.c")
 
