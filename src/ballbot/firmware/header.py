@@ -46,7 +46,7 @@ def struct_name(schema: Schema) -> str:
 
 def types_header() -> str:
     """Return the text of ballbot_types.h."""
-    structs = "\n".join(_struct(schema) for schema in _schemas(FIRMWARE))
+    structs = "\n".join(struct_text(schema) for schema in _schemas(FIRMWARE))
     words = ", ".join(map(str, schema_words(FIRMWARE)))
     return f"""\
 /* The records of Ballbot as structs: parameters, state and sensor readings.
@@ -122,7 +122,7 @@ def _schemas(schema: Schema) -> Iterator[Schema]:
     return iter(found.values())
 
 
-def _struct(schema: Schema) -> str:
+def struct_text(schema: Schema) -> str:
     """Return a struct with a check of its size."""
     name = struct_name(schema)
     comment = f"/* {schema.text} */\n" if schema.text else ""

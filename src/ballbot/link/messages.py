@@ -226,6 +226,7 @@ class State:
     controller: int = field(metadata=whole())  #: a `ControllerPlace`
     imu_valid: int = field(metadata=whole())
     encoders_valid: int = field(metadata=whole())
+    estimate_valid: int = field(metadata=whole())  #: a value that is not valid is 0
     gyro: NDArray[np.float32] = field(metadata=number("rad/s", 3))
     attitude: NDArray[np.float32] = field(metadata=number("rad", 3))
     wheel_counts: NDArray[np.int32] = field(metadata=whole(MAX_WHEELS))

@@ -7,6 +7,7 @@
 #include "estimation/kalman.h"
 #include "estimation/onboard.h"
 #include "law.h"
+#include "parts/part.h"
 
 /* From one tick of the clock to a second [s]. */
 #define SHORTEST_SAMPLE_TIME 1e-6f
@@ -23,8 +24,7 @@ static bool are_bounds(const struct ballbot_parameters *parameters)
            safety->lean > 0.0f && safety->max_interval > 0.0f && safety->max_missing >= 0;
 }
 
-/* Return whether the parameters are laid out as this library reads them, and within the room of its records. */
-static bool are_known(const struct ballbot_parameters *parameters)
+bool ballbot_are_allowed(const struct ballbot_parameters *parameters)
 {
     static const int32_t words[] = BALLBOT_SCHEMA_WORDS;
     bool same = true;
@@ -55,7 +55,7 @@ bool ballbot_init(struct ballbot_state *state, const struct ballbot_parameters *
     clear(state, sizeof *state);
     ballbot_onboard_reset(&state->onboard, origin);
     ballbot_kalman_reset(&state->kalman, origin);
-    state->run.known = are_known(parameters) ? 1 : 0;
+    state->run.known = ballbot_are_allowed(parameters) ? 1 : 0;
     return state->run.known != 0;
 }
 
@@ -96,6 +96,20 @@ void ballbot_disarm(struct ballbot_state *state)
     state->run.armed = 0;
     if (state->self_test.result == BALLBOT_TEST_RUNNING) {
         state->self_test.result = BALLBOT_TEST_STOPPED;
+    }
+}
+
+bool ballbot_is_active(const struct ballbot_state *state)
+{
+    const bool armed = state->run.armed != 0 && state->safety.stop == BALLBOT_STOP_NONE;
+
+    return state->run.known != 0 && (armed || state->self_test.result == BALLBOT_TEST_RUNNING);
+}
+
+void ballbot_halt(struct ballbot_state *state, enum ballbot_stop reason)
+{
+    if (ballbot_is_active(state)) {
+        ballbot_safety_latch(&state->safety, reason, 0);
     }
 }
 
@@ -166,9 +180,21 @@ static void test(struct ballbot_state *state, const struct ballbot_parameters *p
     ballbot_safety_release(&state->safety, parameters->wheel_count, torques);
 }
 
-bool ballbot_update(struct ballbot_state *state, const struct ballbot_parameters *parameters,
-                    const struct ballbot_reading_record *reading, uint32_t time, const float reference[10],
-                    float torques[BALLBOT_MAX_WHEELS])
+/* Limit torques of another controller; return whether the safety layer lets them pass. */
+static bool relay(struct ballbot_state *state, const struct ballbot_parameters *parameters, const float given[],
+                  float torques[])
+{
+    for (int32_t i = 0; i < parameters->wheel_count; ++i) {
+        torques[i] = ballbot_clipped(given[i], parameters->law.torque_limit);
+    }
+    ballbot_safety_release(&state->safety, parameters->wheel_count, torques);
+    return state->safety.stop == BALLBOT_STOP_NONE;
+}
+
+/* Take one sample with the law's torques, or with those that are given. */
+static bool step(struct ballbot_state *state, const struct ballbot_parameters *parameters,
+                 const struct ballbot_reading_record *reading, uint32_t time, const float reference[10],
+                 const float given[], float torques[])
 {
     struct ballbot_run_state *run = &state->run;
     bool may = false;
@@ -191,6 +217,8 @@ bool ballbot_update(struct ballbot_state *state, const struct ballbot_parameters
     }
     if (testing) {
         test(state, parameters, reading, may, torques);
+    } else if (may && given != NULL) {
+        may = relay(state, parameters, given, torques);
     } else if (may) {
         may = balance(state, parameters, reference, torques);
     } else {
@@ -200,6 +228,20 @@ bool ballbot_update(struct ballbot_state *state, const struct ballbot_parameters
         run->torques[i] = torques[i];
     }
     return may;
+}
+
+bool ballbot_update(struct ballbot_state *state, const struct ballbot_parameters *parameters,
+                    const struct ballbot_reading_record *reading, uint32_t time, const float reference[10],
+                    float torques[BALLBOT_MAX_WHEELS])
+{
+    return step(state, parameters, reading, time, reference, NULL, torques);
+}
+
+bool ballbot_relay(struct ballbot_state *state, const struct ballbot_parameters *parameters,
+                   const struct ballbot_reading_record *reading, uint32_t time, const float given[BALLBOT_MAX_WHEELS],
+                   float torques[BALLBOT_MAX_WHEELS])
+{
+    return step(state, parameters, reading, time, NULL, given, torques);
 }
 
 enum ballbot_stop ballbot_stop_of(const struct ballbot_state *state)
@@ -220,6 +262,8 @@ const char *ballbot_stop_word(enum ballbot_stop stop)
         return "late";
     case BALLBOT_STOP_STUCK:
         return "stuck";
+    case BALLBOT_STOP_LINK:
+        return "link";
     case BALLBOT_STOP_NONE:
     default:
         return "";

@@ -23,6 +23,9 @@
 /* Numbers of `estimator` in the parameters. */
 enum ballbot_estimator { BALLBOT_ONBOARD = 0, BALLBOT_KALMAN = 1 };
 
+/* Return whether the parameters are those of this library, of a robot that it knows, and with limits that limit. */
+bool ballbot_are_allowed(const struct ballbot_parameters *parameters);
+
 /* Start disarmed, at x = y = 0, and return whether the parameters are those of this library and their limits are valid.
  *
  * If not, every update gives zero torques.
@@ -47,6 +50,12 @@ bool ballbot_arm(struct ballbot_state *state);
 /* Give no torques until armed again; end a self-test that is running. */
 void ballbot_disarm(struct ballbot_state *state);
 
+/* Return whether torques may come: armed without a stop, or a self-test runs. */
+bool ballbot_is_active(const struct ballbot_state *state);
+
+/* Stop for a reason outside the library, latched as any other, if the robot is active. */
+void ballbot_halt(struct ballbot_state *state, enum ballbot_stop reason);
+
 /* Take one sample; fill the torques of all wheels [N m].
  *
  * reading: what the sensors gave; NaN for a value that is missing. time: of the sample [us]. reference: the state (10) that
@@ -57,10 +66,17 @@ bool ballbot_update(struct ballbot_state *state, const struct ballbot_parameters
                     const struct ballbot_reading_record *reading, uint32_t time, const float reference[10],
                     float torques[BALLBOT_MAX_WHEELS]);
 
+/* Take one sample as ballbot_update does, with torques that another controller gives in place of the law's. They are limited,
+ * and the safety layer watches as ever.
+ */
+bool ballbot_relay(struct ballbot_state *state, const struct ballbot_parameters *parameters,
+                   const struct ballbot_reading_record *reading, uint32_t time, const float given[BALLBOT_MAX_WHEELS],
+                   float torques[BALLBOT_MAX_WHEELS]);
+
 /* Return why the robot was stopped; BALLBOT_STOP_NONE if it was not. */
 enum ballbot_stop ballbot_stop_of(const struct ballbot_state *state);
 
-/* Return a word for a reason, as Python has it: "missing", "lean", "torque", "late", "stuck"; "" for none. */
+/* Return a word for a reason, as Python has it: "missing", "lean", "torque", "late", "stuck", "link"; "" for none. */
 const char *ballbot_stop_word(enum ballbot_stop stop);
 
 #endif

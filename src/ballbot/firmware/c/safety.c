@@ -11,7 +11,7 @@ void ballbot_safety_reset(struct ballbot_safety_state *state)
     *state = start;
 }
 
-static void latch(struct ballbot_safety_state *state, enum ballbot_stop reason, int32_t wheel)
+void ballbot_safety_latch(struct ballbot_safety_state *state, enum ballbot_stop reason, int32_t wheel)
 {
     if (state->stop == BALLBOT_STOP_NONE) {
         state->stop = (int32_t)reason;
@@ -57,7 +57,7 @@ void ballbot_safety_watch(const struct ballbot_safety_record *own, struct ballbo
     }
     state->imu_unchanged = imu_repeated(state, imu);
     if (state->imu_unchanged >= own->max_unchanged) {
-        latch(state, BALLBOT_STOP_STUCK, 0);
+        ballbot_safety_latch(state, BALLBOT_STOP_STUCK, 0);
     }
     for (int32_t i = 0; i < n; ++i) {
         const bool still = counts_valid && state->counts_valid != 0 && counts[i] == state->counts[i];
@@ -65,7 +65,7 @@ void ballbot_safety_watch(const struct ballbot_safety_record *own, struct ballbo
         state->pushed[i] = still ? pushed_on(state->pushed[i], torques[i], own->turning_torque) : 0;
         state->counts[i] = counts[i];
         if (state->pushed[i] >= own->max_unchanged || state->pushed[i] <= -own->max_unchanged) {
-            latch(state, BALLBOT_STOP_STUCK, i + 1);
+            ballbot_safety_latch(state, BALLBOT_STOP_STUCK, i + 1);
         }
     }
     state->counts_valid = counts_valid ? 1 : 0;
@@ -80,11 +80,11 @@ bool ballbot_safety_admit(const struct ballbot_safety_record *own, struct ballbo
     }
     state->missing = (measured && known) ? 0 : state->missing + 1;
     if (!(interval <= own->max_interval)) { /* an interval of NaN is late */
-        latch(state, BALLBOT_STOP_LATE, 0);
+        ballbot_safety_latch(state, BALLBOT_STOP_LATE, 0);
     } else if (state->missing > own->max_missing) {
-        latch(state, BALLBOT_STOP_MISSING, 0);
+        ballbot_safety_latch(state, BALLBOT_STOP_MISSING, 0);
     } else if (known && ballbot_larger(ballbot_magnitude(theta), ballbot_magnitude(phi)) > own->lean) {
-        latch(state, BALLBOT_STOP_LEAN, 0);
+        ballbot_safety_latch(state, BALLBOT_STOP_LEAN, 0);
     } else {
         /* a sample as it should be */
     }
@@ -95,7 +95,7 @@ void ballbot_safety_release(struct ballbot_safety_state *state, int32_t n, float
 {
     for (int32_t i = 0; i < n; ++i) {
         if (!(ballbot_magnitude(torques[i]) <= FLT_MAX)) {
-            latch(state, BALLBOT_STOP_TORQUE, i + 1);
+            ballbot_safety_latch(state, BALLBOT_STOP_TORQUE, i + 1);
         }
     }
     if (state->stop != BALLBOT_STOP_NONE) {

@@ -24,7 +24,8 @@ enum ballbot_stop {
     BALLBOT_STOP_LEAN = 2,
     BALLBOT_STOP_TORQUE = 3,
     BALLBOT_STOP_LATE = 4,
-    BALLBOT_STOP_STUCK = 5
+    BALLBOT_STOP_STUCK = 5,
+    BALLBOT_STOP_LINK = 6 /* the host is silent; latched from outside */
 };
 
 /* Values of the IMU that are watched: gyro and attitude. */
@@ -32,6 +33,9 @@ enum ballbot_stop {
 
 /* Forget a stop and the past samples. */
 void ballbot_safety_reset(struct ballbot_safety_state *state);
+
+/* Stop for a reason and a wheel from 1, 0 for none; a stop that is latched stays. */
+void ballbot_safety_latch(struct ballbot_safety_state *state, enum ballbot_stop reason, int32_t wheel);
 
 /* Take what the sensors gave in a sample, before ballbot_safety_admit; stop if one of them is stuck.
  *

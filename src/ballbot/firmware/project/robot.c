@@ -1,52 +1,76 @@
 #include "robot.h"
 
 #include "ballbot_hardware.h"
-#include "ballbot_parameters.h"
 
 /* In place of a value that the IMU did not give: beyond any sensor's. */
 #define MISSING 1e30f
+/* Bytes that are read at a time, and how often in a sample. */
+#define CHUNK 128
+#define CHUNKS 8
 
-/* Command no torques, so that none is held when the drivers are enabled again, and disable them. */
-static void stop_motors(void)
+/* Enable the motors, or command no torques, so that none is held when they are enabled again, and disable them. */
+static void enable_motors(struct robot *robot, bool enabled)
 {
     static const float none[BALLBOT_MAX_WHEELS] = { 0.0f };
 
-    ballbot_set_torques(none);
-    ballbot_set_enable(false);
+    if (!enabled) {
+        ballbot_set_torques(none);
+    }
+    ballbot_set_enable(enabled);
+    robot->enabled = enabled;
 }
 
-bool robot_start(struct robot *robot)
+bool robot_start(struct robot *robot, const struct ballbot_parameters *parameters, int32_t capabilities)
 {
     static const struct ballbot_encoders no_counts = { .started = false };
     static const struct ballbot_reading_record no_fix = { .fix_position = { MISSING, MISSING },
                                                           .fix_heading = MISSING };
 
+    robot->parameters = *parameters;
     robot->encoders = no_counts;
     robot->reading = no_fix;
-    stop_motors();
-    return ballbot_init(&robot->state, &ballbot_parameters);
+    ballbot_link_init(&robot->link, parameters, capabilities);
+    enable_motors(robot, false);
+    return ballbot_init(&robot->state, &robot->parameters);
 }
 
 void robot_test(struct robot *robot)
 {
+    ballbot_link_release(&robot->link);
     ballbot_start_self_test(&robot->state);
-    ballbot_set_enable(true);
+    enable_motors(robot, true);
 }
 
 bool robot_arm(struct robot *robot)
 {
+    ballbot_link_release(&robot->link);
     if (!ballbot_arm(&robot->state)) {
         robot_disarm(robot);
         return false;
     }
-    ballbot_set_enable(true);
+    enable_motors(robot, true);
     return true;
 }
 
 void robot_disarm(struct robot *robot)
 {
     ballbot_disarm(&robot->state);
-    stop_motors();
+    enable_motors(robot, false);
+}
+
+/* Obey what came from the host. */
+static void obey_host(struct robot *robot, uint32_t time)
+{
+    uint8_t bytes[CHUNK];
+
+    for (int k = 0; k < CHUNKS; ++k) {
+        const size_t count = ballbot_receive(bytes, sizeof bytes);
+
+        ballbot_link_receive(&robot->link, &robot->state, &robot->parameters, bytes, count, time);
+        if (count < sizeof bytes) {
+            return;
+        }
+    }
 }
 
 static void read_sensors(struct robot *robot)
@@ -62,19 +86,25 @@ static void read_sensors(struct robot *robot)
     }
     const bool counted = ballbot_read_encoders(counts);
 
-    ballbot_take_encoders(&robot->encoders, &ballbot_parameters, counted ? counts : NULL, reading);
+    ballbot_take_encoders(&robot->encoders, &robot->parameters, counted ? counts : NULL, reading);
 }
 
 void robot_step(struct robot *robot)
 {
+    const uint32_t time = ballbot_read_time();
     float torques[BALLBOT_MAX_WHEELS];
 
+    obey_host(robot, time);
     read_sensors(robot);
-    (void)ballbot_update(&robot->state, &ballbot_parameters, &robot->reading, ballbot_read_time(), NULL, torques);
-    ballbot_set_torques(torques);
-    const bool testing = ballbot_self_test_of(&robot->state) == BALLBOT_TEST_RUNNING;
-
-    if (ballbot_stop_of(&robot->state) != BALLBOT_STOP_NONE || (robot->state.run.armed == 0 && !testing)) {
-        stop_motors(); /* also when a self-test has ended */
+    (void)ballbot_link_update(&robot->link, &robot->state, &robot->parameters, &robot->reading, time, torques);
+    if (!ballbot_is_active(&robot->state)) {
+        enable_motors(robot, false);
+    } else {
+        if (!robot->enabled) {
+            enable_motors(robot, true);
+        }
+        ballbot_set_torques(torques);
     }
+    ballbot_send(robot->link.out, robot->link.out_count);
+    robot->link.out_count = 0;
 }

@@ -3,38 +3,20 @@
  * The loop waits for the time of the next sample and never skips one: a sample that comes too late stops the robot, with
  * the reason "late". If the loop hangs, the last torques stay: let the board's watchdog disable the drivers.
  *
- * A byte 't' from the host begins the self-test, 'a' arms, any other disarms; replace this by the robot's own buttons.
+ * The host arms over the link (`ballbot run`), and the robot obeys it in robot_step. For buttons of the robot's own call
+ * robot_test, robot_arm and robot_disarm between two samples, and ballbot_link_confirm if arming from another computer
+ * needs a button here.
  */
 #include "ballbot_hardware.h"
 #include "ballbot_parameters.h"
 #include "robot.h"
-
-/* Obey the last byte that came from the host. */
-static void obey_host(struct robot *robot)
-{
-    uint8_t bytes[64];
-    const size_t count = ballbot_receive(bytes, sizeof bytes);
-
-    if (count == 0) {
-        return;
-    }
-    const uint8_t byte = bytes[count - 1];
-
-    if (byte == (uint8_t)'t') {
-        robot_test(robot);
-    } else if (byte == (uint8_t)'a') {
-        (void)robot_arm(robot);
-    } else {
-        robot_disarm(robot);
-    }
-}
 
 int main(void)
 {
     static struct robot robot;
     const uint32_t period = (uint32_t)(1e6f * ballbot_parameters.sample_time + 0.5f);
 
-    if (!robot_start(&robot)) {
+    if (!robot_start(&robot, &ballbot_parameters, 0)) {
         return 1;
     }
     uint32_t next = ballbot_read_time();
@@ -44,7 +26,6 @@ int main(void)
             /* a processor may sleep here until its timer's interrupt */
         }
         next += period;
-        obey_host(&robot);
         robot_step(&robot);
     }
 }

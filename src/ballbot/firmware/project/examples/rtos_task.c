@@ -63,7 +63,7 @@ void balance_task(void *unused)
     uint32_t last = ballbot_read_time();
 
     (void)unused;
-    const bool started = robot_start(&robot);
+    const bool started = robot_start(&robot, &ballbot_parameters, 0);
 
     for (;;) {
         rtos_wait_until(&last, period);

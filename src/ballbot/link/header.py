@@ -1,0 +1,120 @@
+"""The messages as a header of the firmware, `firmware/c/link/ballbot_messages.h`: structs, numbers and names.
+
+If a message changes, the C code that reads it must change too. Then write the header anew:
+
+    python -m ballbot.link.header
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from enum import IntEnum
+
+from ballbot.control.records import Schema
+from ballbot.files import write_text
+from ballbot.firmware.header import SOURCES, struct_text
+from ballbot.link.frames import LONGEST_FRAME, LONGEST_PAYLOAD, OVERHEAD, SEQUENCE_WINDOW
+from ballbot.link.messages import (
+    CONFIRMATION_TIME,
+    LAYERS,
+    LONGEST_STATE_INTERVAL,
+    MESSAGES,
+    PARAMETER_WORDS,
+    SCHEMAS,
+    VERSION,
+    WATCHDOG,
+    Capability,
+    ControllerPlace,
+    Layer,
+    Result,
+    message_digest,
+    message_words,
+)
+
+HEADER = SOURCES / "link" / "ballbot_messages.h"
+#: lengths that have a name in the header
+_NAMED = {"[32]": "[BALLBOT_PARAMETER_WORDS]", "[9]": "[BALLBOT_LAYERS]"}
+_MICROSECONDS = 1e6
+
+
+def messages_header() -> str:
+    """Return the text of ballbot_messages.h."""
+    structs = "\n".join(_struct(schema) for schema in SCHEMAS.values() if schema.fields)
+    types = _names("message", {one.__name__: kind for kind, one in MESSAGES.items()})
+    return f"""\
+/* What robot and host send each other.
+ *
+ * Generated from the messages of the Python package by `python -m ballbot.link.header`; do not edit.
+ * A body has the bytes of its struct on a little-endian processor. A message without a struct has no body.
+ * Units are SI and stand behind each member; [1] is a number without a unit.
+ */
+#ifndef BALLBOT_MESSAGES_H
+#define BALLBOT_MESSAGES_H
+
+#include "ballbot_types.h"
+
+/* Of the protocol, in every frame. */
+#define BALLBOT_LINK_VERSION {VERSION}u
+/* SHA-256 of types, names, order, lengths and units of all messages, as numbers of 31 bits. */
+#define BALLBOT_MESSAGE_WORDS {{ {", ".join(map(str, message_words()))} }}
+/* {message_digest()} */
+
+/* Longest time without a valid frame [us]. */
+#define BALLBOT_LINK_WATCHDOG {_MICROSECONDS * WATCHDOG:.0f}u
+/* For which the number of the first step of arming is good [us]. */
+#define BALLBOT_LINK_CONFIRMATION {_MICROSECONDS * CONFIRMATION_TIME:.0f}u
+/* Longest time between two states that a host can ask for [s]. */
+#define BALLBOT_LINK_STATE_INTERVAL {LONGEST_STATE_INTERVAL:g}f
+/* Bytes of a payload without a body, of the longest payload, and of its frame without the zero. */
+#define BALLBOT_FRAME_OVERHEAD {OVERHEAD}u
+#define BALLBOT_LONGEST_PAYLOAD {LONGEST_PAYLOAD}u
+#define BALLBOT_LONGEST_FRAME {LONGEST_FRAME}u
+/* How many sequence numbers after the last are newer than it. */
+#define BALLBOT_SEQUENCE_WINDOW {SEQUENCE_WINDOW}u
+/* Words that one message of parameters carries. */
+#define BALLBOT_PARAMETER_WORDS {PARAMETER_WORDS}
+/* Checks of a frame that count what they refuse. */
+#define BALLBOT_LAYERS {LAYERS}
+
+/* Types of messages. */
+{types}
+/* Checks that a frame must pass, in order. */
+{_names("layer", _members(Layer))}
+/* Answers to a command. */
+{_names("result", _members(Result))}
+/* Where the controller runs that an armed robot obeys. */
+{_names("controller", _members(ControllerPlace))}
+/* Bits of a robot's capabilities. */
+{_names("capability", _members(Capability))}
+{structs}
+#endif
+"""
+
+
+def _struct(schema: Schema) -> str:
+    """Return a message's struct, as ballbot_message_hello."""
+    text = struct_text(replace(schema, name=f"Message{schema.name}"))
+    for length, name in _NAMED.items():
+        text = text.replace(length, name)
+    return text
+
+
+def _members(kind: type[IntEnum]) -> dict[str, int]:
+    return {one.name: one.value for one in kind}
+
+
+def _names(kind: str, values: dict[str, int]) -> str:
+    """Return an enumeration, with names as BALLBOT_LAYER_FRAMING."""
+    lines = ",\n".join(f"    BALLBOT_{kind.upper()}_{_upper(name)} = {one}" for name, one in values.items())
+    return f"enum ballbot_{kind} {{\n{lines}\n}};\n"
+
+
+def _upper(name: str) -> str:
+    """Return a class's or an enumeration's name in capitals, words apart."""
+    if name.isupper():
+        return name
+    return "".join(f"_{letter}" if letter.isupper() else letter.upper() for letter in name).lstrip("_")
+
+
+if __name__ == "__main__":
+    write_text(HEADER, messages_header())
