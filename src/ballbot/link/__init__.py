@@ -7,4 +7,7 @@ datagram     datagrams signed with the robot's key
 session      handshake, watchdogs, arming in two steps, parameters: the host's side of a connection
 recorder     a log that is written while the robot runs and survives a pulled plug
 references   where the robot is asked to be: courses, files, the keyboard, a gamepad
+live         a robot from arming to disarming, and the log of it
+operators    the person at the robot: confirms arming, moves it by hand
+wiring       whether the IMU's axes and the encoders are those of the robot
 """

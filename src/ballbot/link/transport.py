@@ -43,7 +43,7 @@ class Transport(Protocol):
         ...
 
 
-class LinkError(Exception):
+class LinkError(InputError):
     """The link to a robot failed; the text is one sentence."""
 
 

@@ -32,6 +32,8 @@ from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_b
 
 Hold = Literal["on_ball", "in_air", "upside_down"]
 
+#: period of the thesis's sweep [s]
+SWEEP_PERIOD = 62.83
 #: time in which a hand turns the body by a radian [s]; a shorter turn takes `_SHORTEST_TILT`
 _TILT_TIME, _SHORTEST_TILT = 4.0, 0.5
 
@@ -240,3 +242,22 @@ def _ball_under_hand(robot: Robot, hold: Hold) -> ClampedBall | None:
         robot.ball.mass + robot.body.mass
     ) * robot.ball.radius**2  # both roll over the floor with the ball
     return ClampedBall(A=ball.A, inertia=ball.inertia + np.diag([rolling, rolling, 0.0]))
+
+
+def sweep_at(times: NDArray[np.float64], wheel_count: int) -> NDArray[np.float64]:
+    """Return the thesis's driveline sweep (N, n) at times [s]: a sine of 1 N m and 62.83 s, equal at every wheel (3.1)."""
+    return np.repeat(np.sin(2 * np.pi * times / SWEEP_PERIOD)[:, None], wheel_count, axis=1)
+
+
+def multisine_at(times: NDArray[np.float64], wheel_count: int, *, seed: int) -> NDArray[np.float64]:
+    """Return torques (N, n) at times [s] that stir a ball: sines of 0.1 to 2.5 Hz, 0.26 N m in all (RMS).
+
+    The phases follow from the seed.
+    """
+    frequencies = 0.1 * 25.0 ** (np.arange(10) / 9)
+    random = np.random.default_rng([seed, 61])
+    phases = random.uniform(0.0, 2 * np.pi, (10, wheel_count))  # U(0, 2 pi)
+    # each wheel's sines lie a little apart, so that no two wheels stay in step
+    detuned = frequencies[:, None] * (1 + 0.05 * np.arange(wheel_count))
+    waves = np.sin(2 * np.pi * times[:, None, None] * detuned + phases)
+    return 0.26 * np.sqrt(2 / 10) * waves.sum(axis=1)

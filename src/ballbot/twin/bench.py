@@ -17,6 +17,7 @@ from ballbot.log import Log
 from ballbot.log.columns import torque_names, wheel_angle_names, wheel_speed_names
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.robot import Robot
+from ballbot.simulation.held_robot import multisine_at, sweep_at
 from ballbot.simulation.run import sample_count
 from ballbot.simulation.sensors import Encoders
 from ballbot.twin.driveline import Driveline, Shafts
@@ -133,21 +134,13 @@ class _ClampedRobot:
 
 
 def sweep_torques(robot: Robot, scenario: Scenario, *, duration: float) -> NDArray[np.float64]:
-    """Return the thesis's driveline sweep (N, n): a sine of 1 N m and 62.83 s, equal at every wheel (3.1)."""
-    t = _times(scenario, duration)
-    return np.repeat(np.sin(2 * np.pi * t / 62.83)[:, None], robot.wheel_count, axis=1)
+    """Return the thesis's driveline sweep (N, n); see `ballbot.simulation.held_robot.sweep_at`."""
+    return sweep_at(_times(scenario, duration), robot.wheel_count)
 
 
 def multisine_torques(robot: Robot, scenario: Scenario, *, duration: float, seed: int) -> NDArray[np.float64]:
-    """Return torques (N, n) that stir the ball: sines of 0.1 to 2.5 Hz, 0.26 N m in all (RMS), of the seed's phases."""
-    t = _times(scenario, duration)
-    frequencies = 0.1 * 25.0 ** (np.arange(10) / 9)
-    random = np.random.default_rng([seed, 61])
-    phases = random.uniform(0.0, 2 * np.pi, (10, robot.wheel_count))  # U(0, 2 pi)
-    # each wheel's sines lie a little apart, so that no two wheels stay in step
-    detuned = frequencies[:, None] * (1 + 0.05 * np.arange(robot.wheel_count))
-    waves = np.sin(2 * np.pi * t[:, None, None] * detuned + phases)
-    return 0.26 * np.sqrt(2 / 10) * waves.sum(axis=1)
+    """Return torques (N, n) that stir the ball; see `ballbot.simulation.held_robot.multisine_at`."""
+    return multisine_at(_times(scenario, duration), robot.wheel_count, seed=seed)
 
 
 def _times(scenario: Scenario, duration: float) -> NDArray[np.float64]:

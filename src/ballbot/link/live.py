@@ -1,0 +1,397 @@
+"""A live robot from arming to disarming: what it is to do, sample after sample, and the log of it.
+
+    robot = LiveRobot(session)
+    robot.test()
+    robot.arm(confirm, controller=ControllerPlace.ROBOT)
+    ending = robot.run(FollowReference(reference), duration=32.0, record=recorder.append)
+    robot.disarm()
+
+A `Commander` is asked after every sample for what is to be sent: a reference for the controller on the robot, or
+torques of a controller on this computer. A row of the log is a sample from arming on, in the frame of the start
+(`ballbot.link.references`): measurements and estimate of a time, and the torques held from there on.
+
+Every end is one sentence (`Ending`): the time is over, the driver ends it, the robot's safety layer stops, or the link
+is lost. A robot whose link is lost stops by itself.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.interface import Feedback
+from ballbot.control.safety import StopReason
+from ballbot.errors import InputError
+from ballbot.firmware.host import SelfTestOutcome
+from ballbot.link.messages import ControllerPlace, Result, State
+from ballbot.link.references import LiveReference, in_robot_frame, in_start_frame
+from ballbot.link.session import Session, reason, stop_reason
+from ballbot.link.transport import LinkError
+from ballbot.log.columns import STATE_NAMES, torque_names, wheel_angle_names, wheel_speed_names
+
+#: longest wait for the next sample [s]; the session finds out before that whether the robot is silent
+_PATIENCE = 0.1
+#: for which a robot that has taken the arming may take to show it [s]
+_ARMING_TIME = 0.5
+
+#: what each stop of the robot's safety layer means and what to do
+STOPS: dict[StopReason, str] = {
+    StopReason.MISSING: "a sensor gave nothing for three samples; check the IMU's and the encoders' cables",
+    StopReason.LEAN: "it leaned further than its limit",
+    StopReason.TORQUE: "a torque was not a finite number",
+    StopReason.LATE: "a sample came too late; the robot's processor has too much to do",
+    StopReason.STUCK: "a sensor did not change; check the cable of the sensor, and whether the wheel turns freely",
+    StopReason.LINK: "nothing valid came from this computer for 50 ms",
+}
+_MOTOR = "motor {wheel} was driven"
+_SELF_TESTS: dict[SelfTestOutcome, str] = {
+    SelfTestOutcome.DEAD_MOTOR: f"{_MOTOR} and no encoder turned: it has no power, or its wheel is stuck",
+    SelfTestOutcome.TORQUE_ORDER: f"{_MOTOR} and another encoder turned the most: cables are in the wrong order",
+    SelfTestOutcome.TORQUE_SIGN: (
+        f"{_MOTOR} forward and its encoder turned backward: one of the two has the wrong sign"
+    ),
+    SelfTestOutcome.STOPPED: "the safety layer stopped it",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sample:
+    """One sample of an armed robot."""
+
+    t: float  #: since arming [s]
+    state: NDArray[np.float64]  #: (10,) the robot's estimate, in the frame of the start
+    reference: NDArray[np.float64]  #: (10,) that held at the sample, in the frame of the start
+    torques: NDArray[np.float64]  #: (n,) from there on [N m]
+    wheel_angles: NDArray[np.float64]  #: (n,) since arming [rad]
+    wheel_speeds: NDArray[np.float64]  #: (n,) [rad/s]
+    gyro: NDArray[np.float64]  #: (3,) body frame [rad/s]; NaN if the IMU gave nothing
+
+    def row(self) -> list[float]:
+        """Return the sample as a row of a log."""
+        return [
+            self.t,
+            *self.torques.tolist(),
+            *self.state.tolist(),
+            *self.wheel_angles.tolist(),
+            *self.wheel_speeds.tolist(),
+            *self.gyro.tolist(),
+            *self.reference[[0, 1, 4]].tolist(),
+        ]
+
+
+def log_columns(wheel_count: int) -> tuple[str, ...]:
+    """Return the columns of the rows of `Sample`."""
+    return (
+        "t",
+        *torque_names(wheel_count),
+        *STATE_NAMES,
+        *wheel_angle_names(wheel_count),
+        *wheel_speed_names(wheel_count),
+        *(f"gyro_{axis}" for axis in "xyz"),
+        "ref_x",
+        "ref_y",
+        "ref_psi",
+    )
+
+
+class Commander(Protocol):
+    """Decides what is sent to the robot after a sample."""
+
+    @property
+    def ended(self) -> bool:
+        """Whether the run is to end."""
+        ...
+
+    def command(
+        self, session: Session, sample: Sample, start: NDArray[np.float64]
+    ) -> NDArray[np.float64] | None:
+        """Send what the robot is to have at its next sample.
+
+        Parameters
+        ----------
+        session : Session
+        sample : Sample
+        start : ndarray (3,)
+            x, y and psi at arming.
+
+        Returns
+        -------
+        ndarray (10,) or None
+            The reference that held at the sample, in the frame of the start; None if the robot's state has it.
+        """
+        ...
+
+
+class FollowReference:
+    """Gives references to the controller on the robot."""
+
+    def __init__(self, reference: LiveReference, *, sample_time: float) -> None:
+        self._source, self._step = reference, sample_time
+        self._sent: NDArray[np.float64] | None = None
+
+    @property
+    def ended(self) -> bool:
+        """Whether the driver ends the run."""
+        return self._source.ended
+
+    def command(self, session: Session, sample: Sample, start: NDArray[np.float64]) -> None:
+        """Send the reference of the next sample if it is another one."""
+        wanted = self._source.update(sample.t + self._step)
+        if self._sent is None or not np.array_equal(wanted, self._sent):
+            session.set_reference(in_robot_frame(wanted, start))
+            self._sent = wanted.copy()
+
+
+class ControlFromHost:
+    """Runs a controller on this computer, whose torques pass the robot's safety layer.
+
+    Parameters
+    ----------
+    controller : Feedback
+        Reset at the first sample.
+    reference : LiveReference
+    """
+
+    def __init__(self, controller: Feedback, reference: LiveReference) -> None:
+        self._controller, self._source = controller, reference
+        controller.reset()
+
+    @property
+    def ended(self) -> bool:
+        """Whether the driver ends the run."""
+        return self._source.ended
+
+    def command(
+        self,
+        session: Session,
+        sample: Sample,
+        start: NDArray[np.float64],  # noqa: ARG002
+    ) -> NDArray[np.float64]:
+        """Send the torques for the sample, which act from the robot's next sample on; return the reference."""
+        wanted = self._source.update(sample.t)
+        session.set_torques(self._controller.update(sample.t, sample.state, wanted))
+        return wanted
+
+
+class TorqueProgram:
+    """Gives torques as a function of time: a sweep of the free wheels, or torques that stir a ball."""
+
+    ended = False
+
+    def __init__(self, torques: Callable[[float], NDArray[np.float64]], *, sample_time: float) -> None:
+        self._torques, self._step = torques, sample_time
+
+    def command(
+        self,
+        session: Session,
+        sample: Sample,
+        start: NDArray[np.float64],  # noqa: ARG002
+    ) -> NDArray[np.float64]:
+        """Send the torques of the next sample; return the pose of the start."""
+        session.set_torques(self._torques(sample.t + self._step))
+        return np.zeros(10)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ending:
+    """How a run ended."""
+
+    kind: Literal["time", "driver", "stop", "link"]
+    text: str  #: one sentence
+    t: float  #: of the last sample, since arming [s]
+
+    @property
+    def early(self) -> bool:
+        """Whether the robot or the link ended it."""
+        return self.kind in ("stop", "link")
+
+
+class _Samples:
+    """Makes samples of an armed robot's states."""
+
+    def __init__(self, first: State, *, wheel_count: int, encoder_step: float) -> None:
+        self.start = first.estimate[[0, 1, 4]].astype(np.float64)
+        self._n, self._encoder_step = wheel_count, encoder_step
+        self._last_time, self._micros = first.time, 0
+        self._counts = first.wheel_counts.astype(np.int64)
+        self._turned = np.zeros(len(self._counts), dtype=np.int64)
+
+    def sample(self, state: State) -> Sample:
+        """Return the sample of a state; its clock and its encoders may wrap around."""
+        self._micros += (state.time - self._last_time) % 2**32
+        self._last_time = state.time
+        gone = (state.wheel_counts.astype(np.int64) - self._counts + 2**31) % 2**32 - 2**31
+        angles = np.full(self._n, np.nan)
+        if state.encoders_valid:
+            self._turned += gone
+            self._counts = state.wheel_counts.astype(np.int64)
+            angles = self._encoder_step * self._turned[: self._n].astype(np.float64)
+        return Sample(
+            t=round(1e-6 * self._micros, 6),
+            state=in_start_frame(state.estimate.astype(np.float64), self.start),
+            reference=in_start_frame(state.reference.astype(np.float64), self.start),
+            torques=state.torques[: self._n].astype(np.float64),
+            wheel_angles=angles,
+            wheel_speeds=state.wheel_speeds[: self._n].astype(np.float64),
+            gyro=state.gyro.astype(np.float64) if state.imu_valid else np.full(3, np.nan),
+        )
+
+
+class LiveRobot:
+    """A robot at the other end of a session.
+
+    Parameters
+    ----------
+    session : Session
+        Connected.
+    clock : callable
+        The session's [s].
+    """
+
+    def __init__(self, session: Session, *, clock: Callable[[], float] = time.monotonic) -> None:
+        assert session.welcome is not None
+        self.session, self.welcome, self._clock = session, session.welcome, clock
+        self.parameters = session.read_parameters()  #: (1,), those on the robot
+
+    @property
+    def sample_time(self) -> float:
+        """Of the robot [s]."""
+        return float(self.parameters["sample_time"][0])
+
+    @property
+    def wheel_count(self) -> int:
+        """Number of wheels."""
+        return int(self.parameters["wheel_count"][0])
+
+    @property
+    def torque_limit(self) -> float:
+        """Of the controller on the robot, each wheel [N m]."""
+        return float(self.parameters["law"]["torque_limit"][0])
+
+    def use_parameters(self, parameters: NDArray[np.void]) -> bool:
+        """Let the robot use these parameters (1,); return whether it had others.
+
+        Raises
+        ------
+        InputError
+            If the robot has another number of wheels or sample time, is armed or does not accept them.
+        """
+        for name, unit in (("wheel_count", " wheels"), ("sample_time", " s between samples")):
+            own, wanted = self.parameters[name][0], parameters[name][0]
+            if own != wanted:
+                raise InputError(
+                    f"The robot has {own:g}{unit} and the controller is for {wanted:g}; export the firmware with this "
+                    "controller and flash it."
+                )
+        if parameters.tobytes() == self.parameters.tobytes():
+            return False
+        self.session.write_parameters(parameters)
+        self.parameters = self.session.read_parameters()
+        if parameters.tobytes() != self.parameters.tobytes():
+            raise LinkError("The robot does not have the parameters that were sent; send them again.")
+        return True
+
+    def test(self) -> None:
+        """Run the self-test.
+
+        Raises
+        ------
+        InputError
+            If it fails, in one sentence; or the link is lost.
+        """
+        outcome = self.session.self_test()
+        if outcome == SelfTestOutcome.PASSED:
+            return
+        state = self.session.state
+        wheel = state.self_test_wheel if state else 0
+        stop = stop_reason(state) if state else None
+        text = _SELF_TESTS.get(outcome, "it did not run").format(wheel=wheel)
+        if outcome == SelfTestOutcome.STOPPED and stop is not None:
+            text = f"the safety layer stopped it: {STOPS[stop]}"
+        raise InputError(f"The self-test failed: {text}.")
+
+    def arm(self, confirm: Callable[[], bool], *, controller: ControllerPlace) -> None:
+        """Arm, after a confirmation here.
+
+        Raises
+        ------
+        InputError
+            If it is not confirmed, the robot refuses, or the link is lost.
+        """
+        result = self.session.arm(confirm, controller=controller)
+        if result == Result.CONFIRM:
+            raise InputError("Arming was not confirmed; the robot stays disarmed.")
+        if result != Result.OK:
+            raise InputError(f"The robot does not arm: {reason(result)}.")
+
+    def disarm(self) -> None:
+        """Disarm; a robot whose link is lost has stopped by itself."""
+        if self.session.connected:
+            self.session.disarm()
+
+    def run(
+        self,
+        commander: Commander,
+        *,
+        duration: float,
+        record: Callable[[Sequence[float]], None],
+        watch: Callable[[Sample], None],
+    ) -> Ending:
+        """Let an armed robot do what a commander says, until the time is over or something ends it.
+
+        Parameters
+        ----------
+        commander : Commander
+        duration : float
+            From arming on [s].
+        record : callable
+            Takes each sample's row.
+        watch : callable
+            Takes each sample, for a monitor.
+        """
+        samples: _Samples | None = None
+        t, began = 0.0, self._clock()
+        try:
+            for state in self._states():
+                if samples is None and not state.armed and self._clock() - began < _ARMING_TIME:
+                    continue  # from before the arming
+                if not state.armed or state.stop:
+                    return Ending(kind="stop", text=_why_disarmed(state, t), t=t)
+                if samples is None:
+                    samples = _Samples(
+                        state,
+                        wheel_count=self.wheel_count,
+                        encoder_step=float(self.parameters["encoder_step"][0]),
+                    )
+                sample = samples.sample(state)
+                t = sample.t
+                if t > duration - 0.5 * self.sample_time:
+                    return Ending(kind="time", text=f"The run of {duration:g} s is over.", t=t)
+                if commander.ended:
+                    return Ending(kind="driver", text=f"The driver ended the run after {t:.1f} s.", t=t)
+                wanted = commander.command(self.session, sample, samples.start)
+                if wanted is not None:
+                    sample = replace(sample, reference=wanted)
+                record(sample.row())
+                watch(sample)
+        except LinkError as error:
+            return Ending(kind="link", text=str(error), t=t)
+        raise AssertionError  # the states have no end
+
+    def _states(self) -> Iterator[State]:
+        """Yield the robot's states as they come."""
+        while True:
+            yield from (one for one in self.session.poll(_PATIENCE) if isinstance(one, State))
+
+
+def _why_disarmed(state: State, t: float) -> str:
+    stop = stop_reason(state)
+    if stop is None:
+        return f"The robot was disarmed after {t:.2f} s."
+    wheel = f" (wheel {state.stop_wheel})" if state.stop_wheel else ""
+    return f"The robot stopped after {t:.2f} s: {STOPS[stop]}{wheel}."

@@ -1,0 +1,240 @@
+"""A run of a live robot: its log is that of the same run in simulation, and every end is one sentence."""
+
+import numpy as np
+import pytest
+
+from ballbot import Robot
+from ballbot.control.presets import nominal_controller
+from ballbot.control.references import square
+from ballbot.errors import InputError
+from ballbot.firmware.export import export_controller
+from ballbot.link.live import ControlFromHost, FollowReference, LiveRobot, TorqueProgram, log_columns
+from ballbot.link.messages import ControllerPlace, Torques
+from ballbot.link.operators import EmulatedOperator
+from ballbot.link.references import CourseReference
+from ballbot.link.session import Session
+from ballbot.link.wiring import check_turns, measure_turns
+from ballbot.log import Log
+from ballbot.mechanics.geometry import transforms
+from ballbot.simulation.held_robot import HeldRobot
+from ballbot.simulation.run import simulate
+from ballbot.simulation.sensed_plant import SensedPlant
+from ballbot.twin.imperfections import imperfections_of, true_model
+from ballbot.twin.scenario import load_scenario
+from ballbot.workflows.metrics import score
+from tests.support.fake_robot import FakeRobot
+
+ROBOT = Robot.load("alten")
+STEP = ROBOT.sensors.sample_time
+
+
+def plant_of(hold="on_ball"):
+    scenario = load_scenario("nominal", ROBOT)
+    released = SensedPlant(true_model(ROBOT, scenario), imperfections_of(scenario), known=ROBOT)
+    return HeldRobot(released, sensors=scenario.sensors, hold=hold)
+
+
+class Connected:
+    """A live robot on a plant, and what it does."""
+
+    def __init__(self, plant, controller=None):
+        self.controller = controller or nominal_controller(ROBOT)
+        self.fake = FakeRobot(export_controller(self.controller).parameters, plant)
+        self.session = Session(self.fake, clock=self.fake.now)
+        self.session.connect()
+        self.robot = LiveRobot(self.session, clock=self.fake.now)
+        self.operator = EmulatedOperator(plant, lets_go=True)
+        self.rows = []
+
+    def run(self, commander, *, place=ControllerPlace.ROBOT, duration=2.0, watch=lambda _: None):
+        self.robot.test()
+        self.robot.arm(self.operator.confirm_arming, controller=place)
+        self.ending = self.robot.run(commander, duration=duration, record=self.rows.append, watch=watch)
+        self.robot.disarm()
+        return Log(dict(zip(log_columns(3), np.array(self.rows).T, strict=True)))
+
+
+def follow(reference):
+    return FollowReference(CourseReference(reference), sample_time=STEP)
+
+
+def test_controller_on_the_robot_follows_as_in_simulation():
+    live = Connected(plant_of())
+    log = live.run(follow(square(period=16.0)), duration=12.0)
+    assert live.ending.kind == "time"
+    assert len(log) == 12.0 / STEP
+    np.testing.assert_allclose(log.t, STEP * np.arange(len(log)), atol=1e-9)
+    # the course, a row for each sample, from the first on
+    wanted = np.array([square(period=16.0)(t)[[0, 1, 4]] for t in log.t])
+    np.testing.assert_allclose(log.reference[:, [0, 1, 4]], wanted, atol=1e-6)
+    alone = SensedPlant(*_sensed())
+    simulated = simulate(alone, live.controller, square(period=16.0), duration=12.0, seed=1)
+    measured, expected = (one.without_truth() for one in (log, simulated))
+    # another seed of the noise: the same kind of run, not the same run
+    ratio = score(measured, settle=3.0).rms_position_error / score(expected, settle=3.0).rms_position_error
+    assert 0.4 < ratio < 2.5
+    assert not live.fake.armed
+
+
+def _sensed():
+    scenario = load_scenario("nominal", ROBOT)
+    return true_model(ROBOT, scenario), imperfections_of(scenario)
+
+
+def test_controller_on_the_host_balances():
+    live = Connected(plant_of())
+    commander = ControlFromHost(nominal_controller(ROBOT), CourseReference(square()))
+    log = live.run(commander, place=ControllerPlace.HOST, duration=6.0)
+    assert live.ending.kind == "time"
+    assert np.abs(log["theta"]).max() < 0.1
+    # the torques of a row are those that the host computed for the sample before; the first two samples come together
+    sent = np.array([one.torques for one in live.fake.received if isinstance(one, Torques)])
+    np.testing.assert_array_equal(log.torques[2:], sent[1 : len(log) - 1, :3])
+
+
+def test_sweep_of_free_wheels_gives_its_torques():
+    live = Connected(plant_of("in_air"))
+    live.operator = EmulatedOperator(live.fake.plant, lets_go=False)
+    program = TorqueProgram(lambda t: np.full(3, 0.5 * np.sin(t)), sample_time=STEP)
+    log = live.run(program, place=ControllerPlace.HOST, duration=3.0)
+    # the first two samples come together
+    np.testing.assert_allclose(log.torques[2:], 0.5 * np.sin(log.t[2:, None]) * np.ones(3), atol=1e-6)
+    assert np.abs(log.wheel_angles[-1]).min() > 1.0
+
+
+def test_unconfirmed_arming_leaves_the_robot_disarmed():
+    live = Connected(plant_of())
+    live.robot.test()
+    with pytest.raises(InputError, match="not confirmed"):
+        live.robot.arm(lambda: False, controller=ControllerPlace.ROBOT)
+    assert not live.fake.armed
+
+
+def test_robot_without_a_self_test_does_not_arm():
+    live = Connected(plant_of())
+    with pytest.raises(InputError, match="self-test has not passed"):
+        live.robot.arm(lambda: True, controller=ControllerPlace.ROBOT)
+
+
+class Miswired:
+    """A plant with cables in another place."""
+
+    def __init__(self, plant, *, motors=(0, 1, 2), encoders=(0, 1, 2), signs=(1, 1, 1), imu=np.eye(3)):
+        self._plant, self.robot = plant, plant.robot
+        self._motors, self._encoders = list(motors), list(encoders)
+        self._signs, self._imu = np.array(signs), imu
+
+    def reset(self, initial_state, *, seed):
+        return self._seen(self._plant.reset(initial_state, seed=seed))
+
+    def step(self, torques, duration):
+        return self._seen(self._plant.step(torques[self._motors], duration))
+
+    def tilt(self, attitude):
+        self._plant.tilt(attitude)
+
+    def let_go(self):
+        self._plant.let_go()
+
+    def _seen(self, one):
+        from dataclasses import replace
+
+        state = one.state.copy()
+        state[2:5] = self._imu @ state[2:5]
+        angles = (self._signs * one.wheel_angles)[self._encoders]
+        speeds = (self._signs * one.wheel_speeds)[self._encoders]
+        return replace(one, state=state, wheel_angles=angles, wheel_speeds=speeds, gyro=self._imu @ one.gyro)
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ({"motors": (1, 0, 2)}, "motor 1 .* cables are in the wrong order"),
+        ({"signs": (1, -1, 1)}, "motor 2 .* wrong sign"),
+    ],
+)
+def test_self_test_names_the_wheel(fault, words):
+    live = Connected(Miswired(plant_of(), **fault))
+    with pytest.raises(InputError, match=words):
+        live.robot.test()
+
+
+def checked(plant):
+    live = Connected(plant)
+    step = float(live.robot.parameters["encoder_step"][0])
+    lean, turns = measure_turns(
+        live.session, live.operator, wheel_count=3, encoder_step=step, watch=lambda _: None
+    )
+    return check_turns(lean, turns, transforms(ROBOT).T_obw)
+
+
+def test_wiring_of_a_right_robot_passes():
+    check = checked(plant_of())
+    assert check.passed
+    assert not check.findings
+    # the encoders' resolution and the noise of the attitude, 1 mrad in 0.26 rad
+    np.testing.assert_allclose(check.wheel_scales, 1.0, atol=0.03)
+
+
+_QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+@pytest.mark.parametrize(
+    ("fault", "codes", "words"),
+    [
+        ({"imu": _QUARTER}, {"imu"}, "instead of"),
+        ({"imu": np.diag([-1.0, 1.0, 1.0])}, {"imu"}, "tilted to the left"),
+        ({"imu": np.diag([1.0, 1.0, -1.0])}, {"imu"}, "turned to the left"),
+        # motors and encoders exchanged together, which the self-test cannot find
+        ({"motors": (1, 0, 2), "encoders": (1, 0, 2)}, {"encoders"}, "turned as wheel 2 must"),
+        ({"signs": (1, 1, -1)}, {"encoders"}, "Encoder 3 counts backward"),
+        ({"signs": (1, 2, 1)}, {"encoders"}, "Encoder 2 turned 2 times as far"),
+        ({"signs": (0, 1, 1)}, {"encoders"}, "Encoder 1 did not count"),
+    ],
+)
+def test_wiring_check_names_what_is_wrong(fault, codes, words):
+    check = checked(Miswired(plant_of(), **fault))
+    assert not check.passed
+    assert {one.code for one in check.findings} == codes
+    assert any(words in one.text for one in check.findings)
+
+
+def test_exchanged_pairs_pass_the_self_test():
+    live = Connected(Miswired(plant_of(), motors=(1, 0, 2), encoders=(1, 0, 2)))
+    live.robot.test()
+
+
+def test_silent_robot_ends_the_run_in_one_sentence():
+    live = Connected(plant_of())
+
+    def silence(sample):
+        live.fake.mute = sample.t > 0.5
+
+    log = live.run(follow(square()), watch=silence)
+    assert live.ending.kind == "link"
+    assert "silent" in live.ending.text
+    assert log.t[-1] == pytest.approx(0.505, abs=1e-6)
+
+
+def test_fallen_robot_ends_the_run_with_the_reason():
+    start = np.zeros(10)
+    start[2], start[7] = 0.3, 1.5
+    plant = plant_of()
+    live = Connected(plant)
+    plant._start = start
+    live.run(follow(square()))
+    assert live.ending.kind == "stop"
+    assert live.ending.early
+    assert "leaned further than its limit" in live.ending.text
+
+
+def test_controller_is_sent_only_if_it_differs():
+    live = Connected(plant_of())
+    same = export_controller(nominal_controller(ROBOT)).parameters
+    other = export_controller(nominal_controller(ROBOT), lean=0.3).parameters
+    assert not live.robot.use_parameters(same)
+    assert live.robot.use_parameters(other)
+    assert live.fake.parameters.tobytes() == other.tobytes()
+    other["sample_time"] = 0.01
+    with pytest.raises(InputError, match="between samples"):
+        live.robot.use_parameters(other)
