@@ -119,10 +119,10 @@ def test_robot_without_a_self_test_does_not_arm():
 class Miswired:
     """A plant with cables in another place."""
 
-    def __init__(self, plant, *, motors=(0, 1, 2), encoders=(0, 1, 2), signs=(1, 1, 1), imu=np.eye(3)):
+    def __init__(self, plant, *, motors=(0, 1, 2), encoders=(0, 1, 2), signs=(1, 1, 1), imu=None):
         self._plant, self.robot = plant, plant.robot
         self._motors, self._encoders = list(motors), list(encoders)
-        self._signs, self._imu = np.array(signs), imu
+        self._signs, self._imu = np.array(signs), np.eye(3) if imu is None else imu
 
     def reset(self, initial_state, *, seed):
         return self._seen(self._plant.reset(initial_state, seed=seed))

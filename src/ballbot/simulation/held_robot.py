@@ -245,7 +245,7 @@ def _ball_under_hand(robot: Robot, hold: Hold) -> ClampedBall | None:
 
 
 def sweep_at(times: NDArray[np.float64], wheel_count: int) -> NDArray[np.float64]:
-    """Return the thesis's driveline sweep (N, n) at times [s]: a sine of 1 N m and 62.83 s, equal at every wheel (3.1)."""
+    """Return the thesis's sweep (N, n) at times [s]: a sine of 1 N m and 62.83 s, equal at every wheel (3.1)."""
     return np.repeat(np.sin(2 * np.pi * times / SWEEP_PERIOD)[:, None], wheel_count, axis=1)
 
 
