@@ -195,6 +195,7 @@ class Motors:
     TYPE: ClassVar[int] = 33
     time: int = field(metadata=whole())  #: of the sample [us], modulo 2^32
     enabled: int = field(metadata=whole())
+    armed: int = field(metadata=whole())  #: whether it balances, or follows torques of the host
     torques: NDArray[np.float32] = field(metadata=number("N m", MAX_WHEELS))
 
 

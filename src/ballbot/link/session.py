@@ -132,13 +132,13 @@ class Session:
             self._write(hello)
             again = min(self._clock() + _ANSWER_TIME, end)
             while self._clock() < again:
-                for message in self._received(KEEP_INTERVAL):
-                    if isinstance(message, Welcome):
-                        return self._opened(message)
+                self._queued += self._received(KEEP_INTERVAL)
+                if self.welcome is not None:
+                    return self.welcome
         raise LinkError(f"No robot answers within {timeout:g} s.")
 
-    def _opened(self, welcome: Welcome) -> Welcome:
-        """Take the session that the robot has opened."""
+    def _open(self, welcome: Welcome) -> None:
+        """Take the session that the robot has opened; raise LinkError if its firmware is of another version."""
         for name, own, theirs in (
             ("messages", message_words(), welcome.messages),
             ("parameters", firmware_words(), welcome.firmware),
@@ -149,7 +149,6 @@ class Session:
                 )
         self.welcome, self._session = welcome, welcome.session % 2**32
         self._heard = self._clock()
-        return welcome
 
     @property
     def connected(self) -> bool:
@@ -199,6 +198,9 @@ class Session:
                 continue
             self.counts.accepted += 1
             self._last = frame.sequence
+            if isinstance(message, Welcome):
+                self._open(message)
+                continue
             if isinstance(message, State):
                 self.state = message
             found.append(message)

@@ -68,7 +68,7 @@ def open_transport(address: str, *, key: bytes | None = None) -> Transport:
     if parts.scheme in ("udp", "tcp"):
         host, port = _host_and_port(address)
         if parts.scheme == "tcp":
-            return TcpTransport(host, port)
+            return connect_tcp(host, port)
         return UdpTransport(host, port, key=key)
     path, _, query = address.partition("?")
     baud = parse_qs(query).get("baud", [str(DEFAULT_BAUD)])[0]
@@ -133,21 +133,11 @@ class SerialTransport:
         self._port.close()
 
 
-class TcpTransport:
-    """A TCP connection, such as the serial line of an emulated board.
+class SocketTransport:
+    """A connected stream of bytes: TCP, or one end of a pair of sockets."""
 
-    Raises
-    ------
-    LinkError
-        If there is no answer.
-    """
-
-    def __init__(self, host: str, port: int) -> None:
-        try:
-            self._socket = socket.create_connection((host, port), timeout=2.0)
-        except OSError as problem:
-            raise LinkError(f"tcp://{host}:{port} does not answer: {problem}") from None
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    def __init__(self, connected: socket.socket) -> None:
+        self._socket = connected
         self._socket.setblocking(True)
 
     def read(self, timeout: float) -> bytes:
@@ -172,6 +162,22 @@ class TcpTransport:
     def close(self) -> None:
         """Close the connection."""
         self._socket.close()
+
+
+def connect_tcp(host: str, port: int) -> SocketTransport:
+    """Return a TCP connection, such as to the serial line of an emulated board.
+
+    Raises
+    ------
+    LinkError
+        If there is no answer.
+    """
+    try:
+        connected = socket.create_connection((host, port), timeout=2.0)
+    except OSError as problem:
+        raise LinkError(f"tcp://{host}:{port} does not answer: {problem}") from None
+    connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return SocketTransport(connected)
 
 
 class UdpTransport:

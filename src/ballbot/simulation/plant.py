@@ -29,6 +29,7 @@ class Measurement:
     wheel_speeds: NDArray[np.float64]  #: (n,) speeds derived from them [rad/s]
     gyro: NDArray[np.float64]  #: (3,) angular velocity of the body, body frame [rad/s]
     acceleration: NDArray[np.float64] | None = None  #: (3,) specific force, body frame [m/s^2]
+    attitude: NDArray[np.float64] | None = None  #: (3,) theta, phi, psi of an AHRS [rad]
     truth: NDArray[np.float64]  #: (10,) the state as it is; no controller may look at it
     valid: bool = (
         True  #: whether the sensors gave all that the state needs; if not, it is the estimator's prediction

@@ -231,6 +231,7 @@ class SensedPlant:
             wheel_speeds=reading.wheel_speeds,
             gyro=reading.gyro,
             acceleration=reading.acceleration,
+            attitude=reading.attitude,
             truth=truth,
             valid=reading.whole,
             ended=self._why_ended(true, truth),

@@ -327,6 +327,7 @@ class Twin:
             wheel_speeds=reading.wheel_speeds,
             gyro=reading.gyro,
             acceleration=reading.acceleration,
+            attitude=reading.attitude,
             truth=truth,
             valid=reading.whole,
             ended=self._why_ended(t, truth),

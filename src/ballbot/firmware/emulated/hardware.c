@@ -75,9 +75,11 @@ bool emulated_put(struct emulated_hardware *hardware, uint8_t byte)
     return false;
 }
 
-void emulated_finish(struct emulated_hardware *hardware)
+void emulated_finish(struct emulated_hardware *hardware, bool armed)
 {
-    struct ballbot_message_motors body = { .time = hardware->sensors.time, .enabled = hardware->enabled ? 1 : 0 };
+    struct ballbot_message_motors body = { .time = hardware->sensors.time,
+                                           .enabled = hardware->enabled ? 1 : 0,
+                                           .armed = armed ? 1 : 0 };
     uint8_t frame[BALLBOT_FRAME_ROOM];
 
     for (int i = 0; i < BALLBOT_MAX_WHEELS; ++i) {

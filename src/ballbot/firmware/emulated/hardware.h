@@ -1,12 +1,12 @@
 /* The hardware of an emulated robot: messages `sensors` in, messages `motors` out, and the host's bytes between them.
  *
  *     emulated_select(&hardware)                        whose functions of ballbot_hardware.h are called
- *     emulated_put(&hardware, bytes, count)             what came over the line; returns whether a sample is complete
- *     robot_step(&robot)                                if so
+ *     emulated_put(&hardware, byte)                     what came over the line; returns whether a sample is complete
+ *     robot_step(&robot), emulated_finish(&hardware, armed)       if so
  *     emulated_take(&hardware, bytes, most)             what goes out over the line
  *
  * One message `sensors` is one sample, and its time is the robot's clock, so that every run is the same. All other bytes go to
- * the robot as they came. After the step a message `motors` goes out.
+ * the robot as they came. After the step a message `motors` goes out. emulated_robot.h does all of this.
  */
 #ifndef EMULATED_HARDWARE_H
 #define EMULATED_HARDWARE_H
@@ -50,7 +50,7 @@ void emulated_select(struct emulated_hardware *hardware);
 bool emulated_put(struct emulated_hardware *hardware, uint8_t byte);
 
 /* After robot_step: append the message `motors`. */
-void emulated_finish(struct emulated_hardware *hardware);
+void emulated_finish(struct emulated_hardware *hardware, bool armed);
 
 /* Fill at most `most` bytes that go out over the line; return how many. */
 size_t emulated_take(struct emulated_hardware *hardware, uint8_t *bytes, size_t most);

@@ -12,8 +12,8 @@
 /* Of the protocol, in every frame. */
 #define BALLBOT_LINK_VERSION 1u
 /* SHA-256 of types, names, order, lengths and units of all messages, as numbers of 31 bits. */
-#define BALLBOT_MESSAGE_WORDS { 852384864, 1701367025, 1644248494, 622270879, 420297670, 708887596, 1332732224, 174801494 }
-/* b2ce5c60e568ccf162013dae2517199f190d3bc6aa40c42ccf6fe1408a6b4256 */
+#define BALLBOT_MESSAGE_WORDS { 1336105889, 2089249873, 1702110715, 649005189, 1140816184, 1277364947, 237463994, 21395832 }
+/* cfa35ba1fc876c51e57425fb26af0885c3ff79384c230ad38e2769ba01467978 */
 
 /* Longest time without a valid frame [us]. */
 #define BALLBOT_LINK_WATCHDOG 50000u
@@ -157,9 +157,10 @@ typedef char ballbot_message_sensors_has_no_padding[(sizeof(struct ballbot_messa
 struct ballbot_message_motors {
     int32_t time;
     int32_t enabled;
+    int32_t armed;
     float torques[BALLBOT_MAX_WHEELS]; /* [N m] */
 };
-typedef char ballbot_message_motors_has_no_padding[(sizeof(struct ballbot_message_motors) == 6u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_message_motors_has_no_padding[(sizeof(struct ballbot_message_motors) == 7u * sizeof(float)) ? 1 : -1];
 
 /* Answer a `Hello`; its frame has the random number of that. */
 struct ballbot_message_welcome {

@@ -1,0 +1,320 @@
+"""Emulated robots: the firmware runs in lock-step with a plant, behind a transport.
+
+    robot = EmulatedRobot(plant, CompiledRobot(parameters), sample_time=0.005)
+    session = Session(robot, clock=robot.clock)
+
+The firmware is the whole program of a robot: link, estimator, control law, safety layer and `robot.c`, compiled for
+this computer (`CompiledRobot`) or running on an emulated board behind its serial line. Only sensors and motors are
+messages: one `Sensors` in for each sample, one `Motors` back. The robot's clock is the time in `Sensors`. Equal plants,
+seeds and bytes of the host therefore give equal runs, bit for bit, however fast the computer is.
+
+Until it is armed, a hand holds the robot upright and off its ball: the wheels turn freely (`HeldRobot`), so that the
+self-test sees them. When it is armed the hand lets go, and the plant starts; when it stops or falls, the hand holds it
+again.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import shutil
+import tempfile
+import time
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ballbot.control.records import MAX_WHEELS
+from ballbot.errors import InputError
+from ballbot.firmware.estimators import step_of
+from ballbot.firmware.export import PROJECT
+from ballbot.firmware.host import compile_sources, source_files
+from ballbot.firmware.records import PARAMETERS
+from ballbot.link.frames import Frame, decode, encode
+from ballbot.link.messages import EMULATED, Motors, Sensors, unpack_body
+from ballbot.link.transport import LinkError, Transport
+from ballbot.robot import Robot
+from ballbot.simulation.driveline import Driveline, simulate_drivelines
+from ballbot.simulation.plant import Measurement, Plant
+
+#: the hardware of emulated robots, in C
+HARDWARE = Path(__file__).parents[1] / "firmware" / "emulated"
+_MICROSECONDS = 1e6
+_ROOM = 8192
+#: for the answer to a sample [s]
+_ANSWER_TIME = 10.0
+
+
+class HeldRobot:
+    """A robot in a hand: upright, off its ball, its wheels free. It is a plant.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its sensors' noise is on gyro and attitude.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self._lines = [Driveline.of_wheel(robot, wheel) for wheel in range(robot.wheel_count)]
+        self.reset()
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that is held."""
+        return self._robot
+
+    def reset(self, initial_state: ArrayLike | None = None, *, seed: int = 0) -> Measurement:
+        """Hold the robot at a place (10,) and heading, upright and at rest, and return the first measurement."""
+        state = np.zeros(10) if initial_state is None else np.asarray(initial_state, dtype=np.float64)
+        self._state = np.zeros(10)
+        self._state[[0, 1, 4]] = state[[0, 1, 4]]
+        self._random = np.random.default_rng(seed)
+        self._t = 0.0
+        self._angles, self._speeds = np.zeros((2, self._robot.wheel_count))
+        return self._measure()
+
+    def step(self, torques: NDArray[np.float64], duration: float) -> Measurement:
+        """Hold the torques (n,) [N m] for a duration [s] and return the measurement at its end."""
+        motion = simulate_drivelines(
+            self._lines,
+            np.asarray(torques, dtype=np.float64)[:, None],
+            sample_time=duration,
+            initial_speeds=self._speeds,
+            threads=1,
+        )
+        self._angles = self._angles + motion.angles[:, -1]
+        self._speeds = motion.speeds[:, -1]
+        self._t += duration
+        return self._measure()
+
+    def _measure(self) -> Measurement:
+        sensors, step = self._robot.sensors, step_of(self._robot)
+        gyro = sensors.gyro_noise * self._random.standard_normal(3)
+        attitude = self._state[2:5] + sensors.attitude_noise * self._random.standard_normal(3)
+        return Measurement(
+            t=self._t,
+            state=self._state.copy(),
+            wheel_angles=np.floor(self._angles / step) * step,
+            wheel_speeds=self._speeds.copy(),
+            gyro=gyro,
+            attitude=attitude,
+            truth=self._state.copy(),
+        )
+
+
+class EmulatedRobot:
+    """A plant and the firmware that drives it, behind a transport for the host.
+
+    Reading lets the robot run: `read` takes at least one sample, and more until the robot has sent something or
+    `timeout` of the robot's time is over.
+
+    Parameters
+    ----------
+    plant : Plant
+        The robot when nobody holds it: a model, the twin, your own.
+    line : Transport
+        To the firmware: a `CompiledRobot`, or the serial line of an emulated board.
+    sample_time : float
+        Of the firmware [s].
+    seed : int
+        Of everything random in the plant.
+    always_held : bool
+        Never let the robot go: for sweeps of its free wheels.
+    real_time : bool
+        Wait so that the robot runs no faster than the clock on the wall.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        line: Transport,
+        *,
+        sample_time: float,
+        seed: int = 0,
+        always_held: bool = False,
+        real_time: bool = False,
+    ) -> None:
+        self.plant = plant
+        self.samples = 0  #: so far
+        self.motors: Motors | None = None  #: the last
+        self._line = line
+        self._sample_time = sample_time
+        self._seed = seed
+        self._always_held = always_held
+        self._began = time.monotonic() if real_time else None
+        self._hand = HeldRobot(plant.robot)
+        self._held, self._caught = True, False
+        self._measured = self._hand.reset(seed=seed)
+        self._turned = np.zeros(plant.robot.wheel_count)  # wheel angles when the present plant began
+        self._from_host = b""
+        self._from_robot = bytearray()
+        self._part = bytearray()
+
+    @property
+    def held(self) -> bool:
+        """Whether a hand holds the robot."""
+        return self._held
+
+    @property
+    def measurement(self) -> Measurement:
+        """What the plant measured last, with the truth."""
+        return self._measured
+
+    def clock(self) -> float:
+        """Return the robot's time [s]."""
+        return self.samples * self._sample_time
+
+    def read(self, timeout: float) -> bytes:
+        """Let the robot run until it has sent something, and return that; b"" after `timeout` [s] of its time."""
+        end = self.clock() + timeout
+        self._sample()
+        while not self._from_robot and self.clock() < end - 0.5 * self._sample_time:
+            self._sample()
+        sent = bytes(self._from_robot)
+        self._from_robot.clear()
+        return sent
+
+    def write(self, data: bytes) -> None:
+        """Send bytes to the robot, which takes them with its next sample."""
+        self._from_host += data
+
+    def close(self) -> None:
+        """Switch the robot off."""
+        self._line.close()
+
+    def _sample(self) -> None:
+        """Let the robot take one sample, and hold its torques until the next."""
+        self.samples += 1
+        if self._began is not None:
+            time.sleep(max(0.0, self._began + self.clock() - time.monotonic()))
+        sensors = encode(self._sensors(), session=0, sequence=self.samples)
+        self._line.write(self._from_host + sensors)
+        self._from_host = b""
+        self.motors = motors = self._answer()
+        self._let_go_or_hold(motors)
+        plant = self._hand if self._held else self.plant
+        torques = motors.torques[: plant.robot.wheel_count].astype(np.float64)
+        self._measured = plant.step(torques, self._sample_time)
+
+    def _sensors(self) -> Sensors:
+        """Return what the sensors give now."""
+        measured = self._measured
+        attitude = measured.state[2:5] if measured.attitude is None else measured.attitude
+        has_imu = bool(np.isfinite(measured.gyro).all() and np.isfinite(attitude).all())
+        angles = self._turned + measured.wheel_angles
+        has_counts = bool(np.isfinite(angles).all())
+        counts = np.zeros(MAX_WHEELS)
+        counts[: len(angles)] = np.round(angles / step_of(self.plant.robot)) if has_counts else 0.0
+        return Sensors(
+            time=round(self.clock() * _MICROSECONDS),
+            imu_valid=int(has_imu),
+            encoders_valid=int(has_counts),
+            gyro=(measured.gyro if has_imu else np.zeros(3)).astype(np.float32),
+            attitude=(attitude if has_imu else np.zeros(3)).astype(np.float32),
+            wheel_counts=counts.astype(np.int64).astype(np.uint32).view(np.int32),
+        )
+
+    def _answer(self) -> Motors:
+        """Return the firmware's answer to a sample; all other bytes are for the host."""
+        end = time.monotonic() + _ANSWER_TIME
+        while True:
+            *whole, rest = (bytes(self._part) + self._line.read(_ANSWER_TIME)).split(b"\0")
+            self._part = bytearray(rest)
+            found = None
+            for coded in whole:
+                frame = decode(coded, EMULATED)
+                if isinstance(frame, Frame) and frame.kind == Motors.TYPE:
+                    found = unpack_body(frame.kind, frame.body)
+                else:
+                    self._from_robot += coded + b"\0"
+            if isinstance(found, Motors):
+                return found
+            if time.monotonic() > end:
+                raise LinkError(f"The emulated robot does not answer a sample within {_ANSWER_TIME:g} s.")
+
+    def _let_go_or_hold(self, motors: Motors) -> None:
+        """Let the robot go when it is armed; hold it again when it is not, or has fallen."""
+        armed = bool(motors.armed)
+        fallen = not self._held and self._measured.ended is not None
+        self._caught = armed and (self._caught or fallen)
+        held = not armed or self._caught or self._always_held
+        if held == self._held:
+            return
+        self._turned = self._turned + np.nan_to_num(self._measured.wheel_angles)
+        place = np.zeros(10)
+        place[[0, 1, 4]] = self._measured.truth[[0, 1, 4]]
+        self._held, self._seed = held, self._seed + 1
+        plant = self._hand if held else self.plant
+        self._measured = plant.reset(place, seed=self._seed)
+
+
+class CompiledRobot:
+    """The program of a robot, compiled for this computer: a transport that takes `Sensors` and gives `Motors`.
+
+    Parameters
+    ----------
+    parameters : structured array (1,)
+        Of `ballbot.firmware.records.PARAMETERS` in single precision.
+    capabilities : int
+        Bits of `Capability`.
+
+    Raises
+    ------
+    InputError
+        If there is no C compiler, or the parameters are not those of the library.
+    """
+
+    def __init__(self, parameters: NDArray[np.void], *, capabilities: int = 0) -> None:
+        self._functions = _program()
+        self._memory = np.zeros(self._functions.emulated_robot_size(), dtype=np.uint8)
+        self._parameters = np.ascontiguousarray(parameters, PARAMETERS.dtype("single"))
+        if not self._functions.emulated_robot_start(
+            self._memory.ctypes.data, self._parameters.ctypes.data, capabilities
+        ):
+            raise InputError("The firmware does not know these parameters: they are of another version.")
+
+    def read(self, timeout: float) -> bytes:  # noqa: ARG002 (it answers at once)
+        """Return what the robot has sent."""
+        room = ctypes.create_string_buffer(_ROOM)
+        count = self._functions.emulated_robot_take(self._memory.ctypes.data, room, _ROOM)
+        return room.raw[:count]
+
+    def write(self, data: bytes) -> None:
+        """Send bytes; the robot takes a step with each `Sensors` in them."""
+        self._functions.emulated_robot_put(self._memory.ctypes.data, data, len(data))
+
+    def press_button(self) -> None:
+        """Press the robot's button that lets a host arm it."""
+        self._functions.emulated_robot_confirm(self._memory.ctypes.data)
+
+    def close(self) -> None:
+        """Do nothing: there is nothing to close."""
+
+
+@cache
+def _program() -> ctypes.CDLL:
+    """Return the compiled program, once for this process."""
+    folder = tempfile.mkdtemp(prefix="ballbot-emulated-")
+    try:
+        path = Path(folder) / "robot.so"
+        sources = [*source_files(), PROJECT / "robot.c", *sorted(HARDWARE.glob("*.c"))]
+        flags = ("-O2", "-fPIC", "-shared", f"-I{PROJECT}", f"-I{HARDWARE}")
+        compile_sources(path, sources, flags=flags)
+        functions = ctypes.CDLL(str(path))
+    finally:
+        if os.name == "posix":  # a loaded library needs its file no more
+            shutil.rmtree(folder)
+    pointer, size = ctypes.c_void_p, ctypes.c_size_t
+    functions.emulated_robot_size.restype = size
+    functions.emulated_robot_start.argtypes = (pointer, pointer, ctypes.c_int32)
+    functions.emulated_robot_start.restype = ctypes.c_bool
+    functions.emulated_robot_put.argtypes = (pointer, ctypes.c_char_p, size)
+    functions.emulated_robot_put.restype = None
+    functions.emulated_robot_take.argtypes = (pointer, pointer, size)
+    functions.emulated_robot_take.restype = size
+    functions.emulated_robot_confirm.argtypes = (pointer,)
+    functions.emulated_robot_confirm.restype = None
+    return functions

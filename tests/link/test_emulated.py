@@ -1,0 +1,199 @@
+"""The emulated robot: the firmware in lock-step with a plant, from the handshake to a new controller."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from ballbot import Model, Robot
+from ballbot.control.presets import nominal_controller, precise_controller
+from ballbot.control.safety import SafetyLimits, StopReason
+from ballbot.firmware.host import SelfTestOutcome, compilers
+from ballbot.firmware.records import parameter_record
+from ballbot.link.emulated import CompiledRobot, EmulatedRobot
+from ballbot.link.messages import Capability, ControllerPlace, Result, State
+from ballbot.link.session import Session, stop_reason
+from ballbot.link.transport import LinkError
+from ballbot.simulation.sensed_plant import Imperfections, SensedPlant
+from tests.support.control_examples import FRICTION, alten
+
+pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
+
+ROBOT, H = alten(FRICTION), 0.005
+
+
+@cache
+def parameters() -> np.ndarray:
+    """Return the parameters of the precise controller."""
+    return parameter_record(precise_controller(ROBOT), SafetyLimits.on_robot(ROBOT, sample_time=H))
+
+
+def emulated(*, capabilities: int = 0, robot: Robot = ROBOT, seed: int = 0) -> EmulatedRobot:
+    """Return an emulated robot with the sensors that its file has."""
+    plant = SensedPlant(Model(robot), Imperfections(sensors=robot.sensors))
+    return EmulatedRobot(
+        plant, CompiledRobot(parameters(), capabilities=capabilities), sample_time=H, seed=seed
+    )
+
+
+def connected(robot: EmulatedRobot) -> Session:
+    session = Session(robot, clock=robot.clock)
+    session.connect()
+    return session
+
+
+def balancing(robot: EmulatedRobot, **options) -> Session:
+    """Return a session with a robot that is armed."""
+    session = connected(robot)
+    assert session.self_test() is SelfTestOutcome.PASSED
+    assert session.arm(lambda: True, **options) is Result.OK
+    return session
+
+
+def states(session: Session, seconds: float) -> list[State]:
+    """Return the states of the next seconds."""
+    found = []
+    end = session._clock() + seconds
+    while session._clock() < end:
+        found += [one for one in session.poll(H) if isinstance(one, State)]
+    return found
+
+
+def test_robot_balances_and_follows_a_reference():
+    robot = emulated()
+    session = balancing(robot)
+    states(session, 1.0)
+    reference = session.state.reference.copy()
+    reference[0] += 0.2
+    session.set_reference(reference)
+    found = states(session, 6.0)
+    assert all(one.armed for one in found)
+    assert np.abs(found[-1].reference - reference).max() < 1e-6
+    # it comes within a centimetre; 0.05 m is a quarter of the way
+    assert abs(np.mean([one.estimate[0] for one in found[-400:]]) - reference[0]) < 0.05
+    assert session.ask_counts().refused.tolist() == [0] * 9
+    assert sum(session.counts.refused) == 0
+
+
+def test_equal_runs_are_equal_bit_for_bit():
+    runs = []
+    for _ in range(2):
+        session = balancing(emulated(seed=3))
+        runs.append([(one.time, *one.torques, *one.estimate) for one in states(session, 0.5)])
+    assert runs[0] == runs[1]
+
+
+def test_nothing_arms_before_the_self_test_passes():
+    session = connected(emulated())
+    assert session.arm(lambda: True) is Result.SELF_TEST
+    assert not session.state.armed
+
+
+def test_self_test_names_a_swapped_cable():
+    robot = emulated()
+    given = robot._hand.step
+    robot._hand.step = lambda torques, duration: given(torques[[1, 0, 2]], duration)
+    session = connected(robot)
+    assert session.self_test() is SelfTestOutcome.TORQUE_ORDER
+    assert session.state.self_test_wheel == 1
+    assert session.arm(lambda: True) is Result.SELF_TEST
+
+
+def test_arming_needs_the_person_at_the_host():
+    session = connected(emulated())
+    session.self_test()
+    assert session.arm(lambda: False) is Result.CONFIRM
+    assert not any(one.armed for one in states(session, 0.1))
+
+
+def test_arming_needs_the_robots_button_if_it_has_one():
+    robot = emulated(capabilities=Capability.BUTTON)
+    session = connected(robot)
+    session.self_test()
+    assert session.arm(lambda: True) is Result.BUTTON
+
+    def press() -> bool:
+        robot._line.press_button()
+        return True
+
+    robot._line.press_button()  # before it was asked for: it does not count
+    assert session.arm(lambda: True) is Result.BUTTON
+    assert session.arm(press) is Result.OK
+
+
+def test_controller_on_the_host_balances_through_the_robots_safety_layer():
+    controller = nominal_controller(ROBOT, compensation="partial")
+    robot = emulated()
+    session = balancing(robot, controller=ControllerPlace.HOST)
+    reference = None
+    for _ in range(400):
+        for one in session.poll(H):
+            if isinstance(one, State):
+                estimate = one.estimate.astype(np.float64)
+                reference = (
+                    np.where(np.isin(range(10), (0, 1, 4)), estimate, 0.0) if reference is None else reference
+                )
+                session.set_torques(controller.update(one.time * 1e-6, estimate, reference))
+    assert session.state.armed
+    assert session.state.controller == ControllerPlace.HOST
+    session.set_torques(np.full(3, 1e9))
+    found = states(session, 0.02)
+    assert max(np.abs(one.torques).max() for one in found) <= parameters()["law"]["torque_limit"][0]
+    found = states(session, 0.5)  # the torques above hold: the robot falls, or its controller is missed
+    assert stop_reason(found[-1]) in (StopReason.LEAN, StopReason.LINK)
+    assert not found[-1].torques.any()
+
+
+def test_silent_controller_on_the_host_stops_the_robot():
+    session = balancing(emulated(), controller=ControllerPlace.HOST)
+    found = states(session, 0.2)  # the session is alive, no torques come
+    assert stop_reason(found[-1]) is StopReason.LINK
+    assert found[-1].time - next(one.time for one in found if one.stop) > 0.1
+
+
+def test_parameters_are_read_and_written_while_disarmed_only():
+    robot = emulated()
+    session = connected(robot)
+    assert session.read_parameters().tobytes() == parameters().tobytes()
+    changed = parameters().copy()
+    changed["law"]["torque_limit"] *= 0.5
+    assert session.self_test() is SelfTestOutcome.PASSED
+    assert session.arm(lambda: True) is Result.OK
+    with pytest.raises(LinkError, match="armed or its self-test runs"):
+        session.write_parameters(changed)
+    session.disarm()
+    session.write_parameters(changed)
+    assert session.read_parameters().tobytes() == changed.tobytes()
+    assert session.arm(lambda: True) is Result.SELF_TEST  # once more, with the new numbers
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("sample_time", 0.01),
+        ("wheel_count", 4),
+        ("estimator", 7),
+        ("schema", 5),
+        ("self_test_torque", np.nan),
+    ],
+)
+def test_parameters_that_are_not_allowed_are_refused_and_not_used(name, value):
+    session = connected(emulated())
+    changed = parameters().copy()
+    changed[name] = value
+    with pytest.raises(LinkError, match="the parameters are not allowed"):
+        session.write_parameters(changed)
+    assert session.read_parameters().tobytes() == parameters().tobytes()
+
+
+def test_fallen_robot_is_stopped_and_can_be_armed_again():
+    robot = emulated()
+    session = balancing(robot)
+    given = robot.plant.step
+    robot.plant.step = lambda torques, duration: given(-torques, duration)  # away from upright
+    found = states(session, 3.0)
+    assert stop_reason(found[-1]) in (StopReason.LEAN, StopReason.STUCK)
+    assert not found[-1].torques.any()
+    robot.plant.step = given
+    assert session.arm(lambda: True) is Result.OK
+    assert all(one.armed and not one.stop for one in states(session, 1.0)[1:])
