@@ -180,6 +180,7 @@ class FakeRobot:
                     controller=int(self._place),
                     imu_valid=1,
                     encoders_valid=1,
+                    estimate_valid=1,
                     gyro=record["gyro"][0],
                     attitude=record["attitude"][0],
                     wheel_counts=record["wheel_counts"][0],
