@@ -18,6 +18,7 @@ from ballbot.mechanics.friction_laws import (
     follow,
     friction_at,
 )
+from ballbot.mechanics.friction_laws.interface import crossing
 from ballbot.robot import Friction
 from tests.support.friction_examples import LAWS, push
 
@@ -207,3 +208,11 @@ def test_follow_refuses_invalid_histories():
         follow(LAWS["dahl"], np.zeros((2, 2)), sample_time=0.1)
     with pytest.raises(InputError, match="sample time"):
         follow(LAWS["dahl"], np.zeros(2), sample_time=0.0)
+
+
+@given(st.floats(0.01, 0.99), st.sampled_from([1e-300, 1e-200, 1e-160, 1.0, 1e100, 1e200]))
+def test_crossing_is_found_at_any_scale(root, scale):
+    # the squares of the function's values underflow or overflow at most of these scales
+    found = crossing.py_func(lambda x, context: scale * (x**3 - context), root**3, 0.0, 1.0)
+    # x^3 - root^3 is rounded by an ulp of root^3, of which x is a third
+    assert found == pytest.approx(root, rel=1e-14)

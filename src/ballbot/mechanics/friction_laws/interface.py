@@ -269,7 +269,8 @@ def crossing(function, context, low, high):
         if f_middle == 0.0:
             return middle
         root = (f_middle * f_middle - f_low * f_high) ** 0.5
-        x = middle + (middle - low) * (f_middle / root if f_low > f_high else -f_middle / root)
+        step = f_middle / root if root > 0.0 else 0.0  # the squares of values below 1e-162 are zero: halve
+        x = middle + (middle - low) * (step if f_low > f_high else -step)
         f_x = function(x, context)
         if f_x == 0.0:
             return x
