@@ -12,6 +12,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
+from functools import cache
 from types import NoneType, UnionType
 from typing import Annotated, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -91,9 +92,14 @@ def validate_table(schema: type[T], tree: object, *, of: str) -> T:
     """
     try:
         # strict JSON knows tuples and floats by what they stand for, as strict Python does not
-        return TypeAdapter(schema).validate_json(json.dumps(tree, default=str), strict=True)
+        return _adapter(schema).validate_json(json.dumps(tree, default=str), strict=True)
     except ValidationError as error:
         raise InputError(_first_sentence(error, schema, of)) from None
+
+
+@cache
+def _adapter(schema: type[T]) -> TypeAdapter[T]:
+    return TypeAdapter(schema)
 
 
 def renamed_keys(

@@ -14,6 +14,7 @@ other way. A wheel that drives pushes the ball along t_i.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -121,11 +122,12 @@ def rotation(theta: ArrayLike, phi: ArrayLike, psi: ArrayLike) -> NDArray[np.flo
     """
     theta, phi, psi = np.broadcast_arrays(theta, phi, psi)
     s1, c1, s2, c2, s3, c3 = *_sin_cos(theta), *_sin_cos(phi), *_sin_cos(psi)
-    return _matrix(
-        [c2 * c3, -c2 * s3, s2],
-        [c1 * s3 + s1 * s2 * c3, c1 * c3 - s1 * s2 * s3, -s1 * c2],
-        [s1 * s3 - c1 * s2 * c3, s1 * c3 + c1 * s2 * s3, c1 * c2],
+    rows = (
+        (c2 * c3, -c2 * s3, s2),
+        (c1 * s3 + s1 * s2 * c3, c1 * c3 - s1 * s2 * s3, -s1 * c2),
+        (s1 * s3 - c1 * s2 * c3, s1 * c3 + c1 * s2 * s3, c1 * c2),
     )
+    return _matrix(theta.shape, rows)
 
 
 def body_rates_matrix(theta: ArrayLike, phi: ArrayLike, psi: ArrayLike) -> NDArray[np.float64]:
@@ -145,16 +147,20 @@ def body_rates_matrix(theta: ArrayLike, phi: ArrayLike, psi: ArrayLike) -> NDArr
     """
     _, phi, psi = np.broadcast_arrays(theta, phi, psi)
     s2, c2, s3, c3 = *_sin_cos(phi), *_sin_cos(psi)
-    zero, one = np.zeros_like(s2), np.ones_like(s2)
-    return _matrix([c2 * c3, s3, zero], [-c2 * s3, c3, zero], [s2, zero, one])
+    return _matrix(phi.shape, ((c2 * c3, s3, 0.0), (-c2 * s3, c3, 0.0), (s2, 0.0, 1.0)))
 
 
 def _sin_cos(angle: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return np.sin(angle), np.cos(angle)
 
 
-def _matrix(*rows: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+def _matrix(shape: tuple[int, ...], rows: Sequence[Sequence[ArrayLike]]) -> NDArray[np.float64]:
+    # one robot in a loop: stacking its nine numbers would take ten times as long as computing them
+    matrix = np.empty((*shape, 3, 3))
+    for i, row in enumerate(rows):
+        for j, entry in enumerate(row):
+            matrix[..., i, j] = entry
+    return matrix
 
 
 # --- one robot's attitude, as a heading and a lean that are independent ---

@@ -267,6 +267,9 @@ class Model:
 def _rows(arguments: list[tuple[ArrayLike, int, str]]) -> tuple[list[NDArray[np.float64]], tuple[int, ...]]:
     """Return the arguments as rows of one common count, and the shape that they are rows of."""
     arrays = [real_array(value, ("...", size), name) for value, size, name in arguments]
+    shape = arrays[0].shape[:-1]
+    if all(array.shape[:-1] == shape for array in arrays):
+        return [array.reshape(-1, array.shape[-1]) for array in arrays], shape
     try:
         shape = np.broadcast_shapes(*(array.shape[:-1] for array in arrays))
     except ValueError:

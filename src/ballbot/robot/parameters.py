@@ -17,7 +17,7 @@ from dataclasses import MISSING, Field, dataclass, fields, is_dataclass, replace
 from decimal import Decimal
 from functools import cache
 from operator import attrgetter
-from typing import Literal, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from ballbot.errors import InputError
 
@@ -151,8 +151,8 @@ def build(kind: Callable[..., T], values: Mapping[str, object], *, place: str = 
     place : str
         What stands before the names of this dataclass's fields, such as "ball.".
     """
-    hints, arguments = get_type_hints(kind), dict[str, object]()
     assert isinstance(kind, type)
+    hints, arguments = _hints(kind), dict[str, object]()
     for one in _fields(kind):
         name = f"{place}{one.name}"
         if "components" in one.metadata:
@@ -198,8 +198,13 @@ def _fields(kind: type) -> tuple[Field[object], ...]:
     return fields(kind)
 
 
+@cache
+def _hints(kind: type) -> dict[str, Any]:
+    return get_type_hints(kind)
+
+
 def _parameters(kind: type, place: str) -> Iterator[Parameter]:
-    hints = get_type_hints(kind)
+    hints = _hints(kind)
     for one in _fields(kind):
         name, hint = f"{place}{one.name}", hints[one.name]
         if "components" in one.metadata:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from ballbot.errors import InputError, nearest
@@ -120,7 +121,7 @@ class Robot(RobotValues):
         """
         presets = Robot.presets()
         if source in presets:
-            return read_robot(_PRESETS / f"{source}.toml", Robot)
+            return _preset(str(source))
         if not Path(source).exists():
             near = nearest(str(source), presets)
             hint = (
@@ -133,6 +134,11 @@ class Robot(RobotValues):
     def presets() -> list[str]:
         """Return the names of the robots that ship with Ballbot."""
         return sorted(path.stem for path in _PRESETS.glob("*.toml"))
+
+
+@cache
+def _preset(name: str) -> Robot:
+    return read_robot(_PRESETS / f"{name}.toml", Robot)
 
 
 def with_values(robot: Robot, changes: Mapping[str, Value]) -> Robot:

@@ -15,6 +15,7 @@ import sys
 import sysconfig
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 
@@ -107,8 +108,16 @@ def _reads(mode: object, flags: object) -> bool:
 
 def _users_modules() -> set[Path]:
     """Return the files of the modules that are imported now and are neither Python's, installed nor Ballbot's."""
-    named = [getattr(module, "__file__", None) for module in list(sys.modules.values())]
-    return {path for one in named if isinstance(one, str) and _is_users(path := Path(one).resolve())}
+    named = {getattr(module, "__file__", None) for module in list(sys.modules.values())}
+    found = {_users_file(one) for one in named if isinstance(one, str)}
+    return {path for path in found if path is not None}
+
+
+@cache
+def _users_file(name: str) -> Path | None:
+    """Return a module's file if it is a user's, or None."""
+    path = Path(name).resolve()
+    return path if _is_users(path) else None
 
 
 def _imported(file: Path, folders: tuple[Path, ...]) -> list[Path]:
