@@ -11,10 +11,23 @@ import hypothesis
 import pytest
 from numba.core.dispatcher import Dispatcher
 
+from tests.support.schedule import InOrder, place_of
+
 # the same examples in every run; `python -m campaigns.evidence exploration` looks at other ones
 hypothesis.settings.register_profile("same", derandomize=True, database=None, deadline=None)
 hypothesis.settings.register_profile("exploring", database=None, deadline=None, print_blob=True)
 hypothesis.settings.load_profile(os.environ.get("BALLBOT_EXAMPLES", "same"))
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the fast tests first."""
+    items.sort(key=place_of)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> InOrder | None:
+    """Return the scheduler of `--dist loadfile`."""
+    return InOrder(config, log) if config.getvalue("dist") == "loadfile" else None
 
 
 RUN_AT_COLLECTION = pytest.StashKey[list[str]]()

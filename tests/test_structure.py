@@ -6,6 +6,8 @@ from functools import cache
 from pathlib import Path
 
 import ballbot
+from tests.support.paths import ROOT
+from tests.support.schedule import ORDER
 
 SOURCE = Path(ballbot.__file__).parent
 #: a package may import those before it; what stands at the root of the source may be imported by all
@@ -91,6 +93,13 @@ def test_a_circle_is_found_where_there_is_one():
 def test_collecting_tests_runs_no_compiled_code(run_at_collection):
     """Every worker collects every test: what it compiles then is compiled once for each worker."""
     assert run_at_collection == []
+
+
+def test_files_that_tests_are_ordered_by_exist():
+    files = [path.relative_to(ROOT).as_posix() for path in (ROOT / "tests").rglob("test_*.py")]
+    for names in ORDER:
+        for name in (names,) if isinstance(names, str) else names:
+            assert any(file.startswith(name) for file in files), name
 
 
 def test_no_module_imports_itself_through_others():
