@@ -5,28 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot.control.records import Number
 from ballbot.link.frames import LONGEST_FRAME, Frame, FrameReader, decode, encode, is_newer, message_of
-from ballbot.link.messages import BODY_LENGTHS, MESSAGES, SCHEMAS, Layer, Message, Reference, pack_body
-
-
-@st.composite
-def messages(draw) -> Message:
-    """Draw any message, with numbers of any size that its types hold."""
-    kind = draw(st.sampled_from(sorted(MESSAGES)))
-    values = {}
-    for name, one in SCHEMAS[kind].fields.items():
-        assert isinstance(one, Number)
-        element = (
-            st.integers(-(2**31), 2**31 - 1)
-            if one.whole
-            else st.floats(width=32, allow_nan=False, allow_infinity=False)
-        )
-        size = int(np.prod(one.shape))
-        drawn = draw(st.lists(element, min_size=size, max_size=size))
-        dtype = np.int32 if one.whole else np.float32
-        values[name] = np.array(drawn, dtype=dtype).reshape(one.shape) if one.shape else drawn[0]
-    return MESSAGES[kind](**values)
+from ballbot.link.messages import BODY_LENGTHS, MESSAGES, Layer, Reference, pack_body
+from tests.support.link_messages import messages
 
 
 @given(messages(), st.integers(0, 2**32 - 1), st.integers(0, 65535))

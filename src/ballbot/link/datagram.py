@@ -19,8 +19,8 @@ from ballbot.files import read_text
 
 #: bytes of the truncated HMAC
 TAG = 16
-#: bytes of the shortest key
-SHORTEST_KEY = 16
+#: bytes of the shortest and of the longest key
+SHORTEST_KEY, LONGEST_KEY = 16, 64
 
 
 class Direction(Enum):
@@ -31,7 +31,7 @@ class Direction(Enum):
 
 
 def read_key(path: Path) -> bytes:
-    """Return the key in a file: at least 32 hexadecimal digits.
+    """Return the key in a file: 32 to 128 hexadecimal digits.
 
     `python -c "import secrets; print(secrets.token_hex(32))"` makes one. The robot and the host have the same.
 
@@ -44,8 +44,10 @@ def read_key(path: Path) -> bytes:
         key = bytes.fromhex(read_text(path).strip())
     except ValueError:
         key = b""
-    if len(key) < SHORTEST_KEY:
-        raise InputError(f"{path} holds no key: it needs at least {2 * SHORTEST_KEY} hexadecimal digits.")
+    if not SHORTEST_KEY <= len(key) <= LONGEST_KEY:
+        raise InputError(
+            f"{path} holds no key: it needs {2 * SHORTEST_KEY} to {2 * LONGEST_KEY} hexadecimal digits."
+        )
     return key
 
 

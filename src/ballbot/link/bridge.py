@@ -1,0 +1,167 @@
+"""A bridge from UDP to a robot's serial line, for the computer on the robot.
+
+    python -m ballbot.link.bridge /dev/ttyACM0                                          loopback only
+    python -m ballbot.link.bridge /dev/ttyACM0 --host 192.168.4.1 --key robot.key       from another computer
+
+It hands on whole frames, one in a datagram, and serves one host: the address whose `Hello` came first. Another address
+is heard only after that has been silent for a second. Bound to an address other than loopback it needs the robot's
+key: a datagram that the key has not signed is dropped before anything of it is read, and every datagram to the host is
+signed.
+
+The bridge gives no frame a meaning. The robot's own checks stand behind it, and so does its watchdog if the bridge
+ends.
+"""
+
+from __future__ import annotations
+
+import argparse
+import select
+import socket
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from ballbot.errors import InputError
+from ballbot.link.datagram import Direction, read_key, seal, unseal
+from ballbot.link.frames import Frame, decode
+from ballbot.link.messages import TO_ROBOT, Hello
+from ballbot.link.transport import LinkError, Transport, is_loopback, open_transport
+
+DEFAULT_PORT = 5005
+#: after which another host may come [s]
+PEER_SILENCE = 1.0
+_LARGEST_DATAGRAM = 2048
+
+
+class UdpBridge:
+    """Hand frames on between one host on UDP and a robot's line.
+
+    Parameters
+    ----------
+    line : Transport
+        To the robot.
+    host : str
+        Address to bind; loopback by default.
+    port : int
+        0 for one that is free.
+    key : bytes, optional
+        Needed off loopback.
+    clock : callable
+        Gives the time [s].
+
+    Raises
+    ------
+    InputError
+        If the address is not loopback and there is no key.
+    LinkError
+        If the address cannot be bound.
+    """
+
+    def __init__(
+        self,
+        line: Transport,
+        *,
+        host: str = "127.0.0.1",
+        port: int = DEFAULT_PORT,
+        key: bytes | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.refused = 0  #: datagrams of other addresses, or without the key's signature
+        self._line, self._key, self._clock = line, key, clock
+        self._peer: tuple[object, ...] | None = None
+        self._heard = -PEER_SILENCE
+        self._part = b""
+        try:
+            family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+        except OSError as problem:
+            raise LinkError(f"The host {host!r} is not known: {problem}") from None
+        if key is None and not is_loopback(str(address[0])):
+            raise InputError(
+                f"{host} can be reached from other computers: datagrams must be signed. Give the robot's key."
+            )
+        self._socket = socket.socket(family, kind, protocol)
+        try:
+            self._socket.bind(address)
+        except OSError as problem:
+            self._socket.close()
+            raise LinkError(f"The address {host}:{port} cannot be bound: {problem}") from None
+        self._socket.setblocking(False)
+
+    @property
+    def port(self) -> int:
+        """Port that is bound."""
+        return int(self._socket.getsockname()[1])
+
+    def step(self, timeout: float) -> None:
+        """Hand on what has come from both sides; wait at most `timeout` [s] for the host."""
+        if select.select([self._socket], [], [], timeout)[0]:
+            self._take_datagrams()
+        *whole, self._part = (self._part + self._line.read(0.0)).split(b"\0")
+        for coded in whole:
+            self._send(coded + b"\0")
+
+    def _take_datagrams(self) -> None:
+        while True:
+            try:
+                datagram, sender = self._socket.recvfrom(_LARGEST_DATAGRAM)
+            except BlockingIOError:
+                return
+            except OSError:
+                continue  # the host's computer reports that nobody listens there any more
+            frame = datagram if self._key is None else unseal(self._key, datagram, Direction.TO_ROBOT)
+            if frame is None or not self._is_peer(sender, frame):
+                self.refused += 1
+                continue
+            self._heard = self._clock()
+            self._line.write(frame)
+
+    def _is_peer(self, sender: tuple[object, ...], frame: bytes) -> bool:
+        """Return whether a datagram comes from the host that is served, or from one that may be."""
+        if sender == self._peer:
+            return True
+        found = decode(frame.removesuffix(b"\0"), TO_ROBOT)
+        greets = isinstance(found, Frame) and found.kind == Hello.TYPE
+        if not greets or self._clock() - self._heard < PEER_SILENCE:
+            return False
+        self._peer = sender
+        return True
+
+    def _send(self, frame: bytes) -> None:
+        if self._peer is None:
+            return
+        try:
+            self._socket.sendto(
+                frame if self._key is None else seal(self._key, frame, Direction.TO_HOST), self._peer
+            )
+        except OSError:
+            return  # lost, as any datagram may be
+
+    def close(self) -> None:
+        """Close the socket; the line stays open."""
+        self._socket.close()
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run a bridge until it is interrupted."""
+    parser = argparse.ArgumentParser(
+        prog="python -m ballbot.link.bridge", description="Bridge from UDP to a serial line."
+    )
+    parser.add_argument("port", help="the robot's serial port, as /dev/ttyACM0?baud=921600")
+    parser.add_argument("--host", default="127.0.0.1", help="address to bind; loopback by default")
+    parser.add_argument("--udp-port", type=int, default=DEFAULT_PORT)
+    parser.add_argument("--key", type=Path, help="file with the robot's key; needed off loopback")
+    given = parser.parse_args(argv)
+    try:
+        key = read_key(given.key) if given.key else None
+        bridge = UdpBridge(open_transport(given.port), host=given.host, port=given.udp_port, key=key)
+        print(f"Bridge from {given.host}:{bridge.port} to {given.port}; Ctrl-C ends it.")
+        while True:
+            bridge.step(0.001)
+    except KeyboardInterrupt:
+        return
+    except (InputError, LinkError) as problem:
+        raise SystemExit(str(problem)) from None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,156 @@
+"""The codec in C against the one in Python, both ways: the same bytes, the same frames, the same refusals."""
+
+import ctypes
+import hashlib
+import hmac
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cobs import cobs
+from fastcrc import crc32
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ballbot.errors import InputError
+from ballbot.firmware.host import compile_sources, compilers, source_files
+from ballbot.link.datagram import TAG, Direction, read_key, seal, unseal
+from ballbot.link.frames import LONGEST_FRAME, LONGEST_PAYLOAD, FrameReader, LayerCounts, encode
+from ballbot.link.messages import LAYERS, Layer, pack_body
+from tests.support.link_messages import faulty_streams, messages
+
+needs_compiler = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
+FOUND = np.dtype(
+    [
+        ("type", "<u4"),
+        ("session", "<u4"),
+        ("sequence", "<u4"),
+        ("length", "<u4"),
+        ("body", "u1", LONGEST_PAYLOAD),
+    ]
+)
+KEY = bytes(range(32))
+
+
+@pytest.fixture(scope="module")
+def codec(tmp_path_factory) -> ctypes.CDLL:
+    """Return the codec in C, compiled."""
+    path = tmp_path_factory.mktemp("codec") / "codec.so"
+    sources = [*source_files(), Path(__file__).parent / "codec.c"]
+    compile_sources(path, sources, flags=("-O2", "-fPIC", "-shared"))
+    functions = ctypes.CDLL(str(path))
+    for name in ("decode_stream", "encode_cobs", "decode_cobs", "encode_frame", "seal", "open_sealed"):
+        getattr(functions, name).restype = ctypes.c_size_t
+    functions.crc32_of.restype = ctypes.c_uint32
+    return functions
+
+
+def size(count: int) -> ctypes.c_size_t:
+    return ctypes.c_size_t(count)
+
+
+@needs_compiler
+@given(st.binary(max_size=1100))
+def test_cobs_gives_the_bytes_of_the_library(codec, data):
+    room = ctypes.create_string_buffer(2 * len(data) + 8)
+    count = codec.encode_cobs(data, size(len(data)), room)
+    assert room.raw[:count] == cobs.encode(data)
+    assert codec.decode_cobs(room, size(count)) == len(data)
+    assert room.raw[: len(data)] == data
+
+
+@needs_compiler
+@given(st.one_of(st.binary(max_size=300), st.lists(st.integers(1, 255), max_size=600).map(bytes)))
+def test_cobs_refuses_what_the_library_refuses(codec, data):
+    room = ctypes.create_string_buffer(data, len(data) + 1)
+    count = codec.decode_cobs(room, size(len(data)))
+    try:
+        wanted = cobs.decode(data)
+    except cobs.DecodeError:
+        assert count == 2 ** (8 * ctypes.sizeof(ctypes.c_size_t)) - 1
+    else:
+        assert room.raw[:count] == wanted
+
+
+@needs_compiler
+@given(st.binary(max_size=500))
+def test_crc_is_that_of_the_library(codec, data):
+    assert codec.crc32_of(data, size(len(data))) == crc32.iso_hdlc(data)
+
+
+@needs_compiler
+@given(messages(), st.integers(0, 2**32 - 1), st.integers(0, 65535))
+def test_frame_in_c_is_the_frame_in_python(codec, message, session, sequence):
+    room, body = ctypes.create_string_buffer(LONGEST_FRAME + 1), pack_body(message)
+    count = codec.encode_frame(message.TYPE, ctypes.c_uint32(session), sequence, body, size(len(body)), room)
+    assert room.raw[:count] == encode(message, session=session, sequence=sequence)
+
+
+@needs_compiler
+@settings(max_examples=300)
+@given(st.one_of(faulty_streams(), st.binary(max_size=2000)))
+def test_receiver_in_c_finds_and_refuses_what_python_does(codec, stream):
+    found, refused = np.zeros(200, FOUND), np.zeros(LAYERS, dtype=np.uint32)
+    # more frames than that would be too short for their bytes
+    assert len(stream) < 200 * 13
+    count = codec.decode_stream(
+        stream, size(len(stream)), ctypes.c_void_p(found.ctypes.data), ctypes.c_void_p(refused.ctypes.data)
+    )
+    counts = LayerCounts()
+    reader = FrameReader({}, counts)
+    frames = reader.feed(stream)
+    assert not frames  # no type is taken: what passes is refused there
+    assert refused[: Layer.TYPE].tolist() == counts.refused[: Layer.TYPE]
+    assert count == counts.refused[Layer.TYPE]
+
+
+@needs_compiler
+@given(st.lists(messages(), max_size=5), st.integers(0, 2**32 - 1))
+def test_frames_from_python_arrive_in_c(codec, sent, session):
+    stream = b"".join(encode(one, session=session, sequence=k) for k, one in enumerate(sent))
+    found, refused = np.zeros(10, FOUND), np.zeros(LAYERS, dtype=np.uint32)
+    count = codec.decode_stream(
+        stream, size(len(stream)), ctypes.c_void_p(found.ctypes.data), ctypes.c_void_p(refused.ctypes.data)
+    )
+    assert count == len(sent)
+    assert not refused.any()
+    for number, (one, message) in enumerate(zip(found, sent, strict=False)):
+        assert (one["type"], one["session"], one["sequence"]) == (message.TYPE, session, number)
+        assert one["body"][: one["length"]].tobytes() == pack_body(message)
+
+
+@needs_compiler
+@given(st.binary(min_size=16, max_size=64), st.binary(min_size=1, max_size=250), st.sampled_from(Direction))
+def test_datagram_in_c_is_the_datagram_in_python(codec, key, frame, direction):
+    room = ctypes.create_string_buffer(frame, len(frame) + TAG)
+    count = codec.seal(key, size(len(key)), direction.value[0], room, size(len(frame)))
+    assert room.raw[:count] == seal(key, frame, direction)
+    assert unseal(key, room.raw[:count], direction) == frame
+    assert codec.open_sealed(key, size(len(key)), direction.value[0], room, size(count)) == len(frame)
+    wrong = bytearray(room.raw[:count])
+    wrong[len(wrong) // 2] ^= 1
+    assert codec.open_sealed(key, size(len(key)), direction.value[0], bytes(wrong), size(count)) == 0
+
+
+def test_tag_is_that_of_hmac():
+    assert (
+        seal(KEY, b"frame", Direction.TO_HOST) == b"frame" + hmac.digest(KEY, b"Hframe", hashlib.sha256)[:16]
+    )
+
+
+@given(st.binary(max_size=300))
+def test_nothing_is_opened_without_the_key(data):
+    for direction in Direction:
+        assert unseal(KEY, data, direction) is None
+    sealed = seal(KEY, data, Direction.TO_HOST)
+    assert unseal(KEY, sealed, Direction.TO_ROBOT) is None  # nobody sends a robot its own frames back
+    assert unseal(KEY[::-1], sealed, Direction.TO_HOST) is None
+
+
+@pytest.mark.parametrize("text", ["", "00ff", "no hexadecimal digits at all, 32 of them", "00" * 65])
+def test_file_without_a_key_is_refused(text, tmp_path):
+    (tmp_path / "key").write_text(text)
+    with pytest.raises(InputError, match="holds no key"):
+        read_key(tmp_path / "key")
+    (tmp_path / "key").write_text("ab" * 32 + "\n")
+    assert read_key(tmp_path / "key") == b"\xab" * 32
