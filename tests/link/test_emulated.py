@@ -8,6 +8,7 @@ import pytest
 from ballbot import Model, Robot
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.safety import SafetyLimits, StopReason
+from ballbot.errors import InputError
 from ballbot.firmware.host import SelfTestOutcome, compilers
 from ballbot.firmware.records import parameter_record
 from ballbot.link.emulated import CompiledRobot, EmulatedRobot
@@ -197,3 +198,31 @@ def test_fallen_robot_is_stopped_and_can_be_armed_again():
     robot.plant.step = given
     assert session.arm(lambda: True) is Result.OK
     assert all(one.armed and not one.stop for one in states(session, 1.0)[1:])
+
+
+@pytest.mark.parametrize("place", list(ControllerPlace))
+def test_torque_limit_rises_from_zero_after_arming(place):
+    limit = float(parameters()["law"]["torque_limit"][0])
+    robot = emulated()
+    session = balancing(robot, controller=place, ramp=0.5)
+    armed = [one for one in session.poll(H) if isinstance(one, State) and one.armed]
+    found = list(armed)
+    while len(found) < 160:
+        if place is ControllerPlace.HOST:
+            session.set_torques(np.full(3, 0.3 * limit))
+        else:
+            session.set_reference(found[0].reference)
+        found += [one for one in session.poll(H) if isinstance(one, State)]
+    for one in found:
+        passed = 1e-6 * (one.time - found[0].time)
+        # the limit of the sample, and one sample before the first one that was seen
+        assert np.abs(one.torques).max() <= limit * min(1.0, (passed + H) / 0.5) * (1.0 + 1e-6)
+    if place is ControllerPlace.HOST:
+        assert found[-1].torques[0] == pytest.approx(0.3 * limit)
+
+
+def test_ramp_that_is_negative_or_too_long_is_refused():
+    session = connected(emulated())
+    for ramp in (-1.0, 61.0, np.nan):
+        with pytest.raises(InputError, match="torque ramp"):
+            session.arm(lambda: True, ramp=ramp)

@@ -1,5 +1,7 @@
 """A run of a live robot: its log is that of the same run in simulation, and every end is one sentence."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,8 +10,11 @@ from ballbot.control.presets import nominal_controller
 from ballbot.control.references import square
 from ballbot.errors import InputError
 from ballbot.firmware.export import export_controller
+from ballbot.firmware.host import compilers
+from ballbot.link.emulated import CompiledRobot, EmulatedRobot
+from ballbot.link.frames import FrameReader, message_of
 from ballbot.link.live import ControlFromHost, FollowReference, LiveRobot, TorqueProgram, log_columns
-from ballbot.link.messages import ControllerPlace, Torques
+from ballbot.link.messages import TO_ROBOT, ControllerPlace, Torques
 from ballbot.link.operators import EmulatedOperator
 from ballbot.link.references import CourseReference
 from ballbot.link.session import Session
@@ -22,28 +27,37 @@ from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin.imperfections import imperfections_of, true_model
 from ballbot.twin.scenario import load_scenario
 from ballbot.workflows.metrics import score
-from tests.support.fake_robot import FakeRobot
+
+pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 
 ROBOT = Robot.load("alten")
 STEP = ROBOT.sensors.sample_time
 
 
-def plant_of(hold="on_ball"):
+def hand_of(hold="on_ball"):
     scenario = load_scenario("nominal", ROBOT)
-    released = SensedPlant(true_model(ROBOT, scenario), imperfections_of(scenario), known=ROBOT)
-    return HeldRobot(released, sensors=scenario.sensors, hold=hold)
+    return HeldRobot(true_model(ROBOT, scenario).robot, sensors=scenario.sensors, hold=hold)
 
 
 class Connected:
-    """A live robot on a plant, and what it does."""
+    """A live robot, held until it arms, and what it does."""
 
-    def __init__(self, plant, controller=None):
-        self.controller = controller or nominal_controller(ROBOT)
-        self.fake = FakeRobot(export_controller(self.controller).parameters, plant)
-        self.session = Session(self.fake, clock=self.fake.now)
+    def __init__(self, hand=None, *, always_held=False):
+        self.controller = nominal_controller(ROBOT)
+        hand = hand or hand_of()
+        self.emulated = EmulatedRobot(
+            SensedPlant(*_sensed(), known=ROBOT),
+            CompiledRobot(export_controller(self.controller).parameters),
+            sample_time=STEP,
+            seed=1,
+            hand=hand,
+            always_held=always_held,
+        )
+        self.line = Line(self.emulated)
+        self.session = Session(self.line, clock=self.emulated.clock)
         self.session.connect()
-        self.robot = LiveRobot(self.session, clock=self.fake.now)
-        self.operator = EmulatedOperator(plant, lets_go=True)
+        self.robot = LiveRobot(self.session, clock=self.emulated.clock)
+        self.operator = EmulatedOperator(hand)
         self.rows = []
 
     def run(self, commander, *, place=ControllerPlace.ROBOT, duration=2.0, watch=lambda _: None):
@@ -54,12 +68,35 @@ class Connected:
         return Log(dict(zip(log_columns(3), np.array(self.rows).T, strict=True)))
 
 
+class Line:
+    """A transport that can be cut, and remembers the torques that were sent."""
+
+    def __init__(self, transport):
+        self._transport, self.mute, self.torques = transport, False, []
+        self._reader = FrameReader(TO_ROBOT)
+
+    def read(self, timeout):
+        found = self._transport.read(timeout)
+        return b"" if self.mute else found
+
+    def write(self, data):
+        self.torques += [
+            message.torques
+            for frame in self._reader.feed(data)
+            if isinstance(message := message_of(frame), Torques)
+        ]
+        self._transport.write(data)
+
+    def close(self):
+        self._transport.close()
+
+
 def follow(reference):
     return FollowReference(CourseReference(reference), sample_time=STEP)
 
 
 def test_controller_on_the_robot_follows_as_in_simulation():
-    live = Connected(plant_of())
+    live = Connected()
     log = live.run(follow(square(period=16.0)), duration=12.0)
     assert live.ending.kind == "time"
     assert len(log) == 12.0 / STEP
@@ -67,13 +104,13 @@ def test_controller_on_the_robot_follows_as_in_simulation():
     # the course, a row for each sample, from the first on
     wanted = np.array([square(period=16.0)(t)[[0, 1, 4]] for t in log.t])
     np.testing.assert_allclose(log.reference[:, [0, 1, 4]], wanted, atol=1e-6)
-    alone = SensedPlant(*_sensed())
+    alone = SensedPlant(*_sensed(), known=ROBOT)
     simulated = simulate(alone, live.controller, square(period=16.0), duration=12.0, seed=1)
     measured, expected = (one.without_truth() for one in (log, simulated))
     # another seed of the noise: the same kind of run, not the same run
     ratio = score(measured, settle=3.0).rms_position_error / score(expected, settle=3.0).rms_position_error
     assert 0.4 < ratio < 2.5
-    assert not live.fake.armed
+    assert not live.emulated.motors.armed
 
 
 def _sensed():
@@ -82,19 +119,18 @@ def _sensed():
 
 
 def test_controller_on_the_host_balances():
-    live = Connected(plant_of())
+    live = Connected()
     commander = ControlFromHost(nominal_controller(ROBOT), CourseReference(square()))
     log = live.run(commander, place=ControllerPlace.HOST, duration=6.0)
     assert live.ending.kind == "time"
     assert np.abs(log["theta"]).max() < 0.1
     # the torques of a row are those that the host computed for the sample before; the first two samples come together
-    sent = np.array([one.torques for one in live.fake.received if isinstance(one, Torques)])
+    sent = np.array(live.line.torques)
     np.testing.assert_array_equal(log.torques[2:], sent[1 : len(log) - 1, :3])
 
 
 def test_sweep_of_free_wheels_gives_its_torques():
-    live = Connected(plant_of("in_air"))
-    live.operator = EmulatedOperator(live.fake.plant, lets_go=False)
+    live = Connected(hand_of("in_air"), always_held=True)
     program = TorqueProgram(lambda t: np.full(3, 0.5 * np.sin(t)), sample_time=STEP)
     log = live.run(program, place=ControllerPlace.HOST, duration=3.0)
     # the first two samples come together
@@ -103,15 +139,15 @@ def test_sweep_of_free_wheels_gives_its_torques():
 
 
 def test_unconfirmed_arming_leaves_the_robot_disarmed():
-    live = Connected(plant_of())
+    live = Connected()
     live.robot.test()
     with pytest.raises(InputError, match="not confirmed"):
         live.robot.arm(lambda: False, controller=ControllerPlace.ROBOT)
-    assert not live.fake.armed
+    assert not live.emulated.motors.armed
 
 
 def test_robot_without_a_self_test_does_not_arm():
-    live = Connected(plant_of())
+    live = Connected()
     with pytest.raises(InputError, match="self-test has not passed"):
         live.robot.arm(lambda: True, controller=ControllerPlace.ROBOT)
 
@@ -124,7 +160,7 @@ class Miswired:
         self._motors, self._encoders = list(motors), list(encoders)
         self._signs, self._imu = np.array(signs), np.eye(3) if imu is None else imu
 
-    def reset(self, initial_state, *, seed):
+    def reset(self, initial_state=None, *, seed=0):
         return self._seen(self._plant.reset(initial_state, seed=seed))
 
     def step(self, torques, duration):
@@ -133,17 +169,17 @@ class Miswired:
     def tilt(self, attitude):
         self._plant.tilt(attitude)
 
-    def let_go(self):
-        self._plant.let_go()
+    @property
+    def is_tilting(self):
+        return self._plant.is_tilting
 
     def _seen(self, one):
-        from dataclasses import replace
-
-        state = one.state.copy()
-        state[2:5] = self._imu @ state[2:5]
+        attitude = self._imu @ one.attitude
         angles = (self._signs * one.wheel_angles)[self._encoders]
         speeds = (self._signs * one.wheel_speeds)[self._encoders]
-        return replace(one, state=state, wheel_angles=angles, wheel_speeds=speeds, gyro=self._imu @ one.gyro)
+        return replace(
+            one, attitude=attitude, wheel_angles=angles, wheel_speeds=speeds, gyro=self._imu @ one.gyro
+        )
 
 
 @pytest.mark.parametrize(
@@ -154,13 +190,13 @@ class Miswired:
     ],
 )
 def test_self_test_names_the_wheel(fault, words):
-    live = Connected(Miswired(plant_of(), **fault))
+    live = Connected(Miswired(hand_of(), **fault))
     with pytest.raises(InputError, match=words):
         live.robot.test()
 
 
-def checked(plant):
-    live = Connected(plant)
+def checked(hand):
+    live = Connected(hand)
     step = float(live.robot.parameters["encoder_step"][0])
     lean, turns = measure_turns(
         live.session, live.operator, wheel_count=3, encoder_step=step, watch=lambda _: None
@@ -169,7 +205,7 @@ def checked(plant):
 
 
 def test_wiring_of_a_right_robot_passes():
-    check = checked(plant_of())
+    check = checked(hand_of())
     assert check.passed
     assert not check.findings
     # the encoders' resolution and the noise of the attitude, 1 mrad in 0.26 rad
@@ -193,22 +229,22 @@ _QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     ],
 )
 def test_wiring_check_names_what_is_wrong(fault, codes, words):
-    check = checked(Miswired(plant_of(), **fault))
+    check = checked(Miswired(hand_of(), **fault))
     assert not check.passed
     assert {one.code for one in check.findings} == codes
     assert any(words in one.text for one in check.findings)
 
 
 def test_exchanged_pairs_pass_the_self_test():
-    live = Connected(Miswired(plant_of(), motors=(1, 0, 2), encoders=(1, 0, 2)))
+    live = Connected(Miswired(hand_of(), motors=(1, 0, 2), encoders=(1, 0, 2)))
     live.robot.test()
 
 
 def test_silent_robot_ends_the_run_in_one_sentence():
-    live = Connected(plant_of())
+    live = Connected()
 
     def silence(sample):
-        live.fake.mute = sample.t > 0.5
+        live.line.mute = sample.t > 0.5
 
     log = live.run(follow(square()), watch=silence)
     assert live.ending.kind == "link"
@@ -216,12 +252,24 @@ def test_silent_robot_ends_the_run_in_one_sentence():
     assert log.t[-1] == pytest.approx(0.505, abs=1e-6)
 
 
+class Pushed:
+    """A plant that begins elsewhere than upright."""
+
+    def __init__(self, plant, start):
+        self._plant, self._start, self.robot = plant, start, plant.robot
+
+    def reset(self, initial_state=None, *, seed=0):  # noqa: ARG002
+        return self._plant.reset(self._start, seed=seed)
+
+    def step(self, torques, duration):
+        return self._plant.step(torques, duration)
+
+
 def test_fallen_robot_ends_the_run_with_the_reason():
     start = np.zeros(10)
     start[2], start[7] = 0.3, 1.5
-    plant = plant_of()
-    live = Connected(plant)
-    plant._start = start
+    live = Connected()
+    live.emulated.plant = Pushed(live.emulated.plant, start)
     live.run(follow(square()))
     assert live.ending.kind == "stop"
     assert live.ending.early
@@ -229,12 +277,12 @@ def test_fallen_robot_ends_the_run_with_the_reason():
 
 
 def test_controller_is_sent_only_if_it_differs():
-    live = Connected(plant_of())
+    live = Connected()
     same = export_controller(nominal_controller(ROBOT)).parameters
     other = export_controller(nominal_controller(ROBOT), lean=0.3).parameters
     assert not live.robot.use_parameters(same)
     assert live.robot.use_parameters(other)
-    assert live.fake.parameters.tobytes() == other.tobytes()
+    assert live.session.read_parameters().tobytes() == other.tobytes()
     other["sample_time"] = 0.01
     with pytest.raises(InputError, match="between samples"):
         live.robot.use_parameters(other)

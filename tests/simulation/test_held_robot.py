@@ -5,14 +5,11 @@ import pytest
 
 from ballbot import Robot
 from ballbot.control.safety import SELF_TEST_DURATION, SelfTest, evaluate_self_test
-from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.mechanics.geometry import transforms
-from ballbot.mechanics.model import Model
 from ballbot.robot.derived import encoder_step
 from ballbot.simulation.driveline import Driveline, simulate_drivelines
 from ballbot.simulation.held_robot import HeldRobot
-from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
 from ballbot.twin.imperfections import true_model
 from ballbot.twin.scenario import load_scenario
@@ -27,7 +24,7 @@ def robot_with_friction():
 
 def held(hold):
     robot = robot_with_friction()
-    return HeldRobot(ModelPlant(Model(robot)), sensors=robot.sensors, hold=hold)
+    return HeldRobot(robot, hold=hold)
 
 
 def resolution(robot):
@@ -96,24 +93,13 @@ def test_self_test_on_the_ball_passes():
     assert evaluate_self_test(plant.robot, log).passed
 
 
-def test_robot_that_is_let_go_is_the_other_plant():
-    plant, alone = held("on_ball"), ModelPlant(Model(robot_with_friction()))
+def test_place_and_heading_are_those_of_the_reset():
+    plant = held("on_ball")
     start = np.zeros(10)
-    start[2] = 0.02
-    plant.reset(start, seed=5)
-    alone.reset(start)
-    for _ in range(20):
-        before = plant.step(np.array([0.8, 0.0, 0.0]), STEP)
-    plant.let_go()
-    plant.let_go()
-    for _ in range(30):
-        found = plant.step(np.array([0.1, 0.2, -0.1]), STEP)
-        wanted = alone.step(np.array([0.1, 0.2, -0.1]), STEP)
-        np.testing.assert_array_equal(found.truth, wanted.truth)
-        np.testing.assert_allclose(found.wheel_angles - before.wheel_angles, wanted.wheel_angles, atol=1e-12)
-    assert found.t == pytest.approx(0.25)
-    with pytest.raises(InputError, match="let go"):
-        plant.tilt([0.1, 0.0, 0.0])
+    start[[0, 1, 4]] = 0.5, -0.2, 1.0
+    measured = plant.reset(start, seed=1)
+    np.testing.assert_array_equal(measured.truth, start)
+    assert measured.state[4] == pytest.approx(1.0, abs=0.05)
 
 
 def test_equal_seeds_give_equal_runs():

@@ -8,9 +8,8 @@ this computer (`CompiledRobot`) or running on an emulated board behind its seria
 messages: one `Sensors` in for each sample, one `Motors` back. The robot's clock is the time in `Sensors`. Equal plants,
 seeds and bytes of the host therefore give equal runs, bit for bit, however fast the computer is.
 
-Until it is armed, a hand holds the robot upright and off its ball: the wheels turn freely (`HeldRobot`), so that the
-self-test sees them. When it is armed the hand lets go, and the plant starts; when it stops or falls, the hand holds it
-again.
+Until it is armed, a hand holds the robot (`ballbot.simulation.held_robot`), so that the self-test can turn its wheels.
+When it is armed the hand lets go, and the plant starts; when it stops or falls, the hand holds it again.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ballbot.control.records import MAX_WHEELS
 from ballbot.errors import InputError
@@ -35,8 +34,7 @@ from ballbot.firmware.records import PARAMETERS
 from ballbot.link.frames import Frame, decode, encode
 from ballbot.link.messages import EMULATED, Motors, Sensors, unpack_body
 from ballbot.link.transport import LinkError, Transport
-from ballbot.robot import Robot
-from ballbot.simulation.driveline import Driveline, simulate_drivelines
+from ballbot.simulation.held_robot import HeldRobot
 from ballbot.simulation.plant import Measurement, Plant
 
 #: the hardware of emulated robots, in C
@@ -45,64 +43,6 @@ _MICROSECONDS = 1e6
 _ROOM = 8192
 #: for the answer to a sample [s]
 _ANSWER_TIME = 10.0
-
-
-class HeldRobot:
-    """A robot in a hand: upright, off its ball, its wheels free. It is a plant.
-
-    Parameters
-    ----------
-    robot : Robot
-        Its sensors' noise is on gyro and attitude.
-    """
-
-    def __init__(self, robot: Robot) -> None:
-        self._robot = robot
-        self._lines = [Driveline.of_wheel(robot, wheel) for wheel in range(robot.wheel_count)]
-        self.reset()
-
-    @property
-    def robot(self) -> Robot:
-        """The robot that is held."""
-        return self._robot
-
-    def reset(self, initial_state: ArrayLike | None = None, *, seed: int = 0) -> Measurement:
-        """Hold the robot at a place (10,) and heading, upright and at rest, and return the first measurement."""
-        state = np.zeros(10) if initial_state is None else np.asarray(initial_state, dtype=np.float64)
-        self._state = np.zeros(10)
-        self._state[[0, 1, 4]] = state[[0, 1, 4]]
-        self._random = np.random.default_rng(seed)
-        self._t = 0.0
-        self._angles, self._speeds = np.zeros((2, self._robot.wheel_count))
-        return self._measure()
-
-    def step(self, torques: NDArray[np.float64], duration: float) -> Measurement:
-        """Hold the torques (n,) [N m] for a duration [s] and return the measurement at its end."""
-        motion = simulate_drivelines(
-            self._lines,
-            np.asarray(torques, dtype=np.float64)[:, None],
-            sample_time=duration,
-            initial_speeds=self._speeds,
-            threads=1,
-        )
-        self._angles = self._angles + motion.angles[:, -1]
-        self._speeds = motion.speeds[:, -1]
-        self._t += duration
-        return self._measure()
-
-    def _measure(self) -> Measurement:
-        sensors, step = self._robot.sensors, step_of(self._robot)
-        gyro = sensors.gyro_noise * self._random.standard_normal(3)
-        attitude = self._state[2:5] + sensors.attitude_noise * self._random.standard_normal(3)
-        return Measurement(
-            t=self._t,
-            state=self._state.copy(),
-            wheel_angles=np.floor(self._angles / step) * step,
-            wheel_speeds=self._speeds.copy(),
-            gyro=gyro,
-            attitude=attitude,
-            truth=self._state.copy(),
-        )
 
 
 class EmulatedRobot:
@@ -121,8 +61,10 @@ class EmulatedRobot:
         Of the firmware [s].
     seed : int
         Of everything random in the plant.
+    hand : HeldRobot, optional
+        The robot while it is held; by default upright on its ball.
     always_held : bool
-        Never let the robot go: for sweeps of its free wheels.
+        Never let the robot go: for a sweep of its free wheels, and upside down.
     real_time : bool
         Wait so that the robot runs no faster than the clock on the wall.
     """
@@ -134,6 +76,7 @@ class EmulatedRobot:
         *,
         sample_time: float,
         seed: int = 0,
+        hand: HeldRobot | None = None,
         always_held: bool = False,
         real_time: bool = False,
     ) -> None:
@@ -145,7 +88,7 @@ class EmulatedRobot:
         self._seed = seed
         self._always_held = always_held
         self._began = time.monotonic() if real_time else None
-        self._hand = HeldRobot(plant.robot)
+        self._hand = HeldRobot(plant.robot) if hand is None else hand
         self._held, self._caught = True, False
         self._measured = self._hand.reset(seed=seed)
         self._turned = np.zeros(plant.robot.wheel_count)  # wheel angles when the present plant began

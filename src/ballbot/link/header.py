@@ -17,6 +17,7 @@ from ballbot.link.frames import LONGEST_FRAME, LONGEST_PAYLOAD, OVERHEAD, SEQUEN
 from ballbot.link.messages import (
     CONFIRMATION_TIME,
     LAYERS,
+    LONGEST_RAMP,
     LONGEST_STATE_INTERVAL,
     MESSAGES,
     PARAMETER_WORDS,
@@ -65,6 +66,8 @@ def messages_header() -> str:
 #define BALLBOT_LINK_CONFIRMATION {_MICROSECONDS * CONFIRMATION_TIME:.0f}u
 /* Longest time between two states that a host can ask for [s]. */
 #define BALLBOT_LINK_STATE_INTERVAL {LONGEST_STATE_INTERVAL:g}f
+/* Longest ramp of the torque limit after arming [s]. */
+#define BALLBOT_LINK_LONGEST_RAMP {LONGEST_RAMP:.1f}f
 /* Bytes of a payload without a body, of the longest payload, and of its frame without the zero. */
 #define BALLBOT_FRAME_OVERHEAD {OVERHEAD}u
 #define BALLBOT_LONGEST_PAYLOAD {LONGEST_PAYLOAD}u

@@ -64,7 +64,7 @@ class Sample:
     """One sample of an armed robot."""
 
     t: float  #: since arming [s]
-    state: NDArray[np.float64]  #: (10,) the robot's estimate, in the frame of the start
+    state: NDArray[np.float64]  #: (10,) the robot's estimate, in the frame of the start; NaN if it has none
     reference: NDArray[np.float64]  #: (10,) that held at the sample, in the frame of the start
     torques: NDArray[np.float64]  #: (n,) from there on [N m]
     wheel_angles: NDArray[np.float64]  #: (n,) since arming [rad]
@@ -201,7 +201,7 @@ class TorqueProgram:
 class Ending:
     """How a run ended."""
 
-    kind: Literal["time", "driver", "stop", "link"]
+    kind: Literal["time", "driver", "interrupt", "stop", "link"]
     text: str  #: one sentence
     t: float  #: of the last sample, since arming [s]
 
@@ -231,9 +231,10 @@ class _Samples:
             self._turned += gone
             self._counts = state.wheel_counts.astype(np.int64)
             angles = self._encoder_step * self._turned[: self._n].astype(np.float64)
+        estimate = in_start_frame(state.estimate.astype(np.float64), self.start)
         return Sample(
             t=round(1e-6 * self._micros, 6),
-            state=in_start_frame(state.estimate.astype(np.float64), self.start),
+            state=estimate if state.estimate_valid else np.full(10, np.nan),
             reference=in_start_frame(state.reference.astype(np.float64), self.start),
             torques=state.torques[: self._n].astype(np.float64),
             wheel_angles=angles,
@@ -315,15 +316,24 @@ class LiveRobot:
             text = f"the safety layer stopped it: {STOPS[stop]}"
         raise InputError(f"The self-test failed: {text}.")
 
-    def arm(self, confirm: Callable[[], bool], *, controller: ControllerPlace) -> None:
+    def arm(self, confirm: Callable[[], bool], *, controller: ControllerPlace, ramp: float = 0.0) -> None:
         """Arm, after a confirmation here.
+
+        Parameters
+        ----------
+        confirm : callable
+            Asks a person here.
+        controller : ControllerPlace
+            Whose torques the robot obeys.
+        ramp : float
+            Time over which the torque limit rises from zero [s].
 
         Raises
         ------
         InputError
             If it is not confirmed, the robot refuses, or the link is lost.
         """
-        result = self.session.arm(confirm, controller=controller)
+        result = self.session.arm(confirm, controller=controller, ramp=ramp)
         if result == Result.CONFIRM:
             raise InputError("Arming was not confirmed; the robot stays disarmed.")
         if result != Result.OK:
@@ -381,6 +391,8 @@ class LiveRobot:
                 watch(sample)
         except LinkError as error:
             return Ending(kind="link", text=str(error), t=t)
+        except KeyboardInterrupt:
+            return Ending(kind="interrupt", text=f"The run was interrupted after {t:.1f} s.", t=t)
         raise AssertionError  # the states have no end
 
     def _states(self) -> Iterator[State]:

@@ -30,6 +30,8 @@ VERSION = 1
 WATCHDOG = 0.05
 #: for which an answer to the first step of arming is good [s]
 CONFIRMATION_TIME = 10.0
+#: longest ramp of the torque limit after arming [s]
+LONGEST_RAMP = 60.0
 #: numbers of 4 bytes that one message of parameters carries
 PARAMETER_WORDS = 32
 #: longest time between two `State` messages that a host can ask for [s]
@@ -116,6 +118,8 @@ class Arm:
     TYPE: ClassVar[int] = 4
     nonce: int = field(metadata=whole())
     controller: int = field(metadata=whole())  #: a `ControllerPlace`
+    #: time over which the torque limit rises from zero, as for a first balance; 0 to `LONGEST_RAMP`
+    ramp: float = field(metadata=number("s"))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -67,30 +67,27 @@ _ANGLES = (math.radians(15.0), math.radians(15.0), math.radians(45.0))
 
 
 class EmulatedOperator:
-    """Does what is asked with an emulated robot, and lets go of it when it arms.
+    """Does what is asked with an emulated robot, which is let go when it arms.
 
     Parameters
     ----------
-    plant : HeldRobot
-    lets_go : bool
-        Whether the robot is let go when it arms; on a bench it stays held.
+    hand : HeldRobot
+        The robot while it is held.
     """
 
-    def __init__(self, plant: HeldRobot, *, lets_go: bool) -> None:
-        self._plant, self._lets_go = plant, lets_go
+    def __init__(self, hand: HeldRobot) -> None:
+        self._hand = hand
 
     def confirm_arming(self) -> bool:
-        """Let go of the robot, if it is to balance."""
-        if self._lets_go:
-            self._plant.let_go()
+        """Confirm."""
         return True
 
     def hold_upright(self) -> None:
         """Bring the robot back to upright."""
-        self._plant.tilt([0.0, 0.0, 0.0])
+        self._hand.tilt([0.0, 0.0, 0.0])
 
     def move(self, movement: Movement) -> None:
         """Move the robot."""
         attitude = [0.0, 0.0, 0.0]
         attitude[movement.axis] = movement.sign * _ANGLES[movement.axis]
-        self._plant.tilt(attitude)
+        self._hand.tilt(attitude)

@@ -116,7 +116,7 @@ _END_KEY = b"e"
 
 
 class KeyboardReference:
-    """The arrow keys of a terminal, which gives each key at once and shows none while this is open.
+    """The arrow keys of a terminal, which gives each key at once and shows none from the first update on.
 
     Parameters
     ----------
@@ -132,7 +132,11 @@ class KeyboardReference:
     def __init__(self, descriptor: int) -> None:
         self._driven = _Driven()
         self._descriptor, self._waiting = descriptor, b""
-        self._restore = _keys_at_once(descriptor)
+        self._restore: Callable[[], None] | None = None
+        if importlib.util.find_spec("termios") is None or not os.isatty(descriptor):
+            raise InputError(
+                "The reference keyboard needs a terminal of Linux or macOS; give another --reference."
+            )
 
     @property
     def ended(self) -> bool:
@@ -146,6 +150,8 @@ class KeyboardReference:
 
     def update(self, t: float) -> NDArray[np.float64]:  # noqa: ARG002
         """Return the pose (10,) after all keys that were pressed."""
+        if self._restore is None:
+            self._restore = _keys_at_once(self._descriptor)
         self._waiting += self._new_bytes()
         while self._waiting:
             key = next((key for key in (*_KEYS, _END_KEY) if self._waiting.startswith(key)), None)
@@ -160,7 +166,8 @@ class KeyboardReference:
 
     def close(self) -> None:
         """Give the terminal back as it was."""
-        self._restore()
+        if self._restore is not None:
+            self._restore()
 
     def _new_bytes(self) -> bytes:
         if self._driven.trouble or not select.select([self._descriptor], [], [], 0.0)[0]:

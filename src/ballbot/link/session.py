@@ -30,6 +30,7 @@ from ballbot.firmware.host import SelfTestOutcome
 from ballbot.firmware.records import PARAMETERS
 from ballbot.link.frames import Frame, FrameReader, LayerCounts, encode, is_newer, message_of
 from ballbot.link.messages import (
+    LONGEST_RAMP,
     PARAMETER_WORDS,
     TO_HOST,
     WATCHDOG,
@@ -291,7 +292,11 @@ class Session:
         raise LinkError(f"The robot's self-test does not end within {timeout:g} s.")
 
     def arm(
-        self, confirm: Callable[[], bool], *, controller: ControllerPlace = ControllerPlace.ROBOT
+        self,
+        confirm: Callable[[], bool],
+        *,
+        controller: ControllerPlace = ControllerPlace.ROBOT,
+        ramp: float = 0.0,
     ) -> Result:
         """Arm in two steps: ask the robot, let a person here confirm, return the robot's number.
 
@@ -301,6 +306,8 @@ class Session:
             Asks a person at this computer, and returns the answer. The robot's number is good for 10 s.
         controller : ControllerPlace
             Whose torques the robot obeys.
+        ramp : float
+            Time over which the torque limit rises from zero [s].
 
         Returns
         -------
@@ -309,14 +316,18 @@ class Session:
 
         Raises
         ------
+        InputError
+            If the ramp is negative or longer than a minute.
         LinkError
             If the robot does not answer.
         """
-        asked = self.request(Arm(nonce=0, controller=controller))
+        if not 0.0 <= ramp <= LONGEST_RAMP:
+            raise InputError(f"The torque ramp is {ramp:g} s; it must be from 0 to {LONGEST_RAMP:g} s.")
+        asked = self.request(Arm(nonce=0, controller=controller, ramp=ramp))
         if asked.result != Result.CONFIRM or not confirm():
             return Result(asked.result)
         self._heard = self._clock()  # nobody listened while the person thought
-        answer = self.request(Arm(nonce=asked.value, controller=controller))
+        answer = self.request(Arm(nonce=asked.value, controller=controller, ramp=ramp))
         return Result(answer.result)
 
     def disarm(self) -> None:

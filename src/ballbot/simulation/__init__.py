@@ -9,5 +9,5 @@ run              a plant with a controller becomes a `Log`
 batch            many robots in closed loop in one compiled call; conditions has their disturbances
 driveline        one driveline alone, under any friction law
 upside_down      the ball on the wheels of a clamped robot
-held_robot       a robot in its team's hands, and the plant that it becomes when it is let go
+held_robot       a robot in its team's hands: on the ball, in the air, upside down
 """

@@ -1,4 +1,4 @@
-"""A robot in its team's hands: on the ball, in the air or upside down, until it is let go.
+"""A robot in its team's hands: on the ball, in the air or upside down.
 
     on_ball        the body is held, the ball lies on the floor: (J_b + m r_b^2 [1 1 0] + (j_w + j_r) A^T A) Omega_dot =
                    A^T (u - tau), because robot and ball roll over the floor together; m is the mass of both
@@ -6,10 +6,9 @@
     upside_down    the ball lies on the wheels (`ballbot.simulation.upside_down`)
 
 `tilt` moves the body as a hand does. On the ball, a foot holds the ball still meanwhile, so that the wheels turn by
--A w under the body's angular velocity w. `let_go` hands the robot over to another plant, which begins upright; the
-encoders go on counting from where they are.
+-A w under the body's angular velocity w.
 
-With it, all that a team does with a new robot can be tried on a simulated one (`ballbot.link.emulated`).
+With it, all that a team does with a new robot before its first balance can be tried on a simulated one.
 """
 
 from __future__ import annotations
@@ -21,12 +20,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import positive_number, real_array
-from ballbot.errors import InputError
 from ballbot.mechanics.friction import friction_terms
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.robot import Robot, Sensors
 from ballbot.simulation.driveline import Driveline, simulate_drivelines
-from ballbot.simulation.plant import Measurement, Plant
+from ballbot.simulation.plant import Measurement
 from ballbot.simulation.sensors import SensorSuite, sensor_samples
 from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
 
@@ -39,29 +37,33 @@ _TILT_TIME, _SHORTEST_TILT = 4.0, 0.5
 
 
 class HeldRobot:
-    """A held robot behind the plant's seam, and the plant that it becomes once it is let go.
+    """A held robot behind the plant's seam.
 
     Parameters
     ----------
-    released : Plant
-        The robot on its own; its friction is that of the held one, too.
-    sensors : Sensors
-        What the sensors of the held robot are.
+    robot : Robot
+        With its friction.
+    sensors : Sensors, optional
+        What the sensors are; the robot's own by default.
     hold : {"on_ball", "in_air", "upside_down"}
     torque_noise : float
-        Standard deviation of each sample's torque while held [N m].
+        Standard deviation of each sample's torque [N m].
     """
 
     def __init__(
-        self, released: Plant, *, sensors: Sensors, hold: Hold = "on_ball", torque_noise: float = 0.0
+        self,
+        robot: Robot,
+        *,
+        sensors: Sensors | None = None,
+        hold: Hold = "on_ball",
+        torque_noise: float = 0.0,
     ) -> None:
-        self._released, self._hold = released, hold
-        self._robot, self._noise = released.robot, torque_noise
-        self._sensors = sensors
-        self._suite = SensorSuite(self._robot, sensors)
+        self._robot, self._hold, self._noise = robot, hold, torque_noise
+        self._sensors = robot.sensors if sensors is None else sensors
+        self._suite = SensorSuite(self._robot, self._sensors)
         self._ball = _ball_under_hand(self._robot, hold)
         self._lines = [Driveline.of_wheel(self._robot, i) for i in range(self._robot.wheel_count)]
-        self.reset(None, seed=0)
+        self.reset()
 
     @property
     def robot(self) -> Robot:
@@ -74,33 +76,28 @@ class HeldRobot:
         return self._omega.copy()
 
     @property
-    def is_held(self) -> bool:
-        """Whether the robot has not been let go yet."""
-        return self._offset is None
-
-    @property
     def is_tilting(self) -> bool:
         """Whether the hand moves the body."""
         return self._t < self._tilt_end
 
-    def reset(self, initial_state: ArrayLike | None, *, seed: int) -> Measurement:
-        """Start again, held, and return the first measurement.
+    def reset(self, initial_state: ArrayLike | None = None, *, seed: int = 0) -> Measurement:
+        """Hold the robot still and return the first measurement.
 
         Parameters
         ----------
         initial_state : array_like (10,) or None
-            True state at which the robot is let go.
+            Its x, y and psi are where the robot is held.
         seed : int
             All noise follows from it.
         """
-        self._start, self._seed = initial_state, seed
+        given = np.zeros(10) if initial_state is None else real_array(initial_state, (10,), "The state")
+        self._place = given[:2].copy()
         self._random = np.random.default_rng([seed, 17])
         self._t = self._tilt_begin = self._tilt_end = 0.0
         n = self._robot.wheel_count
         self._angles, self._speeds, self._omega = np.zeros(n), np.zeros(n), np.zeros(3)
-        self._level = np.array([math.pi if self._hold == "upside_down" else 0.0, 0.0, 0.0])
+        self._level = np.array([math.pi if self._hold == "upside_down" else 0.0, 0.0, float(given[4])])
         self._from = self._to = self._level
-        self._offset: tuple[float, NDArray[np.float64]] | None = None
         self._suite.reset(self._random, self._angles)
         return self._measure()
 
@@ -110,10 +107,8 @@ class HeldRobot:
         Raises
         ------
         InputError
-            If the robot was let go, or the attitude is not three numbers.
+            If the attitude is not three finite numbers.
         """
-        if not self.is_held:
-            raise InputError("The robot was let go; it cannot be tilted by hand.")
         target = real_array(attitude, (3,), "The attitude")
         self._from, _ = self._hand()
         self._to = target
@@ -122,41 +117,16 @@ class HeldRobot:
             _SHORTEST_TILT, _TILT_TIME * float(np.abs(self._to - self._from).max())
         )
 
-    def let_go(self) -> None:
-        """Let go of the robot, which begins upright on the floor; nothing happens if it was let go before."""
-        if self._offset is None:
-            counted = self._measure().wheel_angles
-            self._released.reset(self._start, seed=self._seed)
-            self._offset = (self._t, counted)
-
     def step(self, torques: NDArray[np.float64], duration: float) -> Measurement:
         """Hold the torques (n,) [N m] for a duration [s], whole samples, and return the measurement at its end."""
         held = real_array(torques, (self._robot.wheel_count,), "The array of torques")
         duration = positive_number(duration, "The duration")
-        if self._offset is not None:
-            return self._on_its_own(held, duration)
         measured = None
         for _ in range(sensor_samples(duration, self._sensors.sample_time)):
             self._advance(held)
             measured = self._measure()
         assert measured is not None
         return measured
-
-    def _on_its_own(self, torques: NDArray[np.float64], duration: float) -> Measurement:
-        assert self._offset is not None
-        began, counted = self._offset
-        one = self._released.step(torques, duration)
-        return Measurement(
-            t=round(began + one.t, 9),
-            state=one.state,
-            wheel_angles=counted + one.wheel_angles,
-            wheel_speeds=one.wheel_speeds,
-            gyro=one.gyro,
-            acceleration=one.acceleration,
-            truth=one.truth,
-            valid=one.valid,
-            ended=one.ended,
-        )
 
     def _hand(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return attitude (3,) [rad] and its rates (3,) [rad/s]: a half wave of a cosine from one to the next."""
@@ -214,19 +184,20 @@ class HeldRobot:
         """Read every sensor once."""
         attitude, rates = self._hand()
         truth = np.zeros(10)
-        truth[2:5], truth[7:10] = attitude, rates
+        truth[:2], truth[2:5], truth[7:10] = self._place, attitude, rates
         body_velocity = np.concatenate([np.zeros(3), body_rates_matrix(*attitude) @ rates])
         from_level = truth.copy()  # the AHRS's errors are those about the attitude in which the robot is held
         from_level[2:5] -= self._level
         reading = self._suite.read(self._t, from_level, body_velocity, self._angles)
         state = truth.copy()
-        state[2:5] = self._level + reading.attitude
+        state[2:5] = attitude_read = self._level + reading.attitude
         return Measurement(
             t=self._t,
             state=state,
             wheel_angles=reading.wheel_angles,
             wheel_speeds=reading.wheel_speeds,
             gyro=reading.gyro,
+            attitude=attitude_read,
             truth=truth,
         )
 

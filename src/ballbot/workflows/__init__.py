@@ -2,6 +2,7 @@
 
 study.py                  the main job: identify, validate, choose a controller on perturbed plants
 controller_*.py           the choice, the prediction for the next run, the verdict on it, and its likely causes
+alternation.py            two controllers in turn on one robot, A B A B, the drift removed
 comparison.py, league.py  controllers against each other on the same courses with the same seeds
 excite.py                 an informative excitation for identification
 limits.py                 the largest tilts and impulses that a robot recovers from; what a reference demands

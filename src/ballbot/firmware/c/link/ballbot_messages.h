@@ -12,8 +12,8 @@
 /* Of the protocol, in every frame. */
 #define BALLBOT_LINK_VERSION 1u
 /* SHA-256 of types, names, order, lengths and units of all messages, as numbers of 31 bits. */
-#define BALLBOT_MESSAGE_WORDS { 1336105889, 2089249873, 1702110715, 649005189, 1140816184, 1277364947, 237463994, 21395832 }
-/* cfa35ba1fc876c51e57425fb26af0885c3ff79384c230ad38e2769ba01467978 */
+#define BALLBOT_MESSAGE_WORDS { 1736519666, 827726318, 1854152335, 1857452057, 1619740814, 1731469765, 851457793, 648964802 }
+/* 67812ff2315619eeee841e8feeb67819e08b488e673421c532c03701a6ae6ac2 */
 
 /* Longest time without a valid frame [us]. */
 #define BALLBOT_LINK_WATCHDOG 50000u
@@ -21,6 +21,8 @@
 #define BALLBOT_LINK_CONFIRMATION 10000000u
 /* Longest time between two states that a host can ask for [s]. */
 #define BALLBOT_LINK_STATE_INTERVAL 0.02f
+/* Longest ramp of the torque limit after arming [s]. */
+#define BALLBOT_LINK_LONGEST_RAMP 60.0f
 /* Bytes of a payload without a body, of the longest payload, and of its frame without the zero. */
 #define BALLBOT_FRAME_OVERHEAD 12u
 #define BALLBOT_LONGEST_PAYLOAD 208u
@@ -106,8 +108,9 @@ typedef char ballbot_message_hello_has_no_padding[(sizeof(struct ballbot_message
 struct ballbot_message_arm {
     int32_t nonce;
     int32_t controller;
+    float ramp; /* [s] */
 };
-typedef char ballbot_message_arm_has_no_padding[(sizeof(struct ballbot_message_arm) == 2u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_message_arm_has_no_padding[(sizeof(struct ballbot_message_arm) == 3u * sizeof(float)) ? 1 : -1];
 
 /* Give the controller on the robot a reference; it holds until the next one. */
 struct ballbot_message_reference {

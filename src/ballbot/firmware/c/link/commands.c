@@ -62,6 +62,7 @@ static void arm(struct ballbot_link *link, struct ballbot_state *state, const st
     } else if (asked.nonce == 0) {
         link->nonce = (int32_t)ballbot_link_new_number(link, time);
         link->asked_controller = asked.controller;
+        link->asked_ramp = asked.ramp;
         link->asked = time;
         link->confirmed = false;
         ballbot_link_answer(link, frame, BALLBOT_RESULT_CONFIRM, (uint32_t)link->nonce);
@@ -75,6 +76,8 @@ static void arm(struct ballbot_link *link, struct ballbot_state *state, const st
         link->nonce = 0;
         link->governs = ballbot_arm(state);
         link->controller = asked.controller;
+        link->ramp = link->asked_ramp;
+        link->armed_time = time;
         link->reference_new = false;
         link->torques_time = time;
         for (int i = 0; i < BALLBOT_MAX_WHEELS; ++i) {

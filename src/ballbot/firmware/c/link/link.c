@@ -31,6 +31,7 @@ void ballbot_link_release(struct ballbot_link *link)
 {
     link->governs = false;
     link->controller = (int32_t)BALLBOT_CONTROLLER_ROBOT;
+    link->ramp = 0.0f;
 }
 
 static void refuse(struct ballbot_link *link, enum ballbot_layer layer)
@@ -172,7 +173,8 @@ static enum ballbot_result values_of(const struct ballbot_frame *frame)
     switch ((enum ballbot_message)frame->type) {
     case BALLBOT_MESSAGE_ARM:
         ballbot_copy_bytes(&arm, frame->body, sizeof arm);
-        good = arm.controller == (int32_t)BALLBOT_CONTROLLER_ROBOT || arm.controller == (int32_t)BALLBOT_CONTROLLER_HOST;
+        good = (arm.controller == (int32_t)BALLBOT_CONTROLLER_ROBOT || arm.controller == (int32_t)BALLBOT_CONTROLLER_HOST) &&
+               arm.ramp >= 0.0f && arm.ramp <= BALLBOT_LINK_LONGEST_RAMP;
         break;
     case BALLBOT_MESSAGE_REFERENCE:
         ballbot_copy_bytes(&reference, frame->body, sizeof reference);
@@ -263,6 +265,30 @@ static void watch(struct ballbot_link *link, struct ballbot_state *state, uint32
     }
 }
 
+/* Keep the torques within a limit that rises from zero after arming. */
+static void raise_limit(struct ballbot_link *link, struct ballbot_state *state,
+                        const struct ballbot_parameters *parameters, uint32_t time, float torques[BALLBOT_MAX_WHEELS])
+{
+    const float passed = 1e-6f * (float)(time - link->armed_time);
+
+    if (!(passed < link->ramp)) {
+        link->ramp = 0.0f; /* the clock will wrap around */
+        return;
+    }
+    const float limit = parameters->law.torque_limit * (passed / link->ramp);
+
+    for (int i = 0; i < BALLBOT_MAX_WHEELS; ++i) {
+        if (torques[i] > limit) {
+            torques[i] = limit;
+        } else if (torques[i] < -limit) {
+            torques[i] = -limit;
+        } else {
+            /* within the limit */
+        }
+        state->run.torques[i] = torques[i];
+    }
+}
+
 /* Append a state to what is sent. */
 static void report(struct ballbot_link *link, const struct ballbot_state *state,
                    const struct ballbot_parameters *parameters, const struct ballbot_reading_record *reading,
@@ -312,6 +338,7 @@ bool ballbot_link_update(struct ballbot_link *link, struct ballbot_state *state,
     } else {
         may = ballbot_update(state, parameters, reading, time, link->reference_new ? link->reference : NULL, torques);
     }
+    raise_limit(link, state, parameters, time, torques);
     link->reference_new = false;
     link->sample += 1u;
     link->state_due -= 1;

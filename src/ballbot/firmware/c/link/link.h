@@ -41,6 +41,9 @@ struct ballbot_link {
     uint32_t mixed;                       /* from which sessions and nonces are made */
     int32_t nonce;                        /* of the first step of arming; 0 for none */
     int32_t asked_controller;             /* in the first step */
+    float asked_ramp;                     /* in the first step [s] */
+    float ramp;                           /* over which the torque limit rises from zero; 0 once it has [s] */
+    uint32_t armed_time;                  /* when the robot was armed */
     uint32_t asked;                       /* when */
     bool confirmed;                       /* whether the robot's button was pressed since */
     int32_t state_every;                  /* samples from one state to the next */

@@ -1,0 +1,127 @@
+"""Two controllers compared on one robot by runs in turn, A B A B: what drifts meanwhile is not counted as a gain.
+
+A battery runs down and a floor gets dusty, so that the later run is the worse one whatever its controller. Runs of both
+controllers are therefore made in turn, and a drift that is steady from run to run is estimated beside the gain:
+
+    log q_k = a + d k + g b_k + e_k        k: number of the run;  b_k = 1 with the new controller, else 0
+
+by least squares, for each quantity q of `Performance` that is a size (of the torque margin, for the share of the torque
+limit that is used). exp(g) is the factor by which the new controller changes the quantity. With A B A B the estimate of
+g is free of d: it is the mean of each inner run against the mean of its two neighbours. Its 95 % interval is Student's,
+with n - 3 degrees of freedom; of four runs that is one, and the interval is wide. More rounds make it narrow quickly.
+
+Each run of the new controller is compared with the study's prediction besides (`controller_verdict`), as
+`ballbot validate --prediction` does with a single log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from ballbot.errors import InputError
+from ballbot.workflows.controller_prediction import CONFIDENCE
+from ballbot.workflows.controller_verdict import Recommendation, Verdict
+from ballbot.workflows.metrics import QUANTITIES, Performance
+
+#: fewest runs: gain, drift and offset are estimated, and one run is left for the scatter
+MIN_RUNS = 4
+_ORDER: tuple[Recommendation, ...] = ("keep", "weaken", "revert")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gain:
+    """The factor by which the new controller changes a quantity, the drift removed."""
+
+    factor: float
+    low: float  #: of the 95 % interval
+    high: float
+    drift: float  #: factor from one run to the next that is due to neither controller
+    without_pairing: (
+        float  #: factor between the means of both controllers, for comparison: it contains the drift
+    )
+
+    @property
+    def verdict(self) -> Literal["smaller", "larger", "undecided"]:
+        """Whether the quantity is smaller or larger with the new controller: only if the whole interval is."""
+        if self.high < 1.0:
+            return "smaller"
+        return "larger" if self.low > 1.0 else "undecided"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Alternation:
+    """The result of runs in turn."""
+
+    performances: tuple[Performance, ...]  #: of every run, in order; the old controller's first
+    gains: Mapping[str, Gain]  #: by quantity; without those that a run did not show
+    verdicts: tuple[Verdict, ...]  #: of the new controller's runs
+
+    @property
+    def recommendation(self) -> Recommendation:
+        """The worst of the recommendations of the new controller's runs."""
+        return max((one.recommendation for one in self.verdicts), key=_ORDER.index)
+
+
+def alternate(performances: Sequence[Performance], verdicts: Sequence[Verdict]) -> Alternation:
+    """Compare two controllers by runs in turn.
+
+    Parameters
+    ----------
+    performances : sequence of Performance
+        Of all runs in order, A B A B and so on.
+    verdicts : sequence of Verdict
+        Of the runs of B.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than four runs, or not as many of one controller as of the other.
+    """
+    if len(performances) < MIN_RUNS or len(performances) % 2:
+        raise InputError(
+            f"{len(performances)} runs in turn cannot be compared; make {MIN_RUNS} or more, as many with one "
+            "controller as with the other."
+        )
+    table = np.array([one.to_array() for one in performances])
+    sizes = table.copy()
+    margin = QUANTITIES.index("torque_margin")
+    sizes[:, margin] = 1.0 - table[:, margin]
+    gains = {
+        name: paired_gain(sizes[:, place])
+        for place, name in enumerate(QUANTITIES)
+        if bool((np.isfinite(sizes[:, place]) & (sizes[:, place] > 0.0)).all())
+    }
+    return Alternation(performances=tuple(performances), gains=gains, verdicts=tuple(verdicts))
+
+
+def paired_gain(values: NDArray[np.float64]) -> Gain:
+    """Return the factor between two controllers whose runs alternate.
+
+    Parameters
+    ----------
+    values : ndarray (n,)
+        Positive, of the runs A B A B ..; an even number, four or more.
+    """
+    count = len(values)
+    number = np.arange(count, dtype=np.float64)
+    with_new = number % 2
+    X = np.column_stack([np.ones(count), number, with_new])
+    logs = np.log(values)
+    (_, drift, gain), *_ = np.linalg.lstsq(X, logs, rcond=None)
+    left = logs - X @ np.linalg.lstsq(X, logs, rcond=None)[0]
+    freedom = count - X.shape[1]
+    variance = float(left @ left) / freedom * float(np.linalg.inv(X.T @ X)[2, 2])
+    half = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, freedom)) * float(np.sqrt(variance))
+    return Gain(
+        factor=float(np.exp(gain)),
+        low=float(np.exp(gain - half)),
+        high=float(np.exp(gain + half)),
+        drift=float(np.exp(drift)),
+        without_pairing=float(np.exp(logs[with_new == 1].mean() - logs[with_new == 0].mean())),
+    )
