@@ -1,7 +1,7 @@
 """A whole board under QEMU: the MPS2 with the image AN386, a Cortex-M4F with a serial line and a timer.
 
     image = folder / "board.elf"
-    build_board(export_controller(controller), image)
+    build_board(export_controller(controller).files, image)
     with QemuBoard(image) as board:
         board.line.sendall(...)
 
@@ -28,7 +28,7 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,19 +37,16 @@ from typing import Self
 
 from ballbot.errors import InputError
 from ballbot.firmware.emulator import PROCESSOR
-from ballbot.firmware.export import Export
 from ballbot.firmware.host import NUMERICS, WARNINGS
 
-#: what a board needs beside the exported firmware
-BOARD = Path(__file__).parent / "board"
+#: what a board needs beside the exported firmware, and the hardware that follows from its serial line
+BOARD, HARDWARE = Path(__file__).parent / "board", Path(__file__).parent / "emulated"
 QEMU = "qemu-system-arm"
 _GCC = "arm-none-eabi-gcc"
 _RUNTIME = Path(__file__).parent / "emulator_runtime.c"
 _BUILD = ("-O2", "-g", "-ffreestanding", "-fno-common", "-ffunction-sections", "-fdata-sections")
 #: kills the command that follows it when its standard input ends
 _SUPERVISED = '"$@" </dev/null & board=$!; cat >/dev/null; kill -9 "$board" 2>/dev/null; wait "$board"'
-#: for a process that was killed to be gone [s]
-_GONE = 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,16 +88,21 @@ def what_to_install() -> str:
     return f"A board under QEMU needs {' and '.join(missing)}." if missing else ""
 
 
-def build_board(exported: Export, target: Path, *, toolchain: str | None = None) -> None:
+def build_board(
+    files: Mapping[str, str], target: Path, *, toolchain: str | None = None, self_test: bool = True
+) -> None:
     """Build an exported firmware with the board's main loop.
 
     Parameters
     ----------
-    exported : Export
+    files : mapping of str to str
+        Text by path, of an `Export` or of a folder that `ballbot export` wrote.
     target : Path
         The ELF file to write.
     toolchain : str, optional
         One of `toolchains`; the first of them by default.
+    self_test : bool
+        Whether the robot must pass its self-test before it arms; if not, its wiring counts as known.
 
     Raises
     ------
@@ -109,14 +111,15 @@ def build_board(exported: Export, target: Path, *, toolchain: str | None = None)
     """
     with tempfile.TemporaryDirectory(prefix="ballbot-board-") as name:
         folder = Path(name)
-        for path, text in exported.files.items():
+        for path, text in files.items():
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             (folder / path).write_text(text, encoding="utf-8")
-        sources = [folder / path for path in exported.files if _is_source(path)]
+        sources = [folder / path for path in files if _is_source(path)]
         compile_board(
             target,
-            [*sources, *sorted(BOARD.glob("*.c"))],
-            include=[folder / "ballbot", folder],
+            [*sources, *sorted(HARDWARE.glob("*.c")), *sorted(BOARD.glob("*.c"))],
+            include=[folder / "ballbot", folder, HARDWARE],
+            flags=() if self_test else ("-DBALLBOT_WIRING_IS_KNOWN",),
             toolchain=toolchain,
         )
 
@@ -127,7 +130,12 @@ def _is_source(path: str) -> bool:
 
 
 def compile_board(
-    target: Path, sources: Sequence[Path], *, include: Sequence[Path] = (), toolchain: str | None = None
+    target: Path,
+    sources: Sequence[Path],
+    *,
+    include: Sequence[Path] = (),
+    flags: Sequence[str] = (),
+    toolchain: str | None = None,
 ) -> None:
     """Compile and link a program for the board.
 
@@ -139,6 +147,8 @@ def compile_board(
         One of them has `main`; the board's own sources are not added.
     include : sequence of Path
         Folders of headers; the board's own is added.
+    flags : sequence of str
+        More options of the compiler.
     toolchain : str, optional
         One of `toolchains`; the first of them by default.
 
@@ -161,7 +171,7 @@ def compile_board(
         def compiled(number: int, source: Path) -> Path:
             object_file = Path(folder) / f"{number}.o"
             own = ("-fno-builtin",) if source == _RUNTIME else (*WARNINGS, *NUMERICS)
-            _run(*tools.compile, *own, *_BUILD, *paths, "-c", source, "-o", object_file)
+            _run(*tools.compile, *own, *_BUILD, *flags, *paths, "-c", source, "-o", object_file)
             return object_file
 
         with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -216,19 +226,18 @@ class QemuBoard:
 
     @property
     def running(self) -> bool:
-        """Whether the board has not been closed."""
-        return self._process.poll() is None
+        """Whether the board has neither been closed nor ended by itself."""
+        ended = os.WEXITED | os.WNOHANG | os.WNOWAIT
+        return self._process.returncode is None and os.waitid(os.P_PID, self._process.pid, ended) is None
 
     def close(self) -> None:
         """Stop the board, now."""
         self.line.close()
+        if self._process.returncode is None:  # not waited for: the number still belongs to this group
+            os.killpg(self._process.pid, signal.SIGKILL)
         if self._process.stdin is not None:
             self._process.stdin.close()
-        try:
-            self._process.wait(_GONE)
-        except subprocess.TimeoutExpired:
-            os.killpg(self._process.pid, signal.SIGKILL)
-            self._process.wait()
+        self._process.wait()
 
     def __enter__(self) -> Self:
         """Return the board."""
