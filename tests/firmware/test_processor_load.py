@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import pytest
 
 pytest.importorskip("ziglang", reason="ziglang, of the extra `test`, is not installed")
 pytest.importorskip("unicorn", reason="unicorn, of the extra `test`, is not installed")
 
-from ballbot import InputError
+from ballbot import Controller, InputError
 from ballbot.firmware import processor_load
 from ballbot.firmware.emulator import Board
 from ballbot.firmware.export import export_controller
@@ -15,14 +17,18 @@ from ballbot.firmware.processor_load import SAMPLES, measure_load, rehearse, wha
 from campaigns.firmware_timing import firmware_runs, image, law_runs, presets
 from tests.support.control_examples import FRICTION, alten, everything
 
-CONTROLLERS = presets() | {"everything": everything(alten(FRICTION)).with_estimator("kalman")}
+
+@cache
+def controllers() -> dict[str, Controller]:
+    """Return the presets, and a controller with every part."""
+    return presets() | {"everything": everything(alten(FRICTION)).with_estimator("kalman")}
 
 
 @pytest.mark.parametrize(
     "name", ["nominal partial, onboard", "precise, kalman", "precise adaptive, kalman", "everything"]
 )
 def test_rehearsal_goes_through_every_branch_that_random_states_find(name):
-    controller = CONTROLLERS[name]
+    controller = controllers()[name]
     rehearsed, random = Board(image()), Board(image())
     updates = list(rehearse(controller, export_controller(controller), rehearsed))
     assert all(update.torques.any() for update in updates)
@@ -32,11 +38,11 @@ def test_rehearsal_goes_through_every_branch_that_random_states_find(name):
 
 
 def test_rehearsal_has_the_bits_of_this_computer():
-    assert all(same for _, same in firmware_runs(CONTROLLERS["everything"], samples=60))
+    assert all(same for _, same in firmware_runs(controllers()["everything"], samples=60))
 
 
 def test_load_is_the_rehearsal_s():
-    controller = CONTROLLERS["precise, kalman"]
+    controller = controllers()["precise, kalman"]
     exported = export_controller(controller)
     load = measure_load(controller, exported, clock=36e6)
     updates = list(rehearse(controller, exported, Board(image())))
@@ -53,7 +59,7 @@ def test_load_is_the_rehearsal_s():
 
 
 def test_estimator_without_fixes_has_no_row_for_them():
-    controller = CONTROLLERS["nominal none, onboard"]
+    controller = controllers()["nominal none, onboard"]
     load = measure_load(controller, export_controller(controller))
     assert load.fix_cycles is None
     assert load.worst_share < 0.2  # at 200 Hz and 72 MHz
@@ -61,7 +67,7 @@ def test_estimator_without_fixes_has_no_row_for_them():
 
 @pytest.mark.parametrize("clock", [0.0, -72e6, 72.0, 1e12, float("nan")])
 def test_impossible_clock_is_refused(clock):
-    controller = CONTROLLERS["precise, kalman"]
+    controller = controllers()["precise, kalman"]
     with pytest.raises(InputError, match="clock of the processor must be between"):
         measure_load(controller, export_controller(controller), clock=clock)
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import os
 import signal
+import time
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from ballbot import InputError, Model, simulate
+from ballbot import Controller, InputError, Model, simulate
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.records import schema_of
 from ballbot.control.references import circle
@@ -21,7 +22,7 @@ from ballbot.firmware.estimators import ReadingRecord
 from ballbot.firmware.export import export_controller
 from ballbot.firmware.host import Firmware, SelfTestOutcome, compilers
 from ballbot.firmware.processor_load import readings
-from ballbot.firmware.qemu import QemuBoard, build_board, toolchains, what_to_install
+from ballbot.firmware.qemu import SILENCE, QemuBoard, build_board, toolchains, what_to_install
 from ballbot.firmware.records import parameter_record
 from ballbot.link.emulated import CompiledRobot, EmulatedRobot
 from ballbot.link.lock_step import BoardLine, FirmwareController, LockStep, ReadingTap, sensors_of
@@ -40,8 +41,15 @@ pytestmark = [
 ]
 
 ROBOT, H = alten(FRICTION), 0.005
-PRECISE = precise_controller(ROBOT)
 TOOLCHAINS = ("gcc", "zig")
+
+
+@cache
+def controller_of(name: str) -> Controller:
+    """Return the nominal or the precise controller."""
+    return (
+        precise_controller(ROBOT) if name == "precise" else nominal_controller(ROBOT, compensation="partial")
+    )
 
 
 @pytest.fixture(scope="module")
@@ -50,13 +58,12 @@ def images(tmp_path_factory):
     folder = tmp_path_factory.mktemp("boards")
 
     @cache
-    def built(name: str, toolchain: str = "", *, self_test: bool = False) -> Path:
+    def built(name: str, toolchain: str = "", *, self_test: bool = False, silence: float = SILENCE) -> Path:
         if toolchain and toolchain not in toolchains():
             pytest.skip(f"the toolchain {toolchain} is not installed")
-        controller = {"nominal": nominal_controller(ROBOT, compensation="partial"), "precise": PRECISE}[name]
-        image = folder / f"{name}-{toolchain}-{self_test}.elf"
-        files = export_controller(controller).files
-        build_board(files, image, toolchain=toolchain or None, self_test=self_test)
+        image = folder / f"{name}-{toolchain}-{self_test}-{silence:g}.elf"
+        files = export_controller(controller_of(name)).files
+        build_board(files, image, toolchain=toolchain or None, self_test=self_test, silence=silence)
         return image
 
     return built
@@ -98,7 +105,7 @@ def test_board_answers_with_the_bytes_of_this_computer(images, toolchain):
         assert session.state is not None
         assert session.state.armed
         assert session.state.stop == 0
-    parameters = parameter_record(PRECISE, SafetyLimits.on_robot(ROBOT, sample_time=H))
+    parameters = parameter_record(controller_of("precise"), SafetyLimits.on_robot(ROBOT, sample_time=H))
     here = CompiledRobot(parameters, capabilities=Capability.EMULATED)
     answers = b""
     for place in range(0, len(line.written), 50):
@@ -120,7 +127,7 @@ def reading_of(state: State) -> np.ndarray:
 @pytest.mark.parametrize("name", ["nominal", "precise"])
 def test_torques_are_bit_for_bit_those_of_the_library_on_this_computer(images, name):
     """The law, estimator and safety layer alone, called with the readings that the board reports."""
-    controller = PRECISE if name == "precise" else nominal_controller(ROBOT, compensation="partial")
+    controller = controller_of(name)
     here = Firmware(parameter_record(controller, SafetyLimits.on_robot(ROBOT, sample_time=H)))
     here.skip_self_test()
     with QemuBoard(images(name)) as board:
@@ -148,7 +155,7 @@ def test_torques_are_bit_for_bit_those_of_the_library_on_this_computer(images, n
 @pytest.mark.parametrize("name", ["nominal", "precise"])
 def test_firmware_on_the_board_balances_the_twin_as_python_does(images, name):
     """The square, its first 6 s: the same torques at first, and places that rounding has not yet driven apart."""
-    controller = PRECISE if name == "precise" else nominal_controller(ROBOT, compensation="partial")
+    controller = controller_of(name)
     course = courses()["square"]
     of_board = board_log(images(name), controller, course, seed=300, duration=6.0)
     of_python = python_log(controller, course, seed=300, duration=6.0)
@@ -172,6 +179,20 @@ def test_firmware_that_ran_is_not_run_again_and_needs_the_tap(images):
         assert len(log) == 20
         with pytest.raises(InputError, match="start another emulated robot"):
             simulate(Twin(ROBOT, estimator=tap), firmware, circle(radius=0.5, period=8.0), duration=0.1)
+
+
+def test_board_without_samples_disarms_by_its_own_timer(images):
+    with QemuBoard(images("precise", silence=0.5)) as board:
+        line = LockStep(BoardLine(board), sample_time=H)
+        line.sensors = sensors_of(next(readings(ROBOT, samples=1)), robot=ROBOT)
+        session = Session(line, clock=line.clock)
+        session.connect()
+        assert session.arm(lambda: True) is Result.OK
+        assert line.step().enabled
+        time.sleep(1.0)
+        motors = line.step()
+        assert not motors.enabled
+        assert not motors.torques.any()
 
 
 def test_board_that_has_gone_ends_the_link(images):

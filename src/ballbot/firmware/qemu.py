@@ -14,7 +14,7 @@ closes, and the shell kills QEMU.
 
 Time. The firmware's clock is the time in the frames of the emulated sensors, not QEMU's: each such frame is one sample.
 The torques therefore follow from the frames alone, however fast QEMU runs, and need no `-icount`. The board's own timer
-wakes the main loop, and stops the motors if no sample comes for a second.
+wakes the main loop, and disarms the robot if no sample comes for a minute.
 """
 
 from __future__ import annotations
@@ -42,6 +42,8 @@ from ballbot.firmware.host import NUMERICS, WARNINGS
 #: what a board needs beside the exported firmware, and the hardware that follows from its serial line
 BOARD, HARDWARE = Path(__file__).parent / "board", Path(__file__).parent / "emulated"
 QEMU = "qemu-system-arm"
+#: for which the host of a board may compute between two samples [s]; the first run of some plants compiles for a while
+SILENCE = 60.0
 _GCC = "arm-none-eabi-gcc"
 _RUNTIME = Path(__file__).parent / "emulator_runtime.c"
 _BUILD = ("-O2", "-g", "-ffreestanding", "-fno-common", "-ffunction-sections", "-fdata-sections")
@@ -89,7 +91,12 @@ def what_to_install() -> str:
 
 
 def build_board(
-    files: Mapping[str, str], target: Path, *, toolchain: str | None = None, self_test: bool = True
+    files: Mapping[str, str],
+    target: Path,
+    *,
+    toolchain: str | None = None,
+    self_test: bool = True,
+    silence: float = SILENCE,
 ) -> None:
     """Build an exported firmware with the board's main loop.
 
@@ -103,6 +110,8 @@ def build_board(
         One of `toolchains`; the first of them by default.
     self_test : bool
         Whether the robot must pass its self-test before it arms; if not, its wiring counts as known.
+    silence : float
+        Without a sample for so long [s] the board disarms the robot.
 
     Raises
     ------
@@ -115,11 +124,13 @@ def build_board(
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             (folder / path).write_text(text, encoding="utf-8")
         sources = [folder / path for path in files if _is_source(path)]
+        flags = [f"-DBALLBOT_SILENCE={round(1e6 * silence)}u"]
+        flags += [] if self_test else ["-DBALLBOT_WIRING_IS_KNOWN"]
         compile_board(
             target,
             [*sources, *sorted(HARDWARE.glob("*.c")), *sorted(BOARD.glob("*.c"))],
             include=[folder / "ballbot", folder, HARDWARE],
-            flags=() if self_test else ("-DBALLBOT_WIRING_IS_KNOWN",),
+            flags=flags,
             toolchain=toolchain,
         )
 

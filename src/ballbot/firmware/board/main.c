@@ -1,14 +1,11 @@
 /* Main loop of the emulated board: one sample of the sensors comes over the serial line, one step of the robot follows.
  *
  * The robot's clock is the time in the samples. The board's timer wakes the loop, and disarms the robot if no sample comes
- * for SILENCE: a board without sensors must not drive its motors.
+ * for BALLBOT_SILENCE [us]: a board without sensors must not drive its motors.
  */
 #include "ballbot_parameters.h"
 #include "board.h"
 #include "emulated_robot.h"
-
-/* [us] */
-#define SILENCE 10000000u
 
 static struct emulated_robot emulated;
 
@@ -47,7 +44,7 @@ int main(void)
         send_waiting();
         if (emulated.hardware.sequence != samples) {
             last = board_timer_read();
-        } else if (board_timer_read() - last > SILENCE) {
+        } else if (board_timer_read() - last > BALLBOT_SILENCE) {
             robot_disarm(&emulated.robot);
             last = board_timer_read();
         } else {
