@@ -5,12 +5,14 @@ The registry is what the documents show and `--accept` knows.
 
 import ast
 import re
+from collections.abc import Iterable, Sequence
 
 import pytest
 
 from ballbot.errors import InputError
 from ballbot.findings import CODES, Finding, Place, as_argument, by_severity, check_codes, stop_on_errors
 from tests.support.paths import ROOT
+from tests.support.source import modules, nodes_of
 
 SIGN = Finding(
     code="torque-sign", severity="error", text="The torques are negated.", where=Place(file="a.csv")
@@ -59,39 +61,35 @@ def _argument(call: ast.Call, name: str, place: int | None) -> ast.expr | None:
     return call.args[place] if place is not None and place < len(call.args) else None
 
 
-def _calls(tree: ast.AST, name: str) -> list[ast.Call]:
+def _calls(nodes: Iterable[ast.AST], name: str) -> list[ast.Call]:
     return [
         node
-        for node in ast.walk(tree)
+        for node in nodes
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == name
     ]
 
 
-def _codes_in(tree: ast.Module) -> set[str]:
+def _codes_in(nodes: Sequence[ast.AST]) -> set[str]:
     """Return the codes of all findings that a module makes, through its own helper functions too."""
-    made = {id(call): _argument(call, "code", None) for call in _calls(tree, "Finding")}
+    made = {id(call): _argument(call, "code", None) for call in _calls(nodes, "Finding")}
     codes = {code for value in made.values() if value is not None for code in _texts(value)}
-    for function in (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)):
+    for function in (node for node in nodes if made and isinstance(node, ast.FunctionDef)):
         names = [one.arg for one in (*function.args.args, *function.args.kwonlyargs)]
-        for call in _calls(function, "Finding"):
+        for call in _calls(ast.walk(function), "Finding"):
             value = made[id(call)]
             if isinstance(value, ast.Name) and value.id in names:
-                for outer in _calls(tree, function.name):
+                for outer in _calls(nodes, function.name):
                     given = _argument(outer, value.id, names.index(value.id))
                     codes |= _texts(given) if given is not None else set()
     for shorthand in ("warning", "note"):
-        for call in _calls(tree, shorthand):
+        for call in _calls(nodes, shorthand):
             given = _argument(call, "code", 0)
             codes |= _texts(given) if given is not None else set()
     return codes
 
 
 def test_every_code_made_in_the_source_is_registered_and_every_registered_one_is_made():
-    made = {
-        code
-        for path in (ROOT / "src/ballbot").rglob("*.py")
-        for code in _codes_in(ast.parse(path.read_text(encoding="utf-8")))
-    }
+    made = {code for name in modules() for code in _codes_in(nodes_of(name))}
     assert made == set(CODES)
 
 

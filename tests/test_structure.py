@@ -3,13 +3,11 @@
 import ast
 from collections import defaultdict
 from functools import cache
-from pathlib import Path
 
-import ballbot
 from tests.support.paths import ROOT
 from tests.support.schedule import ORDER
+from tests.support.source import SOURCE, modules, nodes_of
 
-SOURCE = Path(ballbot.__file__).parent
 #: a package may import those before it; what stands at the root of the source may be imported by all
 PACKAGES = (
     "robot", "mechanics", "log", "estimation", "control", "simulation", "twin", "fitting",
@@ -30,22 +28,11 @@ STILL_MANY_PARAMETERS = {
 
 
 @cache
-def modules() -> dict[str, ast.Module]:
-    """Return every module of the source by its dotted name."""
-    found = {}
-    for path in sorted(SOURCE.rglob("*.py")):
-        parts = path.relative_to(SOURCE.parent).with_suffix("").parts
-        name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-        found[name] = ast.parse(path.read_text(encoding="utf-8"))
-    return found
-
-
-@cache
 def imports() -> dict[str, set[str]]:
     """Return which modules each module imports, anywhere in it: at its top, in a function or for types only."""
     found = defaultdict(set)
-    for name, tree in modules().items():
-        for node in ast.walk(tree):
+    for name in modules():
+        for node in nodes_of(name):
             if isinstance(node, ast.ImportFrom) and node.module:
                 wanted = {f"{node.module}.{alias.name}" for alias in node.names}
                 found[name] |= {one if one in modules() else node.module for one in wanted}
@@ -59,10 +46,7 @@ def imports() -> dict[str, set[str]]:
 def functions() -> list[tuple[str, ast.FunctionDef]]:
     """Return every function with the name of its module."""
     return [
-        (name, node)
-        for name, tree in modules().items()
-        for node in ast.walk(tree)
-        if isinstance(node, ast.FunctionDef)
+        (name, node) for name in modules() for node in nodes_of(name) if isinstance(node, ast.FunctionDef)
     ]
 
 
