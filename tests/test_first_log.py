@@ -87,6 +87,7 @@ def filled(folder, refused):
     return path
 
 
+@pytest.mark.sample
 def test_rolling_friction_of_the_log_is_about_twice_the_floors(folder, filled):
     words = ["identify", "alten", str(folder / "balance.csv"), "--mapping", str(filled)]
     assert main([*words, "--out", str(folder / "found")]) == 0

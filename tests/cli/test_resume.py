@@ -100,21 +100,14 @@ def test_interrupted_run_is_neither_overwritten_nor_mixed(inputs, interrupted, c
     assert outputs() == kept
 
 
-#: fewer parameters are found sooner
 OPTIONS = ("--bounds", "bounds.toml")
-KILLED_BOUNDS = """\
-stribeck = [0.0, 0.0]
-stribeck_speed = [0.6, 0.6]
-stribeck_exponent = [1.0, 1.0]
-rolling = [0.007, 0.007]
-"""
 
 
 def folder_with_log(folder: Path) -> Path:
     folder.mkdir()
-    # once around in 5 s, so that the shortest log that gives six parameters turns every wheel
+    # once around in 5 s, so that a short log turns every wheel
     measured_square(nominal_robot(), duration=5.0, period=5.0).write(folder / "log.csv")
-    (folder / "bounds.toml").write_text(KILLED_BOUNDS)
+    (folder / "bounds.toml").write_text(BOUNDS)
     return folder
 
 

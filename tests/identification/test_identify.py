@@ -258,7 +258,7 @@ def test_unidentifiable_quantities_get_no_number():
         check_excitation(constant, alten(), alone)
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_measured_logs_of_the_stand_in_robot(shared_data):
     # 24 s of each is 190 windows for twelve parameters; half a minute gave the largest ratios to 0.01 the same
     names = ("square_soft.csv", "hold_soft.csv")

@@ -213,7 +213,7 @@ class TestIdentification:
     @pytest.mark.slow
     def test_known_friction_is_found(self):
         log = camera_log(duration=32.0, seed=5)
-        found = identify_upside_down(ALTEN, log, generations=60, population=14, evolution_windows=12)
+        found = identify_upside_down(ALTEN, log, generations=20, population=14, evolution_windows=12)
         truth = {
             "b": FRICTION.viscous,
             "c": FRICTION.coulomb,
@@ -303,7 +303,7 @@ def test_friction_leaves_the_ball_short_and_moves_it_about_other_axes():
     assert movement.off_axis_with_friction > 0.02
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_the_stand_in_robot_by_the_command(shared_data, tmp_path, capsys):
     path = tmp_path / "log.csv"
     Log.read(shared_data / "bbr" / "upside_down.csv").between(10.0, 34.0).write(path)

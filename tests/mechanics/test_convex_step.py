@@ -261,7 +261,7 @@ def test_four_wheels_that_push_against_each_other_turn_nothing() -> None:
 @pytest.mark.parametrize(
     "model",
     [
-        Model(alten(FRICTION), pivoting=0.02),
+        pytest.param(Model(alten(FRICTION), pivoting=0.02), marks=pytest.mark.slow),
         Model(four_wheeled(friction=True)),
         pytest.param(Model(alten(FRICTION), "thesis"), marks=pytest.mark.slow),
     ],
@@ -306,7 +306,7 @@ def body_velocities(state: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([state[5:7], w, state[10:]])
 
 
-@pytest.mark.parametrize("pivoting", [None, 0.05])
+@pytest.mark.parametrize("pivoting", [None, pytest.param(0.05, marks=pytest.mark.slow)])
 def test_friction_never_drives_in_a_run(pivoting: float | None) -> None:
     """Through sticking, slipping and turning about, no step's impulse of friction works on the motion's side.
 

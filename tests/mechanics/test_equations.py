@@ -20,7 +20,8 @@ def alten(friction: Friction | None = None) -> Robot:
     return robot.replace(friction=friction) if friction else robot
 
 
-@pytest.mark.parametrize("wheel_count", [3, pytest.param(4, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("wheel_count", [3, 4])
 @pytest.mark.parametrize("formulation", ["exact", "thesis"])
 def test_equations_equal_the_symbolic_lagrangian(formulation, wheel_count):
     rng = np.random.default_rng(7)

@@ -187,6 +187,7 @@ def test_a_wheel_breaks_away_at_the_limit_of_its_direction(direction, excess):
     assert end.any() == (excess > 0)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_full_law_only_takes_energy(seed):

@@ -48,6 +48,7 @@ def test_heading_column_needs_the_whole_convention() -> None:
     assert all(abs(model.B[9, 0] / printed - 1.0) > 0.03 for model in (right, rotors_apart, wheels_once))
 
 
+@pytest.mark.slow
 def test_lean_comes_within_the_published_percent(entries: dict[str, Entry]) -> None:
     """The published numbers are 37.49, -72.21, 3.983, -13.32 from a planar reduction, within 1.2 % of print."""
     expected = {

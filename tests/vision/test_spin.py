@@ -38,6 +38,12 @@ def plain(tmp_path_factory) -> Film:
 
 
 @pytest.fixture(scope="module")
+def short(tmp_path_factory) -> Film:
+    folder = tmp_path_factory.mktemp("spin")
+    return ball_video(folder / "short.avi", Scene(camera=replace(SMALL, frame_rate=30.0)), duration=0.3)
+
+
+@pytest.fixture(scope="module")
 def measured(plain):
     return measure_spin(open_video(plain.path))
 
@@ -125,6 +131,7 @@ def test_wheels_and_video_agree_once_clock_and_camera_are_found(plain, measured)
     assert np.linalg.norm(comparison.rms) < PLAIN * comparison.peak
 
 
+@pytest.mark.slow
 def test_wheels_of_another_size_do_not_agree(plain, measured):
     robot = Robot.load("alten")
     log = wheel_log(plain, robot, forward=0.0, offset=0.0)
@@ -134,6 +141,7 @@ def test_wheels_of_another_size_do_not_agree(plain, measured):
     assert any("do not match" in sentence for sentence in texts(spin_findings(measured, comparison)))
 
 
+@pytest.mark.slow
 def test_a_log_of_another_run_is_refused(plain, measured):
     robot = Robot.load("alten")
     other = replace(plain, motion=motion_of(plain.motion.t, plain.motion.omega[::-1, ::-1]))
@@ -141,6 +149,7 @@ def test_a_log_of_another_run_is_refused(plain, measured):
         compare_with_wheels(measured, wheel_log(other, robot, forward=0.0, offset=0.0), robot)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [0.0, 1.0])
 def test_wheels_that_turn_differently_or_not_at_all_are_refused(measured, size):
     # with size 1 the fit runs off the log, and SciPy is asked for a rotation that is no number
@@ -204,8 +213,8 @@ def test_command_writes_its_documented_files(plain, tmp_path, capsys):
         (["--log", "run.csv"], "needs --robot"),
     ],
 )
-def test_invalid_options_end_in_one_sentence(plain, tmp_path, capsys, options, sentence):
-    assert main(["spin", str(plain.path), *options, "--out", str(tmp_path)]) == 2
+def test_invalid_options_end_in_one_sentence(short, tmp_path, capsys, options, sentence):
+    assert main(["spin", str(short.path), *options, "--out", str(tmp_path)]) == 2
     *progress, refusal = capsys.readouterr().err.splitlines()
     assert sentence in refusal
     assert all(line.startswith("ballbot: looking") for line in progress)

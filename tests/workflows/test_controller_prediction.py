@@ -384,6 +384,7 @@ def test_delay_shows_in_the_signature(prediction: Prediction, controller: Contro
 # --- a sample of the campaign ---
 
 
+@pytest.mark.sample
 def test_prediction_from_perturbed_plants_holds_on_the_twin(controller: Controller):
     controllers = {"none": nominal_controller(KNOWN), "precise": controller}
     plants = [

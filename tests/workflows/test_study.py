@@ -283,6 +283,7 @@ def test_a_study_killed_while_it_compares_goes_on_to_the_same(small: Study, chec
     )
 
 
+@pytest.mark.sample
 def test_measured_logs_are_predicted_better_with_friction(
     shared_data: Path, tmp_path: Path, monkeypatch, capsys
 ):
