@@ -144,6 +144,20 @@ def test_limits_of_a_real_robot():
     assert limits == SafetyLimits(lean=0.35, max_interval=0.0175, max_unchanged=20, turning_torque=1.5)
 
 
+def test_silent_host_stops_until_reset():
+    safety = Safety()
+    assert safety.admit(0.0, measured=True, theta=0.0, phi=0.0)
+    safety.halt(0.1, StopReason.LINK, "no valid frame for 50 ms")
+    safety.halt(0.2, StopReason.LATE, "another reason")
+    assert safety.stop is not None
+    assert safety.stop.reason is StopReason.LINK
+    assert safety.stop.text == "stopped at t = 0.100 s: no valid frame for 50 ms."
+    assert not safety.admit(0.2, measured=True, theta=0.0, phi=0.0)
+    assert safety.release(0.2, 1, 0.5) == 0.0
+    safety.reset()
+    assert safety.admit(0.3, measured=True, theta=0.0, phi=0.0)
+
+
 def test_the_reason_is_one_sentence_with_the_time():
     controller = guarded(max_missing=1)
     for k in range(3):

@@ -134,6 +134,14 @@ def test_every_fault_is_latched_until_armed_again(reason, changed):
     assert run(made, 10, first=45).all()
 
 
+def test_reasons_have_the_numbers_of_their_order():
+    """`ballbot.link` reads the reason from its number."""
+    functions = library().functions
+    functions.ballbot_stop_word.restype = ctypes.c_char_p
+    words = [functions.ballbot_stop_word(number).decode() for number in range(len(StopReason) + 2)]
+    assert words == ["", *StopReason, ""]
+
+
 def test_gap_of_two_samples_is_bridged():
     made = firmware()
     run(made, 10)

@@ -8,6 +8,7 @@ The layer bridges a short gap in the measurements and stops on everything worse:
     late sample                           stops, if more than `max_interval` has passed since the last
     stuck sensor                          stops after `max_unchanged` samples: an IMU that repeats itself, or an
                                           encoder that does not count while its wheel must turn
+    silent host                           stops, if the application calls `halt`; firmware does so after 50 ms
 
 A gap is bridged by the estimator, which predicts the state. If there is no state at all, the torques are zero for as
 long and the controller is not called. A stop is latched: every torque is zero until `reset`, and `stop` has the reason.
@@ -240,6 +241,11 @@ class Safety:
                 StopReason.LEAN, t, f"the lean is {lean:.3g} rad; the limit is {self.limits.lean:g} rad"
             )
         return self._stop is None and known
+
+    def halt(self, t: float, reason: StopReason, why: str) -> None:
+        """Stop for a reason outside the layer, as a silent host is; `why` is a clause. A stop that is latched stays."""
+        if self._stop is None:
+            self._latch(reason, t, why)
 
     def release(self, t: float, wheel: int, torque: float) -> float:
         """Return a wheel's torque [N m] for the motor: zero after a stop, which a torque that is no number causes."""

@@ -134,8 +134,9 @@ class EmulatedRobot:
         if self._began is not None:
             time.sleep(max(0.0, self._began + self.clock() - time.monotonic()))
         sensors = encode(self._sensors(), session=0, sequence=self.samples)
-        self._line.write(self._from_host + sensors)
-        self._from_host = b""
+        # whole frames only: a part of one would spoil the sensors' frame after it
+        whole, zero, self._from_host = self._from_host.rpartition(b"\0")
+        self._line.write(whole + zero + sensors)
         self.motors = motors = self._answer()
         self._let_go_or_hold(motors)
         plant = self._hand if self._held else self.plant

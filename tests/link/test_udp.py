@@ -1,0 +1,266 @@
+"""UDP: off loopback only with a key, one host only, nothing unsigned or sent again is acted on; peers that are killed."""
+
+import select
+import signal
+import socket
+import subprocess
+import sys
+import textwrap
+import time
+
+import pytest
+
+from ballbot.errors import InputError
+from ballbot.firmware.host import compilers
+from ballbot.link.bridge import UdpBridge
+from ballbot.link.datagram import TAG, Direction, seal
+from ballbot.link.frames import encode
+from ballbot.link.messages import Disarm, Hello, Keep, Layer, Result, firmware_words, message_words
+from ballbot.link.session import Session
+from ballbot.link.transport import LinkError, SerialTransport, UdpTransport, open_transport
+from tests.link.test_emulated import emulated
+
+needs_compiler = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
+KEY = bytes(range(32))
+
+
+class Loop:
+    """A robot behind a bridge, in the robot's time: a read of the host lets the bridge hand on, and the robot run."""
+
+    def __init__(self, *, key: bytes | None = None) -> None:
+        self.robot = emulated()
+        self.bridge = UdpBridge(self.robot, port=0, key=key, clock=self.robot.clock)
+        self.udp = UdpTransport("127.0.0.1", self.bridge.port, key=key)
+        self.sent: list[bytes] = []
+
+    def read(self, timeout: float) -> bytes:
+        """Let the bridge hand on; loopback delivers at once."""
+        self.bridge.step(0.0)
+        return self.udp.read(min(timeout, 0.01))
+
+    def write(self, data: bytes) -> None:
+        self.sent.append(data)
+        self.udp.write(data)
+
+    def close(self) -> None:
+        self.udp.close()
+        self.bridge.close()
+
+    def session(self) -> Session:
+        session = Session(self, clock=self.robot.clock)
+        session.connect()
+        return session
+
+
+def stranger(loop: Loop, data: bytes) -> None:
+    """Send a datagram from another port, and let the robot run."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.sendto(data, ("127.0.0.1", loop.bridge.port))
+        loop.bridge.step(0.1)
+
+
+@needs_compiler
+@pytest.mark.parametrize("key", [None, KEY], ids=["open", "signed"])
+def test_robot_is_armed_and_followed_over_udp(key):
+    loop = Loop(key=key)
+    session = loop.session()
+    session.self_test()
+    assert session.arm(lambda: True) is Result.OK
+    for _ in range(50):
+        session.poll(0.005)
+    assert session.state.armed
+    assert loop.bridge.refused == 0
+    assert loop.udp.refused == 0
+    loop.close()
+
+
+@pytest.mark.parametrize("host", ["192.0.2.1", "0.0.0.0"])
+def test_other_computers_need_the_key(host):
+    with pytest.raises(InputError, match="datagrams must be signed"):
+        UdpTransport(host, 5005)
+    with pytest.raises(InputError, match="datagrams must be signed"):
+        UdpBridge(None, host=host)  # type: ignore[arg-type]
+    UdpTransport(host, 5005, key=KEY).close()
+
+
+def test_bridge_binds_to_loopback_unless_a_host_is_given():
+    bridge = UdpBridge(None, port=0)  # type: ignore[arg-type]
+    assert bridge._socket.getsockname()[0] == "127.0.0.1"
+    bridge.close()
+
+
+@needs_compiler
+def test_only_the_host_of_the_handshake_is_heard():
+    loop = Loop()
+    session = loop.session()
+    session.poll(0.005)
+    before = session.ask_counts()
+    # with the right session and a sequence number to come: only the address is wrong
+    stranger(loop, encode(Disarm(), session=session._session, sequence=session._sequence + 100))
+    hello = Hello(firmware=firmware_words(), messages=message_words(), state_every=1)
+    stranger(loop, encode(hello, session=77, sequence=1))
+    session.poll(0.005)
+    after = session.ask_counts()
+    assert loop.bridge.refused == 2
+    assert after.refused.tolist() == before.refused.tolist()
+    for _ in range(210):  # silent for more than a second: another host may come
+        loop.bridge.step(0.0)
+    stranger(loop, encode(hello, session=77, sequence=1))
+    assert loop.bridge.refused == 2
+    loop.close()
+
+
+@needs_compiler
+def test_datagram_that_the_key_did_not_sign_is_dropped():
+    loop = Loop(key=KEY)
+    session = loop.session()
+    frame = encode(Keep(), session=session._session, sequence=session._sequence + 1)
+    with_wrong_key = seal(KEY[::-1], frame, Direction.TO_ROBOT)
+    back = seal(KEY, frame, Direction.TO_HOST)  # a datagram of the robot sent back to it
+    right = seal(KEY, frame, Direction.TO_ROBOT)
+    changed = bytes([*right[:5], right[5] ^ 1, *right[6:]])
+    before = session.ask_counts().accepted
+    for k, datagram in enumerate([frame, with_wrong_key, back, changed, right[:-1], b"", right[-TAG:]]):
+        loop.udp._socket.send(datagram)  # from the host's own address
+        loop.bridge.step(0.1)
+        assert loop.bridge.refused == k + 1
+    assert session.ask_counts().accepted == before + 1  # the question itself
+    loop.close()
+
+
+@needs_compiler
+def test_signed_datagrams_sent_again_are_refused_by_sequence_and_session():
+    loop = Loop(key=KEY)
+    session = loop.session()
+    session.self_test()
+    assert session.arm(lambda: True) is Result.OK
+    session.disarm()
+    recorded = list(loop.sent)
+    session.ask_counts()
+    before = session.ask_counts().refused
+    for data in recorded:
+        loop.udp.write(data)
+    session.poll(0.005)
+    after = session.ask_counts().refused
+    assert sum(after - before) == len(recorded)
+    assert (after - before)[Layer.SEQUENCE] >= len(recorded) - 2
+    assert not session.state.armed
+    # a new session: all that was recorded is of another one, but its handshake, which opens a session that nobody has
+    second = loop.session()
+    for data in recorded[1:]:
+        loop.udp.write(data)
+    second.poll(0.005)
+    assert second.ask_counts().refused[Layer.SESSION] >= len(recorded) - 2
+    assert not second.state.armed
+    loop.close()
+
+
+def test_addresses_of_transports():
+    for wrong in ("udp://127.0.0.1", "udp://:5005", "tcp://127.0.0.1:99999", "/dev/ttyACM0?baud=fast", ""):
+        with pytest.raises(InputError):
+            open_transport(wrong)
+    with pytest.raises(LinkError, match="cannot be opened"):
+        open_transport("/dev/no-such-port?baud=115200")
+    with pytest.raises(LinkError, match="does not answer"):
+        open_transport("tcp://127.0.0.1:9")
+
+
+def test_serial_port_sends_and_receives():
+    port = SerialTransport("loop://")
+    port.write(b"abc")
+    assert port.read(0.1) == b"abc"
+    assert port.read(0.0) == b""
+    port.close()
+
+
+HOST = """
+    import sys, time
+    from ballbot.link.messages import Result
+    from ballbot.link.session import Session
+    from ballbot.link.transport import LinkError, open_transport
+
+    session = Session(open_transport(sys.argv[1]))
+    while True:
+        try:
+            session.connect(timeout=20.0)
+            session.self_test(timeout=60.0)
+            if session.arm(lambda: True) is Result.OK:
+                for _ in range(20):
+                    session.poll(0.01)
+                print("armed", flush=True)
+                while True:
+                    session.poll(0.01)
+        except LinkError:
+            continue  # this computer is busy
+"""
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_killed_host_leaves_a_robot_that_stops():
+    robot = emulated()
+    bridge = UdpBridge(robot, port=0)
+    command = [sys.executable, "-c", textwrap.dedent(HOST), f"udp://127.0.0.1:{bridge.port}"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as host:
+        assert host.stdout is not None
+        printed = ""
+        end = time.monotonic() + 120.0
+        while "armed" not in printed and time.monotonic() < end:
+            bridge.step(0.02)  # a sample for each frame of the host, or after 20 ms
+            if select.select([host.stdout], [], [], 0.0)[0]:
+                printed = host.stdout.readline()
+        assert "armed" in printed
+        assert robot.motors.armed
+        host.send_signal(signal.SIGKILL)
+        host.wait()
+    for _ in range(200):  # what is still in the socket, then silence
+        bridge.step(0.0)
+    assert not robot.motors.enabled
+    assert not robot.motors.armed
+    assert not robot.motors.torques.any()
+    bridge.close()
+
+
+def poll_for(session: Session, seconds: float) -> None:
+    """Poll for a time."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        session.poll(0.01)
+
+
+ROBOT = """
+    from ballbot.link.bridge import UdpBridge
+    from tests.link.test_emulated import emulated
+
+    bridge = UdpBridge(emulated(), port=0)
+    print(bridge.port, flush=True)
+    while True:
+        bridge.step(0.02)
+"""
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_killed_robot_is_noticed_by_the_host():
+    with subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(ROBOT)], stdout=subprocess.PIPE, text=True
+    ) as robot:
+        assert robot.stdout is not None
+        session = Session(open_transport(f"udp://127.0.0.1:{int(robot.stdout.readline())}"))
+        for _ in range(20):  # this computer may be busy
+            try:
+                session.connect(timeout=20.0)
+                session.poll(0.05)
+                break
+            except LinkError:
+                continue
+        assert session.connected
+        robot.send_signal(signal.SIGKILL)
+        robot.wait()
+        began = time.monotonic()
+        with pytest.raises(LinkError, match="silent"):
+            poll_for(session, 10.0)
+        assert time.monotonic() - began < 5.0  # 50 ms, and what a busy computer takes
+        assert not session.connected
+        with pytest.raises(LinkError, match="connect first"):
+            session.send(Keep())
