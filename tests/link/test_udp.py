@@ -1,4 +1,4 @@
-"""UDP: off loopback only with a key, one host only, nothing unsigned or sent again is acted on; peers that are killed."""
+"""UDP: off loopback only with a key, one host only, nothing unsigned or repeated is acted on; peers that are killed."""
 
 import select
 import signal
