@@ -213,7 +213,7 @@ class TestIdentification:
     @pytest.mark.slow
     def test_known_friction_is_found(self):
         log = camera_log(duration=32.0, seed=5)
-        found = identify_upside_down(ALTEN, log, generations=20, population=14, evolution_windows=12)
+        found = identify_upside_down(ALTEN, log, generations=60, population=14, evolution_windows=12)
         truth = {
             "b": FRICTION.viscous,
             "c": FRICTION.coulomb,
