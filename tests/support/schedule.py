@@ -1,8 +1,8 @@
 """In which order the tests run, and which files stay together on one worker.
 
 The fast tests run first. Among them, and among the slow ones, the files that take longest come first, so that no
-worker is left with one of them at the end. The first file compiles the engines that most others then read from disk;
-the next ones, on other workers, can do without them.
+worker is left with one of them at the end. The first file compiles the engine that most others then read from disk;
+the next ones, on another worker, need other engines or none for as long as that takes.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ ORDER: tuple[str | tuple[str, ...], ...] = (
     "tests/control/test_parts.py",
     ("tests/vision/",),
     ("tests/validation/test_alignment",),
+    "tests/control/test_missing_samples.py",
+    "tests/log/test_course_logs.py",
     "tests/workflows/test_study.py",
     "tests/identification/test_identify.py",
     "tests/identification/test_upside_down.py",
@@ -32,7 +34,6 @@ ORDER: tuple[str | tuple[str, ...], ...] = (
         "tests/validation/test_validation.py",
         "tests/validation/test_model",
     ),
-    "tests/control/test_missing_samples.py",
     "tests/mechanics/test_friction_law.py",
     "tests/mechanics/test_pivoting.py",
     "tests/fitting/test_between_logs.py",
@@ -40,7 +41,6 @@ ORDER: tuple[str | tuple[str, ...], ...] = (
     "tests/identification/test_driveline.py",
     "tests/firmware/",
     "tests/workflows/",
-    "tests/log/test_course_logs.py",
     "tests/mechanics/",
     "tests/simulation/",
     ("tests/test_findings.py", "tests/test_structure.py"),
