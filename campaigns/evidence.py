@@ -71,6 +71,7 @@ CAMPAIGNS = {
     "firmware_timing": "campaigns.firmware_timing",
     "firmware_numbers": "campaigns.firmware_numbers",
     "firmware_loop": "campaigns.firmware_loop",
+    "link_fuzz": "campaigns.link_fuzz",
     "board": "campaigns.board",
     "reproduce": "campaigns.reproduce",
 }

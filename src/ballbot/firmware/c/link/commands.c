@@ -156,6 +156,7 @@ static void obey_at_rest(struct ballbot_link *link, struct ballbot_state *state,
         commit(link, state, parameters, frame);
     } else {
         ballbot_start_self_test(state);
+        link->ramp = 0.0f; /* of an arming that has ended */
         link->governs = true;
         ballbot_link_answer(link, frame, BALLBOT_RESULT_OK, 0);
     }
