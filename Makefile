@@ -2,7 +2,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: demo test fast board samples bench evidence format types clean
+.PHONY: demo test fast browser board samples bench evidence format types clean
 
 demo: .venv/.demo  ## record a balancing robot on the twin, study its logs, name the report
 	@echo "1 of 3: record 48 s around a square on the physics-engine twin"
@@ -13,10 +13,13 @@ demo: .venv/.demo  ## record a balancing robot on the twin, study its logs, name
 	@$(BIN)/ballbot study alten demo/square/log.csv demo/figure_eight/log.csv --plant twin --out demo
 
 test: .venv/.test  ## all tests, the fast ones first
-	$(BIN)/python -m pytest -m "not sample and not board" -n auto --dist loadfile
+	$(BIN)/python -m pytest -m "not sample and not board and not browser" -n auto --dist loadfile
 
 fast: .venv/.test  ## the fast tests alone
-	$(BIN)/python -m pytest -m "not slow and not sample and not board" -n auto --dist loadfile
+	$(BIN)/python -m pytest -m "not slow and not sample and not board and not browser" -n auto --dist loadfile
+
+browser: .venv/.test  ## pages in headless Chromium; skips without Chromium, with the reason
+	$(BIN)/python -m pytest -m browser -rs
 
 board: .venv/.test  ## the firmware on a whole board under QEMU; skips what is not installed, with the reason
 	$(BIN)/python -m pytest -m board -rs

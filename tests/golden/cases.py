@@ -38,9 +38,9 @@ def _command(
     sampled: bool = False,
     alone: bool = False,
 ) -> Case:
-    """Return the case of a command line, whose folder is the one of its name unless the line has an --out."""
+    """Return the case of a command line, whose folder is the one of its name unless the line has --out or --save."""
     words = tuple(line.split())
-    out = () if "--out" in words else ("--out", name)
+    out = () if {"--out", "--save"} & set(words) else ("--out", name)
     return Case(name=name, words=(*words, *out), needs=needs, code=code, sampled=sampled, alone=alone)
 
 
@@ -85,6 +85,12 @@ CASES: tuple[Case, ...] = (
         "check-log foreign/log.csv --robot alten --mapping files/mapping.toml",
         needs=("foreign",),
         code=2,  # as identify_foreign: its torques are taken for duties, and are late
+        sampled=True,
+    ),
+    _command(
+        "view",
+        f"view square={_WALK} later=record_square/truth.csv --robot {_ROBOT} --save view/replay.html",
+        needs=("record_square",),
         sampled=True,
     ),
     _command(

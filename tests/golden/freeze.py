@@ -1,7 +1,7 @@
 """What a golden keeps of the files that a command writes.
 
 Kept: every number, truth value and word of results.json and of TOML files, each column of CSV files, the elements of
-MJCF, the names of all other files, and the exit code.
+MJCF, the data of pages with a replay, the names of all other files, and the exit code.
 Not kept:
 
 - keys in `REMOVED_KEYS`, which differ from run to run, or whenever a file's comments change;
@@ -10,7 +10,7 @@ Not kept:
   verdicts, units and names of one word stay.
 
 A list of more than `LONGEST` numbers becomes a text: `DIGEST`, its shape, its first, middle and last number, and a
-checksum of all of them.
+checksum of all of them. A word longer than `LONGEST_WORD`, as the packed column of a replay, becomes its checksum.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import csv
 import hashlib
 import importlib.metadata
 import json
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -33,6 +34,7 @@ PROSE = "<prose>"
 #: how the text begins that stands for a long list
 DIGEST = "<numbers>"
 LONGEST = 9  #: numbers
+LONGEST_WORD = 500  #: characters
 
 _PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "mujoco", "cmaes", "opencv-python-headless", "ziglang")
 
@@ -56,6 +58,8 @@ def freeze(value: Json) -> Json:
     if isinstance(value, dict):
         return {key: freeze(one) for key, one in value.items() if key not in REMOVED_KEYS}
     if isinstance(value, str):
+        if " " not in value.strip() and len(value) > LONGEST_WORD:
+            return f"{DIGEST} sha256 {hashlib.sha256(value.encode()).hexdigest()[:16]}"
         return PROSE if " " in value.strip() else value
     if isinstance(value, list):
         shape = _shape(value)
@@ -82,6 +86,11 @@ def _freeze_file(path: Path) -> Json:
         return _freeze_columns(path)
     if path.suffix == ".xml":
         return _freeze_xml(path)
+    if path.suffix == ".html":
+        found = re.search(
+            r'<script type="application/json"[^>]*>(.*?)</script>', path.read_text("utf-8"), re.DOTALL
+        )
+        return freeze(json.loads(found[1])) if found else None
     return None
 
 

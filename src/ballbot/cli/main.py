@@ -68,6 +68,7 @@ COMMANDS = (
     Command("check-log", "Logs", "Check a log and show what it can be used for."),
     Command("simulate", "Logs", "Simulate a robot in closed loop and write a log."),
     Command("record", "Logs", "Record logs from the physics-engine twin."),
+    Command("view", "Logs", "Show logs of a robot in three dimensions, in the browser."),
     Command("align", "Logs", "Compare a log's sensors with motion capture."),
     Command("spin", "Logs", "Measure the ball's velocity in a video of its seam."),
     Command("identify", "Identification", "Identify a robot's friction from its logs."),

@@ -1,0 +1,384 @@
+"""What a log shows at even times: the robot's pose, the ball's rotation, the wheels, friction, signals to plot.
+
+    Omega = R z,    z = T_obw wheel speeds + w,    q_(k+1) = exp(Omega dt) q_k
+
+The ball's rotation is not in a log; it is integrated from the ball's angular velocity if the log has it
+(`ball_omega_x` .., body frame). If not, it follows from wheel speeds and body rates; without these from the position,
+of a ball that rolls without slip and does not pivot. Wheel angles come from the encoders, else from the wheels' speeds,
+else from that rolling.
+
+A log with more rows than a picture a fiftieth of a second is thinned: angles and positions are interpolated, and of a
+torque the least and the greatest value in each interval are kept, so that no peak is lost.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.log import Log
+from ballbot.log.columns import (
+    POSITION_NAMES,
+    STATE_NAMES,
+    TRUE_PREFIX,
+    torque_names,
+    wheel_angle_names,
+    wheel_speed_names,
+)
+from ballbot.log.pose import with_position
+from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
+from ballbot.robot import Robot
+
+#: least time between pictures, and the longest log [s]
+INTERVAL, LONGEST = 0.02, 600.0
+_BALL_RATES = ("ball_omega_x", "ball_omega_y", "ball_omega_z")
+_QUATERNION = ("ball_w", "ball_x", "ball_y", "ball_z")
+
+Columns = dict[str, NDArray[np.float64]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Signal:
+    """A time series to plot."""
+
+    name: str
+    short: str  #: in a line with others
+    unit: str
+    columns: tuple[str, ...]  #: one, or the least and the greatest value in each interval
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """A log as it is shown: rows at even times from the log's start."""
+
+    interval: float  #: [s]
+    columns: Columns  #: (K,) by name, SI units except where a signal says otherwise
+    signals: tuple[Signal, ...]
+    notes: tuple[str, ...]  #: where the motion comes from, in sentences
+
+    @property
+    def rows(self) -> int:
+        """Number of rows, K."""
+        return len(self.columns["x"])
+
+
+def robot_at_rest(robot: Robot) -> Motion:
+    """Return the motion of a robot that stands upright: one row."""
+    zero, one = np.zeros(1), np.ones(1)
+    columns = dict.fromkeys((*POSITION_NAMES, *wheel_angle_names(robot.wheel_count), *_QUATERNION[1:]), zero)
+    notes = ("The robot stands upright; no log is shown.", _BODY_NOTE)
+    return Motion(interval=INTERVAL, columns=columns | {"ball_w": one}, signals=(), notes=notes)
+
+
+_BODY_NOTE = (
+    "A robot file does not describe the body's shape: its width and height are those of two discs with its mass and "
+    "inertia."
+)
+
+
+def motion_of(log: Log, robot: Robot) -> Motion:
+    """Return what a log of a balancing robot shows.
+
+    Parameters
+    ----------
+    log : Log
+        With theta, phi and psi, and with x and y or what gives them (`ballbot.log.pose.with_position`). True states
+        of a simulated run come before the measured ones.
+    robot : Robot
+        Its geometry, and its friction if the log has wheel speeds.
+
+    Raises
+    ------
+    InputError
+        If a column is missing or empty, the log is longer than `LONGEST`, or has another number of wheels.
+    """
+    _check(log, robot)
+    log, notes = _posed(log, robot)
+    times, interval = _times(log)
+    wheels, source = _wheel_angles(log, robot)
+    ball, ball_source = _ball_rotation(log, robot)
+    notes = [*notes, f"Ball rotation: {ball_source}.", f"Wheel angles: {source}.", _BODY_NOTE]
+    columns = {name: _between(times, log.t, log[name]) for name in ("x", "y", "theta", "phi")}
+    columns["psi"] = _between(times, log.t, _unwrapped(log["psi"]))
+    columns |= dict(zip(wheel_angle_names(robot.wheel_count), _rows_at(times, log.t, wheels).T, strict=True))
+    columns |= dict(zip(_QUATERNION, _rows_at(times, log.t, ball).T, strict=True))
+    columns |= _references(log, times)
+    forces, signals = _forces(log, robot, times, interval, notes)
+    columns |= forces
+    plotted, others = _signals(log, columns, times)
+    return Motion(
+        interval=interval, columns=columns | plotted, signals=(*others, *signals), notes=tuple(notes)
+    )
+
+
+def _check(log: Log, robot: Robot) -> None:
+    span = float(log.t[-1] - log.t[0])
+    if span > LONGEST:
+        raise InputError(
+            f"The log is {span:.4g} s long; a replay shows at most {LONGEST:g} s. Choose a part with --start and --end."
+        )
+    extra = f"wheel{robot.wheel_count + 1}"
+    for name in (extra, f"{extra}_dot", f"u{robot.wheel_count + 1}"):
+        if name in log:
+            raise InputError(
+                f"The log has a column {name}, but the robot {robot.name!r} has {robot.wheel_count} wheels. Name the "
+                "log's own robot with --robot."
+            )
+
+
+def _posed(log: Log, robot: Robot) -> tuple[Log, list[str]]:
+    """Return the log with the states to show, and sentences on them."""
+    names = [TRUE_PREFIX + name for name in STATE_NAMES]
+    if all(name in log and np.isfinite(log[name]).any() for name in names):
+        return log.truth(), [
+            "The pose is the simulation's true one, not the estimate that the controller used."
+        ]
+    missing = [name for name in ("theta", "phi", "psi") if name not in log]
+    if missing:
+        raise InputError(
+            f"The log has no {' and no '.join(missing)}, without which there is no pose to show. `ballbot check-log` "
+            "shows what the log has."
+        )
+    by_wheels = "x" not in log
+    log = with_position(log, robot)
+    empty = [name for name in POSITION_NAMES if name not in log or not np.isfinite(log[name]).any()]
+    if empty:
+        raise InputError(
+            f"The log has no values of {' and '.join(empty)}, without which there is no pose to show."
+        )
+    gaps = [name for name in POSITION_NAMES if not np.isfinite(log[name]).all()]
+    notes = (
+        ["Position: computed from the wheels' speeds."] if by_wheels else ["Pose: as measured in the log."]
+    )
+    if gaps:
+        notes.append(f"Missing values of {', '.join(gaps)} are interpolated.")
+    return log, notes
+
+
+def _times(log: Log) -> tuple[NDArray[np.float64], float]:
+    """Return the times to show (K,), from the log's first to its last, and their interval [s]."""
+    span = float(log.t[-1] - log.t[0])
+    if len(log) < 2:
+        return log.t[:1].copy(), INTERVAL
+    steps = max(1, round(span / max(INTERVAL, log.sample_time)))
+    return log.t[0] + span / steps * np.arange(steps + 1), span / steps
+
+
+def _between(
+    times: NDArray[np.float64], t: NDArray[np.float64], values: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return values at other times, on lines between those that are known."""
+    known = np.isfinite(values)
+    return np.interp(times, t[known], values[known])
+
+
+def _rows_at(
+    times: NDArray[np.float64], t: NDArray[np.float64], table: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    return np.column_stack([_between(times, t, column) for column in table.T])
+
+
+def _unwrapped(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return an angle (N,) without jumps of a whole turn; NaN stays."""
+    known = np.isfinite(angle)
+    whole = angle.copy()
+    whole[known] = np.unwrap(angle[known])
+    return whole
+
+
+def _has(log: Log, names: Sequence[str]) -> bool:
+    """Return whether the log has columns with a value in every row."""
+    return all(name in log and bool(np.isfinite(log[name]).all()) for name in names)
+
+
+def _attitude(log: Log) -> NDArray[np.float64]:
+    """Return theta, phi and psi (N, 3) in every row."""
+    angles = (log["theta"], log["phi"], _unwrapped(log["psi"]))
+    return np.column_stack([_between(log.t, log.t, one) for one in angles])
+
+
+def _body_rates(log: Log) -> NDArray[np.float64]:
+    """Return the body's angular velocity w (N, 3), body frame, from the angles' differences."""
+    angles = _attitude(log)
+    rates = np.gradient(angles, log.t, axis=0)
+    return np.einsum("nij,nj->ni", body_rates_matrix(*angles.T), rates)
+
+
+def _rolling_rates(log: Log, robot: Robot) -> NDArray[np.float64]:
+    """Return the angular velocity Omega (N, 3) of a ball that rolls along the log's position, world frame."""
+    x, y = (_between(log.t, log.t, log[name]) for name in ("x", "y"))
+    x_dot, y_dot = np.gradient(x, log.t), np.gradient(y, log.t)
+    return np.column_stack((-y_dot, x_dot, np.zeros(len(log)))) / robot.ball.radius
+
+
+def _ball_rotation(log: Log, robot: Robot) -> tuple[NDArray[np.float64], str]:
+    """Return quaternions (N, 4) of the ball, world from ball, wxyz, without jumps of sign; and their source."""
+    if len(log) < 2:
+        return np.array([[1.0, 0.0, 0.0, 0.0]]), "not known from a single row"
+    speeds = wheel_speed_names(robot.wheel_count)
+    R = rotation(*_attitude(log).T)
+    if _has(log, _BALL_RATES):
+        z, source = (
+            np.column_stack([log[name] for name in _BALL_RATES]),
+            "the log's angular velocity of the ball",
+        )
+        Omega = np.einsum("nij,nj->ni", R, z)
+    elif _has(log, speeds):
+        z = np.column_stack([log[name] for name in speeds]) @ transforms(robot).T_obw.T + _body_rates(log)
+        Omega, source = np.einsum("nij,nj->ni", R, z), "from the wheels' speeds and the body's rates"
+    else:
+        Omega, source = _rolling_rates(log, robot), "from the position, rolling without slip or pivoting"
+    return integrated_rotation(0.5 * (Omega[1:] + Omega[:-1]) * np.diff(log.t)[:, None]), source
+
+
+def integrated_rotation(turns: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the orientations after small turns, one after the other.
+
+    Parameters
+    ----------
+    turns : ndarray (n, 3)
+        Rotation vectors [rad] in the world frame.
+
+    Returns
+    -------
+    ndarray (n + 1, 4)
+        Unit quaternions wxyz, the first without rotation, each next to its predecessor in sign.
+    """
+    angle = np.linalg.norm(turns, axis=1)
+    half_sine = 0.5 * np.sinc(angle / (2.0 * math.pi))  # sin(angle / 2) / angle, also at zero
+    steps = np.column_stack((np.cos(angle / 2.0), half_sine[:, None] * turns)).tolist()
+    w, x, y, z = 1.0, 0.0, 0.0, 0.0
+    found = [(w, x, y, z)]
+    for a, b, c, d in steps:  # step times orientation: the turn is in the world frame
+        w, x, y, z = (
+            a * w - b * x - c * y - d * z,
+            a * x + b * w + c * z - d * y,
+            a * y - b * z + c * w + d * x,
+            a * z + b * y - c * x + d * w,
+        )
+        found.append((w, x, y, z))
+    quaternions = np.array(found)
+    quaternions /= np.linalg.norm(quaternions, axis=1)[:, None]
+    flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0
+    return quaternions * np.concatenate(([1.0], np.cumprod(np.where(flips, -1.0, 1.0))))[:, None]
+
+
+def _wheel_angles(log: Log, robot: Robot) -> tuple[NDArray[np.float64], str]:
+    """Return the wheels' angles (N, n) from the log's start, and their source."""
+    angles, speeds = wheel_angle_names(robot.wheel_count), wheel_speed_names(robot.wheel_count)
+    if _has(log, angles):
+        table = np.column_stack([log[name] for name in angles])
+        return table - table[0], "the encoders"
+    if len(log) < 2:
+        return np.zeros((1, robot.wheel_count)), "not known from a single row"
+    if _has(log, speeds):
+        rates, source = np.column_stack([log[name] for name in speeds]), "the sum of the wheels' speeds"
+    else:
+        z = np.einsum("nji,nj->ni", rotation(*_attitude(log).T), _rolling_rates(log, robot))
+        rates, source = (z - _body_rates(log)) @ transforms(robot).T_owb.T, "from the position, without slip"
+    steps = 0.5 * (rates[1:] + rates[:-1]) * np.diff(log.t)[:, None]
+    return np.concatenate((np.zeros((1, robot.wheel_count)), np.cumsum(steps, axis=0))), source
+
+
+def _references(log: Log, times: NDArray[np.float64]) -> Columns:
+    if not all(name in log and np.isfinite(log[name]).any() for name in ("ref_x", "ref_y")):
+        return {}
+    found = {name: _between(times, log.t, log[name]) for name in ("ref_x", "ref_y")}
+    if "ref_psi" in log and np.isfinite(log["ref_psi"]).any():
+        found["ref_psi"] = _between(times, log.t, log["ref_psi"])
+    return found
+
+
+def _forces(
+    log: Log, robot: Robot, times: NDArray[np.float64], interval: float, notes: list[str]
+) -> tuple[Columns, list[Signal]]:
+    """Return torques and friction as columns, and the signals of torques and wheel speeds."""
+    columns: Columns = {}
+    signals = []
+    torques, speeds = torque_names(robot.wheel_count), wheel_speed_names(robot.wheel_count)
+    if _has(log, torques):
+        sizes = np.max([np.abs(log[name]) for name in torques], axis=0)
+        columns["torque_low"], columns["torque_high"] = _extremes(times, interval, log.t, sizes)
+        signals.append(_banded("largest wheel torque", "torque", "N m", "torque"))
+        for number, name in enumerate(torques, start=1):
+            columns[f"{name}_low"], columns[f"{name}_high"] = _extremes(times, interval, log.t, log[name])
+            signals.append(_banded(f"torque of wheel {number}", f"u{number}", "N m", name))
+    if not _has(log, speeds):
+        return columns, signals
+    rates = np.column_stack([log[name] for name in speeds])
+    for number, name in enumerate(speeds, start=1):
+        columns[name] = _between(times, log.t, log[name])
+        one = Signal(name=f"speed of wheel {number}", short=f"w{number}", unit="rad/s", columns=(name,))
+        signals.append(one)
+    columns |= _friction(log, robot, rates, times)
+    known = "friction1" in columns
+    notes.append(
+        "Friction arrows: the robot file's friction at the log's wheel speeds."
+        if known
+        else f"No friction arrows: the robot {robot.name!r} has no friction in its file."
+    )
+    return columns, signals
+
+
+def _banded(name: str, short: str, unit: str, column: str) -> Signal:
+    return Signal(name=name, short=short, unit=unit, columns=(f"{column}_low", f"{column}_high"))
+
+
+def _friction(log: Log, robot: Robot, rates: NDArray[np.float64], times: NDArray[np.float64]) -> Columns:
+    """Return the friction of each wheel [N m] and of the floor on the ball [N], if the robot file has any."""
+    if not any((*robot.friction.viscous, *robot.friction.breakaway, robot.friction.rolling)):
+        return {}
+    from ballbot.mechanics.floor import rolling_friction  # with compiled code, which other robots do without
+    from ballbot.mechanics.friction import wheel_friction
+
+    names = torque_names(robot.wheel_count)
+    torques = np.column_stack([log[name] for name in names]) if _has(log, names) else None
+    found = wheel_friction(rates, robot.friction, torque=torques)
+    columns = {f"friction{i + 1}": _between(times, log.t, one) for i, one in enumerate(found.T)}
+    velocity = _rolling_rates(log, robot)[:, [1, 0]] * robot.ball.radius * (1.0, -1.0)
+    # below the speed of a millimetre a second the differences of a measured position are mostly noise
+    force = rolling_friction(velocity, robot.rolling_force, slowest=1e-3)
+    return columns | {
+        f"floor_{axis}": _between(times, log.t, one) for axis, one in zip("xy", force.T, strict=True)
+    }
+
+
+def _extremes(
+    times: NDArray[np.float64], interval: float, t: NDArray[np.float64], values: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the least and the greatest of the values that hold within each interval from the times on."""
+    last = len(t) - 1
+    first = np.clip(np.searchsorted(t, times + 1e-9 * interval, side="right") - 1, 0, last)
+    end = np.maximum(np.searchsorted(t, times + (1.0 - 1e-6) * interval), first + 1)
+    most = int((end - first).max())
+    rows = np.minimum(first[:, None] + np.arange(most), (end - 1)[:, None])
+    return values[rows].min(axis=1), values[rows].max(axis=1)
+
+
+def _signals(log: Log, columns: Columns, times: NDArray[np.float64]) -> tuple[Columns, list[Signal]]:
+    """Return the signals that follow from the pose: distance, lean, heading, speed."""
+    found: Columns = {}
+    signals = []
+
+    def add(name: str, short: str, unit: str, column: str, values: NDArray[np.float64]) -> None:
+        found[column] = values
+        signals.append(Signal(name=name, short=short, unit=unit, columns=(column,)))
+
+    if "ref_x" in columns:
+        distance = np.hypot(columns["x"] - columns["ref_x"], columns["y"] - columns["ref_y"])
+        add("distance from the reference", "off by", "mm", "distance", 1000.0 * distance)
+    upright = np.cos(columns["theta"]) * np.cos(columns["phi"])
+    add("lean", "lean", "°", "lean", np.degrees(np.arccos(np.clip(upright, -1.0, 1.0))))
+    add("heading", "heading", "°", "heading", np.degrees(columns["psi"]))
+    if "ref_psi" in columns:
+        error = np.degrees(columns["psi"] - columns["ref_psi"])
+        add("heading error", "heading off by", "°", "heading_error", error)
+    if all(name in log and np.isfinite(log[name]).any() for name in ("x_dot", "y_dot")):
+        x_dot, y_dot = (_between(times, log.t, log[name]) for name in ("x_dot", "y_dot"))
+        add("speed", "speed", "m/s", "speed", np.hypot(x_dot, y_dot))
+    return found, signals

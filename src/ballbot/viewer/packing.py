@@ -1,0 +1,42 @@
+"""Columns as few bytes of text: whole numbers of 16 bits where these resolve the column, else floats of 32 bits.
+
+The text is base64 of little-endian numbers. Of a column of whole numbers k the value is offset + step k, and 65535
+marks a missing value; the error is at most half a step.
+"""
+
+from __future__ import annotations
+
+import base64
+
+import numpy as np
+from numpy.typing import NDArray
+
+_MISSING = 65535
+#: a value may be off by this share of the column's unit (m, rad, N m, mm, degrees): below what a picture shows
+RESOLUTION = 1e-4
+
+
+def packed(values: NDArray[np.float64], *, resolution: float = RESOLUTION) -> dict[str, object]:
+    """Return a column (K,) as the page reads it, each value within `resolution` or a float's own."""
+    known = values[np.isfinite(values)]
+    offset = float(known.min()) if known.size else 0.0
+    step = (float(known.max()) - offset) / (_MISSING - 1) if known.size else 0.0
+    if step > 2.0 * resolution:
+        return {"kind": "float32", "data": _text(values.astype("<f4"))}
+    scale = step or 1.0
+    whole = np.where(np.isfinite(values), np.rint((values - offset) / scale), _MISSING).astype("<u2")
+    return {"kind": "uint16", "offset": offset, "step": scale, "data": _text(whole)}
+
+
+def unpacked(column: dict[str, object]) -> NDArray[np.float64]:
+    """Return the values (K,) of a packed column, as the page computes them; NaN where missing."""
+    data = base64.b64decode(str(column["data"]))
+    if column["kind"] == "float32":
+        return np.frombuffer(data, dtype="<f4").astype(np.float64)
+    whole = np.frombuffer(data, dtype="<u2")
+    offset, step = (float(str(column[name])) for name in ("offset", "step"))
+    return np.where(whole == _MISSING, np.nan, offset + step * whole)
+
+
+def _text(numbers: NDArray[np.generic]) -> str:
+    return base64.b64encode(numbers.tobytes()).decode("ascii")

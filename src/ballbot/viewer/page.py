@@ -1,0 +1,223 @@
+"""The replay as HTML: one page that opens from disk, or a part of another page.
+
+The page has no address of anything else: scripts, styles and data are in it. Its Content-Security-Policy allows these
+by their SHA-256 and nothing more, so that no script that a log's name could bring runs, and nothing is sent or fetched.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Literal
+
+import numpy as np
+
+from ballbot.errors import InputError
+from ballbot.log import Log
+from ballbot.printable import printable_line
+from ballbot.robot import Robot
+from ballbot.robot.drawing import body_shape, row_offsets, wheel_shapes
+from ballbot.viewer.motion import Motion, motion_of, robot_at_rest
+from ballbot.viewer.packing import packed
+
+#: robots side by side, or all in one place with the others as ghosts of the first
+Layout = Literal["side", "ghosts"]
+
+#: logs in one replay
+MOST_RUNS = 4
+#: in the order in which they use one another
+_SCRIPTS = ("linear", "meshes", "renderer", "runs", "camera", "scene", "plots", "replay")
+#: length of the arrow of a large force [m], over the ball's radius
+_ARROW = 2.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayPart:
+    """A replay to stand within a page: its element with its data, and what the page needs once."""
+
+    element: str  #: HTML
+    style: str  #: CSS
+    script: str  #: runs after the elements, for all of them
+
+
+def replay_part(
+    logs: Mapping[str, Log],
+    robot: Robot | Mapping[str, Robot],
+    *,
+    layout: Layout = "side",
+    autoplay: bool = False,
+    name: str = "replay",
+) -> ReplayPart:
+    """Return a replay of logs as a part of a page.
+
+    Parameters
+    ----------
+    logs : mapping of str to Log
+        By name, at most `MOST_RUNS`; time counts from each log's start. Without a log the robots stand at rest.
+    robot : Robot or mapping of str to Robot
+        Of all logs, or of each by the log's name.
+    layout : {"side", "ghosts"}
+        How several logs are shown at first; the page can change it.
+    autoplay : bool
+        Whether it plays at once.
+    name : str
+        Different for each replay of a page.
+
+    Raises
+    ------
+    InputError
+        If there is no robot or there are too many logs, or one cannot be shown (`ballbot.viewer.motion.motion_of`).
+    """
+    data = _replay_data(logs, robot, layout=layout, autoplay=autoplay)
+    # no "<" can end the script's element
+    text = json.dumps(data, ensure_ascii=True, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+    identifier = html.escape(name, quote=True)
+    element = (
+        f'<div data-ballbot-replay="{identifier}"><noscript>The replay needs JavaScript.</noscript></div>\n'
+        f'<script type="application/json" id="{identifier}">{text}</script>'
+    )
+    return ReplayPart(element=element, style=_web("replay.css"), script=_script())
+
+
+def replay_page(
+    logs: Mapping[str, Log],
+    robot: Robot | Mapping[str, Robot],
+    *,
+    title: str,
+    layout: Layout = "side",
+    autoplay: bool = True,
+) -> str:
+    """Return a replay of logs as a whole page; see `replay_part`."""
+    part = replay_part(logs, robot, layout=layout, autoplay=autoplay)
+    return page_of(part, title=title)
+
+
+def page_of(part: ReplayPart, *, title: str) -> str:
+    """Return a page with a title and a replay."""
+    style = part.style + _web("page.css")
+    policy = (
+        f"default-src 'none'; script-src {_hash(part.script)}; style-src {_hash(style)}; base-uri 'none'; "
+        "form-action 'none'"
+    )
+    shown = html.escape(printable_line(title))
+    return f"""<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="{policy}">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="color-scheme" content="light dark">
+<title>{shown}</title>
+<style>{style}</style>
+</head>
+<body>
+<main>
+<header><h1>{shown}</h1><button type="button" data-ballbot-theme>Theme</button></header>
+{part.element}
+</main>
+<script>{part.script}</script>
+</body>
+</html>
+"""
+
+
+def _hash(text: str) -> str:
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+@cache
+def _web(name: str) -> str:
+    return (files("ballbot.viewer") / "web" / name).read_text(encoding="utf-8")
+
+
+@cache
+def _script() -> str:
+    parts = "\n".join(_web(f"{name}.js") for name in _SCRIPTS)
+    return f'(() => {{\n"use strict";\n{parts}\n}})();'
+
+
+def _replay_data(
+    logs: Mapping[str, Log], robot: Robot | Mapping[str, Robot], *, layout: Layout, autoplay: bool
+) -> dict[str, object]:
+    robots = dict.fromkeys(logs or [robot.name], robot) if isinstance(robot, Robot) else dict(robot)
+    names = list(logs) or list(robots)
+    if not names:
+        raise InputError("There is nothing to show. Name one or more logs, or a robot.")
+    if len(names) > MOST_RUNS:
+        raise InputError(f"{len(names)} logs are given; a replay shows at most {MOST_RUNS}.")
+    motions = {}
+    for name in names:
+        try:
+            motions[name] = motion_of(logs[name], robots[name]) if logs else robot_at_rest(robots[name])
+        except InputError as error:
+            raise InputError(f"{name}: {error}") from None
+    return {
+        "layout": layout,
+        "autoplay": autoplay,
+        "arrow": _arrow([(motions[name], robots[name]) for name in names]),
+        "runs": [_run(name, motions[name], robots[name]) for name in names],
+    }
+
+
+def _run(name: str, motion: Motion, robot: Robot) -> dict[str, object]:
+    return {
+        "name": printable_line(name),
+        "robot": robot_shape(robot),
+        "interval": motion.interval,
+        "rows": motion.rows,
+        "columns": {key: packed(values) for key, values in motion.columns.items()},
+        "signals": [asdict(one) for one in motion.signals],
+        "notes": [printable_line(note) for note in motion.notes],
+    }
+
+
+def robot_shape(robot: Robot) -> dict[str, object]:
+    """Return what the page draws of a robot, in the body frame with its origin at the ball's center [m]."""
+    body, wheels, radius = body_shape(robot.body), robot.wheels, robot.wheels.radius
+    shapes = wheel_shapes(robot)
+    half = (wheels.rollers.rows - 1) * wheels.rollers.row_spacing / 2.0 + wheels.rollers.radius
+    above = radius * abs(np.cos(wheels.tilt)) + half * abs(np.sin(wheels.tilt))
+    highest = max(float(one.center[2]) for one in shapes) + above
+    # the lower of the body's two discs may lie within ball and wheels: what is drawn begins above them
+    bottom = max(body.bottom, robot.ball.radius, highest) + 0.2 * radius
+    return {
+        "ball_radius": robot.ball.radius,
+        "wheel_radius": radius,
+        "rollers": {
+            "radius": wheels.rollers.radius,
+            "half_length": float(np.sqrt(radius * wheels.rollers.radius)),
+            "per_row": wheels.rollers.per_row,
+            "offsets": row_offsets(wheels).tolist(),
+        },
+        "wheels": [
+            {key: getattr(one, key).tolist() for key in ("contact", "rolling", "axle", "center")}
+            for one in shapes
+        ],
+        "body": {"radius": body.radius, "bottom": bottom, "top": max(body.top, bottom + radius)},
+    }
+
+
+def _arrow(shown: Sequence[tuple[Motion, Robot]]) -> dict[str, float] | None:
+    """Return how long the arrow of a force is: `metres` for `newtons`, round; None if no log has torques."""
+    forces, radius = [], 0.0
+    for motion, robot in shown:
+        radius = max(radius, robot.ball.radius)
+        if "torque_high" in motion.columns:
+            forces.append(float(np.quantile(motion.columns["torque_high"], 0.95)) / robot.wheels.radius)
+    largest = max(forces, default=0.0)
+    if not largest > 0.0:
+        return None
+    newtons = _round_below(largest)
+    return {"newtons": newtons, "metres": _ARROW * radius * newtons / largest}
+
+
+def _round_below(value: float) -> float:
+    """Return 1, 2 or 5 times a power of ten, the greatest up to a value above zero."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(max(one * power for one in (1.0, 2.0, 5.0) if one * power <= value * (1.0 + 1e-12)))

@@ -1,0 +1,77 @@
+"""`ballbot view`: which robot a log has, labels, parts of a log, what it refuses."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from ballbot.cli.main import main
+from ballbot.robot import Robot
+from ballbot.robot.file import write_robot
+from tests.support.log_examples import smooth_log
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    smooth_log(rows=400).write(tmp_path / "log.csv")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or True)
+    opened.clear()
+    return tmp_path
+
+
+opened: list[str] = []
+
+
+def refused(capsys, *words):
+    assert main(["view", *words]) == 2
+    return capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("folder")
+def test_saved_page_has_the_logs_by_their_labels(capsys):
+    shutil.copy("log.csv", "other.csv")
+    assert main(["view", "with=log.csv", "other.csv", "--robot", "alten", "--save", "out/replay.html"]) == 0
+    page = Path("out/replay.html").read_text(encoding="utf-8")
+    assert '"name":"with"' in page
+    assert '"name":"other"' in page
+    assert "out/replay.html" in capsys.readouterr().out
+    assert opened == []
+
+
+@pytest.mark.usefixtures("folder")
+def test_page_is_opened_without_save():
+    assert main(["view", "alten"]) == 0
+    (address,) = opened
+    assert address.startswith("file:///")
+    assert Path(address.removeprefix("file://")).is_file()
+
+
+def test_robot_beside_the_log_is_its_robot(folder, capsys):
+    assert "--robot" in refused(capsys, "log.csv", "--save", "replay.html")
+    write_robot(Robot.load("alten").replace(name="mine"), folder / "robot.toml")
+    assert main(["view", "log.csv", "--save", "replay.html"]) == 0
+
+
+@pytest.mark.usefixtures("folder")
+def test_part_of_a_log_is_shown(capsys):
+    words = ["view", "log.csv", "--robot", "alten", "--start", "0.5", "--end", "1.0", "--save", "replay.html"]
+    assert main(words) == 0
+    assert '"rows":26' in Path("replay.html").read_text(encoding="utf-8")  # 0.495 s at 50 Hz
+    assert "no row from" in refused(capsys, "log.csv", "--robot", "alten", "--start", "9", "--save", "r.html")
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ((), "nothing to show"),
+        (("alten", "log.csv"), "--robot alten"),
+        (("a=log.csv", "a=other.csv", "--robot", "alten"), "label 'a'"),
+        (("missing.csv", "--robot", "alten"), "missing.csv cannot be read"),
+        (("log.csv", "--robot", "alten", "--save", "."), "a file is needed"),
+    ],
+)
+def test_bad_words_are_refused_in_a_sentence(capsys, words, sentence):
+    assert sentence in refused(capsys, *words)
+    assert not Path("replay.html").exists()

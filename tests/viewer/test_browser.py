@@ -1,0 +1,213 @@
+"""The replay in a browser, as a reader uses it: open from disk, play, scrub, slow down, orbit, both themes, a phone.
+
+The pictures that it takes are kept in the folder that BALLBOT_SCREENSHOTS names, for people to look at.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ballbot.mechanics.geometry import rotation
+from ballbot.robot import Robot
+from ballbot.viewer import replay_page
+from tests.support.browser import headless_browser, new_tab
+from tests.support.log_examples import smooth_log, with_wheels
+
+pytestmark = pytest.mark.browser
+
+ALTEN = Robot.load("alten")
+CLOCK = "parseFloat(document.querySelector('.clock').textContent)"
+WIDTH = "document.documentElement.scrollWidth"
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    with headless_browser(tmp_path_factory.mktemp("profile")) as address:
+        yield address
+
+
+@pytest.fixture
+def tab(browser):
+    with new_tab(browser) as page:
+        page.screen(1280, 800)
+        yield page
+
+
+@pytest.fixture(scope="module")
+def replay(tmp_path_factory):
+    log = with_wheels(smooth_log(), ALTEN)
+    reference = {"ref_x": 0.3 * np.sin(1.1 * log.t), "ref_y": 0 * log.t}
+    other = log.with_columns({"x": log["x"] + 0.05}).with_columns(reference)
+    logs = {"a straight run": log.with_columns(reference), "a shifted run": other}
+    path = tmp_path_factory.mktemp("replay") / "replay.html"
+    path.write_text(replay_page(logs, ALTEN, title="two runs"), encoding="utf-8")
+    return path
+
+
+def keep(picture: bytes, name: str) -> None:
+    folder = os.environ.get("BALLBOT_SCREENSHOTS")
+    if folder:
+        (Path(folder) / f"{name}.png").write_bytes(picture)
+
+
+def press(tab, selector):
+    box = f"document.querySelector('{selector}').getBoundingClientRect()"
+    x, y = tab.run(f"[{box}.x + {box}.width / 2, {box}.y + {box}.height / 2]")
+    tab.press(x, y)
+
+
+def choose(tab, label, value):
+    tab.run(
+        f"(() => {{ const s = document.querySelector('select[aria-label=\"{label}\"]'); s.value = '{value}'; "
+        "s.dispatchEvent(new Event('change')); })()"
+    )
+
+
+def scrub(tab, time_shown):
+    tab.run(
+        f"(() => {{ const s = document.querySelector('.time'); s.value = {time_shown}; "
+        "s.dispatchEvent(new Event('input')); })()"
+    )
+
+
+def picture(tab):
+    """Return a picture of the scene after the next drawing."""
+    tab.run("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    return tab.screenshot()
+
+
+def test_page_from_disk_plays_by_itself_without_a_word_on_the_console(tab, replay):
+    tab.open(replay)
+    tab.wait(f"{CLOCK} > 0.5")
+    press(tab, "button.play")
+    tab.wait("document.querySelector('button.play').textContent === 'Play'")
+    assert tab.run("document.querySelector('.no-picture')") is None
+    assert tab.complaints() == []
+    assert {address.partition(":")[0] for address in tab.requests()} <= {"file", "data"}
+
+
+def test_scrubbing_shows_the_time_and_another_picture(tab, replay):
+    tab.open(replay)
+    tab.wait(f"{CLOCK} > 0.1")
+    press(tab, "button.play")
+    scrub(tab, 2.0)
+    first = picture(tab)
+    scrub(tab, 6.0)
+    second = picture(tab)
+    assert tab.run(CLOCK) == 6.0
+    assert first != second
+    scrub(tab, 2.0)
+    assert picture(tab) == first
+    keep(first, "side_light")
+
+
+def test_slow_motion_is_slow(tab, replay):
+    tab.open(replay)
+    choose(tab, "Speed", "0.1")
+    scrub(tab, 1.0)
+    begun = time.monotonic()
+    tab.wait(f"{CLOCK} > 1.1")
+    # 0.1 s at a tenth of the speed take a second; pictures may be late on a busy machine, never early
+    assert time.monotonic() - begun > 0.9
+
+
+def test_space_key_pauses_and_arrows_step(tab, replay):
+    tab.open(replay)
+    tab.wait(f"{CLOCK} > 0.1")
+    for kind in ("keyDown", "keyUp"):
+        tab.call("Input.dispatchKeyEvent", type=kind, key=" ", code="Space")
+    assert tab.run("document.querySelector('button.play').textContent") == "Play"
+    scrub(tab, 3.0)
+    for _ in range(2):
+        tab.call("Input.dispatchKeyEvent", type="keyDown", key="ArrowRight", code="ArrowRight")
+    tab.wait(f"Math.abs({CLOCK} - 3.2) < 0.005")
+
+
+def test_plot_moves_the_time_cursor(tab, replay):
+    tab.open(replay)
+    box = "document.querySelector('.plot').getBoundingClientRect()"
+    x, y, width = (tab.run(f"{box}.{name}") for name in ("x", "y", "width"))
+    tab.wait(f"{CLOCK} > 0.1")
+    press(tab, "button.play")
+    tab.press(x + 46 + 0.5 * (width - 56), y + 40)  # the middle of the plot within its margins
+    tab.wait(f"Math.abs({CLOCK} - 5.0) < 0.1")
+
+
+def test_orbit_follow_and_ghosts_change_the_picture(tab, replay):
+    tab.open(replay)
+    tab.wait(f"{CLOCK} > 0.1")
+    press(tab, "button.play")
+    scrub(tab, 3.0)
+    pictures = [picture(tab)]
+    tab.drag((200, 300), (320, 340))
+    pictures.append(picture(tab))
+    press(tab, ".options label")
+    pictures.append(picture(tab))
+    choose(tab, "Layout", "ghosts")
+    pictures.append(picture(tab))
+    keep(pictures[-1], "ghosts_follow")
+    assert len(set(pictures)) == len(pictures)
+    assert tab.complaints() == []
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_phone_shows_everything_in_its_width(tab, replay, dark):
+    tab.screen(390, 844, dark=dark, phone=True)
+    tab.open(replay)
+    tab.wait(f"{CLOCK} > 0.1")
+    press(tab, "button.play")
+    scrub(tab, 3.0)
+    picture(tab)
+    assert tab.run(WIDTH) == 390
+    # nothing that can be used is cut off on the right
+    used = "[...document.querySelectorAll('button, select, input, canvas')]"
+    right = f"Math.max(...{used}.map((one) => one.getBoundingClientRect().right))"
+    assert tab.run(right) <= 390
+    keep(tab.screenshot(whole=True), f"phone_{'dark' if dark else 'light'}")
+
+
+def test_theme_follows_the_reader_and_the_button(tab, replay):
+    tab.screen(1280, 800, dark=True)
+    tab.open(replay)
+    tab.wait(f"{CLOCK} > 0.1")
+    press(tab, "button.play")
+    scrub(tab, 3.0)
+    keep(picture(tab), "side_dark")
+    color = "getComputedStyle(document.body).backgroundColor"
+    dark = tab.run(color)
+    press(tab, "[data-ballbot-theme]")
+    assert tab.run(color) != dark
+    assert tab.run("document.querySelector('[data-ballbot-theme]').textContent") == "Dark theme"
+
+
+def test_robot_alone_has_no_player(tab, tmp_path):
+    path = tmp_path / "robot.html"
+    path.write_text(replay_page({}, Robot.load("kugle"), title="kugle"), encoding="utf-8")
+    tab.open(path)
+    keep(picture(tab), "robot")
+    assert tab.run("document.querySelector('.controls')") is None
+    assert tab.complaints() == []
+
+
+def test_page_turns_body_and_ball_as_the_mechanics_does(tab):
+    source = (files("ballbot.viewer") / "web" / "linear.js").read_text(encoding="utf-8")
+    random = np.random.default_rng(3)
+    for _ in range(5):
+        angles = random.uniform(-1.0, 1.0, 3)
+        found = tab.run(
+            f"(() => {{ {source}; return attitude({', '.join(map(str, angles))}, [1, 2, 3]); }})()"
+        )
+        matrix = np.array(found).reshape(4, 4).T
+        np.testing.assert_allclose(matrix[:3, :3], rotation(*angles), atol=1e-12)
+        np.testing.assert_allclose(matrix[:3, 3], [1.0, 2.0, 3.0])
+    turn = Rotation.random(random_state=4)
+    x, y, z, w = turn.as_quat()
+    found = tab.run(f"(() => {{ {source}; return ofQuaternion([{w}, {x}, {y}, {z}], [0, 0, 0]); }})()")
+    np.testing.assert_allclose(np.array(found).reshape(4, 4).T[:3, :3], turn.as_matrix(), atol=1e-12)

@@ -1,0 +1,155 @@
+"""What a log shows: the ball's rotation and the wheels against other ways to them, peaks, refusals."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ballbot.errors import InputError
+from ballbot.log import Log
+from ballbot.robot import Robot
+from ballbot.viewer.motion import INTERVAL, LONGEST, integrated_rotation, motion_of
+from tests.support.log_examples import smooth_log, with_wheels
+
+ALTEN = Robot.load("alten")
+
+
+def rotations(motion):
+    w, x, y, z = (motion.columns[f"ball_{name}"] for name in "wxyz")
+    return Rotation.from_quat(np.column_stack((x, y, z, w)))
+
+
+def upright(t, **columns):
+    zero = np.zeros_like(t)
+    return Log({"t": t, **dict.fromkeys(("x", "y", "theta", "phi", "psi"), zero), **columns})
+
+
+def test_ball_that_rolls_forward_turns_about_left():
+    radius = ALTEN.ball.radius
+    t = np.linspace(0.0, 2.0, 401)
+    motion = motion_of(upright(t, x=np.pi * radius * t), ALTEN)  # one turn
+    turns = rotations(motion)
+    assert motion.rows == 101
+    # what was on top is in front after a quarter turn; a speed that stays the same is integrated exactly
+    np.testing.assert_allclose(turns[25].apply([0.0, 0.0, 1.0]), [1.0, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(turns[-1].apply([0.0, 0.0, 1.0]), [0.0, 0.0, 1.0], atol=1e-9)
+
+
+def test_integrated_rotation_is_the_product_of_the_turns():
+    turns = np.random.default_rng(1).normal(0.0, 0.3, (200, 3))
+    quaternions = integrated_rotation(turns)
+    product = Rotation.identity()
+    for turn in turns:
+        product = Rotation.from_rotvec(turn) * product
+    found = Rotation.from_quat(quaternions[-1][[1, 2, 3, 0]])
+    assert (found.inv() * product).magnitude() < 1e-12  # rounding of 200 products
+    assert (np.sum(quaternions[1:] * quaternions[:-1], axis=1) > 0.0).all()
+
+
+def test_ball_rotation_is_the_same_by_wheels_and_by_position():
+    log = with_wheels(smooth_log(), ALTEN)
+    without = Log({name: values for name, values in log.columns.items() if not name.startswith("wheel")})
+    by_wheels, by_position = rotations(motion_of(log, ALTEN)), rotations(motion_of(without, ALTEN))
+    # both integrate by the trapezoidal rule at 5 ms: h^2/12 of a motion of 2 rad/s and some radians
+    assert (by_wheels.inv() * by_position).magnitude().max() < 2e-3
+
+
+def test_wheel_angles_are_the_same_by_speeds_and_by_position():
+    log = with_wheels(smooth_log(), ALTEN)
+    without = Log({name: values for name, values in log.columns.items() if not name.startswith("wheel")})
+    by_speeds, by_position = motion_of(log, ALTEN), motion_of(without, ALTEN)
+    for name in ("wheel1", "wheel2", "wheel3"):
+        difference = by_speeds.columns[name] - by_position.columns[name]
+        assert np.abs(difference).max() < 5e-3  # as above, of angles of some radians
+
+
+def test_ball_rates_of_the_log_come_first():
+    t = np.linspace(0.0, 1.0, 201)
+    rates = {"ball_omega_x": 0 * t, "ball_omega_y": 0 * t, "ball_omega_z": 0 * t + 1.0}
+    motion = motion_of(upright(t, **rates), ALTEN)
+    np.testing.assert_allclose(rotations(motion)[-1].as_rotvec(), [0.0, 0.0, 1.0], atol=1e-9)
+
+
+def test_true_states_come_before_measured_ones():
+    t = np.linspace(0.0, 1.0, 101)
+    names = ("x", "y", "theta", "phi", "psi")
+    true = {f"true_{name}": 0.0 * t for name in (*names, *(f"{one}_dot" for one in names))}
+    motion = motion_of(upright(t, x=t + 5.0, **true), ALTEN)
+    assert not motion.columns["x"].any()
+
+
+def test_no_peak_of_a_torque_is_lost():
+    t = 0.001 * np.arange(1001)
+    torque = np.zeros_like(t)
+    torque[517], torque[803] = 4.0, -3.0
+    columns = motion_of(upright(t, u1=torque, u2=0 * t, u3=0 * t), ALTEN).columns
+    assert columns["u1_high"].max() == 4.0
+    assert columns["u1_low"].min() == -3.0
+    assert columns["torque_high"].max() == 4.0
+    assert columns["u1_high"][10] == columns["u1_low"][10] == 0.0
+
+
+def test_rows_are_even_and_reach_both_ends():
+    t = np.sort(np.random.default_rng(2).uniform(3.0, 7.0, 700))
+    motion = motion_of(upright(t, x=t), ALTEN)
+    assert motion.columns["x"][[0, -1]].tolist() == [t[0], t[-1]]
+    assert motion.interval == pytest.approx(INTERVAL, rel=0.01)
+
+
+def test_gap_in_a_pose_is_bridged_and_noted():
+    t = np.linspace(0.0, 1.0, 101)
+    phi = 0.1 * t
+    phi[40:50] = np.nan
+    motion = motion_of(upright(t, phi=phi), ALTEN)
+    np.testing.assert_allclose(motion.columns["phi"], 0.1 * INTERVAL * np.arange(motion.rows), atol=1e-12)
+    assert any("phi" in note for note in motion.notes)
+
+
+def test_heading_that_wraps_turns_on():
+    t = np.linspace(0.0, 4.0, 401)
+    psi = (2.0 * t + np.pi) % (2.0 * np.pi) - np.pi
+    assert motion_of(upright(t, psi=psi), ALTEN).columns["psi"][-1] == pytest.approx(8.0)
+
+
+def test_friction_pushes_against_the_motion():
+    log = with_wheels(smooth_log(), ALTEN)
+    friction = ALTEN.friction.__class__(
+        viscous=(0.01,) * 3,
+        coulomb=(0.1,) * 3,
+        stribeck=(0.05,) * 3,
+        stribeck_speed=0.6,
+        stribeck_exponent=1.1,
+        rolling=0.007,
+    )
+    columns = motion_of(log, ALTEN.replace(friction=friction)).columns
+    moving = np.abs(columns["wheel1_dot"]) > 0.1
+    assert (columns["friction1"] * columns["wheel1_dot"])[moving].min() > 0.0
+    x_dot = np.interp(log.t[0] + INTERVAL * np.arange(len(moving)), log.t, log["x_dot"])
+    y_dot = np.interp(log.t[0] + INTERVAL * np.arange(len(moving)), log.t, log["y_dot"])
+    assert (columns["floor_x"] * x_dot + columns["floor_y"] * y_dot).max() < 0.0
+    size = np.hypot(columns["floor_x"], columns["floor_y"])
+    # (m_b + m_r) g C_rr; interpolated where the direction turns
+    assert size.max() == pytest.approx(0.007 * 9.81 * (3.0 + 17.076), rel=1e-6)
+    assert "friction1" not in motion_of(log, ALTEN).columns
+
+
+def test_row_of_a_log_is_a_picture():
+    motion = motion_of(upright(np.array([2.0]), x=np.array([1.0])), ALTEN)
+    assert motion.rows == 1
+    assert motion.columns["x"].tolist() == [1.0]
+
+
+@pytest.mark.parametrize(
+    ("columns", "sentence"),
+    [
+        ({"t": [0.0, 1.0]}, "no theta and no phi and no psi"),
+        ({"t": [0.0, LONGEST + 1.0]}, "--start and --end"),
+        ({"t": [0.0, 1.0], "wheel4": [0.0, 0.0]}, "3 wheels"),
+        (
+            {"t": [0.0], "x": [0.0], "y": [0.0], "theta": [0.0], "phi": [0.0], "psi": [np.nan]},
+            "no values of psi",
+        ),
+    ],
+)
+def test_log_that_shows_no_robot_is_refused(columns, sentence):
+    with pytest.raises(InputError, match=sentence):
+        motion_of(Log({name: np.array(values) for name, values in columns.items()}), ALTEN)
