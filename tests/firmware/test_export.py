@@ -44,6 +44,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
 
 
+@pytest.mark.slow  # three exports, each of which measures on the emulated processor
 def test_files_are_whole_and_the_same_each_time(given, tmp_path, capsys):
     assert export(given, tmp_path / "one") == 0
     assert "stops beyond a lean of" in capsys.readouterr().out

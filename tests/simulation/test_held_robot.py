@@ -41,6 +41,7 @@ def test_wheels_in_the_air_are_free_drivelines():
     np.testing.assert_allclose(found.T, wanted.angles, atol=1.01 * resolution(plant.robot))
 
 
+@pytest.mark.slow
 def test_upside_down_the_ball_turns_as_on_clamped_wheels():
     plant = held("upside_down")
     robot = plant.robot

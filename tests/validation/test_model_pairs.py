@@ -50,6 +50,7 @@ def test_swapping_the_models_inverts_every_ratio_and_verdict():
     assert "worse in x, y" in better_in(other.open_loop.errors, other.models)
 
 
+@pytest.mark.slow
 def test_the_formulation_that_made_the_log_is_found_in_closed_loop():
     models = ModelPair.by_formulation(Model(true_robot()))
     assert models.names == ("in the exact formulation", "in the thesis's formulation")
