@@ -20,7 +20,7 @@ void ballbot_take_encoders(struct ballbot_encoders *encoders, const struct ballb
     const float time = parameters->sample_time * (float)(1 + encoders->missed);
 
     reading->encoders_valid = (counts != NULL) ? 1 : 0;
-    for (int32_t i = 0; i < parameters->wheel_count; ++i) {
+    for (int32_t i = 0; i < parameters->wheel_count && i < BALLBOT_MAX_WHEELS; ++i) {
         if (counts == NULL) {
             reading->wheel_speeds[i] = MISSING_SPEED;
             continue;

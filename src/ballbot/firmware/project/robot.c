@@ -38,7 +38,7 @@ void robot_test(struct robot *robot)
 {
     ballbot_link_release(&robot->link);
     ballbot_start_self_test(&robot->state);
-    enable_motors(robot, true);
+    enable_motors(robot, ballbot_is_active(&robot->state));
 }
 
 bool robot_arm(struct robot *robot)
@@ -94,6 +94,9 @@ void robot_step(struct robot *robot)
     const uint32_t time = ballbot_read_time();
     float torques[BALLBOT_MAX_WHEELS];
 
+    if (robot->state.run.known == 0) {
+        return; /* parameters that were refused hold no number of wheels to rely on */
+    }
     obey_host(robot, time);
     read_sensors(robot);
     (void)ballbot_link_update(&robot->link, &robot->state, &robot->parameters, &robot->reading, time, torques);

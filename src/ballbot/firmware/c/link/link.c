@@ -1,6 +1,7 @@
 #include "link/link.h"
 
 #include <float.h>
+#include <stddef.h>
 
 #include "ballbot_math.h"
 #include "law.h"
@@ -332,6 +333,9 @@ bool ballbot_link_update(struct ballbot_link *link, struct ballbot_state *state,
 {
     bool may = false;
 
+    if (state->run.known == 0) {
+        return ballbot_update(state, parameters, reading, time, NULL, torques); /* zeros */
+    }
     watch(link, state, time);
     if (link->governs && link->controller == (int32_t)BALLBOT_CONTROLLER_HOST) {
         may = ballbot_relay(state, parameters, reading, time, link->torques, torques);
