@@ -41,6 +41,7 @@ CAMPAIGNS = {
     "robust_design": "campaigns.robust_design",
     "control_parts": "campaigns.precise_controller:parts",
     "control_targets": "campaigns.precise_controller:targets",
+    "twin_rolling": "campaigns.twin_rolling",
     "choice": "campaigns.controller_choice:choice",
     "ablation": "campaigns.controller_choice:ablation",
     "friction_share": "campaigns.controller_choice:friction_share",
@@ -73,6 +74,7 @@ CAMPAIGNS = {
     "firmware_loop": "campaigns.firmware_loop",
     "link_fuzz": "campaigns.link_fuzz",
     "board": "campaigns.board",
+    "firmware_fuzz": "campaigns.firmware_fuzz",
     "reproduce": "campaigns.reproduce",
 }
 

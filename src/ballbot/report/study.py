@@ -40,6 +40,7 @@ from ballbot.validation.validation import better_in, weak_states
 from ballbot.workflows.controller_choice import ControllerChoice
 from ballbot.workflows.metrics import SETTLE
 from ballbot.workflows.study import Study
+from ballbot.workflows.twin_rolling import TwinRolling
 
 
 def summary(study: Study) -> list[tuple[str, str]]:
@@ -405,7 +406,23 @@ def _comparison_words(study: Study) -> str:
         f"{study.choice.course.duration:.0f} s, all with the same seeds. Full compensation adds each wheel's whole "
         "friction; partial adds it only while it works against the intended motion. A candidate that falls on any "
         "plant is excluded; of those whose intervals overlap the best one's, the smoothest is chosen. Errors are those "
-        f"of the true position from {SETTLE:.0f} s after a step on."
+        f"of the true position from {SETTLE:.0f} s after a step on.{_rolling_words(study.rolling)}"
+    )
+
+
+def _rolling_words(rolling: TwinRolling | None) -> str:
+    if rolling is None or rolling.added == 0.0:
+        return ""
+    if np.isnan(rolling.added):
+        return (
+            f" The floor of the twins has the identified C_rr {rolling.identified:.3g}. It contains losses of the "
+            "rollers, which the twins have as well, so the errors may be too large: the twin's own losses could not "
+            "be identified from its log."
+        )
+    return (
+        f" The identified C_rr {rolling.identified:.3g} contains losses of the rollers, play and noise. The twins have "
+        f"these as well, and they add {rolling.added:.2g} to the C_rr of a twin's log. The floor of the twins "
+        "therefore has the rest."
     )
 
 

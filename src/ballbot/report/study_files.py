@@ -68,6 +68,7 @@ def _comparison(study: Study) -> dict[str, object]:
     return entries | {
         "plant": study.plant,
         "scenario": study.scenario.name,
+        "twin_rolling": study.rolling,
         "draws": len(choice.plants),
         "course": choice.course,
         "chosen": choice.chosen,

@@ -6,8 +6,9 @@ distribution of its estimates, clipped to the physical range:
     p ~ N(p_hat, D C D)        D standard errors, C their correlation; a parameter without an error stays
 
 and the plant has the delay, play, noise, sensors and floor of a scenario: the equations of motion (`SensedPlant`) or
-the physics-engine twin. Estimator and controller have the robot as identified. Every candidate runs the same course on
-every plant with the same seeds.
+the physics-engine twin, whose floor has only what its own rollers leave of the rolling friction
+(`ballbot.workflows.twin_rolling`). Estimator and controller have the robot as identified. Every candidate runs the same
+course on every plant with the same seeds.
 
 - A candidate that falls on any plant is excluded.
 - Of the others, the one with the smallest median peak error is the best. Those whose 95 % interval of the median
@@ -57,6 +58,7 @@ from ballbot.workflows.comparison import (
 )
 from ballbot.workflows.courses import PlantName, ReferenceSpec
 from ballbot.workflows.metrics import Performance, Score, performance_of
+from ballbot.workflows.twin_rolling import TwinRolling
 
 
 def available_plant(name: PlantName | None) -> PlantName:
@@ -83,7 +85,7 @@ class PlantDraw:
 
     robot: Robot  #: the true one
     known: Robot  #: as identified; what the estimator knows
-    scenario: Scenario  #: with the true robot's friction
+    scenario: Scenario  #: with the true robot's friction; of the twin, without what its rollers add
     plant: PlantName
     seed: int  #: of noise, start and all else that is random in a run
 
@@ -97,7 +99,13 @@ class PlantDraw:
 
 
 def draw_plants(
-    found: Identification, *, plant: PlantName, scenario: Scenario, count: int, seed: int
+    found: Identification,
+    *,
+    plant: PlantName,
+    scenario: Scenario,
+    count: int,
+    seed: int,
+    rolling: TwinRolling | None = None,
 ) -> tuple[PlantDraw, ...]:
     """Draw plants from what an identification leaves uncertain.
 
@@ -111,6 +119,8 @@ def draw_plants(
         Number of plants, 2 or more for an interval.
     seed : int
         Random seed; draw k has the seed `seed` + k. The same seed gives the same draws.
+    rolling : TwinRolling, optional
+        Of the twin: what its rollers add to C_rr, which each draw's floor then lacks.
 
     Raises
     ------
@@ -127,7 +137,9 @@ def draw_plants(
             PlantDraw(
                 robot=robot,
                 known=found.robot,
-                scenario=replace(scenario, friction=robot.friction),
+                scenario=replace(
+                    scenario, friction=rolling.on_twin(robot.friction) if rolling else robot.friction
+                ),
                 plant=plant,
                 seed=seed + k,
             )

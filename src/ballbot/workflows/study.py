@@ -47,6 +47,7 @@ from ballbot.workflows.controller_choice import (
 )
 from ballbot.workflows.controller_prediction import Prediction, predict
 from ballbot.workflows.courses import PlantName
+from ballbot.workflows.twin_rolling import TwinRolling, twin_rolling
 
 #: plants that candidates can be compared on; a run of each takes a second or more
 MAX_DRAWS = 1000
@@ -106,6 +107,7 @@ class Study:
     design: LqrDesign
     plant: PlantName  #: on which the candidates were compared
     scenario: Scenario  #: whose delay, play, noise, sensors and floor the plants had
+    rolling: TwinRolling | None  #: of the twins' floor; None if the candidates were compared on the model
     choice: ControllerChoice
     prediction: (
         Prediction | None
@@ -170,9 +172,12 @@ def study(
     found = _identify(robot, checked, options, replace(run, progress=identifying))
     validating = replace(run, progress=part_of(run.progress, identified, validated))
     by_log = _validate(found.robot, studied, validating)
+    rolling = twin_rolling(found, tried, run=run) if chosen_plant == "twin" else None
     choice = choose_controller(
         candidates(found, sample_time=sample_time),
-        draw_plants(found, plant=chosen_plant, scenario=tried, count=options.draws, seed=run.seed),
+        draw_plants(
+            found, plant=chosen_plant, scenario=tried, count=options.draws, seed=run.seed, rolling=rolling
+        ),
         course=NamedCourse(name=SQUARE.name, duration=options.duration),
         ablation_plants=options.ablation_draws,
         run=replace(run, progress=choosing),
@@ -187,6 +192,7 @@ def study(
         design=design_gain(found.robot, sample_time=sample_time),
         plant=chosen_plant,
         scenario=tried,
+        rolling=rolling,
         choice=choice,
         prediction=predict(choice, logs=[one.log for one in studied]),
         options=options,
