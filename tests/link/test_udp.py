@@ -15,7 +15,16 @@ from ballbot.firmware.host import compilers
 from ballbot.link.bridge import UdpBridge
 from ballbot.link.datagram import TAG, Direction, seal
 from ballbot.link.frames import encode
-from ballbot.link.messages import Disarm, Hello, Keep, Layer, Result, firmware_words, message_words
+from ballbot.link.messages import (
+    Capability,
+    Disarm,
+    Hello,
+    Keep,
+    Layer,
+    Result,
+    firmware_words,
+    message_words,
+)
 from ballbot.link.session import Session
 from ballbot.link.transport import LinkError, SerialTransport, UdpTransport, open_transport
 from tests.link.test_emulated import emulated
@@ -27,9 +36,9 @@ KEY = bytes(range(32))
 class Loop:
     """A robot behind a bridge, in the robot's time: a read of the host lets the bridge hand on, and the robot run."""
 
-    def __init__(self, *, key: bytes | None = None) -> None:
-        self.robot = emulated()
-        self.bridge = UdpBridge(self.robot, port=0, key=key, clock=self.robot.clock)
+    def __init__(self, *, key: bytes | None = None, host: str = "127.0.0.1", capabilities: int = 0) -> None:
+        self.robot = emulated(capabilities=capabilities)
+        self.bridge = UdpBridge(self.robot, host=host, port=0, key=key, clock=self.robot.clock)
         self.udp = UdpTransport("127.0.0.1", self.bridge.port, key=key)
         self.sent: list[bytes] = []
 
@@ -152,6 +161,22 @@ def test_signed_datagrams_sent_again_are_refused_by_sequence_and_session():
     second.poll(0.005)
     assert second.ask_counts().refused[Layer.SESSION] >= len(recorded) - 2
     assert not second.state.armed
+    loop.close()
+
+
+@needs_compiler
+@pytest.mark.parametrize("capabilities", [0, Capability.BUTTON])
+def test_robot_is_armed_from_another_computer_only_with_its_own_button(capabilities):
+    loop = Loop(key=KEY, host="0.0.0.0", capabilities=capabilities)
+    session = loop.session()
+    session.self_test()
+    if not capabilities:
+        with pytest.raises(LinkError, match="does not answer the command Arm"):
+            session.arm(lambda: True)
+        assert loop.bridge.refused > 0
+    else:
+        assert session.arm(lambda: True) is Result.BUTTON
+        assert session.arm(lambda: loop.robot._line.press_button() is None) is Result.OK
     loop.close()
 
 

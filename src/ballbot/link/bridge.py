@@ -8,8 +8,8 @@ is heard only after that has been silent for a second. Bound to an address other
 key: a datagram that the key has not signed is dropped before anything of it is read, and every datagram to the host is
 signed.
 
-The bridge gives no frame a meaning. The robot's own checks stand behind it, and so does its watchdog if the bridge
-ends.
+The bridge reads handshakes, and off loopback it hands on `Arm` only to a robot that needs its own button for that. The
+robot's own checks stand behind it, and so does its watchdog if the bridge ends.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from pathlib import Path
 
 from ballbot.errors import InputError
 from ballbot.link.datagram import Direction, read_key, seal, unseal
-from ballbot.link.frames import Frame, decode
-from ballbot.link.messages import TO_ROBOT, Hello
+from ballbot.link.frames import Frame, decode, message_of
+from ballbot.link.messages import TO_HOST, TO_ROBOT, Arm, Capability, Hello, Welcome
 from ballbot.link.transport import LinkError, Transport, is_loopback, open_transport
 
 DEFAULT_PORT = 5005
@@ -71,6 +71,7 @@ class UdpBridge:
         self._peer: tuple[object, ...] | None = None
         self._heard = -PEER_SILENCE
         self._part = b""
+        self._has_button = False
         try:
             family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
         except OSError as problem:
@@ -79,6 +80,7 @@ class UdpBridge:
             raise InputError(
                 f"{host} can be reached from other computers: datagrams must be signed. Give the robot's key."
             )
+        self._is_local = is_loopback(str(address[0]))
         self._socket = socket.socket(family, kind, protocol)
         try:
             self._socket.bind(address)
@@ -109,7 +111,7 @@ class UdpBridge:
             except OSError:
                 continue  # the host's computer reports that nobody listens there any more
             frame = datagram if self._key is None else unseal(self._key, datagram, Direction.TO_ROBOT)
-            if frame is None or not self._is_peer(sender, frame):
+            if frame is None or not self._is_peer(sender, frame) or self._arms_alone(frame):
                 self.refused += 1
                 continue
             self._heard = self._clock()
@@ -126,7 +128,16 @@ class UdpBridge:
         self._peer = sender
         return True
 
+    def _arms_alone(self, frame: bytes) -> bool:
+        """Return whether a frame would arm a robot from another computer, and nobody beside the robot."""
+        found = decode(frame.removesuffix(b"\0"), TO_ROBOT)
+        arms = isinstance(found, Frame) and found.kind == Arm.TYPE
+        return arms and not self._is_local and not self._has_button
+
     def _send(self, frame: bytes) -> None:
+        found = decode(frame.removesuffix(b"\0"), TO_HOST)
+        if isinstance(found, Frame) and isinstance(welcome := message_of(found), Welcome):
+            self._has_button = bool(welcome.capabilities & Capability.BUTTON)
         if self._peer is None:
             return
         try:
