@@ -199,6 +199,12 @@ CASES: tuple[Case, ...] = (
     _command(
         "export", f"export design_full/controller.toml --robot {_ROBOT}", needs=("design_full",), sampled=True
     ),
+    _command(
+        "run", f"run --emulated --robot {_ROBOT} --reference files/reference.csv --duration 2", sampled=True
+    ),
+    _command("run_wiring", f"run wiring --emulated --robot {_ROBOT} --seed 2"),
+    _command("run_sweep", f"run sweep --emulated --robot {_ROBOT} --duration 2"),
+    _command("run_upside_down", f"run upside-down --emulated --robot {_ROBOT} --duration 2"),
     _command("limits", f"limits {_ROBOT} none files/controller_full.toml --refinements 0"),
     _command(
         "compare",

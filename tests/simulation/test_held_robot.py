@@ -7,7 +7,7 @@ from ballbot import Robot
 from ballbot.control.safety import SELF_TEST_DURATION, SelfTest, evaluate_self_test
 from ballbot.log import Log
 from ballbot.mechanics.geometry import transforms
-from ballbot.robot.derived import encoder_step
+from ballbot.robot.derived import encoder_step, wheel_speed_limit
 from ballbot.simulation.driveline import Driveline, simulate_drivelines
 from ballbot.simulation.held_robot import HeldRobot
 from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
@@ -33,12 +33,26 @@ def resolution(robot):
 
 def test_wheels_in_the_air_are_free_drivelines():
     plant = held("in_air")
-    torques = np.sin(0.02 * np.arange(400))[:, None] * [1.0, -0.8, 0.6]
+    torques = np.sin(0.1 * np.arange(400))[:, None] * [0.6, -0.5, 0.4]  # slower than the supply lets them be
     found = np.array([plant.step(one, STEP).wheel_angles for one in torques])
     lines = [Driveline.of_wheel(plant.robot, i) for i in range(3)]
     wanted = simulate_drivelines(lines, torques.T, sample_time=STEP, threads=1)
     # a count of the encoder, and what a sample by itself rounds differently
     np.testing.assert_allclose(found.T, wanted.angles, atol=1.01 * resolution(plant.robot))
+
+
+def test_supply_limits_the_speed_of_a_free_wheel():
+    plant = held("in_air")
+    drive = plant.robot.drive
+    top = wheel_speed_limit(
+        supply_voltage=drive.supply_voltage,
+        speed_constant=drive.speed_constant,
+        gear_ratio=drive.gear_ratio,
+    )
+    for _ in range(200):
+        measured = plant.step(np.array([1.0, -1.0, 0.0]), STEP)
+    # within the last 5 % of the speed the torque falls from the limit, 6 N m, to zero: 1 N m is left at 0.8 % below
+    np.testing.assert_allclose(measured.wheel_speeds[:2], [top, -top], rtol=0.02)
 
 
 @pytest.mark.slow

@@ -11,5 +11,7 @@ recorder     a log that is written while the robot runs and survives a pulled pl
 references   where the robot is asked to be: courses, files, the keyboard, a gamepad
 live         a robot from arming to disarming, and the log of it
 operators    the person at the robot: confirms arming, moves it by hand
+runs         a run with its recording, from the self-test to disarming
+bench        torques of a robot that is held: a sweep of its wheels, and upside down
 wiring       whether the IMU's axes and the encoders are those of the robot
 """

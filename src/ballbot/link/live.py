@@ -25,9 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.interface import Feedback
+from ballbot.control.parts import KINDS
 from ballbot.control.safety import StopReason
 from ballbot.errors import InputError
 from ballbot.firmware.host import SelfTestOutcome
+from ballbot.firmware.records import ESTIMATORS
 from ballbot.link.messages import ControllerPlace, Result, State
 from ballbot.link.references import LiveReference, in_robot_frame, in_start_frame
 from ballbot.link.session import Session, reason, stop_reason
@@ -262,7 +264,7 @@ class LiveRobot:
     @property
     def sample_time(self) -> float:
         """Of the robot [s]."""
-        return float(self.parameters["sample_time"][0])
+        return round(float(self.parameters["sample_time"][0]), 9)  # of single precision
 
     @property
     def wheel_count(self) -> int:
@@ -273,6 +275,47 @@ class LiveRobot:
     def torque_limit(self) -> float:
         """Of the controller on the robot, each wheel [N m]."""
         return float(self.parameters["law"]["torque_limit"][0])
+
+    @property
+    def encoder_step(self) -> float:
+        """Turn of a wheel in one count of its encoder [rad]."""
+        return float(self.parameters["encoder_step"][0])
+
+    @property
+    def ball_from_wheels(self) -> NDArray[np.float64]:
+        """T_obw (3, n) of the robot."""
+        return self.parameters["onboard"]["ball_from_wheels"][0, :, : self.wheel_count].astype(np.float64)
+
+    @property
+    def session_name(self) -> str:
+        """The session's number, in hexadecimal digits."""
+        return f"{self.welcome.session % 2**32:08x}"
+
+    def parameter_lines(self) -> list[str]:
+        """Return what the robot is and runs, in lines."""
+        own = self.parameters
+        estimator = {number: name for name, number in ESTIMATORS.items()}[int(own["estimator"][0])]
+        parts = [name for name in KINDS if own["law"][name]["on"][0]]
+        return [
+            f"{self.wheel_count} wheels, {1e3 * self.sample_time:g} ms a sample, estimator {estimator}",
+            f"torque limit {self.torque_limit:g} N m, lean limit {own['safety']['lean'][0]:g} rad, "
+            f"parts of the controller: {', '.join(parts) or 'none'}",
+        ]
+
+    def refused_frames(self) -> list[int]:
+        """Return how many frames each layer of the robot refused; none if the link is lost."""
+        return self.session.ask_counts().refused.tolist() if self.session.connected else []
+
+    def watch(self, show: Callable[[State], None], *, duration: float) -> None:
+        """Show every state for a duration [s], or until Ctrl-C."""
+        end = self._clock() + duration
+        try:
+            for state in self._states():
+                show(state)
+                if self._clock() >= end:
+                    return
+        except KeyboardInterrupt:
+            return
 
     def use_parameters(self, parameters: NDArray[np.void]) -> bool:
         """Let the robot use these parameters (1,); return whether it had others.
@@ -376,7 +419,7 @@ class LiveRobot:
                     samples = _Samples(
                         state,
                         wheel_count=self.wheel_count,
-                        encoder_step=float(self.parameters["encoder_step"][0]),
+                        encoder_step=self.encoder_step,
                     )
                 sample = samples.sample(state)
                 t = sample.t

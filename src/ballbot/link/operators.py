@@ -6,10 +6,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from ballbot.simulation.held_robot import HeldRobot
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.log import Log
+from ballbot.simulation.held_robot import CAMERA_NOISE, HeldRobot
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,3 +96,42 @@ class EmulatedOperator:
         attitude = [0.0, 0.0, 0.0]
         attitude[movement.axis] = movement.sign * _ANGLES[movement.axis]
         self._hand.tilt(attitude)
+
+
+class EmulatedCamera:
+    """A camera above an emulated robot that is upside down: it adds the ball's angular velocity to the log.
+
+    Parameters
+    ----------
+    hand : HeldRobot
+    clock : callable
+        Gives the robot's time [s].
+    sample_time : float
+        [s]
+    seed : int
+        Of its noise.
+    """
+
+    def __init__(self, hand: HeldRobot, *, clock: Callable[[], float], sample_time: float, seed: int) -> None:
+        self._hand, self._clock, self._step = hand, clock, sample_time
+        self._random = np.random.default_rng([seed, 23])
+        self._times: list[float] = []
+        self._omegas: list[NDArray[np.float64]] = []
+        self._began = math.inf  # time of the first row by the robot's clock [s]
+
+    def watch(self, t: float) -> None:
+        """Look at the ball, after the sample of a row's time t [s]."""
+        now = self._clock()
+        self._began = min(self._began, now - t)
+        self._times.append(now + self._step)  # the ball is a sample further on
+        self._omegas.append(self._hand.ball_omega)
+
+    def added_to(self, log: Log) -> Log:
+        """Return a log with ball_omega_x, _y and _z."""
+        times, omegas = np.array(self._times), np.array(self._omegas)
+        noise = CAMERA_NOISE * self._random.standard_normal((len(log), 3))
+        columns = {
+            f"ball_omega_{axis}": np.interp(log.t + self._began, times, omegas[:, k]) + noise[:, k]
+            for k, axis in enumerate("xyz")
+        }
+        return log.with_columns(columns)

@@ -41,6 +41,7 @@ STICK_SPEED, STICK_TURN = 0.2, 0.5
 DEAD_ZONE = 0.1
 #: the first gamepad
 GAMEPAD = "/dev/input/js0"
+_DEVICES = "/dev/input/"
 #: a longer time between two samples counts as this [s], so that a pause never makes the reference jump
 _LONGEST_STEP = 0.1
 
@@ -268,6 +269,11 @@ def _past_dead_zone(value: float) -> float:
     return math.copysign(max(abs(value) - DEAD_ZONE, 0.0) / (1.0 - DEAD_ZONE), value)
 
 
+def is_driven(source: str) -> bool:
+    """Return whether a person moves the reference that a text names."""
+    return source in ("keyboard", "gamepad") or source.startswith(_DEVICES)
+
+
 def live_reference(source: str) -> LiveReference:
     """Return the reference that a text names: a course, a file, keyboard, gamepad, or a joystick device.
 
@@ -278,7 +284,7 @@ def live_reference(source: str) -> LiveReference:
     """
     if source == "keyboard":
         return KeyboardReference(sys.stdin.fileno())
-    if source == "gamepad" or source.startswith("/dev/input/"):
+    if is_driven(source):
         return GamepadReference(GAMEPAD if source == "gamepad" else source)
     if not is_reference_file(source) and source.replace("-", "_") not in REFERENCES:
         names = [*REFERENCES, "keyboard", "gamepad"]

@@ -23,13 +23,18 @@ from ballbot.arrays import positive_number, real_array
 from ballbot.mechanics.friction import friction_terms
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.robot import Robot, Sensors
-from ballbot.simulation.driveline import Driveline, simulate_drivelines
+from ballbot.robot.derived import wheel_speed_limit
+from ballbot.simulation.conditions import FALLING_PART
+from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_drivelines
 from ballbot.simulation.plant import Measurement
+from ballbot.simulation.sensed_plant import DriveLimits
 from ballbot.simulation.sensors import SensorSuite, sensor_samples
 from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
 
 Hold = Literal["on_ball", "in_air", "upside_down"]
 
+#: standard deviation of the ball's angular velocity from a camera [rad/s]; the thesis gives no figure
+CAMERA_NOISE = 0.03
 #: period of the thesis's sweep [s]
 SWEEP_PERIOD = 62.83
 #: time in which a hand turns the body by a radian [s]; a shorter turn takes `_SHORTEST_TILT`
@@ -62,7 +67,9 @@ class HeldRobot:
         self._sensors = robot.sensors if sensors is None else sensors
         self._suite = SensorSuite(self._robot, self._sensors)
         self._ball = _ball_under_hand(self._robot, hold)
-        self._lines = [Driveline.of_wheel(self._robot, i) for i in range(self._robot.wheel_count)]
+        self._limits = DriveLimits(robot)
+        curve = _speed_limit(robot)
+        self._lines = [Driveline.of_wheel(robot, i, speed_limit=curve) for i in range(robot.wheel_count)]
         self.reset()
 
     @property
@@ -139,17 +146,18 @@ class HeldRobot:
 
     def _advance(self, torques: NDArray[np.float64]) -> None:
         """Advance by one sample."""
-        h, limit = self._sensors.sample_time, self._robot.drive.torque_limit
+        h = self._sensors.sample_time
         noise = self._noise * self._random.standard_normal(len(torques))
-        acting = np.clip(torques + noise, -limit, limit)
         if self._ball is None:
+            limit = self._robot.drive.torque_limit
+            acting = np.clip(torques + noise, -limit, limit)
             motion = simulate_drivelines(
                 self._lines, acting[:, None], sample_time=h, initial_speeds=self._speeds, threads=1
             )
             self._speeds = motion.speeds[:, 0].copy()
             self._angles = self._angles + motion.angles[:, 0]
         else:
-            self._turn_ball(acting, h)
+            self._turn_ball(self._limits.within_limits(torques + noise, self._speeds), h)
         self._t = round(self._t + h, 9)
 
     def _turn_ball(self, torques: NDArray[np.float64], h: float) -> None:
@@ -200,6 +208,17 @@ class HeldRobot:
             attitude=attitude_read,
             truth=truth,
         )
+
+
+def _speed_limit(robot: Robot) -> TorqueSpeedCurve:
+    """Return the supply's limit of a free wheel, the same as that of `DriveLimits`."""
+    drive = robot.drive
+    top = wheel_speed_limit(
+        supply_voltage=drive.supply_voltage,
+        speed_constant=drive.speed_constant,
+        gear_ratio=drive.gear_ratio,
+    )
+    return TorqueSpeedCurve(no_load_speed=top, stall_torque=drive.torque_limit / FALLING_PART)
 
 
 def _ball_under_hand(robot: Robot, hold: Hold) -> ClampedBall | None:

@@ -133,7 +133,7 @@ class SensedPlant:
             fix=imperfections.fix,
         )
         self._estimator = named_estimator(estimator, assumed, sample_time=imperfections.sensors.sample_time)
-        self._drive = _Drive(robot)
+        self._drive = DriveLimits(robot)
         self._slope = _Slope(robot, imperfections.slope)
         self._upright_cosine = math.cos(imperfections.fallen_lean)
         self.reset()
@@ -250,7 +250,7 @@ class SensedPlant:
         return true.ended
 
 
-class _Drive:
+class DriveLimits:
     """Torque limit of the drivers and speed limit of the supply, as on the twin."""
 
     def __init__(self, robot: Robot) -> None:

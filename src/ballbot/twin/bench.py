@@ -17,7 +17,7 @@ from ballbot.log import Log
 from ballbot.log.columns import torque_names, wheel_angle_names, wheel_speed_names
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.robot import Robot
-from ballbot.simulation.held_robot import multisine_at, sweep_at
+from ballbot.simulation.held_robot import CAMERA_NOISE, multisine_at, sweep_at
 from ballbot.simulation.run import sample_count
 from ballbot.simulation.sensors import Encoders
 from ballbot.twin.driveline import Driveline, Shafts
@@ -26,9 +26,6 @@ from ballbot.twin.mjcf import twin_mjcf
 from ballbot.twin.scenario import Scenario
 
 Bench = Literal["stand", "upside_down"]
-
-#: standard deviation of the ball's angular velocity from a camera [rad/s]; the thesis gives no figure
-CAMERA_NOISE = 0.03
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,238 @@
+"""What the commands of `ballbot run` share: the robot at the other end, the person at the terminal, and the monitor."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from rich.live import Live
+from rich.table import Table
+
+from ballbot.cli.context import WholeNumber
+from ballbot.cli.output import standard_output
+from ballbot.control.presets import nominal_controller
+from ballbot.errors import InputError
+from ballbot.firmware.export import export_controller
+from ballbot.fitting.run import check_seed
+from ballbot.link.datagram import read_key
+from ballbot.link.emulated import CompiledRobot, EmulatedRobot
+from ballbot.link.live import LiveRobot, Sample
+from ballbot.link.messages import State
+from ballbot.link.operators import UPRIGHT, EmulatedCamera, EmulatedOperator, Movement, Operator
+from ballbot.link.session import Session
+from ballbot.link.transport import Transport, open_transport
+from ballbot.report.console import PlainConsole
+from ballbot.report.live import View, state_line, state_table
+from ballbot.robot import Robot
+from ballbot.simulation.held_robot import HeldRobot, Hold
+from ballbot.simulation.sensed_plant import SensedPlant
+from ballbot.twin.imperfections import imperfections_of, true_model
+from ballbot.twin.scenario import load_scenario
+
+#: of an emulated robot whose file is not given
+_EMULATED_ROBOT = "alten"
+#: between two pictures of the monitor on a terminal, and between two lines of it elsewhere [s]
+_PICTURE, _LINE = 0.1, 5.0
+#: what is typed at the terminal to let the robot arm
+_CONFIRMATION = "arm"
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class LinkOptions:
+    """The robot at the other end."""
+
+    emulated: Annotated[bool, Parameter(negative="")] = False
+    """An emulated robot instead of one at a port: the firmware, compiled for this computer, with a simulated body."""
+
+    robot: str | None = None
+    """A preset's name or a robot file. Needed if a controller is sent; of an emulated robot alten by default."""
+
+    key: Path | None = None
+    """A file with the robot's key, for UDP to a robot that is not on this computer."""
+
+    scenario: str = "nominal"
+    """The true friction, sensors and play of an emulated robot: a scenario of the twin (name or file)."""
+
+    seed: WholeNumber = 1
+    """Random seed of an emulated robot. The same seed gives the same run."""
+
+    @property
+    def described(self) -> Robot | None:
+        """The robot's description; None if it is not known."""
+        name = self.robot or (_EMULATED_ROBOT if self.emulated else None)
+        return Robot.load(name) if name else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Connection:
+    """A robot at the other end of a link, and the person beside it."""
+
+    robot: LiveRobot
+    operator: Operator
+    address: str  #: port or "emulated"
+    camera: EmulatedCamera | None = None  #: above an emulated robot that is upside down
+
+
+@contextmanager
+def connected(
+    port: str | None, link: LinkOptions, *, hold: Hold = "on_ball", real_time: bool = False
+) -> Iterator[Connection]:
+    """Hold the link to a robot while the block runs.
+
+    Parameters
+    ----------
+    port : str or None
+        None for an emulated robot.
+    link : LinkOptions
+    hold : {"on_ball", "in_air", "upside_down"}
+        How an emulated robot is held; in the air and upside down it stays so when it arms.
+    real_time : bool
+        Whether an emulated robot runs no faster than a real one, for a person who drives or watches it.
+
+    Raises
+    ------
+    InputError
+        If there is no such robot, both or neither of port and --emulated are given, or the link fails.
+    """
+    if link.emulated == (port is not None):
+        raise InputError("Give the robot's port, such as /dev/ttyACM0, or --emulated.")
+    if port is None:
+        emulated, hand = _emulated(link, hold, real_time=real_time)
+        with _session(emulated, emulated.clock) as robot:
+            camera = None
+            if hold == "upside_down":
+                camera = EmulatedCamera(
+                    hand, clock=emulated.clock, sample_time=robot.sample_time, seed=link.seed
+                )
+            yield Connection(robot=robot, operator=EmulatedOperator(hand), address="emulated", camera=camera)
+        return
+    transport = open_transport(port, key=read_key(link.key) if link.key else None)
+    with _session(transport, time.monotonic) as robot:
+        yield Connection(robot=robot, operator=TerminalOperator(), address=port)
+
+
+@contextmanager
+def _session(transport: Transport, clock: Callable[[], float]) -> Iterator[LiveRobot]:
+    session = Session(transport, clock=clock)
+    try:
+        session.connect()
+        yield LiveRobot(session, clock=clock)
+    finally:
+        session.close()
+
+
+def _emulated(link: LinkOptions, hold: Hold, *, real_time: bool) -> tuple[EmulatedRobot, HeldRobot]:
+    """Return an emulated robot with the nominal controller, and the hand that holds it."""
+    check_seed(link.seed)
+    described = Robot.load(link.robot or _EMULATED_ROBOT)
+    scenario = load_scenario(link.scenario, described)
+    true = true_model(described, scenario)
+    hand = HeldRobot(true.robot, sensors=scenario.sensors, hold=hold, torque_noise=scenario.torque_noise)
+    controller = nominal_controller(described)
+    robot = EmulatedRobot(
+        SensedPlant(true, imperfections_of(scenario), known=described),
+        CompiledRobot(export_controller(controller).parameters),
+        sample_time=controller.sample_time,
+        seed=link.seed,
+        hand=hand,
+        always_held=hold != "on_ball",
+        real_time=real_time,
+    )
+    return robot, hand
+
+
+class TerminalOperator:
+    """The person at the terminal."""
+
+    def __init__(self) -> None:
+        self._console = standard_output()
+
+    def confirm_arming(self) -> bool:
+        """Let the person type the confirmation; nobody else can give it.
+
+        Raises
+        ------
+        InputError
+            If the input is not a terminal.
+        """
+        if not sys.stdin.isatty():
+            raise InputError("Arming is confirmed at a terminal, and the input of this command is none.")
+        self._console.print(
+            "The motors will be enabled. Is the robot where it should be, and is nobody in its way?"
+        )
+        self._console.print(
+            f"Type {_CONFIRMATION} and press Enter within 10 s; anything else leaves it disarmed."
+        )
+        return sys.stdin.readline().strip() == _CONFIRMATION
+
+    def hold_upright(self) -> None:
+        """Print what to do."""
+        self._console.print(UPRIGHT, soft_wrap=True)
+
+    def move(self, movement: Movement) -> None:
+        """Print what to do."""
+        self._console.print(movement.prompt, soft_wrap=True)
+
+
+class Monitor:
+    """Shows a robot while it runs: a table that changes on a terminal, a line every five seconds elsewhere.
+
+    Parameters
+    ----------
+    robot : LiveRobot
+    console : PlainConsole
+    """
+
+    def __init__(self, robot: LiveRobot, console: PlainConsole) -> None:
+        self._limit, self._wheels = robot.torque_limit, robot.wheel_count
+        self._live = (
+            Live(console=console, auto_refresh=False, transient=True) if console.is_terminal else None
+        )
+        self._next = (
+            0.0  # when the next picture is due, by the clock; or the next line, by the robot's time [s]
+        )
+        self._began: float | None = None
+
+    def __enter__(self) -> Monitor:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Remove the table from the terminal."""
+        if self._live is not None:
+            self._live.stop()
+
+    def watch(self, sample: Sample, view: View) -> None:
+        """Show a sample of an armed robot."""
+        if self._is_due(sample.t):
+            self._show(
+                view.table(sample, torque_limit=self._limit), view.line(sample, torque_limit=self._limit)
+            )
+
+    def watch_state(self, state: State) -> None:
+        """Show a state of a robot, armed or not."""
+        now = 1e-6 * (state.time % 2**32)
+        self._began = now if self._began is None else self._began
+        if self._is_due((now - self._began) % (1e-6 * 2**32)):
+            self._show(state_table(state, wheel_count=self._wheels), state_line(state))
+
+    def _is_due(self, t: float) -> bool:
+        """Return whether something is to be shown at the robot's time t [s]."""
+        now, interval = (t, _LINE) if self._live is None else (time.monotonic(), _PICTURE)
+        if now < self._next:
+            return False
+        self._next = now + interval
+        return True
+
+    def _show(self, picture: Table, line: str) -> None:
+        if self._live is None:
+            print(f"ballbot: {line}", file=sys.stderr, flush=True)
+        else:
+            self._live.start()  # not before there is something to show: the person may have to type first
+            self._live.update(picture, refresh=True)

@@ -1,0 +1,488 @@
+"""`ballbot run`: a live robot, from its wiring check to a comparison of two controllers on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from cyclopts import App, Parameter
+from numpy.typing import NDArray
+
+from ballbot.cli.context import WholeNumber, input_files, open_result
+from ballbot.cli.live_run import WRITTEN, Plan, about_run, finish, make_run, record_run
+from ballbot.cli.output import print_parts, standard_output
+from ballbot.cli.robot_link import Connection, LinkOptions, Monitor, connected
+from ballbot.control.controller import Controller
+from ballbot.control.file import read_controller
+from ballbot.control.presets import nominal_controller
+from ballbot.errors import InputError
+from ballbot.files import write_text
+from ballbot.firmware.export import check_belongs, export_controller
+from ballbot.link.bench import bench_log, bench_parameters, check_balancing_parameters, stir, sweep_of
+from ballbot.link.live import Commander, ControlFromHost, FollowReference, TorqueProgram
+from ballbot.link.messages import ControllerPlace
+from ballbot.link.recorder import SUFFIX, check_no_recording, read_recording
+from ballbot.link.references import LiveReference, is_driven, live_reference
+from ballbot.link.runs import require_log
+from ballbot.link.wiring import check_turns, measure_turns
+from ballbot.log import Log
+from ballbot.report.live import HELD, alternation_parts, alternation_results, wiring_parts, wiring_results
+from ballbot.results import as_json, to_results
+from ballbot.robot import Robot
+from ballbot.simulation.held_robot import SWEEP_PERIOD
+from ballbot.workflows.alternation import MIN_RUNS, Alternation, alternate
+from ballbot.workflows.controller_prediction import Prediction, read_prediction
+from ballbot.workflows.controller_verdict import check_controller, evaluate_log
+from ballbot.workflows.metrics import SETTLE, Performance, settled
+
+_ABOUT = """Run a live robot over a serial port or UDP: check it, record it, balance it, compare controllers on it.
+
+Every command takes the robot's port, such as /dev/ttyACM0 or udp://127.0.0.1:5005, or --emulated in its place.
+docs/bring_up.md has the commands in the order in which a new robot needs them.
+
+Example: ballbot run /dev/ttyACM0 --reference square --duration 32 --out run1
+
+Example: ballbot run wiring --emulated
+"""
+
+run = App(name="run", help=_ABOUT)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class ControllerOnRobot:
+    """The controller that the robot runs."""
+
+    controller: Path | None = None
+    """A controller file; needs --robot. It is sent if the robot has another one. If not given, the robot's own
+    controller runs."""
+
+    lean: float = 0.35
+    """Largest tilt [rad] at which the robot gives torques, sent with the controller; beyond it the robot stops."""
+
+    on_host: Annotated[bool, Parameter(negative="")] = False
+    """Run the controller on this computer. The robot's safety layer checks its torques."""
+
+    def read(self, link: LinkOptions) -> Controller | None:
+        """Return the controller; None if the robot's own runs there."""
+        described = link.described
+        if self.controller is not None:
+            if described is None:
+                raise InputError("--controller needs the robot that it is for: give --robot.")
+            check_belongs(self.controller, described)
+            return read_controller(self.controller, described)
+        if self.on_host and not (link.emulated and described):
+            raise InputError("--on-host needs the controller to run: give --controller and --robot.")
+        return nominal_controller(described) if self.on_host and described else None
+
+
+_LINK, _CONTROLLER = LinkOptions(), ControllerOnRobot()
+
+
+@run.default
+def balance(
+    port: str | None = None,
+    /,
+    *,
+    link: LinkOptions = _LINK,
+    chosen: ControllerOnRobot = _CONTROLLER,
+    reference: str = "hold",
+    duration: float = 30.0,
+    ramp: float = 0.0,
+    out: Path | None = None,
+) -> None:
+    """Balance a robot: self-test, arming after a confirmation at this terminal, a reference, a log, disarming.
+
+    Ctrl-C disarms. While the robot runs, every row of the log is on the disk within 100 ms; `ballbot run recover` makes
+    a log of a run that was cut off.
+
+    Example: ballbot run /dev/ttyACM0 --reference square --duration 32 --out run1
+
+    Example: ballbot run --emulated --reference square --duration 32 --out run1
+
+    Parameters
+    ----------
+    port
+        A serial port such as /dev/ttyACM0?baud=921600, udp://HOST:PORT or tcp://HOST:PORT.
+    reference
+        hold, square, change_pose, circle, figure_eight, a file with t, ref_x, ref_y and ref_psi; keyboard (arrow keys,
+        comma and full stop turn, e ends); gamepad, or a joystick device such as /dev/input/js1. It begins where the
+        robot stands.
+    duration
+        Longest time from arming on [s].
+    ramp
+        Time over which the torque limit rises from zero [s], for a first balance on a tether.
+    out
+        The folder for log.csv and results.json; nothing is written if it is not given.
+    """
+    controller = chosen.read(link)
+    driven = live_reference(reference)
+    try:
+        with connected(port, link, real_time=is_driven(reference)) as connection:
+            _balance(connection, link, chosen, controller, driven, duration=duration, ramp=ramp, out=out)
+    finally:
+        driven.close()
+
+
+def _balance(
+    connection: Connection,
+    link: LinkOptions,
+    chosen: ControllerOnRobot,
+    controller: Controller | None,
+    driven: LiveReference,
+    *,
+    duration: float,
+    ramp: float,
+    out: Path | None,
+) -> None:
+    robot = connection.robot
+    if controller is not None:
+        robot.use_parameters(export_controller(controller, lean=chosen.lean).parameters)
+    check_balancing_parameters(robot.parameters)
+    commander: Commander = FollowReference(driven, sample_time=robot.sample_time)
+    if chosen.on_host and controller is not None:
+        commander = ControlFromHost(controller, driven)
+    place = ControllerPlace.HOST if chosen.on_host else ControllerPlace.ROBOT
+    plan = Plan(commander=commander, controller=place, duration=duration, ramp=ramp)
+    if out is None:
+        finish(connection, make_run(connection, plan))
+        return
+
+    def performance(log: Log) -> dict[str, object]:
+        if not settled(log, SETTLE).any():
+            return {}
+        return {"performance": to_results(Performance.of(log, torque_limit=robot.torque_limit))}
+
+    inputs = input_files(link.robot, chosen.controller, link.scenario)
+    record_run(connection, link, plan, out=out, inputs=inputs, kept=lambda log: log, summary=performance)
+
+
+@run.command
+def monitor(port: str | None = None, /, *, link: LinkOptions = _LINK, duration: float = 60.0) -> None:
+    """Show a robot's sensors, self-test and stops, and what it runs; nothing is driven.
+
+    Example: ballbot run monitor /dev/ttyACM0
+
+    Example: ballbot run monitor --emulated --duration 10
+
+    Parameters
+    ----------
+    port
+        As for `ballbot run`.
+    duration
+        How long [s]; Ctrl-C ends it as well.
+    """
+    console = standard_output()
+    with connected(port, link, real_time=console.is_terminal) as connection:
+        robot = connection.robot
+        for line in robot.parameter_lines():
+            console.print(line, soft_wrap=True)
+        with Monitor(robot, console) as shown:
+            robot.watch(shown.watch_state, duration=duration)
+
+
+@run.command
+def wiring(port: str | None = None, /, *, link: LinkOptions = _LINK, out: Path | None = None) -> None:
+    """Check the wiring: IMU axes and encoders while you move the robot by hand, then each motor with its encoder.
+
+    Example: ballbot run wiring /dev/ttyACM0 --out wiring
+
+    Example: ballbot run wiring --emulated
+
+    Parameters
+    ----------
+    port
+        As for `ballbot run`.
+    out
+        The folder for results.json; nothing is written if it is not given.
+    """
+    console = standard_output()
+    with connected(port, link) as connection:
+        robot = connection.robot
+        with Monitor(robot, console) as shown:
+            lean, turns = measure_turns(
+                robot.session,
+                connection.operator,
+                wheel_count=robot.wheel_count,
+                encoder_step=robot.encoder_step,
+                watch=shown.watch_state,
+            )
+        check = check_turns(lean, turns, robot.ball_from_wheels)
+        print_parts(wiring_parts(check, framed=console.is_terminal), console)
+        if check.passed:
+            robot.test()
+            console.print("Every motor turns its own encoder forward: the self-test passed.")
+    if out is not None:
+        inputs = input_files(link.robot, link.scenario)
+        writes = ("results.json",)
+        with (
+            open_result(out, command="run wiring", writes=writes, inputs=inputs) as result,
+            result.replaced() as new,
+        ):
+            result.write_json(wiring_results(check), new, findings=check.findings)
+        result.show_file("results.json")
+    if not check.passed:
+        raise InputError(f"{check.findings[0].text} Correct it, and repeat the check.")
+
+
+@run.command
+def sweep(
+    port: str | None = None,
+    /,
+    *,
+    link: LinkOptions = _LINK,
+    duration: float = 2.0 * SWEEP_PERIOD,
+    torque: float = 1.0,
+    out: Path,
+) -> None:
+    """Record a torque sweep with the wheels off the ball, for `ballbot identify-driveline`.
+
+    Hold the robot so that its wheels turn freely. All torques follow a sine of 62.83 s.
+
+    Example: ballbot run sweep /dev/ttyACM0 --out sweep
+
+    Example: ballbot run sweep --emulated --out sweep
+
+    Parameters
+    ----------
+    port
+        As for `ballbot run`.
+    duration
+        Length of the sweep [s].
+    torque
+        Its largest torque [N m].
+    out
+        The folder for log.csv and results.json.
+    """
+    with connected(port, link, hold="in_air") as connection:
+        _bench(connection, link, sweep_of(connection.robot, torque), duration, out)
+
+
+@run.command
+def upside_down(
+    port: str | None = None,
+    /,
+    *,
+    link: LinkOptions = _LINK,
+    duration: float = 60.0,
+    torque_seed: WholeNumber = 1,
+    out: Path,
+) -> None:
+    """Record the robot upside down with the ball on its wheels, for `ballbot identify-upside-down`.
+
+    Clamp the robot upside down, lay the ball on its wheels and film it. `ballbot spin VIDEO --log log.csv` adds the
+    ball's angular velocity to the log. An emulated robot has a camera of its own.
+
+    Example: ballbot run upside-down /dev/ttyACM0 --out upside_down
+
+    Example: ballbot run upside-down --emulated --out upside_down
+
+    Parameters
+    ----------
+    port
+        As for `ballbot run`.
+    duration
+        Length of the run [s].
+    torque_seed
+        Random seed of the torques' phases.
+    out
+        The folder for log.csv and results.json.
+    """
+    with connected(port, link, hold="upside_down") as connection:
+        _bench(connection, link, stir(connection.robot, torque_seed), duration, out)
+
+
+def _bench(
+    connection: Connection,
+    link: LinkOptions,
+    torques: Callable[[float], NDArray[np.float64]],
+    duration: float,
+    out: Path,
+) -> None:
+    """Record given torques of a robot that is held, without a limit of its lean; then restore the limit."""
+    robot, camera = connection.robot, connection.camera
+    own = robot.parameters
+    robot.use_parameters(bench_parameters(own))
+
+    def kept(log: Log) -> Log:
+        return camera.added_to(bench_log(log)) if camera else bench_log(log)
+
+    try:
+        record_run(
+            connection,
+            link,
+            Plan(
+                commander=TorqueProgram(torques, sample_time=robot.sample_time),
+                controller=ControllerPlace.HOST,
+                duration=duration,
+                view=HELD,
+            ),
+            out=out,
+            inputs=input_files(link.robot, link.scenario),
+            kept=kept,
+            summary=lambda log: {"peak_wheel_speed": float(np.abs(log.wheel_speeds).max())},
+        )
+    finally:
+        if robot.session.connected:
+            robot.use_parameters(own)
+
+
+@run.command
+def send(
+    port: str | None = None,
+    /,
+    *,
+    link: LinkOptions = _LINK,
+    controller: Path,
+    lean: float = 0.35,
+) -> None:
+    """Send a controller to a disarmed robot, which keeps it until it is switched off.
+
+    Example: ballbot run send /dev/ttyACM0 --robot found/robot.toml --controller found/controller.toml
+
+    Parameters
+    ----------
+    port
+        As for `ballbot run`.
+    controller
+        A controller file.
+    lean
+        Largest tilt [rad] at which the robot gives torques.
+    """
+    read = ControllerOnRobot(controller=controller).read(link)
+    assert read is not None
+    with connected(port, link) as connection:
+        sent = connection.robot.use_parameters(export_controller(read, lean=lean).parameters)
+    text = "was sent; the self-test must pass before the robot arms" if sent else "is on the robot already"
+    standard_output().print(f"{controller} {text}.", soft_wrap=True)
+
+
+@run.command
+def compare(
+    port: str | None = None,
+    /,
+    *,
+    link: LinkOptions = _LINK,
+    prediction: Path,
+    before: Path | None = None,
+    rounds: WholeNumber = MIN_RUNS // 2,
+    lean: float = 0.35,
+    out: Path,
+) -> None:
+    """Compare a study's controller with the one before it on the robot: runs in turn on the same course, A B A B.
+
+    What drifts from run to run, such as battery and floor, is not counted as a gain. Every run of the study's
+    controller is compared with the study's prediction, as `ballbot validate --prediction` does. Put the robot back to
+    its start before each run.
+
+    Example: ballbot run compare /dev/ttyACM0 --prediction found/results.json --out compared
+
+    Example: ballbot run compare --emulated --prediction found/results.json --out compared
+
+    Parameters
+    ----------
+    port
+        As for `ballbot run`.
+    prediction
+        The results.json of a study, with controller.toml, previous_controller.toml and robot.toml beside it.
+    before
+        The controller file to compare with; previous_controller.toml beside the results if not given.
+    rounds
+        Runs of each controller, two or more.
+    lean
+        Largest tilt [rad] at which the robot gives torques.
+    out
+        The folder for the logs and results.json.
+    """
+    if rounds < MIN_RUNS // 2:
+        raise InputError(f"There are {rounds} rounds; runs in turn need {MIN_RUNS // 2} or more.")
+    predicted = read_prediction(prediction)
+    described = Robot.load(prediction.with_name("robot.toml"))
+    files = (
+        before or prediction.with_name("previous_controller.toml"),
+        prediction.with_name("controller.toml"),
+    )
+    controllers = [read_controller(path, described) for path in files]
+    check_controller(predicted, controllers[1])
+    names = [f"{k + 1}_{'after' if k % 2 else 'before'}" for k in range(2 * rounds)]
+    for name in names:
+        check_no_recording(out / f"{name}{SUFFIX}")
+    writes = [*(f"{name}.csv" for name in names), "results.json"]
+    inputs = [prediction, *files, *input_files(link.robot, link.scenario)]
+    with open_result(out, command="run compare", writes=writes, inputs=inputs, seed=link.seed) as result:
+        with connected(port, link) as connection:
+            about = about_run(connection, link, result)
+            logs = []
+            for k, name in enumerate(names):
+                result.console.print(f"Run {k + 1} of {len(names)}: {files[k % 2]}", soft_wrap=True)
+                parameters = export_controller(controllers[k % 2], lean=lean).parameters
+                connection.robot.use_parameters(parameters)
+                logs.append(_course_run(connection, predicted, out / f"{name}{SUFFIX}", about))
+        found = _compared(predicted, logs, described, controllers)
+        with result.replaced() as new:
+            for name, log in zip(names, logs, strict=True):
+                log.write(new / f"{name}.csv")
+            write_text(new / "results.json", as_json(alternation_results(found) | {"provenance": about}))
+        for name in names:
+            (out / f"{name}{SUFFIX}").unlink(missing_ok=True)
+    result.show(alternation_parts(found, framed=result.console.is_terminal))
+    result.show_file("results.json")
+
+
+def _course_run(
+    connection: Connection, predicted: Prediction, recording: Path, about: dict[str, object]
+) -> Log:
+    """Return the log of one run of the predicted course."""
+    course = live_reference(predicted.course.name)
+    plan = Plan(
+        commander=FollowReference(course, sample_time=connection.robot.sample_time),
+        controller=ControllerPlace.ROBOT,
+        duration=predicted.course.duration,
+    )
+    made = make_run(connection, plan, recording=recording, about=about)
+    finish(connection, made)
+    return require_log(made)
+
+
+def _compared(
+    predicted: Prediction, logs: list[Log], robot: Robot, controllers: list[Controller]
+) -> Alternation:
+    """Return the comparison of runs in turn; those of the second controller are compared with the prediction."""
+    limits = [controllers[k % 2].torque_limit for k in range(len(logs))]
+    performances = [Performance.of(log, torque_limit=limit) for log, limit in zip(logs, limits, strict=True)]
+    return alternate(
+        performances, [evaluate_log(predicted, log, robot, controllers[1]) for log in logs[1::2]]
+    )
+
+
+@run.command
+def recover(recording: Path, /, *, out: Path) -> None:
+    """Make a log of a run that was cut off: by a pulled plug, a killed process or a full disk.
+
+    Example: ballbot run recover run1/log.recording --out recovered
+
+    Parameters
+    ----------
+    recording
+        The file that was left where the log was to be.
+    out
+        The folder for log.csv and results.json.
+    """
+    read = read_recording(recording)
+    with open_result(out, command="run", writes=WRITTEN, inputs=[recording]) as result:
+        results = {
+            "rows": len(read.log),
+            "sample_time": read.log.sample_time,
+            "ended": "cut off",
+            "damaged_bytes": read.damaged_bytes,
+            "provenance": read.about,
+        }
+        with result.replaced() as new:
+            read.log.write(new / "log.csv")
+            write_text(new / "results.json", as_json(results))
+    length = float(read.log.t[-1] - read.log.t[0])
+    result.console.print(f"{len(read.log)} whole rows, {length:.1f} s; {read.damaged_bytes} bytes were lost.")
+    result.show_file("log.csv")

@@ -1,0 +1,108 @@
+"""A run of a live robot: self-test, arming, the run, disarming, and the recording that becomes a log.
+
+The recording (`ballbot.link.recorder`) is opened before the robot arms, so that a disk that cannot be written stops the
+command and not the robot. Whatever ends the run, the robot is disarmed and the recording closed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ballbot.errors import InputError
+from ballbot.link.live import Commander, Ending, LiveRobot, Sample, log_columns
+from ballbot.link.messages import ControllerPlace
+from ballbot.link.recorder import Recorder
+from ballbot.log import Log
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LiveRun:
+    """What became of a run."""
+
+    ending: Ending
+    log: Log | None  #: None if the run ended before its first sample
+    longest_unsaved: (
+        float | None
+    )  #: longest time for which a row was not on the disk [s]; None without a recording
+    trouble: str | None  #: why the recording ends before the run, in one sentence
+
+
+def recorded_run(
+    robot: LiveRobot,
+    commander: Commander,
+    *,
+    confirm: Callable[[], bool],
+    controller: ControllerPlace,
+    duration: float,
+    ramp: float = 0.0,
+    watch: Callable[[Sample], None],
+    recording: Path | None = None,
+    about: Mapping[str, object] | None = None,
+) -> LiveRun:
+    """Test and arm a robot, let it do what a commander says, disarm it, and return the log.
+
+    Parameters
+    ----------
+    robot : LiveRobot
+        Disarmed.
+    commander : Commander
+    confirm : callable
+        Asks a person here whether the robot may arm.
+    controller : ControllerPlace
+        Whose torques the robot obeys.
+    duration : float
+        [s]
+    ramp : float
+        Time over which the torque limit rises from zero [s].
+    watch : callable
+        Takes each sample.
+    recording : Path, optional
+        Where rows are kept while the robot runs; nowhere if it is not given.
+    about : mapping of str to object, optional
+        What the recording is of.
+
+    Raises
+    ------
+    InputError
+        If the recording cannot be written, the self-test fails, arming is not confirmed, or the robot refuses.
+    """
+    columns = log_columns(robot.wheel_count)
+    rows: list[Sequence[float]] = []
+    robot.test()
+    with Recorder(recording, columns, about=about or {}) if recording else nullcontext() as recorder:
+
+        def record(row: Sequence[float]) -> None:
+            rows.append(row)
+            if recorder is not None:
+                recorder.append(row)
+
+        try:
+            robot.arm(confirm, controller=controller, ramp=ramp)
+            ending = robot.run(commander, duration=duration, record=record, watch=watch)
+        except BaseException:
+            if recording and not rows:
+                recording.unlink(missing_ok=True)
+            raise
+        finally:
+            robot.disarm()
+    log = Log(dict(zip(columns, np.array(rows).T, strict=True))) if rows else None
+    if log is not None and ending.early:
+        log = Log(log.columns, ended=ending.text.removesuffix("."))
+    return LiveRun(
+        ending=ending,
+        log=log,
+        longest_unsaved=recorder.longest_unsaved if recorder else None,
+        trouble=recorder.failure if recorder else None,
+    )
+
+
+def require_log(run: LiveRun) -> Log:
+    """Return the log of a run; InputError if it ended before its first sample."""
+    if run.log is None:
+        raise InputError(run.ending.text)
+    return run.log

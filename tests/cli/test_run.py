@@ -1,0 +1,181 @@
+"""`ballbot run` on an emulated robot: its logs, every end, and the arming that only a person at a terminal confirms."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from ballbot.cli.main import main
+from ballbot.cli.robot_link import TerminalOperator
+from ballbot.control.file import write_controller
+from ballbot.control.presets import nominal_controller
+from ballbot.errors import InputError
+from ballbot.firmware.host import compilers
+from ballbot.log import Log
+from ballbot.robot import Robot
+
+pytestmark = [
+    pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)"),
+    pytest.mark.skipif(os.name != "posix", reason="signals and terminals are those of POSIX"),
+]
+
+
+def run(words, folder):
+    return main(["run", *words.split(), "--emulated", "--out", str(folder)])
+
+
+def results(folder):
+    return json.loads((folder / "results.json").read_text())
+
+
+def test_log_has_its_provenance_and_every_column(tmp_path, capsys):
+    assert run("--reference circle --duration 1.5", tmp_path / "run") == 0
+    log = Log.read(tmp_path / "run" / "log.csv")
+    assert len(log) == 300
+    assert np.isfinite(np.column_stack([log[name] for name in log])).all()
+    assert {"u1", "x", "psi_dot", "wheel1", "wheel3_dot", "gyro_z", "ref_psi"} <= set(log.names)
+    found = results(tmp_path / "run")
+    assert found["ended"] == "time"
+    origin = found["provenance"]
+    assert (origin["robot"], origin["port"]) == ("alten", "emulated")
+    assert len(origin["session"]) == 8
+    assert origin["longest_unsaved"] < 5.0  # under load; on its own it is a tenth of a second at most
+    assert not (tmp_path / "run" / "log.recording").exists()
+    assert "ballbot: 0.0 s" in capsys.readouterr().err  # the monitor, in lines
+
+
+def test_controller_on_the_host_and_ramp(tmp_path):
+    robot = Robot.load("alten")
+    write_controller(nominal_controller(robot, compensation="none"), tmp_path / "controller.toml")
+    words = f"--robot alten --controller {tmp_path / 'controller.toml'} --on-host --ramp 0.5 --duration 1"
+    assert run(words, tmp_path / "run") == 0
+    log = Log.read(tmp_path / "run" / "log.csv")
+    limit = robot.drive.torque_limit
+    largest = np.abs(log.torques).max(axis=1)
+    assert (largest <= limit * np.minimum(1.0, (log.t + 2 * log.sample_time) / 0.5)).all()
+    assert largest.max() > 0.0
+
+
+def test_sweep_and_upside_down_are_read_by_their_identification(tmp_path):
+    assert run("sweep --duration 1", tmp_path / "sweep") == 0
+    sweep = Log.read(tmp_path / "sweep" / "log.csv")
+    assert "theta" not in sweep
+    np.testing.assert_allclose(sweep["u2"][2:], np.sin(2 * np.pi * sweep.t[2:] / 62.83), atol=1e-6)
+    assert run("upside-down --duration 2", tmp_path / "ball") == 0
+    ball = Log.read(tmp_path / "ball" / "log.csv")
+    omega = np.column_stack([ball[f"ball_omega_{axis}"] for axis in "xyz"])
+    # the wheels do not slip: their speeds are A times the ball's, but for the camera's noise and the counts' steps
+    from ballbot.mechanics.geometry import transforms
+
+    left = ball.wheel_speeds - omega @ transforms(Robot.load("alten")).T_owb.T
+    assert np.abs(omega).max() > 0.5
+    assert np.sqrt(np.mean(left**2)) < 0.15
+
+
+def test_wiring_passes_and_writes_what_it_measured(tmp_path):
+    assert run("wiring", tmp_path / "wiring") == 0
+    found = results(tmp_path / "wiring")
+    assert found["passed"] is True
+    assert len(found["turns"]) == 3
+
+
+def test_controller_is_sent(tmp_path, capsys):
+    write_controller(
+        nominal_controller(Robot.load("alten"), compensation="none"), tmp_path / "controller.toml"
+    )
+    words = ["run", "send", "--emulated", "--controller", str(tmp_path / "controller.toml")]
+    assert main(words) == 0
+    assert "is on the robot already" in capsys.readouterr().out
+    assert main([*words, "--lean", "0.3"]) == 0
+    assert "was sent" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("run", "Give the robot's port"),
+        ("run /dev/ttyACM9 --emulated", "Give the robot's port"),
+        ("run /dev/ttyACM9", "cannot be opened"),
+        ("run --emulated --reference sqare", "There is no reference 'sqare'"),
+        ("run udp://10.0.0.1:5", "key"),
+        ("run /dev/ttyACM9 --controller none.toml", "give --robot"),
+        ("run /dev/ttyACM9 --on-host", "--on-host needs the controller"),
+        ("run --emulated --ramp -1", "torque ramp"),
+        ("run --emulated --reference gamepad", "gamepad"),
+        ("run sweep --emulated --torque 99 --out out", "torque limit"),
+        ("run compare --emulated --prediction none.json --out out", "none.json"),
+        ("run recover none.recording --out out", "none.recording"),
+    ],
+)
+def test_every_refusal_is_one_sentence(words, sentence, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(words.split()) == 2
+    said = capsys.readouterr().err
+    assert sentence in said
+    assert len([line for line in said.splitlines() if not line.startswith("ballbot: 0.0 s")]) == 1
+
+
+def started(folder, words="--duration 600"):
+    """Return a process that balances an emulated robot, once its recording grows."""
+    command = [sys.executable, "-m", "ballbot", "run", "--emulated", *words.split(), "--out", str(folder)]
+    child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    recording, end = folder / "log.recording", time.monotonic() + 300.0
+    while not (recording.exists() and recording.stat().st_size > 50_000):
+        assert child.poll() is None, child.communicate()
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    return child
+
+
+@pytest.mark.slow
+def test_killed_process_leaves_a_recording_that_becomes_a_log(tmp_path, capsys):
+    child = started(tmp_path / "run")
+    child.send_signal(signal.SIGKILL)
+    child.communicate()
+    recording = tmp_path / "run" / "log.recording"
+    assert main(["run", "recover", str(recording), "--out", str(tmp_path / "recovered")]) == 0
+    log = Log.read(tmp_path / "recovered" / "log.csv")
+    assert len(log) > 100
+    np.testing.assert_allclose(np.diff(log.t), 0.005, atol=1e-9)
+    assert results(tmp_path / "recovered")["provenance"]["robot"] == "alten"
+    # the recording is never overwritten
+    assert run("--duration 1", tmp_path / "run") == 2
+    assert "ballbot run recover" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_interrupt_disarms_and_keeps_the_log(tmp_path):
+    child = started(tmp_path / "run")
+    child.send_signal(signal.SIGINT)
+    _, said = child.communicate(timeout=120)
+    assert child.returncode == 130
+    assert "interrupted; the robot is disarmed" in said
+    assert len(Log.read(tmp_path / "run" / "log.csv")) > 100
+    assert results(tmp_path / "run")["ended"] == "interrupt"
+    assert not (tmp_path / "run" / "log.recording").exists()
+
+
+def test_nobody_but_a_person_at_a_terminal_confirms(monkeypatch, tmp_path):
+    with open(tmp_path / "answers", "w+") as answers:
+        answers.write("arm\n")
+        answers.seek(0)
+        monkeypatch.setattr(sys, "stdin", answers)
+        with pytest.raises(InputError, match="confirmed at a terminal"):
+            TerminalOperator().confirm_arming()
+
+
+@pytest.mark.parametrize(("typed", "confirmed"), [("arm", True), ("yes", False), ("", False)])
+def test_confirmation_is_typed(typed, confirmed, monkeypatch):
+    import pty
+
+    driver, own = pty.openpty()
+    os.write(driver, f"{typed}\n".encode())
+    with open(own) as terminal:
+        monkeypatch.setattr(sys, "stdin", terminal)
+        assert TerminalOperator().confirm_arming() is confirmed
+    os.close(driver)
