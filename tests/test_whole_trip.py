@@ -1,0 +1,38 @@
+"""The example of the whole trip, made short: from a log over an emulated board to a study again."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from ballbot import Log
+from ballbot.firmware.qemu import what_to_install
+
+pytest.importorskip("mujoco", reason="MuJoCo, of the extra `twin`, is not installed")
+
+ROOT = Path(__file__).parents[1]
+#: a study with few robots to try controllers on, and little freedom for the friction
+STUDY = f"--plant model --bounds {ROOT}/tests/golden/files/bounds.toml"
+
+
+@pytest.mark.sample
+@pytest.mark.skipif(bool(what_to_install()), reason=what_to_install() or "all is installed")
+def test_whole_trip(tmp_path):
+    script = [sys.executable, ROOT / "examples" / "06_whole_trip.py", "--out", tmp_path / "trip"]
+    options = ["--duration", "16", "--draws", "2", "--study-options", STUDY]
+    done = subprocess.run([*script, *options], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert "The run of 16 s is over." in done.stdout
+    stages = re.findall(r"^\$ ballbot (\w+)", done.stdout, flags=re.MULTILINE)
+    assert stages == ["record", "study", "export", "study"]
+    log = Log.read(tmp_path / "trip" / "after" / "log.csv")
+    assert len(log) == 3200
+    # the robot follows the square: the chosen controller is within a few centimetres after it has settled
+    assert abs(log["x"] - log["ref_x"])[-200:].max() < 0.1
+    for name in ("study", "study_again"):
+        results = json.loads((tmp_path / "trip" / name / "results.json").read_text())
+        assert results["provenance"]["files"], name
+    assert (tmp_path / "trip" / "study_again" / "controller.toml").is_file()
