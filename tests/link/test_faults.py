@@ -4,14 +4,20 @@ An independent model in Python decides which of the frames that arrived are vali
 at the same samples; its motors must do the same, bit for bit.
 """
 
+import subprocess
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from ballbot.control.safety import StopReason
-from ballbot.firmware.host import SelfTestOutcome, compilers
-from ballbot.link.emulated import EmulatedRobot
+from ballbot.errors import InputError
+from ballbot.firmware.export import PROJECT
+from ballbot.firmware.host import SelfTestOutcome, compile_sources, compilers, source_files
+from ballbot.link.emulated import HARDWARE, EmulatedRobot
 from ballbot.link.frames import FrameReader, LayerCounts, encode, is_newer, message_of
 from ballbot.link.messages import (
+    LONGEST_RAMP,
     TO_HOST,
     TO_ROBOT,
     Arm,
@@ -34,12 +40,13 @@ from ballbot.link.messages import (
     message_words,
 )
 from ballbot.link.session import Session, stop_reason
-from ballbot.link.transport import LinkError
+from ballbot.link.transport import LinkError, Transport
 from tests.link.test_emulated import H, emulated, parameters
 from tests.support.faulty_transport import Faults, FaultyTransport
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 
+HERE = Path(__file__).parent
 FAULTS = {
     "lost": Faults(lost=0.3),
     "repeated": Faults(repeated=0.5),
@@ -96,7 +103,7 @@ class Model:
     def _values(self, message: Message | Layer) -> Layer | None:
         words = parameters().itemsize // 4
         good = {
-            Arm: lambda one: one.controller in (0, 1),
+            Arm: lambda one: one.controller in (0, 1) and 0.0 <= one.ramp <= LONGEST_RAMP,
             Reference: lambda one: (
                 not one.reference[[2, 3, 5, 6, 7, 8, 9]].any() and np.abs(one.reference).max() <= 1e6
             ),
@@ -166,7 +173,11 @@ def any_command(random: np.random.Generator) -> Message:
         ),
         Commit(crc=int(random.integers(-(2**31), 2**31))),
         AskCounts(),
-        Arm(nonce=int(random.integers(-(2**31), 2**31)), controller=int(random.integers(-1, 3))),
+        Arm(
+            nonce=int(random.integers(-(2**31), 2**31)),
+            controller=int(random.integers(-1, 3)),
+            ramp=float(random.choice([0.0, 1.0, 61.0])),
+        ),
         SelfTest(),
     ]
     return choices[random.integers(len(choices))]
@@ -354,3 +365,47 @@ def test_confirmation_is_good_for_ten_seconds(late):
         return True
 
     assert session.arm(think) is (Result.OK if late < 10.0 else Result.NONCE)
+
+
+class Tapped:
+    """A robot's line, of which both directions are kept."""
+
+    def __init__(self, line: Transport) -> None:
+        self.line, self.given, self.sent = line, b"", b""
+
+    def read(self, timeout: float) -> bytes:
+        data = self.line.read(timeout)
+        self.sent += data
+        return data
+
+    def write(self, data: bytes) -> None:
+        self.given += data
+        self.line.write(data)
+
+    def close(self) -> None:
+        self.line.close()
+
+
+@pytest.mark.slow
+def test_sanitizers_find_nothing_in_a_robot_with_a_faulty_link_and_change_no_bit(tmp_path):
+    program = tmp_path / "line"
+    sources = [*source_files(), PROJECT / "robot.c", *sorted(HARDWARE.glob("*.c")), HERE / "line.c"]
+    folders = (f"-I{PROJECT}", f"-I{HARDWARE}")
+    flags = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", *folders)
+    try:
+        compile_sources(program, sources, flags=flags)
+    except InputError as refusal:
+        pytest.skip(f"the compiler has no sanitizers: {str(refusal)[:200]}")
+    emulator = emulated(seed=5)
+    line = emulator._line = Tapped(emulator._line)
+    robot = Recording(emulator)
+    drive(FaultyTransport(robot, Faults(corrupted=0.1, repeated=0.2), seed=5), robot, seed=5)
+    session = Session(robot, clock=emulator.clock)
+    session.connect()
+    session.write_parameters(session.read_parameters())
+    done = subprocess.run(
+        [program], input=parameters().tobytes() + line.given, capture_output=True, check=False
+    )
+    assert done.returncode == 0, done.stderr.decode()[:3000]
+    assert len(line.given) > 40_000  # 800 samples
+    assert done.stdout == line.sent

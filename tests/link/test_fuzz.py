@@ -1,9 +1,14 @@
 """A sample of the campaign that fuzzes the link: each layer lets pass what chance lets it, and nothing is acted on."""
 
+import subprocess
+from pathlib import Path
+
 import pytest
 
-from ballbot.firmware.host import compilers
+from ballbot.errors import InputError
+from ballbot.firmware.host import compile_sources, compilers, source_files
 from campaigns.link_fuzz import Kind, rows
+from tests.link.test_emulated import parameters
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 
@@ -20,3 +25,15 @@ def test_layers_let_pass_what_chance_lets_them():
     assert sum(int(one["acted"]) for one in found.values()) == 0
     assert sum(int(one["bytes"]) for one in found.values()) >= 1_000_000
     assert found[Kind.CHANGED]["same"] > 0
+
+
+@pytest.mark.slow
+def test_sanitizers_find_nothing_in_the_link(tmp_path):
+    program = tmp_path / "fuzz"
+    flags = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+    try:
+        compile_sources(program, [*source_files(), Path(__file__).parent / "fuzz.c"], flags=flags)
+    except InputError as refusal:
+        pytest.skip(f"the compiler has no sanitizers: {str(refusal)[:200]}")
+    done = subprocess.run([program], input=parameters().tobytes(), capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr.decode()[:3000]
