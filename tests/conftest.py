@@ -7,6 +7,8 @@ from pathlib import Path
 
 # one thread of BLAS: several processes test side by side, and waiting threads would take the cores from each other
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is imported
+# the processes that tests start read what the first of them compiles of the source
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 import hypothesis
 import pytest

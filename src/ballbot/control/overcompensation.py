@@ -26,8 +26,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import norm
 
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
@@ -76,7 +76,7 @@ def cautious_friction(friction: Friction, covariance: ArrayLike, *, confidence: 
     P = np.pad(P, (0, 6 * n + 3 - len(P)))
     if not 0.5 <= confidence < 1.0:
         raise InputError(f"The confidence is {confidence:g}; it must be at least 0.5 and below 1.")
-    z = float(norm.ppf(confidence))
+    z = float(scipy.stats.norm.ppf(confidence))
     fractions = [_certain_fraction(friction, wheel, P, z) for wheel in range(n)]
     C_rr = 3 * n + 2  # its place, after v_s and delta
     rolling_error = float(np.sqrt(P[C_rr, C_rr]))

@@ -21,9 +21,8 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import norm
-from scipy.stats import t as student
 
 from ballbot.fitting.parameter import ParameterSpace
 from ballbot.fitting.run import DEFAULT_RUN, Run
@@ -369,7 +368,7 @@ def assess(
 
 
 def _quantile(windows: int, parameters: int) -> float:
-    return float(student.ppf(0.5 + 0.5 * CONFIDENCE, max(windows - parameters, 1)))
+    return float(scipy.stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(windows - parameters, 1)))
 
 
 def _intervals_at_bounds(
@@ -410,4 +409,4 @@ def truncated_reach(beyond: float) -> float:
     """
     if beyond > _EXPONENTIAL:
         return -math.log(1.0 - CONFIDENCE) / beyond
-    return float(norm.isf((1.0 - CONFIDENCE) * norm.sf(beyond))) - beyond
+    return float(scipy.stats.norm.isf((1.0 - CONFIDENCE) * scipy.stats.norm.sf(beyond))) - beyond

@@ -25,8 +25,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 from scipy.optimize import least_squares
 
 from ballbot.errors import InputError
@@ -127,7 +127,7 @@ class LinearFit:
     @property
     def half_widths(self) -> NDArray[np.float64]:
         """Half widths of the 95 % intervals (p,)."""
-        return stats.t.ppf(0.975, np.maximum(self.blocks - 1, 1)) * self.errors
+        return scipy.stats.t.ppf(0.975, np.maximum(self.blocks - 1, 1)) * self.errors
 
     def p_value(self, places: Sequence[int]) -> float:
         """Return the p-value of the parameters at `places`, for the hypothesis that all are zero.
@@ -140,7 +140,7 @@ class LinearFit:
             return float("nan")
         part, covariance = self.values[list(places)], self.covariance[np.ix_(places, places)]
         wald = float(part @ np.linalg.pinv(covariance, hermitian=True) @ part)
-        return float(stats.f.sf(wald * freedom / (count * (blocks - 1)), count, freedom))
+        return float(scipy.stats.f.sf(wald * freedom / (count * (blocks - 1)), count, freedom))
 
 
 def fit_linear(

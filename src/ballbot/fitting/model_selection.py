@@ -25,8 +25,8 @@ from dataclasses import dataclass, replace
 from typing import Generic, Literal, TypeVar
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from ballbot.fitting.intervals import RepeatableFit
 from ballbot.fitting.run import DEFAULT_RUN, Run
@@ -257,7 +257,7 @@ def _has_effect(
     amounts = point * through
     if not amounts.any():
         return False
-    limit = float(chi2.ppf(EFFECT_CONFIDENCE, int(through.sum() + dependent.sum())))
+    limit = float(scipy.stats.chi2.ppf(EFFECT_CONFIDENCE, int(through.sum() + dependent.sum())))
     moved = through | (free & (point > 0.0))
     spread = covariance(fit.equations.normal, moved)[np.ix_(through, through)]
     if amounts[through] @ np.linalg.lstsq(spread, amounts[through], rcond=1e-13)[0] > CLEARLY_PRESENT * limit:

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from cmaes import CMA
 from numpy.typing import NDArray
 
 from ballbot.fitting.run import DEFAULT_RUN, Run
@@ -56,6 +55,8 @@ def evolve(
         Its seed fixes the search bit for bit; its checkpoint answers for the costs of a generation, and the stage
         "evolution" is reported after each.
     """
+    from cmaes import CMA  # with scipy.stats, which takes half a second
+
     strategy = CMA(
         mean=np.full(size, 0.5),
         sigma=0.3,

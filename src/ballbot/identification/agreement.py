@@ -22,8 +22,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from ballbot.control.overcompensation import stated_covariance
 from ballbot.findings import Finding, warning
@@ -94,7 +94,7 @@ class Agreement:
     @property
     def p_value(self) -> float:
         """Probability of so large a difference if both estimate the same values."""
-        return float(chi2.sf(self.chi_squared, len(self.difference)))
+        return float(scipy.stats.chi2.sf(self.chi_squared, len(self.difference)))
 
     @property
     def deviations(self) -> NDArray[np.float64]:
@@ -125,7 +125,7 @@ class Agreement:
             weight = np.linalg.pinv(k**2 * self.first.covariance + self.second.covariance, hermitian=True)
             k = float(x @ weight @ y) / float(x @ weight @ x)
         misfit = _squared(y - k * x, k**2 * self.first.covariance + self.second.covariance)
-        return k if k > 0.0 and chi2.sf(misfit, count - 1) > LEAST_P_VALUE else None
+        return k if k > 0.0 and scipy.stats.chi2.sf(misfit, count - 1) > LEAST_P_VALUE else None
 
 
 def _squared(difference: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:

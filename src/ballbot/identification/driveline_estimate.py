@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
 from ballbot.fitting.intervals import CONFIDENCE, Interval, between, profile
 from ballbot.fitting.least_squares import Stopping, minimize_squares
@@ -268,7 +268,7 @@ def _covariance(fit: InnovationFit) -> NDArray[np.float64]:
 def _intervals(fit: InnovationFit, covariance: NDArray[np.float64]) -> dict[str, Interval]:
     """Return the 95 % interval of each of the five that has an error, or is at a bound that the sweep explains."""
     space, found = fit.coordinates, dict[str, Interval]()
-    quantile = float(student.ppf(0.5 + 0.5 * CONFIDENCE, max(fit.residual_count - len(fit.point), 1)))
+    quantile = float(scipy.stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(fit.residual_count - len(fit.point), 1)))
     inverse = fit.variance / np.maximum((fit.jacobian**2).sum(axis=0), np.finfo(float).tiny)
     for place in range(FRICTION_SIZE):
         error = float(np.sqrt(covariance[place, place]))

@@ -45,8 +45,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import correlate, correlation_lags
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
@@ -301,14 +301,14 @@ def _offset(t: NDArray[np.float64], rates: NDArray[np.float64], film: Mocap) -> 
     theirs = _magnitude(np.arange(film.t[0], film.t[-1], _GRID), film.t, film.turning)
     if min(len(ours), len(theirs)) < 100:
         raise InputError("Log and motion capture must each last half a second at least.")
-    likeness = correlate(theirs, ours)
+    likeness = scipy.signal.correlate(theirs, ours)
     best = int(np.argmax(likeness))
     if likeness[best] < LEAST_CORRELATION * np.linalg.norm(ours) * np.linalg.norm(theirs):
         raise InputError(
             "The gyro and the motion capture are not of the same run: the body rates correlate "
             f"by only {likeness[best] / (np.linalg.norm(ours) * np.linalg.norm(theirs)):.2f}."
         )
-    return float(film.t[0] - t[0] + _GRID * correlation_lags(len(theirs), len(ours))[best])
+    return float(film.t[0] - t[0] + _GRID * scipy.signal.correlation_lags(len(theirs), len(ours))[best])
 
 
 def _magnitude(

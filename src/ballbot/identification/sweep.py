@@ -24,8 +24,8 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import norm
 
 from ballbot.errors import InputError
 from ballbot.files import read_json
@@ -117,7 +117,7 @@ def with_sweep(coordinates: Coordinates, estimate: Estimate, sweep: SweepFrictio
         return Estimate(values=estimate.values, uncertainty=uncertainty, remarks=combined.remarks)
     values = np.clip(combined.values, coordinates.lower, coordinates.upper)
     errors = np.sqrt(combined.covariance.diagonal())
-    half = float(norm.ppf(0.5 + 0.5 * CONFIDENCE)) * errors
+    half = float(scipy.stats.norm.ppf(0.5 + 0.5 * CONFIDENCE)) * errors
     lower, upper = np.maximum(values - half, coordinates.lower), np.minimum(values + half, coordinates.upper)
     intervals = {
         coordinates.labels[i]: Interval(lower=float(lower[i]), upper=float(upper[i]), method="with sweep")

@@ -25,9 +25,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
-from scipy.signal import find_peaks
 from scipy.special import ellipk
 
 from ballbot.arrays import real_array
@@ -145,7 +144,9 @@ def swing_of(t: NDArray[np.float64], values: NDArray[np.float64], *, kind: Kind,
             f"{period:.2g} s; record faster, or check that it is the hanging body's motion."
         )
     smooth = _smoothed(t, centred, period)
-    peaks, _ = find_peaks(np.abs(smooth), distance=max(1, int(0.35 * period / np.median(np.diff(t)))))
+    peaks, _ = scipy.signal.find_peaks(
+        np.abs(smooth), distance=max(1, int(0.35 * period / np.median(np.diff(t))))
+    )
     if not len(peaks):
         raise InputError(f"{source} does not swing.")
     largest = float(np.abs(smooth[peaks]).max())
@@ -371,7 +372,7 @@ def _fitted(swing: Swing) -> SwingFit | None:
         swing=swing,
         values=values,
         covariance=covariance_in_time(found.jacobian, found.residuals, block),
-        quantile=float(stats.t.ppf(0.975, max(clusters - 3, 1))),
+        quantile=float(scipy.stats.t.ppf(0.975, max(clusters - 3, 1))),
         predicted=predicted,
         amplitudes=_amplitudes(angles, swing),
     )

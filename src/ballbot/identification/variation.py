@@ -22,8 +22,8 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from ballbot.errors import InputError
 from ballbot.files import read_toml
@@ -299,7 +299,7 @@ def _difference(y: NDArray[np.float64], errors: NDArray[np.float64]) -> float:
         return 1.0
     weights = 1.0 / errors**2
     middle = (weights * y).sum() / weights.sum()
-    return float(chi2.sf((weights * (y - middle) ** 2).sum(), len(y) - 1))
+    return float(scipy.stats.chi2.sf((weights * (y - middle) ** 2).sum(), len(y) - 1))
 
 
 def variation_findings(varied: Variation) -> list[Finding]:

@@ -43,8 +43,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import linalg, signal, stats
+from scipy import linalg
 
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import torque_names
@@ -144,7 +145,7 @@ def correlations(
     pairs = np.triu_indices(len(matrix), 1)
     r, count = matrix[pairs], counts[pairs]
     t = r * np.sqrt(np.maximum(count - 2.0, 0.0) / np.maximum(1.0 - r**2, 1e-15))
-    p = 2.0 * stats.t.sf(np.abs(t), np.maximum(count - 2.0, 1.0))
+    p = 2.0 * scipy.stats.t.sf(np.abs(t), np.maximum(count - 2.0, 1.0))
     p[count < _LEAST_COUNT] = np.nan
     significant = np.zeros(matrix.shape, dtype=np.bool_)
     significant[pairs] = holm(p, level=CORRELATION_LEVEL)
@@ -223,7 +224,7 @@ def whiteness(residuals: NDArray[np.float64], segments: Sequence[int]) -> Whiten
         together = np.nanmean(squares * lagged(squares, segments, lag=lag), axis=0)
         scale = np.where(together > 0.0, together, 1.0)
         statistic += (count + 2.0) / (count - lag) * count * covariance[lag] ** 2 / scale
-    p_value = stats.chi2.sf(statistic, LAGS)
+    p_value = scipy.stats.chi2.sf(statistic, LAGS)
     return Whiteness(
         autocorrelation=covariance / variance,
         statistic=statistic,
@@ -342,14 +343,14 @@ def _windows(
 
 def _log_density(part: NDArray[np.float64], rate: float) -> NDArray[np.float64]:
     """Return the logarithm of a window's density (f, k), its mean over noise that of the true density's."""
-    _, density = signal.periodogram(part, rate, window="hann", detrend="linear", axis=0)
+    _, density = scipy.signal.periodogram(part, rate, window="hann", detrend="linear", axis=0)
     return np.log(density + np.finfo(float).tiny) + np.euler_gamma
 
 
 def _peaks(frequencies: NDArray[np.float64], logs: NDArray[np.float64], windows: int) -> tuple[Peak, ...]:
     around = _surroundings(logs)
     error = np.pi / np.sqrt(6.0) * np.sqrt(1.056 / windows)
-    limit = max(np.log(_LEAST_RATIO), stats.norm.isf(PEAK_LEVEL / logs.size) * error)
+    limit = max(np.log(_LEAST_RATIO), scipy.stats.norm.isf(PEAK_LEVEL / logs.size) * error)
     found = []
     for place, state in np.argwhere(logs - around > limit):
         near = slice(max(0, place - _GUARD), place + _GUARD + 1)

@@ -21,8 +21,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from ballbot.errors import InputError
 from ballbot.workflows.controller_prediction import CONFIDENCE
@@ -117,7 +117,7 @@ def paired_gain(values: NDArray[np.float64]) -> Gain:
     left = logs - X @ np.linalg.lstsq(X, logs, rcond=None)[0]
     freedom = count - X.shape[1]
     variance = float(left @ left) / freedom * float(np.linalg.inv(X.T @ X)[2, 2])
-    half = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, freedom)) * float(np.sqrt(variance))
+    half = float(scipy.stats.t.ppf(0.5 + 0.5 * CONFIDENCE, freedom)) * float(np.sqrt(variance))
     return Gain(
         factor=float(np.exp(gain)),
         low=float(np.exp(gain - half)),

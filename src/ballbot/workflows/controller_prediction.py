@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from pydantic import Field, FiniteFloat, NonNegativeInt, PositiveFloat
-from scipy import stats
 
 from ballbot.control.controller import Controller
 from ballbot.control.file import Table, controller_text
@@ -208,7 +208,7 @@ def lognormal_interval(
     logs = np.log(np.maximum(values, np.finfo(np.float64).tiny))
     count = len(logs)
     center = float(logs.mean())
-    quantile = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, count - 1))
+    quantile = float(scipy.stats.t.ppf(0.5 + 0.5 * CONFIDENCE, count - 1))
     half = quantile * float(logs.std(ddof=1)) * np.sqrt(1.0 + 1.0 / count)
     down, up = (float(np.hypot(half, np.log(factor))) for factor in discrepancy)
     return PredictionInterval(

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfiltfilt
 
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
@@ -124,9 +124,9 @@ def high_frequency_torque(log: Log, *, above: float = HIGH_FREQUENCY) -> float:
             f"The torques are sampled at {rate:.4g} Hz, which shows nothing above {0.5 * rate:.4g} Hz; "
             f"torque above {above:g} Hz cannot be computed."
         )
-    sections = butter(_FILTER_ORDER, above, btype="highpass", fs=rate, output="sos")
+    sections = scipy.signal.butter(_FILTER_ORDER, above, btype="highpass", fs=rate, output="sos")
     rows_beyond = min(round(rate / above), len(log) - 1)  # a period of the slowest that passes
-    return rms(sosfiltfilt(sections, log.torques, axis=0, padlen=rows_beyond))
+    return rms(scipy.signal.sosfiltfilt(sections, log.torques, axis=0, padlen=rows_beyond))
 
 
 def energies(log: Log) -> tuple[float, float]:
@@ -325,7 +325,7 @@ def cycle_amplitude(log: Log, *, settle: float = 6.0) -> float:
             f"The run has less than {_MIN_CYCLE_TIME:g} s after the first {settle:g} s; that is too short to find "
             "a limit cycle."
         )
-    high = butter(2, _MIN_CYCLE_FREQUENCY, "high", fs=1.0 / log.sample_time, output="sos")
+    high = scipy.signal.butter(2, _MIN_CYCLE_FREQUENCY, "high", fs=1.0 / log.sample_time, output="sos")
     window = np.hanning(np.count_nonzero(late))
-    lines = [np.abs(np.fft.rfft(sosfiltfilt(high, place[name][late]) * window)) for name in "xy"]
+    lines = [np.abs(np.fft.rfft(scipy.signal.sosfiltfilt(high, place[name][late]) * window)) for name in "xy"]
     return float(2.0 * np.max(lines) / window.sum())

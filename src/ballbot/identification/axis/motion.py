@@ -15,8 +15,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import signal
 from scipy.interpolate import CubicSpline
 
 from ballbot.errors import InputError
@@ -87,10 +87,10 @@ def smoothed_motion(record: AxisRecord, *, bandwidth: float) -> Motion:
             f"A bandwidth (--bandwidth) of {bandwidth:g} Hz needs a filter at {cutoff:g} Hz, and {record.name} is "
             f"sampled at {rate:.4g} Hz; choose a bandwidth above zero and below {0.1 * rate:.3g} Hz."
         )
-    b, a = np.asarray(signal.butter(_BUTTERWORTH_ORDER, cutoff / (0.5 * rate)), dtype=float)
+    b, a = np.asarray(scipy.signal.butter(_BUTTERWORTH_ORDER, cutoff / (0.5 * rate)), dtype=float)
 
     def filtered(position: NDArray[np.float64]) -> NDArray[np.float64]:
-        smooth = signal.filtfilt(b, a, position, padlen=3 * _BUTTERWORTH_ORDER)
+        smooth = scipy.signal.filtfilt(b, a, position, padlen=3 * _BUTTERWORTH_ORDER)
         speed = np.gradient(smooth, record.sample_time)
         return np.array([smooth, speed, np.gradient(speed, record.sample_time)])
 
@@ -139,6 +139,6 @@ def decimated(values: NDArray[np.float64], factor: int) -> NDArray[np.float64]:
     """Return every `factor`-th of values (N,), the last among them, after a Chebyshev filter without delay."""
     if factor == 1:
         return values
-    b, a = np.asarray(signal.cheby1(_DECIMATION_ORDER, _DECIMATION_RIPPLE, 0.8 / factor), dtype=float)
-    smooth = signal.filtfilt(b, a, values, padlen=3 * _DECIMATION_ORDER)
+    b, a = np.asarray(scipy.signal.cheby1(_DECIMATION_ORDER, _DECIMATION_RIPPLE, 0.8 / factor), dtype=float)
+    smooth = scipy.signal.filtfilt(b, a, values, padlen=3 * _DECIMATION_ORDER)
     return smooth[(len(values) - 1) % factor :: factor]

@@ -20,8 +20,8 @@ from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from ballbot.fitting.least_squares import Stopping, minimize_squares
 from ballbot.fitting.parameter import RelativeSpace
@@ -349,7 +349,7 @@ class OutputErrorFit:
     @property
     def half_widths(self) -> dict[str, float]:
         """Half widths of the 95 % intervals, by label."""
-        quantile = float(stats.t.ppf(0.975, self.freedom))
+        quantile = float(scipy.stats.t.ppf(0.975, self.freedom))
         return {label: quantile * error for label, error in self.standard_errors.items()}
 
 

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from ballbot.findings import Finding, note, warning
 from ballbot.fitting.uncertainty import resamples
@@ -96,7 +96,7 @@ def predicted_error(
         # the estimate from few records shrinks towards the assumed value, which weighs as much as three records
         between = (3.0 * between + (records - 1) * float(np.var(logs, ddof=1))) / (records + 2)
         freedom = records + 2
-    half = float(stats.t.ppf(0.975, freedom)) * np.sqrt(variance + between * (1.0 + 1.0 / records))
+    half = float(scipy.stats.t.ppf(0.975, freedom)) * np.sqrt(variance + between * (1.0 + 1.0 / records))
     middle = float(np.sqrt(squares.mean()))
     return PredictedError(
         horizon=horizon,

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfiltfilt
 from scipy.spatial import KDTree
 
 from ballbot.control.presets import nominal_controller
@@ -86,8 +86,8 @@ def above(values: NDArray[np.float64], sample_time: float, frequency: float) -> 
     frequency : float
         [Hz]
     """
-    sections = butter(2, frequency, btype="highpass", fs=1.0 / sample_time, output="sos")
-    return np.asarray(sosfiltfilt(sections, values, axis=0), np.float64)
+    sections = scipy.signal.butter(2, frequency, btype="highpass", fs=1.0 / sample_time, output="sos")
+    return np.asarray(scipy.signal.sosfiltfilt(sections, values, axis=0), np.float64)
 
 
 #: time between restarts in closed loop, between starts in open loop, and how far those look [s]

@@ -21,8 +21,8 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
@@ -44,7 +44,7 @@ def _blocks(times: NDArray[np.float64]) -> NDArray[np.int64]:
 
 def _quantile(blocks: NDArray[np.int64]) -> float:
     """Return Student's t for 95 % with as many blocks."""
-    return float(stats.t.ppf(0.975, max(int(blocks.max()), 1)))
+    return float(scipy.stats.t.ppf(0.975, max(int(blocks.max()), 1)))
 
 
 def fit_in_blocks(
