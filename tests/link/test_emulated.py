@@ -9,9 +9,10 @@ from ballbot import Model, Robot
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.safety import SafetyLimits, StopReason
 from ballbot.errors import InputError
-from ballbot.firmware.host import SelfTestOutcome, compilers
+from ballbot.firmware.export import PROJECT
+from ballbot.firmware.host import SelfTestOutcome, compile_sources, compilers
 from ballbot.firmware.records import parameter_record
-from ballbot.link.emulated import CompiledRobot, EmulatedRobot
+from ballbot.link.emulated import HARDWARE, CompiledRobot, EmulatedRobot
 from ballbot.link.messages import Capability, ControllerPlace, Result, State
 from ballbot.link.session import Session, stop_reason
 from ballbot.link.transport import LinkError
@@ -58,6 +59,16 @@ def states(session: Session, seconds: float) -> list[State]:
     while session._clock() < end:
         found += [one for one in session.poll(H) if isinstance(one, State)]
     return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("compiler", ["gcc", "clang", "zig"])
+def test_emulated_robot_compiles_without_a_warning(compiler, tmp_path):
+    if compiler not in compilers():
+        pytest.skip(f"{compiler} is missing")
+    for source in [PROJECT / "robot.c", *sorted(HARDWARE.glob("*.c"))]:
+        flags = ("-c", f"-I{PROJECT}", f"-I{HARDWARE}")
+        compile_sources(tmp_path / "one.o", [source], flags=flags, compiler=compiler)
 
 
 def test_robot_balances_and_follows_a_reference():

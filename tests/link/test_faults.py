@@ -15,11 +15,12 @@ from ballbot.errors import InputError
 from ballbot.firmware.export import PROJECT
 from ballbot.firmware.host import SelfTestOutcome, compile_sources, compilers, source_files
 from ballbot.link.emulated import HARDWARE, EmulatedRobot
-from ballbot.link.frames import FrameReader, LayerCounts, encode, is_newer, message_of
+from ballbot.link.frames import Frame, FrameReader, LayerCounts, decode, encode, is_newer, message_of
 from ballbot.link.messages import (
     LONGEST_RAMP,
     TO_HOST,
     TO_ROBOT,
+    Answer,
     Arm,
     AskCounts,
     Commit,
@@ -275,6 +276,45 @@ def test_silence_stops_the_robot_within_50_ms_latched(place):
     session.poll(H)
     assert session.state.armed
     assert stop_reason(session.state) is None
+
+
+class FirstLost:
+    """A transport that loses the first answer to each kind of command, from a time on."""
+
+    def __init__(self, robot: Recording) -> None:
+        self.robot, self.seen, self._part = robot, set(), b""
+
+    def read(self, timeout: float) -> bytes:
+        *whole, self._part = (self._part + self.robot.read(timeout)).split(b"\0")
+        return b"".join(one + b"\0" for one in whole if not self._loses(one))
+
+    def _loses(self, coded: bytes) -> bool:
+        frame = decode(coded, TO_HOST)
+        message = message_of(frame) if isinstance(frame, Frame) else None
+        if not isinstance(message, Answer) or (message.command, message.result) in self.seen:
+            return False
+        self.seen.add((message.command, message.result))
+        return True
+
+    def write(self, data: bytes) -> None:
+        self.robot.write(data)
+
+    def close(self) -> None:
+        self.robot.close()
+
+
+def test_command_whose_answer_is_lost_is_sent_again():
+    robot = Recording(emulated())
+    session = Session(FirstLost(robot), clock=robot.robot.clock)
+    session.connect()
+    assert session.self_test() is SelfTestOutcome.PASSED
+    assert session.arm(lambda: True) is Result.OK
+    session.poll(H)
+    assert session.state.armed
+    session.disarm()
+    session.poll(H)
+    assert not session.state.armed
+    session.write_parameters(session.read_parameters())
 
 
 def test_silence_ends_a_self_test():

@@ -242,7 +242,11 @@ class Session:
         LinkError
             If no answer comes.
         """
-        sent = set()
+        return self._request(message)[0]
+
+    def _request(self, message: Message) -> tuple[Answer, bool]:
+        """Return the answer to a command, and whether the command was sent again before it came."""
+        sent: set[int] = set()
         for _ in range(_ATTEMPTS):
             sent.add(self.send(message))
             end = self._clock() + _ANSWER_TIME
@@ -251,13 +255,14 @@ class Session:
                 self._queued += found
                 for one in found:
                     if isinstance(one, Answer) and one.command == message.TYPE and one.sequence in sent:
-                        return one
+                        return one, len(sent) > 1
         raise LinkError(f"The robot does not answer the command {type(message).__name__}.")
 
     def _demand(self, message: Message) -> None:
         """Send a command; raise LinkError if the robot refuses it."""
-        answer = self.request(message)
-        if answer.result != Result.OK:
+        answer, again = self._request(message)
+        obeyed = again and answer.result == Result.ACTIVE and isinstance(message, SelfTest)
+        if answer.result != Result.OK and not obeyed:  # the answer to the first was lost
             raise LinkError(
                 f"The robot refuses the command {type(message).__name__}: {reason(answer.result)}."
             )
@@ -327,7 +332,9 @@ class Session:
         if asked.result != Result.CONFIRM or not confirm():
             return Result(asked.result)
         self._heard = self._clock()  # nobody listened while the person thought
-        answer = self.request(Arm(nonce=asked.value, controller=controller, ramp=ramp))
+        answer, again = self._request(Arm(nonce=asked.value, controller=controller, ramp=ramp))
+        if again and answer.result == Result.ACTIVE:
+            return Result.OK  # the answer to the first was lost
         return Result(answer.result)
 
     def disarm(self) -> None:

@@ -113,7 +113,8 @@ class SerialTransport:
     def read(self, timeout: float) -> bytes:
         """Return what has come; wait for it at most `timeout` [s], then return b""."""
         try:
-            self._port.timeout = timeout
+            if self._port.timeout != timeout:
+                self._port.timeout = timeout  # looks at all of the port's settings
             first = self._port.read(1) if timeout > 0.0 and not self._port.in_waiting else b""
             return first + self._port.read(self._port.in_waiting)
         except (serial.SerialException, OSError) as problem:
