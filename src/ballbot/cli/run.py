@@ -414,7 +414,7 @@ def compare(
     inputs = [prediction, *files, *input_files(link.robot, link.scenario)]
     with open_result(out, command="run compare", writes=writes, inputs=inputs, seed=link.seed) as result:
         with connected(port, link) as connection:
-            about = about_run(connection, link, result)
+            about = about_run(connection, link, result) | {"robot": described.name}
             logs = []
             for k, name in enumerate(names):
                 result.console.print(f"Run {k + 1} of {len(names)}: {files[k % 2]}", soft_wrap=True)

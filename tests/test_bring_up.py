@@ -1,0 +1,70 @@
+"""The document "From a new robot to a better controller": its commands run in order against the emulated robot."""
+
+import re
+import shlex
+
+import pytest
+
+from ballbot.cli.main import main
+from ballbot.firmware.host import compilers
+from ballbot.log import Log
+from ballbot.robot import Robot
+from tests.support.paths import ROOT
+
+pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
+
+DOCUMENT = (ROOT / "docs" / "bring_up.md").read_text(encoding="utf-8")
+COMMANDS = [
+    shlex.split(line)[1:]
+    for block in re.findall(r"```sh\n(.*?)```", DOCUMENT, flags=re.DOTALL)
+    for line in block.splitlines()
+]
+#: what identifies and compares takes minutes, and needs the logs of what comes before it
+_LONG = ("identify-driveline", "identify-upside-down", "study")
+#: options that make the long commands and the runs for them shorter; the page's own options stay
+_SHORTER = {
+    "identify-upside-down": ["--bounds", str(ROOT / "tests/golden/files/bounds.toml"), "--window", "0.5"],
+    "study": ["--bounds", str(ROOT / "tests/golden/files/bounds.toml"), "--plant", "model", "--draws", "6"],
+}
+
+
+def needs_study(words):
+    return words[0] in _LONG or any(word.startswith("found/") for word in words)
+
+
+@pytest.mark.slow
+def test_what_needs_no_study_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for words in COMMANDS:
+        if not needs_study(words):
+            seconds = ["--duration", "2"] if words[1:2] in (["sweep"], ["upside-down"]) else []
+            assert main([*words, *seconds]) == 0, (words, capsys.readouterr().err)
+    assert len(Log.read("square/log.csv")) == 40 / 0.005
+    assert "The wiring is right." in capsys.readouterr().out
+
+
+@pytest.mark.sample
+def test_every_command_of_the_page_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for words in COMMANDS:
+        assert main([*words, *_SHORTER.get(words[0], [])]) == 0, (words, capsys.readouterr().err)
+    # the emulated robot has the friction of the twin's nominal scenario
+    found = Robot.load("driveline/robot.toml").friction
+    assert found.coulomb == pytest.approx((0.11, 0.09, 0.12), rel=0.05)
+    assert found.viscous == pytest.approx((0.014, 0.016, 0.013), rel=0.05)
+    shown = capsys.readouterr().out
+    assert "After over before, the drift removed" in shown
+
+
+def test_page_shows_every_command_against_the_emulated_robot():
+    live = [words for words in COMMANDS if words[0] == "run"]
+    assert all("--emulated" in words for words in live)
+    shown = {words[1] for words in live if not words[1].startswith("-")}
+    assert shown == {"monitor", "wiring", "sweep", "upside-down", "send", "compare"}
+
+
+def test_messages_of_the_page_are_those_of_the_check():
+    source = (ROOT / "src/ballbot/link/wiring.py").read_text(encoding="utf-8")
+    for part in ("turned as wheel", "counts backward", "the gyro has another unit (degrees/s?) or range"):
+        assert part in source
+        assert part in DOCUMENT
