@@ -73,6 +73,7 @@ CAMPAIGNS = {
     "firmware_numbers": "campaigns.firmware_numbers",
     "firmware_loop": "campaigns.firmware_loop",
     "link_fuzz": "campaigns.link_fuzz",
+    "link_timing": "campaigns.link_timing",
     "board": "campaigns.board",
     "firmware_fuzz": "campaigns.firmware_fuzz",
     "reproduce": "campaigns.reproduce",
