@@ -1,7 +1,7 @@
 """What a golden keeps of the files that a command writes.
 
 Kept: every number, truth value and word of results.json and of TOML files, each column of CSV files, the elements of
-MJCF, the data of pages with a replay, the names of all other files, and the exit code.
+MJCF, the data of replay.html, the names of all other files, and the exit code.
 Not kept:
 
 - keys in `REMOVED_KEYS`, which differ from run to run, or whenever a file's comments change;
@@ -59,7 +59,7 @@ def freeze(value: Json) -> Json:
         return {key: freeze(one) for key, one in value.items() if key not in REMOVED_KEYS}
     if isinstance(value, str):
         if " " not in value.strip() and len(value) > LONGEST_WORD:
-            return f"{DIGEST} sha256 {hashlib.sha256(value.encode()).hexdigest()[:16]}"
+            return f"{DIGEST} [{len(value)}] sha256 {hashlib.sha256(value.encode()).hexdigest()[:16]}"
         return PROSE if " " in value.strip() else value
     if isinstance(value, list):
         shape = _shape(value)
@@ -86,7 +86,7 @@ def _freeze_file(path: Path) -> Json:
         return _freeze_columns(path)
     if path.suffix == ".xml":
         return _freeze_xml(path)
-    if path.suffix == ".html":
+    if path.name == "replay.html":
         found = re.search(
             r'<script type="application/json"[^>]*>(.*?)</script>', path.read_text("utf-8"), re.DOTALL
         )

@@ -66,6 +66,7 @@ class Command:
 #: in the order of `ballbot --help`; a command is a module of its name and a line here
 COMMANDS = (
     Command("study", "Main job", "Robot and logs in; friction, report and controller out."),
+    Command("demo", "Main job", "Two recorded runs in the browser, and the friction in their log."),
     Command("new", "Robot", "Write a robot file to start from."),
     Command("check", "Robot", "Check a robot's parameters and print derived quantities."),
     Command("check-log", "Logs", "Check a log and show what it can be used for."),

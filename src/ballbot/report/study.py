@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.presets import design_integral_gain
+from ballbot.errors import InputError
 from ballbot.findings import texts
 from ballbot.identification.coulomb import coulomb_sentence
 from ballbot.identification.result import represents_sentence
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.model import Model
-from ballbot.report.comparison import paths_figure, poles_figure, position_error_figure
+from ballbot.report.comparison import RUN_LABELS, paths_figure, poles_figure, position_error_figure
 from ballbot.report.friction import friction_figure, logs_figure
 from ballbot.report.page import Provenance, figure_markup, render
 from ballbot.report.prediction import predicted_rows
@@ -37,6 +38,7 @@ from ballbot.report.validation_figures import correlation_figure
 from ballbot.robot import Friction, Robot
 from ballbot.robot.figure import robot_figure
 from ballbot.validation.validation import better_in, weak_states
+from ballbot.viewer import replay_part
 from ballbot.workflows.controller_choice import ControllerChoice
 from ballbot.workflows.metrics import SETTLE
 from ballbot.workflows.study import Study
@@ -275,7 +277,22 @@ def study_report(study: Study, made: Provenance) -> str:
         "prediction_rows": predicted_rows(study.prediction) if study.prediction else [],
         "prediction_words": _prediction_words(study),
     }
-    return render("study", values | _figures(study))
+    return render("study", values | _figures(study) | _replay(study))
+
+
+def _replay(study: Study) -> dict[str, object]:
+    """Return the runs without compensation and with the chosen controller as a replay, if they can be shown."""
+    choice = study.choice
+    shown = {RUN_LABELS[name]: choice.runs[name] for name in dict.fromkeys(("none", choice.chosen or "none"))}
+    try:
+        part = replay_part(shown, study.found.robot)
+    except InputError:  # a run that fell at once, or a course that is too long for a page
+        return {"replay": "", "replay_style": "", "replay_script": ""}
+    return {
+        "replay": figure_markup(part.element),
+        "replay_style": figure_markup(part.style),
+        "replay_script": figure_markup(part.script),
+    }
 
 
 def _prediction_words(study: Study) -> str:

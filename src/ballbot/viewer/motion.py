@@ -133,11 +133,12 @@ def _check(log: Log, robot: Robot) -> None:
 
 def _posed(log: Log, robot: Robot) -> tuple[Log, list[str]]:
     """Return the log with the states to show, and sentences on them."""
-    names = [TRUE_PREFIX + name for name in STATE_NAMES]
-    if all(name in log and np.isfinite(log[name]).any() for name in names):
-        return log.truth(), [
-            "The pose is the simulation's true one, not the estimate that the controller used."
-        ]
+    if all(
+        TRUE_PREFIX + name in log and np.isfinite(log[TRUE_PREFIX + name]).any() for name in POSITION_NAMES
+    ):
+        true = {name: log[TRUE_PREFIX + name] for name in STATE_NAMES if TRUE_PREFIX + name in log}
+        note = "The pose is the simulation's true one, not the estimate that the controller used."
+        return log.with_columns(true), [note]
     missing = [name for name in ("theta", "phi", "psi") if name not in log]
     if missing:
         raise InputError(

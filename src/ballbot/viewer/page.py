@@ -32,7 +32,7 @@ Layout = Literal["side", "ghosts"]
 #: logs in one replay
 MOST_RUNS = 4
 #: in the order in which they use one another
-_SCRIPTS = ("linear", "meshes", "renderer", "runs", "camera", "scene", "plots", "replay")
+_SCRIPTS = ("linear", "meshes", "renderer", "runs", "camera", "scene", "plots", "replay", "result")
 #: length of the arrow of a large force [m], over the ball's radius
 _ARROW = 2.5
 
@@ -92,20 +92,32 @@ def replay_page(
     title: str,
     layout: Layout = "side",
     autoplay: bool = True,
+    lead: str = "",
+    result_beside: str | None = None,
 ) -> str:
-    """Return a replay of logs as a whole page; see `replay_part`."""
+    """Return a replay of logs as a whole page; see `replay_part`.
+
+    Parameters
+    ----------
+    logs, robot, layout, autoplay
+        As for `replay_part`.
+    title : str
+    lead : str
+        A sentence or two under the title.
+    result_beside : str, optional
+        Name of a file in the page's folder whose content is `result_text`'s: the page reads it again until it is done.
+    """
     part = replay_part(logs, robot, layout=layout, autoplay=autoplay)
-    return page_of(part, title=title)
-
-
-def page_of(part: ReplayPart, *, title: str) -> str:
-    """Return a page with a title and a replay."""
     style = part.style + _web("page.css")
+    # of a page on disk "file:" is the only address of a file beside it; 'self' has no meaning there in every browser
+    beside = "" if result_beside is None else " file:"
     policy = (
-        f"default-src 'none'; script-src {_hash(part.script)}; style-src {_hash(style)}; base-uri 'none'; "
+        f"default-src 'none'; script-src {_hash(part.script)}{beside}; style-src {_hash(style)}; base-uri 'none'; "
         "form-action 'none'"
     )
-    shown = html.escape(printable_line(title))
+    box = "" if result_beside is None else _RESULT.format(html.escape(result_beside, quote=True))
+    shown, words = (html.escape(printable_line(text)) for text in (title, lead))
+    below = f'<p class="lead">{words}</p>\n' if lead else ""
     return f"""<!doctype html>
 <html lang="en">
 <head>
@@ -119,12 +131,35 @@ def page_of(part: ReplayPart, *, title: str) -> str:
 <body>
 <main>
 <header><h1>{shown}</h1><button type="button" data-ballbot-theme>Theme</button></header>
-{part.element}
-</main>
+{below}{part.element}
+{box}</main>
 <script>{part.script}</script>
 </body>
 </html>
 """
+
+
+_RESULT = '<section class="result" data-ballbot-result="{}" aria-live="polite"></section>\n'
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResultState:
+    """How far a computation is, or what it found: the content of the file beside a page."""
+
+    heading: str
+    sentences: tuple[str, ...] = ()
+    share: float | None = None  #: of the work that is done; None where there is nothing to wait for
+    columns: tuple[str, ...] = ()  #: heads of a table; empty without a table
+    rows: tuple[tuple[str, ...], ...] = ()
+    caption: str = ""  #: of the table
+    link: str = ""  #: name of a file in the page's folder with more
+    link_text: str = ""
+
+
+def result_text(state: ResultState) -> str:
+    """Return the content of the file that a page with `result_beside` reads."""
+    text = json.dumps(asdict(state), ensure_ascii=True, allow_nan=False)
+    return f"ballbotResult({text});\n"
 
 
 def _hash(text: str) -> str:

@@ -60,8 +60,10 @@ function niceStep(least) {
   return power * [1, 2, 5, 10].find((one) => one * power >= least * 0.999);
 }
 
-/** Let a camera follow the pointer on an element; `changed` is called after each move. */
+/** Let a camera follow the pointer on an element; `changed` is called after each move. Within a longer page, vertical
+ * swipes and the wheel scroll it, and the wheel zooms with Ctrl. */
 function controlCamera(camera, element, changed) {
+  const whole = getComputedStyle(element).touchAction === "none";
   const fingers = new Map();
   const spread = () => {
     const [a, b] = [...fingers.values()];
@@ -88,6 +90,7 @@ function controlCamera(camera, element, changed) {
   for (const end of ["pointerup", "pointercancel"]) element.addEventListener(end, (event) => fingers.delete(event.pointerId));
   element.addEventListener("contextmenu", (event) => event.preventDefault());
   element.addEventListener("wheel", (event) => {
+    if (!whole && !event.ctrlKey) return;
     event.preventDefault();
     camera.zoom(Math.exp(0.0012 * event.deltaY));
     changed();

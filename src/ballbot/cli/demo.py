@@ -1,0 +1,108 @@
+"""`ballbot demo`: two recorded runs in the browser at once, and what the log of the first one shows."""
+
+from __future__ import annotations
+
+import tempfile
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from ballbot.cli.output import progress_bar, standard_output
+from ballbot.errors import InputError
+from ballbot.files import check_folder, write_text
+from ballbot.log import Log
+from ballbot.progress import Progress
+from ballbot.report.demo_runs import PRECISE, ROBOT, SOFT, read_runs
+from ballbot.robot import Robot
+from ballbot.viewer.page import ResultState, replay_page, result_text
+from ballbot.workflows.metrics import SETTLE, position_error, settled
+
+_PAGE, _RESULT = "demo.html", "demo_result.js"
+_HEADING = "Meanwhile: the friction in the first run's log"
+_DOING = "identifying the friction"
+_NEXT = """
+Next:
+  ballbot new mine --from alten             a robot file to fill in for your robot
+  ballbot check-log LOG --robot mine.toml   whether your log can be used, and for what
+  ballbot study mine.toml LOG --out found   friction, validation and a controller from your log
+"""
+
+
+def demo(
+    *, out: Path | None = None, browser: Annotated[bool, Parameter(negative="--no-browser")] = True
+) -> None:
+    """Show a robot that wanders beside the same robot under a precise controller, and identify its friction.
+
+    A page with two recorded runs opens at once. Meanwhile the friction is identified from the log of the first one, and
+    the page shows it when it is found.
+
+    Example: ballbot demo
+
+    Parameters
+    ----------
+    out
+        The folder for the page. If not given, ballbot-demo in the current folder, or a temporary one if that cannot be
+        written.
+    browser
+        Whether to open the page.
+    """
+    folder, console = _folder(out), standard_output()
+    runs = read_runs()
+    title = "One robot, two controllers, the same square"
+    write_text(folder / _RESULT, result_text(_state_before(0.0, "compiling the model")))
+    page = replay_page(runs, Robot.load(ROBOT), title=title, lead=_lead(runs), result_beside=_RESULT)
+    write_text(folder / _PAGE, page)
+    console.print(str(folder / _PAGE), markup=False, soft_wrap=True)
+    if browser and not webbrowser.open((folder / _PAGE).resolve().as_uri()):
+        console.print("No browser could be opened; open the page in one.")
+    state = ResultState(heading=_HEADING, sentences=("The command was stopped before it was found.",))
+    written = -1
+    try:
+        with progress_bar(console, "compiling the model") as bar:
+
+            def report(progress: Progress) -> None:
+                nonlocal written
+                bar.show(progress.share, doing=_DOING)
+                if (percent := int(100.0 * progress.share)) > written:
+                    written = percent
+                    write_text(folder / _RESULT, result_text(_state_before(progress.share, _DOING)))
+
+            # compiled code, once there is something to look at
+            from ballbot.fitting.run import Run
+            from ballbot.report.demo import identified, state_found
+
+            state = state_found(identified(runs[SOFT], Run(progress=report)))
+    finally:
+        write_text(folder / _RESULT, result_text(state))
+    for sentence in state.sentences:
+        console.print(sentence, soft_wrap=True)
+    for row in (state.columns, *state.rows):
+        console.print("  ".join(f"{cell:>22}" for cell in row), soft_wrap=True)
+    console.print(_NEXT, markup=False, highlight=False, soft_wrap=True)
+
+
+def _lead(runs: dict[str, Log]) -> str:
+    """Return what the reader looks at, with the runs' errors."""
+    errors = [position_error(runs[name])[settled(runs[name], SETTLE)].max() for name in (SOFT, PRECISE)]
+    soft, precise = (f"{1000.0 * error:.{0 if error > 0.01 else 1}f} mm" for error in errors)
+    return (
+        f"Every 8 s the reference, a ring on the floor, jumps to the next corner. {SETTLE:g} s later the soft gain "
+        f"is still up to {soft} off, the precise controller {precise}."
+    )
+
+
+def _state_before(share: float, doing: str) -> ResultState:
+    sentence = f"On this computer, from the log of “{SOFT}” alone: {doing}."
+    return ResultState(heading=_HEADING, sentences=(sentence,), share=share)
+
+
+def _folder(out: Path | None) -> Path:
+    """Return the folder to write into: the given one, or the first of the usual ones that can be written."""
+    if out is not None:
+        return check_folder(out)
+    try:
+        return check_folder("ballbot-demo")
+    except InputError:
+        return Path(tempfile.mkdtemp(prefix="ballbot-demo-"))

@@ -1,0 +1,81 @@
+"""`ballbot demo`: a page with two recorded runs at once, and beside it what the log of the first one shows.
+
+The friction is identified from that log while the reader looks at the runs. The settings of the search are small, so
+that its result is there soon after a first start, in which everything is compiled; `ballbot study` takes the full ones.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ballbot.fitting.run import Run
+from ballbot.identification import Identification, identify
+from ballbot.identification.stages import IdentificationOptions
+from ballbot.log import Log
+from ballbot.log.checks import CheckedLogs
+from ballbot.mechanics.friction import wheel_friction
+from ballbot.report.demo_runs import ROBOT, SOFT
+from ballbot.report.friction import friction_curve
+from ballbot.report.tables import digits
+from ballbot.robot import Robot
+from ballbot.twin.scenario import Scenario
+from ballbot.viewer.page import ResultState
+
+#: part of the first run that is identified [s], and the settings of the search
+LOG_END = 20.0
+OPTIONS = IdentificationOptions(
+    generations=25, population=16, evolution_windows=24, gauss_newton_steps=8, most_profiles=0
+)
+#: speed at which the friction found is compared with the twin's [rad/s]
+SPEED = 1.0
+
+
+def identified(log: Log, run: Run) -> Identification:
+    """Return the friction of the demo's robot from the log of its first run."""
+    robot = Robot.load(ROBOT)
+    part = CheckedLogs.simulated(log.without_truth().between(0.0, LOG_END))
+    return identify(robot, part, options=OPTIONS, run=run)
+
+
+def state_found(found: Identification) -> ResultState:
+    """Return what the page shows of the friction found."""
+    robot = found.robot
+    truth = Scenario.nominal(Robot.load(ROBOT)).friction
+    speeds = np.full(robot.wheel_count, SPEED)
+    true = wheel_friction(speeds, truth)
+    rows = []
+    for wheel in range(robot.wheel_count):
+        curve = friction_curve(found, wheel, speeds[:1])
+        value, half = float(curve.torque[0]), 1.96 * float(curve.standard_error[0])
+        interval = f"{digits(value - half, 2)} to {digits(value + half, 2)}"
+        rows.append(
+            (
+                f"wheel {wheel + 1}",
+                f"{digits(value, 2)} N m",
+                interval,
+                f"{digits(float(true[wheel]), 2)} N m",
+            )
+        )
+    return ResultState(
+        heading="The friction in the first run's log",
+        sentences=(
+            f"Identified on this computer from the first {LOG_END:g} s of “{SOFT}”, as from a real robot's log: the "
+            "true values were not used. The precise controller compensates friction that was identified in this way.",
+            error_sentence(found),
+        ),
+        columns=("friction [N m]", "identified", "95 % interval", "simulated robot's own"),
+        rows=tuple(rows),
+        caption=f"Friction torque of each wheel at {SPEED:g} rad/s. The interval holds under this log's conditions.",
+    )
+
+
+def error_sentence(found: Identification) -> str:
+    """Return how much better the model with the friction found predicts windows that the fit did not see."""
+    errors = found.held_out
+    place = 0  # x
+    without, with_friction = errors.rmse_without[place], errors.rmse_with[place]
+    return (
+        f"Over {found.window:g} s that the fit did not see, the model without friction is off by "
+        f"{digits(1000.0 * float(without), 2)} mm in x, with it by {digits(1000.0 * float(with_friction), 2)} mm "
+        f"(RMS of {errors.windows} windows)."
+    )

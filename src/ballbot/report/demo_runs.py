@@ -1,0 +1,81 @@
+"""The two recorded runs that `ballbot demo` shows, and their file.
+
+The twin's nominal robot goes around a square twice: under the soft gain of the thesis's kind, and under the precise
+controller for the friction that was identified from the first run. `python -m campaigns.demo_runs` records them anew.
+
+The file has of each run what a robot measures and the true pose: whole numbers of the steps below, each the difference
+to the row before, compressed. A step is at most a tenth of the sensor's noise, so that rounding changes no result;
+the steps of the wheels' speeds are those of the encoders.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from importlib.resources import files
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.log import Log
+from ballbot.log.columns import POSITION_NAMES, TRUE_PREFIX, torque_names, wheel_speed_names
+from ballbot.log.pose import with_odometry
+from ballbot.robot import Robot
+from ballbot.robot.derived import encoder_step
+
+#: the runs, in the order in which they are shown
+SOFT, PRECISE = "Soft gain, as in the thesis", "Precise controller"
+ROBOT, SAMPLE_TIME = "alten", 0.005
+_FILE = "demo_runs.npz"
+_KEYS = {SOFT: "soft", PRECISE: "precise"}
+
+#: torque noise 0.01 N m; lean noise 1.7e-3 rad and gyro noise 1.9e-3 rad/s; references are exact
+_STEPS = {
+    **dict.fromkeys(torque_names(3), 1e-3),
+    **dict.fromkeys(("theta", "phi", "psi"), 1e-4),
+    **dict.fromkeys(("theta_dot", "phi_dot", "psi_dot"), 1e-4),
+    **dict.fromkeys(("ref_x", "ref_y", "ref_psi"), 1e-3),
+    **{TRUE_PREFIX + name: 1e-5 for name in POSITION_NAMES},
+}
+
+
+def _steps() -> Mapping[str, float]:
+    robot = Robot.load(ROBOT)
+    turn = encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio)
+    return {**_STEPS, **dict.fromkeys(wheel_speed_names(3), turn / SAMPLE_TIME)}
+
+
+def runs_file(runs: Mapping[str, Log]) -> bytes:
+    """Return the content of the file with these runs, each with its true states."""
+    arrays: dict[str, NDArray[np.int32]] = {}
+    for run, log in runs.items():
+        for name, step in _steps().items():
+            whole = np.rint(log[name] / step).astype(np.int64)
+            arrays[f"{_KEYS[run]} {name}"] = np.diff(whole, prepend=0).astype(np.int32)
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
+    return buffer.getvalue()
+
+
+def read_runs() -> dict[str, Log]:
+    """Return the runs that ship with Ballbot; see `runs_of`."""
+    return runs_of((files("ballbot.report") / _FILE).read_bytes())
+
+
+def runs_of(content: bytes) -> dict[str, Log]:
+    """Return a file's runs as a robot logs them, with the position by odometry, and with the true states.
+
+    The true rates are differences of the true pose.
+    """
+    robot, runs = Robot.load(ROBOT), {}
+    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+        for run, key in _KEYS.items():
+            columns = {
+                name: (step * np.cumsum(arrays[f"{key} {name}"])).astype(np.float64)
+                for name, step in _steps().items()
+            }
+            t = SAMPLE_TIME * np.arange(len(columns["theta"]))
+            for name in POSITION_NAMES:
+                columns[f"{TRUE_PREFIX}{name}_dot"] = np.gradient(columns[TRUE_PREFIX + name], t)
+            runs[run] = with_odometry(Log({"t": t, **columns}), robot)
+    return runs

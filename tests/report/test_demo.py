@@ -1,0 +1,92 @@
+"""`ballbot demo`: the recorded runs that ship with it, their file, the page, what the page shows of the friction."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ballbot.cli.main import main
+from ballbot.fitting.run import Run
+from ballbot.log import Log
+from ballbot.report import demo, demo_runs
+from ballbot.robot import Robot
+from ballbot.twin.scenario import Scenario
+from ballbot.workflows.metrics import position_error
+from tests.support.log_examples import smooth_log, with_wheels
+
+
+@pytest.fixture(scope="module")
+def runs() -> dict[str, Log]:
+    return demo_runs.read_runs()
+
+
+def test_runs_are_small_and_as_long_as_each_other(runs):
+    assert list(runs) == [demo_runs.SOFT, demo_runs.PRECISE]
+    assert len({len(log) for log in runs.values()}) == 1
+    assert Path(demo_runs.__file__).with_name("demo_runs.npz").stat().st_size < 500_000
+
+
+def test_soft_gain_wanders_and_precise_controller_stays(runs):
+    errors = {name: position_error(log) for name, log in runs.items()}
+    # settled on the first 8 s, in which the reference does not move: the last 2 s before the first corner
+    settled = (runs[demo_runs.SOFT].t > 6.0) & (runs[demo_runs.SOFT].t < 7.9)
+    assert errors[demo_runs.SOFT][settled].min() > 0.1
+    assert errors[demo_runs.PRECISE][settled].max() < 0.01
+
+
+def test_file_holds_a_run_within_half_a_step():
+    robot = Robot.load(demo_runs.ROBOT)
+    log = with_wheels(smooth_log(rows=500), robot)
+    names = ("x", "y", "theta", "phi", "psi")
+    more = {f"true_{name}": log[name] for name in names} | {
+        f"ref_{name}": 0 * log.t for name in ("x", "y", "psi")
+    }
+    log = log.with_columns(more)
+    content = demo_runs.runs_file({demo_runs.SOFT: log, demo_runs.PRECISE: log})
+    found = demo_runs.runs_of(content)[demo_runs.PRECISE]
+    for name in ("u1", "theta", "psi_dot", "true_x"):
+        assert np.abs(found[name] - log[name]).max() <= 0.5e-3
+    step = np.diff(np.unique(found["wheel1_dot"])).min()
+    assert np.abs(found["wheel1_dot"] - log["wheel1_dot"]).max() <= 0.5001 * step
+
+
+@pytest.mark.slow
+def test_friction_found_is_near_the_simulated_robots(runs):
+    found = demo.identified(runs[demo_runs.SOFT], Run())
+    true = Scenario.nominal(Robot.load(demo_runs.ROBOT)).friction.coulomb
+    # 20 s of log and play of 1 degree: rollers and play change what the wheels feel by some tenths
+    np.testing.assert_allclose(found.robot.friction.coulomb, true, rtol=0.4)
+    state = demo.state_found(found)
+    assert state.share is None
+    assert [row[0] for row in state.rows] == ["wheel 1", "wheel 2", "wheel 3"]
+
+
+def test_page_is_there_before_anything_is_compiled(tmp_path, monkeypatch, capsys):
+    seen = {}
+
+    def stop(*_: object) -> None:
+        seen["page"] = (tmp_path / "demo.html").read_text(encoding="utf-8")
+        seen["beside"] = (tmp_path / "demo_result.js").read_text(encoding="utf-8")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(demo, "identified", stop)
+    assert main(["demo", "--no-browser", "--out", str(tmp_path)]) == 130
+    assert demo_runs.PRECISE in seen["page"]
+    assert "up to 373 mm off, the precise controller 6.4 mm" in seen["page"]  # as campaigns.demo_runs prints
+    assert '"share": 0.0' in seen["beside"]
+    assert "stopped" in (tmp_path / "demo_result.js").read_text(encoding="utf-8")
+    assert "demo.html" in capsys.readouterr().out
+
+
+def test_folder_that_cannot_be_written_is_no_error(tmp_path, monkeypatch, capsys):
+    (tmp_path / "ballbot-demo").write_text("a file in the way")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(demo, "identified", lambda *_: None)
+    monkeypatch.setattr(demo, "state_found", lambda _: demo.ResultState(heading="found"))
+    assert main(["demo", "--no-browser"]) == 0
+    said = capsys.readouterr().out
+    page = Path(said.splitlines()[0])
+    assert page.is_file()
+    assert said.count("  ballbot ") == 3
