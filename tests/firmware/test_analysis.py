@@ -3,6 +3,7 @@
 import re
 import shutil
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,11 @@ from ballbot import InputError
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.records import Number
 from ballbot.control.safety import SafetyLimits
+from ballbot.firmware.export import PROJECT
 from ballbot.firmware.header import SOURCES
 from ballbot.firmware.host import Firmware, compile_sources, compilers, source_files
 from ballbot.firmware.records import PARAMETERS, READING, parameter_record
+from ballbot.link.emulated import HARDWARE
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
 
 pytestmark = pytest.mark.slow
@@ -23,17 +26,22 @@ HERE = Path(__file__).parent
 PAGE = (Path(__file__).parents[2] / "docs" / "firmware.md").read_text(encoding="utf-8")
 
 
-def analysed(*options: str) -> str:
-    """Return what cppcheck prints about the library."""
+def analysed(*options: str, more: Sequence[Path] = ()) -> str:
+    """Return what cppcheck prints about the library, and about more sources."""
     if not shutil.which("cppcheck"):
         pytest.skip("cppcheck is missing")
-    command = ["cppcheck", "--std=c99", "--quiet", f"-I{SOURCES}", *options, str(SOURCES)]
+    folders = [f"-I{folder}" for folder in (SOURCES, PROJECT, HARDWARE)]
+    command = ["cppcheck", "--std=c99", "--quiet", *folders, *options, *map(str, (SOURCES, *more))]
     return subprocess.run(command, capture_output=True, text=True, check=True).stderr
 
 
 def test_cppcheck_finds_nothing():
     # an array that a loop fills before another reads it: it takes the first for one that may not run
-    found = analysed("--enable=warning,performance,portability", "--suppress=uninitvar:*kalman.c")
+    found = analysed(
+        "--enable=warning,performance,portability",
+        "--suppress=uninitvar:*kalman.c",
+        more=[PROJECT / "robot.c", HARDWARE],
+    )
     assert re.findall(r"^\S+:\d+:\d+: (?:error|warning|performance|portability).*", found, flags=re.M) == []
 
 

@@ -289,3 +289,19 @@ def test_killed_robot_is_noticed_by_the_host():
         assert not session.connected
         with pytest.raises(LinkError, match="connect first"):
             session.send(Keep())
+
+
+@needs_compiler
+def test_pulled_plug_ends_the_session():
+    loop = Loop()
+    session = loop.session()
+
+    def gone(timeout: float) -> bytes:
+        raise LinkError(f"The serial port has gone, within {timeout:g} s.")
+
+    loop.read = gone  # type: ignore[method-assign]
+    session._queued.clear()
+    with pytest.raises(LinkError, match="has gone"):
+        session.poll(0.01)
+    assert not session.connected
+    loop.close()

@@ -175,9 +175,13 @@ class Session:
         """Send what the robot's watchdog waits for, and return what comes within a time."""
         if self.welcome is None:
             raise LinkError("There is no session with a robot; connect first.")
-        if self._clock() - self._sent >= KEEP_INTERVAL:
-            self._write(Keep())
-        found = self._received(timeout)
+        try:
+            if self._clock() - self._sent >= KEEP_INTERVAL:
+                self._write(Keep())
+            found = self._received(timeout)
+        except LinkError:
+            self.welcome = None
+            raise
         now = self._clock()
         if found:
             self._heard = now

@@ -86,8 +86,10 @@ void emulated_finish(struct emulated_hardware *hardware, bool armed)
         body.torques[i] = hardware->enabled ? hardware->torques[i] : 0.0f;
     }
     hardware->sequence = (uint16_t)((hardware->sequence + 1u) & 0xFFFFu);
-    append(&hardware->to_line, frame,
-           ballbot_frame_encode(BALLBOT_MESSAGE_MOTORS, 0u, hardware->sequence, &body, sizeof body, frame));
+    const size_t count =
+        ballbot_frame_encode(BALLBOT_MESSAGE_MOTORS, 0u, hardware->sequence, &body, sizeof body, frame);
+
+    append(&hardware->to_line, frame, count);
 }
 
 size_t emulated_take(struct emulated_hardware *hardware, uint8_t *bytes, size_t most)
