@@ -1,4 +1,6 @@
-/* A program for the emulated board: it returns each byte, and its time after a byte 0xFF. */
+/* A program for the emulated board: it returns each byte; its time for a byte 0xFF; and for a byte 0xFE how many of a million
+ * readings of the time were before the reading before them.
+ */
 #include "board.h"
 
 static void send(const uint8_t *bytes, size_t count)
@@ -8,12 +10,27 @@ static void send(const uint8_t *bytes, size_t count)
     }
 }
 
-static void send_time(void)
+static void send_number(uint32_t number)
 {
-    const uint32_t time = board_timer_read();
-    const uint8_t bytes[4] = { (uint8_t)time, (uint8_t)(time >> 8), (uint8_t)(time >> 16), (uint8_t)(time >> 24) };
+    const uint8_t bytes[4] = { (uint8_t)number, (uint8_t)(number >> 8), (uint8_t)(number >> 16), (uint8_t)(number >> 24) };
 
     send(bytes, sizeof bytes);
+}
+
+static uint32_t backward_readings(void)
+{
+    uint32_t last = board_timer_read();
+    uint32_t backward = 0u;
+
+    for (int i = 0; i < 1000000; ++i) {
+        const uint32_t now = board_timer_read();
+
+        if (now - last >= 0x80000000u) {
+            backward += 1u;
+        }
+        last = now;
+    }
+    return backward;
 }
 
 int main(void)
@@ -28,7 +45,9 @@ int main(void)
         }
         for (size_t i = 0; i < count; ++i) {
             if (bytes[i] == 0xFFu) {
-                send_time();
+                send_number(board_timer_read());
+            } else if (bytes[i] == 0xFEu) {
+                send_number(backward_readings());
             } else {
                 send(&bytes[i], 1u);
             }

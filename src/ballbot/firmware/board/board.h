@@ -29,7 +29,7 @@ uint32_t board_uart_lost(void);
 /* Let the timer run from zero. */
 void board_timer_start(void);
 
-/* Return the time since the start [us], modulo 2^32. */
+/* Return the time since the start [us], modulo 2^32. Only for the main loop, which reads it every two minutes at least. */
 uint32_t board_timer_read(void);
 
 /* Interrupts. */

@@ -1,23 +1,34 @@
-/* Time: the first timer of the CMSDK peripherals, which interrupts each millisecond; and the interrupt controller. */
+/* Time: two timers of the CMSDK peripherals, and the interrupt controller.
+ *
+ * The first interrupts each millisecond and wakes the processor. The second counts on without interrupts and gives the time:
+ * an interrupt that is served late cannot set that back.
+ */
 #include "board.h"
 
-#define CONTROL (*(volatile uint32_t *)0x40000000u)
-#define VALUE (*(volatile uint32_t *)0x40000004u)
-#define RELOAD (*(volatile uint32_t *)0x40000008u)
-#define INTERRUPTS (*(volatile uint32_t *)0x4000000Cu)
+#define TICK_CONTROL (*(volatile uint32_t *)0x40000000u)
+#define TICK_VALUE (*(volatile uint32_t *)0x40000004u)
+#define TICK_RELOAD (*(volatile uint32_t *)0x40000008u)
+#define TICK_INTERRUPTS (*(volatile uint32_t *)0x4000000Cu)
+#define CLOCK_CONTROL (*(volatile uint32_t *)0x40001000u)
+#define CLOCK_VALUE (*(volatile uint32_t *)0x40001004u)
+#define CLOCK_RELOAD (*(volatile uint32_t *)0x40001008u)
 
 #define RUNS 1u
 #define INTERRUPTS_ON 8u
 #define TICKED 1u
-#define TIMER_INTERRUPT 8u
-/* Of the timer's clock, 25 MHz. */
+#define TICK_INTERRUPT 8u
+/* Of the timers' clock, 25 MHz. */
 #define COUNTS_PER_MICROSECOND 25u
-#define MICROSECONDS_PER_TICK 1000u
+#define COUNTS_PER_TICK 25000u
+#define LONGEST 0xFFFFFFFFu
 
 /* Interrupt controller of the Cortex-M4. */
 #define ENABLE (*(volatile uint32_t *)0xE000E100u)
 
-static volatile uint32_t ticks;
+/* The second timer's count at the last reading, the time then [us], and counts since then that were no microsecond. */
+static uint32_t last_count = LONGEST;
+static uint32_t time;
+static uint32_t rest;
 
 void board_enable_interrupt(uint32_t number)
 {
@@ -26,28 +37,29 @@ void board_enable_interrupt(uint32_t number)
 
 void board_timer_start(void)
 {
-    RELOAD = MICROSECONDS_PER_TICK * COUNTS_PER_MICROSECOND - 1u;
-    VALUE = MICROSECONDS_PER_TICK * COUNTS_PER_MICROSECOND - 1u;
-    CONTROL = RUNS | INTERRUPTS_ON;
-    board_enable_interrupt(TIMER_INTERRUPT);
+    CLOCK_RELOAD = LONGEST;
+    CLOCK_VALUE = LONGEST;
+    CLOCK_CONTROL = RUNS;
+    TICK_RELOAD = COUNTS_PER_TICK - 1u;
+    TICK_VALUE = COUNTS_PER_TICK - 1u;
+    TICK_CONTROL = RUNS | INTERRUPTS_ON;
+    board_enable_interrupt(TICK_INTERRUPT);
 }
 
 void board_timer_ticked(void)
 {
-    INTERRUPTS = TICKED;
-    ticks += 1u;
+    TICK_INTERRUPTS = TICKED;
 }
 
 uint32_t board_timer_read(void)
 {
-    uint32_t before;
-    uint32_t counts;
+    const uint32_t count = CLOCK_VALUE; /* it counts down, and wraps around */
+    const uint32_t passed = (last_count - count) + rest;
 
-    do { /* again if the timer ticked meanwhile */
-        before = ticks;
-        counts = VALUE;
-    } while (before != ticks);
-    return before * MICROSECONDS_PER_TICK + (MICROSECONDS_PER_TICK - 1u) - counts / COUNTS_PER_MICROSECOND;
+    last_count = count;
+    time += passed / COUNTS_PER_MICROSECOND;
+    rest = passed % COUNTS_PER_MICROSECOND;
+    return time;
 }
 
 void board_wait(void)
