@@ -17,6 +17,7 @@ from ballbot.link.live import ControlFromHost, FollowReference, LiveRobot, Torqu
 from ballbot.link.messages import TO_ROBOT, ControllerPlace, Torques
 from ballbot.link.operators import EmulatedOperator
 from ballbot.link.references import CourseReference
+from ballbot.link.runs import recorded_run
 from ballbot.link.session import Session
 from ballbot.link.wiring import check_turns, measure_turns
 from ballbot.log import Log
@@ -127,6 +128,24 @@ def test_controller_on_the_host_balances():
     # the torques of a row are those that the host computed for the sample before; the first two samples come together
     sent = np.array(live.line.torques)
     np.testing.assert_array_equal(log.torques[2:], sent[1 : len(log) - 1, :3])
+
+
+def test_controller_on_the_host_is_called_once_before_the_run():
+    # the first call loads compiled code, for longer than the robot's watchdog waits
+    calls = []
+
+    class Controller:
+        sample_time = STEP
+
+        def reset(self):
+            calls.append("reset")
+
+        def update(self, t, state, reference):  # noqa: ARG002
+            calls.append("update")
+            return np.zeros(3)
+
+    ControlFromHost(Controller(), CourseReference(square()))
+    assert calls == ["update", "reset"]
 
 
 def test_sweep_of_free_wheels_gives_its_torques():
@@ -263,6 +282,26 @@ class Pushed:
 
     def step(self, torques, duration):
         return self._plant.step(torques, duration)
+
+
+def test_run_without_a_sample_leaves_no_recording(tmp_path):
+    live, path = Connected(), tmp_path / "log.recording"
+
+    def mute():
+        live.line.mute = True
+        return True
+
+    with pytest.raises(InputError, match="silent"):
+        recorded_run(
+            live.robot,
+            follow(square()),
+            confirm=mute,
+            controller=ControllerPlace.ROBOT,
+            duration=1.0,
+            watch=lambda _: None,
+            recording=path,
+        )
+    assert not path.exists()
 
 
 def test_fallen_robot_ends_the_run_with_the_reason():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -27,7 +28,7 @@ from ballbot.link.messages import State
 from ballbot.link.operators import UPRIGHT, EmulatedCamera, EmulatedOperator, Movement, Operator
 from ballbot.link.session import Session
 from ballbot.link.transport import Transport, open_transport
-from ballbot.report.console import PlainConsole
+from ballbot.report.console import PlainConsole, table
 from ballbot.report.live import View, state_line, state_table
 from ballbot.robot import Robot
 from ballbot.simulation.held_robot import HeldRobot, Hold
@@ -192,12 +193,14 @@ class Monitor:
 
     def __init__(self, robot: LiveRobot, console: PlainConsole) -> None:
         self._limit, self._wheels = robot.torque_limit, robot.wheel_count
-        self._live = (
-            Live(console=console, auto_refresh=False, transient=True) if console.is_terminal else None
-        )
-        self._next = (
-            0.0  # when the next picture is due, by the clock; or the next line, by the robot's time [s]
-        )
+        self._live: Live | None = None
+        if console.is_terminal:
+            self._live = Live(console=console, auto_refresh=False, transient=True)
+            # the first picture takes longer to draw than a robot waits; nobody sees this one
+            nowhere = PlainConsole(file=io.StringIO())
+            nowhere.print(table("", ("", ""), [("", "")], framed=True))
+        #: when the next picture is due, by the clock; or the next line, by the robot's time [s]
+        self._next = 0.0
         self._began: float | None = None
 
     def __enter__(self) -> Monitor:

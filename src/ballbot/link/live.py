@@ -155,12 +155,13 @@ class ControlFromHost:
     Parameters
     ----------
     controller : Feedback
-        Reset at the first sample.
+        It is called once before the run, because the first call loads compiled code for longer than the robot waits.
     reference : LiveReference
     """
 
     def __init__(self, controller: Feedback, reference: LiveReference) -> None:
         self._controller, self._source = controller, reference
+        controller.update(0.0, np.zeros(10), np.zeros(10))
         controller.reset()
 
     @property

@@ -6,6 +6,7 @@ command and not the robot. Whatever ends the run, the robot is disarmed and the 
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -81,14 +82,15 @@ def recorded_run(
             if recorder is not None:
                 recorder.append(row)
 
+        gc.collect()
+        gc.freeze()  # a collection that walks all imported code takes longer than the robot waits
         try:
             robot.arm(confirm, controller=controller, ramp=ramp)
             ending = robot.run(commander, duration=duration, record=record, watch=watch)
-        except BaseException:
-            if recording and not rows:
-                recording.unlink(missing_ok=True)
-            raise
         finally:
+            gc.unfreeze()
+            if recording and not rows:  # nothing to recover
+                recording.unlink(missing_ok=True)
             robot.disarm()
     log = Log(dict(zip(columns, np.array(rows).T, strict=True))) if rows else None
     if log is not None and ending.early:
