@@ -61,6 +61,7 @@ def test_friction_found_is_near_the_simulated_robots(runs):
     state = demo.state_found(found)
     assert state.share is None
     assert [row[0] for row in state.rows] == ["wheel 1", "wheel 2", "wheel 3"]
+    assert all(float(row[1]) > 0.0 and float(row[3]) > 0.0 for row in state.rows)
 
 
 def test_page_is_there_before_anything_is_compiled(tmp_path, monkeypatch, capsys):

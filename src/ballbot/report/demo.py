@@ -48,14 +48,8 @@ def state_found(found: Identification) -> ResultState:
         curve = friction_curve(found, wheel, speeds[:1])
         value, half = float(curve.torque[0]), 1.96 * float(curve.standard_error[0])
         interval = f"{digits(value - half, 2)} to {digits(value + half, 2)}"
-        rows.append(
-            (
-                f"wheel {wheel + 1}",
-                f"{digits(value, 2)} N m",
-                interval,
-                f"{digits(float(true[wheel]), 2)} N m",
-            )
-        )
+        own = digits(float(true[wheel]), 2)
+        rows.append((f"wheel {wheel + 1}", digits(value, 2), interval, own))
     return ResultState(
         heading="The friction in the first run's log",
         sentences=(

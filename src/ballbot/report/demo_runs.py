@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.log import Log
-from ballbot.log.columns import POSITION_NAMES, TRUE_PREFIX, torque_names, wheel_speed_names
+from ballbot.log.columns import POSITION_NAMES, TRUE_PREFIX, Columns, torque_names, wheel_speed_names
 from ballbot.log.pose import with_odometry
 from ballbot.robot import Robot
 from ballbot.robot.derived import encoder_step
@@ -70,12 +70,13 @@ def runs_of(content: bytes) -> dict[str, Log]:
     robot, runs = Robot.load(ROBOT), {}
     with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
         for run, key in _KEYS.items():
-            columns = {
+            columns: Columns = {
                 name: (step * np.cumsum(arrays[f"{key} {name}"])).astype(np.float64)
                 for name, step in _steps().items()
             }
-            t = SAMPLE_TIME * np.arange(len(columns["theta"]))
+            columns["t"] = np.arange(len(columns["theta"]), dtype=np.float64) * SAMPLE_TIME
             for name in POSITION_NAMES:
-                columns[f"{TRUE_PREFIX}{name}_dot"] = np.gradient(columns[TRUE_PREFIX + name], t)
-            runs[run] = with_odometry(Log({"t": t, **columns}), robot)
+                rate = np.gradient(columns[TRUE_PREFIX + name], SAMPLE_TIME)
+                columns[f"{TRUE_PREFIX}{name}_dot"] = np.asarray(rate, dtype=np.float64)
+            runs[run] = with_odometry(Log(columns), robot)
     return runs
