@@ -55,7 +55,8 @@ def test_load_is_the_rehearsal_s():
     assert load.worst_share == load.worst_cycles / (36e6 * 0.005)
     assert max(update.run.stack for update in updates) <= load.stack
     assert load.flash > exported.parameter_bytes + 30_000
-    assert load.ram == exported.state_bytes
+    # a robot has parameters twice, in use and as a host writes them, and the state
+    assert load.ram > 2 * exported.parameter_bytes + exported.state_bytes
 
 
 def test_estimator_without_fixes_has_no_row_for_them():

@@ -12,6 +12,7 @@ import importlib.util
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +24,14 @@ from ballbot.estimation.interface import Fix, Reading
 from ballbot.firmware.cortex_m4 import CLOCK
 from ballbot.firmware.emulator import Board, Run, compile_image
 from ballbot.firmware.estimators import reading_record, step_of
-from ballbot.firmware.export import Export
+from ballbot.firmware.export import PROJECT, Export
+from ballbot.firmware.header import SOURCES
 from ballbot.firmware.host import source_files
 from ballbot.firmware.records import STATE
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.robot import Robot
 
+_NO_HARDWARE = Path(__file__).parent / "no_hardware.c"
 #: of a rehearsal
 SAMPLES = 240
 #: wheels of pip that a measurement needs
@@ -59,9 +62,11 @@ class ProcessorLoad:
         int | None
     )  #: largest over the samples with a fix of the pose; None if the estimator takes none
     fix_cycles: int | None
-    flash: int  #: the whole library and the numbers of the controller [bytes]
-    ram: int  #: the state [bytes]
-    stack: int  #: of an update, along the deepest chain of calls [bytes]
+    flash: int  #: the whole library, robot.c and the numbers of the controller [bytes]
+    ram: int  #: a `struct robot`: state, link, and the parameters that a host may write [bytes]
+    stack: (
+        int  #: of `robot_step`, along the deepest chain of calls, without the board's own functions [bytes]
+    )
 
     @property
     def typical_share(self) -> float:
@@ -122,7 +127,8 @@ def measure_load(controller: Controller, exported: Export, *, clock: float = CLO
         If `ziglang` or `unicorn` is not installed, or the clock is impossible.
     """
     check_clock(clock)
-    image = compile_image(source_files())
+    sources = [*source_files(), PROJECT / "robot.c", _NO_HARDWARE]
+    image = compile_image(sources, include=(SOURCES, PROJECT))
     plain, fixed = [], []
     for update in rehearse(controller, exported, Board(image)):
         (fixed if update.has_fix else plain).append(update.run)
@@ -139,8 +145,8 @@ def measure_load(controller: Controller, exported: Export, *, clock: float = CLO
         fix_instructions=max(run.instructions for run in fixed) if takes_fixes else None,
         fix_cycles=max(run.cycles for run in fixed) if takes_fixes else None,
         flash=image.flash + exported.parameter_bytes,
-        ram=image.ram + exported.state_bytes,
-        stack=image.stack_bound("ballbot_update"),
+        ram=image.ram,
+        stack=image.stack_bound("robot_step"),
     )
 
 

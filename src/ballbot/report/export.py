@@ -64,9 +64,9 @@ def load_rows(load: ProcessorLoad) -> list[list[str]]:
         [f"share of {period}, typical", f"{100 * load.typical_share:.1f} %"],
         [f"share of {period}, worst", f"{100 * load.worst_share:.1f} %"],
         ["highest rate", f"{load.highest_rate:,.0f} Hz"],
-        ["flash, library and numbers", f"{load.flash:,} bytes"],
-        ["RAM, state", f"{load.ram:,} bytes"],
-        ["stack, at most", f"{load.stack:,} bytes"],
+        ["flash: library, robot.c and numbers", f"{load.flash:,} bytes"],
+        ["RAM: struct robot", f"{load.ram:,} bytes"],
+        ["stack of robot_step, at most", f"{load.stack:,} bytes"],
     ]
 
 
