@@ -38,7 +38,7 @@ def demo(
     A page with two recorded runs opens at once. Meanwhile the friction is identified from the log of the first one, and
     the page shows it when it is found.
 
-    Example: ballbot demo
+    Example: `ballbot demo --out look`
 
     Parameters
     ----------
