@@ -20,10 +20,13 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Controller
 from ballbot.control.presets import design_gain, precise_controller
 from ballbot.control.references import hold
+from ballbot.estimation import named_estimator
+from ballbot.estimation.interface import Reading
 from ballbot.files import write_text
 from ballbot.mechanics.engine.lanes import LANES, ROWS
 from ballbot.mechanics.engine.run import simulate_lanes
 from ballbot.mechanics.model import Model
+from ballbot.robot import Robot
 from ballbot.simulation.batch import simulate_batch
 from benchmarks import identification, jax_peer, peers
 from benchmarks.accuracy import accelerations
@@ -101,6 +104,28 @@ def update_time(controller: Controller) -> float:
     return float(np.median(spells[1:]))  # the first compiles
 
 
+def filter_time(robot: Robot) -> float:
+    """Return the time [s] of one update of the Kalman filter by Python, the median of 20 spells over 600 readings."""
+    random = np.random.default_rng(5)
+    n, spells = robot.wheel_count, []
+    readings = [
+        Reading(
+            wheel_angles=0.02 * random.standard_normal(n),
+            wheel_speeds=0.1 * random.standard_normal(n),
+            gyro=0.1 * random.standard_normal(3),
+            attitude=0.02 * random.standard_normal(3),
+        )
+        for _ in range(600)
+    ]
+    for _ in range(21):
+        state = named_estimator("kalman", robot, sample_time=0.005)
+        started = perf_counter()
+        for reading in readings:
+            state.update(reading)
+        spells.append((perf_counter() - started) / len(readings))
+    return float(np.median(spells[1:]))  # the first compiles
+
+
 def first_calls() -> tuple[float, float, float]:
     """Return seconds: import, import and first call without compiled code on disk, and with it."""
     with tempfile.TemporaryDirectory() as folder:
@@ -166,6 +191,11 @@ def main() -> None:
             "one update of the precise controller, called from Python",
             f"{1e6 * update_time(precise_controller(model.robot)):.1f} us",
             "10",
+        ),
+        (
+            "one update of the Kalman filter, called from Python",
+            f"{1e6 * filter_time(model.robot):.1f} us",
+            "50",
         ),
         ("import ballbot", f"{imported:.3f} s", "0.5"),
         ("first call in a fresh process, compiled code on disk", f"{cached:.2f} s", "3"),

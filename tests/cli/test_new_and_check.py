@@ -180,7 +180,7 @@ def test_check_refuses_impossible_values(
     ("tokens", "says"),
     [
         (("chekc", "alten"), "There is no command 'chekc'; did you mean 'check'?"),
-        (("zzz",), "the commands are study, new, check"),
+        (("zzz",), "the commands are study, demo, new, check"),
         (("check",), "ballbot check --help"),
         (("check", "alten", "--fig", "a.svg"), "--figure"),
         (("check", "alten", "too", "much"), "ballbot check --help"),
