@@ -156,7 +156,9 @@ def _sin_cos(angle: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 def _matrix(shape: tuple[int, ...], rows: Sequence[Sequence[ArrayLike]]) -> NDArray[np.float64]:
     # one robot in a loop: stacking its nine numbers would take ten times as long as computing them
-    matrix = np.empty((*shape, 3, 3))
+    # complex angles stay complex: derivatives by a complex step pass through here
+    dtype = np.result_type(np.float64, *(entry for row in rows for entry in row))
+    matrix = np.empty((*shape, 3, 3), dtype)
     for i, row in enumerate(rows):
         for j, entry in enumerate(row):
             matrix[..., i, j] = entry
