@@ -123,7 +123,14 @@ def test_every_refusal_is_one_sentence(words, sentence, tmp_path, monkeypatch, c
 def started(folder, words="--duration 600"):
     """Return a process that balances an emulated robot, once its recording grows."""
     command = [sys.executable, "-m", "ballbot", "run", "--emulated", *words.split(), "--out", str(folder)]
-    child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    child = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        # a shell that starts the tests in the background lets all of them ignore Ctrl-C
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
     recording, end = folder / "log.recording", time.monotonic() + 300.0
     while not (recording.exists() and recording.stat().st_size > 50_000):
         assert child.poll() is None, child.communicate()
