@@ -31,7 +31,7 @@ from ballbot.workflows.metrics import QUANTITIES, Performance
 
 #: fewest runs: gain, drift and offset are estimated, and one run is left for the scatter
 MIN_RUNS = 4
-_ORDER: tuple[Recommendation, ...] = ("keep", "weaken", "revert")
+_WORST_FIRST: tuple[Recommendation, ...] = ("revert", "weaken", "keep")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +65,8 @@ class Alternation:
     @property
     def recommendation(self) -> Recommendation:
         """The worst of the recommendations of the new controller's runs."""
-        return max((one.recommendation for one in self.verdicts), key=_ORDER.index)
+        given = {one.recommendation for one in self.verdicts}
+        return next(one for one in _WORST_FIRST if one in given)
 
 
 def alternate(performances: Sequence[Performance], verdicts: Sequence[Verdict]) -> Alternation:
