@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from ballbot.cli.main import COMMANDS, main
+from ballbot.cli.app import COMMANDS
+from ballbot.cli.main import main
 from ballbot.log import Log
 from ballbot.log.mapping_file import read_mapping
 from ballbot.robot import Robot

@@ -7,15 +7,16 @@ import tomllib
 
 import pytest
 
-from ballbot.cli.main import COMMANDS
+from ballbot.cli.app import COMMANDS
 from tests.golden.cases import CASES
 from tests.golden.compare import differences
 from tests.golden.freeze import DIGEST, LONGEST, PROSE, freeze, freeze_folder
 from tests.golden.workshop import RESULTS, compare, is_same_machine, run
 
 #: `ballbot reproduce` takes ten minutes; the case `reproduce_items` has what needs no recording. `ballbot demo` writes
-#: a page of recorded runs and no results; its identification is that of `ballbot identify`
-_NOT_FROZEN = {"reproduce", "demo"}
+#: a page of recorded runs and no results; its identification is that of `ballbot identify`. `help` and `completion`
+#: write no files
+_NOT_FROZEN = {"reproduce", "demo", "help", "completion"}
 
 
 @pytest.mark.sample

@@ -10,8 +10,9 @@ from typing import get_args, get_type_hints
 import pytest
 
 from ballbot.cli import ARGV
+from ballbot.cli.app import COMMANDS, RENAMED_OPTIONS
 from ballbot.cli.context import WholeNumber, argv, input_files
-from ballbot.cli.main import COMMANDS, RENAMED_OPTIONS, main
+from ballbot.cli.main import main
 from ballbot.robot import Robot
 
 
@@ -85,7 +86,18 @@ def test_help_groups_the_commands(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_provenance_is_the_command_line_without_what_has_no_effect() -> None:
     running = ARGV.set(
-        ("study", "alten", "a.csv", "--resume", "--cluster", "tcp://a:1", "--cluster=b", "--seed", "2")
+        (
+            "study",
+            "alten",
+            "a.csv",
+            "--resume",
+            "--cluster",
+            "tcp://a:1",
+            "--cluster=b",
+            "--json",
+            "--seed",
+            "2",
+        )
     )
     try:
         assert argv() == ["ballbot", "study", "alten", "a.csv", "--seed", "2"]

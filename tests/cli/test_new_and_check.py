@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from ballbot.cli import main as program
-from ballbot.cli.main import COMMANDS, main
+from ballbot.cli.app import COMMANDS, Command
+from ballbot.cli.main import main
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
@@ -217,9 +218,7 @@ def test_a_package_that_is_not_installed_is_named(
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.name)
-def test_every_command_has_help_with_an_example(
-    command: program.Command, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_command_has_help_with_an_example(command: Command, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([command.name, "--help"]) == 0
     assert f"ballbot {command.name} " in capsys.readouterr().out.replace(f"Usage: ballbot {command.name}", "")
 

@@ -15,7 +15,7 @@ from cyclopts import Parameter
 
 from ballbot.cli.context import CommandResult, input_files, open_result
 from ballbot.cli.findings import Accept, check_input, show_findings
-from ballbot.cli.output import standard_output
+from ballbot.cli.output import emit, standard_output
 from ballbot.errors import InputError
 from ballbot.files import check_file, write_text
 from ballbot.findings import Finding, by_severity, check_codes, stop_on_errors
@@ -111,6 +111,7 @@ def check(
             log=None if predict is None else _log(hung, robot, predict, accept),
             following=_following(hung, reference, controller),
         )
+        emit(checked.results())
         for part in robot_check_parts(checked, framed=console.is_terminal):
             console.print(part)
         if figure is not None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.text import Text
 
 from ballbot.cli.context import CommandResult, input_files, open_result
-from ballbot.cli.output import print_parts, standard_output
+from ballbot.cli.output import emit, print_parts, standard_output
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.log import Log
@@ -97,6 +97,7 @@ def _check(file: Path, robot: Robot | None, mapping: Path | None, result: Comman
     checked = CheckedLog.of(file, Log.read(file, mapping=mapping), robot)
     console = standard_output()
     print_parts(checked_log_parts(checked, framed=console.is_terminal), console)
+    emit(checked.results())
     if result:
         with result.replaced() as new:
             result.write_json(checked.results(), new)
@@ -126,6 +127,7 @@ def _show(file: Path, robot: Robot, proposal: Proposal, *, source: str, result: 
     print_parts(proposal_parts(file, found, framed=console.is_terminal), console)
     if result is None:
         console.print(Text("\n" + found.text), soft_wrap=True)
+        emit(proposal_results(file, found) | {"mapping_file": found.text})
     else:
         with result.replaced() as new:
             write_text(new / "mapping.toml", found.text)

@@ -78,8 +78,8 @@ def compare(
     belongs_to = league_identity(described, candidates, courses, numbers)
     belongs_to |= {str(path): checksum for path, checksum in own.items()}
     console = standard_output()
-    warn_of_overcompensation({one.name: made[one.name] for one in candidates if one.file}, described, console)
-    warn_of_idle_compensation(made, console)
+    warn_of_overcompensation({one.name: made[one.name] for one in candidates if one.file}, described)
+    warn_of_idle_compensation(made)
     with (
         open_long_result(
             out,

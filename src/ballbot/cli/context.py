@@ -7,9 +7,9 @@
             result.write_json(found.to_dict(), new, findings=findings)
     result.show_file("report.html")
 
-The provenance of a result is the command line itself (`main` records it), without --resume and --cluster, which do not
-change the result. A long run (`open_long_result`) has a checkpoint in the folder, an executor and a way back after
-Ctrl-C. Logs and lists of seeds are read here, too.
+The provenance of a result is the command line itself (`main` records it), without the options that do not change the
+result. A long run (`open_long_result`) has a checkpoint in the folder, an executor and a way back after Ctrl-C. Logs
+and lists of seeds are read here, too.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter, Token
 from rich.console import Console, RenderableType
 
-from ballbot.cli import ARGV
+from ballbot.cli import ARGV, OUTPUT
+from ballbot.cli.app import OUTPUT_OPTIONS
 from ballbot.cli.output import Bar, print_parts, progress_bar, standard_output
 from ballbot.errors import InputError, either
 from ballbot.files import write_text
@@ -45,7 +46,7 @@ CHECKPOINT = "checkpoint.jsonl"
 
 _MAX_SEEDS = 100_000
 #: options that do not change a result, with the number of tokens that follow each
-_WITHOUT_EFFECT = {"--resume": 0, "--cluster": 1}
+_WITHOUT_EFFECT = {"--resume": 0, "--cluster": 1} | dict.fromkeys(OUTPUT_OPTIONS, 0)
 
 
 def _whole_number(_: type, tokens: Sequence[Token]) -> int:
@@ -82,7 +83,7 @@ RUN_HERE = RunOptions()
 
 
 def argv() -> list[str]:
-    """Return the command line that makes the running command's result: without --resume and --cluster."""
+    """Return the command line that makes the running command's result: without options that do not change it."""
     tokens: list[str] = []
     skip = 0
     for word in ARGV.get():
@@ -118,9 +119,17 @@ class CommandResult:
         """Show progress while a block runs; see `ballbot.cli.output.progress_bar`."""
         return progress_bar(self.console, doing)
 
-    def replaced(self) -> AbstractContextManager[Path]:
-        """Give a folder to write the new files into; see `ballbot.result_folder.ResultFolder.replaced`."""
-        return self.folder.replaced()
+    @contextmanager
+    def replaced(self) -> Iterator[Path]:
+        """Give a folder to write the new files into; see `ballbot.result_folder.ResultFolder.replaced`.
+
+        The results.json among them is what --json prints.
+        """
+        with self.folder.replaced() as new:
+            yield new
+        written = self.folder.path / "results.json"
+        if OUTPUT.get().json and written.exists():
+            OUTPUT.get().results = written.read_text(encoding="utf-8")
 
     def write_json(
         self, results: Mapping[str, object], folder: Path, *, findings: Collection[Finding] | None = None

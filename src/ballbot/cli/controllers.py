@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cyclopts import Parameter
-from rich.console import Console
 
+from ballbot.cli.output import notice_output
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.file import read_controller
 from ballbot.control.interface import Feedback
@@ -35,15 +35,15 @@ class ControllerOptions:
         return nominal_controller(robot, compensation=self.compensation)
 
 
-def warn_of_overcompensation(controllers: Mapping[str, Feedback], robot: Robot, console: Console) -> None:
+def warn_of_overcompensation(controllers: Mapping[str, Feedback], robot: Robot) -> None:
     """Print a sentence for each controller, by the name it goes by, that may feed the motion of this robot."""
     for name, one in controllers.items():
         sentence = overcompensation_warning(one, robot) if isinstance(one, Controller) else None
         if sentence:
-            console.print(f"{name}: {sentence}.", style="yellow", markup=False, soft_wrap=True)
+            notice_output().print(f"{name}: {sentence}.", style="yellow", markup=False, soft_wrap=True)
 
 
-def warn_of_idle_compensation(controllers: Mapping[str, Feedback], console: Console) -> None:
+def warn_of_idle_compensation(controllers: Mapping[str, Feedback]) -> None:
     """Print a sentence for each controller, by its name, whose compensation does nothing for want of friction."""
     for name, one in controllers.items():
         if not isinstance(one, Controller) or one.compensation == "none":
@@ -55,4 +55,4 @@ def warn_of_idle_compensation(controllers: Mapping[str, Feedback], console: Cons
             f"{name}: {one.compensation} compensation does nothing, because the robot {one.robot.name} has no "
             "friction. Identify it with `ballbot identify`, or write it into the robot file."
         )
-        console.print(sentence, style="yellow", markup=False, soft_wrap=True)
+        notice_output().print(sentence, style="yellow", markup=False, soft_wrap=True)

@@ -9,7 +9,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from ballbot.cli.output import progress_bar, standard_output
+from ballbot.cli.output import emit, notice_output, progress_bar, show_written, standard_output
 from ballbot.errors import InputError
 from ballbot.files import check_folder, write_text
 from ballbot.log import Log
@@ -54,9 +54,9 @@ def demo(
     write_text(folder / _RESULT, result_text(_state_before(0.0, "compiling the model")))
     page = replay_page(runs, Robot.load(ROBOT), title=title, lead=_lead(runs), result_beside=_RESULT)
     write_text(folder / _PAGE, page)
-    console.print(str(folder / _PAGE), markup=False, soft_wrap=True)
+    show_written(folder / _PAGE)
     if browser and not webbrowser.open((folder / _PAGE).resolve().as_uri()):
-        console.print("No browser could be opened; open the page in one.")
+        notice_output().print("No browser could be opened; open the page in one.")
     state = ResultState(heading=_HEADING, sentences=("The command was stopped before it was found.",))
     written = -1
     try:
@@ -73,9 +73,11 @@ def demo(
             from ballbot.fitting.run import Run
             from ballbot.report.demo import identified, state_found
 
-            state = state_found(identified(runs[SOFT], Run(progress=report)))
+            found = identified(runs[SOFT], Run(progress=report))
+            state = state_found(found)
     finally:
         write_text(folder / _RESULT, result_text(state))
+    emit({"files": [folder / _PAGE], "friction": found.robot.friction})
     for sentence in state.sentences:
         console.print(sentence, soft_wrap=True)
     for row in (state.columns, *state.rows):

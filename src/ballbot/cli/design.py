@@ -149,7 +149,7 @@ def design(
             write_controller(found.controller, new / "controller.toml")
             result.write_json(found.results(), new)
     result.show(controller_design_parts(found, framed=result.console.is_terminal))
-    warn_of_idle_compensation({"controller.toml": found.controller}, result.console)
+    warn_of_idle_compensation({"controller.toml": found.controller})
     result.show_file("controller.toml")
 
 

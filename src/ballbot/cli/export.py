@@ -83,6 +83,6 @@ def export(
     result.show(export_parts(exported, read, load, framed=result.console.is_terminal))
     if to_install:
         result.console.print(to_install)
-    warn_of_idle_compensation({controller.name: read}, result.console)
-    warn_of_overcompensation({controller.name: read}, described, result.console)
+    warn_of_idle_compensation({controller.name: read})
+    warn_of_overcompensation({controller.name: read}, described)
     result.show_file(_README)

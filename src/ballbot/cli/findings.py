@@ -8,9 +8,8 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
-from rich.console import Console
 
-from ballbot.cli.output import standard_output
+from ballbot.cli.output import notice_output
 from ballbot.findings import Finding, as_options, check_codes, no_command, stop_on_errors
 from ballbot.printable import shell_line
 from ballbot.report.console import finding_line
@@ -119,9 +118,7 @@ def stop_or_show(
     show_findings(findings)
 
 
-def show_findings(
-    findings: Collection[Finding], *, accept: Collection[str] | None = None, console: Console | None = None
-) -> None:
+def show_findings(findings: Collection[Finding], *, accept: Collection[str] | None = None) -> None:
     """Print errors and warnings, a line each; notes stand in the report.
 
     Parameters
@@ -129,9 +126,8 @@ def show_findings(
     findings : collection of Finding
     accept : collection of str, optional
         Codes of errors that the user has accepted; all of them if it is not given.
-    console : Console, optional
     """
-    console = console or standard_output()
+    console = notice_output()
     for finding in findings:
         if finding.severity != "note":
             accepted = finding.severity == "error" and (accept is None or finding.code in accept)

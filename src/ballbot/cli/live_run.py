@@ -8,7 +8,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from ballbot.cli.context import CommandResult, open_result
-from ballbot.cli.output import standard_output
+from ballbot.cli.output import notice_output, standard_output
 from ballbot.cli.robot_link import Connection, LinkOptions, Monitor
 from ballbot.errors import InputError
 from ballbot.files import write_text
@@ -139,14 +139,13 @@ def finish(connection: Connection, made: LiveRun) -> None:
     KeyboardInterrupt
         If the run was interrupted.
     """
-    console = standard_output()
     if made.trouble:
-        console.print(made.trouble, style="yellow", soft_wrap=True)
+        notice_output().print(made.trouble, style="yellow", soft_wrap=True)
     if made.ending.kind == "interrupt":
         raise KeyboardInterrupt("interrupted; the robot is disarmed.")
     if made.ending.kind == "link":
         raise InputError(made.ending.text)
-    console.print(made.ending.text, soft_wrap=True)
+    standard_output().print(made.ending.text, soft_wrap=True)
     refused = counts_line(connection.robot.session.counts.refused, connection.robot.refused_frames())
     if refused:
-        console.print(refused, style="yellow", soft_wrap=True)
+        notice_output().print(refused, style="yellow", soft_wrap=True)

@@ -1,31 +1,27 @@
-"""The `ballbot` command: the list of commands, and how errors are reported.
-
-A command's module is imported only when that command runs or prints its help, so that
-`ballbot --help` is there at once.
-"""
+"""The `ballbot` command: runs a command line, and reports errors in one sentence."""
 
 from __future__ import annotations
 
-import importlib
 import io
 import os
 import sys
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 
-from cyclopts import App, CoercionError, CycloptsError, Group, Parameter, UnknownCommandError
+from cyclopts import CoercionError, CycloptsError, UnknownCommandError, UnknownOptionError
 
-from ballbot.cli import ARGV
-from ballbot.errors import InputError, suggest
+from ballbot.cli import ARGV, OUTPUT, Output
+from ballbot.cli.app import (
+    COMMANDS,
+    OUTPUT_OPTIONS,
+    REMOVED_OPTIONS,
+    RENAMED_OPTIONS,
+    START,
+    build_app,
+)
+from ballbot.errors import InputError, nearest, suggest
 from ballbot.printable import printable_line
-
-_ABOUT = """Model, identify, validate and control ball-balancing robots.
-
-Example: `ballbot study alten square.csv hold.csv --out found`
-"""
-
 
 #: characters of a refusal
 _LONGEST_SENTENCE = 1000
@@ -42,110 +38,6 @@ _EXTRAS = {
     "cobs": "link",
     "fastcrc": "link",
 }
-
-
-@dataclass(frozen=True)
-class Command:
-    """One command of `ballbot`: the function of its name in the module of its name, with _ for -."""
-
-    name: str
-    group: str  #: its heading in `ballbot --help`
-    summary: str  #: its line in `ballbot --help`
-
-    @property
-    def module(self) -> str:
-        """Its module, which is imported only if the command is named."""
-        return f"ballbot.cli.{self.function}"
-
-    @property
-    def function(self) -> str:
-        """The function, or an App of several."""
-        return self.name.replace("-", "_")
-
-
-#: in the order of `ballbot --help`; a command is a module of its name and a line here
-COMMANDS = (
-    Command("study", "Main job", "Robot and logs in; friction, report and controller out."),
-    Command("demo", "Main job", "Two recorded runs in the browser, and the friction in their log."),
-    Command("new", "Robot", "Write a robot file to start from."),
-    Command("check", "Robot", "Check a robot's parameters and print derived quantities."),
-    Command("check-log", "Logs", "Check a log and show what it can be used for."),
-    Command("simulate", "Logs", "Simulate a robot in closed loop and write a log."),
-    Command("record", "Logs", "Record logs from the physics-engine twin."),
-    Command("view", "Logs", "Show logs of a robot in three dimensions, in the browser."),
-    Command("align", "Logs", "Compare a log's sensors with motion capture."),
-    Command("spin", "Logs", "Measure the ball's velocity in a video of its seam."),
-    Command("identify", "Identification", "Identify a robot's friction from its logs."),
-    Command("identify-driveline", "Identification", "Identify driveline friction from a free-wheel sweep."),
-    Command("identify-upside-down", "Identification", "Identify friction of the robot clamped upside down."),
-    Command("identify-geometry", "Identification", "Identify geometry and IMU mounting from logs."),
-    Command("identify-axis", "Identification", "Identify the mass and friction of any single axis."),
-    Command("validate", "Validation", "Validate a model or a controller against logs."),
-    Command("design", "Control", "Design a controller for a robot."),
-    Command("export", "Control", "Write a controller as C firmware for its robot."),
-    Command("run", "Control", "Run a live robot: wiring, sweep, balance, comparison."),
-    Command("limits", "Control", "Find the largest tilts and impulses that a robot recovers from."),
-    Command("compare", "Experiments", "Compare controllers on the same courses and seeds."),
-    Command("excite", "Experiments", "Design an informative excitation within limits; try it on the twin."),
-    Command(
-        "twin",
-        "Experiments",
-        "Write the twin's MuJoCo model or a scenario; try the thesis's recommendations.",
-    ),
-    Command("reproduce", "Thesis", "Reproduce the thesis's figures and tables."),
-)
-
-#: options by their old names, which still work in this release: command, old name, new name
-RENAMED_OPTIONS = {
-    ("identify", "--free"): "--estimate",
-    ("identify", "--judge-on"): "--holdout",
-    ("identify", "--leave-out"): "--exclude-states",
-    ("study", "--leave-out"): "--exclude-states",
-    ("design", "--allow-pumping"): "--allow-overcompensation",
-}
-
-#: options that are gone: command, name, and what to do instead
-REMOVED_OPTIONS = {
-    (
-        "identify-axis",
-        "--horizon",
-    ): "the length of the windows is now chosen by held-out errors; leave it out",
-    (
-        "identify-axis",
-        "--window",
-    ): "the blocks that are held out are now chosen from the record; leave it out",
-}
-
-
-def build_app(tokens: Sequence[str] = ()) -> App:
-    """Return the command-line application.
-
-    Parameters
-    ----------
-    tokens : sequence of str
-        The command line, without the program's name. Only the command that it names is imported.
-    """
-    app = App(
-        name="ballbot",
-        help=_ABOUT,
-        help_format="markdown",
-        version=_version,
-        default_parameter=Parameter(negative_iterable=()),  # no --empty-OPTION
-        suppress_keyboard_interrupt=False,
-    )
-    groups = {name: Group.create_ordered(name) for name in dict.fromkeys(one.group for one in COMMANDS)}
-    for place, command in enumerate(COMMANDS):
-        group = groups[command.group]
-        if command.name in tokens[:1]:
-            loaded = getattr(importlib.import_module(command.module), command.function)
-            if isinstance(loaded, App):  # a group of commands has its name already
-                app.command(loaded)
-            else:
-                app.command(loaded, name=command.name, sort_key=place)
-        else:
-            target = f"{command.module}:{command.function}"
-            app.command(target, name=command.name, help=command.summary, group=group, sort_key=place)
-    return app
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -167,8 +59,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             return _run(tokens)
     except InputError as error:
         return _refuse(str(error))
-    except UnknownCommandError:
-        return _refuse(_unknown_command(tokens))
+    except UnknownCommandError as error:
+        return _refuse(_unknown_command(error))
+    except UnknownOptionError as error:
+        return _refuse(f"{_unknown_option(error)} Try: {_help_of(tokens)}")
     except CoercionError as error:
         return _refuse(f"{_wrong_number(error)} Try: {_help_of(tokens)}")
     except CycloptsError as error:
@@ -192,27 +86,35 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(tokens: list[str]) -> int:
-    tokens = _with_new_names(tokens)
-    app = build_app(tokens)
-    running = ARGV.set(tuple(tokens))
+    named = [token for token in tokens if token not in OUTPUT_OPTIONS]
+    if not named:
+        print(START, end="")
+        return 0
+    tokens = _with_new_names(tokens, command=named[0])
+    app = build_app(named)
+    output = Output()
+    running, printing = ARGV.set(tuple(tokens)), OUTPUT.set(output)
     try:
-        app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+        app.meta(tokens, exit_on_error=False, print_error=False, result_action="return_value")
     finally:
         ARGV.reset(running)
+        OUTPUT.reset(printing)
+        if output.json:
+            print(output.results, end="")
     if sys.stdout is not None:  # as with `>&-`
         sys.stdout.flush()
     return 0
 
 
-def _with_new_names(tokens: Sequence[str]) -> list[str]:
+def _with_new_names(tokens: Sequence[str], *, command: str) -> list[str]:
     """Return the command line with renamed options under their new names, and print a hint for each."""
     renamed = []
     for token in tokens:
         option, equals, value = token.partition("=")
-        gone = REMOVED_OPTIONS.get((tokens[0], option))
+        gone = REMOVED_OPTIONS.get((command, option))
         if gone:
-            raise InputError(f"{option} is no longer an option of {tokens[0]}: {gone}.")
-        new = RENAMED_OPTIONS.get((tokens[0], option))
+            raise InputError(f"{option} is no longer an option of {command}: {gone}.")
+        new = RENAMED_OPTIONS.get((command, option))
         if new:
             _say(f"{option} is now called {new}; the old name goes with the next release.")
         renamed.append(f"{new}{equals}{value}" if new else token)
@@ -243,11 +145,19 @@ def _close_standard_output() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _unknown_command(tokens: list[str]) -> str:
-    word, names = tokens[0], [command.name for command in COMMANDS]
-    if word in names:  # a group
-        return f"There is no command {' '.join(tokens[:2])!r}. Try: {_help_of(tokens)}"
-    return f"There is no command {word!r}; {suggest(word, names, otherwise='the commands are')}"
+def _unknown_command(error: UnknownCommandError) -> str:
+    """Return the sentence on a word that is no command of a group of commands, such as `ballbot twin`."""
+    group, word = " ".join(error.command_chain or ()), (error.unused_tokens or [""])[0]
+    names = [name for name in error.app or () if not name.startswith("-")]
+    return f"There is no command {group} {word}; {suggest(word, names, otherwise='the commands are')}"
+
+
+def _unknown_option(error: UnknownOptionError) -> str:
+    option = (error.token.keyword or error.token.value).partition("=")[0]
+    names = [name for one in error.argument_collection if one.parse for name in one.names]
+    near = nearest(option, [*names, *OUTPUT_OPTIONS, "--help"])
+    hint = f"; did you mean {near[0]}?" if near else "."
+    return f"There is no option {option}{hint}"
 
 
 def _wrong_number(error: CoercionError) -> str:
@@ -268,12 +178,6 @@ def _survive_narrow_encodings() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
-
-
-def _version() -> str:
-    from importlib.metadata import version
-
-    return version("ballbot")
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from ballbot.cli.output import standard_output
+from ballbot.cli.output import emit, standard_output
 from ballbot.errors import InputError
 from ballbot.files import check_new_file
 from ballbot.printable import printable_line, shell_line
@@ -48,3 +48,4 @@ def new(
     write_robot(robot, path)
     hint = f"Wrote {path}. Change its values, then run: {shell_line(['ballbot', 'check', path])}"
     standard_output().print(hint, soft_wrap=True)
+    emit({"files": [path]})

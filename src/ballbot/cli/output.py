@@ -1,12 +1,19 @@
-"""Where commands print, and how they show progress: a bar on a terminal, lines on standard error if piped."""
+"""Where commands print, and how they show progress: a bar on a terminal, lines on standard error if piped.
+
+The options --json and --quiet of every command act here: text goes nowhere, warnings and questions go to standard
+error, and with --json the results (`emit`) are all that standard output gets.
+"""
 
 from __future__ import annotations
 
+import io
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from threading import Timer
 from time import monotonic
+from types import MappingProxyType
 from typing import Protocol
 
 from rich.console import Console, RenderableType
@@ -14,18 +21,44 @@ from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as RichProgress
 from rich.table import Table
 
+from ballbot.cli import OUTPUT
 from ballbot.printable import printable_line
 from ballbot.progress import EtaEstimator, Progress, as_clock
 from ballbot.report.console import PLAIN_WIDTH, PlainConsole
+from ballbot.results import as_json
 
 _BEFORE_LINES = 3.0  #: [s] before the first line of progress, if no bar can be drawn
 _BETWEEN_LINES = 15.0  #: [s] between lines of progress within a stage
 
 
 def standard_output() -> PlainConsole:
-    """Return the console that commands print to, plain where it is no terminal."""
+    """Return the console that commands print results to: plain where it is no terminal, silent if so asked."""
+    if _is_silent():
+        return PlainConsole(file=io.StringIO(), width=PLAIN_WIDTH)
     console = PlainConsole()
     return console if console.is_terminal else PlainConsole(width=PLAIN_WIDTH)
+
+
+def notice_output() -> PlainConsole:
+    """Return the console of warnings and questions, which neither --json nor --quiet hides."""
+    return PlainConsole(file=sys.stderr) if _is_silent() else standard_output()
+
+
+def _is_silent() -> bool:
+    return OUTPUT.get().json or OUTPUT.get().quiet
+
+
+def emit(results: Mapping[str, object]) -> None:
+    """Give the results that --json prints when the command ends; those of a folder are its results.json."""
+    OUTPUT.get().results = as_json(results)
+
+
+def show_written(*paths: Path, results: Mapping[str, object] = MappingProxyType({})) -> None:
+    """Print where files are that a command without a folder of results wrote; --json has them, and results."""
+    console = standard_output()
+    for path in paths:
+        console.print(str(path), markup=False, soft_wrap=True)
+    emit({"files": paths, **results})
 
 
 def print_parts(parts: Iterable[RenderableType], console: Console) -> None:
@@ -61,6 +94,16 @@ class _DrawnBar:
 
     def report(self, progress: Progress) -> None:
         self.show(progress.share, doing=progress.stage, note=progress.note)
+
+
+class _Silent:
+    """Nothing, with --quiet."""
+
+    def show(self, share: float, *, doing: str | None = None, note: str = "") -> None:
+        pass
+
+    def report(self, progress: Progress) -> None:
+        pass
 
 
 class _WrittenLines:
@@ -115,6 +158,9 @@ def progress_bar(console: Console, doing: str) -> Iterator[Bar]:
     doing : str
         What is being done.
     """
+    if OUTPUT.get().quiet:
+        yield _Silent()
+        return
     if not console.is_terminal:
         lines = _WrittenLines(doing)
         try:

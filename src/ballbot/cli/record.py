@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -9,15 +10,17 @@ from typing import Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
+from ballbot.cli import OUTPUT
 from ballbot.cli.context import LogFormatName, WholeNumber, parse_seeds
 from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation, warn_of_overcompensation
 from ballbot.cli.findings import Accept, check_robot
-from ballbot.cli.output import progress_bar, standard_output
+from ballbot.cli.output import emit, progress_bar, standard_output
 from ballbot.control.references import reference_from
 from ballbot.estimation.interface import EstimatorName
-from ballbot.files import check_folder
+from ballbot.files import check_folder, read_json
 from ballbot.fitting.run import check_seed
 from ballbot.log.formats import check_format
+from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.simulation.run import sample_count
 from ballbot.twin.recording import DURATIONS, Experiment
@@ -120,16 +123,28 @@ def record(
     )
     console = standard_output()
     if chosen.controller:
-        warn_of_overcompensation({str(chosen.controller): job.controller}, described, console)
+        warn_of_overcompensation({str(chosen.controller): job.controller}, described)
     if run.experiment == "balance":
         name = str(chosen.controller or "nominal controller")
-        warn_of_idle_compensation({name: job.controller}, console)
+        warn_of_idle_compensation({name: job.controller})
     sample_count(job.duration, job.controller.sample_time)
     check_folder(out)
     if all_seeds is None:
         _one(job, random.seed, out, console, resume=random.resume)
     else:
         _many(job, all_seeds, out, console)
+
+
+def _emit(outcomes: Sequence[RecordOutcome]) -> None:
+    """Give --json the results of each run."""
+    if OUTPUT.get().json:
+        emit(
+            {
+                "runs": [
+                    to_results(one) | {"results": read_json(one.folder / "results.json")} for one in outcomes
+                ]
+            }
+        )
 
 
 def _one(job: RecordJob, seed: int, out: Path, console: Console, *, resume: bool) -> None:
@@ -139,6 +154,7 @@ def _one(job: RecordJob, seed: int, out: Path, console: Console, *, resume: bool
             outcome = record_run(job, seed, out, progress=lambda now: bar.show(now.share))
     else:
         console.print("The run is complete and was kept.")
+    _emit([outcome])
     for path in sorted(out.iterdir()):
         if not path.name.startswith("."):
             console.print(str(path), soft_wrap=True)
@@ -149,6 +165,7 @@ def _one(job: RecordJob, seed: int, out: Path, console: Console, *, resume: bool
 def _many(job: RecordJob, seeds: list[int], out: Path, console: Console) -> None:
     with progress_bar(console, f"recording {len(seeds)} runs of {job.duration:g} s") as bar:
         outcomes = record_runs(job, seeds, out, progress=lambda now: bar.show(now.share))
+    _emit(outcomes)
     console.print(_summary(outcomes, out), soft_wrap=True)
     for outcome in outcomes:
         if outcome.ended:

@@ -15,11 +15,14 @@ from cyclopts import Parameter
 from rich.live import Live
 from rich.table import Table
 
+from ballbot.cli import OUTPUT
 from ballbot.cli.context import WholeNumber
-from ballbot.cli.output import standard_output
+from ballbot.cli.output import notice_output
+from ballbot.control.controller import Controller
+from ballbot.control.file import read_controller
 from ballbot.control.presets import nominal_controller
 from ballbot.errors import InputError
-from ballbot.firmware.export import export_controller
+from ballbot.firmware.export import check_belongs, export_controller
 from ballbot.fitting.run import check_seed
 from ballbot.link.datagram import read_key
 from ballbot.link.emulated import CompiledRobot, EmulatedRobot
@@ -69,6 +72,34 @@ class LinkOptions:
         """The robot's description; None if it is not known."""
         name = self.robot or (_EMULATED_ROBOT if self.emulated else None)
         return Robot.load(name) if name else None
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class ControllerOnRobot:
+    """The controller that the robot runs."""
+
+    controller: Path | None = None
+    """A controller file; needs --robot. It is sent if the robot has another one. If not given, the robot's own
+    controller runs."""
+
+    lean: float = 0.35
+    """Largest tilt [rad] at which the robot gives torques, sent with the controller; beyond it the robot stops."""
+
+    on_host: Annotated[bool, Parameter(negative="")] = False
+    """Run the controller on this computer. The robot's safety layer checks its torques."""
+
+    def read(self, link: LinkOptions) -> Controller | None:
+        """Return the controller; None if the robot's own runs there."""
+        described = link.described
+        if self.controller is not None:
+            if described is None:
+                raise InputError("--controller needs the robot that it is for: give --robot.")
+            check_belongs(self.controller, described)
+            return read_controller(self.controller, described)
+        if self.on_host and not (link.emulated and described):
+            raise InputError("--on-host needs the controller to run: give --controller and --robot.")
+        return nominal_controller(described) if self.on_host and described else None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,7 +184,7 @@ class TerminalOperator:
     """The person at the terminal."""
 
     def __init__(self) -> None:
-        self._console = standard_output()
+        self._console = notice_output()
 
     def confirm_arming(self) -> bool:
         """Let the person type the confirmation; nobody else can give it.
@@ -234,6 +265,8 @@ class Monitor:
         return True
 
     def _show(self, picture: Table, line: str) -> None:
+        if OUTPUT.get().quiet:
+            return
         if self._live is None:
             print(f"ballbot: {line}", file=sys.stderr, flush=True)
         else:

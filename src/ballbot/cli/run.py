@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-from cyclopts import App, Parameter
+from cyclopts import App
 from numpy.typing import NDArray
 
 from ballbot.cli.context import WholeNumber, input_files, open_result
 from ballbot.cli.live_run import WRITTEN, Plan, about_run, finish, make_run, record_run
-from ballbot.cli.output import print_parts, standard_output
-from ballbot.cli.robot_link import Connection, LinkOptions, Monitor, connected
+from ballbot.cli.output import emit, print_parts, standard_output
+from ballbot.cli.robot_link import Connection, ControllerOnRobot, LinkOptions, Monitor, connected
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
-from ballbot.control.presets import nominal_controller
-from ballbot.errors import InputError
+from ballbot.errors import InputError, nearest
 from ballbot.files import write_text
-from ballbot.firmware.export import check_belongs, export_controller
+from ballbot.findings import finding_results
+from ballbot.firmware.export import export_controller
 from ballbot.link.bench import bench_log, bench_parameters, check_balancing_parameters, stir, sweep_of
 from ballbot.link.live import Commander, ControlFromHost, FollowReference, TorqueProgram
 from ballbot.link.messages import ControllerPlace
@@ -49,34 +47,6 @@ Example: ballbot run wiring --emulated
 """
 
 run = App(name="run", help=_ABOUT)
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class ControllerOnRobot:
-    """The controller that the robot runs."""
-
-    controller: Path | None = None
-    """A controller file; needs --robot. It is sent if the robot has another one. If not given, the robot's own
-    controller runs."""
-
-    lean: float = 0.35
-    """Largest tilt [rad] at which the robot gives torques, sent with the controller; beyond it the robot stops."""
-
-    on_host: Annotated[bool, Parameter(negative="")] = False
-    """Run the controller on this computer. The robot's safety layer checks its torques."""
-
-    def read(self, link: LinkOptions) -> Controller | None:
-        """Return the controller; None if the robot's own runs there."""
-        described = link.described
-        if self.controller is not None:
-            if described is None:
-                raise InputError("--controller needs the robot that it is for: give --robot.")
-            check_belongs(self.controller, described)
-            return read_controller(self.controller, described)
-        if self.on_host and not (link.emulated and described):
-            raise InputError("--on-host needs the controller to run: give --controller and --robot.")
-        return nominal_controller(described) if self.on_host and described else None
 
 
 _LINK, _CONTROLLER = LinkOptions(), ControllerOnRobot()
@@ -118,6 +88,7 @@ def balance(
     out
         The folder for log.csv and results.json; nothing is written if it is not given.
     """
+    _check_port(port)
     controller = chosen.read(link)
     driven = live_reference(reference)
     try:
@@ -125,6 +96,15 @@ def balance(
             _balance(connection, link, chosen, controller, driven, duration=duration, ramp=ramp, out=out)
     finally:
         driven.close()
+
+
+def _check_port(port: str | None) -> None:
+    """Raise InputError if a port is a misspelt command of `ballbot run`."""
+    near = nearest(port or "", [name for name in run if not name.startswith("-")])
+    if port and near and not Path(port).exists():
+        raise InputError(
+            f"There is no port and no command {port!r} of ballbot run; did you mean {near[0]!r}?"
+        )
 
 
 def _balance(
@@ -148,7 +128,9 @@ def _balance(
     place = ControllerPlace.HOST if chosen.on_host else ControllerPlace.ROBOT
     plan = Plan(commander=commander, controller=place, duration=duration, ramp=ramp)
     if out is None:
-        finish(connection, make_run(connection, plan))
+        made = make_run(connection, plan)
+        emit({"ended": made.ending.kind, "reason": made.ending.text})
+        finish(connection, made)
         return
 
     def performance(log: Log) -> dict[str, object]:
@@ -178,7 +160,9 @@ def monitor(port: str | None = None, /, *, link: LinkOptions = _LINK, duration: 
     console = standard_output()
     with connected(port, link, real_time=console.is_terminal) as connection:
         robot = connection.robot
-        for line in robot.parameter_lines():
+        lines = robot.parameter_lines()
+        emit({"parameters": lines})
+        for line in lines:
             console.print(line, soft_wrap=True)
         with Monitor(robot, console) as shown:
             robot.watch(shown.watch_state, duration=duration)
@@ -212,6 +196,7 @@ def wiring(port: str | None = None, /, *, link: LinkOptions = _LINK, out: Path |
             )
         check = check_turns(lean, turns, robot.ball_from_wheels)
         print_parts(wiring_parts(check, framed=console.is_terminal), console)
+        emit(wiring_results(check) | {"findings": finding_results(check.findings)})
         if check.passed:
             robot.test()
             console.print("Every motor turns its own encoder forward: the self-test passed.")
@@ -358,6 +343,7 @@ def send(
         sent = connection.robot.use_parameters(export_controller(read, lean=lean).parameters)
     text = "was sent; the self-test must pass before the robot arms" if sent else "is on the robot already"
     standard_output().print(f"{controller} {text}.", soft_wrap=True)
+    emit({"controller": controller, "sent": sent})
 
 
 @run.command

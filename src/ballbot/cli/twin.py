@@ -8,7 +8,7 @@ from pathlib import Path
 from cyclopts import App
 
 from ballbot.cli.context import input_files, open_result, parse_seeds
-from ballbot.cli.output import standard_output
+from ballbot.cli.output import show_written
 from ballbot.files import check_file, check_new_file, write_text
 from ballbot.report.console import table
 from ballbot.robot import Robot
@@ -56,7 +56,7 @@ def export(
     described = Robot.load(robot)
     check_file(out)
     write_text(out, twin_mjcf(described, load_scenario(scenario, described), mounting=mounting) + "\n")
-    standard_output().print(str(out), soft_wrap=True)
+    show_written(out)
 
 
 @twin.command
@@ -79,7 +79,7 @@ def scenario(source: str = "nominal", /, *, robot: str = "alten", out: Path, for
     described = Robot.load(robot)
     check_new_file(out, force=force)
     write_scenario(load_scenario(source, described), out)
-    standard_output().print(str(out), soft_wrap=True)
+    show_written(out)
 
 
 @twin.command

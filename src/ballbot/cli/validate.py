@@ -13,12 +13,12 @@ from cyclopts import Parameter
 
 from ballbot.cli.context import WholeNumber, input_files, open_result, read_balancing_log, read_balancing_logs
 from ballbot.cli.findings import Accept, check_input, show_findings
-from ballbot.cli.output import print_parts, standard_output
+from ballbot.cli.output import emit, print_parts, standard_output
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.files import write_text
-from ballbot.findings import Finding
+from ballbot.findings import Finding, finding_results
 from ballbot.fitting.run import Run, check_seed
 from ballbot.log.formats import is_log_file
 from ballbot.mechanics.parameters import Formulation
@@ -91,6 +91,7 @@ def validate_prediction(
     console = standard_output()
     print_parts(verdict_parts(verdict, steps, framed=console.is_terminal), console)
     show_findings(found)
+    emit({"prediction": prediction_results(verdict, prediction, steps), "findings": finding_results(found)})
     if out is not None:
         used = [results, files.controller, log_path, *([mapping] if mapping else [])]
         _write_verdict(out, verdict, prediction, steps, found, files=used)

@@ -7,7 +7,7 @@ import webbrowser
 from pathlib import Path
 
 from ballbot.cli.context import named_files
-from ballbot.cli.output import standard_output
+from ballbot.cli.output import notice_output, show_written
 from ballbot.errors import InputError
 from ballbot.files import check_file, write_text
 from ballbot.log import Log
@@ -71,12 +71,11 @@ def view(
         given = None if robot is None else Robot.load(robot)
         owners = {name: given or _robot_beside(path) for name, path in paths.items()}
         page = replay_page(logs, owners, title=" and ".join(logs), layout=layout)
-    console = standard_output()
     path = Path(tempfile.mkdtemp(prefix="ballbot-")) / "replay.html" if save is None else save
     write_text(path, page)
-    console.print(str(path), markup=False, soft_wrap=True)
+    show_written(path)
     if save is None and not webbrowser.open(path.resolve().as_uri()):
-        console.print("No browser could be opened; open the file in one.")
+        notice_output().print("No browser could be opened; open the file in one.")
 
 
 def _sorted_out(shown: tuple[str, ...]) -> tuple[list[str], dict[str, Path]]:

@@ -22,7 +22,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, suggest
 from ballbot.log import Log
 from ballbot.log.formats import is_log_file
 
@@ -164,12 +164,13 @@ def named_reference(name: str) -> Reference:
     Raises
     ------
     InputError
-        If no reference has that name; the sentence lists the names.
+        If no reference has that name; the sentence has the nearest name, or all of them.
     """
     try:
         return REFERENCES[name.replace("-", "_")]()
     except KeyError:
-        raise InputError(f"There is no reference {name!r}; the names are {', '.join(REFERENCES)}.") from None
+        hint = suggest(name, REFERENCES, otherwise="the names are")
+        raise InputError(f"There is no reference {name!r}; {hint}") from None
 
 
 def _pose(x: float, y: float, psi: float) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import real_array
-from ballbot.errors import InputError
+from ballbot.errors import InputError, suggest
 
 #: a value beyond this is not a sensor's: angles [rad], speeds [rad/s]
 _LARGEST = 1e6
@@ -168,6 +168,5 @@ def checked_name(name: str) -> EstimatorName:
     for known in get_args(EstimatorName):
         if name == known:
             return known
-    raise InputError(
-        f"There is no estimator {name!r}; the estimators are {', '.join(get_args(EstimatorName))}."
-    )
+    hint = suggest(name, get_args(EstimatorName), otherwise="the estimators are")
+    raise InputError(f"There is no estimator {name!r}; {hint}")

@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, suggest
 from ballbot.fitting.checkpoint import digest
 from ballbot.fitting.intervals import MOST_PROFILES
 from ballbot.fitting.model_selection import Dependence, unidentifiable
@@ -56,7 +56,8 @@ def states_counted(excluded: Sequence[str]) -> NDArray[np.bool_]:
     """
     for name in excluded:
         if name not in STATE_NAMES:
-            raise InputError(f"{name!r} is not a state; the states are {', '.join(STATE_NAMES)}.")
+            hint = suggest(name, STATE_NAMES, otherwise="the states are")
+            raise InputError(f"{name!r} is not a state; {hint}")
     counted = np.array([name not in excluded for name in STATE_NAMES])
     if not counted.any():
         raise InputError("Every state is excluded from the cost; at least one must remain.")

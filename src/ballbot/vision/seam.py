@@ -39,7 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, suggest
 
 #: points of a curve: 0.003 rad apart at the most, an eighth of a seam's width
 _POINTS = 4096
@@ -123,7 +123,7 @@ def seam_named(name: str) -> Seam:
         If there is no such seam.
     """
     if name not in SEAMS:
-        raise InputError(f"There is no seam {name!r}; the seams are {', '.join(SEAMS)}.")
+        raise InputError(f"There is no seam {name!r}; {suggest(name, SEAMS, otherwise='the seams are')}")
     return SEAMS[name]()
 
 

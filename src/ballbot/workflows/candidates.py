@@ -39,7 +39,7 @@ from ballbot.control.controller import Compensation, Controller
 from ballbot.control.file import read_controller
 from ballbot.control.interface import Feedback, estimator_of
 from ballbot.control.presets import nominal_controller, precise_controller
-from ballbot.errors import InputError
+from ballbot.errors import InputError, suggest
 from ballbot.estimation.interface import EstimatorName, checked_name
 from ballbot.printable import shell_line
 from ballbot.robot import Robot
@@ -305,10 +305,12 @@ class Candidate:
                 f"{shell_line([f'{self.source}:NAME'])}."
             )
         if not Path(self.source).exists():
-            raise InputError(
-                f"There is no controller {self.source!r}; give a controller file, FILE.py:NAME for your own, or "
-                f"{', '.join(NAMED_CONTROLLERS)}."
+            hint = suggest(
+                self.source,
+                NAMED_CONTROLLERS,
+                otherwise="give a controller file, FILE.py:NAME for your own, or one of",
             )
+            raise InputError(f"There is no controller {self.source!r}; {hint}")
         return read_controller(self.source, robot)
 
     @property

@@ -211,10 +211,10 @@ def _of_word(word: str, sets: Mapping[str, _Tables], robot: Robot, plant: PlantN
     if word == "unlike":
         raise InputError("The set unlike is now called mismatch.")
     if word not in sets and word not in known:
-        raise InputError(
-            f"There is no set or course {word!r}. The sets are {', '.join(sets)}; the courses are "
-            f"{', '.join(known)}; the name of a course file ends in .toml."
+        hint = suggest(
+            word, [*sets, *known], otherwise="the name of a course file ends in .toml; sets and courses are"
         )
+        raise InputError(f"There is no set or course {word!r}; {hint}")
     tables = sets[word] if word in sets else {word: known[word]}
     return [
         _course(name, table, robot, plant, place=f"the course {name!r}", beside=Path())

@@ -1,0 +1,186 @@
+"""The application: the list of commands, what `ballbot` alone prints, and the options that every command has.
+
+A command's module is imported only when that command runs or prints its help, so that `ballbot --help` is there at
+once.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+from cyclopts import App, Group, Parameter
+
+from ballbot.cli import OUTPUT
+from ballbot.errors import InputError, suggest
+
+_ABOUT = """Model, identify, validate and control ball-balancing robots.
+
+Example: `ballbot study alten square.csv hold.csv --out found`
+"""
+
+
+#: what `ballbot` alone prints
+START = """Ballbot models, identifies, validates and controls ball-balancing robots.
+
+  ballbot demo                              two recorded runs in the browser, and the friction in one
+  ballbot new mine --from alten             a robot file to fill in for your robot
+  ballbot study mine.toml LOG --out found   friction, validation and a controller from your log
+
+`ballbot help` lists all commands, and `ballbot help study` explains one of them.
+"""
+
+
+@dataclass(frozen=True)
+class Command:
+    """One command of `ballbot`: the function of its name in the module of its name, with _ for -."""
+
+    name: str
+    group: str  #: its heading in `ballbot --help`
+    summary: str  #: its line in `ballbot --help`
+
+    @property
+    def module(self) -> str:
+        """Its module, which is imported only if the command is named."""
+        return f"ballbot.cli.{self.function}"
+
+    @property
+    def function(self) -> str:
+        """The function, or an App of several."""
+        return self.name.replace("-", "_")
+
+
+#: in the order of `ballbot --help`; a command is a module of its name and a line here
+COMMANDS = (
+    Command("study", "Main job", "Robot and logs in; friction, report and controller out."),
+    Command("demo", "Main job", "Two recorded runs in the browser, and the friction in their log."),
+    Command("new", "Robot", "Write a robot file to start from."),
+    Command("check", "Robot", "Check a robot's parameters and print derived quantities."),
+    Command("check-log", "Logs", "Check a log and show what it can be used for."),
+    Command("simulate", "Logs", "Simulate a robot in closed loop and write a log."),
+    Command("record", "Logs", "Record logs from the physics-engine twin."),
+    Command("view", "Logs", "Show logs of a robot in three dimensions, in the browser."),
+    Command("align", "Logs", "Compare a log's sensors with motion capture."),
+    Command("spin", "Logs", "Measure the ball's velocity in a video of its seam."),
+    Command("identify", "Identification", "Identify a robot's friction from its logs."),
+    Command("identify-driveline", "Identification", "Identify driveline friction from a free-wheel sweep."),
+    Command("identify-upside-down", "Identification", "Identify friction of the robot clamped upside down."),
+    Command("identify-geometry", "Identification", "Identify geometry and IMU mounting from logs."),
+    Command("identify-axis", "Identification", "Identify the mass and friction of any single axis."),
+    Command("validate", "Validation", "Validate a model or a controller against logs."),
+    Command("design", "Control", "Design a controller for a robot."),
+    Command("export", "Control", "Write a controller as C firmware for its robot."),
+    Command("run", "Control", "Run a live robot: wiring, sweep, balance, comparison."),
+    Command("limits", "Control", "Find the largest tilts and impulses that a robot recovers from."),
+    Command("compare", "Experiments", "Compare controllers on the same courses and seeds."),
+    Command("excite", "Experiments", "Design an informative excitation within limits; try it on the twin."),
+    Command(
+        "twin",
+        "Experiments",
+        "Write the twin's MuJoCo model or a scenario; try the thesis's recommendations.",
+    ),
+    Command("reproduce", "Thesis", "Reproduce the thesis's figures and tables."),
+    Command("help", "Help", "Explain a command, or list all of them."),
+    Command("completion", "Help", "Print a script that completes commands and options in a shell."),
+)
+
+#: options by their old names, which still work in this release: command, old name, new name
+RENAMED_OPTIONS = {
+    ("identify", "--free"): "--estimate",
+    ("identify", "--judge-on"): "--holdout",
+    ("identify", "--leave-out"): "--exclude-states",
+    ("study", "--leave-out"): "--exclude-states",
+    ("design", "--allow-pumping"): "--allow-overcompensation",
+}
+
+#: options that are gone: command, name, and what to do instead
+REMOVED_OPTIONS = {
+    (
+        "identify-axis",
+        "--horizon",
+    ): "the length of the windows is now chosen by held-out errors; leave it out",
+    (
+        "identify-axis",
+        "--window",
+    ): "the blocks that are held out are now chosen from the record; leave it out",
+}
+
+
+#: of `ballbot --help`
+_GROUPS = {name: Group.create_ordered(name) for name in dict.fromkeys(one.group for one in COMMANDS)}
+_OUTPUT_GROUP = Group.create_ordered("Output of every command")
+
+
+@Parameter(name="*", group=_OUTPUT_GROUP)
+@dataclass(frozen=True, kw_only=True)
+class OutputOptions:
+    """What a command prints."""
+
+    json: Annotated[bool, Parameter(negative="", show_default=False)] = False
+    """Print the results as JSON on standard output, and nothing else there."""
+
+    quiet: Annotated[bool, Parameter(negative="", show_default=False)] = False
+    """Print no results and no progress; warnings, errors and questions remain, on standard error."""
+
+
+_OUTPUT = OutputOptions()
+#: as they stand in a command line
+OUTPUT_OPTIONS = ("--json", "--quiet")
+
+
+def build_app(tokens: Sequence[str] = ()) -> App:
+    """Return the command-line application; `.meta` of it takes whole command lines.
+
+    Parameters
+    ----------
+    tokens : sequence of str
+        The command line, without the program's name. Only the command that it names is imported.
+
+    Raises
+    ------
+    InputError
+        If it names no command of Ballbot.
+    """
+    names = [command.name for command in COMMANDS]
+    if tokens and not tokens[0].startswith("-") and tokens[0] not in names:
+        hint = suggest(tokens[0], names, otherwise="the commands are")
+        raise InputError(f"There is no command {tokens[0]!r}; {hint}")
+    app = App(
+        name="ballbot",
+        help=_ABOUT,
+        help_format="markdown",
+        version=_version,
+        version_flags=("--version", "-V"),
+        default_parameter=Parameter(negative_iterable=()),  # no --empty-OPTION
+        suppress_keyboard_interrupt=False,
+    )
+    for place, command in enumerate(COMMANDS):
+        group = _GROUPS[command.group]
+        if command.name in tokens[:1]:
+            loaded = getattr(importlib.import_module(command.module), command.function)
+            if isinstance(loaded, App):  # a group of commands has its name already
+                app.command(loaded)
+            else:
+                app.command(loaded, name=command.name, sort_key=place)
+        else:
+            target = f"{command.module}:{command.function}"
+            app.command(target, name=command.name, help=command.summary, group=group, sort_key=place)
+
+    @app.meta.default
+    def launch(
+        *words: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
+        output: OutputOptions = _OUTPUT,
+    ) -> None:
+        shown = OUTPUT.get()
+        shown.json, shown.quiet = output.json, output.quiet
+        app(words, exit_on_error=False, print_error=False, result_action="return_value")
+
+    return app
+
+
+def _version() -> str:
+    from importlib.metadata import version
+
+    return version("ballbot")

@@ -1,0 +1,206 @@
+"""The options that every command has, --json and --quiet; help, version, completion; what `ballbot` alone prints."""
+
+import ast
+import importlib
+import inspect
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+import ballbot
+from ballbot.cli.app import COMMANDS, START, Command
+from ballbot.cli.main import main
+from ballbot.robot import Robot
+from tests.support.log_examples import smooth_log
+
+#: what gives a command's results to --json
+_GIVES_RESULTS = {"emit", "show_written", "open_result", "open_long_result", "record_run"}
+
+
+def printed_json(capsys: pytest.CaptureFixture[str], *words: str, code: int = 0) -> dict[str, object]:
+    """Return what a command line prints with --json, which must be all of standard output."""
+    assert main([*words, "--json"]) == code
+    return json.loads(capsys.readouterr().out)
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("webbrowser.open", lambda _: True)
+    smooth_log(rows=400).write(tmp_path / "log.csv")
+    return tmp_path
+
+
+def test_ballbot_alone_names_three_commands_that_exist_and_where_help_is(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main([]) == 0
+    assert capsys.readouterr().out == START
+    named = [line.split()[1] for line in START.splitlines() if line.startswith("  ballbot ")]
+    assert len(named) == 3
+    assert set(named) <= {command.name for command in COMMANDS}
+    assert "`ballbot help`" in START
+
+
+@pytest.mark.parametrize("flag", ["-V", "--version"])
+def test_version(flag: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([flag]) == 0
+    assert capsys.readouterr().out.strip() == ballbot.__version__
+
+
+@pytest.mark.parametrize(
+    ("words", "same"),
+    [((), ("--help",)), (("check",), ("check", "--help")), (("run", "wiring"), ("run", "wiring", "--help"))],
+)
+def test_help_prints_what_the_option_prints(
+    words: tuple[str, ...], same: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["help", *words]) == 0
+    helped = capsys.readouterr().out
+    assert main(same) == 0
+    assert capsys.readouterr().out == helped
+    assert "--json" in helped
+    assert "--quiet" in helped
+
+
+def test_help_on_a_misspelt_command_names_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["help", "studdy"]) == 2
+    assert "'studdy'; did you mean 'study'?" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("line", "nearest"),
+    [
+        ("studdy alten", "'study'"),
+        ("run wirring --emulated", "'wiring'"),
+        ("check alten --figur a.svg", "--figure"),
+        ("check alten --jsn", "--json"),
+        ("check altn", "'alten'"),
+        ("check alten --reference sqare", "'square'"),
+        ("twin exprt", "'export'"),
+        ("design alten --kind precize --out out", "'precise'"),
+        ("compare alten partal --out out", "'partial'"),
+        ("compare alten none --scenarios sqare --out out", "'square'"),
+        ("compare alten none@kallman --out out", "'kalman'"),
+        ("simulate alten --scenario nomnal --out out", "'nominal'"),
+        ("simulate alten --format parquett --out out", "'parquet'"),
+        ("identify alten log.csv --exclude-states psi_dt --out out", "'psi_dot'"),
+        ("identify alten log.csv --law stribek --out out", "'stribeck'"),
+        ("completion bsh", "'bash'"),
+    ],
+)
+def test_misspelt_word_is_answered_with_the_nearest(
+    line: str, nearest: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(line.split()) == 2
+    refusal = capsys.readouterr().err
+    for of_cyclopts, ours in (("Did", "did"), ('"', "'"), ("the preset ", "")):
+        refusal = refusal.replace(of_cyclopts, ours)
+    assert f"did you mean {nearest}?" in refusal
+    assert len(refusal.splitlines()) == 1
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.name)
+def test_every_command_gives_results_to_json(command: Command) -> None:
+    if command.name == "help":
+        return
+    module = importlib.import_module(command.module)
+    calls = {
+        node.func.id
+        for node in ast.walk(ast.parse(inspect.getsource(module)))
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+    }
+    assert calls & _GIVES_RESULTS
+
+
+def test_json_of_a_folder_is_its_results(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = printed_json(capsys, "check-log", "log.csv", "--out", "out")
+    assert found == json.loads((folder / "out" / "results.json").read_text(encoding="utf-8"))
+    assert "--json" not in found["provenance"]["command"]  # type: ignore[index]
+
+
+@pytest.mark.parametrize(
+    ("line", "file"),
+    [
+        ("new mine", "mine.toml"),
+        ("twin scenario --out scenario.toml", "scenario.toml"),
+        ("view log.csv --robot alten --save page.html", "page.html"),
+    ],
+)
+def test_json_of_written_files_names_them(
+    line: str, file: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert printed_json(capsys, *line.split())["files"] == [file]
+    assert (folder / file).exists()
+
+
+def test_json_without_a_folder_holds_the_results(capsys: pytest.CaptureFixture[str]) -> None:
+    assert printed_json(capsys, "check-log", "log.csv")["rows"] == 400
+
+
+def test_refused_result_is_printed_before_the_refusal(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = smooth_log(rows=400)
+    log.with_columns({"theta": log["theta"] * 57.3}).write(folder / "degrees.csv")
+    assert main(["check-log", "degrees.csv", "--robot", "alten", "--json"]) == 2
+    printed = capsys.readouterr()
+    assert any(one["severity"] == "error" for one in json.loads(printed.out)["findings"])
+    assert printed.err.startswith("ballbot: degrees.csv")
+
+
+def test_refusal_leaves_standard_output_empty(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check-log", "nowhere.csv", "--json"]) == 2
+    assert capsys.readouterr().out == ""
+
+
+def test_quiet_prints_nothing(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check-log", "log.csv", "--quiet"]) == 0
+    assert main(["--quiet", "new", "mine"]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert (folder / "mine.toml").exists()
+
+
+def test_quiet_leaves_warnings_on_standard_error(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "light.toml").write_text(_light_robot(), encoding="utf-8")
+    codes = [word for code in ("ball", "body", "wheels") for word in ("--accept", f"robot-{code}")]
+    words = ["design", "light.toml", *codes, "--out", "out", "--quiet"]
+    main(words)
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert "error (accepted)" in printed.err
+
+
+def _light_robot() -> str:
+    from ballbot.robot.file import robot_text
+
+    return robot_text(Robot.load("alten")).replace("value = 17.076", "value = 0.017076")
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_script_is_valid_and_names_every_command(
+    shell: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    script = printed_json(capsys, "completion", shell)["script"]
+    assert isinstance(script, str)
+    for word in (*(command.name for command in COMMANDS), "exclude-states", "json", "kalman"):
+        assert word in script
+    if shutil.which(shell):
+        checked = subprocess.run([shell, "-n"], input=script, capture_output=True, text=True, check=False)
+        assert (checked.returncode, checked.stderr) == (0, "")
+    if shell == "bash" and shutil.which("bash"):
+        lines = {"ballbot stu": "study", "ballbot design alten --ki": "--kind", "ballbot run wir": "wiring"}
+        assert {line: completed(script, line) for line in lines} == lines
+
+
+def completed(script: str, line: str) -> str:
+    """Return what bash offers at the end of a line."""
+    words = (
+        f"{script}\nCOMP_WORDS=({line})\nCOMP_CWORD={len(line.split()) - 1}\nCOMP_LINE='{line}'\n"
+        f'COMP_POINT={len(line)}\n_ballbot\nprintf "%s\\n" "${{COMPREPLY[@]}}"'
+    )
+    done = subprocess.run(["bash"], input=words, capture_output=True, text=True, check=True)
+    return done.stdout.strip()
