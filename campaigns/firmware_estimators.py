@@ -23,6 +23,7 @@ from ballbot import Robot
 from ballbot.control.records import fill_record, schema_of
 from ballbot.estimation.interface import EstimatorName, Reading
 from ballbot.estimation.kalman import KalmanFilter
+from ballbot.firmware.build import compile_sources
 from ballbot.firmware.estimators import (
     KalmanMemory,
     KalmanRecord,
@@ -35,7 +36,7 @@ from ballbot.firmware.estimators import (
     step_of,
 )
 from ballbot.firmware.header import SOURCES
-from ballbot.firmware.host import compile_sources, library
+from ballbot.firmware.host import library
 from ballbot.firmware.processor_load import readings
 from ballbot.mechanics.geometry import transforms
 from campaigns.section import Section

@@ -19,9 +19,9 @@ import numpy as np
 
 from ballbot.control.records import Schema
 from ballbot.errors import InputError
+from ballbot.firmware.build import NUMERICS, source_files
 from ballbot.firmware.export import PROJECT, export_controller
 from ballbot.firmware.header import SOURCES
-from ballbot.firmware.host import NUMERICS, source_files
 from ballbot.firmware.records import STATE
 from campaigns.firmware_numbers import controllers
 from campaigns.section import Section

@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.firmware.build import compile_sources
 from ballbot.firmware.header import SOURCES
-from ballbot.firmware.host import compile_sources
 from campaigns.section import Section
 
 Floats = NDArray[np.float32]

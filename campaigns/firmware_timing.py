@@ -25,11 +25,12 @@ from ballbot.control.records import converted
 from ballbot.estimation.interface import EstimatorName
 from ballbot.estimation.kalman import filter_model, first_covariance
 from ballbot.estimation.kalman_model import STATES, FilterNoise, S
+from ballbot.firmware.build import source_files
 from ballbot.firmware.cortex_m4 import CLOCK
 from ballbot.firmware.emulator import Board, Image, Run, compile_image
 from ballbot.firmware.estimators import reading_record
 from ballbot.firmware.export import export_controller
-from ballbot.firmware.host import Firmware, library, source_files
+from ballbot.firmware.host import Firmware, library
 from ballbot.firmware.processor_load import SAMPLES, Update, readings, rehearse
 from ballbot.firmware.records import PARAMETERS, STATE
 from ballbot.twin import Scenario

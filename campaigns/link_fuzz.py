@@ -34,7 +34,7 @@ from scipy.stats import binom
 from ballbot import Robot
 from ballbot.control.presets import nominal_controller
 from ballbot.control.safety import SafetyLimits
-from ballbot.firmware.host import compile_sources, source_files
+from ballbot.firmware.build import compile_sources, source_files
 from ballbot.firmware.records import parameter_record
 from ballbot.link.frames import LONGEST_FRAME, LONGEST_PAYLOAD, OVERHEAD, SEQUENCE_WINDOW
 from ballbot.link.messages import LAYERS, TO_ROBOT, Layer

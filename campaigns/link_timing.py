@@ -17,12 +17,12 @@ import numpy as np
 from ballbot import Robot
 from ballbot.control.presets import nominal_controller
 from ballbot.estimation.interface import Reading
+from ballbot.firmware.build import source_files
 from ballbot.firmware.cortex_m4 import CLOCK
 from ballbot.firmware.emulator import Board, Run, compile_image
 from ballbot.firmware.estimators import reading_record
 from ballbot.firmware.export import PROJECT, export_controller
 from ballbot.firmware.header import SOURCES
-from ballbot.firmware.host import source_files
 from ballbot.firmware.records import PARAMETERS, STATE
 from ballbot.link.emulated import HARDWARE
 from ballbot.link.frames import FrameReader, encode, message_of

@@ -6,7 +6,7 @@ import shlex
 import pytest
 
 from ballbot.cli.main import main
-from ballbot.firmware.host import compilers
+from ballbot.firmware.build import compilers
 from ballbot.log import Log
 from ballbot.robot import Robot
 from tests.support.paths import ROOT

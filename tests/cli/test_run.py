@@ -15,7 +15,8 @@ from ballbot.cli.robot_link import TerminalOperator
 from ballbot.control.file import write_controller
 from ballbot.control.presets import nominal_controller
 from ballbot.errors import InputError
-from ballbot.firmware.host import compilers
+from ballbot.firmware.build import compilers
+from ballbot.firmware.qemu import what_to_install
 from ballbot.log import Log
 from ballbot.robot import Robot
 
@@ -101,6 +102,8 @@ def test_controller_is_sent(tmp_path, capsys):
         ("run", "Give the robot's port"),
         ("run /dev/ttyACM9 --emulated", "Give the robot's port"),
         ("run /dev/ttyACM9", "cannot be opened"),
+        ("run /dev/ttyACM9 --board", "--board and --plant are of an emulated robot"),
+        ("run /dev/ttyACM9 --plant twin", "--board and --plant are of an emulated robot"),
         ("run --emulated --reference sqare", "There is no reference 'sqare'"),
         ("run udp://10.0.0.1:5", "key"),
         ("run /dev/ttyACM9 --controller none.toml", "give --robot"),
@@ -137,6 +140,30 @@ def started(folder, words="--duration 600"):
         assert time.monotonic() < end
         time.sleep(0.02)
     return child
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        pytest.param("--plant twin", marks=pytest.mark.slow),
+        pytest.param("--board", marks=pytest.mark.board),
+        pytest.param("--board --plant twin --scenario nominal", marks=pytest.mark.board),
+    ],
+)
+def test_emulated_robot_has_the_body_and_the_processor_asked_for(options, tmp_path):
+    if "twin" in options:
+        pytest.importorskip("mujoco", reason="MuJoCo, of the extra `twin`, is not installed")
+    if "board" in options and what_to_install():
+        pytest.skip(what_to_install())
+    for name in ("first", "again"):
+        assert run(f"--reference circle --duration 2 {options}", tmp_path / name) == 0
+    first, again = (Log.read(tmp_path / name / "log.csv") for name in ("first", "again"))
+    assert len(first) == 400
+    assert np.abs(first["theta"]).max() < 0.1
+    np.testing.assert_array_equal(first.states, again.states)  # the same seed
+    assert run("--reference circle --duration 2", tmp_path / "model") == 0
+    apart = np.abs(Log.read(tmp_path / "model" / "log.csv").states - first.states).max()
+    assert (apart > 0.0) == ("twin" in options)  # the board computes with the same bits as this computer
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from ballbot.cli.main import main
 from ballbot.control.file import write_controller
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.files import write_text
-from ballbot.firmware.host import compilers
+from ballbot.firmware.build import compilers
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
 from ballbot.results import as_json

@@ -13,9 +13,10 @@ from ballbot import InputError
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.records import Number
 from ballbot.control.safety import SafetyLimits
+from ballbot.firmware.build import compile_sources, compilers, source_files
 from ballbot.firmware.export import PROJECT
 from ballbot.firmware.header import SOURCES
-from ballbot.firmware.host import Firmware, compile_sources, compilers, source_files
+from ballbot.firmware.host import Firmware
 from ballbot.firmware.records import PARAMETERS, READING, parameter_record
 from ballbot.link.emulated import HARDWARE
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled

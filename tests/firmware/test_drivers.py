@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from ballbot.firmware.host import compilers, library
+from ballbot.firmware.build import compilers
+from ballbot.firmware.host import library
 from ballbot.mechanics.geometry import rotation
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")

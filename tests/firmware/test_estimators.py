@@ -14,8 +14,8 @@ from ballbot.errors import InputError
 from ballbot.estimation import OnboardState
 from ballbot.estimation.interface import EstimatorName, Reading
 from ballbot.estimation.kalman import KalmanFilter
+from ballbot.firmware.build import compilers
 from ballbot.firmware.estimators import ReadingRecord, kalman_record, onboard_record, reading_record
-from ballbot.firmware.host import compilers
 from ballbot.firmware.processor_load import readings
 from ballbot.mechanics.geometry import transforms
 from campaigns.firmware_estimators import MEMORIES, Compiled, H, covariances, driven_run, long_run

@@ -13,8 +13,8 @@ from ballbot.cli.main import main
 from ballbot.control.file import write_controller
 from ballbot.control.presets import adaptive, nominal_controller, precise_controller
 from ballbot.firmware import processor_load
+from ballbot.firmware.build import compile_sources, compilers, source_files
 from ballbot.firmware.export import export_controller, exported_names
-from ballbot.firmware.host import compile_sources, compilers, source_files
 from ballbot.firmware.processor_load import what_to_install
 from ballbot.robot.file import write_robot
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled

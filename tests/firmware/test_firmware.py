@@ -18,16 +18,9 @@ from ballbot.control.references import circle
 from ballbot.control.safety import Safety, SafetyLimits, SelfTest, StopReason
 from ballbot.errors import InputError
 from ballbot.estimation.interface import Reading
+from ballbot.firmware.build import compile_sources, compilers, source_files
 from ballbot.firmware.estimators import reading_record
-from ballbot.firmware.host import (
-    CompiledController,
-    Firmware,
-    SelfTestOutcome,
-    compile_sources,
-    compilers,
-    library,
-    source_files,
-)
+from ballbot.firmware.host import CompiledController, Firmware, SelfTestOutcome, library
 from ballbot.firmware.records import SafetyRecord, SafetyState, parameter_record
 from ballbot.simulation.sensed_plant import Imperfections, SensedPlant
 from tests.support.control_examples import FRICTION, alten

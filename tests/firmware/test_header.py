@@ -9,6 +9,7 @@ import pytest
 
 from ballbot.control.records import Schema
 from ballbot.control.safety import SafetyLimits
+from ballbot.firmware.build import compile_sources, compilers
 from ballbot.firmware.header import (
     PARAMETERS_HEADER,
     SOURCES,
@@ -17,7 +18,6 @@ from ballbot.firmware.header import (
     struct_name,
     types_header,
 )
-from ballbot.firmware.host import compile_sources, compilers
 from ballbot.firmware.records import FIRMWARE, PARAMETERS, parameter_record, schema_words
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
 

@@ -12,8 +12,9 @@ from ballbot import Controller, InputError
 from ballbot.control.law import ALLOWED, LAW, MEMORY, STAGES, control_law
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.records import converted
+from ballbot.firmware.build import compile_sources, compilers
 from ballbot.firmware.header import SOURCES
-from ballbot.firmware.host import Library, compile_sources, compilers, library
+from ballbot.firmware.host import Library, library
 from campaigns import firmware_numbers
 from campaigns.firmware_estimators import DOUBLE
 from campaigns.firmware_numbers import TOLERANCE, Update, compare, of_a_branch, python_torques, updates

@@ -18,9 +18,10 @@ from ballbot.control.records import schema_of
 from ballbot.control.references import circle
 from ballbot.control.safety import SafetyLimits
 from ballbot.estimation import named_estimator
+from ballbot.firmware.build import compilers
 from ballbot.firmware.estimators import ReadingRecord
 from ballbot.firmware.export import export_controller
-from ballbot.firmware.host import Firmware, SelfTestOutcome, compilers
+from ballbot.firmware.host import Firmware, SelfTestOutcome
 from ballbot.firmware.processor_load import readings
 from ballbot.firmware.qemu import SILENCE, QemuBoard, build_board, toolchains, what_to_install
 from ballbot.firmware.records import parameter_record

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ballbot.errors import InputError
-from ballbot.firmware.host import compile_sources, compilers, source_files
+from ballbot.firmware.build import compile_sources, compilers, source_files
 from ballbot.link.datagram import TAG, Direction, read_key, seal, unseal
 from ballbot.link.frames import LONGEST_FRAME, LONGEST_PAYLOAD, FrameReader, LayerCounts, encode
 from ballbot.link.messages import LAYERS, Layer, pack_body

@@ -9,8 +9,9 @@ from ballbot import Model, Robot
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.safety import SafetyLimits, StopReason
 from ballbot.errors import InputError
+from ballbot.firmware.build import compile_sources, compilers
 from ballbot.firmware.export import PROJECT
-from ballbot.firmware.host import SelfTestOutcome, compile_sources, compilers
+from ballbot.firmware.host import SelfTestOutcome
 from ballbot.firmware.records import parameter_record
 from ballbot.link.emulated import HARDWARE, CompiledRobot, EmulatedRobot
 from ballbot.link.messages import Capability, ControllerPlace, Result, State
@@ -125,10 +126,10 @@ def test_arming_needs_the_robots_button_if_it_has_one():
     assert session.arm(lambda: True) is Result.BUTTON
 
     def press() -> bool:
-        robot._line.press_button()
+        robot._steps.line.press_button()
         return True
 
-    robot._line.press_button()  # before it was asked for: it does not count
+    robot._steps.line.press_button()  # before it was asked for: it does not count
     assert session.arm(lambda: True) is Result.BUTTON
     assert session.arm(press) is Result.OK
 

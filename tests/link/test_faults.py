@@ -12,8 +12,9 @@ import pytest
 
 from ballbot.control.safety import StopReason
 from ballbot.errors import InputError
+from ballbot.firmware.build import compile_sources, compilers, source_files
 from ballbot.firmware.export import PROJECT
-from ballbot.firmware.host import SelfTestOutcome, compile_sources, compilers, source_files
+from ballbot.firmware.host import SelfTestOutcome
 from ballbot.link.emulated import HARDWARE, EmulatedRobot
 from ballbot.link.frames import Frame, FrameReader, LayerCounts, decode, encode, is_newer, message_of
 from ballbot.link.messages import (
@@ -437,7 +438,7 @@ def test_sanitizers_find_nothing_in_a_robot_with_a_faulty_link_and_change_no_bit
     except InputError as refusal:
         pytest.skip(f"the compiler has no sanitizers: {str(refusal)[:200]}")
     emulator = emulated(seed=5)
-    line = emulator._line = Tapped(emulator._line)
+    line = emulator._steps.line = Tapped(emulator._steps.line)
     robot = Recording(emulator)
     drive(FaultyTransport(robot, Faults(corrupted=0.1, repeated=0.2), seed=5), robot, seed=5)
     session = Session(robot, clock=emulator.clock)

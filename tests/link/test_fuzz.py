@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from ballbot.errors import InputError
-from ballbot.firmware.host import compile_sources, compilers, source_files
+from ballbot.firmware.build import compile_sources, compilers, source_files
 from campaigns.link_fuzz import Kind, rows
 from tests.link.test_emulated import parameters
 

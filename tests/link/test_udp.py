@@ -11,7 +11,7 @@ import time
 import pytest
 
 from ballbot.errors import InputError
-from ballbot.firmware.host import compilers
+from ballbot.firmware.build import compilers
 from ballbot.link.bridge import UdpBridge
 from ballbot.link.datagram import TAG, Direction, seal
 from ballbot.link.frames import encode
@@ -176,7 +176,7 @@ def test_robot_is_armed_from_another_computer_only_with_its_own_button(capabilit
         assert loop.bridge.refused > 0
     else:
         assert session.arm(lambda: True) is Result.BUTTON
-        assert session.arm(lambda: loop.robot._line.press_button() is None) is Result.OK
+        assert session.arm(lambda: loop.robot._steps.line.press_button() is None) is Result.OK
     loop.close()
 
 

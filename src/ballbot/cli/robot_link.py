@@ -22,11 +22,13 @@ from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
 from ballbot.control.presets import nominal_controller
 from ballbot.errors import InputError
-from ballbot.firmware.export import check_belongs, export_controller
+from ballbot.firmware.export import Export, check_belongs, export_controller
+from ballbot.firmware.qemu import QemuBoard, board_image, what_to_install
 from ballbot.fitting.run import check_seed
 from ballbot.link.datagram import read_key
 from ballbot.link.emulated import CompiledRobot, EmulatedRobot
 from ballbot.link.live import LiveRobot, Sample
+from ballbot.link.lock_step import BoardLine
 from ballbot.link.messages import State
 from ballbot.link.operators import UPRIGHT, EmulatedCamera, EmulatedOperator, Movement, Operator
 from ballbot.link.session import Session
@@ -35,9 +37,13 @@ from ballbot.report.console import PlainConsole, table
 from ballbot.report.live import View, state_line, state_table
 from ballbot.robot import Robot
 from ballbot.simulation.held_robot import HeldRobot, Hold
+from ballbot.simulation.plant import Plant
 from ballbot.simulation.sensed_plant import SensedPlant
+from ballbot.twin import Twin
 from ballbot.twin.imperfections import imperfections_of, true_model
-from ballbot.twin.scenario import load_scenario
+from ballbot.twin.scenario import Scenario, load_scenario
+from ballbot.workflows.controller_choice import available_plant
+from ballbot.workflows.courses import PlantName
 
 #: of an emulated robot whose file is not given
 _EMULATED_ROBOT = "alten"
@@ -54,6 +60,12 @@ class LinkOptions:
 
     emulated: Annotated[bool, Parameter(negative="")] = False
     """An emulated robot instead of one at a port: the firmware, compiled for this computer, with a simulated body."""
+
+    plant: PlantName = "model"
+    """The body of an emulated robot: the equations of motion (model) or the physics engine (twin)."""
+
+    board: Annotated[bool, Parameter(negative="")] = False
+    """Run the firmware of an emulated robot on an emulated board (QEMU) in place of this computer."""
 
     robot: str | None = None
     """A preset's name or a robot file. Needed if a controller is sent; of an emulated robot alten by default."""
@@ -135,6 +147,10 @@ def connected(
     """
     if link.emulated == (port is not None):
         raise InputError("Give the robot's port, such as /dev/ttyACM0, or --emulated.")
+    if port is not None and (link.board or link.plant != LinkOptions.plant):
+        raise InputError(
+            "--board and --plant are of an emulated robot; give --emulated in place of the port."
+        )
     if port is None:
         emulated, hand = _emulated(link, hold, real_time=real_time)
         with _session(emulated, emulated.clock) as robot:
@@ -169,8 +185,8 @@ def _emulated(link: LinkOptions, hold: Hold, *, real_time: bool) -> tuple[Emulat
     hand = HeldRobot(true.robot, sensors=scenario.sensors, hold=hold, torque_noise=scenario.torque_noise)
     controller = nominal_controller(described)
     robot = EmulatedRobot(
-        SensedPlant(true, imperfections_of(scenario), known=described),
-        CompiledRobot(export_controller(controller).parameters),
+        _plant(link, described, scenario),
+        _line(export_controller(controller), on_board=link.board),
         sample_time=controller.sample_time,
         seed=link.seed,
         hand=hand,
@@ -178,6 +194,22 @@ def _emulated(link: LinkOptions, hold: Hold, *, real_time: bool) -> tuple[Emulat
         real_time=real_time,
     )
     return robot, hand
+
+
+def _plant(link: LinkOptions, described: Robot, scenario: Scenario) -> Plant:
+    """Return the body of an emulated robot."""
+    if available_plant(link.plant) == "twin":
+        return Twin(described, scenario)
+    return SensedPlant(true_model(described, scenario), imperfections_of(scenario), known=described)
+
+
+def _line(exported: Export, *, on_board: bool) -> Transport:
+    """Return the line of an emulated robot's firmware."""
+    if on_board:
+        if missing := what_to_install():
+            raise InputError(missing)
+        return BoardLine(QemuBoard(board_image(exported.files)))
+    return CompiledRobot(exported.parameters)
 
 
 class TerminalOperator:

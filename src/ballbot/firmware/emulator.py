@@ -13,15 +13,9 @@ condition skips counts, as it takes a cycle. The cycles are an upper estimate (`
 
 from __future__ import annotations
 
-import importlib.util
-import itertools
-import os
 import struct
-import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
@@ -30,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.firmware.build import NUMERICS, RUNTIME, ZIG, compile_objects, has_zig, run_tool
 from ballbot.firmware.cortex_m4 import (
     WAIT_STATES,
     Cost,
@@ -39,11 +34,8 @@ from ballbot.firmware.cortex_m4 import (
     tail_call_target,
 )
 from ballbot.firmware.header import SOURCES
-from ballbot.firmware.host import NUMERICS
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
-
-_RUNTIME = Path(__file__).parent / "emulator_runtime.c"
 
 #: the processor
 PROCESSOR = ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m4+vfp4d16sp")
@@ -157,33 +149,16 @@ def compile_image(
     InputError
         If `ziglang` is not installed, or the compiler refuses the sources.
     """
-    if importlib.util.find_spec("ziglang") is None:
+    if not has_zig():
         raise InputError("Compiling for the emulated processor needs ziglang; `pip install ziglang`.")
-    zig = (sys.executable, "-m", "ziglang")
+    command = (*ZIG, "cc", *PROCESSOR, *NUMERICS, *_BUILD, *flags, *(f"-I{path}" for path in include))
     with tempfile.TemporaryDirectory(prefix="ballbot-arm-") as name:
         folder = Path(name)
-        paths = [f"-I{path}" for path in include]
-
-        def compiled(number: int, source: Path) -> Path:
-            target = folder / f"{number}.o"
-            more = ["-fno-builtin"] if source == _RUNTIME else []
-            _run(
-                *zig, "cc", *PROCESSOR, *NUMERICS, *_BUILD, *flags, *more, *paths, "-c", source, "-o", target
-            )
-            return target
-
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
-            objects = list(pool.map(compiled, itertools.count(), [*sources, _RUNTIME]))
+        objects = compile_objects(folder, [*sources, RUNTIME], command=command, own=())
         script, target = folder / "memory.ld", folder / "image.elf"
         script.write_text(_LINKER_SCRIPT)
-        _run(*zig, "ld.lld", "-T", script, "--entry=0", *objects, "-o", target)
+        run_tool(*ZIG, "ld.lld", "-T", script, "--entry=0", *objects, "-o", target)
         return read_elf(target.read_bytes())
-
-
-def _run(*command: str | Path) -> None:
-    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise InputError(f"The compiler refuses the firmware: {done.stderr.strip()}")
 
 
 #: an ELF32 file: header of a section, symbol; types of sections

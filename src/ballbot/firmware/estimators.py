@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ballbot.control.records import MAX_WHEELS, converted, fill_record, number, schema_of, whole
 from ballbot.errors import InputError
@@ -173,6 +173,12 @@ def step_of(robot: Robot) -> float:
     return encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio)
 
 
+def whole_counts(angles: ArrayLike, *, robot: Robot) -> NDArray[np.int32]:
+    """Return the counts of encoders at wheel angles (n,) [rad], modulo 2^32; the angle zero is count zero."""
+    counts = np.round(np.asarray(angles, dtype=np.float64) / step_of(robot)).astype(np.int64)
+    return counts.astype(np.uint64).astype(np.uint32).view(np.int32)
+
+
 #: states of `ballbot.estimation.kalman_model` in the order of the firmware's (`kalman.c`)
 _ORDER = (
     *range(BIAS, BIAS + 3),
@@ -204,14 +210,12 @@ def firmware_states() -> NDArray[np.float64]:
 def reading_record(reading: Reading, *, robot: Robot) -> NDArray[np.void]:
     """Return a reading as a record (1,) in single precision.
 
-    Wheel angles become whole counts, modulo 2^32; the angle zero is count zero.
+    Wheel angles become whole counts (`whole_counts`).
     """
     record = np.zeros(1, schema_of(ReadingRecord).dtype("single"))
     n = robot.wheel_count
-    angles = np.asarray(reading.wheel_angles, dtype=np.float64)
-    if np.isfinite(angles).all():
-        counts = np.round(angles / step_of(robot)).astype(np.int64)
-        record["wheel_counts"][0, :n] = counts.astype(np.uint64).astype(np.uint32).view(np.int32)
+    if np.isfinite(reading.wheel_angles).all():
+        record["wheel_counts"][0, :n] = whole_counts(reading.wheel_angles, robot=robot)
         record["encoders_valid"] = 1
     record["wheel_speeds"][0, :n] = reading.wheel_speeds
     record["gyro"], record["attitude"] = reading.gyro, reading.attitude

@@ -8,13 +8,6 @@ passed.
 from __future__ import annotations
 
 import ctypes
-import importlib.util
-import os
-import shutil
-import subprocess
-import sys
-import tempfile
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cache
@@ -28,88 +21,8 @@ from ballbot.control.law import ALLOWED, LAW, MEMORY
 from ballbot.control.records import MAX_WHEELS, converted
 from ballbot.control.safety import StopReason
 from ballbot.errors import InputError
-from ballbot.firmware.header import SOURCES
+from ballbot.firmware.build import shared_library, source_files
 from ballbot.firmware.records import STATE
-
-#: warnings of the compiler, all of them errors; the library compiles without one
-WARNINGS = (
-    "-Wall",
-    "-Wextra",
-    "-Wpedantic",
-    "-Wconversion",
-    "-Wshadow",
-    "-Wdouble-promotion",
-    "-Wstrict-prototypes",
-    "-Wmissing-prototypes",
-    "-Wcast-qual",
-    "-Wvla",
-    "-Werror",
-)
-#: options that the numbers depend on: no fused multiply-add, no reordering
-NUMERICS = ("-std=c99", "-ffp-contract=off", "-fno-fast-math", "-fno-math-errno")
-_SHARED = ("-O2", "-fPIC", "-shared")
-
-
-def compilers() -> dict[str, tuple[str, ...]]:
-    """Return the C compilers of this computer by name, each as the start of its command line."""
-    found: dict[str, tuple[str, ...]] = {
-        name: (path,) for name in ("gcc", "clang") if (path := shutil.which(name))
-    }
-    if importlib.util.find_spec("ziglang"):
-        found["zig"] = (sys.executable, "-m", "ziglang", "cc")
-    return found
-
-
-def source_files(folder: Path = SOURCES) -> list[Path]:
-    """Return the C sources of the library in a folder, in order."""
-    return sorted(folder.rglob("*.c"))
-
-
-def compile_sources(
-    target: Path,
-    sources: Sequence[Path],
-    *,
-    flags: Sequence[str] = _SHARED,
-    compiler: str | None = None,
-) -> None:
-    """Compile C sources without a warning.
-
-    Parameters
-    ----------
-    target : Path
-        The file to write.
-    sources : sequence of Path
-        Files; they find the library's headers.
-    flags : sequence of str
-        More options of the compiler; by default those of a shared library.
-    compiler : str, optional
-        One of `compilers`; the first of them by default.
-
-    Raises
-    ------
-    InputError
-        If there is no such compiler, or it refuses the sources.
-    """
-    there = compilers()
-    name = compiler or next(iter(there), "")
-    if name not in there:
-        raise InputError(
-            f"There is no C compiler{f' {name!r}' if name else ''} on this computer; install gcc or clang, or "
-            "`pip install ziglang`."
-        )
-    command = [
-        *there[name],
-        *NUMERICS,
-        *WARNINGS,
-        *flags,
-        f"-I{SOURCES}",
-        *map(str, sources),
-        "-o",
-        str(target),
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise InputError(f"{name} refuses the sources: {done.stderr.strip()}")
 
 
 @dataclass(frozen=True)
@@ -121,7 +34,11 @@ class Library:
     @classmethod
     def open(cls, path: Path) -> Library:
         """Return the library in a file."""
-        functions = ctypes.CDLL(str(path))
+        return cls.of(ctypes.CDLL(str(path)))
+
+    @classmethod
+    def of(cls, functions: ctypes.CDLL) -> Library:
+        """Return a library that is loaded."""
         pointer, whole = ctypes.c_void_p, ctypes.c_int32
         functions.ballbot_control_law.argtypes = (pointer, pointer, whole, pointer, pointer, pointer)
         functions.ballbot_control_law.restype = whole
@@ -191,21 +108,14 @@ def _typed(functions: ctypes.CDLL) -> ctypes.CDLL:
 
 @cache
 def library() -> Library:
-    """Return the library, compiled once for this process by the first of `compilers`.
+    """Return the library, compiled by the first of this computer's compilers unless that is kept.
 
     Raises
     ------
     InputError
         If this computer has no C compiler, or the compiler refuses the sources.
     """
-    folder = tempfile.mkdtemp(prefix="ballbot-firmware-")
-    try:
-        path = Path(folder) / "ballbot.so"
-        compile_sources(path, source_files())
-        return Library.open(path)
-    finally:
-        if os.name == "posix":  # a loaded library needs its file no more
-            shutil.rmtree(folder)
+    return Library.of(shared_library("library", source_files()))
 
 
 class CompiledController:

@@ -21,12 +21,12 @@ from ballbot.control.controller import Controller
 from ballbot.control.records import MAX_WHEELS
 from ballbot.errors import InputError
 from ballbot.estimation.interface import Fix, Reading
+from ballbot.firmware.build import source_files
 from ballbot.firmware.cortex_m4 import CLOCK
 from ballbot.firmware.emulator import Board, Run, compile_image
 from ballbot.firmware.estimators import reading_record, step_of
 from ballbot.firmware.export import PROJECT, Export
 from ballbot.firmware.header import SOURCES
-from ballbot.firmware.host import source_files
 from ballbot.firmware.records import STATE
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.robot import Robot

@@ -19,25 +19,32 @@ wakes the main loop, and disarms the robot if no sample comes for a minute.
 
 from __future__ import annotations
 
-import importlib.util
-import itertools
 import os
 import shutil
 import signal
 import socket
 import subprocess
-import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from ballbot.errors import InputError
+from ballbot.firmware.build import (
+    NUMERICS,
+    RUNTIME,
+    WARNINGS,
+    ZIG,
+    chosen_tool,
+    compile_objects,
+    has_zig,
+    kept_build,
+    run_tool,
+    tool_identity,
+)
 from ballbot.firmware.emulator import PROCESSOR
-from ballbot.firmware.host import NUMERICS, WARNINGS
 
 #: what a board needs beside the exported firmware, and the hardware that follows from its serial line
 BOARD, HARDWARE = Path(__file__).parent / "board", Path(__file__).parent / "emulated"
@@ -45,7 +52,6 @@ QEMU = "qemu-system-arm"
 #: for which the host of a board may compute between two samples [s]; the first run of some plants compiles for a while
 SILENCE = 60.0
 _GCC = "arm-none-eabi-gcc"
-_RUNTIME = Path(__file__).parent / "emulator_runtime.c"
 _BUILD = ("-O2", "-g", "-ffreestanding", "-fno-common", "-ffunction-sections", "-fdata-sections")
 #: kills the command that follows it when its standard input ends
 _SUPERVISED = '"$@" </dev/null & board=$!; cat >/dev/null; kill -9 "$board" 2>/dev/null; wait "$board"'
@@ -72,12 +78,11 @@ def toolchains() -> dict[str, Toolchain]:
             link=(path, *processor, "-nostdlib", "-Wl,--gc-sections", "-Wl,-z,noexecstack"),
             libraries=("-lgcc",),
         )
-    if importlib.util.find_spec("ziglang"):
-        zig = (sys.executable, "-m", "ziglang")
+    if has_zig():
         found["zig"] = Toolchain(
             name="zig",
-            compile=(*zig, "cc", *PROCESSOR, "-fno-unwind-tables"),
-            link=(*zig, "ld.lld", "--gc-sections"),
+            compile=(*ZIG, "cc", *PROCESSOR, "-fno-unwind-tables"),
+            link=(*ZIG, "ld.lld", "--gc-sections"),
         )
     return found
 
@@ -168,33 +173,43 @@ def compile_board(
     InputError
         If there is no such toolchain, or it refuses the sources.
     """
-    there = toolchains()
-    name = toolchain or next(iter(there), "")
-    if name not in there:
-        raise InputError(
-            f"There is no {name + ' ' if name else ''}toolchain for the board's processor; install {_GCC}, or "
-            "`pip install ziglang`."
-        )
-    tools = there[name]
+    _, tools = _toolchain(toolchain)
     paths = [f"-I{path}" for path in (*include, BOARD)]
+    command = (*tools.compile, *_BUILD, *flags, *paths)
     with tempfile.TemporaryDirectory(prefix="ballbot-board-") as folder:
-
-        def compiled(number: int, source: Path) -> Path:
-            object_file = Path(folder) / f"{number}.o"
-            own = ("-fno-builtin",) if source == _RUNTIME else (*WARNINGS, *NUMERICS)
-            _run(*tools.compile, *own, *_BUILD, *flags, *paths, "-c", source, "-o", object_file)
-            return object_file
-
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
-            objects = list(pool.map(compiled, itertools.count(), [*sources, _RUNTIME]))
+        objects = compile_objects(
+            Path(folder), [*sources, RUNTIME], command=command, own=(*WARNINGS, *NUMERICS)
+        )
         script = BOARD / "mps2_an386.ld"
-        _run(*tools.link, "-T", script, *objects, *tools.libraries, "-o", target)
+        run_tool(*tools.link, "-T", script, *objects, *tools.libraries, "-o", target)
 
 
-def _run(*command: str | Path) -> None:
-    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise InputError(f"The compiler refuses the firmware: {done.stderr.strip()}")
+def _toolchain(name: str | None = None) -> tuple[str, Toolchain]:
+    return chosen_tool(toolchains(), name, kind="toolchain for the board's processor", install=_GCC)
+
+
+def board_image(files: Mapping[str, str]) -> Path:
+    """Return the program that `build_board` makes of an exported firmware, built anew only if it is not kept.
+
+    Parameters
+    ----------
+    files : mapping of str to str
+        Text by path, of an `Export`.
+
+    Raises
+    ------
+    InputError
+        If there is no toolchain, or it refuses the sources.
+    """
+    name, tools = _toolchain()
+    own = [path for folder in (BOARD, HARDWARE) for path in sorted(folder.iterdir()) if path.is_file()]
+    parts = [
+        tool_identity(name, tools.compile),
+        *(*tools.compile, *tools.link, *_BUILD, *WARNINGS, *NUMERICS),
+        *(text for path in sorted(files) for text in (path, files[path])),
+        *map(Path.read_bytes, (*own, RUNTIME)),
+    ]
+    return kept_build("board.elf", parts, lambda path: build_board(files, path))
 
 
 class QemuBoard:

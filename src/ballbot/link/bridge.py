@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import argparse
 import select
-import socket
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -25,7 +24,7 @@ from ballbot.errors import InputError
 from ballbot.link.datagram import Direction, read_key, seal, unseal
 from ballbot.link.frames import Frame, decode, message_of
 from ballbot.link.messages import TO_HOST, TO_ROBOT, Arm, Capability, Hello, Welcome
-from ballbot.link.transport import LinkError, Transport, is_loopback, open_transport
+from ballbot.link.transport import LinkError, Transport, datagram_socket, is_loopback, open_transport
 
 DEFAULT_PORT = 5005
 #: after which another host may come [s]
@@ -72,22 +71,13 @@ class UdpBridge:
         self._heard = -PEER_SILENCE
         self._part = b""
         self._has_button = False
-        try:
-            family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
-        except OSError as problem:
-            raise LinkError(f"The host {host!r} is not known: {problem}") from None
-        if key is None and not is_loopback(str(address[0])):
-            raise InputError(
-                f"{host} can be reached from other computers: datagrams must be signed. Give the robot's key."
-            )
+        self._socket, address = datagram_socket(host, port, key=key)
         self._is_local = is_loopback(str(address[0]))
-        self._socket = socket.socket(family, kind, protocol)
         try:
             self._socket.bind(address)
         except OSError as problem:
             self._socket.close()
             raise LinkError(f"The address {host}:{port} cannot be bound: {problem}") from None
-        self._socket.setblocking(False)
 
     @property
     def port(self) -> int:
@@ -110,7 +100,7 @@ class UdpBridge:
                 return
             except OSError:
                 continue  # the host's computer reports that nobody listens there any more
-            frame = datagram if self._key is None else unseal(self._key, datagram, Direction.TO_ROBOT)
+            frame = unseal(self._key, datagram, Direction.TO_ROBOT)
             if frame is None or not self._is_peer(sender, frame) or self._arms_alone(frame):
                 self.refused += 1
                 continue
@@ -141,9 +131,7 @@ class UdpBridge:
         if self._peer is None:
             return
         try:
-            self._socket.sendto(
-                frame if self._key is None else seal(self._key, frame, Direction.TO_HOST), self._peer
-            )
+            self._socket.sendto(seal(self._key, frame, Direction.TO_HOST), self._peer)
         except OSError:
             return  # lost, as any datagram may be
 

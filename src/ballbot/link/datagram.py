@@ -51,13 +51,15 @@ def read_key(path: Path) -> bytes:
     return key
 
 
-def seal(key: bytes, frame: bytes, direction: Direction) -> bytes:
-    """Return the datagram of a frame."""
-    return frame + _tag(key, frame, direction)
+def seal(key: bytes | None, frame: bytes, direction: Direction) -> bytes:
+    """Return the datagram of a frame; without a key, the frame."""
+    return frame if key is None else frame + _tag(key, frame, direction)
 
 
-def unseal(key: bytes, datagram: bytes, direction: Direction) -> bytes | None:
-    """Return the frame of a datagram, or None if it was not made with the key."""
+def unseal(key: bytes | None, datagram: bytes, direction: Direction) -> bytes | None:
+    """Return the frame of a datagram, or None if it was not made with the key; without a key, the datagram."""
+    if key is None:
+        return datagram
     frame, tag = datagram[:-TAG], datagram[-TAG:]
     return frame if hmac.compare_digest(tag, _tag(key, frame, direction)) else None
 

@@ -15,9 +15,6 @@ When it is armed the hand lets go, and the plant starts; when it stops or falls,
 from __future__ import annotations
 
 import ctypes
-import os
-import shutil
-import tempfile
 import time
 from functools import cache
 from pathlib import Path
@@ -25,24 +22,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.records import MAX_WHEELS
 from ballbot.errors import InputError
-from ballbot.firmware.estimators import step_of
+from ballbot.estimation.interface import Reading
+from ballbot.firmware.build import shared_library, source_files
 from ballbot.firmware.export import PROJECT
-from ballbot.firmware.host import compile_sources, source_files
 from ballbot.firmware.records import PARAMETERS
-from ballbot.link.frames import Frame, decode, encode
-from ballbot.link.messages import EMULATED, Motors, Sensors, unpack_body
-from ballbot.link.transport import LinkError, Transport
+from ballbot.link.lock_step import LockStep, sensors_of
+from ballbot.link.messages import Motors
+from ballbot.link.transport import Transport
 from ballbot.simulation.held_robot import HeldRobot
 from ballbot.simulation.plant import Measurement, Plant
 
 #: the hardware of emulated robots, in C
 HARDWARE = Path(__file__).parents[1] / "firmware" / "emulated"
-_MICROSECONDS = 1e6
 _ROOM = 8192
-#: for the answer to a sample [s]
-_ANSWER_TIME = 10.0
 
 
 class EmulatedRobot:
@@ -81,20 +74,23 @@ class EmulatedRobot:
         real_time: bool = False,
     ) -> None:
         self.plant = plant
-        self.samples = 0  #: so far
-        self.motors: Motors | None = None  #: the last
-        self._line = line
+        self._steps = LockStep(line, sample_time=sample_time)
         self._sample_time = sample_time
         self._seed = seed
         self._always_held = always_held
         self._began = time.monotonic() if real_time else None
         self._hand = HeldRobot(plant.robot) if hand is None else hand
+        if not always_held:  # the first sample loads compiled code, for longer than host and board wait
+            plant.reset(None, seed=seed)
+            plant.step(np.zeros(plant.robot.wheel_count), sample_time)
         self._held, self._caught = True, False
         self._measured = self._hand.reset(seed=seed)
         self._turned = np.zeros(plant.robot.wheel_count)  # wheel angles when the present plant began
-        self._from_host = b""
-        self._from_robot = bytearray()
-        self._part = bytearray()
+
+    @property
+    def motors(self) -> Motors | None:
+        """What the robot commanded its motors last."""
+        return self._steps.motors
 
     @property
     def held(self) -> bool:
@@ -108,76 +104,44 @@ class EmulatedRobot:
 
     def clock(self) -> float:
         """Return the robot's time [s]."""
-        return self.samples * self._sample_time
+        return self._steps.clock()
 
     def read(self, timeout: float) -> bytes:
         """Let the robot run until it has sent something, and return that; b"" after `timeout` [s] of its time."""
         end = self.clock() + timeout
         self._sample()
-        while not self._from_robot and self.clock() < end - 0.5 * self._sample_time:
+        while not (sent := self._steps.take()) and self.clock() < end - 0.5 * self._sample_time:
             self._sample()
-        sent = bytes(self._from_robot)
-        self._from_robot.clear()
         return sent
 
     def write(self, data: bytes) -> None:
         """Send bytes to the robot, which takes them with its next sample."""
-        self._from_host += data
+        self._steps.write(data)
 
     def close(self) -> None:
         """Switch the robot off."""
-        self._line.close()
+        self._steps.close()
 
     def _sample(self) -> None:
         """Let the robot take one sample, and hold its torques until the next."""
-        self.samples += 1
         if self._began is not None:
-            time.sleep(max(0.0, self._began + self.clock() - time.monotonic()))
-        sensors = encode(self._sensors(), session=0, sequence=self.samples)
-        # whole frames only: a part of one would spoil the sensors' frame after it
-        whole, zero, self._from_host = self._from_host.rpartition(b"\0")
-        self._line.write(whole + zero + sensors)
-        self.motors = motors = self._answer()
+            time.sleep(max(0.0, self._began + self.clock() + self._sample_time - time.monotonic()))
+        self._steps.sensors = sensors_of(self._reading(), robot=self.plant.robot)
+        motors = self._steps.step()
         self._let_go_or_hold(motors)
         plant = self._hand if self._held else self.plant
         torques = motors.torques[: plant.robot.wheel_count].astype(np.float64)
         self._measured = plant.step(torques, self._sample_time)
 
-    def _sensors(self) -> Sensors:
-        """Return what the sensors give now."""
+    def _reading(self) -> Reading:
+        """Return what the sensors give now; the encoders go on counting when the plant changes."""
         measured = self._measured
-        attitude = measured.state[2:5] if measured.attitude is None else measured.attitude
-        has_imu = bool(np.isfinite(measured.gyro).all() and np.isfinite(attitude).all())
-        angles = self._turned + measured.wheel_angles
-        has_counts = bool(np.isfinite(angles).all())
-        counts = np.zeros(MAX_WHEELS)
-        counts[: len(angles)] = np.round(angles / step_of(self.plant.robot)) if has_counts else 0.0
-        return Sensors(
-            time=round(self.clock() * _MICROSECONDS),
-            imu_valid=int(has_imu),
-            encoders_valid=int(has_counts),
-            gyro=(measured.gyro if has_imu else np.zeros(3)).astype(np.float32),
-            attitude=(attitude if has_imu else np.zeros(3)).astype(np.float32),
-            wheel_counts=counts.astype(np.int64).astype(np.uint32).view(np.int32),
+        return Reading(
+            wheel_angles=self._turned + measured.wheel_angles,
+            wheel_speeds=measured.wheel_speeds,
+            gyro=measured.gyro,
+            attitude=measured.state[2:5] if measured.attitude is None else measured.attitude,
         )
-
-    def _answer(self) -> Motors:
-        """Return the firmware's answer to a sample; all other bytes are for the host."""
-        end = time.monotonic() + _ANSWER_TIME
-        while True:
-            *whole, rest = (bytes(self._part) + self._line.read(_ANSWER_TIME)).split(b"\0")
-            self._part = bytearray(rest)
-            found = None
-            for coded in whole:
-                frame = decode(coded, EMULATED)
-                if isinstance(frame, Frame) and frame.kind == Motors.TYPE:
-                    found = unpack_body(frame.kind, frame.body)
-                else:
-                    self._from_robot += coded + b"\0"
-            if isinstance(found, Motors):
-                return found
-            if time.monotonic() > end:
-                raise LinkError(f"The emulated robot does not answer a sample within {_ANSWER_TIME:g} s.")
 
     def _let_go_or_hold(self, motors: Motors) -> None:
         """Let the robot go when it is armed; hold it again when it is not, or has fallen."""
@@ -241,16 +205,8 @@ class CompiledRobot:
 @cache
 def _program() -> ctypes.CDLL:
     """Return the compiled program, once for this process."""
-    folder = tempfile.mkdtemp(prefix="ballbot-emulated-")
-    try:
-        path = Path(folder) / "robot.so"
-        sources = [*source_files(), PROJECT / "robot.c", *sorted(HARDWARE.glob("*.c"))]
-        flags = ("-O2", "-fPIC", "-shared", f"-I{PROJECT}", f"-I{HARDWARE}")
-        compile_sources(path, sources, flags=flags)
-        functions = ctypes.CDLL(str(path))
-    finally:
-        if os.name == "posix":  # a loaded library needs its file no more
-            shutil.rmtree(folder)
+    sources = [*source_files(), PROJECT / "robot.c", *sorted(HARDWARE.glob("*.c"))]
+    functions = shared_library("emulated", sources, include=(PROJECT, HARDWARE))
     pointer, size = ctypes.c_void_p, ctypes.c_size_t
     functions.emulated_robot_size.restype = size
     functions.emulated_robot_start.argtypes = (pointer, pointer, ctypes.c_int32)

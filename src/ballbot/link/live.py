@@ -72,6 +72,7 @@ class Sample:
     wheel_angles: NDArray[np.float64]  #: (n,) since arming [rad]
     wheel_speeds: NDArray[np.float64]  #: (n,) [rad/s]
     gyro: NDArray[np.float64]  #: (3,) body frame [rad/s]; NaN if the IMU gave nothing
+    start: NDArray[np.float64]  #: (3,) x, y [m] and psi [rad] at arming, as the robot estimates them
 
     def row(self) -> list[float]:
         """Return the sample as a row of a log."""
@@ -109,17 +110,13 @@ class Commander(Protocol):
         """Whether the run is to end."""
         ...
 
-    def command(
-        self, session: Session, sample: Sample, start: NDArray[np.float64]
-    ) -> NDArray[np.float64] | None:
+    def command(self, session: Session, sample: Sample) -> NDArray[np.float64] | None:
         """Send what the robot is to have at its next sample.
 
         Parameters
         ----------
         session : Session
         sample : Sample
-        start : ndarray (3,)
-            x, y and psi at arming.
 
         Returns
         -------
@@ -141,11 +138,11 @@ class FollowReference:
         """Whether the driver ends the run."""
         return self._source.ended
 
-    def command(self, session: Session, sample: Sample, start: NDArray[np.float64]) -> None:
+    def command(self, session: Session, sample: Sample) -> None:
         """Send the reference of the next sample if it is another one."""
         wanted = self._source.update(sample.t + self._step)
         if self._sent is None or not np.array_equal(wanted, self._sent):
-            session.set_reference(in_robot_frame(wanted, start))
+            session.set_reference(in_robot_frame(wanted, sample.start))
             self._sent = wanted.copy()
 
 
@@ -169,12 +166,7 @@ class ControlFromHost:
         """Whether the driver ends the run."""
         return self._source.ended
 
-    def command(
-        self,
-        session: Session,
-        sample: Sample,
-        start: NDArray[np.float64],  # noqa: ARG002
-    ) -> NDArray[np.float64]:
+    def command(self, session: Session, sample: Sample) -> NDArray[np.float64]:
         """Send the torques for the sample, which act from the robot's next sample on; return the reference."""
         wanted = self._source.update(sample.t)
         session.set_torques(self._controller.update(sample.t, sample.state, wanted))
@@ -189,12 +181,7 @@ class TorqueProgram:
     def __init__(self, torques: Callable[[float], NDArray[np.float64]], *, sample_time: float) -> None:
         self._torques, self._step = torques, sample_time
 
-    def command(
-        self,
-        session: Session,
-        sample: Sample,
-        start: NDArray[np.float64],  # noqa: ARG002
-    ) -> NDArray[np.float64]:
+    def command(self, session: Session, sample: Sample) -> NDArray[np.float64]:
         """Send the torques of the next sample; return the pose of the start."""
         session.set_torques(self._torques(sample.t + self._step))
         return np.zeros(10)
@@ -218,7 +205,7 @@ class _Samples:
     """Makes samples of an armed robot's states."""
 
     def __init__(self, first: State, *, wheel_count: int, encoder_step: float) -> None:
-        self.start = first.estimate[[0, 1, 4]].astype(np.float64)
+        self._start = first.estimate[[0, 1, 4]].astype(np.float64)
         self._n, self._encoder_step = wheel_count, encoder_step
         self._last_time, self._micros = first.time, 0
         self._counts = first.wheel_counts.astype(np.int64)
@@ -234,15 +221,16 @@ class _Samples:
             self._turned += gone
             self._counts = state.wheel_counts.astype(np.int64)
             angles = self._encoder_step * self._turned[: self._n].astype(np.float64)
-        estimate = in_start_frame(state.estimate.astype(np.float64), self.start)
+        estimate = in_start_frame(state.estimate.astype(np.float64), self._start)
         return Sample(
             t=round(1e-6 * self._micros, 6),
             state=estimate if state.estimate_valid else np.full(10, np.nan),
-            reference=in_start_frame(state.reference.astype(np.float64), self.start),
+            reference=in_start_frame(state.reference.astype(np.float64), self._start),
             torques=state.torques[: self._n].astype(np.float64),
             wheel_angles=angles,
             wheel_speeds=state.wheel_speeds[: self._n].astype(np.float64),
             gyro=state.gyro.astype(np.float64) if state.imu_valid else np.full(3, np.nan),
+            start=self._start,
         )
 
 
@@ -428,7 +416,7 @@ class LiveRobot:
                     return Ending(kind="time", text=f"The run of {duration:g} s is over.", t=t)
                 if commander.ended:
                     return Ending(kind="driver", text=f"The driver ended the run after {t:.1f} s.", t=t)
-                wanted = commander.command(self.session, sample, samples.start)
+                wanted = commander.command(self.session, sample)
                 if wanted is not None:
                     sample = replace(sample, reference=wanted)
                 record(sample.row())

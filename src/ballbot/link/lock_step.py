@@ -12,8 +12,8 @@ on the messages alone, not on how fast anything is.
 
 from __future__ import annotations
 
-import select
 import time
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,17 +21,16 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.control.records import MAX_WHEELS
 from ballbot.errors import InputError
 from ballbot.estimation.interface import Estimator, Reading
-from ballbot.firmware.estimators import step_of
+from ballbot.firmware.estimators import whole_counts
 from ballbot.firmware.qemu import QemuBoard
 from ballbot.link.frames import Frame, decode, encode, message_of
 from ballbot.link.messages import EMULATED, Motors, Result, Sensors
 from ballbot.link.session import Session, reason
-from ballbot.link.transport import LinkError, Transport
+from ballbot.link.transport import LinkError, SocketTransport, Transport
 from ballbot.robot import Robot
 
 #: a board that does not answer a sample for so long has stopped [s]; a busy computer takes a fraction of it
 PATIENCE = 20.0
-_LARGEST_READ = 65536
 #: for bytes to gather [s]
 _GATHERING = 3e-4
 #: samples from one state to the next: the least often that a robot sends it
@@ -42,28 +41,19 @@ class BoardLine:
     """The serial line of a board under QEMU, as a transport; closing it stops the board."""
 
     def __init__(self, board: QemuBoard) -> None:
-        self._board = board
+        self._board, self._line = board, SocketTransport(board.line, name="board")
 
     def read(self, timeout: float) -> bytes:
         """Return what has come; wait for it at most `timeout` [s], then return b""."""
-        line = self._board.line
-        if not select.select([line], [], [], timeout)[0]:
+        first = self._line.read(timeout)
+        if not first:
             return b""
         time.sleep(_GATHERING)  # bytes come one by one; to wake for each would take longer
-        try:
-            data = line.recv(_LARGEST_READ)
-        except OSError as problem:
-            raise LinkError(f"The board has gone: {problem}.") from None
-        if not data:
-            raise LinkError("The board has gone: QEMU has ended.")
-        return data
+        return first + self._line.read(0.0)
 
     def write(self, data: bytes) -> None:
         """Send bytes."""
-        try:
-            self._board.line.sendall(data)
-        except OSError as problem:
-            raise LinkError(f"The board has gone: {problem}.") from None
+        self._line.write(data)
 
     def close(self) -> None:
         """Stop the board."""
@@ -84,6 +74,7 @@ class LockStep:
 
     Attributes
     ----------
+    line : Transport
     sensors : Sensors
         What the sensors show in the samples to come; their time is replaced.
     motors : Motors or None
@@ -96,15 +87,15 @@ class LockStep:
         self.sensors = _no_sensors()
         self.motors: Motors | None = None
         self.samples = 0
-        self._line = line
-        self._period = round(1e6 * sample_time)  # [us]
+        self.line = line
+        self._sample_time = sample_time
         self._waiting = b""  # what the host sends with the next sample
         self._rest = b""  # of a frame that is not whole
         self._for_host = b""
 
     def clock(self) -> float:
         """Return the robot's time [s]."""
-        return 1e-6 * self._period * self.samples
+        return self.samples * self._sample_time
 
     def step(self) -> Motors:
         """Let the robot take one sample and return what it commands its motors.
@@ -115,21 +106,14 @@ class LockStep:
             If it does not answer.
         """
         self.samples += 1
-        given = self.sensors
-        stamped = Sensors(
-            time=self._period * self.samples % 2**32,
-            imu_valid=given.imu_valid,
-            encoders_valid=given.encoders_valid,
-            gyro=given.gyro,
-            attitude=given.attitude,
-            wheel_counts=given.wheel_counts,
-        )
-        sent, self._waiting = self._waiting + encode(stamped, session=0, sequence=self.samples), b""
-        self._line.write(sent)
+        stamped = replace(self.sensors, time=round(1e6 * self.clock()) % 2**32)
+        # whole frames only: a part of one would spoil the sensors' frame after it
+        whole, zero, self._waiting = self._waiting.rpartition(b"\0")
+        self.line.write(whole + zero + encode(stamped, session=0, sequence=self.samples))
         self.motors = None
         end = time.monotonic() + PATIENCE
         while self.motors is None:
-            self._take(self._line.read(PATIENCE / 10.0))
+            self._take(self.line.read(PATIENCE / 10.0))
             if time.monotonic() > end:
                 raise LinkError(f"The emulated robot does not answer a sample within {PATIENCE:g} s.")
         return self.motors
@@ -147,9 +131,13 @@ class LockStep:
 
     def read(self, timeout: float) -> bytes:
         """Return what has come for the host; take samples until something has, for at most `timeout` [s] of them."""
-        end = self.samples + round(1e6 * timeout / self._period)
-        while not self._for_host and self.samples < end:
+        end = self.clock() + timeout
+        while not self._for_host and self.clock() < end - 0.5 * self._sample_time:
             self.step()
+        return self.take()
+
+    def take(self) -> bytes:
+        """Return what has come for the host, and take no sample."""
         data, self._for_host = self._for_host, b""
         return data
 
@@ -159,7 +147,7 @@ class LockStep:
 
     def close(self) -> None:
         """Close the line."""
-        self._line.close()
+        self.line.close()
 
 
 def _no_sensors() -> Sensors:
@@ -180,11 +168,9 @@ def sensors_of(reading: Reading, *, robot: Robot) -> Sensors:
     The time is 0. What is missing in the IMU or in the encoders makes all of it invalid, as a checksum would.
     """
     counts = np.zeros(MAX_WHEELS, np.int32)
-    angles = np.asarray(reading.wheel_angles, dtype=np.float64)
-    counted = bool(np.isfinite(angles).all())
+    counted = bool(np.isfinite(reading.wheel_angles).all())
     if counted:
-        whole = np.round(angles / step_of(robot)).astype(np.int64)
-        counts[: robot.wheel_count] = whole.astype(np.uint64).astype(np.uint32).view(np.int32)
+        counts[: robot.wheel_count] = whole_counts(reading.wheel_angles, robot=robot)
     imu = np.concatenate([reading.gyro, reading.attitude])
     measured = bool(np.isfinite(imu).all())
     gyro, attitude = np.split((imu if measured else np.zeros(6)).astype(np.float32), 2)

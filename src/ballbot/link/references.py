@@ -89,19 +89,14 @@ class CourseReference:
         """Do nothing."""
 
 
-class _Driven:
-    """A pose that a driver moves, x forward and y left as the robot's heading has them."""
-
-    def __init__(self) -> None:
-        self.pose = np.zeros(10)
-        self.ended = False
-        self.trouble: str | None = None
-
-    def move(self, forward: float, left: float, turn: float) -> None:
-        cosine, sine = math.cos(self.pose[4]), math.sin(self.pose[4])
-        self.pose[0] += cosine * forward - sine * left
-        self.pose[1] += sine * forward + cosine * left
-        self.pose[4] += turn
+def _moved(pose: NDArray[np.float64], forward: float, left: float, turn: float) -> NDArray[np.float64]:
+    """Return a pose (10,) moved along its own heading: forward, left [m], turn [rad]."""
+    cosine, sine = math.cos(pose[4]), math.sin(pose[4])
+    found = pose.copy()
+    found[0] += cosine * forward - sine * left
+    found[1] += sine * forward + cosine * left
+    found[4] += turn
+    return found
 
 
 #: bytes that a key sends, with the movement: forward, left [m], turn [rad]
@@ -131,23 +126,12 @@ class KeyboardReference:
     """
 
     def __init__(self, descriptor: int) -> None:
-        self._driven = _Driven()
+        self.ended = False  #: whether e was pressed
+        self.trouble: str | None = None  #: why no keys come any more
+        self._pose = np.zeros(10)
         self._descriptor, self._waiting = descriptor, b""
         self._restore: Callable[[], None] | None = None
-        if importlib.util.find_spec("termios") is None or not os.isatty(descriptor):
-            raise InputError(
-                "The reference keyboard needs a terminal of Linux or macOS; give another --reference."
-            )
-
-    @property
-    def ended(self) -> bool:
-        """Whether e was pressed."""
-        return self._driven.ended
-
-    @property
-    def trouble(self) -> str | None:
-        """Why no keys come any more."""
-        return self._driven.trouble
+        _require_terminal(descriptor)
 
     def update(self, t: float) -> NDArray[np.float64]:  # noqa: ARG002
         """Return the pose (10,) after all keys that were pressed."""
@@ -159,11 +143,11 @@ class KeyboardReference:
             if key is None and any(one.startswith(self._waiting) for one in _KEYS):
                 break  # the rest of an arrow key is still to come
             if key == _END_KEY:
-                self._driven.ended = True
+                self.ended = True
             elif key:
-                self._driven.move(*_KEYS[key])
+                self._pose = _moved(self._pose, *_KEYS[key])
             self._waiting = self._waiting[len(key or b"?") :]
-        return self._driven.pose.copy()
+        return self._pose.copy()
 
     def close(self) -> None:
         """Give the terminal back as it was."""
@@ -171,23 +155,27 @@ class KeyboardReference:
             self._restore()
 
     def _new_bytes(self) -> bytes:
-        if self._driven.trouble or not select.select([self._descriptor], [], [], 0.0)[0]:
+        if self.trouble or not select.select([self._descriptor], [], [], 0.0)[0]:
             return b""
         try:
             found = os.read(self._descriptor, 1024)
         except OSError:
             found = b""
         if not found:
-            self._driven.trouble = "The terminal is gone; the reference stays where it is."
+            self.trouble = "The terminal is gone; the reference stays where it is."
         return found
 
 
-def _keys_at_once(descriptor: int) -> Callable[[], None]:
-    """Let a terminal give keys at once and show none; return what gives it back as it was."""
+def _require_terminal(descriptor: int) -> None:
     if importlib.util.find_spec("termios") is None or not os.isatty(descriptor):
         raise InputError(
             "The reference keyboard needs a terminal of Linux or macOS; give another --reference."
         )
+
+
+def _keys_at_once(descriptor: int) -> Callable[[], None]:
+    """Let a terminal give keys at once and show none; return what gives it back as it was."""
+    _require_terminal(descriptor)
     import termios
     import tty
 
@@ -211,23 +199,15 @@ class GamepadReference:
     """
 
     def __init__(self, path: str | Path = GAMEPAD) -> None:
-        self._driven, self._path = _Driven(), path
+        self.ended = False  #: whether the first button was pressed
+        self.trouble: str | None = None  #: why the gamepad says no more
+        self._pose, self._path = np.zeros(10), path
         try:
             self._descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
         except OSError as error:
             raise InputError(f"The gamepad {path} cannot be opened: {error.strerror or error}.") from None
         self._waiting, self._before = b"", 0.0
         self._sticks = {0: 0.0, 1: 0.0, 3: 0.0}  # right, back, turn right: the axes of a gamepad's two sticks
-
-    @property
-    def ended(self) -> bool:
-        """Whether the first button was pressed."""
-        return self._driven.ended
-
-    @property
-    def trouble(self) -> str | None:
-        """Why the gamepad says no more."""
-        return self._driven.trouble
 
     def update(self, t: float) -> NDArray[np.float64]:
         """Return the pose (10,) at a time [s]; the sticks are its speeds."""
@@ -236,8 +216,8 @@ class GamepadReference:
         self._before = t
         right, back, turn_right = (_past_dead_zone(self._sticks[axis]) for axis in (0, 1, 3))
         speed = passed * STICK_SPEED
-        self._driven.move(-speed * back, -speed * right, -passed * STICK_TURN * turn_right)
-        return self._driven.pose.copy()
+        self._pose = _moved(self._pose, -speed * back, -speed * right, -passed * STICK_TURN * turn_right)
+        return self._pose.copy()
 
     def close(self) -> None:
         """Close the device."""
@@ -248,19 +228,19 @@ class GamepadReference:
     def _read(self) -> None:
         """Take all events that have come."""
         try:
-            while self._driven.trouble is None and (found := os.read(self._descriptor, 64 * _EVENT.size)):
+            while self.trouble is None and (found := os.read(self._descriptor, 64 * _EVENT.size)):
                 self._waiting += found
         except BlockingIOError:
             pass
         except OSError:
-            self._driven.trouble = f"The gamepad {self._path} is gone; the reference stays where it is."
+            self.trouble = f"The gamepad {self._path} is gone; the reference stays where it is."
             self._sticks = dict.fromkeys(self._sticks, 0.0)
         whole = len(self._waiting) // _EVENT.size * _EVENT.size
         for _, value, kind, number in _EVENT.iter_unpack(self._waiting[:whole]):
             if kind & ~_INITIAL == _AXIS and number in self._sticks:
                 self._sticks[number] = max(-1.0, value / _STICK_END)
             elif kind == _BUTTON and number == 0 and value:
-                self._driven.ended = True
+                self.ended = True
         self._waiting = self._waiting[whole:]
 
 

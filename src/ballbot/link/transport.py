@@ -135,10 +135,17 @@ class SerialTransport:
 
 
 class SocketTransport:
-    """A connected stream of bytes: TCP, or one end of a pair of sockets."""
+    """A connected stream of bytes: TCP, or one end of a pair of sockets.
 
-    def __init__(self, connected: socket.socket) -> None:
-        self._socket = connected
+    Parameters
+    ----------
+    connected : socket.socket
+    name : str
+        What is connected, for messages.
+    """
+
+    def __init__(self, connected: socket.socket, *, name: str = "connection") -> None:
+        self._socket, self._name = connected, name
         self._socket.setblocking(True)
 
     def read(self, timeout: float) -> bytes:
@@ -148,9 +155,9 @@ class SocketTransport:
         try:
             data = self._socket.recv(_LARGEST_READ)
         except OSError as problem:
-            raise LinkError(f"The connection has gone: {problem}") from None
+            raise LinkError(f"The {self._name} has gone: {problem}") from None
         if not data:
-            raise LinkError("The other side has closed the connection.")
+            raise LinkError(f"The {self._name} has gone: it has closed the line.")
         return data
 
     def write(self, data: bytes) -> None:
@@ -158,7 +165,7 @@ class SocketTransport:
         try:
             self._socket.sendall(data)
         except OSError as problem:
-            raise LinkError(f"The connection has gone: {problem}") from None
+            raise LinkError(f"The {self._name} has gone: {problem}") from None
 
     def close(self) -> None:
         """Close the connection."""
@@ -200,19 +207,10 @@ class UdpTransport:
     """
 
     def __init__(self, host: str, port: int, *, key: bytes | None = None) -> None:
-        try:
-            family, kind, protocol, _, peer = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
-        except OSError as problem:
-            raise LinkError(f"The host {host!r} is not known: {problem}") from None
-        if key is None and not is_loopback(str(peer[0])):
-            raise InputError(
-                f"The robot at {host} is not on this computer: its datagrams must be signed. Give the robot's key."
-            )
+        self._socket, peer = datagram_socket(host, port, key=key)
         self._key = key
         self.refused = 0  #: datagrams that the key did not sign
-        self._socket = socket.socket(family, kind, protocol)
         self._socket.connect(peer)
-        self._socket.setblocking(False)
 
     def read(self, timeout: float) -> bytes:
         """Return what has come; wait for it at most `timeout` [s], then return b""."""
@@ -222,8 +220,6 @@ class UdpTransport:
             datagram = self._socket.recv(_LARGEST_READ)
         except OSError:
             return b""  # nobody listens at the other end, yet
-        if self._key is None:
-            return datagram
         frame = unseal(self._key, datagram, Direction.TO_HOST)
         self.refused += frame is None
         return frame or b""
@@ -231,13 +227,36 @@ class UdpTransport:
     def write(self, data: bytes) -> None:
         """Send bytes, a whole frame, as one datagram."""
         try:
-            self._socket.send(data if self._key is None else seal(self._key, data, Direction.TO_ROBOT))
+            self._socket.send(seal(self._key, data, Direction.TO_ROBOT))
         except OSError:
             return  # lost, as any datagram may be
 
     def close(self) -> None:
         """Close the socket."""
         self._socket.close()
+
+
+def datagram_socket(host: str, port: int, *, key: bytes | None) -> tuple[socket.socket, tuple[object, ...]]:
+    """Return a socket for datagrams that never waits, and the address of a host, which it is not bound or connected to.
+
+    Raises
+    ------
+    InputError
+        If the address is not loopback and there is no key.
+    LinkError
+        If the host is not known.
+    """
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+    except OSError as problem:
+        raise LinkError(f"The host {host!r} is not known: {problem}") from None
+    if key is None and not is_loopback(str(address[0])):
+        raise InputError(
+            f"{host} is not this computer alone: its datagrams must be signed. Give the robot's key."
+        )
+    found = socket.socket(family, kind, protocol)
+    found.setblocking(False)
+    return found, address
 
 
 def is_loopback(address: str) -> bool:

@@ -1,0 +1,268 @@
+"""Compile the firmware's C sources, for this computer or for another processor, and keep what was compiled.
+
+    functions = shared_library("library", source_files())      compiled by the first call ever, then loaded
+
+What is compiled is kept in the user's cache folder, under a digest of everything that it follows from: the sources,
+the headers, the options, the compiler and the kind of computer. A folder that cannot be written is no error: the file
+then lies in a temporary folder until this process ends.
+"""
+
+from __future__ import annotations
+
+import atexit
+import ctypes
+import importlib.util
+import itertools
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from hashlib import sha256
+from importlib.metadata import version
+from pathlib import Path
+from typing import TypeVar
+
+from ballbot.errors import InputError
+from ballbot.firmware.header import SOURCES
+
+#: warnings of the compiler, all of them errors; the library compiles without one
+WARNINGS = (
+    "-Wall",
+    "-Wextra",
+    "-Wpedantic",
+    "-Wconversion",
+    "-Wshadow",
+    "-Wdouble-promotion",
+    "-Wstrict-prototypes",
+    "-Wmissing-prototypes",
+    "-Wcast-qual",
+    "-Wvla",
+    "-Werror",
+)
+#: options that the numbers depend on: no fused multiply-add, no reordering
+NUMERICS = ("-std=c99", "-ffp-contract=off", "-fno-fast-math", "-fno-math-errno")
+#: functions that a compiler calls on a processor without a C library
+RUNTIME = Path(__file__).parent / "emulator_runtime.c"
+#: Clang and LLD from a wheel of pip, for every processor
+ZIG = (sys.executable, "-m", "ziglang")
+_SHARED = ("-O2", "-fPIC", "-shared")
+#: builds that are kept; the least recently used ones go
+_KEPT = 16
+
+_Tool = TypeVar("_Tool")
+
+
+def has_zig() -> bool:
+    """Return whether the wheel `ziglang` is installed."""
+    return importlib.util.find_spec("ziglang") is not None
+
+
+def compilers() -> dict[str, tuple[str, ...]]:
+    """Return the C compilers of this computer by name, each as the start of its command line."""
+    found: dict[str, tuple[str, ...]] = {
+        name: (path,) for name in ("gcc", "clang") if (path := shutil.which(name))
+    }
+    if has_zig():
+        found["zig"] = (*ZIG, "cc")
+    return found
+
+
+def chosen_tool(
+    there: Mapping[str, _Tool], name: str | None, *, kind: str, install: str
+) -> tuple[str, _Tool]:
+    """Return the name and the tool of that name, or the first one there is.
+
+    Parameters
+    ----------
+    there : mapping
+    name : str or None
+    kind : str
+        What the tool is, to follow "There is no".
+    install : str
+        What to install if there is none.
+
+    Raises
+    ------
+    InputError
+        If there is no such tool.
+    """
+    wanted = name or next(iter(there), "")
+    if wanted not in there:
+        named = f" {wanted!r}" if wanted else ""
+        raise InputError(
+            f"There is no {kind}{named} on this computer; install {install}, or `pip install ziglang`."
+        )
+    return wanted, there[wanted]
+
+
+def run_tool(*command: str | Path, name: str = "The compiler") -> None:
+    """Run a compiler or a linker; raise InputError with what it prints if it fails."""
+    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise InputError(f"{name} refuses the sources: {done.stderr.strip()}")
+
+
+def source_files(folder: Path = SOURCES) -> list[Path]:
+    """Return the C sources of the library in a folder, in order."""
+    return sorted(folder.rglob("*.c"))
+
+
+def compile_sources(
+    target: Path,
+    sources: Sequence[Path],
+    *,
+    flags: Sequence[str] = _SHARED,
+    compiler: str | None = None,
+) -> None:
+    """Compile C sources for this computer without a warning.
+
+    Parameters
+    ----------
+    target : Path
+        The file to write.
+    sources : sequence of Path
+        Files; they find the library's headers.
+    flags : sequence of str
+        More options of the compiler; by default those of a shared library.
+    compiler : str, optional
+        One of `compilers`; the first of them by default.
+
+    Raises
+    ------
+    InputError
+        If there is no such compiler, or it refuses the sources.
+    """
+    name, command = _compiler(compiler)
+    run_tool(*command, *NUMERICS, *WARNINGS, *flags, f"-I{SOURCES}", *sources, "-o", target, name=name)
+
+
+def _compiler(name: str | None = None) -> tuple[str, tuple[str, ...]]:
+    return chosen_tool(compilers(), name, kind="C compiler", install="gcc or clang")
+
+
+def compile_objects(
+    folder: Path, sources: Sequence[Path], *, command: Sequence[str | Path], own: Sequence[str]
+) -> list[Path]:
+    """Compile each source into an object of a folder, all at once, and return the objects.
+
+    Parameters
+    ----------
+    folder : Path
+    sources : sequence of Path
+    command : sequence
+        Start of the compiler's command line.
+    own : sequence of str
+        More options for all sources but `RUNTIME`, in whose functions the compiler must recognise none.
+
+    Raises
+    ------
+    InputError
+        If the compiler refuses a source.
+    """
+
+    def compiled(number: int, source: Path) -> Path:
+        target = folder / f"{number}.o"
+        options = ("-fno-builtin",) if source == RUNTIME else own
+        run_tool(*command, *options, "-c", source, "-o", target)
+        return target
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(compiled, itertools.count(), sources))
+
+
+def shared_library(name: str, sources: Sequence[Path], *, include: Sequence[Path] = ()) -> ctypes.CDLL:
+    """Return C sources as a loaded library, compiled by the first of `compilers` unless that is kept.
+
+    Parameters
+    ----------
+    name : str
+        Of the file, before its digest.
+    sources : sequence of Path
+    include : sequence of Path
+        Folders of headers besides the library's own.
+
+    Raises
+    ------
+    InputError
+        If there is no compiler, or it refuses the sources.
+    """
+    compiler, command = _compiler()
+    headers = [path for folder in (SOURCES, *include) for path in sorted(folder.rglob("*.h"))]
+    options = (*NUMERICS, *WARNINGS, *_SHARED)
+    parts = [tool_identity(compiler, command), *options, *map(Path.read_bytes, (*sources, *headers))]
+    flags = (*_SHARED, *(f"-I{path}" for path in include))
+    return ctypes.CDLL(
+        str(kept_build(f"{name}.so", parts, lambda path: compile_sources(path, sources, flags=flags)))
+    )
+
+
+def tool_identity(name: str, command: Sequence[str]) -> str:
+    """Return a text that changes with a compiler and with the kind of computer."""
+    if command[: len(ZIG)] == ZIG:
+        compiler = f"ziglang {version('ziglang')}"
+    else:
+        path = Path(command[0]).resolve()
+        compiler = f"{path} {path.stat().st_size} {path.stat().st_mtime_ns}"
+    return f"{name} {compiler} {sys.platform} {platform.machine()}"
+
+
+def kept_build(name: str, parts: Iterable[str | bytes], build: Callable[[Path], None]) -> Path:
+    """Return a built file, from the user's cache folder if it was built before.
+
+    Parameters
+    ----------
+    name : str
+        Of the file; the digest is put before its ending.
+    parts : iterable of str or bytes
+        All that the file follows from.
+    build : callable
+        Writes the file.
+    """
+    digest = sha256()
+    for part in parts:
+        content = part.encode() if isinstance(part, str) else part
+        digest.update(len(content).to_bytes(8, "little") + content)
+    stem, ending = os.path.splitext(name)
+    file = f"{stem}-{digest.hexdigest()[:32]}{ending}"
+    folder = _cache_folder()
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        target = folder / file
+        if not target.is_file():
+            with tempfile.TemporaryDirectory(dir=folder) as room:
+                build(Path(room) / file)
+                (Path(room) / file).replace(target)  # at once: another process may look for it
+            _forget_old(folder)
+    except OSError:
+        target = Path(tempfile.mkdtemp(prefix="ballbot-")) / file
+        atexit.register(shutil.rmtree, target.parent, ignore_errors=True)
+        build(target)
+        return target
+    with suppress(OSError):
+        os.utime(target)  # used now
+    return target
+
+
+def _cache_folder() -> Path:
+    """Return the folder of the builds: in the system's place for what a program can make again."""
+    home = Path(os.path.expanduser("~"))
+    if sys.platform == "win32":
+        base = Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local")
+    elif sys.platform == "darwin":
+        base = home / "Library" / "Caches"
+    else:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache")
+    return base / "ballbot"
+
+
+def _forget_old(folder: Path) -> None:
+    """Remove the builds that were used the longest ago, but for the last few."""
+    files = [path for path in folder.iterdir() if path.is_file()]
+    for path in sorted(files, key=lambda one: one.stat().st_mtime, reverse=True)[_KEPT:]:
+        with suppress(OSError):
+            path.unlink()

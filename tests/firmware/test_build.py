@@ -1,0 +1,87 @@
+"""Compiled files are kept in the user's cache folder, by a digest of all that they follow from."""
+
+import os
+import sys
+
+import pytest
+
+from ballbot.errors import InputError
+from ballbot.firmware import build
+from ballbot.firmware.build import kept_build
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the cache folder is set by XDG_CACHE_HOME")
+
+
+class Builder:
+    """Counts its builds."""
+
+    def __init__(self):
+        self.times = 0
+
+    def __call__(self, path):
+        self.times += 1
+        path.write_text(f"build {self.times}")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path / "cache" / "ballbot"
+
+
+def test_same_parts_are_built_once(folder):
+    builder = Builder()
+    first = kept_build("robot.so", ["gcc", b"int x;"], builder)
+    assert kept_build("robot.so", ["gcc", b"int x;"], builder) == first
+    assert builder.times == 1
+    assert first.parent == folder
+    assert [path.name for path in folder.iterdir()] == [first.name]  # nothing half-made stays
+    assert folder.stat().st_mode & 0o077 == 0  # what is loaded from here, only its user can write
+
+
+@pytest.mark.parametrize(
+    "parts", [["clang", b"int x;"], ["gcc", b"int y;"], ["gccint", b" x;"], ["gcc"], ["gcc", b"int x;", b""]]
+)
+@pytest.mark.usefixtures("folder")
+def test_other_parts_are_another_build(parts):
+    builder = Builder()
+    assert kept_build("robot.so", ["gcc", b"int x;"], builder) != kept_build("robot.so", parts, builder)
+    assert builder.times == 2
+
+
+@pytest.mark.parametrize("obstacle", ["a file in its place", "a folder without rights"])
+def test_folder_that_cannot_be_written_is_no_error(folder, obstacle):
+    if obstacle == "a file in its place":
+        folder.parent.write_text("")
+    else:
+        folder.mkdir(parents=True)
+        folder.chmod(0o500)
+        if os.access(folder, os.W_OK):
+            pytest.skip("this user may write everywhere")
+    builder = Builder()
+    found = kept_build("robot.so", ["gcc"], builder)
+    assert found.read_text() == "build 1"
+    assert folder not in found.parents
+
+
+def test_failed_build_leaves_nothing(folder):
+    def fails(path):
+        path.write_text("half")
+        raise InputError("gcc refuses the sources")
+
+    with pytest.raises(InputError, match="refuses"):
+        kept_build("robot.so", ["gcc"], fails)
+    assert list(folder.iterdir()) == []
+
+
+@pytest.mark.usefixtures("folder")
+def test_least_recently_used_builds_go(monkeypatch):
+    monkeypatch.setattr(build, "_KEPT", 3)
+    builder = Builder()
+    made = [kept_build("robot.so", [str(k)], builder) for k in range(3)]
+    for k, path in enumerate(made):
+        os.utime(path, (1000.0 + k, 1000.0 + k))
+    kept_build("robot.so", ["0"], builder)  # used again
+    kept_build("robot.so", ["3"], builder)
+    assert [path.exists() for path in made] == [True, False, True]
+    assert builder.times == 4
