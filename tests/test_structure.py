@@ -25,6 +25,8 @@ STILL_MANY_PARAMETERS = {
     "ballbot.mechanics.friction_laws.interface.linear_motion",
     "ballbot.simulation.batch.simulate_batch",
 }
+#: the decorators of compiled code
+COMPILING = {"compiled", "compiled_alone", "called", "inlined", "inlined_in_order", "shared", "by_types_of"}
 
 
 @cache
@@ -120,6 +122,22 @@ def test_functions_are_short_and_take_few_parameters():
             too_long.append(f"{module}.{function.name}")
     assert set(too_many) == STILL_MANY_PARAMETERS
     assert too_long == []
+
+
+def test_compiled_code_copies_arrays_number_by_number():
+    """An array assigned to a slice brings the text of its errors, which takes seconds to compile: `fill` does not."""
+    assigned = []
+    for module, function in functions():
+        if {ast.unparse(one).partition("(")[0] for one in function.decorator_list} & COMPILING:
+            for node in ast.walk(function):
+                targets = node.targets if isinstance(node, ast.Assign) else []
+                targets = [node.target] if isinstance(node, ast.AugAssign) else targets
+                for target in targets:
+                    if isinstance(target, ast.Subscript) and any(
+                        isinstance(part, ast.Slice) for part in ast.walk(target.slice)
+                    ):
+                        assigned.append(f"{module}:{node.lineno} {ast.unparse(target)}")
+    assert assigned == []
 
 
 def test_files_hold_one_idea():

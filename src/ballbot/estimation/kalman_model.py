@@ -40,15 +40,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.mechanics.engine.compiled import compiled
+from ballbot.mechanics.engine.compiled import compiled, inlined
 from ballbot.robot import Robot
 
 
 @compiled
 def propagate(P: NDArray[np.float64], F: NDArray[np.float64], Q: NDArray[np.float64]) -> None:
     """Overwrite the covariance P (m, m) by F P F^T + Q, made symmetric."""
-    spread = np.dot(np.dot(F, P), F.T)
     m = len(P)
+    FP = np.zeros((m, m))
+    for i in range(m):
+        for k in range(m):
+            if F[i, k] != 0.0:  # most are
+                for j in range(m):
+                    FP[i, j] += F[i, k] * P[k, j]
+    spread = np.zeros((m, m))
+    for j in range(m):
+        for k in range(m):
+            if F[j, k] != 0.0:
+                for i in range(m):
+                    spread[j, i] += F[j, k] * FP[i, k]
     for i in range(m):
         for j in range(i + 1):
             P[i, j] = 0.5 * (spread[i, j] + spread[j, i]) + Q[i, j]
@@ -83,24 +94,37 @@ def absorb(
         freedom where the filter's sizes are right.
     """
     m = len(x)
-    change = np.zeros(m)
+    change, Ph, k, half, half_h = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, m)), np.zeros(m)
     surprise = 0.0
     for i in range(len(residuals)):
         h = rows[i]
-        Ph = np.dot(P, h)
-        variance = np.dot(h, Ph) + variances[i]
-        residual = residuals[i] - np.dot(h, change)
+        for a in range(m):
+            Ph[a] = _product(P[a], h)
+        variance = _product(h, Ph) + variances[i]
+        residual = residuals[i] - _product(h, change)
         surprise += residual * residual / variance
-        k = Ph / variance
-        change += k * residual
-        half = P - np.outer(k, Ph)  # (I - k h^T) P
-        half_h = np.dot(half, h)
+        for a in range(m):
+            k[a] = Ph[a] / variance
+            change[a] += k[a] * residual
+            for b in range(m):
+                half[a, b] = P[a, b] - k[a] * Ph[b]  # (I - k h^T) P
+            half_h[a] = _product(half[a], h)
         for a in range(m):
             for b in range(a + 1):
                 P[a, b] = half[a, b] - half_h[a] * k[b] + k[a] * variances[i] * k[b]
                 P[b, a] = P[a, b]
-    x += change
+    for a in range(m):
+        x[a] += change[a]
     return surprise
+
+
+@inlined
+def _product(a, b):
+    """Return a^T b."""
+    total = 0.0
+    for i in range(len(a)):
+        total += a[i] * b[i]
+    return total
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -209,7 +233,9 @@ def sample(
     float
         Omega_z as the wheels have it [rad/s].
     """
-    middle = 0.5 * (gyro_before + gyro)
+    middle = np.empty(3)
+    for i in range(3):
+        middle[i] = 0.5 * (gyro_before[i] + gyro[i])
     F, Q = transition(x, model, middle)
     velocity = advance(x, model, gyro_before, gyro)
     propagate(P, F, Q)
@@ -233,24 +259,34 @@ def advance(
     gyro: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Move the state x (14,) on by a sample, in place; return the mean of v (2,) [m/s] over it."""
-    h = model.sample_time
-    b = x[BIAS : BIAS + 3]
-    w = 0.5 * (gyro_before + gyro) - b
-    before = x[S : S + 2] - np.dot(model.lever, gyro_before - b)
+    h, b = model.sample_time, x[BIAS : BIAS + 3]
+    g, s = x[G : G + 2], x[S : S + 2]
+    w, at_start, at_end = np.empty(3), np.empty(3), np.empty(3)
+    for i in range(3):
+        at_start[i], at_end[i] = gyro_before[i] - b[i], gyro[i] - b[i]
+        w[i] = 0.5 * (at_start[i] + at_end[i])
+    velocity, momentum, lean = np.empty(2), np.empty(2), np.empty(2)
+    for i in range(2):
+        velocity[i] = 0.5 * (s[i] - _product(model.lever[i], at_start))
     # second order: the rates at the sample's middle
-    at_start = lean_rate(x[G : G + 2], w)
-    lean = x[G : G + 2] + 0.5 * h * at_start
+    rate = lean_rate(g, w)
+    for i in range(2):
+        lean[i] = g[i] + 0.5 * h * rate[i]
     turning = heading_rate(lean, w)
-    momentum = x[S : S + 2] + 0.5 * h * _momentum_rate(x[S : S + 2], x[G : G + 2], turning, model.pull)
-    x[G : G + 2] += h * lean_rate(lean, w)
-    x[S : S + 2] += h * _momentum_rate(momentum, lean, turning, model.pull)
-    velocity = 0.5 * (before + x[S : S + 2] - np.dot(model.lever, gyro - b))
+    rate = _momentum_rate(s, g, turning, model.pull)
+    for i in range(2):
+        momentum[i] = s[i] + 0.5 * h * rate[i]
+    lean_rates, momentum_rates = lean_rate(lean, w), _momentum_rate(momentum, lean, turning, model.pull)
+    for i in range(2):
+        g[i] += h * lean_rates[i]
+        s[i] += h * momentum_rates[i]
+        velocity[i] += 0.5 * (s[i] - _product(model.lever[i], at_end))
+        x[LEAN_ERROR + i] *= model.memory
     s3, c3 = math.sin(x[PSI] + 0.5 * h * turning), math.cos(x[PSI] + 0.5 * h * turning)
     x[X] += h * (c3 * velocity[0] - s3 * velocity[1])
     x[X + 1] += h * (s3 * velocity[0] + c3 * velocity[1])
     x[PSI] += h * turning
     x[HEADING_ERROR] += h * x[DRIFT]
-    x[LEAN_ERROR : LEAN_ERROR + 2] *= model.memory
     return velocity
 
 
@@ -262,19 +298,24 @@ def transition(
 
     A sample's gyro noise does what a bias of one sample would, hence Q's part F_b F_b^T.
     """
-    h = model.sample_time
-    w = gyro - x[BIAS : BIAS + 3]
+    h, lever = model.sample_time, model.lever
+    w = np.empty(3)
+    for i in range(3):
+        w[i] = gyro[i] - x[BIAS + i]
     g_x, g_y = x[G], x[G + 1]
     g_z = upright_part(x[G : G + 2])
     turning = heading_rate(x[G : G + 2], w)
     s_x, s_y = x[S], x[S + 1]
     s3, c3 = math.sin(x[PSI]), math.cos(x[PSI])
-    v_x, v_y = x[S : S + 2] - np.dot(model.lever, w)
-    F = np.eye(STATES)
+    v_x, v_y = s_x - _product(lever[0], w), s_y - _product(lever[1], w)
+    F, Q = np.zeros((STATES, STATES)), np.zeros((STATES, STATES))
+    for i in range(STATES):
+        F[i, i] = 1.0
     F[X, PSI], F[X + 1, PSI] = -h * (s3 * v_x + c3 * v_y), h * (c3 * v_x - s3 * v_y)
-    turn = h * np.array([[c3, -s3], [s3, c3]])
-    F[X : X + 2, S : S + 2] = turn
-    F[X : X + 2, BIAS : BIAS + 3] = np.dot(turn, model.lever)
+    F[X, S], F[X, S + 1], F[X + 1, S], F[X + 1, S + 1] = h * c3, -h * s3, h * s3, h * c3
+    for i in range(3):
+        F[X, BIAS + i] = h * (c3 * lever[0, i] - s3 * lever[1, i])
+        F[X + 1, BIAS + i] = h * (s3 * lever[0, i] + c3 * lever[1, i])
     F[PSI, G], F[PSI, G + 1] = h * w[0] / (1.0 + g_z), h * w[1] / (1.0 + g_z)
     F[PSI, BIAS], F[PSI, BIAS + 1], F[PSI, BIAS + 2] = -h * g_x / (1.0 + g_z), -h * g_y / (1.0 + g_z), -h
     F[G, G] += h * w[1] * g_x / g_z
@@ -283,14 +324,16 @@ def transition(
     F[G + 1, G + 1] -= h * w[0] * g_y / g_z
     F[G, BIAS + 1], F[G, BIAS + 2] = h * g_z, -h * g_y
     F[G + 1, BIAS], F[G + 1, BIAS + 2] = -h * g_z, h * g_x
-    F[S : S + 2, G : G + 2] = -h * model.pull
+    for i in range(2):
+        for j in range(2):
+            F[S + i, G + j] = -h * model.pull[i, j]
     F[S, S + 1], F[S + 1, S] = h * turning, -h * turning
     F[S, BIAS + 2], F[S + 1, BIAS + 2] = -h * s_y, h * s_x
     F[HEADING_ERROR, DRIFT] = h
     F[LEAN_ERROR, LEAN_ERROR], F[LEAN_ERROR + 1, LEAN_ERROR + 1] = model.memory, model.memory
-    by_gyro = np.ascontiguousarray(F[:, BIAS : BIAS + 3])
-    by_gyro[BIAS : BIAS + 3] = 0.0
-    Q = model.gyro_variance * np.dot(by_gyro, by_gyro.T)
+    for i in range(BIAS):  # rows below have no gyro in them
+        for j in range(BIAS):
+            Q[i, j] = model.gyro_variance * _product(F[i, BIAS : BIAS + 3], F[j, BIAS : BIAS + 3])
     for i in range(STATES):
         Q[i, i] += model.walk[i]
     return F, Q
@@ -317,18 +360,21 @@ def wheels_seen(
     """
     r_b = model.radius
     M = tilt(x[G : G + 2])
-    z = ball_rate + gyro - x[BIAS : BIAS + 3]
-    Omega = np.dot(M, z)
-    by_lean = np.array([[-z[2], 0.0], [0.0, -z[2]], [z[0], z[1]]])
+    z, Omega = np.empty(3), np.empty(3)
+    for i in range(3):
+        z[i] = ball_rate[i] + gyro[i] - x[BIAS + i]
+    for i in range(3):
+        Omega[i] = _product(M[i], z)
     rows = np.zeros((3, STATES))
     rows[0, S], rows[1, S + 1] = 1.0, 1.0
-    rows[:2, BIAS : BIAS + 3] = model.lever
-    rows[0, BIAS : BIAS + 3] += r_b * M[1]
-    rows[1, BIAS : BIAS + 3] -= r_b * M[0]
-    rows[2, BIAS : BIAS + 3] = M[2]
-    rows[0, G : G + 2] = -r_b * by_lean[1]
-    rows[1, G : G + 2] = r_b * by_lean[0]
-    rows[2, G : G + 2] = -by_lean[2]
+    for i in range(3):
+        rows[0, BIAS + i] = model.lever[0, i] + r_b * M[1, i]
+        rows[1, BIAS + i] = model.lever[1, i] - r_b * M[0, i]
+        rows[2, BIAS + i] = M[2, i]
+    # Omega by the lean: [[-z_z, 0], [0, -z_z], [z_x, z_y]]
+    rows[0, G + 1] = r_b * z[2]
+    rows[1, G] = -r_b * z[2]
+    rows[2, G], rows[2, G + 1] = -z[0], -z[1]
     residuals = np.array([r_b * Omega[1] - velocity[0], -r_b * Omega[0] - velocity[1], Omega[2]])
     return residuals, rows
 
@@ -390,4 +436,6 @@ def heading_rate(lean: NDArray[np.float64], w: NDArray[np.float64]) -> float:
 def _momentum_rate(
     momentum: NDArray[np.float64], lean: NDArray[np.float64], turning: float, pull: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    return np.array([turning * momentum[1], -turning * momentum[0]]) - np.dot(pull, lean)
+    return np.array(
+        [turning * momentum[1] - _product(pull[0], lean), -turning * momentum[0] - _product(pull[1], lean)]
+    )

@@ -130,7 +130,9 @@ def _decide(work, lane, limits, state, reference, sample, out, robot):
 def _within(bounds, state, reference):
     """Return whether each row's product with the heading frame's error is between -1 and 1."""
     c, s = math.cos(state[4]), math.sin(state[4])
-    e = reference - state
+    e = np.empty(10)
+    for i in range(10):
+        e[i] = reference[i] - state[i]
     for i in (0, 2, 5, 7):
         e[i], e[i + 1] = c * e[i] + s * e[i + 1], c * e[i + 1] - s * e[i]
     for row in range(len(bounds)):
@@ -283,7 +285,10 @@ def _run_closed_loop_block(selected, inputs, limits, sampling, first, width, out
     state, held = np.empty(10), np.empty(out.torques.shape[2])
     memories = np.zeros((width, MEMORY_SIZE))
     samples, moving = len(references), width
-    late = np.zeros((1 + int(conditions[:, 0].max()), width, len(held)))  # torques on their way
+    longest = 0
+    for row in range(len(conditions)):
+        longest = max(longest, int(conditions[row, 0]))
+    late = np.zeros((1 + longest, width, len(held)))  # torques on their way
     acting, room = np.zeros((width, len(held))), np.zeros(len(held))
     for lane in range(width):
         _load_robot(work, lane, inputs.parameters[_row_of(inputs.parameters, first + lane)])

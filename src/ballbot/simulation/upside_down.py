@@ -25,6 +25,7 @@ from scipy.spatial.transform import Rotation
 from ballbot.arrays import positive_number, real_array, whole_number
 from ballbot.errors import InputError
 from ballbot.mechanics.contacts import free_torque
+from ballbot.mechanics.engine.arrays import fill
 from ballbot.mechanics.engine.compiled import by_types_of, called, compiled, inlined
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.engine.run import over_threads
@@ -136,16 +137,17 @@ def _convex(ball, u, omega, h, end):
     mass, rows = np.zeros((5, 5)), np.zeros((n, 5))
     start, free, limits = np.zeros(5), np.zeros(5), np.zeros(n)
     mass[0, 0] = mass[1, 1] = 1.0
-    mass[2:, 2:] = ball.M
-    rows[:, 2:] = ball.A
-    start[2:] = omega
-    free[2:] = omega
+    for axis in range(3):
+        fill(mass[2 + axis, 2:], ball.M[axis])
+    fill(start[2:], omega)
+    fill(free[2:], omega)
     for i in range(n):
+        fill(rows[i, 2:], ball.A[i])
         speed, wheel = _speed(ball, i, omega), _wheel(ball, i, u[i])
         limits[i] = dry_friction(wheel, speed) if speed != 0.0 else wheel.c + wheel.s
         for axis in range(3):
             free[2 + axis] += h * ball.push[axis, i] * free_torque(wheel, u[i], speed)
-    end[:] = minimiser(mass, free, rows, limits, 0.0, h, start)[2:]
+    fill(end, minimiser(mass, free, rows, limits, 0.0, h, start)[2:])
 
 
 @called
@@ -156,7 +158,7 @@ def _in_parts(ball, u, omega, signs, h, end, rates, middle):
             signs[i] = sign(_speed(ball, i, omega))
         if not _slide(ball, u, omega, signs, h, end, rates, middle):
             _convex(ball, u, omega, h, end)
-        omega[:] = end
+        fill(omega, end)
 
 
 @compiled
@@ -184,11 +186,11 @@ def run_ball(ball, omega, torques, sample_time, steps, every, out):
             for i in range(n):
                 signs[i] = sign(_speed(ball, i, omega))
             if _slide(ball, torques[sample], omega, signs, h, end, rates, middle):
-                omega[:] = end
+                fill(omega, end)
             else:
                 _in_parts(ball, torques[sample], omega, signs, h / PARTS, end, rates, middle)
         if (sample + 1) % every == 0:
-            out[(sample + 1) // every - 1] = omega
+            fill(out[(sample + 1) // every - 1], omega)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

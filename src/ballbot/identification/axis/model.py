@@ -36,6 +36,7 @@ from ballbot.arrays import positive_number, real_array, real_number
 from ballbot.errors import InputError, suggest
 from ballbot.fitting.parameter import Parameter, Scale
 from ballbot.identification.axis.record import GAP, NO_LOAD, AxisRecord, KnownLoad
+from ballbot.mechanics.engine.arrays import fill
 from ballbot.mechanics.engine.compiled import compiled, inlined
 from ballbot.mechanics.friction_laws.classical import Classical
 from ballbot.mechanics.friction_laws.interface import move, settle
@@ -247,7 +248,7 @@ def follow_windows(axis, windows, drive, steps, positions):
     place = 0
     for w in range(len(windows.firsts)):
         position, speed = windows.starts[w, 0], windows.starts[w, 1]
-        state[:] = axis.rest
+        fill(state, axis.rest)
         # bristles of an axis that moves are bent already
         if speed > 0.0:
             settle(axis.plus, state, speed, speed, 10.0)

@@ -32,6 +32,12 @@ def fill(target, source):
         target[i] = source[i]
 
 
+@inlined
+def _fill_rows(target, source):
+    for i in range(len(source)):
+        fill(target[i], source[i])
+
+
 def in_order(v, w) -> np.ndarray:  # pragma: no cover (compiled form below)
     """Return velocities or accelerations as an array."""
     raise NotImplementedError("compiled code only")
@@ -160,7 +166,7 @@ def evaluate_mass_matrix(selected, row, q, out):
     for lane in range(len(q)):
         a = attitude(_triple(q[lane], 2))
         S = _rates_matrix(selected, a, out.shape[1])
-        out[lane] = S.T @ _mass_matrix_at(selected, P, a, out[lane, 0]) @ S
+        _fill_rows(out[lane], S.T @ _mass_matrix_at(selected, P, a, out[lane, 0]) @ S)
 
 
 @compiled
@@ -175,7 +181,7 @@ def evaluate_acceleration(selected, row, q, q_dot, u, out):
         speeds = wheel_speeds(selected, P, a, v, w)
         none, on_floor = each(_nothing, speeds), FloorFriction(each(_nothing, v), 0.0)
         v_dot, w_dot = acceleration(selected, P, a, v, w, torques, speeds, none, none, on_floor)
-        out[lane] = in_order(v_dot, angle_accelerations(selected, a, rates, w_dot))
+        fill(out[lane], in_order(v_dot, angle_accelerations(selected, a, rates, w_dot)))
 
 
 @compiled
@@ -197,7 +203,7 @@ def evaluate_wheel_rows(selected, row, q, out):
     P = _load_row(selected, row)
     for lane in range(len(q)):
         a = attitude(_triple(q[lane], 2))
-        out[lane] = wheel_rows(selected, P, a) @ _rates_matrix(selected, a, out.shape[2])
+        _fill_rows(out[lane], wheel_rows(selected, P, a) @ _rates_matrix(selected, a, out.shape[2]))
 
 
 @compiled
@@ -221,7 +227,9 @@ def _mass_matrix_at(selected, P, a, any_velocity):
 @inlined
 def _rates_matrix(selected, a, size):
     """Return S (m, m), from q_dot to the formulation's velocities."""
-    S = np.eye(size)
+    S = np.zeros((size, size))
+    for i in range(size):
+        S[i, i] = 1.0
     for axis in range(3):
         unit = (1.0 if axis == 0 else 0.0, 1.0 if axis == 1 else 0.0, 1.0 if axis == 2 else 0.0)
         S[2, 2 + axis], S[3, 2 + axis], S[4, 2 + axis] = rates_from_angles(selected, a, unit)
