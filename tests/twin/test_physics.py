@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from ballbot.mechanics.geometry import rotation, transforms
+from ballbot.mechanics.geometry import quaternion_of, rotation, transforms
 from ballbot.robot import Robot
 from ballbot.twin import Scenario, Twin, twin_mjcf
 from ballbot.twin.driveline import Driveline
-from ballbot.twin.engine import Engine, attitude_of, body_rate, quaternion_of
+from ballbot.twin.engine import Engine, attitude_of, body_rate
 from ballbot.twin.parts import split_robot, wheel_parts
 from ballbot.twin.recording import twin_findings
 

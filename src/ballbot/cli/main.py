@@ -31,6 +31,8 @@ _EXTRAS = {
     "mujoco": "twin",
     "cv2": "vision",
     "pyarrow": "formats",
+    "mcap": "formats",
+    "rosbags": "formats",
     "control": "interop",
     "sympy": "symbolic",
     "distributed": "cluster",

@@ -130,6 +130,15 @@ def rotation(theta: ArrayLike, phi: ArrayLike, psi: ArrayLike) -> NDArray[np.flo
     return _matrix(theta.shape, rows)
 
 
+def quaternion_of(theta: float, phi: float, psi: float) -> NDArray[np.float64]:
+    """Return the unit quaternion wxyz (4,), body to world, of R = Rx(theta) Ry(phi) Rz(psi)."""
+    a, b, c = math.cos(theta / 2), math.cos(phi / 2), math.cos(psi / 2)
+    p, q, r = math.sin(theta / 2), math.sin(phi / 2), math.sin(psi / 2)
+    return np.array(
+        [a * b * c - p * q * r, p * b * c + a * q * r, a * q * c - p * b * r, a * b * r + p * q * c]
+    )
+
+
 def body_rates_matrix(theta: ArrayLike, phi: ArrayLike, psi: ArrayLike) -> NDArray[np.float64]:
     """Return B with w = B (theta_dot, phi_dot, psi_dot): the body's angular velocity in its own frame.
 

@@ -137,15 +137,6 @@ def attitude_of(quaternion_wxyz: NDArray[np.float64], *, near_psi: float) -> NDA
     return np.array([theta, phi, near_psi + math.remainder(psi - near_psi, 2 * math.pi)])
 
 
-def quaternion_of(theta: float, phi: float, psi: float) -> NDArray[np.float64]:
-    """Return the unit quaternion wxyz (4,), body to world, of R = Rx(theta) Ry(phi) Rz(psi)."""
-    a, b, c = math.cos(theta / 2), math.cos(phi / 2), math.cos(psi / 2)
-    p, q, r = math.sin(theta / 2), math.sin(phi / 2), math.sin(psi / 2)
-    return np.array(
-        [a * b * c - p * q * r, p * b * c + a * q * r, a * q * c - p * b * r, a * b * r + p * q * c]
-    )
-
-
 def body_rate(state: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return w = B(Phi) Phi_dot (3,) [rad/s], body frame, of a state (10,)."""
     return body_rates_matrix(*state[2:5]) @ state[7:10]

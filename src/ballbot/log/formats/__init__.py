@@ -5,6 +5,9 @@ json      JSON, a list of objects or an object of lists
 parquet   Parquet, by pyarrow
 npz       NumPy archives
 mat       MATLAB files of version 4 to 7, their numeric variables
+mcap      MCAP: JSON messages for Foxglove and PlotJuggler, with units and a scene
+ros       ROS 2 bags in one file
+messages  topics with times of their own as one table, for the last two
 """
 
 from __future__ import annotations
@@ -22,14 +25,18 @@ from ballbot.arrays import check_table
 from ballbot.errors import InputError, either, nearest, suggest
 from ballbot.log.columns import KNOWN_NAMES, Columns, check_column_names, mark_missing
 from ballbot.log.formats.json import read_json_table
-from ballbot.log.formats.mat import read_mat
+from ballbot.log.formats.mat import read_mat, write_mat
+from ballbot.log.formats.mcap import read_mcap, write_mcap
 from ballbot.log.formats.npz import read_npz, write_npz
 from ballbot.log.formats.parquet import read_parquet_table, write_parquet_table
+from ballbot.log.formats.ros import read_ros_bag, write_ros_bag
 from ballbot.log.formats.text import (
     OWN_LAYOUT,
+    SEMICOLON_LAYOUT,
     ForeignTable,
     TextLayout,
     infer_text_table,
+    own_layout,
     read_text_header,
     read_text_table,
     write_text_table,
@@ -80,7 +87,9 @@ FORMATS: tuple[LogFormat, ...] = (
     ),
     LogFormat(name="JSON", suffixes=(".json",), read=read_json_table),
     LogFormat(name="NumPy", suffixes=(".npz",), read=read_npz, write=write_npz),
-    LogFormat(name="MATLAB", suffixes=(".mat",), read=read_mat),
+    LogFormat(name="MATLAB", suffixes=(".mat",), read=read_mat, write=write_mat),
+    LogFormat(name="MCAP", suffixes=(".mcap",), read=read_mcap, write=write_mcap, extra="formats"),
+    LogFormat(name="ROS 2 bag", suffixes=(".db3",), read=read_ros_bag, write=write_ros_bag, extra="formats"),
 )
 #: suffixes of the files that are written, the default first
 WRITTEN_SUFFIXES = tuple(one.suffixes[0] for one in FORMATS if one.write)
@@ -116,7 +125,7 @@ def read_columns(path: str | Path, layout: TextLayout | None = None) -> Columns:
     path : str or Path
         A file of one of the `FORMATS`.
     layout : TextLayout, optional
-        How a table of text is laid out; Ballbot's own CSV if it is not given.
+        How a table of text is laid out; as its header shows if it is not given.
 
     Returns
     -------
@@ -130,7 +139,7 @@ def read_columns(path: str | Path, layout: TextLayout | None = None) -> Columns:
     """
     one = _known_format(path)
     if one.is_text:
-        return read_text_table(path, layout or OWN_LAYOUT)
+        return read_text_table(path, layout or own_layout(path))
     return _table(one, Path(path))
 
 
@@ -156,20 +165,40 @@ def read_foreign_table(path: str | Path, *, names: Sequence[str] | None = None) 
     return ForeignTable(layout=OWN_LAYOUT, separator="comma", columns=columns, named=True, notes=())
 
 
-def write_columns(path: str | Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
+def write_columns(
+    path: str | Path, columns: Mapping[str, NDArray[np.float64]], *, decimal_comma: bool = False
+) -> None:
     """Write columns (N,) in the format of the suffix of `path`.
+
+    Parameters
+    ----------
+    path : str or Path
+    columns : mapping of str to ndarray
+    decimal_comma : bool
+        Whether a table of text has decimal commas, and semicolons between its cells.
 
     Raises
     ------
     InputError
-        If the suffix is not that of a format which is written, or the file cannot be written.
+        If the suffix is not that of a format which is written, is not of text but has decimal commas, or the file
+        cannot be written.
     """
+    one = written_format(path)
+    check_column_names(columns, source=str(path))
+    if decimal_comma:
+        if not one.is_text:
+            raise InputError(f"{path} cannot have decimal commas; only CSV has them.")
+        write_text_table(path, columns, SEMICOLON_LAYOUT)
+    elif one.write:
+        with _needing(one):
+            one.write(Path(path), columns)
+
+
+def written_format(path: str | Path) -> LogFormat:
+    """Return the format in which a log is written to `path`, by its suffix; InputError if there is none."""
     for one in FORMATS:
         if one.write and Path(path).suffix.lower() == one.suffixes[0]:
-            check_column_names(columns, source=str(path))
-            with _needing(one):
-                one.write(Path(path), columns)
-            return
+            return one
     raise InputError(
         f"{path} cannot be written: the name of a log file must end in {either(WRITTEN_SUFFIXES)}."
     )
@@ -193,12 +222,17 @@ def _format_of(path: str | Path) -> LogFormat | None:
 
 
 def _known_format(path: str | Path) -> LogFormat:
+    path = Path(path)
+    if path.is_dir():
+        parts = sorted(one.name for one in path.iterdir() if one.suffix in (".mcap", ".db3"))
+        if parts:
+            raise InputError(f"{path} is a folder, as of a ROS 2 bag; give a file in it: {path / parts[0]}.")
     one = _format_of(path)
     if one is not None:
         return one
-    if not Path(path).exists():
+    if not path.exists():
         raise InputError(f"{path} cannot be read: No such file or directory.")
-    near = nearest(Path(path).suffix.lower(), _suffixes())
+    near = nearest(path.suffix.lower(), _suffixes())
     hint = f"did you mean {near[0]}? Its name must end" if near else "give a file that ends"
     raise InputError(f"{path} is not a log that Ballbot reads; {hint} in {either(_suffixes())}.")
 

@@ -83,19 +83,20 @@ def _table(tree: object, *, depth: int) -> dict[str, list[float]]:
 
 def _from_objects(rows: Sequence[Mapping[str, object]]) -> dict[str, list[float]]:
     """Return the columns of a list of objects; a name that some objects lack is missing there."""
-    flat = [_flattened(row) for row in rows]
+    flat = [flattened(row) for row in rows]
     names = dict.fromkeys(name for row in flat for name in row)
     return {name: [row.get(name, math.nan) for row in flat] for name in names}
 
 
-def _flattened(row: Mapping[str, object], *, before: str = "", depth: int = 0) -> dict[str, float]:
+def flattened(row: Mapping[str, object], *, before: str = "", depth: int = 0) -> dict[str, float]:
+    """Return the numbers of an object by their keys, joined as this module says; other values are left out."""
     found: dict[str, float] = {}
     for key, value in row.items():
         name = f"{before}{key}"
         if _is_cell(value):
             found[name] = _number(value)
         elif isinstance(value, Mapping) and depth < _DEEPEST:
-            found |= _flattened(value, before=f"{name}.", depth=depth + 1)
+            found |= flattened(value, before=f"{name}.", depth=depth + 1)
         elif isinstance(value, list) and len(value) <= _WIDEST and all(_is_cell(cell) for cell in value):
             found |= {f"{name}_{place}": _number(cell) for place, cell in enumerate(value, start=1)}
     return found

@@ -10,10 +10,12 @@ Format" (The MathWorks, R2023b).
 
 from __future__ import annotations
 
+import io
 import math
+import re
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,7 +24,7 @@ from numpy.typing import NDArray
 
 from ballbot.arrays import format_bytes
 from ballbot.errors import InputError
-from ballbot.files import LARGEST_TABLE, read_bytes
+from ballbot.files import LARGEST_TABLE, read_bytes, write_bytes
 from ballbot.log.columns import Columns
 
 #: numbers as a data element of version 5 stores them, by its type
@@ -36,6 +38,8 @@ _LONG, _LONGER = 50, 5
 #: the types of version 4, by the third digit of a variable's first number
 _STORED_4 = ("f8", "f4", "i4", "i2", "u2", "u1")
 _HEADER, _HEADER_4 = 128, 20
+#: what MATLAB takes as the name of a variable
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
 
 
 class _DamagedError(Exception):
@@ -59,6 +63,28 @@ def read_mat(path: str | Path) -> Columns:
         If the file cannot be read, is damaged, of another version, or too large.
     """
     return parse_mat(memoryview(read_bytes(path)), source=str(path))
+
+
+def write_mat(path: str | Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
+    """Write columns (N,) as compressed column vectors of those names, whole or not at all.
+
+    Raises
+    ------
+    InputError
+        If MATLAB has no variable of such a name, or the file cannot be written.
+    """
+    from scipy.io import savemat  # scipy.io takes longer to import than a file to read
+
+    for name in columns:
+        if not _NAME.fullmatch(name):
+            raise InputError(
+                f"The column name {name!r} cannot be written to a MATLAB file; use up to 63 letters, digits and "
+                "underscores, a letter first."
+            )
+    stream = io.BytesIO()
+    vectors = {name: np.asarray(values)[:, None] for name, values in columns.items()}
+    savemat(stream, vectors, do_compression=True, long_field_names=True)
+    write_bytes(path, stream.getvalue())
 
 
 def parse_mat(content: memoryview, *, source: str) -> Columns:

@@ -2,6 +2,9 @@
 
 A well-formed file is read by NumPy's compiled parser. If that fails, the rows are read one at a time, which allows
 missing values and gives messages the line. `infer_text_table` infers separator, header, widths and damaged rows.
+
+Ballbot's own CSV has commas between its cells and a decimal point, or semicolons and a decimal comma, as spreadsheets
+write it in many countries. The header shows which: it has the column t.
 """
 
 from __future__ import annotations
@@ -35,8 +38,10 @@ class TextLayout:
     rows: tuple[int, int] | None = None  #: first and last row to use, from 1, damaged ones not counted
 
 
-#: Ballbot's own CSV
+#: Ballbot's own CSV, as it is written unless the other one is asked for
 OWN_LAYOUT = TextLayout()
+SEMICOLON_LAYOUT = TextLayout(separator=";", decimal_comma=True)
+_OWN_LAYOUTS = (OWN_LAYOUT, SEMICOLON_LAYOUT, TextLayout(separator="\t", decimal_comma=True))
 #: bytes of a header that are read
 _LONGEST_HEADER = 100_000
 
@@ -49,13 +54,26 @@ def read_text_header(path: str | Path) -> list[str]:
     InputError
         If the file cannot be read or is not text.
     """
+    header = _header(path)
+    return _cells(header, _own_layout(header).separator) if header.strip() else []
+
+
+def own_layout(path: str | Path) -> TextLayout:
+    """Return the layout of a table in Ballbot's own CSV, by its header; InputError as `read_text_header`."""
+    return _own_layout(_header(path))
+
+
+def _header(path: str | Path) -> str:
     try:
         with open(path, "rb") as stream:
             start = stream.readline(_LONGEST_HEADER)
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
-    header = decode_text(start, source=str(path), errors="replace")
-    return [cell.strip().strip('"') for cell in header.split(",")] if header.strip() else []
+    return decode_text(start, source=str(path), errors="replace")
+
+
+def _own_layout(header: str) -> TextLayout:
+    return next((one for one in _OWN_LAYOUTS if "t" in _cells(header, one.separator)), OWN_LAYOUT)
 
 
 def read_text_table(path: str | Path, layout: TextLayout = OWN_LAYOUT) -> dict[str, NDArray[np.float64]]:
@@ -81,7 +99,7 @@ def read_text_table(path: str | Path, layout: TextLayout = OWN_LAYOUT) -> dict[s
     lines = _read_lines(path)
     names = _names(path, lines, layout)
     check_table(len(lines), len(names), source=str(path))
-    body = _with_points(lines[layout.header_lines :], layout)
+    body = _with_points(path, lines[layout.header_lines :], layout)
     table = _parse_fast(body, names, layout)
     if table is None:
         table = _parse_by_line(path, body, names, layout)
@@ -95,23 +113,38 @@ def read_text_table(path: str | Path, layout: TextLayout = OWN_LAYOUT) -> dict[s
     return {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(names)}
 
 
-def write_text_table(path: str | Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
+def write_text_table(
+    path: str | Path, columns: Mapping[str, NDArray[np.float64]], layout: TextLayout = OWN_LAYOUT
+) -> None:
     """Write columns (N,) as CSV, in the fewest digits that read back to the same bits; NaN becomes `nan`.
+
+    Parameters
+    ----------
+    path : str or Path
+    columns : mapping of str to ndarray
+    layout : TextLayout
+        `OWN_LAYOUT` or `SEMICOLON_LAYOUT`.
 
     Raises
     ------
     InputError
         If a column's name cannot be written to CSV, or the file cannot be written.
     """
+    separator = layout.separator or ","
     for name in columns:
-        if not name or name != name.strip() or any(mark in name for mark in ',"\n\r'):
+        if not name or name != name.strip() or any(mark in name for mark in f'{separator}"\n\r'):
             raise InputError(
                 f"The column name {name!r} cannot be written to CSV; use letters, digits and underscores."
             )
+    if layout.decimal_comma and len(columns) == 1:
+        raise InputError(
+            "A table of one column cannot be written with decimal commas: they would separate cells."
+        )
     rows = np.column_stack(list(columns.values())).tolist()
+    lines = (separator.join(map(repr, row)) + "\n" for row in rows)
     text = io.StringIO()
-    text.write(",".join(columns) + "\n")
-    text.writelines(",".join(map(repr, row)) + "\n" for row in rows)
+    text.write(separator.join(columns) + "\n")
+    text.writelines((line.replace(".", ",") for line in lines) if layout.decimal_comma else lines)
     write_text(path, text.getvalue())
 
 
@@ -147,8 +180,19 @@ def _names(path: str | Path, lines: list[str], layout: TextLayout) -> list[str]:
     return names
 
 
-def _with_points(lines: list[str], layout: TextLayout) -> list[str]:
-    return [line.replace(",", ".") for line in lines] if layout.decimal_comma else lines
+def _with_points(path: str | Path, lines: list[str], layout: TextLayout) -> list[str]:
+    """Return lines with decimal points; of a layout with decimal commas that its header shows, all or none may be."""
+    if not layout.decimal_comma:
+        return lines
+    commas = next((k for k, line in enumerate(lines) if "," in line), None)
+    if commas is not None and layout in _OWN_LAYOUTS:
+        points = next((k for k, line in enumerate(lines) if "." in line), None)
+        if points is not None:
+            raise InputError(
+                f"{path} has a decimal comma in line {layout.header_lines + 1 + commas} and a decimal point in line "
+                f"{layout.header_lines + 1 + points}; use one of them throughout."
+            )
+    return lines if commas is None else [line.replace(",", ".") for line in lines]
 
 
 def _parse_fast(body: list[str], names: list[str], layout: TextLayout) -> NDArray[np.float64] | None:

@@ -1,0 +1,235 @@
+"""Logs as messages, in MCAP files and ROS 2 bags: what other libraries find in them, and files of others."""
+
+import io
+import json
+import sqlite3
+import sys
+from contextlib import closing
+from pathlib import Path
+
+import lz4.frame
+import numpy as np
+import pytest
+import zstandard
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+from rosbags.rosbag2 import Reader, StoragePlugin
+from rosbags.rosbag2 import Writer as BagWriter
+from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
+
+from ballbot.errors import InputError
+from ballbot.log import Log
+from ballbot.log.columns import unit_of
+from ballbot.log.formats import mcap as mcap_file
+from ballbot.log.formats import read_columns
+from tests.support.log_examples import smooth_log
+
+STORE = get_typestore(Stores.ROS2_HUMBLE)
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    """A few rows with every kind of column, one value of each kind missing."""
+    base = smooth_log(rows=4)
+    names = [f"wheel{i}" for i in (1, 2, 3)] + [
+        f"{kind}_{axis}" for kind in ("gyro", "acc") for axis in "xyz"
+    ]
+    names += ["ref_x", "ref_y", "ref_psi", "battery"]
+    random = np.random.default_rng(0)
+    columns = {name: random.normal(size=4) for name in names}
+    columns["gyro_y"][2] = np.nan
+    return base.with_columns(columns)
+
+
+def messages_of(path: Path) -> dict[str, list]:
+    with Reader(path) as reader:
+        found: dict[str, list] = {one.topic: [] for one in reader.connections}
+        for one, time, data in reader.messages():
+            found[one.topic].append((time, STORE.deserialize_cdr(data, one.msgtype)))
+    return found
+
+
+def vector(message) -> list[float]:
+    return [message.x, message.y, message.z]
+
+
+def test_an_mcap_file_has_a_topic_for_each_unit(tmp_path, log):
+    path = tmp_path / "log.mcap"
+    log.write(path)
+    seen: dict[str, int] = {}
+    with path.open("rb") as stream:
+        for schema, channel, message in make_reader(stream).iter_messages():
+            assert schema is not None
+            assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
+            fields, row = json.loads(message.data), seen.get(channel.topic, 0)
+            properties = json.loads(schema.data)["properties"]
+            assert message.log_time == round(1e9 * log.t[row])
+            for name, value in fields.items():
+                assert value == log[name][row]
+                assert properties[name].get("unit") == unit_of(name)
+            assert {name for name in properties if not np.isnan(log[name][row])} == set(fields)
+            seen[channel.topic] = row + 1
+    topics = {"/position_m", "/velocity_m_s", "/angle_rad", "/angular_velocity_rad_s", "/acceleration_m_s2",
+              "/torque_N_m", "/other"}  # fmt: skip
+    assert seen == dict.fromkeys(topics, 4)
+
+
+def test_a_ros_bag_has_the_standard_messages(tmp_path, log):
+    path = tmp_path / "log.db3"
+    log.write(path)
+    found = messages_of(path)
+    assert set(found) == {
+        "/imu",
+        "/joint_states",
+        "/odom",
+        "/tf",
+        "/reference",
+        "/ballbot/names",
+        "/ballbot/values",
+    }
+    for row in range(4):
+        turn = Rotation.from_euler("XYZ", [log[name][row] for name in ("theta", "phi", "psi")])
+        time, imu = found["/imu"][row]
+        assert time == round(1e9 * log.t[row]) == imu.header.stamp.sec * 10**9 + imu.header.stamp.nanosec
+        np.testing.assert_array_equal(
+            vector(imu.angular_velocity), [log[f"gyro_{one}"][row] for one in "xyz"]
+        )
+        np.testing.assert_array_equal(
+            vector(imu.linear_acceleration), [log[f"acc_{one}"][row] for one in "xyz"]
+        )
+        joints = found["/joint_states"][row][1]
+        assert joints.name == ["wheel1", "wheel2", "wheel3"]
+        np.testing.assert_array_equal(joints.position, log.wheel_angles[row])
+        np.testing.assert_array_equal(joints.effort, log.torques[row])
+        assert len(joints.velocity) == 0  # the log has none
+        odometry = found["/odom"][row][1]
+        assert vector(odometry.pose.pose.position) == [log["x"][row], log["y"][row], 0.0]
+        velocity = turn.apply(vector(odometry.twist.twist.linear))
+        np.testing.assert_allclose(velocity, [log["x_dot"][row], log["y_dot"][row], 0.0], atol=1e-12)
+        (stamped,) = found["/tf"][row][1].transforms
+        assert (stamped.header.frame_id, stamped.child_frame_id) == ("odom", "base_link")
+        for q in (imu.orientation, odometry.pose.pose.orientation, stamped.transform.rotation):
+            assert (Rotation.from_quat([q.x, q.y, q.z, q.w]) * turn.inv()).magnitude() < 1e-12
+        reference = found["/reference"][row][1].pose
+        assert (reference.position.x, reference.position.y) == (log["ref_x"][row], log["ref_y"][row])
+
+
+def test_a_log_without_a_pose_has_no_transforms(tmp_path):
+    path = tmp_path / "log.db3"
+    Log({"t": [-0.5, 0.0], "u1": [1.0, 2.0], "acc_x": [0.0, 0.0]}).write(path)
+    assert set(messages_of(path)) == {"/joint_states", "/ballbot/names", "/ballbot/values"}
+    assert [time for time, _ in messages_of(path)["/joint_states"]] == [0, 500_000_000]
+    assert Log.read(path).t.tolist() == [-0.5, 0.0]
+
+
+def test_an_mcap_file_of_others_joins_its_topics_at_the_times_of_the_quickest(tmp_path):
+    path = tmp_path / "robot.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.LZ4)
+        writer.start()
+        schema = writer.register_schema("any", "jsonschema", b"{}")
+        fast, slow = (writer.register_channel(one, "json", schema) for one in ("/imu", "/odom/pose"))
+        packed = writer.register_channel("/image", "protobuf", schema)
+        for k in range(5):
+            text = json.dumps({"gyro": [k, 0.5], "name": "imu", "ok": True}).encode()
+            writer.add_message(fast, 10**18 + k * 10**7, text, 0)
+        for k in (1, 3):
+            writer.add_message(slow, 10**18 + k * 10**7 + 1, b'{"x": %d}' % k, 0)
+        writer.add_message(packed, 10**18, b"\xff", 0)
+        writer.finish()
+    columns = read_columns(path)
+    assert list(columns) == ["t", "imu.gyro_1", "imu.gyro_2", "imu.ok", "odom.pose.x"]
+    np.testing.assert_allclose(columns["t"], [0.0, 0.01, 0.02, 0.03, 0.04], atol=1e-15)
+    np.testing.assert_array_equal(columns["odom.pose.x"], [np.nan, np.nan, 1.0, 1.0, 3.0])
+
+
+def test_a_ros_bag_of_others_is_read_from_its_standard_messages(tmp_path, log):
+    log.write(tmp_path / "own.db3")
+    with (
+        Reader(tmp_path / "own.db3") as reader,
+        BagWriter(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer,
+    ):
+        kept = {
+            one.topic: writer.add_connection(one.topic, one.msgtype, typestore=STORE)
+            for one in reader.connections
+            if "/ballbot" not in one.topic
+        }
+        for one, time, data in reader.messages():
+            if one.topic in kept:
+                writer.write(kept[one.topic], time, data)
+    with pytest.raises(InputError, match=r"bag is a folder, .* give a file in it: .*bag\.mcap"):
+        read_columns(tmp_path / "bag")
+    columns = read_columns(tmp_path / "bag" / "bag.mcap")
+    np.testing.assert_allclose(columns["t"], log.t - log.t[0], atol=1e-9)
+    np.testing.assert_array_equal(columns["joint_states.effort.wheel2"], log["u2"])
+    np.testing.assert_array_equal(columns["imu.angular_velocity.y"], log["gyro_y"])
+    turns = Rotation.from_euler("XYZ", np.column_stack([log[name] for name in ("theta", "phi", "psi")]))
+    angles = np.column_stack([columns[f"imu.orientation.{name}"] for name in ("yaw", "pitch", "roll")])
+    np.testing.assert_allclose(angles, turns.as_euler("ZYX"), atol=1e-12)
+
+
+def bomb(compression: str, data: bytes) -> bytes:
+    """Return an MCAP file with a chunk that claims to be empty and unpacks to more."""
+    stream = io.BytesIO()
+    writer = Writer(stream)
+    writer.start()
+    writer.finish()
+    body = b"\0" * 16 + (1).to_bytes(8, "little") + b"\0" * 4
+    body += (
+        len(compression).to_bytes(4, "little") + compression.encode() + len(data).to_bytes(8, "little") + data
+    )
+    empty = stream.getvalue()
+    start = empty.index(b"\x0f\x04\0\0\0\0\0\0\0")  # the end of the data, after the header
+    return empty[:start] + b"\x06" + len(body).to_bytes(8, "little") + body + empty[start:]
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4"])
+def test_a_chunk_is_not_unpacked_beyond_the_limit(tmp_path, monkeypatch, compression):
+    zeros = bytes(30_000_000)
+    packed = zstandard.compress(zeros) if compression == "zstd" else lz4.frame.compress(zeros)
+    assert len(packed) < 200_000
+    monkeypatch.setattr(mcap_file, "LARGEST_TABLE", 1_000_000)
+    path = tmp_path / "log.mcap"
+    path.write_bytes(bomb(compression, packed))
+    with pytest.raises(InputError, match="it unpacks to more than 1 MB") as caught:
+        read_columns(path)
+    assert str(caught.value).startswith(f"{path} cannot be read")
+
+
+def test_a_bag_with_columns_that_compute_is_refused(tmp_path):
+    topics = "CREATE TABLE topics(id INTEGER, name TEXT, type TEXT)"
+    endless = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n) SELECT x FROM n"
+    row = "INSERT INTO topics VALUES (1, '/imu', 'sensor_msgs/msg/Imu')"
+
+    def messages(data: str) -> list[str]:
+        table = f"CREATE TABLE messages(id INTEGER, topic_id INTEGER, timestamp INTEGER, data AS ({data}))"
+        return [table, *(f"INSERT INTO messages VALUES ({k}, 1, {k})" for k in range(20))]
+
+    cases = {
+        "no tables of topics and messages": [f"CREATE VIEW messages AS {endless}"],
+        "it is not a complete ROS 2 bag": messages("zeroblob(1000000000)"),
+        "its messages are larger than the file": messages("zeroblob(5000)"),
+    }
+    for number, (sentence, statements) in enumerate(cases.items()):
+        path = tmp_path / f"{number}.db3"
+        with closing(sqlite3.connect(path)) as base, base:
+            for statement in (topics, *statements, row):
+                base.execute(statement)
+        with pytest.raises(InputError, match=sentence) as caught:
+            read_columns(path)
+        assert str(caught.value).startswith(f"{path} cannot be read")
+
+
+@pytest.mark.parametrize(("suffix", "package"), [(".mcap", "mcap"), (".db3", "rosbags")])
+def test_without_its_package_a_format_names_the_extra(tmp_path, monkeypatch, suffix, package, log):
+    path = tmp_path / f"log{suffix}"
+    log.write(path)
+    for name in [one for one in sys.modules if one.partition(".")[0] == package]:
+        monkeypatch.setitem(sys.modules, name, None)
+    from ballbot.log.formats import ros
+
+    monkeypatch.setattr(ros, "_store", ros._store.__wrapped__)
+    for act in (lambda: Log.read(path), lambda: log.write(path)):
+        with pytest.raises(InputError, match=rf"files need {package}.*: pip install 'ballbot\[formats\]'"):
+            act()
