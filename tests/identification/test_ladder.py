@@ -84,7 +84,7 @@ def test_bounds_that_a_user_gives_stay_but_for_what_a_law_does_not_have():
 def ladder() -> ModelSelection[Identification]:
     """Return the ladder of a log whose friction is the viscous and Coulomb's law."""
     plain = replace(FRICTION, stribeck=(0.0, 0.0, 0.0))
-    log = noisy(balancing_log(friction=plain), seed=8).between(4.0, 15.0)
+    log = noisy(balancing_log(friction=plain), seed=8).between(4.0, 12.0)
 
     def fit(law: LawName, start: Identification | None) -> Identification:
         return identify(
