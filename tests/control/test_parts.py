@@ -117,7 +117,14 @@ def test_shaping_starts_where_the_robot_is():
         np.testing.assert_allclose(controller.update(0.0, state, reference), 0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("robot", [alten(), four_wheeled(friction=False)], ids=["three", "four"])
+@pytest.mark.parametrize(
+    "robot",
+    [
+        pytest.param(alten(), id="three"),
+        # compiles the engine of four wheels
+        pytest.param(four_wheeled(friction=False), id="four", marks=pytest.mark.slow),
+    ],
+)
 def test_feed_forward_makes_a_robot_without_friction_do_the_shaped_motion(robot: Robot):
     shaping, gain = ReferenceShaping(), design_gain(robot).gain
     reference = hold(x=0.3, y=-0.4)
