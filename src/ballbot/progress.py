@@ -18,6 +18,9 @@ class Progress:
     total: float  #: steps that the stage takes at most
     cost: float = math.nan  #: the best cost so far, where the work minimises one
     share: float = math.nan  #: fraction of the whole work, 0 to 1; that of the stage if it is not given
+    skipped: float = (
+        0.0  #: how much the share grew since the last report without work, as a stage ended early
+    )
     seconds_left: float | None = None  #: at most, at the present pace; None if that is not known yet
     note: str = ""  #: a few words to show beside it
 
@@ -47,8 +50,11 @@ def part_of(callback: ProgressCallback, first: float, last: float, *, stage: str
     """
 
     def report(progress: Progress) -> None:
-        share = first + (last - first) * progress.share
-        callback(replace(progress, stage=stage or progress.stage, share=share, seconds_left=None))
+        part = last - first
+        share, skipped = first + part * progress.share, part * progress.skipped
+        callback(
+            replace(progress, stage=stage or progress.stage, share=share, skipped=skipped, seconds_left=None)
+        )
 
     return report
 
@@ -65,6 +71,8 @@ class Stage:
 class ProgressReporter:
     """Turns the progress of single stages into that of the whole work, whose share never falls.
 
+    A stage that ends before its last step counts as done when the next one begins, and that part as skipped.
+
     Parameters
     ----------
     callback : callable
@@ -74,7 +82,8 @@ class ProgressReporter:
     """
 
     def __init__(self, callback: ProgressCallback, stages: Sequence[Stage]) -> None:
-        self._callback, self._eta, self._share = callback, EtaEstimator(), 0.0
+        self._callback, self._eta = callback, EtaEstimator()
+        self._share, self._stage = 0.0, ""
         self._stages: dict[str, tuple[Stage, float]] = {}
         before = 0.0
         for stage in stages:
@@ -85,9 +94,21 @@ class ProgressReporter:
     def __call__(self, progress: Progress) -> None:
         """Report a step of a stage."""
         stage, before = self._stages[progress.stage]
-        self._share = max(self._share, (before + progress.done * stage.work) / self._whole)
-        left = self._eta.seconds_left(self._share)
-        self._callback(replace(progress, total=stage.steps, share=self._share, seconds_left=left))
+        done = progress.done * stage.work
+        share = max(self._share, (before + done) / self._whole)
+        grown, self._share = share - self._share, share
+        worked = grown if self._stage == stage.name else min(grown, done / self._whole)
+        self._stage = stage.name
+        skipped = grown - worked
+        left = self._eta.seconds_left(share, skipped=skipped)
+        self._callback(replace(progress, total=stage.steps, share=share, skipped=skipped, seconds_left=left))
+
+    def end(self) -> None:
+        """Report that the work is done, whatever its stages left out."""
+        stage = list(self._stages)[-1]
+        skipped, self._share = 1.0 - self._share, 1.0
+        steps = self._stages[stage][0].steps
+        self._callback(Progress(stage=stage, done=steps, total=steps, share=1.0, skipped=skipped))
 
 
 #: no estimate from less than this [s]: parallel work ends in bursts
@@ -97,6 +118,7 @@ _SHORTEST = 1.0
 class EtaEstimator:
     """Estimates the time left from a share that grows from 0 to 1.
 
+    It is right within a factor of two from a tenth of the run on if the shares are, stage by stage, those of the time.
     The estimate is the average over the later half of the time since the first step. The first step itself does
     not count, because it compiles; steps read from a checkpoint or of another stage are forgotten as time goes by,
     and steps that end together, on many threads, count as one.
@@ -109,31 +131,43 @@ class EtaEstimator:
 
     def __init__(self, clock: Callable[[], float] = monotonic) -> None:
         self._clock = clock
-        self._times: list[float] = []  # [s], when the share grew
-        self._shares: list[float] = []  # to what
+        self._skipped, self._share = 0.0, 0.0
+        self._times: list[float] = []  # [s], when work was done
+        self._worked: list[float] = []  # which share of the whole until then
 
-    def seconds_left(self, share: float) -> float | None:
-        """Note that a share is done now, and return how long the rest takes [s]; None if that is not known yet."""
+    def seconds_left(self, share: float, *, skipped: float = 0.0) -> float | None:
+        """Note that a share is done now, and return how long the rest takes [s]; None if that is not known yet.
+
+        Parameters
+        ----------
+        share : float
+            Of the whole work, 0 to 1.
+        skipped : float
+            How much the share grew since the last call without work.
+        """
         now = self._clock()
-        if share > (self._shares[-1] if self._shares else 0.0):
+        self._skipped += skipped
+        self._share = max(self._share, share)
+        worked = self._share - self._skipped
+        if worked > (self._worked[-1] if self._worked else 0.0):
             self._times.append(now)
-            self._shares.append(share)
+            self._worked.append(worked)
         if len(self._times) < 2 or now - self._times[0] < _SHORTEST:
             return None
         middle = 0.5 * (self._times[0] + now)
         since, done = (
-            (middle, self._share_at(middle))
+            (middle, self._worked_at(middle))
             if middle < self._times[-1]
-            else (self._times[0], self._shares[0])
+            else (self._times[0], self._worked[0])
         )
-        return (now - since) / (self._shares[-1] - done) * (1.0 - self._shares[-1])
+        return (now - since) / (self._worked[-1] - done) * (1.0 - self._share)
 
-    def _share_at(self, time: float) -> float:
-        """Return the share at a time between the first and the last step, as if it grew evenly between steps."""
+    def _worked_at(self, time: float) -> float:
+        """Return the work until a time between the first and the last step, as if it grew evenly between steps."""
         after = bisect_left(self._times, time)
         earlier, later = self._times[after - 1], self._times[after]
         part = (time - earlier) / (later - earlier)
-        return self._shares[after - 1] + part * (self._shares[after] - self._shares[after - 1])
+        return self._worked[after - 1] + part * (self._worked[after] - self._worked[after - 1])
 
 
 def as_clock(seconds: float) -> str:

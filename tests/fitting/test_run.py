@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot.progress import EtaEstimator, as_clock
+from ballbot.progress import EtaEstimator, Progress, ProgressReporter, Stage, as_clock, part_of
 
 
 class Clock:
@@ -76,6 +76,51 @@ def test_no_time_left_before_the_first_step():
 def test_time_left_is_never_negative(shares, seconds):
     left = watched([(seconds, share) for share in shares])[2]
     assert all(one is None or one >= 0.0 for one in left)
+
+
+@st.composite
+def uneven_work(draw):
+    """Draw stages of very different length, of which some end early, and how long each of their steps takes.
+
+    A step takes its work times a speed that differs by at most 1.25 either way from stage to stage.
+    """
+    stages, made = [], []
+    for place in range(draw(st.integers(1, 5))):
+        steps = draw(st.integers(20, 60))
+        stages.append(Stage(name=f"stage {place}", steps=steps, work=draw(st.floats(0.01, 10.0))))
+        made.append((draw(st.integers(1, steps)), draw(st.floats(0.8, 1.25))))
+    return stages, made
+
+
+@given(uneven_work(), st.floats(0.0, 100.0))
+def test_time_left_is_within_a_factor_of_two_from_a_tenth_of_the_run_on(work, compiling):
+    stages, made = work
+    clock = Clock()
+    pace = EtaEstimator(clock)
+    shown: list[tuple[int, float, float | None]] = []
+
+    def show(progress: Progress) -> None:
+        left = pace.seconds_left(progress.share, skipped=progress.skipped)
+        shown.append((int(progress.stage[-1]), clock.now, left))
+
+    # as part of longer work, of which nothing else takes time
+    reporter = ProgressReporter(part_of(show, 0.0, 1.0), stages)
+    clock.now += compiling
+    for stage, (steps, speed) in zip(stages, made, strict=True):
+        for step in range(1, steps + 1):
+            clock.now += stage.work * speed
+            reporter(Progress(stage=stage.name, done=step, total=stage.steps))
+    reporter.end()
+    end, begin = clock.now, shown[0][1]
+    for place, now, left in shown[:-1]:
+        rest = sum(  # nobody can know which stages will end early
+            stage.work * speed * (stage.steps - steps)
+            for stage, (steps, speed) in zip(stages[place:], made[place:], strict=True)
+        )
+        # 1 s: no estimate from less
+        if now - begin > max(0.1 * (end + rest - begin), 1.0):
+            assert left is not None
+            assert 0.5 * (end + rest - now) <= left <= 2.0 * (end + rest - now)
 
 
 @pytest.mark.parametrize(

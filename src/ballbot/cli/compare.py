@@ -98,7 +98,7 @@ def compare(
             courses,
             seeds=numbers,
             processes=processes,
-            run=result.run_with(lambda now: bar.show(now.share)),
+            run=result.run_with(bar.report),
         )
         with result.replaced() as new:
             result.write_json(league_results(league), new)

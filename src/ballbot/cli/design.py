@@ -187,7 +187,7 @@ def _search(
             compensation=compensation,
             spread=spread,
             effort=effort,
-            run=result.run_with(lambda now: bar.show(now.share, note=now.note)),
+            run=result.run_with(bar.report),
         )
         results = {
             "robot": robot.name,

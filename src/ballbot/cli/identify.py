@@ -166,7 +166,7 @@ def identify(
                 options=IdentificationOptions(
                     excluded_states=names_listed(fit.exclude_states), back_emf=back_emf, sweep=sweep
                 ),
-                run=result.run_with(lambda now: bar.show(now.share, note=now.note)),
+                run=result.run_with(bar.report),
             )
         holdouts = [
             cross_validate(found, one.log, name=name, starts=one.starts(described))

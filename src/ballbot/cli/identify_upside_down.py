@@ -95,7 +95,7 @@ def identify_upside_down(
         with result.progress("identifying") as bar:
 
             def show(progress: Progress) -> None:
-                bar.show(progress.share, note=f"error {progress.cost:.3f} rad/s")
+                bar.report(replace(progress, note=f"error {progress.cost:.3f} rad/s"))
 
             found = find_friction(
                 described,

@@ -14,7 +14,6 @@ from pathlib import Path
 from threading import Timer
 from time import monotonic
 from types import MappingProxyType
-from typing import Protocol
 
 from rich.console import Console, RenderableType
 from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn
@@ -22,10 +21,10 @@ from rich.progress import Progress as RichProgress
 from rich.table import Table
 
 from ballbot.cli import OUTPUT
+from ballbot.file_formats import results_text
 from ballbot.printable import printable_line
 from ballbot.progress import EtaEstimator, Progress, as_clock
 from ballbot.report.console import PLAIN_WIDTH, PlainConsole
-from ballbot.results import as_json
 
 _BEFORE_LINES = 3.0  #: [s] before the first line of progress, if no bar can be drawn
 _BETWEEN_LINES = 15.0  #: [s] between lines of progress within a stage
@@ -50,7 +49,7 @@ def _is_silent() -> bool:
 
 def emit(results: Mapping[str, object]) -> None:
     """Give the results that --json prints when the command ends; those of a folder are its results.json."""
-    OUTPUT.get().results = as_json(results)
+    OUTPUT.get().results = results_text(results)
 
 
 def show_written(*paths: Path, results: Mapping[str, object] = MappingProxyType({})) -> None:
@@ -67,46 +66,35 @@ def print_parts(parts: Iterable[RenderableType], console: Console) -> None:
         console.print(part, markup=False, soft_wrap=not isinstance(part, Table))
 
 
-class Bar(Protocol):
-    """Shows how far work has come; made by `progress_bar`."""
+class Bar:
+    """Shows how far work has come; made by `progress_bar`. This one, of --quiet, shows nothing."""
 
-    def show(self, share: float, *, doing: str | None = None, note: str = "") -> None:
-        """Show that a share of the work, 0 to 1, is done, what is being done now, and a short note."""
-        ...
+    def show(self, share: float, *, doing: str = "", note: str = "") -> None:
+        """Show that a share of the work, 0 to 1, is done, what is being done now if that is new, and a short note."""
+        self.report(Progress(stage=doing, done=share, total=1.0, note=note))
 
     def report(self, progress: Progress) -> None:
         """Show the progress of work, its stage and its note; a `ballbot.progress.ProgressCallback`."""
-        ...
 
 
-class _DrawnBar:
+class _DrawnBar(Bar):
     """A bar that moves, on a terminal."""
 
     def __init__(self, progress: RichProgress, task: TaskID) -> None:
         self._progress, self._task, self._pace = progress, task, EtaEstimator()
 
-    def show(self, share: float, *, doing: str | None = None, note: str = "") -> None:
-        left = _time_left(self._pace, share)
-        shown = None if doing is None else printable_line(doing)
+    def report(self, progress: Progress) -> None:
+        left = _time_left(self._pace, progress)
         self._progress.update(
-            self._task, completed=share, description=shown, note=printable_line(note), left=left
+            self._task,
+            completed=progress.share,
+            description=_in_words(progress.stage) or None,
+            note=printable_line(progress.note),
+            left=left,
         )
 
-    def report(self, progress: Progress) -> None:
-        self.show(progress.share, doing=progress.stage, note=progress.note)
 
-
-class _Silent:
-    """Nothing, with --quiet."""
-
-    def show(self, share: float, *, doing: str | None = None, note: str = "") -> None:
-        pass
-
-    def report(self, progress: Progress) -> None:
-        pass
-
-
-class _WrittenLines:
+class _WrittenLines(Bar):
     """Lines on standard error, for output that is piped or kept: one a stage, and one now and then in between.
 
     Nothing is written in the first seconds, so that input that is refused is answered by one sentence alone.
@@ -120,16 +108,14 @@ class _WrittenLines:
         self._first.daemon = True
         self._first.start()
 
-    def show(self, share: float, *, doing: str | None = None, note: str = "") -> None:
-        left = _time_left(self._pace, share)
-        self._doing = doing or self._doing
-        self._line = ", ".join(part for part in (self._doing, f"{100.0 * share:.0f} %", note, left) if part)
+    def report(self, progress: Progress) -> None:
+        left = _time_left(self._pace, progress)
+        self._doing = _in_words(progress.stage) or self._doing
+        parts = (self._doing, f"{100.0 * progress.share:.0f} %", progress.note, left)
+        self._line = ", ".join(filter(None, parts))
         stage_is_new = bool(self._written_of) and self._doing != self._written_of
         if stage_is_new or monotonic() > self._next:
             self._write()
-
-    def report(self, progress: Progress) -> None:
-        self.show(progress.share, doing=progress.stage, note=progress.note)
 
     def end(self) -> None:
         """Write nothing more."""
@@ -142,9 +128,13 @@ class _WrittenLines:
         print(f"ballbot: {printable_line(self._line)}", file=sys.stderr, flush=True)
 
 
-def _time_left(pace: EtaEstimator, share: float) -> str:
-    seconds = pace.seconds_left(share)
-    return "" if seconds is None or share >= 1.0 else f"about {as_clock(seconds)} left"
+def _in_words(stage: str) -> str:
+    return printable_line(stage).replace("_", " ")
+
+
+def _time_left(pace: EtaEstimator, progress: Progress) -> str:
+    seconds = pace.seconds_left(progress.share, skipped=progress.skipped)
+    return "" if seconds is None or progress.share >= 1.0 else f"about {as_clock(seconds)} left"
 
 
 @contextmanager
@@ -159,7 +149,7 @@ def progress_bar(console: Console, doing: str) -> Iterator[Bar]:
         What is being done.
     """
     if OUTPUT.get().quiet:
-        yield _Silent()
+        yield Bar()
         return
     if not console.is_terminal:
         lines = _WrittenLines(doing)

@@ -33,6 +33,7 @@ from ballbot.fitting.uncertainty import (
     covariance,
     leverage_corrected,
 )
+from ballbot.progress import Progress
 
 
 class Repeated(Protocol):
@@ -320,7 +321,8 @@ def assess(
     widen : float
         What all errors are multiplied by, as a discrepancy of the residuals asks for.
     run : Run, optional
-        Its seed is the bootstrap's; its checkpoint answers for each profile.
+        Its seed is the bootstrap's; its checkpoint answers for each profile, and the stage "intervals" is reported
+        after each.
     """
     coordinates, point = fit.coordinates, fit.point
     normal = fit.equations.normal
@@ -336,6 +338,8 @@ def assess(
         bootstrap=resampled,
         quantile=_quantile(len(normal.scores), int(estimated.sum())),
     )
+
+    profiled: list[int] = []
 
     def profile_of(place: int) -> Profile:
         others = np.linalg.pinv(normal.matrix[np.ix_(estimated, estimated)], hermitian=True).diagonal()
@@ -353,6 +357,8 @@ def assess(
             return [np.array([one.lower, one.upper], dtype=float)]  # None becomes NaN
 
         (limits,) = run.memoize("profile", np.array([float(place), float(rise)]), answer)
+        profiled.append(place)
+        run.progress(Progress(stage="intervals", done=len(profiled), total=most_profiles))
         lower, upper = (float(one) if np.isfinite(one) else None for one in limits)
         return Profile(place=place, lower=lower, upper=upper)
 

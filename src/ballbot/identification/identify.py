@@ -140,12 +140,13 @@ def identify(
         run=run,
     )
     run.memoize("inputs", inputs_of(prepared, options=options, seed=run.seed), list)
-    run = replace(run, progress=ProgressReporter(run.progress, stages_of(prepared, options)))
+    reporter = ProgressReporter(run.progress, stages_of(prepared, options))
+    run = replace(run, progress=reporter)
     evolved = search(prepared.coarse, options=options, run=run)
     start = options.warm_start
     begin = evolved.best if start is None else better_start(prepared.problem, evolved.best, start)
     estimate = refine(prepared, begin, options=options, run=run)
-    return _result(
+    found = _result(
         prepared,
         evolved,
         estimate,
@@ -156,6 +157,8 @@ def identify(
         options=options,
         run=run,
     )
+    reporter.end()
+    return found
 
 
 def identify_by_law(
@@ -197,7 +200,8 @@ def identify_by_law(
         callback = part_of(run.progress, place / len(laws), (place + 1) / len(laws))
 
         def report(now: Progress) -> None:
-            callback(replace(now, note=f"{one}, error x {math.exp(now.cost):.3f}"))
+            error = "" if math.isnan(now.cost) else f", error x {math.exp(now.cost):.3f}"
+            callback(replace(now, note=f"{one}{error}"))
 
         return identify(
             robot,

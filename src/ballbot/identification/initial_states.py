@@ -118,7 +118,7 @@ def fit_with_initial_states(
 ) -> InitialStatesFit:
     """Descend from `point` (p,), scaled, in the parameters marked in `free` (p,) and all starts at once.
 
-    The run's checkpoint answers for each step; the stage "starts" is reported after each.
+    The run's checkpoint answers for each step; the stage "initial_states" is reported after each.
     """
     best, least, history = (point, problem.windows.initial), np.inf, []
     for _ in range(_ROUNDS):
@@ -211,7 +211,7 @@ def descend(
     moved : ndarray (p,), optional
         By how much the first step moves those that are not free, whatever it costs.
     run : Run, optional
-        Its checkpoint answers for each step; the stage "starts" is reported after each.
+        Its checkpoint answers for each step; the stage "initial_states" is reported after each.
     """
     fixed = np.zeros(len(point)) if moved is None else moved
     least = np.inf if fixed.any() else float(costs(problem, point[None], starts[None])[0])
@@ -237,7 +237,7 @@ def descend(
             point, starts, least = trial, its_starts, float(cost)
         fixed = np.zeros(len(point))
         history.append(least)
-        run.progress(Progress(stage="starts", done=step, total=most_steps, cost=least))
+        run.progress(Progress(stage="initial_states", done=step, total=most_steps, cost=least))
         short_steps = 0 if gain > LEAST_GAIN else short_steps + 1
         if short_steps == _PATIENCE:
             break

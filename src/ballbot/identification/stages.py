@@ -258,6 +258,10 @@ def _problem(
     )
 
 
+#: of the descent with initial states, in the profile of one parameter
+_STEPS_OF_A_PROFILE = 12
+
+
 def stages_of(prepared: Prepared, options: IdentificationOptions) -> tuple[Stage, ...]:
     """Return the stages and their work, in simulations of a window by a set of parameters times inner steps."""
     free = int(prepared.problem.coordinates.free.sum())
@@ -268,9 +272,14 @@ def stages_of(prepared: Prepared, options: IdentificationOptions) -> tuple[Stage
         Stage(name="evolution", steps=options.generations, work=search),
         Stage(name="gauss_newton", steps=options.gauss_newton_steps, work=per_step * _work(prepared.problem)),
         Stage(
-            name="starts",
+            name="initial_states",
             steps=STEPS_WITH_STARTS * options.gauss_newton_steps,
             work=finishing * _work(prepared.problem),
+        ),
+        Stage(
+            name="intervals",
+            steps=options.most_profiles,
+            work=_STEPS_OF_A_PROFILE * finishing * _work(prepared.problem),
         ),
     )
 
