@@ -4,7 +4,7 @@ Kept: every number, truth value and word of results.json and of TOML files, each
 MJCF, the data of replay.html, the names of all other files, and the exit code.
 Not kept:
 
-- keys in `REMOVED_KEYS`, which differ from run to run, or whenever a file's comments change;
+- keys in `REMOVED_KEYS`, which differ from run to run or version to version, or whenever a file's comments change;
 - files in `REMOVED_FILES`, for the same reason;
 - prose: any string with a space in it becomes `PROSE`, so that sentences may be rewritten. Codes, severities,
   verdicts, units and names of one word stay.
@@ -28,7 +28,7 @@ from xml.etree import ElementTree
 
 Json: TypeAlias = "bool | int | float | str | Sequence[Json] | Mapping[str, Json] | None"
 
-REMOVED_KEYS = frozenset({"provenance", "checksum"})
+REMOVED_KEYS = frozenset({"provenance", "checksum", "format", "ballbot"})
 REMOVED_FILES = frozenset({".ballbot.json", "record.toml"})
 PROSE = "<prose>"
 #: how the text begins that stands for a long list

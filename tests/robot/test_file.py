@@ -237,7 +237,7 @@ MISTAKES = [
     ('about = "ball_center"', "", r"body\.inertia\.about is missing"),
     ('name = "alten"', "name = 3", r"name is 3; it must be a text in quotes"),
     ('name = "alten"', "", r"name is missing; add name = "),
-    ('name = "alten"', "name = ", r"is not valid TOML: .*line 8"),
+    ('name = "alten"', "name = ", r"is not valid TOML: .*line 9"),
     ("[sensors]", "sensors = 3\n[sensor]", r".*"),
 ]
 

@@ -28,6 +28,7 @@ from ballbot.cli import ARGV, OUTPUT
 from ballbot.cli.app import OUTPUT_OPTIONS
 from ballbot.cli.output import Bar, print_parts, progress_bar, standard_output
 from ballbot.errors import InputError, either
+from ballbot.file_formats import results_text
 from ballbot.files import write_text
 from ballbot.findings import Finding, finding_results
 from ballbot.fitting.run import Executor, ExecutorError, Run, Threads
@@ -36,7 +37,6 @@ from ballbot.printable import shell_line
 from ballbot.progress import ProgressCallback
 from ballbot.report.page import Provenance, provenance
 from ballbot.result_folder import ResultFolder, result_folder
-from ballbot.results import as_json
 from ballbot.robot import Robot
 
 if TYPE_CHECKING:
@@ -138,7 +138,7 @@ class CommandResult:
         whole = dict(results)
         if findings is not None:
             whole["findings"] = finding_results(findings)
-        write_text(folder / "results.json", as_json(whole | {"provenance": self.origin}))
+        write_text(folder / "results.json", results_text(whole | {"provenance": self.origin}))
 
     def show(self, parts: Iterable[RenderableType]) -> None:
         """Print tables and lines."""

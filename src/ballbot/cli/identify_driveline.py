@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ballbot.cli.context import WholeNumber, input_files, open_result
 from ballbot.cli.findings import Accept, stop_or_show
+from ballbot.file_formats import results_text
 from ballbot.files import write_text
 from ballbot.findings import Finding, by_severity
 from ballbot.fitting.run import Run
@@ -29,7 +30,6 @@ from ballbot.report.driveline import (
     driveline_report,
     driveline_results,
 )
-from ballbot.results import as_json
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
 
@@ -90,7 +90,7 @@ def identify_driveline(
         made = result.origin
         page = driveline_report(described.name, sweeps, fits, printed, made, findings)
         with result.replaced() as new:
-            write_text(new / "results.json", as_json(driveline_results(fits, printed, made, findings)))
+            write_text(new / "results.json", results_text(driveline_results(fits, printed, made, findings)))
             write_text(new / "report.html", page)
             write_robot(identified, new / "robot.toml")
     result.show(driveline_parts(fits, printed, framed=result.console.is_terminal))

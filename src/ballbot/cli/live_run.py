@@ -11,6 +11,7 @@ from ballbot.cli.context import CommandResult, open_result
 from ballbot.cli.output import notice_output, standard_output
 from ballbot.cli.robot_link import Connection, LinkOptions, Monitor
 from ballbot.errors import InputError
+from ballbot.file_formats import results_text
 from ballbot.files import write_text
 from ballbot.link.live import Commander, Sample
 from ballbot.link.messages import ControllerPlace
@@ -18,7 +19,7 @@ from ballbot.link.recorder import SUFFIX, check_no_recording
 from ballbot.link.runs import LiveRun, recorded_run, require_log
 from ballbot.log import Log
 from ballbot.report.live import BALANCING, View, counts_line
-from ballbot.results import as_json, to_results
+from ballbot.results import to_results
 
 #: what a recorded run leaves in its folder
 WRITTEN = ("log.csv", "results.json")
@@ -83,7 +84,7 @@ def record_run(
         }
         with result.replaced() as new:
             log.write(new / "log.csv")
-            write_text(new / "results.json", as_json(results))
+            write_text(new / "results.json", results_text(results))
         recording.unlink(missing_ok=True)
     result.show_file("log.csv")
     finish(connection, made)

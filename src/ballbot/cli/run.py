@@ -16,6 +16,7 @@ from ballbot.cli.robot_link import Connection, ControllerOnRobot, LinkOptions, M
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError, nearest
+from ballbot.file_formats import results_text
 from ballbot.files import write_text
 from ballbot.findings import finding_results
 from ballbot.firmware.export import export_controller
@@ -28,7 +29,7 @@ from ballbot.link.runs import require_log
 from ballbot.link.wiring import check_turns, measure_turns
 from ballbot.log import Log
 from ballbot.report.live import HELD, alternation_parts, alternation_results, wiring_parts, wiring_results
-from ballbot.results import as_json, to_results
+from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.simulation.held_robot import SWEEP_PERIOD
 from ballbot.workflows.alternation import MIN_RUNS, Alternation, alternate
@@ -411,7 +412,7 @@ def compare(
         with result.replaced() as new:
             for name, log in zip(names, logs, strict=True):
                 log.write(new / f"{name}.csv")
-            write_text(new / "results.json", as_json(alternation_results(found) | {"provenance": about}))
+            write_text(new / "results.json", results_text(alternation_results(found) | {"provenance": about}))
         for name in names:
             (out / f"{name}{SUFFIX}").unlink(missing_ok=True)
     result.show(alternation_parts(found, framed=result.console.is_terminal))
@@ -468,7 +469,7 @@ def recover(recording: Path, /, *, out: Path) -> None:
         }
         with result.replaced() as new:
             read.log.write(new / "log.csv")
-            write_text(new / "results.json", as_json(results))
+            write_text(new / "results.json", results_text(results))
     length = float(read.log.t[-1] - read.log.t[0])
     result.console.print(f"{len(read.log)} whole rows, {length:.1f} s; {read.damaged_bytes} bytes were lost.")
     result.show_file("log.csv")

@@ -23,6 +23,7 @@ from ballbot.control.parts import KINDS, Parts
 from ballbot.control.records import Table, extended_table, settings_of, table_of, table_text
 from ballbot.errors import InputError, OldFileFormat
 from ballbot.estimation.interface import EstimatorName
+from ballbot.file_formats import format_line, take_format
 from ballbot.files import read_toml, write_text
 from ballbot.printable import toml_string
 from ballbot.robot import Friction, Robot
@@ -122,8 +123,9 @@ def read_controller(path: str | Path, robot: Robot) -> Controller:
     InputError
         If the file cannot be read or holds no controller, or its number of wheels is not the robot's.
     """
-    tree, hints = migrate(read_toml(path))
+    tree = read_toml(path)
     try:
+        tree, hints = migrate(take_format(tree, "controller"))
         controller = _controller(validate_table(ControllerTable, tree, of="a controller file"), robot)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
@@ -155,6 +157,7 @@ def controller_text(controller: Controller) -> str:
 # A controller for Ballbot: u = K S(psi) (r - x) + friction compensation, within the torque limit.
 # S(psi) turns the error into the heading frame. Use it with: ballbot simulate ROBOT --controller FILE
 
+{format_line("controller")}
 # the robot it was designed for
 robot = {toml_string(controller.robot.name)}
 # [s] between two updates; torques are held

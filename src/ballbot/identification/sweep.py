@@ -28,7 +28,7 @@ import scipy
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.files import read_json
+from ballbot.file_formats import read_results
 from ballbot.findings import Finding, warning
 from ballbot.fitting.checkpoint import digest
 from ballbot.fitting.intervals import CONFIDENCE, Interval, Uncertainty
@@ -82,7 +82,7 @@ def read_sweep(path: str | Path, *, wheel_count: int) -> SweepFriction:
     InputError
         If the file cannot be read, is not such a file, or is of a robot with another number of wheels.
     """
-    results = cast("dict[str, dict]", read_json(path))
+    results = cast("dict[str, dict]", read_results(path))
     try:
         tables = [results[name] for name in ("parameters", "standard_errors")]
         values, errors = (np.array([table[s] for s in _SYMBOLS], dtype=float).T for table in tables)

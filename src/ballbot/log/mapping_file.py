@@ -72,6 +72,7 @@ from pydantic import (
 )
 
 from ballbot.errors import InputError, suggest
+from ballbot.file_formats import take_format
 from ballbot.files import LARGEST_SETTINGS, parse_toml, read_text
 from ballbot.log.columns import KNOWN_NAMES, MAX_WHEELS, check_column_names, factor_to, unit_of
 from ballbot.log.formats.text import TextLayout
@@ -242,7 +243,7 @@ def parse_mapping(text: str, *, source: str) -> LogMapping:
     """
     tree = parse_toml(text, source=source)
     try:
-        return _mapping(validate_table(MappingTable, tree, of="a mapping file"))
+        return _mapping(validate_table(MappingTable, take_format(tree, "mapping"), of="a mapping file"))
     except InputError as error:
         raise InputError(f"{source}: {error}{'' if str(error).endswith(('.', '?')) else '.'}") from None
 

@@ -13,11 +13,12 @@ import numpy as np
 from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text, write_controller
 from ballbot.errors import InputError
+from ballbot.file_formats import results_text, without_format
 from ballbot.files import LARGEST_SETTINGS, read_text, write_text
 from ballbot.report.page import Provenance
 from ballbot.report.study import study_report
 from ballbot.report.validation import validation_results
-from ballbot.results import as_json, to_results
+from ballbot.results import to_results
 from ballbot.robot.file import write_robot
 from ballbot.workflows.controller_choice import Trial
 from ballbot.workflows.study import Study
@@ -123,7 +124,7 @@ def write_study(study: Study, out: str | Path, *, made: Provenance, before: Path
     write_text(folder / "previous_controller.toml", previous)
     if chosen is not None:
         write_controller(chosen, folder / "controller.toml")
-    write_text(folder / "results.json", as_json(study_results(study, made)))
+    write_text(folder / "results.json", results_text(study_results(study, made)))
     report = folder / "report.html"
     write_text(report, study_report(study, made))
     return report
@@ -145,7 +146,7 @@ def previous_controller_text(folder: Path, *, new: Controller | None, baseline: 
         Without compensation.
     """
     held = _text(folder / "controller.toml")
-    if held is not None and (new is None or held != controller_text(new)):
+    if held is not None and (new is None or without_format(held) != without_format(controller_text(new))):
         return held
     before = _text(folder / "previous_controller.toml")
     return _BASELINE + controller_text(baseline) if before is None else before

@@ -27,6 +27,7 @@ from typing import TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from ballbot.errors import InputError, nearest, suggest
+from ballbot.file_formats import format_line, take_format
 from ballbot.files import read_toml, write_text
 from ballbot.printable import toml_string
 from ballbot.robot.checks import check_source
@@ -176,8 +177,9 @@ def read_robot(path: str | Path, kind: type[R]) -> R:
     InputError
         If the file cannot be read, is no TOML, lacks or misspells a key, or describes no robot.
     """
-    tree = dict(read_toml(path))
+    tree = read_toml(path)
     try:
+        tree = take_format(tree, "robot")
         correlation = _correlation(tree.pop(_CORRELATION, {}))
         of_correlation = {f"{_CORRELATION}.of": correlation.of, f"{_CORRELATION}.lower": correlation.lower}
         return build(kind, _fields(dict(_leaves(tree))) | of_correlation)
@@ -200,7 +202,7 @@ def write_robot(robot: RobotValues, path: str | Path) -> None:
 
 def robot_text(robot: RobotValues) -> str:
     """Return the text that `write_robot` writes."""
-    blocks = [f"{_HEADER}\nname = {toml_string(robot.name)}", *_lines(robot, "")]
+    blocks = [f"{_HEADER}\n{format_line('robot')}\nname = {toml_string(robot.name)}", *_lines(robot, "")]
     for table, heading in headings_of(RobotValues).items():
         blocks += ["", f"# {heading}", f"[{table}]"]
         if table == "body.inertia":

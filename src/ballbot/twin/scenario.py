@@ -32,6 +32,7 @@ from pydantic import ConfigDict
 
 from ballbot.arrays import SHORTEST_STEP
 from ballbot.errors import InputError, OldFileFormat, suggest
+from ballbot.file_formats import format_line, take_format
 from ballbot.files import read_toml, write_text
 from ballbot.robot import Friction, Robot, Rollers, Sensors
 from ballbot.robot.checks import check_number
@@ -402,7 +403,7 @@ def load_scenario(source: str | Path, robot: Robot) -> Scenario:
         raise InputError(f"There is no scenario or scenario file {str(source)!r}; {hint}")
     tree = read_toml(path)
     try:
-        return scenario_of(tree, robot, default_name=path.stem, source=str(path))
+        return scenario_of(take_format(tree, "scenario"), robot, default_name=path.stem, source=str(path))
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
@@ -475,7 +476,7 @@ def scenario_text(scenario: Scenario) -> str:
         else:
             for content in value if isinstance(value, tuple) else (value,):
                 tables += ["", f"# {one.metadata['heading']}", *_table(one.name, content)]
-    return "\n".join([_HEADER + "\n".join(keys), *tables]) + "\n"
+    return "\n".join([_HEADER + "\n".join([format_line("scenario"), *keys]), *tables]) + "\n"
 
 
 def _table(name: str, content: object) -> list[str]:

@@ -27,7 +27,7 @@ from ballbot.control.controller import Controller
 from ballbot.control.file import Table, controller_text
 from ballbot.control.references import REFERENCES
 from ballbot.errors import InputError
-from ballbot.files import read_json
+from ballbot.file_formats import read_results, without_format
 from ballbot.log import Log
 from ballbot.results import reported
 from ballbot.schema import validate_table
@@ -149,8 +149,8 @@ def _expected_signature(choice: ControllerChoice, logs: Sequence[Log]) -> dict[s
 
 
 def checksum_of(controller: Controller) -> str:
-    """Return the SHA-256 of a controller's file, in hexadecimal digits."""
-    return hashlib.sha256(controller_text(controller).encode()).hexdigest()
+    """Return the SHA-256 of a controller's file without the number of its format, in hexadecimal digits."""
+    return hashlib.sha256(without_format(controller_text(controller)).encode()).hexdigest()
 
 
 def intervals_of(choice: ControllerChoice, candidate: str) -> dict[str, PredictionInterval]:
@@ -271,7 +271,7 @@ def read_prediction(path: str | Path) -> Prediction:
     InputError
         If the file cannot be read or holds no prediction.
     """
-    tree = read_json(path)
+    tree = read_results(path)
     found = tree.get("prediction") if isinstance(tree, dict) else None
     if not isinstance(found, dict):
         raise InputError(

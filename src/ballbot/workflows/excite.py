@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Controller
 from ballbot.control.references import Reference, square
 from ballbot.errors import InputError
-from ballbot.files import read_json
+from ballbot.file_formats import read_results
 from ballbot.findings import finding_results
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification import Bounds, Identification, identify
@@ -83,7 +83,7 @@ def deviations_found(path: str | Path) -> NDArray[np.float64]:
     InputError
         If the file cannot be read or is not such a file.
     """
-    results = cast("dict[str, dict]", read_json(path))
+    results = cast("dict[str, dict]", read_results(path))
     try:
         errors = results["held_out"]["rmse_with_friction"]
         values = np.array([errors[name] for name in STATE_NAMES], dtype=np.float64)

@@ -26,7 +26,8 @@ from ballbot.control.file import controller_text
 from ballbot.control.references import is_reference_file, reference_from, reference_text
 from ballbot.errors import InputError
 from ballbot.estimation import named_estimator
-from ballbot.files import write_text
+from ballbot.file_formats import results_text, without_format
+from ballbot.files import read_text, write_text
 from ballbot.log.formats import WRITTEN_SUFFIXES
 from ballbot.processes import uninterrupted, worker_pool
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
@@ -105,7 +106,7 @@ def record_run(
         with held.replaced() as new:
             for name, log in recording.logs.items():
                 log.write(new / f"{name}.{job.log_format}")
-            write_text(new / "results.json", json.dumps(recording.results, indent=2) + "\n")
+            write_text(new / "results.json", results_text(recording.results))
             for name, text in settings(job, seed).items():
                 write_text(new / name, text)
     return RecordOutcome(seed=seed, folder=folder, ended=recording.ended)
@@ -267,7 +268,7 @@ def _check_settings(job: RecordJob, seed: int, folder: Path) -> None:
     """Raise InputError unless the run in the folder is made as this job's."""
     for name, text in settings(job, seed).items():
         path = folder / name
-        if not path.is_file() or path.read_bytes() != text.encode():
+        if not path.is_file() or without_format(read_text(path)) != without_format(text):
             raise InputError(
                 f"{folder} holds a run of other settings ({name} differs); choose another folder with --out."
             )

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+from ballbot.file_formats import format_line
 from ballbot.log.mapping_inference.commands import Unit
 from ballbot.log.mapping_inference.conclusions import conclusions_of
 from ballbot.log.mapping_inference.evidence import Conclusion
@@ -21,6 +22,7 @@ def mapping_text(proposal: Proposal, robot: Robot, *, file: Path) -> str:
         f"# {printable_line(file.name)} as a log of the robot {robot.name}, proposed by `ballbot check-log`.",
         "# Assumptions that were not measured are marked: check them before you rely on the results.",
     ]
+    header.append(format_line("mapping"))
     questions = [one for one in conclusions_of(proposal) if not one.determined]
     if questions:
         lines = [f"#   {one.key}: {one.question}; {one.evidence}" for one in questions]

@@ -11,12 +11,13 @@ from types import MappingProxyType
 
 from matplotlib.figure import Figure
 
+from ballbot.file_formats import results_text
 from ballbot.files import write_text
 from ballbot.progress import Progress, ProgressCallback
 from ballbot.report.page import Provenance, figure_markup, render
 from ballbot.report.style import drawn
 from ballbot.report.tables import with_symbols
-from ballbot.results import as_json, to_results
+from ballbot.results import to_results
 from ballbot.robot import Friction
 from ballbot.thesis.published.printed import markdown_table
 from ballbot.thesis.reproduce import figures
@@ -161,7 +162,7 @@ def write_reproduction(
         own = re.sub(r' style="width:(\d+pt)"', r' width="\1"', svg, count=1)
         write_text(folder / "figures" / f"{item.key}.svg", own)
     results = reproduction_results(made) | {"provenance": to_results(provenance)}
-    write_text(folder / "results.json", as_json(results))
+    write_text(folder / "results.json", results_text(results))
     write_text(folder / "reproduce.md", reproduction_markdown(made))
     index = folder / "index.html"
     write_text(index, reproduction_page(made, provenance, figures))

@@ -1,0 +1,90 @@
+"""The versions of the formats of Ballbot's own files.
+
+Robot, controller, scenario and mapping files have a key `format`, such as "ballbot robot 1", and results.json has it
+beside the version of Ballbot that wrote it. A file without the key was written before formats had numbers, or by hand,
+and is read as before. Each reader turns the keys of earlier formats into the present ones.
+
+A number rises when an earlier Ballbot would misread the new file: a key is renamed, removed, or means something else. A
+new key that may be left out changes nothing.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Literal
+
+from ballbot.errors import InputError
+from ballbot.files import read_json
+from ballbot.results import as_json
+from ballbot.schema import toml_line
+
+Kind = Literal["robot", "controller", "scenario", "mapping", "results"]
+
+#: the number of the format that is written now
+NEWEST: Mapping[Kind, int] = {"robot": 1, "controller": 1, "scenario": 1, "mapping": 1, "results": 1}
+
+_NAME = re.compile(r"ballbot (\w+) (\d{1,9})")
+_LINE = re.compile(r'^format = "ballbot \w+ \d+".*\n', re.MULTILINE)
+
+
+def format_name(kind: Kind) -> str:
+    """Return what the key `format` of a file holds that is written now."""
+    return f"ballbot {kind} {NEWEST[kind]}"
+
+
+def format_line(kind: Kind) -> str:
+    """Return the line of a TOML file that states its format, without a line end."""
+    return toml_line("format", format_name(kind), "of this file; may be left out")
+
+
+def without_format(text: str) -> str:
+    """Return the text of a TOML file without that line: what an earlier Ballbot wrote for the same content."""
+    return _LINE.sub("", text, count=1)
+
+
+def take_format(tree: Mapping[str, object], kind: Kind) -> dict[str, object]:
+    """Return a file's tables without the key `format`, once it is found to be readable.
+
+    Raises
+    ------
+    InputError
+        If the file is of another kind or a newer format.
+    """
+    rest = dict(tree)
+    name = rest.pop("format", None)
+    if name is None:
+        return rest
+    found = _NAME.fullmatch(name) if isinstance(name, str) else None
+    if found is None or found[1] not in NEWEST:
+        raise InputError(f"format is {name!r}; it must be {format_name(kind)!r}, or be left out.")
+    if found[1] != kind:
+        raise InputError(f"format is {name!r}, but this must be a {kind} file.")
+    if int(found[2]) > NEWEST[kind]:
+        raise InputError(
+            f"format is {name!r}, which a newer Ballbot wrote; this one ({version('ballbot')}) reads up to "
+            f"{format_name(kind)!r}. Update it: pip install --upgrade ballbot"
+        )
+    return rest
+
+
+def results_text(results: Mapping[str, object]) -> str:
+    """Return the text of a results.json: its format, the version of Ballbot, and the results."""
+    return as_json({"format": format_name("results"), "ballbot": version("ballbot"), **results})
+
+
+def read_results(path: str | Path) -> object:
+    """Return what a results.json holds.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is no JSON, is of another kind or of a newer format.
+    """
+    tree = read_json(path)
+    try:
+        return take_format(tree, "results") if isinstance(tree, dict) else tree
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
