@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     from ballbot.log import Log
 
 CHECKPOINT = "checkpoint.jsonl"
+#: the robot file beside a log
+ROBOT_BESIDE = "robot.toml"
 
 _MAX_SEEDS = 100_000
 #: options that do not change a result, with the number of tokens that follow each
@@ -337,6 +339,12 @@ def read_balancing_log(path: Path, mapping: Path | None, robot: Robot) -> Log:
         return with_position(log, robot)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
+
+
+def robot_beside(log: Path) -> Robot | None:
+    """Return the robot in the file robot.toml beside a log; None if there is no such file."""
+    beside = log.parent / ROBOT_BESIDE
+    return Robot.load(str(beside)) if beside.is_file() else None
 
 
 def named_files(paths: Sequence[Path]) -> dict[str, Path]:

@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from ballbot.cli.context import LogFormatName, WholeNumber, input_files, open_result
 from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation, warn_of_overcompensation
 from ballbot.cli.findings import Accept, check_robot
-from ballbot.cli.output import standard_output
+from ballbot.cli.output import notice_output, standard_output
 from ballbot.control.references import reference_from
 from ballbot.estimation.interface import EstimatorName
 from ballbot.fitting.run import check_seed
@@ -25,6 +25,7 @@ from ballbot.simulation.run import simulate as run
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin.imperfections import imperfections_of
 from ballbot.twin.scenario import load_scenario
+from ballbot.viewer.foxglove import write_with_scene
 from ballbot.workflows.metrics import SETTLE, score, score_results, settled
 
 _WRITTEN = (*(f"log{suffix}" for suffix in WRITTEN_SUFFIXES), "results.json")
@@ -105,9 +106,11 @@ def simulate(
                 progress=lambda now: bar.show(now.share),
             )
         with result.replaced() as new:
-            log.write(new / f"log.{format}")
+            missing = write_with_scene(new / f"log.{format}", log, described)
             result.write_json(_results(log), new)
     result.show_file(f"log.{format}")
+    if missing:
+        notice_output().print(missing, markup=False, soft_wrap=True)
     if log.ended:
         console.print(f"The run ended early: {log.ended}.", soft_wrap=True)
 

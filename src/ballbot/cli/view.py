@@ -6,15 +6,13 @@ import tempfile
 import webbrowser
 from pathlib import Path
 
-from ballbot.cli.context import named_files
+from ballbot.cli.context import ROBOT_BESIDE, named_files, robot_beside
 from ballbot.cli.output import notice_output, show_written
 from ballbot.errors import InputError
 from ballbot.files import check_file, write_text
 from ballbot.log import Log
 from ballbot.robot import Robot
 from ballbot.viewer import Layout, replay_page
-
-_ROBOT_BESIDE = "robot.toml"
 
 
 def view(
@@ -69,7 +67,7 @@ def view(
             name: _part(Log.read(path, mapping=mapping), path, start, end) for name, path in paths.items()
         }
         given = None if robot is None else Robot.load(robot)
-        owners = {name: given or _robot_beside(path) for name, path in paths.items()}
+        owners = {name: given or _owner(path) for name, path in paths.items()}
         page = replay_page(logs, owners, title=" and ".join(logs), layout=layout)
     path = Path(tempfile.mkdtemp(prefix="ballbot-")) / "replay.html" if save is None else save
     write_text(path, page)
@@ -107,10 +105,11 @@ def _part(log: Log, path: Path, start: float | None, end: float | None) -> Log:
         raise InputError(f"{path}: {error}") from None
 
 
-def _robot_beside(path: Path) -> Robot:
-    beside = path.parent / _ROBOT_BESIDE
-    if not beside.is_file():
+def _owner(path: Path) -> Robot:
+    """Return the robot of a log, which is beside it."""
+    found = robot_beside(path)
+    if found is None:
         raise InputError(
-            f"The robot of {path} is not known: there is no {_ROBOT_BESIDE} beside it. Name the robot with --robot."
+            f"The robot of {path} is not known: there is no {ROBOT_BESIDE} beside it. Name the robot with --robot."
         )
-    return Robot.load(str(beside))
+    return found

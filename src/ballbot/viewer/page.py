@@ -22,7 +22,7 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.printable import printable_line
 from ballbot.robot import Robot
-from ballbot.robot.drawing import body_shape, row_offsets, wheel_shapes
+from ballbot.robot.drawing import BodyShape, body_shape, row_offsets, wheel_shapes
 from ballbot.viewer.motion import Motion, motion_of, robot_at_rest
 from ballbot.viewer.packing import packed
 
@@ -214,13 +214,7 @@ def _run(name: str, motion: Motion, robot: Robot) -> dict[str, object]:
 
 def robot_shape(robot: Robot) -> dict[str, object]:
     """Return what the page draws of a robot, in the body frame with its origin at the ball's center [m]."""
-    body, wheels, radius = body_shape(robot.body), robot.wheels, robot.wheels.radius
-    shapes = wheel_shapes(robot)
-    half = (wheels.rollers.rows - 1) * wheels.rollers.row_spacing / 2.0 + wheels.rollers.radius
-    above = radius * abs(np.cos(wheels.tilt)) + half * abs(np.sin(wheels.tilt))
-    highest = max(float(one.center[2]) for one in shapes) + above
-    # the lower of the body's two discs may lie within ball and wheels: what is drawn begins above them
-    bottom = max(body.bottom, robot.ball.radius, highest) + 0.2 * radius
+    wheels, radius = robot.wheels, robot.wheels.radius
     return {
         "ball_radius": robot.ball.radius,
         "wheel_radius": radius,
@@ -232,10 +226,20 @@ def robot_shape(robot: Robot) -> dict[str, object]:
         },
         "wheels": [
             {key: getattr(one, key).tolist() for key in ("contact", "rolling", "axle", "center")}
-            for one in shapes
+            for one in wheel_shapes(robot)
         ],
-        "body": {"radius": body.radius, "bottom": bottom, "top": max(body.top, bottom + radius)},
+        "body": asdict(shown_body(robot)),
     }
+
+
+def shown_body(robot: Robot) -> BodyShape:
+    """Return the body as it is drawn: its lower disc may lie within ball and wheels, and the picture begins above."""
+    body, wheels, radius = body_shape(robot.body), robot.wheels, robot.wheels.radius
+    half = (wheels.rollers.rows - 1) * wheels.rollers.row_spacing / 2.0 + wheels.rollers.radius
+    above = radius * abs(np.cos(wheels.tilt)) + half * abs(np.sin(wheels.tilt))
+    highest = max(float(one.center[2]) for one in wheel_shapes(robot)) + above
+    bottom = max(body.bottom, robot.ball.radius, highest) + 0.2 * radius
+    return BodyShape(radius=body.radius, bottom=bottom, top=max(body.top, bottom + radius))
 
 
 def _arrow(shown: Sequence[tuple[Motion, Robot]]) -> dict[str, float] | None:

@@ -196,9 +196,10 @@ def _columns(content: bytes) -> Columns:
 def _own_columns(names: Sequence[str], topics: Iterable[Topic]) -> Columns:
     """Return the columns of a file that `write_mcap` wrote."""
     by_topic = {one.name: one.messages for one in topics}
+    clock = next((by_topic[topic] for topic in _TOPICS.values() if topic in by_topic), [])
     columns: Columns = {}
     for name in names:
-        messages = next(iter(by_topic.values())) if name == "t" else by_topic.get(_TOPICS[unit_of(name)], [])
+        messages = clock if name == "t" else by_topic.get(_TOPICS[unit_of(name)], [])
         columns[name] = np.array([message.get(name, np.nan) for message in messages], dtype=np.float64)
     return columns
 
