@@ -104,8 +104,8 @@ def test_nothing_arms_before_the_self_test_passes():
 
 def test_self_test_names_a_swapped_cable():
     robot = emulated()
-    given = robot._hand.step
-    robot._hand.step = lambda torques, duration: given(torques[[1, 0, 2]], duration)
+    given = robot.hand.step
+    robot.hand.step = lambda torques, duration: given(torques[[1, 0, 2]], duration)
     session = connected(robot)
     assert session.self_test() is SelfTestOutcome.TORQUE_ORDER
     assert session.state.self_test_wheel == 1

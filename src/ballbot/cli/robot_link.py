@@ -22,13 +22,11 @@ from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
 from ballbot.control.presets import nominal_controller
 from ballbot.errors import InputError
-from ballbot.firmware.export import Export, check_belongs, export_controller
-from ballbot.firmware.qemu import QemuBoard, board_image, what_to_install
+from ballbot.firmware.export import check_belongs
 from ballbot.fitting.run import check_seed
 from ballbot.link.datagram import read_key
-from ballbot.link.emulated import CompiledRobot, EmulatedRobot
+from ballbot.link.emulated import emulated_robot
 from ballbot.link.live import LiveRobot, Sample
-from ballbot.link.lock_step import BoardLine
 from ballbot.link.messages import State
 from ballbot.link.operators import UPRIGHT, EmulatedCamera, EmulatedOperator, Movement, Operator
 from ballbot.link.session import Session
@@ -36,13 +34,8 @@ from ballbot.link.transport import Transport, open_transport
 from ballbot.report.console import PlainConsole, table
 from ballbot.report.live import View, state_line, state_table
 from ballbot.robot import Robot
-from ballbot.simulation.held_robot import HeldRobot, Hold
-from ballbot.simulation.plant import Plant
-from ballbot.simulation.sensed_plant import SensedPlant
-from ballbot.twin import Twin
-from ballbot.twin.imperfections import imperfections_of, true_model
-from ballbot.twin.scenario import Scenario, load_scenario
-from ballbot.workflows.controller_choice import available_plant
+from ballbot.simulation.held_robot import Hold
+from ballbot.twin.scenario import load_scenario
 from ballbot.workflows.courses import PlantName
 
 #: of an emulated robot whose file is not given
@@ -152,7 +145,18 @@ def connected(
             "--board and --plant are of an emulated robot; give --emulated in place of the port."
         )
     if port is None:
-        emulated, hand = _emulated(link, hold, real_time=real_time)
+        check_seed(link.seed)
+        described = Robot.load(link.robot or _EMULATED_ROBOT)
+        emulated = emulated_robot(
+            described,
+            load_scenario(link.scenario, described),
+            plant=link.plant,
+            on_board=link.board,
+            hold=hold,
+            seed=link.seed,
+            real_time=real_time,
+        )
+        hand = emulated.hand
         with _session(emulated, emulated.clock) as robot:
             camera = None
             if hold == "upside_down":
@@ -174,42 +178,6 @@ def _session(transport: Transport, clock: Callable[[], float]) -> Iterator[LiveR
         yield LiveRobot(session, clock=clock)
     finally:
         session.close()
-
-
-def _emulated(link: LinkOptions, hold: Hold, *, real_time: bool) -> tuple[EmulatedRobot, HeldRobot]:
-    """Return an emulated robot with the nominal controller, and the hand that holds it."""
-    check_seed(link.seed)
-    described = Robot.load(link.robot or _EMULATED_ROBOT)
-    scenario = load_scenario(link.scenario, described)
-    true = true_model(described, scenario)
-    hand = HeldRobot(true.robot, sensors=scenario.sensors, hold=hold, torque_noise=scenario.torque_noise)
-    controller = nominal_controller(described)
-    robot = EmulatedRobot(
-        _plant(link, described, scenario),
-        _line(export_controller(controller), on_board=link.board),
-        sample_time=controller.sample_time,
-        seed=link.seed,
-        hand=hand,
-        always_held=hold != "on_ball",
-        real_time=real_time,
-    )
-    return robot, hand
-
-
-def _plant(link: LinkOptions, described: Robot, scenario: Scenario) -> Plant:
-    """Return the body of an emulated robot."""
-    if available_plant(link.plant) == "twin":
-        return Twin(described, scenario)
-    return SensedPlant(true_model(described, scenario), imperfections_of(scenario), known=described)
-
-
-def _line(exported: Export, *, on_board: bool) -> Transport:
-    """Return the line of an emulated robot's firmware."""
-    if on_board:
-        if missing := what_to_install():
-            raise InputError(missing)
-        return BoardLine(QemuBoard(board_image(exported.files)))
-    return CompiledRobot(exported.parameters)
 
 
 class TerminalOperator:

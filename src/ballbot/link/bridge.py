@@ -2,6 +2,7 @@
 
     python -m ballbot.link.bridge /dev/ttyACM0                                          loopback only
     python -m ballbot.link.bridge /dev/ttyACM0 --host 192.168.4.1 --key robot.key       from another computer
+    python -m ballbot.link.bridge emulated                                              an emulated robot
 
 It hands on whole frames, one in a datagram, and serves one host: the address whose `Hello` came first. Another address
 is heard only after that has been silent for a second. Bound to an address other than loopback it needs the robot's
@@ -10,6 +11,9 @@ signed.
 
 The bridge reads handshakes, and off loopback it hands on `Arm` only to a robot that needs its own button for that. The
 robot's own checks stand behind it, and so does its watchdog if the bridge ends.
+
+A robot stops if a frame is late. An emulated one waits: its clock stands still while the host, on a busy computer, is
+late (`serve_emulated`).
 """
 
 from __future__ import annotations
@@ -22,13 +26,18 @@ from pathlib import Path
 
 from ballbot.errors import InputError
 from ballbot.link.datagram import Direction, read_key, seal, unseal
+from ballbot.link.emulated import EmulatedRobot, emulated_robot
 from ballbot.link.frames import Frame, decode, message_of
 from ballbot.link.messages import TO_HOST, TO_ROBOT, Arm, Capability, Hello, Welcome
 from ballbot.link.transport import LinkError, Transport, datagram_socket, is_loopback, open_transport
+from ballbot.robot import Robot
+from ballbot.twin.scenario import load_scenario
 
 DEFAULT_PORT = 5005
 #: after which another host may come [s]
 PEER_SILENCE = 1.0
+#: after which a host that is late is gone: an emulated robot then goes on, sample by sample, until it stops [s]
+_HOST_PATIENCE = 0.5
 _LARGEST_DATAGRAM = 2048
 
 
@@ -140,26 +149,45 @@ class UdpBridge:
         self._socket.close()
 
 
+def serve_emulated(bridge: UdpBridge, robot: EmulatedRobot) -> None:
+    """Let an emulated robot run behind its bridge for one sample; its clock waits for a host that is late."""
+    bridge.step(_HOST_PATIENCE if robot.waits else 0.0)
+
+
 def main(argv: Sequence[str] | None = None) -> None:
     """Run a bridge until it is interrupted."""
     parser = argparse.ArgumentParser(
         prog="python -m ballbot.link.bridge", description="Bridge from UDP to a serial line."
     )
-    parser.add_argument("port", help="the robot's serial port, as /dev/ttyACM0?baud=921600")
+    parser.add_argument(
+        "port", help="the robot's serial port, as /dev/ttyACM0?baud=921600; or emulated, for an emulated one"
+    )
+    parser.add_argument("--robot", default="alten", help="preset or file of an emulated robot")
     parser.add_argument("--host", default="127.0.0.1", help="address to bind; loopback by default")
     parser.add_argument("--udp-port", type=int, default=DEFAULT_PORT)
     parser.add_argument("--key", type=Path, help="file with the robot's key; needed off loopback")
     given = parser.parse_args(argv)
     try:
         key = read_key(given.key) if given.key else None
-        bridge = UdpBridge(open_transport(given.port), host=given.host, port=given.udp_port, key=key)
-        print(f"Bridge from {given.host}:{bridge.port} to {given.port}; Ctrl-C ends it.")
+        emulated = _emulated(given.robot) if given.port == "emulated" else None
+        line = emulated or open_transport(given.port)
+        bridge = UdpBridge(line, host=given.host, port=given.udp_port, key=key)
+        print(f"Bridge from {given.host}:{bridge.port} to {given.port}; Ctrl-C ends it.", flush=True)
         while True:
-            bridge.step(0.001)
+            if emulated:
+                serve_emulated(bridge, emulated)
+            else:
+                bridge.step(0.001)
     except KeyboardInterrupt:
         return
     except (InputError, LinkError) as problem:
         raise SystemExit(str(problem)) from None
+
+
+def _emulated(name: str) -> EmulatedRobot:
+    """Return an emulated robot that runs in real time."""
+    robot = Robot.load(name)
+    return emulated_robot(robot, load_scenario("nominal", robot), real_time=True)
 
 
 if __name__ == "__main__":

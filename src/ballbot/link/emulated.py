@@ -22,16 +22,25 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.control.presets import nominal_controller
 from ballbot.errors import InputError
 from ballbot.estimation.interface import Reading
 from ballbot.firmware.build import shared_library, source_files
-from ballbot.firmware.export import PROJECT
+from ballbot.firmware.export import PROJECT, export_controller
+from ballbot.firmware.qemu import QemuBoard, board_image, what_to_install
 from ballbot.firmware.records import PARAMETERS
-from ballbot.link.lock_step import LockStep, sensors_of
-from ballbot.link.messages import Motors
+from ballbot.link.lock_step import BoardLine, LockStep, sensors_of
+from ballbot.link.messages import WATCHDOG, Motors
 from ballbot.link.transport import Transport
-from ballbot.simulation.held_robot import HeldRobot
+from ballbot.robot import Robot
+from ballbot.simulation.held_robot import HeldRobot, Hold
 from ballbot.simulation.plant import Measurement, Plant
+from ballbot.simulation.sensed_plant import SensedPlant
+from ballbot.twin import Twin
+from ballbot.twin.imperfections import imperfections_of, true_model
+from ballbot.twin.scenario import Scenario
+from ballbot.workflows.controller_choice import available_plant
+from ballbot.workflows.courses import PlantName
 
 #: the hardware of emulated robots, in C
 HARDWARE = Path(__file__).parents[1] / "firmware" / "emulated"
@@ -59,7 +68,8 @@ class EmulatedRobot:
     always_held : bool
         Never let the robot go: for a sweep of its free wheels, and upside down.
     real_time : bool
-        Wait so that the robot runs no faster than the clock on the wall.
+        Wait so that the robot runs no faster than the clock on the wall. A late sample slows the robot's clock down;
+        it is not caught up, because the host would then be silent for too many samples.
     """
 
     def __init__(
@@ -78,13 +88,14 @@ class EmulatedRobot:
         self._sample_time = sample_time
         self._seed = seed
         self._always_held = always_held
-        self._began = time.monotonic() if real_time else None
-        self._hand = HeldRobot(plant.robot) if hand is None else hand
+        self._due = time.monotonic() if real_time else None  # when the next sample is
+        self._heard = 0.0
+        self.hand = HeldRobot(plant.robot) if hand is None else hand  #: that holds the robot
         if not always_held:  # the first sample loads compiled code, for longer than host and board wait
             plant.reset(None, seed=seed)
             plant.step(np.zeros(plant.robot.wheel_count), sample_time)
         self._held, self._caught = True, False
-        self._measured = self._hand.reset(seed=seed)
+        self._measured = self.hand.reset(seed=seed)
         self._turned = np.zeros(plant.robot.wheel_count)  # wheel angles when the present plant began
 
     @property
@@ -117,6 +128,17 @@ class EmulatedRobot:
     def write(self, data: bytes) -> None:
         """Send bytes to the robot, which takes them with its next sample."""
         self._steps.write(data)
+        self._heard = self.clock()
+
+    @property
+    def waits(self) -> bool:
+        """Whether the robot's motors are enabled and half of its watchdog's time has passed since the host wrote.
+
+        Where host and robot run by the clock on the wall, let the robot take no sample until the host writes, or has
+        been silent for longer than a busy computer explains.
+        """
+        enabled = self.motors is not None and bool(self.motors.enabled)
+        return enabled and self.clock() - self._heard >= 0.5 * WATCHDOG
 
     def close(self) -> None:
         """Switch the robot off."""
@@ -124,12 +146,14 @@ class EmulatedRobot:
 
     def _sample(self) -> None:
         """Let the robot take one sample, and hold its torques until the next."""
-        if self._began is not None:
-            time.sleep(max(0.0, self._began + self.clock() + self._sample_time - time.monotonic()))
+        if self._due is not None:
+            late = time.monotonic() - self._due
+            time.sleep(max(0.0, -late))
+            self._due += self._sample_time + (late if late > self._sample_time else 0.0)
         self._steps.sensors = sensors_of(self._reading(), robot=self.plant.robot)
         motors = self._steps.step()
         self._let_go_or_hold(motors)
-        plant = self._hand if self._held else self.plant
+        plant = self.hand if self._held else self.plant
         torques = motors.torques[: plant.robot.wheel_count].astype(np.float64)
         self._measured = plant.step(torques, self._sample_time)
 
@@ -155,8 +179,62 @@ class EmulatedRobot:
         place = np.zeros(10)
         place[[0, 1, 4]] = self._measured.truth[[0, 1, 4]]
         self._held, self._seed = held, self._seed + 1
-        plant = self._hand if held else self.plant
+        plant = self.hand if held else self.plant
         self._measured = plant.reset(place, seed=self._seed)
+
+
+def emulated_robot(
+    robot: Robot,
+    scenario: Scenario,
+    *,
+    plant: PlantName = "model",
+    on_board: bool = False,
+    hold: Hold = "on_ball",
+    seed: int = 0,
+    real_time: bool = False,
+) -> EmulatedRobot:
+    """Return an emulated robot with the nominal controller.
+
+    Parameters
+    ----------
+    robot : Robot
+        As its firmware knows it.
+    scenario : Scenario
+        True friction, sensors and play.
+    plant : {"model", "twin"}
+        Its body: the equations of motion, or the physics engine.
+    on_board : bool
+        Whether its firmware runs on a board under QEMU in place of this computer.
+    hold : {"on_ball", "in_air", "upside_down"}
+        How it is held; in the air and upside down it stays so when it arms.
+    seed : int
+    real_time : bool
+        As for `EmulatedRobot`.
+
+    Raises
+    ------
+    InputError
+        If there is no compiler, or the board or the twin is not installed.
+    """
+    model = true_model(robot, scenario)
+    controller = nominal_controller(robot)
+    exported = export_controller(controller)
+    if on_board and (missing := what_to_install()):
+        raise InputError(missing)
+    body = (
+        Twin(robot, scenario)
+        if available_plant(plant) == "twin"
+        else SensedPlant(model, imperfections_of(scenario), known=robot)
+    )
+    return EmulatedRobot(
+        body,
+        BoardLine(QemuBoard(board_image(exported.files))) if on_board else CompiledRobot(exported.parameters),
+        sample_time=controller.sample_time,
+        seed=seed,
+        hand=HeldRobot(model.robot, sensors=scenario.sensors, hold=hold, torque_noise=scenario.torque_noise),
+        always_held=hold != "on_ball",
+        real_time=real_time,
+    )
 
 
 class CompiledRobot:

@@ -37,6 +37,7 @@ from ballbot.link.messages import (
     Answer,
     Arm,
     AskCounts,
+    Capability,
     Commit,
     ControllerPlace,
     Counts,
@@ -61,10 +62,12 @@ from ballbot.link.transport import LinkError, Transport
 
 #: after which the host sends something, if only `Keep` [s]
 KEEP_INTERVAL = WATCHDOG / 5.0
+#: longest silence [s] of an emulated robot behind a port: its clock waits if the computer is busy, and nobody is hurt
+EMULATED_SILENCE = 2.0
 #: for an answer, after which a command is sent again [s]
 _ANSWER_TIME = 0.1
-#: times that a command is sent
-_ATTEMPTS = 5
+#: for which a command is sent again and again, at least [s]
+_COMMAND_TIME = 0.5
 _WORD = np.dtype("<i4")
 _Kind = TypeVar("_Kind", Counts, Parameters)
 
@@ -103,6 +106,7 @@ class Session:
         self.state: State | None = None  #: the last one
         self._clock = clock
         self._reader = FrameReader(TO_HOST, self.counts)
+        self._silence = WATCHDOG  # longest [s]
         self._session = 0
         self._sequence = 0
         self._last: int | None = None  # sequence number of the robot's last frame
@@ -149,6 +153,9 @@ class Session:
                     f"The robot's firmware has {name} of another version; export it again and flash it."
                 )
         self.welcome, self._session = welcome, welcome.session % 2**32
+        # by the clock on the wall, an emulated robot may be slow; by its own clock it is never late
+        slow = welcome.capabilities & Capability.EMULATED and self._clock is time.monotonic
+        self._silence = EMULATED_SILENCE if slow else WATCHDOG
         self._heard = self._clock()
 
     @property
@@ -162,7 +169,7 @@ class Session:
         Raises
         ------
         LinkError
-            If there is no session, or the robot has been silent for 50 ms.
+            If there is no session, or the robot has been silent for 50 ms; for an emulated one behind a port, 2 s.
         """
         queued, self._queued = self._queued, []
         end = self._clock() + timeout
@@ -185,7 +192,7 @@ class Session:
         now = self._clock()
         if found:
             self._heard = now
-        elif now - self._heard > WATCHDOG:
+        elif now - self._heard > self._silence:
             self.welcome = None
             raise LinkError(
                 f"The robot has been silent for {1e3 * (now - self._heard):.0f} ms. It stops by itself; connect "
@@ -238,6 +245,11 @@ class Session:
         self._sent = self._clock()
         return self._sequence
 
+    @property
+    def _attempts(self) -> int:
+        """How often a command is sent before it counts as lost."""
+        return round(max(_COMMAND_TIME, self._silence) / _ANSWER_TIME)
+
     def request(self, message: Message) -> Answer:
         """Send a command until it is answered, and return the answer. Other messages wait for the next `poll`.
 
@@ -251,7 +263,7 @@ class Session:
     def _request(self, message: Message) -> tuple[Answer, bool]:
         """Return the answer to a command, and whether the command was sent again before it came."""
         sent: set[int] = set()
-        for _ in range(_ATTEMPTS):
+        for _ in range(self._attempts):
             sent.add(self.send(message))
             end = self._clock() + _ANSWER_TIME
             while self._clock() < end:
@@ -284,20 +296,27 @@ class Session:
     def self_test(self, *, timeout: float = 3.0) -> SelfTestOutcome:
         """Run the self-test and return its result. States that come meanwhile wait for the next `poll`.
 
+        Parameters
+        ----------
+        timeout : float
+            By the robot's clock [s].
+
         Raises
         ------
         LinkError
             If the robot is armed, does not answer, or does not end the test in time.
         """
         self.start_self_test()
-        end = self._clock() + timeout
-        seen: State | None = self.state
-        while self._clock() < end:
+        seen, passed = self.state, 0.0
+        while passed < timeout:
+            before = self.state
             self._queued += self._step(KEEP_INTERVAL)
-            if self.state is not seen and self.state is not None:
-                outcome = SelfTestOutcome(self.state.self_test)
-                if outcome not in (SelfTestOutcome.NOT_RUN, SelfTestOutcome.RUNNING):
-                    return outcome
+            if self.state is seen or self.state is None:
+                continue
+            passed += 0.0 if before is None else 1e-6 * ((self.state.time - before.time) % 2**32)
+            outcome = SelfTestOutcome(self.state.self_test)
+            if outcome not in (SelfTestOutcome.NOT_RUN, SelfTestOutcome.RUNNING):
+                return outcome
         raise LinkError(f"The robot's self-test does not end within {timeout:g} s.")
 
     def arm(
@@ -429,7 +448,7 @@ class Session:
 
     def _ask(self, message: Message, kind: type[_Kind], matches: Callable[[_Kind], bool]) -> _Kind:
         """Send a question until its answer comes; other messages wait for the next `poll`."""
-        for _ in range(_ATTEMPTS):
+        for _ in range(self._attempts):
             self.send(message)
             end = self._clock() + _ANSWER_TIME
             while self._clock() < end:
