@@ -59,7 +59,7 @@ COMMANDS = (
     Command("new", "Robot", "Write a robot file to start from."),
     Command("check", "Robot", "Check a robot's parameters and print derived quantities."),
     Command("check-log", "Logs", "Check a log and show what it can be used for."),
-    Command("convert", "Logs", "Write a log in another file format, as for Foxglove, ROS 2 or MATLAB."),
+    Command("convert", "Logs", "Write a log in another file format."),
     Command("simulate", "Logs", "Simulate a robot in closed loop and write a log."),
     Command("record", "Logs", "Record logs from the physics-engine twin."),
     Command("view", "Logs", "Show logs of a robot in three dimensions, in the browser."),
