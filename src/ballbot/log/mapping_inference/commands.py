@@ -38,6 +38,7 @@ from ballbot.log.mapping_inference.evidence import (
     jackknife_error,
     normal_log_weight,
     probabilities,
+    solved,
     without_each_block,
 )
 from ballbot.log.mapping_inference.names import InputKind
@@ -219,18 +220,18 @@ def response(
     forward = _block_products(Z, X, u, weight, driving.block)
 
     def log_gain(sums: NDArray[np.float64]) -> float:
-        a = _solved(sums)[0]
+        a = solved(sums)[0]
         return math.log(a) if a > 0.0 else math.nan
 
     def damping(sums: NDArray[np.float64]) -> float:
-        a, b = _solved(sums)[:2]
+        a, b = solved(sums)[:2]
         return float(b / a)
 
     R = np.concatenate([u[..., None], jump[..., None], speed[..., None], own], axis=-1)
     back = _block_products(R, R, driving.needed, weight, driving.block)
 
     def dead_band(sums: NDArray[np.float64]) -> float:
-        slope, step = _solved(sums)[:2]
+        slope, step = solved(sums)[:2]
         return float(step / slope)
 
     found = log_gain(forward.sum(axis=0))
@@ -259,13 +260,6 @@ def _block_products(
         rows = block == b
         made[b] = np.einsum("nwi,nwj->ij", weighted[rows], right[rows])
     return made
-
-
-def _solved(sums: NDArray[np.float64]) -> NDArray[np.float64]:
-    normal, right = sums[:, :-1], sums[:, -1]
-    size = np.sqrt(np.abs(np.diag(normal))) + 1e-12
-    scaled = normal / np.outer(size, size)
-    return np.linalg.lstsq(scaled, right / size, rcond=1e-9)[0] / size
 
 
 @dataclass(frozen=True)

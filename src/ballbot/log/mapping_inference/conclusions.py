@@ -21,6 +21,8 @@ WORLD_THETA_PHI, WORLD_ONE_LETTER, WORLD_ROLL_PITCH = 0.5, 0.15, 0.01
 STEADY_HEADING = math.radians(4.0)
 #: logarithm of the ratio of two scales that no log separates, such as 1000 and 1023
 ALIKE = 0.05
+#: logarithm of the ratio of the torques of two kinds that are one answer: half of what torques may be off
+ALIKE_TORQUES = 0.1
 
 
 def conclusions_of(proposal: Proposal) -> tuple[Conclusion, ...]:
@@ -129,11 +131,15 @@ def _handedness(proposal: Proposal) -> Conclusion:
         name for name, sign in zip(("roll", "pitch", "yaw"), frame.axis_signs, strict=True) if sign < 0
     ]
     value = f"{' and '.join(reversed_axes)} reversed" if reversed_axes else "right-handed"
+    gyro, shown = proposal.gyro, ""
+    if gyro is not None and math.isfinite(gyro.handedness):
+        shown = f"; by the gyro the handedness is {gyro.handedness:.1f} (1 or -1), error {gyro.handedness_error:.1f}"
     return Conclusion(
         name="axes of the IMU",
         value=value,
         confidence=frame.handedness,
-        evidence=f"lean and yaw of the same handedness fit the turning of the heading {z:.1f} standard errors better",
+        evidence=f"lean and yaw of the same handedness fit the turning of the heading {z:.1f} standard errors "
+        f"better{shown}",
         alternatives=("right-handed",) if reversed_axes else ("pitch or yaw reversed",),
         key="[attitude] sign",
     )
@@ -282,7 +288,7 @@ def _kind(proposal: Proposal) -> list[Conclusion]:
 
 
 def _equal_unit(unit: Unit, others: Iterable[Unit], standstill: dict[Unit, float]) -> Unit | None:
-    """Return the one of other units that makes the same log: a current, if one ampere gives as much as one N m."""
+    """Return the one of other units that makes nearly the same log: a current, if one ampere gives about one N m."""
     if unit.kind not in ("torque", "current"):
         return None
     torque = standstill[unit]
@@ -290,7 +296,7 @@ def _equal_unit(unit: Unit, others: Iterable[Unit], standstill: dict[Unit, float
         (
             one
             for one in others
-            if one.kind in ("torque", "current") and abs(math.log(standstill[one] / torque)) < ALIKE
+            if one.kind in ("torque", "current") and abs(math.log(standstill[one] / torque)) < ALIKE_TORQUES
         ),
         None,
     )

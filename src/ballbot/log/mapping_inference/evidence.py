@@ -101,3 +101,11 @@ def without_each_block(
     """Return an estimate (B,) from sums (B, ...) over blocks, with each block left out in turn."""
     total = sums.sum(axis=0)
     return np.array([estimate(total - one) for one in sums])
+
+
+def solved(sums: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the coefficients (k,) of normal equations [A b] (k, k + 1), each column scaled to its size."""
+    normal, right = sums[:, :-1], sums[:, -1]
+    size = np.sqrt(np.abs(np.diag(normal))) + 1e-12
+    scaled = normal / np.outer(size, size)
+    return np.linalg.lstsq(scaled, right / size, rcond=1e-9)[0] / size

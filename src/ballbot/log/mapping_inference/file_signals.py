@@ -1,21 +1,26 @@
 """The columns of a foreign file that have a role: their smooth signals on even rows, and the axes of the gyro.
 
 A gyro is compared with the rates of the angles: which of its columns is about which axis, with which sign and unit, and
-by how much the angles are later.
+by how much the angles are later. Where the heading turns, it also shows whether roll, pitch and yaw have one
+handedness: of angles of the aerospace order with sigma = 1 if they have it and -1 if one of them is reversed, a gyro
+measures to first order of the lean
+
+    gyro_x = roll_dot - sigma yaw_dot pitch,      gyro_y = pitch_dot + sigma yaw_dot roll
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.log.mapping_inference.evidence import TINY
+from ballbot.log.mapping_inference.evidence import TINY, jackknife_error, solved, without_each_block
+from ballbot.log.mapping_inference.placements import lean_sums_of
 from ballbot.log.mapping_inference.roles import Roles
 from ballbot.log.mapping_inference.units import Scale
 from ballbot.log.mapping_inference.wheel_response import held_commands
@@ -151,7 +156,19 @@ def gyro_of(
     gyro = smooth(signals.rows, sampled[kept], raw.gyro[kept])
     if signals.usable.sum() < 200:
         return None
-    return _gyro_test(gyro, seen, signals.usable, raw.gyro_unit, with_yaw=with_yaw)
+    found = _gyro_test(gyro, seen, signals.usable, raw.gyro_unit, with_yaw=with_yaw)
+    if found is None or not with_yaw:
+        return found
+    turned = raw.gyro[:, list(found.order)] * found.factor * np.asarray(found.signs)
+    seen = smooth(signals.rows, sampled[kept], angles[kept], width=HANDEDNESS_WIDTH)
+    gyro = smooth(signals.rows, sampled[kept] + found.lag, turned[kept], width=HANDEDNESS_WIDTH)
+    sigma, error = _handedness(gyro, seen, signals.usable)
+    return replace(found, handedness=sigma, handedness_error=error)
+
+
+#: filter of gyro and angles before their handedness is estimated [s]: the heading turns slowly, and noise of the angles
+#: makes the estimate too small
+HANDEDNESS_WIDTH = 0.08
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,6 +184,8 @@ class GyroTest:
     lag: float  #: angles later than the gyro [s]
     confidence: float
     reason: str
+    handedness: float = math.nan  #: sigma of the module's text; nan without a yaw
+    handedness_error: float = math.inf  #: its standard error
 
 
 def _gyro_test(
@@ -222,6 +241,28 @@ def _gyro_test(
         reason=f"correlations with the rates of the angles {', '.join(f'{r:.2f}' for r in strength)}; "
         f"gain {gain * factor:.2f}",
     )
+
+
+def _handedness(gyro: Smooth, attitude: Smooth, usable: NDArray[np.bool_]) -> tuple[float, float]:
+    """Return sigma of the module's text and its standard error.
+
+    Each axis of the gyro (N, 3), in the angles' order, signs and unit, is regressed on the rate of its angle, on that
+    rate's derivative, in place of a small delay, and on the part of the yaw's rate; the two estimates of sigma are
+    averaged.
+    """
+    estimates = []
+    for axis, other, sign in ((0, 1, -1.0), (1, 0, 1.0)):
+        turned = sign * attitude.rate[:, 2] * np.sin(attitude.value[:, other])
+        known = (attitude.rate[:, axis], attitude.acceleration[:, axis], np.ones(len(turned)))
+        X, y = np.column_stack([turned, *known]), gyro.value[:, axis] - attitude.rate[:, axis]
+        sums = lean_sums_of(X.astype(np.complex128), y.astype(np.complex128), usable.astype(np.float64))
+        sums = sums.real[:, :-1]
+        if len(sums) < 3:
+            return math.nan, math.inf
+        each = without_each_block(sums, lambda one: float(solved(one)[0]))
+        estimates.append((float(solved(sums.sum(axis=0))[0]), max(jackknife_error(each), 1e-3)))
+    weights = np.array([error**-2 for _, error in estimates])
+    return float(weights @ [sigma for sigma, _ in estimates] / weights.sum()), float(weights.sum() ** -0.5)
 
 
 def _gyro_unit(gain: float, named: str | None) -> tuple[str, float, float]:

@@ -85,14 +85,15 @@ def even_azimuths(robot: Robot) -> bool:
 def ranked_placements(
     robot: Robot,
     driven: NDArray[np.complex128],
+    rolled: NDArray[np.complex128],
     wheels: Smooth,
     heading: Smooth | None,
     weights: NDArray[np.float64],
     gamma: float,
 ) -> tuple[list[Placement], float]:
-    """Return all placements, the best first, and the confidence in the best."""
+    """Return all placements, the best first, and the confidence in the best; `rolled` is that of `each_wheel`."""
     every, ways, beta = every_placement(robot), every_way(robot), np.asarray(robot.wheels.azimuths)
-    lean_sums = lean_sums_of(each_wheel(wheels), driven, weights)
+    lean_sums = lean_sums_of(rolled, driven, weights)
     wheel_sums = _wheel_sums(wheels, heading, weights > 0.0)
     total = _scores(every, ways, lean_sums.sum(axis=0), wheel_sums.sum(axis=0), beta)
     blocks = np.array(
@@ -294,10 +295,15 @@ def _together(
     return max(outside + total, 0.0) / max(float(np.trace(G)), TINY)
 
 
-def each_wheel(wheels: Smooth) -> NDArray[np.complex128]:
-    """Return columns (N, 2 n + 1) that give every wheel gains of its own."""
+def each_wheel(wheels: Smooth, turning: NDArray[np.float64] | float = 0.0) -> NDArray[np.complex128]:
+    """Return columns (N, 2 n + 1) that give every wheel gains of its own.
+
+    `turning` is the rate (N,) [rad/s] at which the frame of the lean turns: in that frame a rate of the wheels'
+    motion W has the part j `turning` W.
+    """
     ones = np.ones(len(wheels.rate))
-    return np.column_stack([wheels.acceleration, rolling_direction(wheels), ones]).astype(np.complex128)
+    moved = wheels.acceleration + 1j * np.broadcast_to(turning, len(ones))[:, None] * wheels.rate
+    return np.column_stack([moved, rolling_direction(wheels), ones]).astype(np.complex128)
 
 
 def rolling_direction(wheels: Smooth) -> NDArray[np.float64]:

@@ -151,7 +151,7 @@ def propose(
     units = units.judged_by(measured.lean_test)
     signals, tested = measured.signals, measured.lean_test
     heading = _test_heading(signals, tested, robot)
-    frame = frame_of(robot, tested, heading)
+    frame = frame_of(robot, tested, heading, measured.gyro)
     usable = tested.balancing if tested else signals.usable
     # by then all wheels count the same way round
     commands = _test_commands(signals, measured.angles * np.asarray(frame.signs), measured.sampled, usable)

@@ -1,0 +1,103 @@
+"""The frame of the IMU, which turns with the robot, in mappings of foreign logs: signals made from their equations."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ballbot.log.mapping_inference.file_signals import Raw, gyro_of, signals_of
+from ballbot.log.mapping_inference.frame import Frame, frame_of, heading_test
+from ballbot.log.mapping_inference.placement import LeanTest, lean_test, torque_free_gains
+from ballbot.log.signals import INTERVAL, Smooth
+from tests.support.foreign_log_examples import small_robot
+
+ROWS = INTERVAL * np.arange(4000)
+
+
+def slow_sines(random: np.random.Generator, size: float) -> list[np.ndarray]:
+    """Return a sum of sines (N,) with its first and second derivative; frequencies from 2 to 6 rad/s."""
+    value, rate, acceleration = (np.zeros(len(ROWS)) for _ in range(3))
+    for w in random.uniform(2.0, 6.0, 3):
+        phase = w * ROWS + random.uniform(0.0, 2.0 * np.pi)
+        value, rate = value + size * np.sin(phase), rate + size * w * np.cos(phase)
+        acceleration = acceleration - size * w**2 * np.sin(phase)
+    return [value, rate, acceleration]
+
+
+def law_while_turning(
+    *, turn_rate: float, sigma: float, imu_turn: float, seed: int
+) -> tuple[LeanTest, Frame]:
+    """Return test and frame of signals that follow the law of the rolling ball exactly, while the heading sways."""
+    robot, random = small_robot(), np.random.default_rng(seed)
+    kappa, gamma = torque_free_gains(robot)
+    x, y = slow_sines(random, 0.01), slow_sines(random, 0.01)
+    theta, theta_dot, theta_ddot = (a + 1j * b for a, b in zip(x, y, strict=True))
+    psi, psi_dot, psi_ddot = turn_rate * np.array([np.sin(ROWS), np.cos(ROWS), -np.sin(ROWS)])
+    # as the world sees it, the law has no terms of the turning frame
+    twist = np.exp(1j * psi)
+    world = (
+        (theta_ddot + 2j * psi_dot * theta_dot + (1j * psi_ddot - psi_dot**2 - kappa) * theta) * twist / gamma
+    )
+    W = np.cumsum(world - world.mean()) * INTERVAL / twist
+    W_dot = (world - world.mean()) / twist - 1j * psi_dot * W
+    azimuths = np.asarray(robot.wheels.azimuths)
+    # W is the sum of w_i e^{j beta}; a heading turns all wheels alike
+    speeds, accelerations = (
+        2.0 / 3.0 * np.real(one[:, None] * np.exp(-1j * azimuths)) - 2.0 * turning[:, None]
+        for one, turning in ((W, psi_dot), (W_dot, psi_ddot))
+    )
+    wheels = Smooth(value=np.cumsum(speeds, axis=0) * INTERVAL, rate=speeds, acceleration=accelerations)
+    seen = [one * np.exp(-1j * imu_turn) for one in (theta, theta_dot, theta_ddot)]
+    if sigma < 0.0:
+        seen = [one.conj() for one in seen]
+    value, rate, acceleration = (np.column_stack([one.real, one.imag]) for one in seen)
+    lean = Smooth(value=value, rate=rate, acceleration=acceleration)
+    heading = Smooth(value=psi[:, None], rate=psi_dot[:, None], acceleration=psi_ddot[:, None])
+    found = lean_test(robot, lean, wheels, heading, np.ones(len(ROWS), dtype=bool))
+    assert found is not None
+    frame = frame_of(robot, found, heading_test(robot, wheels, heading, found))
+    assert frame.order == (1, 2, 3)
+    assert frame.axis_signs[1] == sigma
+    return found, frame
+
+
+@pytest.mark.parametrize("sigma", [1.0, -1.0])
+@pytest.mark.parametrize("turn_rate", [0.0, 0.8])
+def test_a_robot_that_turns_while_it_rolls_keeps_gain_and_phase(turn_rate, sigma):
+    found, frame = law_while_turning(
+        turn_rate=turn_rate, sigma=sigma if turn_rate else 1.0, imu_turn=0.4, seed=3
+    )
+    best = found.placements[0]
+    # 2 %: signals with no noise, sampled every 5 ms, and the lag that is estimated
+    assert best.gain == pytest.approx(1.0, abs=0.02)
+    assert best.unexplained < 0.01
+    # up to a third of a turn of the robot, with the wheels renamed
+    assert abs(np.angle(np.exp(3j * (frame.measured_turn - 0.4)))) / 3.0 < np.radians(1.0)
+
+
+@given(pitch_sign=st.sampled_from([1, -1]), yaw_sign=st.sampled_from([1, -1]), seed=st.integers(0, 2**32 - 1))
+@settings(deadline=None, max_examples=10)
+def test_a_gyro_shows_the_handedness_of_its_angles(pitch_sign, yaw_sign, seed):
+    random = np.random.default_rng(seed)
+    roll, pitch = slow_sines(random, 0.02), slow_sines(random, 0.02)
+    yaw, yaw_dot = 0.5 * np.sin(ROWS), 0.5 * np.cos(ROWS)
+    # rates of the aerospace order, exact
+    gyro = np.column_stack(
+        [
+            roll[1] - yaw_dot * np.sin(pitch[0]),
+            pitch[1] * np.cos(roll[0]) + yaw_dot * np.sin(roll[0]) * np.cos(pitch[0]),
+            -pitch[1] * np.sin(roll[0]) + yaw_dot * np.cos(roll[0]) * np.cos(pitch[0]),
+        ]
+    ) * [1, pitch_sign, yaw_sign]
+    angles = np.column_stack([roll[0], pitch_sign * pitch[0], yaw_sign * yaw])
+    angles[:, :2] += 5e-4 * random.standard_normal((len(ROWS), 2))
+    wheels = np.column_stack([np.sin(2.0 * ROWS + k) for k in range(3)])
+    raw = Raw(t=ROWS, angles=wheels, attitude=angles, commands=None, gyro=gyro, gyro_unit=None)
+    found = gyro_of(raw, signals_of(raw, wheels, ROWS, angles, width=0.05), ROWS, angles)
+    assert found is not None
+    # 0.2: noise of the angles makes the estimate too small by a tenth
+    assert found.handedness == pytest.approx(pitch_sign * yaw_sign, abs=0.2)
+    assert found.handedness_error < 0.1
+    assert math.isfinite(found.lag)
