@@ -1,9 +1,9 @@
-"""`ballbot new`: a robot file to start from."""
+"""`ballbot new`: a robot file to start from, or a model of a robot for other tools."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
@@ -13,6 +13,10 @@ from ballbot.files import check_new_file
 from ballbot.printable import printable_line, shell_line
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
+from ballbot.robot.robot import is_model_file
+
+if TYPE_CHECKING:
+    from ballbot.twin.model_files import ReadModel
 
 
 def new(
@@ -20,32 +24,66 @@ def new(
     /,
     *,
     from_: Annotated[str, Parameter(name="--from")] = "alten",
+    like: str = "alten",
     out: Path | None = None,
     force: bool = False,
 ) -> None:
-    """Write a robot file to start from: a commented copy of a preset under a new name.
+    """Write a robot file to start from: a commented copy of a preset under a new name. Or turn models into robots.
+
+    A model in MJCF (MuJoCo) or URDF (ROS) becomes a robot file, and a robot becomes such a model, by the suffixes of
+    the files.
 
     Example: `ballbot new myrobot --from alten`
+
+    Example: `ballbot new myrobot --from myrobot.urdf --like alten`
+
+    Example: `ballbot new alten --out alten.urdf`
 
     Parameters
     ----------
     name : str
         The new robot's name.
     from_ : str
-        Preset or robot file to copy.
+        Preset or robot file to copy; or a model: .xml or .mjcf (MJCF), .urdf.
+    like : str
+        Preset or robot file for what a model does not state, such as gears and sensors; marked as assumed.
     out : Path
-        File to write; NAME.toml if not given.
+        File to write; NAME.toml if not given. A name that ends in .xml, .mjcf or .urdf gets a model.
     force : bool
         Replace an existing file.
     """
     path = out or Path(f"{name}.toml")
     if printable_line(name) != name:
         raise InputError(f"{name!r} cannot be a robot's name; remove the characters that cannot be printed.")
-    robot = Robot.load(from_).replace(name=name)
     if out is None and Path(name).name != name:
         raise InputError(f"{name!r} cannot be both a robot's name and a file name; give the file with --out.")
+    console = standard_output()
     check_new_file(path, force=force)
-    write_robot(robot, path)
-    hint = f"Wrote {path}. Change its values, then run: {shell_line(['ballbot', 'check', path])}"
-    standard_output().print(hint, soft_wrap=True)
+    if is_model_file(from_):
+        from ballbot.twin.model_files import read_model  # with compiled code
+
+        model = read_model(from_, like=Robot.load(like))
+        robot = model.robot.replace(name=name)
+        console.print("\n".join(_read(from_, model, like)), soft_wrap=True, markup=False)
+    else:
+        robot = Robot.load(from_).replace(name=name)
+    if is_model_file(path):
+        from ballbot.twin.model_files import write_model
+
+        write_model(robot, path)
+        hint = f"Wrote {path}. It has every roller as one contact."
+    else:
+        write_robot(robot, path)
+        hint = f"Wrote {path}. Change its values, then run: {shell_line(['ballbot', 'check', path])}"
+    console.print(hint, soft_wrap=True, markup=False)
     emit({"files": [path]})
+
+
+def _read(source: str, model: ReadModel, like: str) -> list[str]:
+    """Return sentences on what a model states and what is assumed."""
+    lines = [
+        f"Read from {source}: {', '.join(model.stated) or 'nothing that differs from the robot file in it'}."
+    ]
+    if model.assumed:
+        lines.append(f"Assumed, mostly as in {like}: {', '.join(model.assumed)}. Check these.")
+    return [*lines, *model.notes]

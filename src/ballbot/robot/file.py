@@ -28,7 +28,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from ballbot.errors import InputError, nearest, suggest
 from ballbot.file_formats import format_line, take_format
-from ballbot.files import read_toml, write_text
+from ballbot.files import parse_toml, read_toml, write_text
 from ballbot.printable import toml_string
 from ballbot.robot.checks import check_source
 from ballbot.robot.components import BY_NAME, PARAMETERS, Correlation, InertiaPoint, RobotValues
@@ -177,14 +177,22 @@ def read_robot(path: str | Path, kind: type[R]) -> R:
     InputError
         If the file cannot be read, is no TOML, lacks or misspells a key, or describes no robot.
     """
-    tree = read_toml(path)
+    return _robot_of(read_toml(path), kind, source=str(path))
+
+
+def parse_robot(text: str, kind: type[R], *, source: str) -> R:
+    """Return the robot that a text in TOML describes, as `read_robot`; a refusal names `source`."""
+    return _robot_of(parse_toml(text, source=source), kind, source=source)
+
+
+def _robot_of(tree: dict[str, object], kind: type[R], *, source: str) -> R:
     try:
         tree = take_format(tree, "robot")
         correlation = _correlation(tree.pop(_CORRELATION, {}))
         of_correlation = {f"{_CORRELATION}.of": correlation.of, f"{_CORRELATION}.lower": correlation.lower}
         return build(kind, _fields(dict(_leaves(tree))) | of_correlation)
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise InputError(f"{source}: {error}") from None
 
 
 def write_robot(robot: RobotValues, path: str | Path) -> None:

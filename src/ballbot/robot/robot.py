@@ -27,6 +27,8 @@ from ballbot.robot.file import read_robot
 from ballbot.robot.parameters import Value, build, value_of
 
 _PRESETS = Path(__file__).parent / "presets"
+#: suffixes of robots as models of other tools: MJCF and URDF
+MODEL_SUFFIXES = (".xml", ".mjcf", ".urdf")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,12 +130,21 @@ class Robot(RobotValues):
                 f"did you mean the preset {near[0]!r}?" if near else f"the presets are {', '.join(presets)}."
             )
             raise InputError(f"There is no robot file or preset {str(source)!r}; {hint}")
+        if is_model_file(source):
+            raise InputError(
+                f"{source} is a model in MJCF or URDF; make it a robot file with: ballbot new NAME --from {source}"
+            )
         return read_robot(source, Robot)
 
     @staticmethod
     def presets() -> list[str]:
         """Return the names of the robots that ship with Ballbot."""
         return sorted(path.stem for path in _PRESETS.glob("*.toml"))
+
+
+def is_model_file(path: str | Path) -> bool:
+    """Return whether a file's name has the suffix of a model of another tool; `ballbot.twin.model_files` reads it."""
+    return Path(path).suffix.lower() in MODEL_SUFFIXES
 
 
 @cache

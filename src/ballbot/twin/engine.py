@@ -1,4 +1,4 @@
-"""MuJoCo behind a typed interface, and the conversion between the robot's ten states and MuJoCo's coordinates.
+"""MuJoCo behind a typed interface: simulation, the content of a model, and the robot's ten states in its coordinates.
 
 This is the only module that imports MuJoCo, whose bindings have no types.
 """
@@ -6,6 +6,7 @@ This is the only module that imports MuJoCo, whose bindings have no types.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,16 +27,8 @@ class Engine:
     """
 
     def __init__(self, document: str) -> None:
-        try:
-            import mujoco
-        except ImportError:
-            raise InputError("The twin needs MuJoCo; install it with: pip install 'ballbot[twin]'.") from None
-        self._mujoco = mujoco
-        try:
-            self.model = mujoco.MjModel.from_xml_string(document)  # pyright: ignore[reportAttributeAccessIssue]
-        except ValueError as error:
-            reason = " ".join(str(error).split())
-            raise InputError(f"MuJoCo cannot simulate this robot in this scenario: {reason}.") from None
+        self._mujoco = mujoco = _mujoco()
+        self.model = _compiled(mujoco, document, refusal="MuJoCo cannot simulate this robot in this scenario")
         self.data = mujoco.MjData(self.model)  # pyright: ignore[reportAttributeAccessIssue]
         self._step = mujoco.mj_step  # pyright: ignore[reportAttributeAccessIssue]
         self.timestep = float(self.model.opt.timestep)
@@ -113,6 +106,104 @@ class Engine:
     def velocities(self, kind: str, count: int) -> slice:
         """Return the indices of the hinges "kind 1" to "kind count" in `qvel`, one for each wheel."""
         return _evenly_spaced(self.first_velocity(f"{kind} 1"), self.first_velocity(f"{kind} 2"), count)
+
+
+def _mujoco():  # the module has no types
+    try:
+        import mujoco
+    except ImportError:
+        raise InputError("The twin needs MuJoCo; install it with: pip install 'ballbot[twin]'.") from None
+    return mujoco
+
+
+def _compiled(mujoco, document: str, *, refusal: str):  # its classes have no types
+    try:
+        return mujoco.MjModel.from_xml_string(document)
+    except ValueError as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{refusal}: {reason}.") from None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Mechanism:
+    """The bodies (b), joints (j) and shapes (g) of a model in the pose of its document, in the world's frame."""
+
+    names: tuple[str, ...]  #: of the bodies; the first is the world
+    parents: NDArray[np.intp]  #: (b,)
+    masses: NDArray[np.float64]  #: (b,) [kg]
+    centers: NDArray[np.float64]  #: (b, 3) of mass [m]
+    inertias: NDArray[np.float64]  #: (b, 3, 3) about the centre of mass [kg m^2]
+    joint_names: tuple[str, ...]
+    hinges: NDArray[np.bool_]  #: (j,) whether it turns about one axis
+    joint_bodies: NDArray[np.intp]  #: (j,) the body that it moves
+    anchors: NDArray[np.float64]  #: (j, 3) [m]
+    axes: NDArray[np.float64]  #: (j, 3)
+    damping: NDArray[np.float64]  #: (j,) [N m s/rad]
+    dry_friction: NDArray[np.float64]  #: (j,) [N m]
+    armatures: NDArray[np.float64]  #: (j,) reflected inertia [kg m^2]
+    torque_limits: NDArray[np.float64]  #: (j,) [N m]; infinite if not stated
+    shapes: tuple[str, ...]  #: kinds of the shapes: sphere, capsule, ellipsoid, cylinder, box ..
+    shape_bodies: NDArray[np.intp]  #: (g,)
+    shape_sizes: NDArray[np.float64]  #: (g, 3) [m]
+    gravity: float  #: [m/s^2]
+
+
+#: kinds of shapes by MuJoCo's number
+_SHAPES = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh")
+_HINGE, _OF_JOINT = 3, 0  # MuJoCo's numbers of a hinge, and of an actuator on a joint
+
+
+def mechanism_of(document: str, *, source: str) -> Mechanism:
+    """Return what a document in MJCF or URDF describes; a refusal names `source`.
+
+    Raises
+    ------
+    InputError
+        If MuJoCo is not installed, or refuses the document.
+    """
+    mujoco = _mujoco()
+    model = _compiled(mujoco, document, refusal=f"{source} is not a model that MuJoCo reads")
+    data = mujoco.MjData(model)  # pyright: ignore[reportAttributeAccessIssue]
+    mujoco.mj_kinematics(model, data)  # pyright: ignore[reportAttributeAccessIssue]
+    mujoco.mj_comPos(model, data)  # pyright: ignore[reportAttributeAccessIssue]
+    frames = data.ximat.reshape(-1, 3, 3)
+    velocity = model.jnt_dofadr
+    return Mechanism(
+        names=tuple(model.body(k).name for k in range(model.nbody)),
+        parents=model.body_parentid.astype(np.intp),
+        masses=model.body_mass.copy(),
+        centers=data.xipos.copy(),
+        inertias=np.einsum("bij,bj,bkj->bik", frames, model.body_inertia, frames),
+        joint_names=tuple(model.joint(k).name for k in range(model.njnt)),
+        hinges=model.jnt_type == _HINGE,
+        joint_bodies=model.jnt_bodyid.astype(np.intp),
+        anchors=data.xanchor.copy(),
+        axes=data.xaxis.copy(),
+        damping=model.dof_damping[velocity],
+        dry_friction=model.dof_frictionloss[velocity],
+        armatures=model.dof_armature[velocity],
+        torque_limits=_torque_limits(model),
+        shapes=tuple(_SHAPES[kind] if kind < len(_SHAPES) else "other" for kind in model.geom_type.tolist()),
+        shape_bodies=model.geom_bodyid.astype(np.intp),
+        shape_sizes=model.geom_size.copy(),
+        gravity=float(np.linalg.norm(model.opt.gravity)),
+    )
+
+
+def _torque_limits(model) -> NDArray[np.float64]:  # MjModel
+    """Return the largest torque [N m] of each joint that its own limits and those of its motors allow."""
+    stated = np.where(model.jnt_actfrclimited, model.jnt_actfrcrange[:, 1], np.inf)
+    for k in range(model.nu):
+        if model.actuator_trntype[k] != _OF_JOINT:
+            continue
+        joint, gear = model.actuator_trnid[k, 0], abs(model.actuator_gear[k, 0])
+        for limited, span in (
+            (model.actuator_ctrllimited[k], model.actuator_ctrlrange[k]),
+            (model.actuator_forcelimited[k], model.actuator_forcerange[k]),
+        ):
+            if limited:
+                stated[joint] = min(stated[joint], gear * span[1])
+    return stated
 
 
 def _evenly_spaced(first: int, second: int, count: int) -> slice:
