@@ -162,7 +162,16 @@ def mechanism_of(document: str, *, source: str) -> Mechanism:
         If MuJoCo is not installed, or refuses the document.
     """
     mujoco = _mujoco()
-    model = _compiled(mujoco, document, refusal=f"{source} is not a model that MuJoCo reads")
+    refusal = f"{source} is not a model that MuJoCo reads"
+    warnings: list[str] = []
+    # else MuJoCo writes warnings into a file in the user's folder
+    mujoco.set_mju_user_warning(warnings.append)  # pyright: ignore[reportAttributeAccessIssue]
+    try:
+        model = _compiled(mujoco, document, refusal=refusal)
+    finally:
+        mujoco.set_mju_user_warning(None)  # pyright: ignore[reportAttributeAccessIssue]
+    if warnings:
+        raise InputError(f"{refusal}: {' '.join(warnings[0].split())}")
     data = mujoco.MjData(model)  # pyright: ignore[reportAttributeAccessIssue]
     mujoco.mj_kinematics(model, data)  # pyright: ignore[reportAttributeAccessIssue]
     mujoco.mj_comPos(model, data)  # pyright: ignore[reportAttributeAccessIssue]
