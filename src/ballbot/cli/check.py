@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from cyclopts import Parameter
 
+from ballbot.cli import OUTPUT
 from ballbot.cli.context import CommandResult, input_files, open_result
 from ballbot.cli.findings import Accept, check_input, show_findings
 from ballbot.cli.output import emit, standard_output
@@ -111,7 +112,8 @@ def check(
             log=None if predict is None else _log(hung, robot, predict, accept),
             following=_following(hung, reference, controller),
         )
-        emit(checked.results())
+        if OUTPUT.get().json:  # the results compile the thesis's equations
+            emit(checked.results())
         for part in robot_check_parts(checked, framed=console.is_terminal):
             console.print(part)
         if figure is not None:

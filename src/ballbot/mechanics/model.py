@@ -23,6 +23,7 @@ from ballbot.mechanics.engine.arrays import (
     evaluate_acceleration,
     evaluate_energy,
     evaluate_mass_matrix,
+    evaluate_upright,
     evaluate_wheel_rows,
     evaluate_wheel_speeds,
 )
@@ -187,7 +188,11 @@ class Model:
                 "without pivoting friction."
             )
         robot, origin = self.robot, np.zeros(5)
-        M, W = self.mass_matrix(origin), self.wheel_jacobian(origin)
+        if self.formulation == "exact":  # what the first command needs takes half the time to compile
+            M, W = np.empty((5, 5)), np.empty((robot.wheel_count, 5))
+            evaluate_upright(self.selected, self.packed, origin[2:], M, W)
+        else:
+            M, W = self.mass_matrix(origin), self.wheel_jacobian(origin)
         tipping = robot.body.mass * robot.gravity * robot.body.center_of_mass
         stiffness = np.diag([0.0, 0.0, tipping, tipping, 0.0])
         damping = W.T @ np.diag(robot.friction.viscous) @ W

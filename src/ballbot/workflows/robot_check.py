@@ -352,7 +352,6 @@ class CheckedRobot:
     derived: list[Derived]
     matrices: dict[str, NDArray[np.float64]]
     linear: LinearModel  #: the exact model about upright
-    linearization: dict[str, object]  #: the same for results.json, with the thesis's beside it
     poles: NDArray[np.complex128]  #: of the exact model about upright, fastest growth first [rad/s]
     spread: PoleSpread | None  #: None if no value has a standard deviation
     band: PredictionBand | None
@@ -372,7 +371,7 @@ class CheckedRobot:
             "mistaken_matrices": {
                 name: MISTAKEN_MATRICES[name] for name in self.matrices if name in MISTAKEN_MATRICES
             },
-            "linearization": self.linearization,
+            "linearization": linearization_results(Model(self.robot)),
             "poles": self.poles,
             "unstable_pole": float(self.poles[0].real),
             "standard_deviations": self.robot.standard_deviations,
@@ -404,8 +403,7 @@ def check_robot(
     swing : CheckedSwing, optional
     following : CheckedReference, optional
     """
-    found, model = transforms(robot), Model(robot)
-    linear = model.linearize()
+    found, linear = transforms(robot), Model(robot).linearize()
     poles = np.asarray(linear.poles(), dtype=np.complex128)
     return CheckedRobot(
         robot=robot,
@@ -417,7 +415,6 @@ def check_robot(
         derived=derived_quantities(robot),
         matrices={name: getattr(found, name) for name in MATRICES},
         linear=linear,
-        linearization=linearization_results(model),
         poles=poles[np.argsort(-poles.real)],
     )
 
