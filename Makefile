@@ -2,7 +2,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: demo test fast browser board samples bench evidence format types clean
+.PHONY: demo test fast browser board samples wheel lowest bench evidence format types clean
 
 demo: .venv/.demo  ## record a balancing robot on the twin, study its logs, name the report
 	@echo "1 of 3: record 48 s around a square on the physics-engine twin"
@@ -26,6 +26,12 @@ board: .venv/.test  ## the firmware on a whole board under QEMU; skips what is n
 
 samples: .venv/.test  ## a sample of each campaign and of the goldens; pages and examples made anew; every array walked under bounds checks
 	$(BIN)/python -m pytest -m sample -n auto --dist loadfile
+
+wheel: .venv/bin/python  ## the wheel, installed alone into an empty environment, and commands tried there
+	$(BIN)/python -m tests.release wheel
+
+lowest: .venv/bin/python  ## commands and some tests with the lowest versions of what Ballbot depends on
+	$(BIN)/python -m tests.release lowest
 
 bench: .venv/.bench  ## timings against peers, into docs/generated/benchmarks.md
 	$(BIN)/python -m benchmarks.run

@@ -6,6 +6,7 @@ import inspect
 import json
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -204,3 +205,14 @@ def completed(script: str, line: str) -> str:
     )
     done = subprocess.run(["bash"], input=words, capture_output=True, text=True, check=True)
     return done.stdout.strip()
+
+
+def test_completion_works_without_the_packages_of_extras(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delitem(sys.modules, "ballbot.cli.spin", raising=False)
+    monkeypatch.setitem(sys.modules, "ballbot.vision.spin", None)
+    script = printed_json(capsys, "completion", "bash")["script"]
+    assert isinstance(script, str)
+    assert "spin" in script
+    assert "--frame-rate" not in script

@@ -7,7 +7,7 @@ once.
 from __future__ import annotations
 
 import importlib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -131,13 +131,15 @@ _OUTPUT = OutputOptions()
 OUTPUT_OPTIONS = ("--json", "--quiet")
 
 
-def build_app(tokens: Sequence[str] = ()) -> App:
+def build_app(tokens: Sequence[str] = (), *, unavailable: Collection[str] = ()) -> App:
     """Return the command-line application; `.meta` of it takes whole command lines.
 
     Parameters
     ----------
     tokens : sequence of str
         The command line, without the program's name. Only the command that it names is imported.
+    unavailable : collection of str
+        Commands that stand in the list without their options, because what they need is not installed.
 
     Raises
     ------
@@ -159,7 +161,9 @@ def build_app(tokens: Sequence[str] = ()) -> App:
     )
     for place, command in enumerate(COMMANDS):
         group = _GROUPS[command.group]
-        if command.name in tokens[:1]:
+        if command.name in unavailable:
+            app.command(_unavailable, name=command.name, help=command.summary, group=group, sort_key=place)
+        elif command.name in tokens[:1]:
             loaded = getattr(importlib.import_module(command.module), command.function)
             if isinstance(loaded, App):  # a group of commands has its name already
                 app.command(loaded)
@@ -179,6 +183,10 @@ def build_app(tokens: Sequence[str] = ()) -> App:
         app(words, exit_on_error=False, print_error=False, result_action="return_value")
 
     return app
+
+
+def _unavailable(*words: str) -> None:
+    """Stand for a command that cannot be imported."""
 
 
 def _version() -> str:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 from typing import Literal
 
-from ballbot.cli.app import build_app
+from ballbot.cli.app import COMMANDS, Command, build_app
 from ballbot.cli.output import emit, standard_output
 
 Shell = Literal["bash", "zsh", "fish"]
@@ -19,11 +20,22 @@ def completion(shell: Shell, /) -> None:
 
     Example: `ballbot completion fish > ~/.config/fish/completions/ballbot.fish`
 
+    The options of a command that needs an extra package are in the script if that package is installed.
+
     Parameters
     ----------
     shell
         The shell that reads the script.
     """
-    script = build_app().generate_completion(shell=shell)
+    unavailable = [command.name for command in COMMANDS if not _is_importable(command)]
+    script = build_app(unavailable=unavailable).generate_completion(shell=shell)
     emit({"shell": shell, "script": script})
     standard_output().print(script, end="", soft_wrap=True)
+
+
+def _is_importable(command: Command) -> bool:
+    try:
+        importlib.import_module(command.module)
+    except ModuleNotFoundError:  # of an extra
+        return False
+    return True

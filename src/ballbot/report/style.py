@@ -11,17 +11,19 @@ import re
 import warnings
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import TypedDict, cast
+from typing import TYPE_CHECKING, TypedDict, cast
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.text import Text
-from matplotlib.typing import RcKeyType
 from numpy.typing import NDArray
 
 from ballbot.log import STATE_NAMES
 from ballbot.printable import printable, printable_line
+
+if TYPE_CHECKING:  # of matplotlib 3.10
+    from matplotlib.typing import RcKeyType
 
 INK = "#22303c"
 MUTED = "#6b7883"

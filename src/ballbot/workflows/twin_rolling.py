@@ -28,7 +28,14 @@ from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification import Identification
 from ballbot.identification.parameters import scale_between
 from ballbot.identification.quantities import FRICTION
-from ballbot.identification.stages import EVOLUTION_STEP, IdentificationOptions, prepare, refine
+from ballbot.identification.stages import (
+    EVOLUTION_STEP,
+    IdentificationOptions,
+    prepare,
+    refine,
+    stages_of,
+)
+from ballbot.progress import ProgressReporter
 from ballbot.robot import Friction
 from ballbot.simulation.run import simulate
 from ballbot.twin.scenario import Scenario
@@ -95,6 +102,8 @@ def _added(found: Identification, scenario: Scenario, run: Run) -> NDArray[np.fl
     begin = coordinates.scaled(
         np.clip(coordinates.layout.nominal(robot), coordinates.lower, coordinates.upper)
     )
-    estimate = refine(prepared, begin, options=options, run=own)
+    reporter = ProgressReporter(run.progress, stages_of(prepared, options))
+    estimate = refine(prepared, begin, options=options, run=replace(own, progress=reporter))
+    reporter.end()
     place = coordinates.labels.index("C_rr")
     return np.array([estimate.values[place] - trial if not estimate.unknown[place] else np.nan])

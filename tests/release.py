@@ -1,0 +1,120 @@
+"""`python -m tests.release wheel` and `lowest`: Ballbot installed into empty environments, and tried.
+
+`wheel` builds the wheel, installs it alone, and runs commands that need every kind of file in it. `lowest` installs
+Ballbot with the lowest versions that pyproject.toml allows of what it depends on (chosen by uv), and runs the same
+commands and a selection of fast tests, which use each package. Both need a package index.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import venv
+from collections.abc import Sequence
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+EXTRAS = "twin,formats,interop,symbolic,cluster,vision,link"
+#: tests of each package that Ballbot depends on, without long compilation
+TESTS = (
+    "tests/cli/test_output_options.py",  # cyclopts, rich
+    "tests/robot/test_file.py",  # pydantic, tomli-w
+    "tests/log/test_formats.py",  # pyarrow
+    "tests/log/test_message_formats.py",  # mcap, rosbags
+    "tests/control/test_lqr.py",  # scipy, control
+    "tests/vision/test_parts.py",  # opencv
+    "tests/link/test_frames.py",  # cobs, fastcrc
+    "tests/fitting/test_run.py",  # processes
+)
+
+
+def main() -> None:
+    """Build, install and try."""
+    parser = argparse.ArgumentParser(prog="python -m tests.release", description=__doc__)
+    parser.add_argument("what", choices=("wheel", "lowest"))
+    what = parser.parse_args().what
+    with tempfile.TemporaryDirectory(prefix="ballbot-release-") as folder:
+        (try_wheel if what == "wheel" else try_lowest)(Path(folder))
+
+
+def try_wheel(folder: Path) -> None:
+    """Build the wheel, install it and what it needs into an empty environment, and try the commands."""
+    _run(sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", folder, ROOT)
+    (wheel,) = folder.glob("ballbot-*.whl")
+    python = _environment(folder / "environment")
+    _run(python, "-m", "pip", "install", "--quiet", wheel)
+    try_commands(python, folder)
+
+
+def try_lowest(folder: Path) -> None:
+    """Install the lowest versions of what Ballbot depends on, and try commands and tests."""
+    python = _environment(folder / "environment")
+    _run(python, "-m", "pip", "install", "--quiet", "uv")
+    uv = [python, "-m", "uv", "pip"]
+    chosen = folder / "lowest.txt"
+    extras = [word for extra in EXTRAS.split(",") for word in ("--extra", extra)]
+    lowest = ("--resolution", "lowest-direct", "--quiet", "--output-file", chosen)
+    _run(*uv, "compile", *lowest, *extras, ROOT / "pyproject.toml")
+    print(chosen.read_text(encoding="utf-8"))
+    _run(*uv, "install", "--quiet", "--python", python, "-r", chosen, "pytest>=8", "hypothesis>=6.100")
+    _run(*uv, "install", "--quiet", "--python", python, "--no-deps", ROOT)
+    try_commands(python, folder)
+    _run(python, "-m", "pytest", "-q", "-x", "-m", "not slow and not sample", *TESTS, cwd=ROOT)
+
+
+def try_commands(python: Path, folder: Path) -> None:
+    """Run commands that need every kind of file in the package, and look at what they give."""
+    work = folder / "work"
+    work.mkdir()
+
+    def ballbot(line: str) -> str:
+        begun = time.monotonic()
+        made = _run(python, "-m", "ballbot", *line.split(), cwd=work)
+        print(f"{time.monotonic() - begun:6.1f} s  ballbot {line}", flush=True)
+        return made
+
+    assert ballbot("-V").strip() == _version()
+    assert "ballbot study" in ballbot("")
+    assert 3.0 < json.loads(ballbot("check alten --json"))["unstable_pole"] < 10.0  # [rad/s]
+    ballbot("new mine --from rezero")
+    ballbot("completion bash")
+    ballbot("demo --no-browser --out demo")
+    assert {"demo.html", "demo_result.js"} <= {path.name for path in (work / "demo").iterdir()}
+    ballbot("design alten --out designed")
+    ballbot("export designed/controller.toml --robot alten --out firmware")
+    assert any((work / "firmware").rglob("*.c"))
+    ballbot("simulate alten --reference hold --duration 2 --out run")
+    ballbot("view run/log.csv --robot alten --save replay.html")
+    assert ballbot("check-log run/log.csv --robot alten --json").startswith("{")
+
+
+def _version() -> str:
+    import tomllib
+
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        return tomllib.load(file)["project"]["version"]
+
+
+def _environment(folder: Path) -> Path:
+    """Make an empty environment and return its Python."""
+    venv.create(folder, with_pip=True)
+    return folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+
+
+def _run(*words: object, cwd: Path | None = None) -> str:
+    """Run a command outside this environment and return what it prints; stop with its messages if it fails."""
+    own = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
+    line: Sequence[str] = [str(word) for word in words]
+    done = subprocess.run(line, cwd=cwd, env=own, capture_output=True, text=True, check=False)
+    if done.returncode:
+        sys.exit(f"{' '.join(line)}\n{done.stdout[-4000:]}{done.stderr[-4000:]}\nfailed: {done.returncode}")
+    return done.stdout
+
+
+if __name__ == "__main__":
+    main()

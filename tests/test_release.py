@@ -1,0 +1,31 @@
+"""What a release states about itself: one version everywhere, and the Pythons that CI runs."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import ballbot
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+
+def test_version_is_the_same_everywhere() -> None:
+    assert PROJECT["version"] == ballbot.__version__
+    assert f"\nversion: {ballbot.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.search(
+        rf"^## .*\b{ballbot.__version__}\b", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.MULTILINE
+    )
+
+
+def test_workflow_begins_with_the_lowest_python() -> None:
+    workflow = (ROOT / ".github" / "workflows" / "test.yml").read_text(encoding="utf-8")
+    lowest = PROJECT["requires-python"].removeprefix(">=")
+    assert f'python: ["{lowest}", "3.12", "3.13", "3.14"]' in workflow
+    assert "[ubuntu-latest, macos-latest, windows-latest]" in workflow
+
+
+def test_dependencies_have_lower_bounds() -> None:
+    extras = [one for name, found in PROJECT["optional-dependencies"].items() for one in found]
+    for one in [*PROJECT["dependencies"], *extras]:
+        assert ">=" in one or one.startswith("ballbot["), f"{one} has no lowest version"
