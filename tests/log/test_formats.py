@@ -25,7 +25,9 @@ from ballbot.log.formats import (
     read_variables,
     write_columns,
 )
+from ballbot.log.formats import mat as mat_file
 from ballbot.log.formats import npz as npz_file
+from ballbot.log.formats import parquet as parquet_file
 from ballbot.log.formats.text import TextLayout, read_text_table
 from tests.support.log_examples import smooth_log
 
@@ -328,12 +330,16 @@ def test_arrays_that_numpy_saves_are_the_columns_of_a_log(tmp_path):
     assert variables["table"].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
 
 
-def test_a_numpy_archive_is_not_unpacked_beyond_the_limit(tmp_path, monkeypatch):
-    path = tmp_path / "log.npz"
-    np.savez_compressed(path, t=np.zeros(100_000))
-    monkeypatch.setattr(npz_file, "LARGEST_TABLE", 700_000)
-    with pytest.raises(InputError, match=r"unpacks to .* at most 700 kB are read"):
+@pytest.mark.parametrize(
+    ("suffix", "module"), [(".npz", npz_file), (".mat", mat_file), (".parquet", parquet_file)]
+)
+def test_a_compressed_file_is_not_unpacked_beyond_the_limit(tmp_path, monkeypatch, suffix, module):
+    path = tmp_path / f"log{suffix}"
+    write_columns(path, {name: np.arange(50_000.0) for name in ("t", "x")})
+    monkeypatch.setattr(module, "LARGEST_TABLE", 700_000)
+    with pytest.raises(InputError, match=r"unpacks to .*700 kB") as caught:
         Log.read(path)
+    assert str(caught.value).startswith(str(path))
 
 
 @pytest.mark.parametrize(

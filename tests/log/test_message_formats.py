@@ -23,6 +23,7 @@ from ballbot.log import Log
 from ballbot.log.columns import unit_of
 from ballbot.log.formats import mcap as mcap_file
 from ballbot.log.formats import read_columns
+from ballbot.log.mapping_inference.names import read_name
 from tests.support.log_examples import smooth_log
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
@@ -166,6 +167,14 @@ def test_a_ros_bag_of_others_is_read_from_its_standard_messages(tmp_path, log):
     np.testing.assert_array_equal(columns["imu.angular_velocity.y"], log["gyro_y"])
     turns = Rotation.from_euler("XYZ", np.column_stack([log[name] for name in ("theta", "phi", "psi")]))
     angles = np.column_stack([columns[f"imu.orientation.{name}"] for name in ("yaw", "pitch", "roll")])
+    kinds = {read_name(name).kind for name in columns if name.startswith(("joint_states", "imu"))}
+    assert kinds == {
+        "wheel angle",
+        "command",
+        "attitude",
+        "gyro",
+        "accelerometer",
+    }  # as `check-log` reads them
     np.testing.assert_allclose(angles, turns.as_euler("ZYX"), atol=1e-12)
 
 

@@ -1,7 +1,7 @@
 """Tables of numbers as Parquet, read and written by pyarrow."""
 
 import io
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +28,7 @@ def read_parquet_table(path: str | Path) -> Columns:
     try:
         file = parquet.ParquetFile(io.BytesIO(content))
         _check_size(path, file.metadata, file.schema_arrow)
-        table = file.read()
+        table = pyarrow.Table.from_batches(_batches(path, file), schema=file.schema_arrow)
     except (OSError, ValueError, pyarrow.ArrowException, MemoryError) as error:
         if isinstance(error, InputError):
             raise
@@ -36,6 +36,18 @@ def read_parquet_table(path: str | Path) -> Columns:
     if not len(table):
         raise InputError(f"{path} is empty; a log needs columns and rows of numbers.")
     return {name: _numbers(table.column(name)) for name in table.column_names}
+
+
+def _batches(path: str | Path, file) -> Iterator:  # of pyarrow's RecordBatch, from a ParquetFile
+    """Yield the rows of a file; refuse it if they are more than its metadata states."""
+    left = LARGEST_TABLE
+    for batch in file.iter_batches():
+        left -= batch.nbytes
+        if left < 0:
+            raise InputError(
+                f"{path} unpacks to more than it states, {format_bytes(LARGEST_TABLE)}; it is damaged."
+            )
+        yield batch
 
 
 def _check_size(path: str | Path, metadata, schema) -> None:  # pyarrow's FileMetaData and Schema

@@ -14,7 +14,7 @@ A topic is left out if the log has no column for it. `ros2 bag play FILE.db3` pl
 
 A bag of others is read by the times and names of its messages (`ballbot.log.formats.messages`), those of types that
 come with ROS 2. The definitions of messages that a file carries are not used: rosbags would make code from them. A
-quaternion also gets its roll, pitch and yaw.
+quaternion is given as its roll, pitch and yaw.
 """
 
 from __future__ import annotations
@@ -186,7 +186,7 @@ def _fields_of(message: object) -> dict[str, object]:
         else:
             found[one.name] = value
     if set(found) == {"x", "y", "z", "w"}:
-        found |= _roll_pitch_yaw(*(float(getattr(message, name)) for name in "wxyz"))
+        return {**_roll_pitch_yaw(*(float(getattr(message, name)) for name in "wxyz"))}
     return _by_given_names(found)
 
 

@@ -206,4 +206,5 @@ EMPTY = {
     "filt",
     "body",
     "cur",
+    "states",
 }
