@@ -43,12 +43,12 @@ def hand_of(hold="on_ball"):
 class Connected:
     """A live robot, held until it arms, and what it does."""
 
-    def __init__(self, hand=None, *, always_held=False):
+    def __init__(self, hand=None, *, always_held=False, imu_checked=True):
         self.controller = nominal_controller(ROBOT)
         hand = hand or hand_of()
         self.emulated = EmulatedRobot(
             SensedPlant(*_sensed(), known=ROBOT),
-            CompiledRobot(export_controller(self.controller).parameters),
+            CompiledRobot(export_controller(self.controller).parameters, imu_checked=imu_checked),
             sample_time=STEP,
             seed=1,
             hand=hand,
@@ -284,6 +284,45 @@ class Pushed:
         return self._plant.step(torques, duration)
 
 
+class NewRobot(Connected):
+    """A robot whose IMU was mounted just now; the last steps of what its sensors give can be changed."""
+
+    def __init__(self, gyro=(0, 1, 2), sign=1.0):
+        super().__init__(imu_checked=False)
+        step = self.emulated.hand.step
+
+        def changed(torques, duration):
+            measured = step(torques, duration)
+            return replace(measured, gyro=sign * measured.gyro[list(gyro)])
+
+        self.emulated.hand.step = changed
+
+
+def test_new_robot_is_moved_by_hand_before_it_arms():
+    live = NewRobot()
+    with pytest.raises(InputError, match="upright and still"):
+        live.robot.test()  # nobody is there to move it
+    with pytest.raises(InputError, match="self-test has not passed"):
+        live.robot.arm(live.operator.confirm_arming, controller=ControllerPlace.ROBOT)
+    began = live.emulated.clock()
+    live.robot.test(live.operator)
+    assert live.emulated.clock() - began > 3.0
+    live.run(follow(square()), duration=0.1)
+    assert live.ending.kind == "time"
+    # other parameters need the test of motors and encoders again, and the IMU stays checked
+    live.robot.use_parameters(export_controller(live.controller, lean=0.3).parameters)
+    live.robot.test()
+
+
+@pytest.mark.parametrize("options", [{"gyro": (1, 0, 2)}, {"sign": -1.0}])
+def test_new_robot_with_wrong_axes_does_not_arm(options):
+    live = NewRobot(**options)
+    with pytest.raises(InputError, match="tilted forward, the gyro's turn was not the attitude's"):
+        live.robot.test(live.operator)
+    with pytest.raises(InputError, match="self-test has not passed"):
+        live.robot.arm(live.operator.confirm_arming, controller=ControllerPlace.ROBOT)
+
+
 def test_run_without_a_sample_leaves_no_recording(tmp_path):
     live, path = Connected(), tmp_path / "log.recording"
 
@@ -291,11 +330,13 @@ def test_run_without_a_sample_leaves_no_recording(tmp_path):
         live.line.mute = True
         return True
 
+    live.operator.confirm_arming = mute
+
     with pytest.raises(InputError, match="silent"):
         recorded_run(
             live.robot,
             follow(square()),
-            confirm=mute,
+            operator=live.operator,
             controller=ControllerPlace.ROBOT,
             duration=1.0,
             watch=lambda _: None,

@@ -109,7 +109,7 @@ def make_run(
         return recorded_run(
             connection.robot,
             plan.commander,
-            confirm=connection.operator.confirm_arming,
+            operator=connection.operator,
             controller=plan.controller,
             duration=plan.duration,
             ramp=plan.ramp,

@@ -199,7 +199,7 @@ def wiring(port: str | None = None, /, *, link: LinkOptions = _LINK, out: Path |
         print_parts(wiring_parts(check, framed=console.is_terminal), console)
         emit(wiring_results(check) | {"findings": finding_results(check.findings)})
         if check.passed:
-            robot.test()
+            robot.test(connection.operator)
             console.print("Every motor turns its own encoder forward: the self-test passed.")
     if out is not None:
         inputs = input_files(link.robot, link.scenario)

@@ -18,7 +18,8 @@ and `simulate` does so with every controller that it runs.
 The self-test (`SelfTest`, half a second) checks that each encoder turns as its motor is pushed. It pushes one wheel
 after the other forward and back and gives the others no torque. A motor or an encoder with the wrong sign, or cables
 in the wrong order, would turn the balance's feedback into a push away from upright; here they move a wheel by a
-degree or two. Hold the robot meanwhile, or let it stand upright by itself.
+degree or two. Hold the robot meanwhile, or let it stand upright by itself. The axes of the IMU are checked before it,
+while a person moves the robot: `ballbot.control.imu_check`.
 """
 
 from __future__ import annotations

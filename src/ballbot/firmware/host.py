@@ -92,7 +92,12 @@ def _typed(functions: ctypes.CDLL) -> ctypes.CDLL:
     pointer = ctypes.c_void_p
     functions.ballbot_init.argtypes = (pointer, pointer)
     functions.ballbot_init.restype = ctypes.c_bool
-    actions = ("ballbot_start_self_test", "ballbot_skip_self_test", "ballbot_disarm")
+    actions = (
+        "ballbot_start_self_test",
+        "ballbot_skip_self_test",
+        "ballbot_skip_imu_check",
+        "ballbot_disarm",
+    )
     answers = {"ballbot_arm": ctypes.c_bool, "ballbot_self_test_of": ctypes.c_int}
     for name, result in (dict.fromkeys(actions) | answers).items():
         getattr(functions, name).argtypes = (pointer,)
@@ -175,6 +180,13 @@ class SelfTestOutcome(IntEnum):
     TORQUE_ORDER = 4
     TORQUE_SIGN = 5
     STOPPED = 6
+    HOLD_UPRIGHT = 7
+    TILT_FORWARD = 8
+    TILT_LEFT = 9
+    TURN_LEFT = 10
+    IMU_PASSED = 11
+    IMU_AXES = 12
+    IMU_GYRO = 13
 
 
 class Firmware:
@@ -211,6 +223,10 @@ class Firmware:
     def skip_self_test(self) -> None:
         """Count the self-test as passed."""
         self._functions.ballbot_skip_self_test(self.state.ctypes.data)
+
+    def skip_imu_check(self) -> None:
+        """Count the IMU's axes as checked."""
+        self._functions.ballbot_skip_imu_check(self.state.ctypes.data)
 
     @property
     def self_test(self) -> SelfTestOutcome:

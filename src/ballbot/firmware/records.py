@@ -84,6 +84,24 @@ class SelfTestState:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class ImuCheckState:
+    """How far the check of the IMU's axes is."""
+
+    #: 1 if it has passed since the start, 2 if these parameters do not balance and need none
+    passed: int = field(metadata=whole())
+    stage: int = field(metadata=whole())
+    #: samples in a row in which the robot was still
+    still: int = field(metadata=whole())
+    moved: int = field(metadata=whole())
+    #: of the samples in which it was still
+    attitude_sum: NDArray[np.float64] = field(metadata=number("rad", 3))
+    #: attitude when it was last held upright
+    rest: NDArray[np.float64] = field(metadata=number("rad", 3))
+    #: by the gyro since then, as a quaternion
+    turned: NDArray[np.float64] = field(metadata=number("1", 4))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class RunState:
     """Whether torques are given, and the last update."""
 
@@ -125,6 +143,7 @@ STATE = Schema(
         "run": schema_of(RunState),
         "safety": schema_of(SafetyState),
         "self_test": schema_of(SelfTestState),
+        "imu_check": schema_of(ImuCheckState),
         "memory": MEMORY,
         "onboard": schema_of(OnboardMemory),
         "kalman": schema_of(KalmanMemory),

@@ -246,6 +246,8 @@ class CompiledRobot:
         Of `ballbot.firmware.records.PARAMETERS` in single precision.
     capabilities : int
         Bits of `Capability`.
+    imu_checked : bool
+        Whether the axes of the IMU count as checked; if not, the first self-test checks them.
 
     Raises
     ------
@@ -253,7 +255,9 @@ class CompiledRobot:
         If there is no C compiler, or the parameters are not those of the library.
     """
 
-    def __init__(self, parameters: NDArray[np.void], *, capabilities: int = 0) -> None:
+    def __init__(
+        self, parameters: NDArray[np.void], *, capabilities: int = 0, imu_checked: bool = True
+    ) -> None:
         self._functions = _program()
         self._memory = np.zeros(self._functions.emulated_robot_size(), dtype=np.uint8)
         self._parameters = np.ascontiguousarray(parameters, PARAMETERS.dtype("single"))
@@ -261,6 +265,8 @@ class CompiledRobot:
             self._memory.ctypes.data, self._parameters.ctypes.data, capabilities
         ):
             raise InputError("The firmware does not know these parameters: they are of another version.")
+        if not imu_checked:
+            self._functions.emulated_robot_mount(self._memory.ctypes.data)
 
     def read(self, timeout: float) -> bytes:  # noqa: ARG002 (it answers at once)
         """Return what the robot has sent."""
@@ -293,6 +299,8 @@ def _program() -> ctypes.CDLL:
     functions.emulated_robot_put.restype = None
     functions.emulated_robot_take.argtypes = (pointer, pointer, size)
     functions.emulated_robot_take.restype = size
+    functions.emulated_robot_mount.argtypes = (pointer,)
+    functions.emulated_robot_mount.restype = None
     functions.emulated_robot_confirm.argtypes = (pointer,)
     functions.emulated_robot_confirm.restype = None
     return functions

@@ -31,8 +31,9 @@ from ballbot.errors import InputError
 from ballbot.firmware.host import SelfTestOutcome
 from ballbot.firmware.records import ESTIMATORS
 from ballbot.link.messages import ControllerPlace, Result, State
+from ballbot.link.operators import MOVEMENTS, Operator
 from ballbot.link.references import LiveReference, in_robot_frame, in_start_frame
-from ballbot.link.session import Session, reason, stop_reason
+from ballbot.link.session import IMU_POSITIONS, MOVING_TIME, Session, reason, stop_reason
 from ballbot.link.transport import LinkError
 from ballbot.log.columns import STATE_NAMES, torque_names, wheel_angle_names, wheel_speed_names
 
@@ -58,7 +59,22 @@ _SELF_TESTS: dict[SelfTestOutcome, str] = {
         f"{_MOTOR} forward and its encoder turned backward: one of the two has the wrong sign"
     ),
     SelfTestOutcome.STOPPED: "the safety layer stopped it",
+    SelfTestOutcome.HOLD_UPRIGHT: (
+        f"the robot was not upright and still within {MOVING_TIME:.0f} s; if it was, the IMU is mounted at an angle or "
+        "its frame does not have z up: correct ballbot_read_imu"
+    ),
+    SelfTestOutcome.TILT_FORWARD: f"the robot was not tilted forward and held within {MOVING_TIME:.0f} s",
+    SelfTestOutcome.TILT_LEFT: f"the robot was not tilted to the left and held within {MOVING_TIME:.0f} s",
+    SelfTestOutcome.TURN_LEFT: f"the robot was not turned to the left and held within {MOVING_TIME:.0f} s",
+    SelfTestOutcome.IMU_AXES: (
+        "when the robot was {moved}, its attitude turned about another axis or the other way: turn the IMU's frame in "
+        "ballbot_read_imu, or repeat the test if the robot was moved otherwise"
+    ),
+    SelfTestOutcome.IMU_GYRO: (
+        "when the robot was {moved}, the gyro's turn was not the attitude's: it has other axes, signs or another unit"
+    ),
 }
+_POSITIONS = dict(zip(IMU_POSITIONS[1:], MOVEMENTS, strict=True))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -329,21 +345,35 @@ class LiveRobot:
             raise LinkError("The robot does not have the parameters that were sent; send them again.")
         return True
 
-    def test(self) -> None:
+    def test(self, operator: Operator | None = None) -> None:
         """Run the self-test.
+
+        Parameters
+        ----------
+        operator : Operator, optional
+            Moves the robot if the axes of its IMU are still to be checked.
 
         Raises
         ------
         InputError
             If it fails, in one sentence; or the link is lost.
         """
-        outcome = self.session.self_test()
+
+        def move(position: SelfTestOutcome) -> None:
+            assert operator is not None
+            if position in _POSITIONS:
+                operator.move(_POSITIONS[position])
+            else:
+                operator.hold_upright()
+
+        outcome = self.session.self_test(move=move if operator else None)
         if outcome == SelfTestOutcome.PASSED:
             return
         state = self.session.state
         wheel = state.self_test_wheel if state else 0
+        moved = MOVEMENTS[wheel - 1].words if 1 <= wheel <= len(MOVEMENTS) else "moved"
         stop = stop_reason(state) if state else None
-        text = _SELF_TESTS.get(outcome, "it did not run").format(wheel=wheel)
+        text = _SELF_TESTS.get(outcome, "it did not run").format(wheel=wheel, moved=moved)
         if outcome == SelfTestOutcome.STOPPED and stop is not None:
             text = f"the safety layer stopped it: {STOPS[stop]}"
         raise InputError(f"The self-test failed: {text}.")

@@ -17,6 +17,7 @@ import numpy as np
 from ballbot.errors import InputError
 from ballbot.link.live import Commander, Ending, LiveRobot, Sample, log_columns
 from ballbot.link.messages import ControllerPlace
+from ballbot.link.operators import Operator
 from ballbot.link.recorder import Recorder
 from ballbot.log import Log
 
@@ -37,7 +38,7 @@ def recorded_run(
     robot: LiveRobot,
     commander: Commander,
     *,
-    confirm: Callable[[], bool],
+    operator: Operator,
     controller: ControllerPlace,
     duration: float,
     ramp: float = 0.0,
@@ -52,8 +53,8 @@ def recorded_run(
     robot : LiveRobot
         Disarmed.
     commander : Commander
-    confirm : callable
-        Asks a person here whether the robot may arm.
+    operator : Operator
+        Moves the robot for its self-test, and confirms that it may arm.
     controller : ControllerPlace
         Whose torques the robot obeys.
     duration : float
@@ -74,7 +75,7 @@ def recorded_run(
     """
     columns = log_columns(robot.wheel_count)
     rows: list[Sequence[float]] = []
-    robot.test()
+    robot.test(operator)
     with Recorder(recording, columns, about=about or {}) if recording else nullcontext() as recorder:
 
         def record(row: Sequence[float]) -> None:
@@ -85,7 +86,7 @@ def recorded_run(
         gc.collect()
         gc.freeze()  # a collection that walks all imported code takes longer than the robot waits
         try:
-            robot.arm(confirm, controller=controller, ramp=ramp)
+            robot.arm(operator.confirm_arming, controller=controller, ramp=ramp)
             ending = robot.run(commander, duration=duration, record=record, watch=watch)
         finally:
             gc.unfreeze()

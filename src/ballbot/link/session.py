@@ -62,6 +62,15 @@ from ballbot.link.transport import LinkError, Transport
 
 #: after which the host sends something, if only `Keep` [s]
 KEEP_INTERVAL = WATCHDOG / 5.0
+#: for which a person may take to bring the robot into a position [s]
+MOVING_TIME = 60.0
+#: positions that the check of the IMU's axes waits for
+IMU_POSITIONS = (
+    SelfTestOutcome.HOLD_UPRIGHT,
+    SelfTestOutcome.TILT_FORWARD,
+    SelfTestOutcome.TILT_LEFT,
+    SelfTestOutcome.TURN_LEFT,
+)
 #: longest silence [s] of an emulated robot behind a port: its clock waits if the computer is busy, and nobody is hurt
 EMULATED_SILENCE = 2.0
 #: for an answer, after which a command is sent again [s]
@@ -293,13 +302,19 @@ class Session:
         """
         self._demand(SelfTest())
 
-    def self_test(self, *, timeout: float = 3.0) -> SelfTestOutcome:
+    def self_test(
+        self, *, timeout: float = 3.0, move: Callable[[SelfTestOutcome], None] | None = None
+    ) -> SelfTestOutcome:
         """Run the self-test and return its result. States that come meanwhile wait for the next `poll`.
+
+        The first test since the robot was switched on checks the IMU's axes, for which a person moves the robot.
 
         Parameters
         ----------
         timeout : float
-            By the robot's clock [s].
+            For motors and encoders, by the robot's clock [s].
+        move : callable, optional
+            Asks a person for the position that the robot waits for; without it that is the result.
 
         Raises
         ------
@@ -307,16 +322,27 @@ class Session:
             If the robot is armed, does not answer, or does not end the test in time.
         """
         self.start_self_test()
-        seen, passed = self.state, 0.0
-        while passed < timeout:
+        seen, passed, waited_for = self.state, 0.0, None
+        while passed < (timeout if waited_for is None else MOVING_TIME):
             before = self.state
             self._queued += self._step(KEEP_INTERVAL)
             if self.state is seen or self.state is None:
                 continue
             passed += 0.0 if before is None else 1e-6 * ((self.state.time - before.time) % 2**32)
             outcome = SelfTestOutcome(self.state.self_test)
-            if outcome not in (SelfTestOutcome.NOT_RUN, SelfTestOutcome.RUNNING):
+            if outcome is SelfTestOutcome.IMU_PASSED:
+                self._queued.clear()  # the states of a minute
+                self.start_self_test()
+                seen, passed, waited_for = self.state, 0.0, None
+            elif outcome in IMU_POSITIONS and move is not None:
+                if outcome is not waited_for:
+                    waited_for, passed = outcome, 0.0
+                    move(outcome)
+                    self._heard = self._clock()
+            elif outcome not in (SelfTestOutcome.NOT_RUN, SelfTestOutcome.RUNNING):
                 return outcome
+        if waited_for is not None:
+            return waited_for
         raise LinkError(f"The robot's self-test does not end within {timeout:g} s.")
 
     def arm(

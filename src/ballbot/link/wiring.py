@@ -103,7 +103,9 @@ def measure_turns(
     lean, turns = (math.nan, math.nan), []
     for movement in MOVEMENTS:
         operator.hold_upright()
-        before = _until_still(session, watch, None, wheel_count, "upright and still")
+        # a robot that is still tilted from the last movement is not upright again
+        upright = np.array(lean) if turns else None
+        before = _until_still(session, watch, None, wheel_count, "upright and still", upright=upright)
         if not turns:
             lean = (float(before.attitude[0]), float(before.attitude[1]))
         operator.move(movement)
@@ -135,8 +137,10 @@ def _until_still(
     before: _Rest | None,
     wheel_count: int,
     words: str,
+    *,
+    upright: NDArray[np.float64] | None = None,
 ) -> _Rest:
-    """Return the next rest: after a turn from another one, or anywhere."""
+    """Return the next rest: after a turn from another one, at given theta and phi (2,), or anywhere."""
     turned, attitudes, counts = Rotation.identity(), [], np.zeros(0)
     began = last = None
     moved = before is None
@@ -160,6 +164,8 @@ def _until_still(
             away = max(float(np.linalg.norm(Rotation.from_matrix(between).as_rotvec())), turned.magnitude())
         moved = moved or away > LEAST_TURN
         still = float(np.linalg.norm(gyro)) < _STILL
+        if upright is not None:
+            still = still and bool((np.abs(state.attitude[:2] - upright) < _UPRIGHT).all())
         attitudes = [*attitudes, state.attitude.astype(np.float64)] if moved and still else []
         if attitudes and passed and len(attitudes) * passed >= STILL_TIME:
             return _Rest(attitude=np.mean(attitudes, axis=0), counts=counts, gyro_integral=turned.as_rotvec())

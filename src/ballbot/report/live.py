@@ -26,6 +26,13 @@ _SELF_TESTS = {
     SelfTestOutcome.NOT_RUN: "not run",
     SelfTestOutcome.RUNNING: "running",
     SelfTestOutcome.PASSED: "passed",
+    SelfTestOutcome.HOLD_UPRIGHT: "waits for the robot upright",
+    SelfTestOutcome.TILT_FORWARD: "waits for a tilt forward",
+    SelfTestOutcome.TILT_LEFT: "waits for a tilt to the left",
+    SelfTestOutcome.TURN_LEFT: "waits for a turn to the left",
+    SelfTestOutcome.IMU_PASSED: "the IMU's axes are right",
+    SelfTestOutcome.IMU_AXES: "failed (the IMU's axes)",
+    SelfTestOutcome.IMU_GYRO: "failed (the gyro)",
 }
 
 

@@ -6,12 +6,15 @@
 #include "ballbot_math.h"
 #include "estimation/kalman.h"
 #include "estimation/onboard.h"
+#include "imu_check.h"
 #include "law.h"
 #include "parts/part.h"
 
 /* From one tick of the clock to a second [s]. */
 #define SHORTEST_SAMPLE_TIME 1e-6f
 #define LONGEST_SAMPLE_TIME 1.0f
+/* Lean beyond which no wheel holds the ball [rad]; with a larger limit the robot is held, and does not balance. */
+#define LARGEST_LEAN 1.2f
 
 /* Return whether each number that bounds a torque or the time is one that can; a NaN cannot. */
 static bool are_bounds(const struct ballbot_parameters *parameters)
@@ -56,6 +59,7 @@ bool ballbot_init(struct ballbot_state *state, const struct ballbot_parameters *
     ballbot_onboard_reset(&state->onboard, origin);
     ballbot_kalman_reset(&state->kalman, origin);
     state->run.known = ballbot_are_allowed(parameters) ? 1 : 0;
+    state->imu_check.passed = (parameters->safety.lean > LARGEST_LEAN) ? 2 : 0;
     return state->run.known != 0;
 }
 
@@ -64,6 +68,53 @@ void ballbot_start_self_test(struct ballbot_state *state)
     state->run.armed = 0;
     ballbot_safety_reset(&state->safety);
     ballbot_self_test_start(&state->self_test);
+    if (state->imu_check.passed == 0) {
+        ballbot_imu_check_start(&state->imu_check);
+        state->self_test.result = BALLBOT_TEST_HOLD_UPRIGHT;
+    }
+}
+
+/* Return whether the check of the IMU's axes waits for a position. */
+static bool is_checking_imu(const struct ballbot_state *state)
+{
+    return state->self_test.result >= (int32_t)BALLBOT_TEST_HOLD_UPRIGHT &&
+           state->self_test.result <= (int32_t)BALLBOT_TEST_TURN_LEFT;
+}
+
+/* Take a sample of the check of the IMU's axes. */
+static void check_imu(struct ballbot_state *state, const struct ballbot_parameters *parameters,
+                      const struct ballbot_reading_record *reading)
+{
+    struct ballbot_imu_check_state *check = &state->imu_check;
+    const int32_t movement = (check->stage + 1) / 2;
+    enum ballbot_self_test result = BALLBOT_TEST_HOLD_UPRIGHT;
+
+    ballbot_imu_check_step(check, parameters->sample_time, reading->gyro, reading->attitude);
+    switch ((enum ballbot_imu_stage)check->stage) {
+    case BALLBOT_IMU_FORWARD:
+        result = BALLBOT_TEST_TILT_FORWARD;
+        break;
+    case BALLBOT_IMU_LEFT:
+        result = BALLBOT_TEST_TILT_LEFT;
+        break;
+    case BALLBOT_IMU_TURN:
+        result = BALLBOT_TEST_TURN_LEFT;
+        break;
+    case BALLBOT_IMU_DONE:
+        result = BALLBOT_TEST_IMU_PASSED;
+        break;
+    case BALLBOT_IMU_WRONG_AXES:
+        result = BALLBOT_TEST_IMU_AXES;
+        break;
+    case BALLBOT_IMU_WRONG_GYRO:
+        result = BALLBOT_TEST_IMU_GYRO;
+        break;
+    case BALLBOT_IMU_UPRIGHT:
+    default:
+        break;
+    }
+    state->self_test.result = (int32_t)result;
+    state->self_test.wheel = (result == BALLBOT_TEST_IMU_PASSED) ? 0 : movement;
 }
 
 enum ballbot_self_test ballbot_self_test_of(const struct ballbot_state *state)
@@ -74,6 +125,12 @@ enum ballbot_self_test ballbot_self_test_of(const struct ballbot_state *state)
 void ballbot_skip_self_test(struct ballbot_state *state)
 {
     state->self_test.result = BALLBOT_TEST_PASSED;
+    ballbot_skip_imu_check(state);
+}
+
+void ballbot_skip_imu_check(struct ballbot_state *state)
+{
+    state->imu_check.passed = 1;
 }
 
 bool ballbot_arm(struct ballbot_state *state)
@@ -94,7 +151,7 @@ bool ballbot_arm(struct ballbot_state *state)
 void ballbot_disarm(struct ballbot_state *state)
 {
     state->run.armed = 0;
-    if (state->self_test.result == BALLBOT_TEST_RUNNING) {
+    if (state->self_test.result == BALLBOT_TEST_RUNNING || is_checking_imu(state)) {
         state->self_test.result = BALLBOT_TEST_STOPPED;
     }
 }
@@ -214,6 +271,10 @@ static bool step(struct ballbot_state *state, const struct ballbot_parameters *p
 
     if (run->armed != 0 || testing) {
         may = admitted(state, parameters, reading, 1e-6f * (float)passed, measured);
+    } else if (is_checking_imu(state)) {
+        check_imu(state, parameters, reading);
+    } else {
+        /* at rest */
     }
     if (testing) {
         test(state, parameters, reading, may, torques);

@@ -14,9 +14,9 @@
 /* Updates whose torques the law remembers. */
 #define BALLBOT_MAX_PAST 22
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "ad16be168dfc180d8e4166f08d6c637e05e0b4b9846b6f379683a17a183ecc6b"
+#define BALLBOT_SCHEMA_DIGEST "9b9dd95597fb6cc11140a524c3ca64086cec8041b0ed54eb1be8f8472f92abcc"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 756465174, 234625037, 239167216, 225207166, 98612409, 74149687, 377725306, 406768747 }
+#define BALLBOT_SCHEMA_WORDS { 463329621, 402353345, 289449252, 1137337352, 1827438657, 820860139, 468252743, 798141388 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -242,6 +242,18 @@ struct ballbot_self_test_state {
 };
 typedef char ballbot_self_test_state_has_no_padding[(sizeof(struct ballbot_self_test_state) == 7u * sizeof(float)) ? 1 : -1];
 
+/* How far the check of the IMU's axes is. */
+struct ballbot_imu_check_state {
+    int32_t passed;
+    int32_t stage;
+    int32_t still;
+    int32_t moved;
+    float attitude_sum[3]; /* [rad] */
+    float rest[3]; /* [rad] */
+    float turned[BALLBOT_MAX_WHEELS]; /* [1] */
+};
+typedef char ballbot_imu_check_state_has_no_padding[(sizeof(struct ballbot_imu_check_state) == 14u * sizeof(float)) ? 1 : -1];
+
 /* What the law remembers of each wheel's torques at its last updates, the newest first. */
 struct ballbot_torque_history {
     float acting[BALLBOT_MAX_PAST][BALLBOT_MAX_WHEELS]; /* [N m] */
@@ -351,11 +363,12 @@ struct ballbot_state {
     struct ballbot_run_state run;
     struct ballbot_safety_state safety;
     struct ballbot_self_test_state self_test;
+    struct ballbot_imu_check_state imu_check;
     struct ballbot_memory memory;
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 742u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 756u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {

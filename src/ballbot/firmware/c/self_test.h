@@ -19,7 +19,15 @@ enum ballbot_self_test {
     BALLBOT_TEST_DEAD_MOTOR = 3,   /* the wheel was pushed and no encoder turned */
     BALLBOT_TEST_TORQUE_ORDER = 4, /* another encoder turned the most */
     BALLBOT_TEST_TORQUE_SIGN = 5,  /* pushed forward, the encoder turned backward */
-    BALLBOT_TEST_STOPPED = 6       /* disarmed, stopped by the safety layer, or encoders were missing */
+    BALLBOT_TEST_STOPPED = 6,      /* disarmed, stopped by the safety layer, or encoders were missing */
+    /* the check of the IMU's axes before the first test (imu_check.h); nothing is driven */
+    BALLBOT_TEST_HOLD_UPRIGHT = 7, /* waits until the robot is held upright and still */
+    BALLBOT_TEST_TILT_FORWARD = 8, /* waits until its top is tilted forward and held */
+    BALLBOT_TEST_TILT_LEFT = 9,    /* or to the left */
+    BALLBOT_TEST_TURN_LEFT = 10,   /* or until it is turned to the left */
+    BALLBOT_TEST_IMU_PASSED = 11,  /* begin the test again for motors and encoders */
+    BALLBOT_TEST_IMU_AXES = 12,    /* in movement `wheel` the attitude turned about another axis or the other way */
+    BALLBOT_TEST_IMU_GYRO = 13     /* in movement `wheel` the gyro's turn was not the attitude's */
 };
 
 /* Begin. */

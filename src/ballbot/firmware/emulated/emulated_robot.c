@@ -10,8 +10,16 @@ bool emulated_robot_start(struct emulated_robot *emulated, const struct ballbot_
 {
     emulated_start(&emulated->hardware);
     emulated_select(&emulated->hardware);
-    return robot_start(&emulated->robot, parameters,
-                       (int32_t)((uint32_t)capabilities | (uint32_t)BALLBOT_CAPABILITY_EMULATED));
+    const bool started = robot_start(&emulated->robot, parameters,
+                                     (int32_t)((uint32_t)capabilities | (uint32_t)BALLBOT_CAPABILITY_EMULATED));
+
+    ballbot_skip_imu_check(&emulated->robot.state); /* it has no mounting */
+    return started;
+}
+
+void emulated_robot_mount(struct emulated_robot *emulated)
+{
+    emulated->robot.state.imu_check.passed = 0;
 }
 
 void emulated_robot_put(struct emulated_robot *emulated, const uint8_t *bytes, size_t count)

@@ -17,6 +17,9 @@ size_t emulated_robot_size(void);
 bool emulated_robot_start(struct emulated_robot *emulated, const struct ballbot_parameters *parameters,
                           int32_t capabilities);
 
+/* Let the IMU be one that was mounted just now: its axes are to be checked. */
+void emulated_robot_mount(struct emulated_robot *emulated);
+
 /* Take bytes of the line, and a step with each sample in them. */
 void emulated_robot_put(struct emulated_robot *emulated, const uint8_t *bytes, size_t count);
 

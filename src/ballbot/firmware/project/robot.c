@@ -73,6 +73,18 @@ static void obey_host(struct robot *robot, uint32_t time)
     }
 }
 
+/* Mix the IMU's noise and the sample's time into the numbers of sessions and of arming, so that after a reset they are others. */
+static void mix_noise(struct robot *robot, uint32_t time)
+{
+    for (int i = 0; i < 3; ++i) {
+        uint32_t bits;
+
+        ballbot_copy_bytes(&bits, (const uint8_t *)&robot->reading.gyro[i], sizeof bits);
+        ballbot_link_mix(&robot->link, bits);
+    }
+    ballbot_link_mix(&robot->link, time);
+}
+
 static void read_sensors(struct robot *robot)
 {
     struct ballbot_reading_record *reading = &robot->reading;
@@ -99,6 +111,9 @@ void robot_step(struct robot *robot)
     }
     obey_host(robot, time);
     read_sensors(robot);
+    if (!ballbot_is_active(&robot->state)) {
+        mix_noise(robot, time);
+    }
     (void)ballbot_link_update(&robot->link, &robot->state, &robot->parameters, &robot->reading, time, torques);
     if (!ballbot_is_active(&robot->state)) {
         enable_motors(robot, false);

@@ -127,8 +127,13 @@ static void commit(struct ballbot_link *link, struct ballbot_state *state, struc
                written->sample_time < parameters->sample_time || written->sample_time > parameters->sample_time) {
         ballbot_link_answer(link, frame, BALLBOT_RESULT_PARAMETERS, 0);
     } else {
+        const bool imu_checked = state->imu_check.passed == 1; /* the IMU is the same */
+
         *parameters = *written;
         (void)ballbot_init(state, parameters);
+        if (imu_checked) {
+            ballbot_skip_imu_check(state);
+        }
         ballbot_link_answer(link, frame, BALLBOT_RESULT_OK, crc);
     }
 }

@@ -1,0 +1,149 @@
+"""The check of the IMU's axes: right ones pass, wrong ones are named, in Python and in the firmware's C alike."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ballbot.control.imu_check import ImuCheck, ImuStage
+from ballbot.control.presets import nominal_controller
+from ballbot.control.safety import SafetyLimits
+from ballbot.firmware.build import compilers
+from ballbot.firmware.host import Firmware, SelfTestOutcome
+from ballbot.firmware.records import READING, parameter_record
+from tests.support.control_examples import alten
+
+H = 0.02
+#: result of the firmware's self-test -> stage of Python's check
+STAGES = {
+    SelfTestOutcome.HOLD_UPRIGHT: {
+        ImuStage.UPRIGHT,
+        ImuStage.UPRIGHT_BEFORE_LEFT,
+        ImuStage.UPRIGHT_BEFORE_TURN,
+    },
+    SelfTestOutcome.TILT_FORWARD: {ImuStage.FORWARD},
+    SelfTestOutcome.TILT_LEFT: {ImuStage.LEFT},
+    SelfTestOutcome.TURN_LEFT: {ImuStage.TURN},
+    SelfTestOutcome.IMU_PASSED: {ImuStage.DONE},
+    SelfTestOutcome.IMU_AXES: {ImuStage.WRONG_AXES},
+    SelfTestOutcome.IMU_GYRO: {ImuStage.WRONG_GYRO},
+}
+#: rotation vectors of a body that is moved as it should be: about y, -x and z, and back each time [rad]
+TURNS = np.radians([[0, 15, 0], [0, 0, 0], [-15, 0, 0], [0, 0, 0], [0, 0, 45]])
+
+
+@cache
+def motion(seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Return orientations (N, 3, 3) of a body and its angular velocities (N, 3), with the tremor of a hand."""
+    random = np.random.default_rng(seed)
+    way, present = [np.zeros(3)] * 40, np.zeros(3)
+    for turn in TURNS:
+        ramp = 0.5 - 0.5 * np.cos(np.pi * np.linspace(0.0, 1.0, 50))[:, None]
+        way += [*(present + ramp * (turn - present)), *[turn] * 40]
+        present = turn
+    tremor = np.cumsum(2e-4 * random.standard_normal((len(way), 3)), axis=0)
+    body = Rotation.from_rotvec(np.array(way) + tremor)
+    turned = (body[:-1].inv() * body[1:]).as_rotvec() / H
+    return body.as_matrix(), np.vstack([np.zeros(3), turned]) + 0.005 * random.standard_normal((len(way), 3))
+
+
+RIGHT = Rotation.identity()
+
+
+def sensed(mounting: Rotation = RIGHT) -> tuple[np.ndarray, np.ndarray]:
+    """Return gyro and attitude of an IMU whose frame is turned in the body; its heading begins at zero."""
+    orientations, rates = motion()
+    turned = mounting.inv() * Rotation.from_matrix(orientations) * mounting
+    attitude = turned.as_euler("XYZ")
+    attitude[:, 2] = np.unwrap(attitude[:, 2])
+    return mounting.inv().apply(rates), attitude
+
+
+def result(gyro: np.ndarray, attitude: np.ndarray) -> tuple[ImuStage, int]:
+    """Return stage and movement in Python; in C they are the same after each sample."""
+    python = ImuCheck(H)
+    robot = alten()
+    limits = SafetyLimits.on_robot(robot, sample_time=H)
+    record = parameter_record(nominal_controller(robot), limits)
+    record["sample_time"] = H
+    made = Firmware(record) if compilers() else None
+    reading = np.zeros(1, READING.dtype("single"))
+    if made:
+        made.start_self_test()
+    for k, (rate, angles) in enumerate(zip(gyro, attitude, strict=True)):
+        stage = python.update(rate.tolist(), angles.tolist())
+        if made:
+            reading["gyro"], reading["attitude"] = rate, angles
+            assert not made.update(reading, 20_000 * k, None).any()
+            assert stage in STAGES[made.self_test], k
+            assert not made.arm()
+    if made and python.stage is not ImuStage.DONE:
+        assert made.state["self_test"]["wheel"] == python.movement
+    return python.stage, python.movement
+
+
+def test_right_axes_pass():
+    assert result(*sensed()) == (ImuStage.DONE, 3)
+
+
+def test_mounting_that_is_off_by_ten_degrees_about_the_vertical_passes():
+    assert result(*sensed(Rotation.from_rotvec([0.0, 0.0, np.radians(10)])))[0] is ImuStage.DONE
+
+
+@pytest.mark.parametrize("degrees", [90, 180, -90, 120])
+def test_imu_turned_about_the_vertical_is_found(degrees):
+    mounting = Rotation.from_rotvec([0.0, 0.0, np.radians(degrees)])
+    assert result(*sensed(mounting)) == (ImuStage.WRONG_AXES, 1)
+
+
+@pytest.mark.parametrize(
+    "offset", [[np.pi, 0.0], [0.0, np.pi / 2], [0.15, 0.0]], ids=["upside down", "on its side", "at an angle"]
+)
+def test_imu_that_does_not_show_gravity_where_it_is_never_begins(offset):
+    gyro, attitude = sensed()
+    assert result(gyro, attitude + np.array([*offset, 0.0])) == (ImuStage.UPRIGHT, 1)
+
+
+def changed(array: np.ndarray, *, order=(0, 1, 2), signs=(1.0, 1.0, 1.0)) -> np.ndarray:
+    return array[:, order] * np.array(signs)
+
+
+@pytest.mark.parametrize(
+    ("options", "movement"),
+    [
+        ({"order": (1, 0, 2)}, 1),
+        ({"signs": (1.0, -1.0, 1.0)}, 1),
+        ({"signs": (-1.0, 1.0, 1.0)}, 2),
+        ({"signs": (1.0, 1.0, -1.0)}, 3),
+    ],
+)
+def test_exchanged_or_negated_axis_is_found_in_attitude_and_gyro(options, movement):
+    gyro, attitude = sensed()
+    assert result(gyro, changed(attitude, **options)) == (ImuStage.WRONG_AXES, movement)
+    assert result(changed(gyro, **options), attitude) == (ImuStage.WRONG_GYRO, movement)
+    # the same mistake in both, as of a driver that has left for right
+    assert result(changed(gyro, **options), changed(attitude, **options)) == (ImuStage.WRONG_AXES, movement)
+
+
+@pytest.mark.parametrize("scale", [0.0, 0.5, 2.0])
+def test_gyro_in_another_unit_or_dead_is_found(scale):
+    gyro, attitude = sensed()
+    assert result(scale * gyro, attitude) == (ImuStage.WRONG_GYRO, 1)
+
+
+def test_attitude_that_is_not_updated_is_found():
+    gyro, attitude = sensed()
+    assert result(gyro, np.broadcast_to(attitude[0], attitude.shape)) == (ImuStage.WRONG_AXES, 1)
+
+
+def test_missing_samples_and_a_robot_at_rest_pass_nothing():
+    gyro, attitude = sensed()
+    assert result(np.full_like(gyro, np.nan), attitude)[0] is ImuStage.UPRIGHT
+    assert result(0.0 * gyro, 0.0 * attitude)[0] is ImuStage.FORWARD
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_python_and_c_agree_on_any_mounting(seed):
+    stage, _ = result(*sensed(Rotation.random(random_state=seed)))
+    assert stage is not ImuStage.DONE
