@@ -62,7 +62,7 @@ Half = Literal["development", "second_development", "test"]
 ROBOTS: dict[Half, tuple[str, ...]] = {
     "development": ("alten", "kugle", "rezero_four_wheels"),
     "second_development": ("rob311", "rezero", "cmu"),
-    "test": ("tower", "mini", "wide_four_wheels"),
+    "test": ("column", "pocket", "broad_four_wheels"),
 }
 MOTIONS: dict[Half, tuple[str, ...]] = {
     "development": ("hold", "square", "sway", "turn", "wander", "dead_band"),
@@ -70,8 +70,8 @@ MOTIONS: dict[Half, tuple[str, ...]] = {
     "test": ("lissajous", "stops", "swing", "dead_band"),
 }
 #: first seed of each half, of its recordings and of its teams' habits
-RECORDED_SEED: dict[Half, int] = {"development": 0, "second_development": 100, "test": 300}
-HABITS_SEED: dict[Half, int] = {"development": 0, "second_development": 1_000_000, "test": 3_000_000}
+RECORDED_SEED: dict[Half, int] = {"development": 0, "second_development": 100, "test": 500}
+HABITS_SEED: dict[Half, int] = {"development": 0, "second_development": 1_000_000, "test": 5_000_000}
 #: part of the wheels' dry friction that the firmware adds in the duty's direction, in the motion dead_band
 COMPENSATED = 0.6
 #: [s] of each recording
@@ -127,41 +127,41 @@ def _ball(robot: Robot, *, radius: float, mass: float) -> Ball:
     return replace(robot.ball, radius=radius, mass=mass, inertia=0.55 * mass * radius**2)
 
 
-def _tower() -> Robot:
-    """Return a tall, light robot, the first wheel at 100 degrees."""
-    robot = _with_body(Robot.load("alten"), mass=13.5, height=0.53, slenderness=1.3)
+def _column() -> Robot:
+    """Return a tall, slender robot, the first wheel at 50 degrees."""
+    robot = _with_body(Robot.load("alten"), mass=15.0, height=0.58, slenderness=1.25)
     robot = robot.replace(
-        ball=_ball(robot, radius=0.125, mass=3.4),
-        wheels=replace(robot.wheels, radius=0.055, tilt=float(np.radians(42.0)), inertia=9e-4),
-        drive=replace(robot.drive, torque_limit=5.5, gear_ratio=30.0),
+        ball=_ball(robot, radius=0.12, mass=3.0),
+        wheels=replace(robot.wheels, radius=0.05, tilt=float(np.radians(45.0)), inertia=8e-4),
+        drive=replace(robot.drive, torque_limit=5.0, gear_ratio=24.0),
     )
-    return _with_wheels(robot, count=3, first=float(np.radians(100.0)))
+    return _with_wheels(robot, count=3, first=float(np.radians(50.0)))
 
 
-def _mini() -> Robot:
-    """Return a small robot with small wheels, the first at -30 degrees."""
-    robot = _with_body(Robot.load("rob311"), mass=4.2, height=0.3, slenderness=1.3)
+def _pocket() -> Robot:
+    """Return a small robot with coarse encoders, the first wheel at 10 degrees."""
+    robot = _with_body(Robot.load("rob311"), mass=5.5, height=0.26, slenderness=1.3)
     robot = robot.replace(
-        ball=_ball(robot, radius=0.1, mass=1.1),
-        wheels=replace(robot.wheels, radius=0.03, tilt=float(np.radians(48.0)), inertia=6e-5),
-        drive=replace(robot.drive, torque_limit=2.2, gear_ratio=60.0),
-        sensors=replace(robot.sensors, encoder_counts=128),
+        ball=_ball(robot, radius=0.11, mass=1.3),
+        wheels=replace(robot.wheels, radius=0.04, tilt=float(np.radians(45.0)), inertia=7e-5),
+        drive=replace(robot.drive, torque_limit=2.5, gear_ratio=50.0),
+        sensors=replace(robot.sensors, encoder_counts=256),
     )
-    return _with_wheels(robot, count=3, first=float(np.radians(-30.0)))
+    return _with_wheels(robot, count=3, first=float(np.radians(10.0)))
 
 
-def _wide() -> Robot:
-    """Return a robot with four wheels, the first at 20 degrees."""
-    robot = _with_body(Robot.load("rezero"), mass=16.0, height=0.38, slenderness=1.35)
+def _broad() -> Robot:
+    """Return a light robot with four wheels, the first at -15 degrees."""
+    robot = _with_body(Robot.load("rezero"), mass=13.0, height=0.42, slenderness=1.3)
     robot = robot.replace(
-        ball=_ball(robot, radius=0.14, mass=3.6),
-        drive=replace(robot.drive, torque_limit=6.0, gear_ratio=36.0),
+        ball=_ball(robot, radius=0.125, mass=3.2),
+        drive=replace(robot.drive, torque_limit=5.5, gear_ratio=33.0),
     )
-    return _with_wheels(robot, count=4, first=float(np.radians(20.0)))
+    return _with_wheels(robot, count=4, first=float(np.radians(-15.0)))
 
 
 #: robots that are no preset
-OWN_ROBOTS = {"tower": _tower, "mini": _mini, "wide_four_wheels": _wide}
+OWN_ROBOTS = {"column": _column, "pocket": _pocket, "broad_four_wheels": _broad}
 
 
 def recording(half: Half, robot: str, motion: str) -> Log:

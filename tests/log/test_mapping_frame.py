@@ -1,19 +1,23 @@
 """The frame of the IMU, which turns with the robot, in mappings of foreign logs: signals made from their equations."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.file_signals import Raw, gyro_of, signals_of
-from ballbot.log.mapping_inference.frame import Frame, frame_of, heading_test
-from ballbot.log.mapping_inference.placement import LeanTest, lean_test, torque_free_gains
+from ballbot.log.mapping_inference.frame import frame_of, heading_test
+from ballbot.log.mapping_inference.placement import lean_test, torque_free_gains
 from ballbot.log.signals import INTERVAL, Smooth
+from ballbot.robot import Friction, Robot
 from tests.support.foreign_log_examples import small_robot
 
-ROWS = INTERVAL * np.arange(4000)
+ROWS = (INTERVAL * np.arange(4000)).astype(np.float64)
+EVERY = np.ones(len(ROWS), dtype=np.bool_)
 
 
 def slow_sines(random: np.random.Generator, size: float) -> list[np.ndarray]:
@@ -26,26 +30,25 @@ def slow_sines(random: np.random.Generator, size: float) -> list[np.ndarray]:
     return [value, rate, acceleration]
 
 
-def law_while_turning(
-    *, turn_rate: float, sigma: float, imu_turn: float, seed: int
-) -> tuple[LeanTest, Frame]:
-    """Return test and frame of signals that follow the law of the rolling ball exactly, while the heading sways."""
-    robot, random = small_robot(), np.random.default_rng(seed)
+def rolling(
+    robot: Robot, *, turn_rate: float, sigma: float = 1.0, imu_turn: float = 0.0, seed: int = 3
+) -> tuple[Smooth, Smooth, Smooth]:
+    """Return lean, wheels and heading that follow the law of the rolling ball exactly while the heading sways."""
+    random = np.random.default_rng(seed)
     kappa, gamma = torque_free_gains(robot)
     x, y = slow_sines(random, 0.01), slow_sines(random, 0.01)
     theta, theta_dot, theta_ddot = (a + 1j * b for a, b in zip(x, y, strict=True))
     psi, psi_dot, psi_ddot = turn_rate * np.array([np.sin(ROWS), np.cos(ROWS), -np.sin(ROWS)])
     # as the world sees it, the law has no terms of the turning frame
     twist = np.exp(1j * psi)
-    world = (
-        (theta_ddot + 2j * psi_dot * theta_dot + (1j * psi_ddot - psi_dot**2 - kappa) * theta) * twist / gamma
-    )
+    turned = theta_ddot + 2j * psi_dot * theta_dot + (1j * psi_ddot - psi_dot**2 - kappa) * theta
+    world = turned * twist / gamma
     W = np.cumsum(world - world.mean()) * INTERVAL / twist
     W_dot = (world - world.mean()) / twist - 1j * psi_dot * W
     azimuths = np.asarray(robot.wheels.azimuths)
     # W is the sum of w_i e^{j beta}; a heading turns all wheels alike
     speeds, accelerations = (
-        2.0 / 3.0 * np.real(one[:, None] * np.exp(-1j * azimuths)) - 2.0 * turning[:, None]
+        2.0 / len(azimuths) * np.real(one[:, None] * np.exp(-1j * azimuths)) - 2.0 * turning[:, None]
         for one, turning in ((W, psi_dot), (W_dot, psi_ddot))
     )
     wheels = Smooth(value=np.cumsum(speeds, axis=0) * INTERVAL, rate=speeds, acceleration=accelerations)
@@ -53,28 +56,40 @@ def law_while_turning(
     if sigma < 0.0:
         seen = [one.conj() for one in seen]
     value, rate, acceleration = (np.column_stack([one.real, one.imag]) for one in seen)
-    lean = Smooth(value=value, rate=rate, acceleration=acceleration)
     heading = Smooth(value=psi[:, None], rate=psi_dot[:, None], acceleration=psi_ddot[:, None])
-    found = lean_test(robot, lean, wheels, heading, np.ones(len(ROWS), dtype=bool))
-    assert found is not None
-    frame = frame_of(robot, found, heading_test(robot, wheels, heading, found))
-    assert frame.order == (1, 2, 3)
-    assert frame.axis_signs[1] == sigma
-    return found, frame
+    return Smooth(value=value, rate=rate, acceleration=acceleration), wheels, heading
 
 
 @pytest.mark.parametrize("sigma", [1.0, -1.0])
 @pytest.mark.parametrize("turn_rate", [0.0, 0.8])
 def test_a_robot_that_turns_while_it_rolls_keeps_gain_and_phase(turn_rate, sigma):
-    found, frame = law_while_turning(
-        turn_rate=turn_rate, sigma=sigma if turn_rate else 1.0, imu_turn=0.4, seed=3
-    )
-    best = found.placements[0]
+    sigma = sigma if turn_rate else 1.0
+    robot = small_robot()
+    lean, wheels, heading = rolling(robot, turn_rate=turn_rate, sigma=sigma, imu_turn=0.4)
+    found = lean_test(robot, lean, wheels, heading, EVERY)
+    assert found is not None
+    frame, best = frame_of(robot, found, heading_test(robot, wheels, heading, found)), found.placements[0]
+    assert frame.order == (1, 2, 3)
+    assert frame.axis_signs[1] == sigma
     # 2 %: signals with no noise, sampled every 5 ms, and the lag that is estimated
     assert best.gain == pytest.approx(1.0, abs=0.02)
     assert best.unexplained < 0.01
     # up to a third of a turn of the robot, with the wheels renamed
     assert abs(np.angle(np.exp(3j * (frame.measured_turn - 0.4)))) / 3.0 < np.radians(1.0)
+
+
+def test_four_wheels_without_a_heading_are_those_that_a_ball_can_turn():
+    """Opposite wheels exchanged and negated explain the lean as well, but then the ball would have to slip."""
+    own = small_robot()
+    wheels = replace(own.wheels, azimuths=tuple(0.5 * np.pi * k for k in range(4)))
+    robot = own.replace(wheels=wheels, friction=Friction.none(4))
+    lean, turned, _ = rolling(robot, turn_rate=0.1)
+    found = lean_test(robot, lean, turned, None, EVERY)
+    assert found is not None
+    best, other = found.placements[:2]
+    assert (best.positions, best.signs) == ((1, 2, 3, 4), (1, 1, 1, 1))
+    assert max(best.unexplained, other.unexplained) < 0.01
+    assert found.confidence > CONFIDENT
 
 
 @given(pitch_sign=st.sampled_from([1, -1]), yaw_sign=st.sampled_from([1, -1]), seed=st.integers(0, 2**32 - 1))

@@ -1,12 +1,14 @@
 """What an unknown delay, turn or dead band changes in a log: `ballbot.log.mapping_inference.tolerances`."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ballbot.log.mapping_inference.commands import Response, unit_probabilities
 from ballbot.log.mapping_inference.file_signals import Signals
 from ballbot.log.mapping_inference.tolerances import (
     PLAY_DELAY,
@@ -17,6 +19,7 @@ from ballbot.log.mapping_inference.tolerances import (
 )
 from ballbot.log.mapping_inference.wheel_response import CommandTest
 from ballbot.log.signals import INTERVAL, Smooth
+from ballbot.robot import Robot
 
 
 @given(error=st.floats(1e-6, 10.0), more=st.floats(1.01, 100.0), tolerance=st.floats(1e-3, 1.0))
@@ -109,3 +112,17 @@ def test_an_estimated_dead_band_leaves_it_open():
     # no log of the development halves shows it well enough
     assert dead_band_confidence(0.0, 0.002, 0.06) < 0.9
     assert dead_band_confidence(0.0, math.nan, 0.06) < 0.9
+
+
+@pytest.mark.parametrize(("per_ampere", "likeliest"), [(0.75, 0.9), (0.87, 0.7)])
+def test_a_torque_is_told_from_a_current_by_a_quarter_not_by_an_eighth(per_ampere, likeliest):
+    """The robot file's masses and torque constant are not known to an eighth, and a log gives no more than they do."""
+    robot = Robot.load("alten")
+    robot = robot.replace(drive=replace(robot.drive, gear_ratio=per_ampere / robot.drive.torque_constant))
+    seen = Response(
+        gain=1.07, gain_error=0.03, damping=0.03, damping_error=0.01, dead_band=0.0, dead_band_error=0.1
+    )
+    commands = 0.6 * np.sin(np.arange(300.0)).reshape(100, 3)
+    found = unit_probabilities(robot, seen, commands, named_kind=None, named_unit=None)
+    kinds = {kind: sum(p for one, p in found.items() if one.kind == kind) for kind in ("torque", "current")}
+    assert kinds["torque"] / (kinds["torque"] + kinds["current"]) == pytest.approx(likeliest, abs=0.05)

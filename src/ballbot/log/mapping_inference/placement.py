@@ -36,7 +36,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.log.checks.lean import clarity
+from ballbot.log.checks.lean import block_sums, clarity
 from ballbot.log.mapping_inference.evidence import jackknife_error
 from ballbot.log.mapping_inference.placements import (
     BELIEVED_ERRORS,
@@ -235,7 +235,7 @@ class _Law:
     ) -> NDArray[np.float64]:
         """Return the squares (B,) that a fit of columns leaves of what is driven, weighted, by blocks."""
         rest = np.abs((driven - columns @ _solve(columns, driven, weights)) * weights) ** 2
-        return np.bincount(block_numbers(len(rest)), weights=rest)
+        return block_sums(rest, block_numbers(len(rest)))
 
 
 def _likelier_handedness(law: _Law, usable: NDArray[np.bool_]) -> float:

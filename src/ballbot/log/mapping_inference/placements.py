@@ -26,6 +26,9 @@ SHORT_TIME, SHORT_MARGIN = 8.0, 2.0
 USUAL_REST, LARGEST_REST = 0.5, 0.85
 #: share of the wheels' motion that rollers and slip leave anyway
 LEAST_TOGETHER = 0.003
+#: weight of motion that all wheels share in a log without heading, over motion that no rolling ball allows. Four wheels
+#: have both: opposite wheels exchanged and negated turn the one into the other, and change nothing else
+UNKNOWN_HEADING = 0.3
 #: before the log is seen: wheels in the robot's order, and in the opposite one; wheels of equal signs
 OWN_ORDER, MIRRORED_ORDER, EQUAL_SIGNS = 0.55, 0.25, 0.6
 #: part of the standard errors by which a placement is behind the best that is believed, and power of the prior in the
@@ -291,7 +294,11 @@ def _together(
     ones = np.full(n, n**-0.5)
     basis, _ = np.linalg.qr(np.column_stack([ones, np.cos(angles), np.sin(angles)]))
     outside = float(np.trace(G) - np.trace(basis.T @ G @ basis))
-    total = float(ones @ G @ ones) - (float(ones @ with_rate) ** 2 / rate if rate > 0.0 else 0.0)
+    total = float(ones @ G @ ones)
+    if rate > 0.0:
+        total -= float(ones @ with_rate) ** 2 / rate
+    elif n > 3:
+        total *= UNKNOWN_HEADING
     return max(outside + total, 0.0) / max(float(np.trace(G)), TINY)
 
 
