@@ -62,6 +62,9 @@ def test_mujoco_finds_the_robots_masses_and_wheels(tmp_path, suffix):
         np.testing.assert_allclose(
             mass[joint.dofadr[0], joint.dofadr[0]] - rotor, ALTEN.wheels.inertia, rtol=1e-9
         )
+    ball = model.body("ball").id
+    pairs = model.geom_bodyid[data.contact.geom]
+    assert (pairs == ball).any(axis=1).all()  # no roller touches another part
     rollers = ALTEN.wheel_count * ALTEN.wheels.rollers.rows * ALTEN.wheels.rollers.per_row
     touching = [k for k in range(model.ngeom) if model.geom_conaffinity[k] and model.geom_bodyid[k]]
     assert len(touching) in (rollers, rollers + 1)  # the ball's own, which in MJCF is only a contype

@@ -6,9 +6,9 @@
        `- wheel1 ..       continuous joints; z along the hinge, as in `ballbot.twin.mjcf`
           `- roller1_1 .. continuous joints, turn freely
 
-The parts are those of the twin (`ballbot.twin.parts`). URDF has no ellipsoid: a roller is a cylinder of its radius that
-reaches the middle between two rollers, so that the wheel's outline has corners. It has no reflected inertia of a rotor
-and no friction that depends on speed either.
+The parts are those of the twin (`ballbot.twin.parts`). URDF has no ellipsoid: a roller is a cylinder of its radius, as
+long as fits between its neighbours without touching them, so that the wheel's outline has corners. Nor has URDF the
+reflected inertia of a rotor, or friction that depends on speed.
 """
 
 from __future__ import annotations
@@ -23,6 +23,9 @@ from ballbot.robot import Robot
 from ballbot.twin.mjcf import number_text
 from ballbot.twin.parts import WheelParts, split_robot, wheel_frames, wheel_parts
 
+#: of the length at which rollers touch
+_CLEAR = 0.98
+
 
 def robot_urdf(robot: Robot) -> ET.Element:
     """Return the root element of a robot's URDF.
@@ -34,7 +37,12 @@ def robot_urdf(robot: Robot) -> ET.Element:
     """
     rollers, ball = robot.wheels.rollers, robot.ball
     wheel, rest = split_robot(robot, rollers, wheel_of=wheel_parts)
-    half = robot.wheels.radius * math.tan(math.pi / (rollers.per_row * rollers.rows))
+    # its inner edge stays within the roller's part of a turn
+    half = (
+        _CLEAR
+        * (robot.wheels.radius - 2.0 * rollers.radius)
+        * math.tan(math.pi / (rollers.per_row * rollers.rows))
+    )
     corner = math.hypot(robot.wheels.radius, half) - robot.wheels.radius
     root = ET.Element("robot", name=robot.name)
     root.append(ET.Comment(_ABOUT.format(corner=1e3 * corner)))
