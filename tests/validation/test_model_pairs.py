@@ -18,7 +18,7 @@ from ballbot.report.validation import key_of, validation_results
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
 from ballbot.validation import ModelPair, findings, validate, validate_pair
-from ballbot.validation.validation import better_in
+from ballbot.validation.result import better_in
 from tests.support.foreign_log_examples import small_robot, swaying_log
 from tests.support.validation_examples import noisy_log, true_robot
 

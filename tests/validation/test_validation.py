@@ -31,7 +31,7 @@ from ballbot.validation.closed_loop import delay_of, heading_error
 from ballbot.validation.models import forecast, recoverable_lean, stretches, thesis_error, window_starts
 from ballbot.validation.open_loop import OpenLoop
 from ballbot.validation.prediction import compare_horizons, predict
-from ballbot.validation.validation import weak_states
+from ballbot.validation.result import weak_states
 from ballbot.validation.wheel_effects import find_dither
 from tests.support.validation_examples import NOISE, gain, noisy_log, perfect_log, true_robot
 

@@ -38,6 +38,7 @@ from ballbot.workflows.controller_prediction import (
 )
 from ballbot.workflows.study import Study, StudyOptions, study
 from tests.support.control_examples import FRICTION
+from tests.support.screen import assert_fits_a_screen
 from tests.support.validation_examples import noisy_log
 
 SMALL = StudyOptions(generations=12, duration=8.0, draws=2, ablation_draws=1)
@@ -103,6 +104,12 @@ def test_holdout_is_a_quarter_of_the_log_in_separate_intervals(duration, first):
     assert edges[0] > first
     assert edges[-1] <= first + duration + 1e-9
     assert all(end - start <= 8.0 + 1e-9 for start, end in stretches)
+
+
+def test_study_and_what_it_holds_fit_a_screen_and_can_be_plotted(small: Study):
+    for result in (small, small.found, small.validation):
+        assert_fits_a_screen(result)
+        assert result.plot().axes
 
 
 def test_windows_of_the_fit_lie_outside_the_holdout_intervals(small: Study):

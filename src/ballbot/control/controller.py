@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Literal, get_args
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import SHORTEST_SAMPLE, real_array
 from ballbot.control.law import ALLOWED, MEMORY, control_law, law_record
+from ballbot.control.lqr import gain_rows, sampling_words
 from ballbot.control.parts import Parts
 from ballbot.control.parts.part import LawSettings
 from ballbot.errors import InputError
@@ -16,6 +18,7 @@ from ballbot.estimation.interface import EstimatorName, checked_name
 from ballbot.log.columns import STATE_NAMES
 from ballbot.robot import Robot
 from ballbot.robot.derived import encoder_step
+from ballbot.summary import Summary, summarized
 
 Compensation = Literal["none", "full", "partial"]
 
@@ -35,6 +38,7 @@ def default_speed_band(robot: Robot, sample_time: float) -> float:
     return BAND_COUNTS * step / sample_time
 
 
+@summarized
 class Controller:
     """u = K S(psi) (r - x) + friction compensation, limited, and what is added to it; see `ballbot.control.law`.
 
@@ -126,6 +130,19 @@ class Controller:
             speed_band=self.speed_band,
             delay=self.parts.prediction.delay if self.parts.prediction else 0.0,
         )
+
+    def summary(self) -> Summary:
+        """Return the controller's settings and its gain."""
+        parts = [one.name for one in fields(self.parts) if getattr(self.parts, one.name) is not None]
+        rows = (
+            ("compensation", self.compensation),
+            ("state from", f"the estimator {self.estimator}"),
+            ("torque limit", f"{self.torque_limit:.3g} N m"),
+            ("speed band", f"{self.speed_band:.3g} rad/s"),
+            ("parts", ", ".join(parts).replace("_", " ") or "none"),
+        )
+        title = f"Controller of the robot {self.robot.name}, {sampling_words(self.sample_time)}"
+        return Summary(title=title, rows=(*rows, *gain_rows(self.gain)))
 
     def with_compensation(self, compensation: Compensation) -> Controller:
         """Return a copy that compensates friction in another way."""

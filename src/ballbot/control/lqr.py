@@ -14,13 +14,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
 from ballbot.errors import InputError
+from ballbot.log.columns import STATE_NAMES
+from ballbot.summary import Summary, plotted, pole_words, summarized
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: smallest eigenvalue, relative to the largest, that counts as not negative in a cost
 _ROUNDING = 1e-12
@@ -45,6 +50,7 @@ class Linearizable(Protocol):
     def linearize(self) -> StateSpace: ...
 
 
+@summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LqrDesign:
     """An optimal gain and what it promises."""
@@ -55,6 +61,34 @@ class LqrDesign:
     ]  #: (m,) of the closed loop [rad/s], the slowest first; sampled ones as log(z)/T
     cost: NDArray[np.float64]  #: P (m, m): x' P x is the cost still to come from x
     sample_time: float | None  #: [s]; None where the gain is for continuous control
+
+    def summary(self) -> Summary:
+        """Return the gain of each state and the closed loop's poles."""
+        return Summary(
+            title=f"LQR gain, {sampling_words(self.sample_time)}",
+            rows=(*gain_rows(self.gain), ("poles", f"{pole_words(self.poles)} rad/s")),
+        )
+
+    def plot(self) -> Figure:
+        """Return a figure of the closed loop's poles."""
+        return plotted(self)
+
+
+def sampling_words(sample_time: float | None) -> str:
+    """Return how a gain acts: "sampled every 0.005 s", or "continuous" without a sample time."""
+    return "continuous" if sample_time is None else f"sampled every {sample_time:.4g} s"
+
+
+def gain_rows(gain: NDArray[np.float64]) -> tuple[tuple[str, str], ...]:
+    """Return a row for each state with its gain for every input; a robot's states are named."""
+    inputs, states = gain.shape
+    names = STATE_NAMES if states == len(STATE_NAMES) else [f"x{place}" for place in range(1, states + 1)]
+    # adding zero keeps a minus sign off what prints as nothing
+    cells = [[f"{value:.4f}" for value in column] for column in np.round(gain.T, 4) + 0.0]
+    width = max(len(cell) for row in cells for cell in row)
+    heading = ("gain", "  ".join(f"{f'u{place}':>{width}}" for place in range(1, inputs + 1)))
+    rows = ("  ".join(f"{cell:>{width}}" for cell in row) for row in cells)
+    return (heading, *zip((f"  {name}" for name in names), rows, strict=True))
 
 
 def lqr(

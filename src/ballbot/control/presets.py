@@ -14,12 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.controller import Compensation, Controller, default_speed_band
-from ballbot.control.lqr import LqrDesign, lqr
+from ballbot.control.lqr import LqrDesign, gain_rows, lqr, sampling_words
 from ballbot.control.parts import Parts
 from ballbot.control.parts.disturbance_observer import DisturbanceObserver
 from ballbot.control.parts.feed_forward import FeedForward
@@ -30,6 +31,10 @@ from ballbot.control.parts.reference_shaping import ReferenceShaping
 from ballbot.mechanics.geometry import wheel_load
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
+from ballbot.summary import Summary, listed, plotted, pole_words, summarized
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: weights of x y theta phi psi [1/m^2, 1/rad^2] and of their rates
 NOMINAL_STATE_WEIGHTS = (20.0, 20.0, 500.0, 500.0, 5.0, 30.0, 30.0, 20.0, 20.0, 2.0)
@@ -82,6 +87,7 @@ GRIP_FRACTION = 0.4
 _POSE_PLACES = (0, 1, 4)
 
 
+@summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
 class IntegralDesign:
     """A gain for the state and its pose's integral."""
@@ -90,6 +96,19 @@ class IntegralDesign:
     integral_gain: NDArray[np.float64]  #: K_I (n, 3)
     poles: NDArray[np.complex128]  #: (13,) of the closed loop [rad/s], the slowest first
     sample_time: float  #: [s]
+
+    def summary(self) -> Summary:
+        """Return the gain of each state and of the integrals, and the closed loop's poles."""
+        names = ("integral of x", "integral of y", "integral of psi")
+        integral = zip(names, (listed(one, digits=4) for one in self.integral_gain.T), strict=True)
+        return Summary(
+            title=f"LQR gain with integral action, {sampling_words(self.sample_time)}",
+            rows=(*gain_rows(self.gain), *integral, ("poles", f"{pole_words(self.poles)} rad/s")),
+        )
+
+    def plot(self) -> Figure:
+        """Return a figure of the closed loop's poles."""
+        return plotted(self)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

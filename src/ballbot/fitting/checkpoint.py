@@ -23,10 +23,13 @@ import hashlib
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path
+from types import MappingProxyType
+from typing import cast
 
 import numpy as np
 from llvmlite.binding import get_host_cpu_name
@@ -163,15 +166,31 @@ def identity_of(inputs: Mapping[str, Sequence[object]], options: Mapping[str, ob
 
 
 def digest(*parts: object) -> bytes:
-    """Return the SHA-256 of arrays and of values whose `repr` is complete."""
+    """Return the SHA-256 of arrays, of dataclasses by their fields, and of values whose `repr` is complete."""
     found = hashlib.sha256()
     for part in parts:
         if isinstance(part, np.ndarray):
             found.update(f"{part.dtype} {part.shape}\n".encode())
             found.update(np.ascontiguousarray(part).tobytes())
         else:
-            found.update(f"{part!r}\n".encode())
+            found.update(f"{_complete(part)}\n".encode())
     return found.digest()
+
+
+def _complete(value: object) -> str:
+    """Return a text with every field of a dataclass, however deep: the `repr` of a robot is a summary of it."""
+    if type(value) in (list, tuple):
+        items = ", ".join(map(_complete, cast("Sequence[object]", value)))
+        if isinstance(value, list):
+            return f"[{items}]"
+        return f"({items},)" if len(cast("Sequence[object]", value)) == 1 else f"({items})"
+    if isinstance(value, dict | MappingProxyType):
+        items = ", ".join(f"{name!r}: {_complete(one)}" for name, one in value.items())
+        return f"{{{items}}}" if isinstance(value, dict) else f"mappingproxy({{{items}}})"
+    if not is_dataclass(value) or isinstance(value, type):
+        return repr(value)
+    parts = (f"{one.name}={_complete(getattr(value, one.name))}" for one in fields(value) if one.repr)
+    return f"{type(value).__qualname__}({', '.join(parts)})"
 
 
 def _read(path: Path) -> list[bytes]:

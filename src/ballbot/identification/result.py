@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,10 @@ from ballbot.identification.variation import Variation
 from ballbot.identification.windows import Span
 from ballbot.log import STATE_NAMES
 from ballbot.robot import Robot
+from ballbot.summary import Summary, counted, plotted, summarized
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: {b: [..], c: [..], s: [..], v_s, delta, C_rr, ..}; see `ballbot.identification.quantities`
 ParameterTable = dict[str, list[float] | float]
@@ -95,6 +100,7 @@ class WindowErrors:
         return dict(zip(STATE_NAMES, values.tolist(), strict=True))
 
 
+@summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Identification:
     """The identified parameters of a robot, friction's 3 n + 3 first."""
@@ -145,6 +151,35 @@ class Identification:
         errors = np.nan_to_num(np.concatenate([np.atleast_1d(one) for one in self.standard_errors.values()]))
         return errors[:, None] * np.nan_to_num(self.correlation) * errors
 
+    def summary(self) -> Summary:
+        """Return each parameter with its standard error, how well windows held out are predicted, and warnings."""
+        rows = []
+        for name, (symbol, value) in zip(self.layout.names, self.parameters.items(), strict=True):
+            pairs = zip(np.atleast_1d(value), np.atleast_1d(self.standard_errors[symbol]), strict=True)
+            unit = "" if BY_NAME[name].unit == "1" else f" {BY_NAME[name].unit}"
+            rows.append(
+                (symbol, ", ".join(_with_error(float(one), float(error)) for one, error in pairs) + unit)
+            )
+        ratios = np.array(list(self.held_out.ratios.values()))
+        share = f"{np.nanmedian(ratios):.3g}" if np.isfinite(ratios).any() else "unknown"
+        rows.append(
+            ("prediction error", f"{share} of that without friction (median of the states, held out)")
+        )
+        rows.append(
+            ("windows", f"{self.fit.windows} fitted, {self.held_out.windows} held out, {self.window:g} s")
+        )
+        found = [*self.log_findings, *self.warnings]
+        more = (counted(len(found) - _SHOWN, "more finding"),) if len(found) > _SHOWN else ()
+        return Summary(
+            title=f"Identification of the robot {self.robot.name}: value +- standard error",
+            rows=tuple(rows),
+            remarks=(*(one.text for one in found[:_SHOWN]), *more),
+        )
+
+    def plot(self) -> Figure:
+        """Return a figure of each wheel's identified friction over its speed, with a 95 % band."""
+        return plotted(self)
+
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds; NaN becomes None, JSON's null."""
         return {
@@ -178,6 +213,16 @@ class Identification:
             "warnings": finding_results(self.warnings),
             "findings": finding_results(self.log_findings),
         }
+
+
+#: findings in a summary
+_SHOWN = 3
+
+
+def _with_error(value: float, error: float) -> str:
+    if not np.isfinite(value):
+        return "no influence"
+    return f"{value:.3g} +- {error:.2g}" if np.isfinite(error) else f"{value:.3g} (no error)"
 
 
 def represents_sentence(layout: Layout) -> str:

@@ -11,6 +11,7 @@ rate of change of each column.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,8 +24,11 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arrays import format_duration
 from ballbot.errors import InputError, nearest
 from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, mark_missing, numbered_names, unit_of
+from ballbot.summary import Summary, counted, plotted, range_words, summarized
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from ballbot.log.mapping import LogMapping
 
 #: longest log and shortest interval between rows [s]
@@ -34,6 +38,7 @@ _CLOCKS = (("nanoseconds", 1e6), ("microseconds", 1e3), ("milliseconds", 1.0))
 _REFERENCE_NAMES = ("ref_x", "ref_y", "ref_psi")
 
 
+@summarized
 @dataclass(frozen=True, eq=False)
 class Log:
     """A log in memory; read one with `Log.read`.
@@ -242,9 +247,59 @@ class Log:
         kept = {name: v for name, v in self.columns.items() if not name.startswith(TRUE_PREFIX)}
         return Log(kept, self.ended)
 
+    def summary(self) -> Summary:
+        """Return the log's length and rate, and the range of its columns by groups; see also `summarize`."""
+        duration = float(self.t[-1] - self.t[0])
+        rate = f" at {(len(self) - 1) / duration:.4g} Hz" if duration > 0.0 else ""
+        rows = [("time", range_words(self.t, "s")), *_range_rows(self)]
+        missing = {name: int(np.count_nonzero(~np.isfinite(values))) for name, values in self.columns.items()}
+        lacking = ", ".join(f"{count} of {name}" for name, count in missing.items() if count)
+        rows.append(("missing values", lacking or "none"))
+        if self.ended:
+            rows.append(("ended early", self.ended))
+        return Summary(title=f"Log of {counted(len(self), 'row')}: {duration:.4g} s{rate}", rows=tuple(rows))
+
+    def plot(self) -> Figure:
+        """Return a figure of the path, position, lean and torques over time, as far as the log has them."""
+        return plotted(self)
+
     def _table(self, names: tuple[str, ...]) -> NDArray[np.float64]:
         self.require(*names)
         return np.column_stack([self.columns[name] for name in names])
+
+
+#: columns shown together in a summary, each a pattern of whole names
+_GROUPS = (
+    ("position", "x|y"),
+    ("lean", "theta|phi"),
+    ("heading", "psi"),
+    ("velocity", "(x|y)_dot"),
+    ("lean rates", "(theta|phi)_dot"),
+    ("heading rate", "psi_dot"),
+    ("wheel torques", r"u\d+"),
+    ("wheel angles", r"wheel\d+"),
+    ("wheel speeds", r"wheel\d+_dot"),
+    ("gyroscope", "gyro_[xyz]"),
+    ("accelerometer", "acc_[xyz]"),
+    ("reference", "ref_(x|y)"),
+    ("reference heading", "ref_psi"),
+)
+
+
+def _range_rows(log: Log) -> list[tuple[str, str]]:
+    """Return the range of each group of columns, and the names of all other columns."""
+    rows, rest = [], [name for name in log.names if name != "t"]
+    for group, pattern in _GROUPS:
+        names = [name for name in rest if re.fullmatch(pattern, name)]
+        if names:
+            values = np.concatenate([log[name] for name in names])
+            rows.append((group, f"{', '.join(names)}: {range_words(values, unit_of(names[0]) or '')}"))
+            rest = [name for name in rest if name not in names]
+    truth = [name for name in rest if name.startswith(TRUE_PREFIX)]
+    rest = [name for name in rest if name not in truth]
+    if truth:
+        rows.append(("true values", counted(len(truth), "column")))
+    return [*rows, ("other columns", ", ".join(rest))] if rest else rows
 
 
 def _column(name: str, values: ArrayLike) -> NDArray[np.float64]:

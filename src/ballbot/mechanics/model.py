@@ -32,6 +32,7 @@ from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.friction import wheel_law
 from ballbot.mechanics.parameters import Exact, Formulation, Pivoting, Thesis, pack, selector
 from ballbot.robot import Robot
+from ballbot.summary import Summary, summarized
 
 if TYPE_CHECKING:
     from control import StateSpace
@@ -69,6 +70,7 @@ class LinearModel:
 _MAX_STEPS = 1e8  # of one call: most of a minute on one core
 
 
+@summarized
 @dataclass(frozen=True)
 class Model:
     """A robot's mechanics.
@@ -128,6 +130,16 @@ class Model:
     def packed(self) -> NDArray[np.float64]:
         """The robot's numbers as compiled code reads them; see `ballbot.mechanics.parameters.pack`."""
         return self._row  # pyright: ignore[reportAttributeAccessIssue]
+
+    def summary(self) -> Summary:
+        """Return what the model is made of."""
+        pivoting = "none" if self.pivoting is None else f"against at most {self.pivoting:.3g} N m"
+        rows = (
+            ("formulation", self.formulation),
+            ("longest inner step", f"{self.step:.3g} s"),
+            ("pivoting of the ball", pivoting),
+        )
+        return Summary(title=f"Model of the robot {self.robot.name}", rows=rows)
 
     def mass_matrix(self, q: ArrayLike) -> NDArray[np.float64]:
         """Return M(q) (..., m, m) for q (..., 5), m = 5; symmetric and positive definite."""

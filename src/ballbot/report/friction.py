@@ -109,6 +109,22 @@ def friction_figure(found: Identification, logs: Sequence[StudiedLog]) -> Figure
     return figure
 
 
+#: speeds shown without logs reach this many Stribeck speeds
+_SHOWN_SPEEDS = 8.0
+
+
+def wheel_friction_figure(found: Identification) -> Figure:
+    """Return each wheel's friction over its speed with a 95 % band, without the logs."""
+    n = found.robot.wheel_count
+    figure = Figure(figsize=(7.4, 2.6), layout="constrained")
+    panels = figure.subplots(1, n, sharex=True, sharey=True, squeeze=False)[0]
+    for wheel, axes in enumerate(panels):
+        _draw_curve(axes, found, wheel, _SHOWN_SPEEDS * found.robot.friction.stribeck_speed)
+        axes.set_xlabel("wheel speed [rad/s]")
+    panels[0].set_ylabel("friction torque [N m]")
+    return figure
+
+
 def _draw_curve(axes: Axes, found: Identification, wheel: int, fastest: float) -> None:
     for side in (-1.0, 1.0):
         curve = friction_curve(found, wheel, side * np.geomspace(1e-3, 1.0, 160) * fastest)

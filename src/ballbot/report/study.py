@@ -37,7 +37,7 @@ from ballbot.report.validation import validation_values
 from ballbot.report.validation_figures import correlation_figure
 from ballbot.robot import Friction, Robot
 from ballbot.robot.figure import robot_figure
-from ballbot.validation.validation import better_in, weak_states
+from ballbot.validation.result import better_in, weak_states
 from ballbot.viewer import replay_part
 from ballbot.workflows.controller_choice import ControllerChoice
 from ballbot.workflows.metrics import SETTLE

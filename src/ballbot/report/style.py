@@ -10,8 +10,9 @@ import io
 import re
 import warnings
 from collections.abc import Callable, Mapping
+from functools import partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING, TypedDict, cast
+from typing import TYPE_CHECKING, TypedDict, TypeVar, cast
 
 import matplotlib as mpl
 import numpy as np
@@ -47,6 +48,8 @@ WITH_FRICTION: Line = {"color": BLUE, "linestyle": "-", "linewidth": 1.1}
 WITHOUT_FRICTION: Line = {"color": ORANGE, "linestyle": "--", "linewidth": 1.1}
 NOISE: Line = {"color": MUTED, "linestyle": ":", "linewidth": 1.2}
 REFERENCE: Line = {"color": "#9aa5ae", "linestyle": "-", "linewidth": 2.4}
+
+T = TypeVar("T")
 
 #: the symbols of the states as the thesis prints them, and their units
 STATE_SYMBOLS: Mapping[str, str] = MappingProxyType(
@@ -143,6 +146,15 @@ def drawn(draw: Callable[[], Figure], *, name: str) -> str:
     # the width in the page's own measure; the view box keeps the proportions
     svg = re.sub(r' width="([\d.]+)pt" height="[\d.]+pt"', _width_on_page, svg, count=1)
     return re.sub(r"\s*\n\s*", "\n", svg)
+
+
+def plotted(draw: Callable[[T], Figure], value: T) -> Figure:
+    """Draw a figure in the report's style for a caller of its own; a notebook shows it by itself."""
+    with mpl.rc_context(_RC):
+        figure = draw(value)
+    # IPython asks an object for this; it shows figures by itself only if they belong to pyplot
+    vars(figure)["_repr_svg_"] = partial(_svg, figure)
+    return figure
 
 
 def _svg(figure: Figure) -> str:

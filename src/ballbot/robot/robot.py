@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ballbot.errors import InputError, nearest
 from ballbot.robot.checks import check_correlation, check_deviations, check_robot
@@ -25,12 +28,17 @@ from ballbot.robot.components import (
 )
 from ballbot.robot.file import read_robot
 from ballbot.robot.parameters import Value, build, value_of
+from ballbot.summary import Summary, listed, plotted, summarized
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _PRESETS = Path(__file__).parent / "presets"
 #: suffixes of robots as models of other tools: MJCF and URDF
 MODEL_SUFFIXES = (".xml", ".mjcf", ".urdf")
 
 
+@summarized
 @dataclass(frozen=True, kw_only=True)
 class Robot(RobotValues):
     """A ball-balancing robot. Load one with `Robot.load`; change a copy with `replace`.
@@ -140,6 +148,77 @@ class Robot(RobotValues):
     def presets() -> list[str]:
         """Return the names of the robots that ship with Ballbot."""
         return sorted(path.stem for path in _PRESETS.glob("*.toml"))
+
+    def summary(self) -> Summary:
+        """Return the robot's main parameters, and where they came from."""
+        kinds = Counter(source.partition(":")[0] for source in self.sources.values())
+        rows = (*_mechanical_rows(self), *_drive_rows(self), *_friction_rows(self.friction))
+        sources = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
+        stated = f"of {len(self.standard_deviations)} parameters" if self.standard_deviations else "none"
+        return Summary(
+            title=f"Robot {self.name}: {self.wheel_count} wheels",
+            rows=(*rows, ("sources", sources or "none"), ("standard deviations", stated)),
+        )
+
+    def plot(self) -> Figure:
+        """Return a figure of the robot from its right and from above, to scale."""
+        return plotted(self)
+
+
+def _mechanical_rows(robot: Robot) -> tuple[tuple[str, str], ...]:
+    ball, body, wheels = robot.ball, robot.body, robot.wheels
+    about = body.inertia_about.replace("_", " ")
+    return (
+        ("ball", f"radius {ball.radius:.4g} m, mass {ball.mass:.4g} kg, inertia {ball.inertia:.4g} kg m^2"),
+        (
+            "body",
+            f"mass {body.mass:.4g} kg, centre of mass {body.center_of_mass:.4g} m above the ball's centre",
+        ),
+        ("its inertia", f"{listed(body.inertia[:3], 'kg m^2')} about x, y, z through the {about}"),
+        (
+            "wheels",
+            f"radius {wheels.radius:.4g} m, tilt {math.degrees(wheels.tilt):.4g} deg, azimuths "
+            f"{listed([math.degrees(one) for one in wheels.azimuths], 'deg', digits=4)}, inertia "
+            f"{wheels.inertia:.3g} kg m^2",
+        ),
+        ("gravity", f"{robot.gravity:.5g} m/s^2"),
+    )
+
+
+def _drive_rows(robot: Robot) -> tuple[tuple[str, str], ...]:
+    drive, sensors = robot.drive, robot.sensors
+    return (
+        (
+            "drive",
+            f"torque limit {drive.torque_limit:.3g} N m, gear ratio {drive.gear_ratio:.4g}, supply "
+            f"{drive.supply_voltage:.3g} V, play {math.degrees(drive.backlash):.3g} deg",
+        ),
+        (
+            "sensors",
+            f"sample time {sensors.sample_time:.4g} s, {sensors.encoder_counts} encoder counts a motor turn",
+        ),
+    )
+
+
+def _friction_rows(friction: Friction) -> tuple[tuple[str, str], ...]:
+    if friction == Friction.none(len(friction.viscous)):
+        return (("friction", "none"),)
+    wheels = [
+        ("viscous friction", listed(friction.viscous, "N m s/rad")),
+        ("Coulomb friction", listed(friction.coulomb, "N m")),
+        (
+            "Stribeck friction",
+            f"{listed(friction.stribeck, 'N m')}; speed {friction.stribeck_speed:.3g} rad/s, exponent "
+            f"{friction.stribeck_exponent:.3g}",
+        ),
+        ("rolling friction", f"C_rr = {friction.rolling:.3g}"),
+    ]
+    more = {
+        "Coulomb asymmetry": (friction.coulomb_asymmetry, "N m"),
+        "Stribeck asymmetry": (friction.stribeck_asymmetry, "N m"),
+        "friction by load": (friction.load, ""),
+    }
+    return (*wheels, *((name, listed(values, unit)) for name, (values, unit) in more.items() if any(values)))
 
 
 def is_model_file(path: str | Path) -> bool:

@@ -2,14 +2,8 @@
 
 from ballbot.validation.closed_loop import RecoveredGain, recover_gain
 from ballbot.validation.models import ErrorPair, ModelPair, NamedModel, StateErrors
-from ballbot.validation.validation import (
-    Validation,
-    findings,
-    join_validations,
-    validate,
-    validate_logs,
-    validate_pair,
-)
+from ballbot.validation.result import Validation, findings
+from ballbot.validation.validation import join_validations, validate, validate_logs, validate_pair
 
 __all__ = [
     "ErrorPair",

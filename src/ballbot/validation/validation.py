@@ -1,20 +1,16 @@
-"""The three validations of the thesis's chapter 4 on a log and their findings: closed loop, open loop and prediction.
-
-A finding says which model predicts a state better, with an interval, and gives the reason if neither does.
-"""
+"""The three validations of the thesis's chapter 4 on a log: closed loop, open loop and prediction."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback
 from ballbot.errors import InputError
-from ballbot.findings import Finding, by_severity, note
-from ballbot.fitting.comparison import verdicts
+from ballbot.findings import by_severity
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks import checked_logs
@@ -31,38 +27,18 @@ from ballbot.validation.closed_loop import (
     join_closed_loops,
     recover_gain,
 )
-from ballbot.validation.models import ErrorPair, Interval, ModelPair, check_wheels, stretches
-from ballbot.validation.open_loop import OpenLoop, join_open_loops, open_loop
+from ballbot.validation.models import Interval, ModelPair, check_wheels, stretches
+from ballbot.validation.open_loop import join_open_loops, open_loop
 from ballbot.validation.prediction import (
-    HorizonComparison,
-    Prediction,
     compare_horizons,
     join_horizons,
     join_predictions,
     predict,
 )
-from ballbot.validation.residuals import ResidualAnalysis, analyse_residuals, residual_findings
+from ballbot.validation.residuals import analyse_residuals
+from ballbot.validation.result import Validation
 from ballbot.validation.statistics import find_updates
-from ballbot.validation.wheel_effects import Dither, find_dither
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Validation:
-    """How well two models predict a log; by default a robot's model with its friction and without any."""
-
-    models: ModelPair
-    open_loop: OpenLoop | None  #: None if the log does not allow it; `no_open_loop` says why
-    no_open_loop: str | None
-    closed_loop: ClosedLoop | None  #: None if the log does not allow it; `no_closed_loop` says why
-    no_closed_loop: str | None
-    prediction: Prediction
-    residuals: ResidualAnalysis  #: of the first model
-    horizon: HorizonComparison
-    recovered: RecoveredGain | None  #: the log's own gain, where no controller was given
-    dither: Dither | None  #: None if the log lacks wheel speeds
-    duration: float  #: of the stretches compared [s]
-    sample_time: float  #: of the log [s]
-    log_findings: tuple[Finding, ...] = ()  #: of the checks of the log
+from ballbot.validation.wheel_effects import find_dither
 
 
 def validate(
@@ -282,177 +258,3 @@ def _closed_loop(
     )
     closed = closed_loop(models, log, parts, own, delay=recovered.delay, restart_every=restart_every)
     return recovered, closed, None
-
-
-#: a state's error is put down to the noise of its start from this share on
-_NOISE_SHARE = 0.7
-#: dither counts as fast from this share of the motion of turning on
-_DITHER_SHARE = 0.5
-#: reversals this many times as frequent as the motion's own are chatter
-_CHATTER = 5.0
-#: a model that falls at less than this times another's rate falls more slowly
-_SLOWER = 0.95
-
-
-def findings(validation: Validation) -> tuple[Finding, ...]:
-    """Return the findings, the verdict first."""
-    found = [note("open-loop", _open_loop_verdict(validation)), *weak_states(validation)]
-    if validation.closed_loop is not None:
-        found.append(note("closed-loop", _closed_loop_verdict(validation)))
-    elif validation.no_closed_loop is not None:
-        found.append(note("closed-loop", f"No closed-loop validation: {validation.no_closed_loop}"))
-    found.append(note("horizon", _horizon_verdict(validation)))
-    found.extend(residual_findings(validation.residuals))
-    return tuple(found)
-
-
-def weak_states(validation: Validation) -> tuple[Finding, ...]:
-    """Return a finding for each state that the first model does not surely predict better in open loop, and why.
-
-    "Surely" is the 95 % bootstrap interval of the ratio of errors lying wholly above one. Without an open loop, or with
-    too few runs for an interval, single states get no verdict.
-    """
-    if validation.open_loop is None:
-        return ()
-    errors = validation.open_loop.errors
-    lower, upper = errors.ratio_interval()
-    if not np.isfinite(lower).any():
-        return ()
-    first, second = validation.models.names
-    claims = {
-        "worse": f"the model {first} is worse than the one {second} in open loop",
-        "undecided": f"the model {first} is not significantly better than the one {second} in open loop",
-    }
-    sentences = []
-    for index, (name, verdict) in enumerate(zip(STATE_NAMES, errors.verdicts(), strict=True)):
-        if verdict == "better":
-            continue
-        numbers = f"ratio {errors.ratio[index]:.2f}, 95 % interval {lower[index]:.2f} to {upper[index]:.2f}"
-        sentences.append(f"{name}: {claims[verdict]} ({numbers}). {_reason(validation, index)}")
-    return tuple(note("weak-state", sentence) for sentence in sentences)
-
-
-def better_in(errors: ErrorPair, models: ModelPair) -> str:
-    """Return in how many states the first model is better, by the whole interval, and by which factors."""
-    first, second = models.names
-    if not np.isfinite(errors.ratio_interval()).any():
-        return f"{errors.runs} runs are too few to show which model is better"
-    surely = [place for place, verdict in enumerate(errors.verdicts()) if verdict == "better"]
-    worse = [STATE_NAMES[place] for place, verdict in enumerate(errors.verdicts()) if verdict == "worse"]
-    if not surely:
-        better = f"the model {first} is better than the one {second} in none of the ten states"
-    else:
-        ratio = errors.ratio[surely]
-        names = [STATE_NAMES[surely[int(place(ratio))]] for place in (np.argmin, np.argmax)]
-        count = (
-            "every one of the ten states"
-            if len(surely) == len(STATE_NAMES)
-            else f"{len(surely)} of the ten states"
-        )
-        sizes = f"{ratio.min():.1f} times ({names[0]}) to {ratio.max():.1f} times ({names[1]}) smaller"
-        if len(surely) == 1:
-            sizes = f"{ratio[0]:.1f} times smaller ({names[0]})"
-        better = f"the model {first} is better than the one {second} in {count}, its error {sizes}"
-    return better + (f", and worse in {', '.join(worse)}" if worse else "")
-
-
-def describe_dither(validation: Validation) -> str | None:
-    """Return the finding about the rollers' dither in the wheels' speeds, or None if the log has no wheel speeds."""
-    dither = validation.dither
-    if dither is None:
-        return None
-    v_s = validation.models.first.model.robot.friction.stribeck_speed
-    fast, heading, reversals, slow_reversals = (
-        float(values.mean())
-        for values in (dither.dither, dither.heading, dither.reversals, dither.reversals_of_motion)
-    )
-    return (
-        f"Above {dither.corner:.1f} Hz, faster than the robot can balance, the wheel speeds shake by "
-        f"{fast:.3f} rad/s RMS ({dither.encoder:.3f} of it is encoder quantisation). Turning about the "
-        f"vertical asks for {heading:.3f} rad/s, and the Stribeck speed is {v_s:.2f} rad/s. The wheels "
-        f"reverse {reversals:.2f} times a second, {slow_reversals:.2f} times without the shaking."
-    )
-
-
-def _reason(validation: Validation, index: int) -> str:
-    """Return the reason that the data show for a state that the first model does not predict better."""
-    loop = validation.open_loop
-    assert loop is not None
-    share = loop.noise_floor[index] / loop.errors.first.rmse[index]
-    first, second = validation.models.both
-    falls = [float(model.linearize().poles()[0].real) for model in (first, second)]
-    if share > _NOISE_SHARE and loop.errors.verdicts()[index] == "worse" and falls[1] < _SLOWER * falls[0]:
-        return (
-            f"Reason: the noise of the measured start alone causes {100 * share:.0f} % of the "
-            f"error, and the other model falls more slowly ({falls[1]:.1f} against "
-            f"{falls[0]:.1f} rad/s), so it amplifies this noise less, whichever model is right."
-        )
-    if share > _NOISE_SHARE:
-        return (
-            f"Reason: the noise of the measured start alone causes {100 * share:.0f} "
-            "% of the error, so this state cannot show which model is better."
-        )
-    dither = validation.dither if first.robot.friction != second.robot.friction else None
-    if dither is not None and _chatters(dither):
-        return f"Reason: the wheels chatter. {describe_dither(validation)}"
-    if dither is not None and STATE_NAMES[index] in ("psi", "psi_dot") and _dithers(dither):
-        return f"Reason: the rollers dither the wheels. {describe_dither(validation)}"
-    if loop.errors.verdicts()[index] == "undecided":
-        return f"Reason: the {loop.errors.runs} runs vary too much to decide."
-    return (
-        f"No reason was found in the data: the noise of the start causes {100 * share:.0f} "
-        "% of the error, so the model itself lacks something for this state."
-    )
-
-
-def _dithers(dither: Dither) -> bool:
-    real = np.sqrt(np.maximum(dither.dither**2 - dither.encoder**2, 0.0))
-    return bool(np.mean(real) > _DITHER_SHARE * np.mean(dither.heading))
-
-
-def _chatters(dither: Dither) -> bool:
-    return bool(np.mean(dither.reversals) > _CHATTER * np.mean(dither.reversals_of_motion))
-
-
-def _open_loop_verdict(validation: Validation) -> str:
-    loop = validation.open_loop
-    if loop is None:
-        return f"No open-loop validation: {validation.no_open_loop}"
-    length = float(loop.errors.first.samples.mean()) * validation.sample_time
-    return (
-        f"Open loop, {loop.errors.runs} runs of {length:.2g} s on average ({100 * loop.past_recovery:.0f} % of them "
-        f"ended by a lean past recovery, {np.degrees(loop.recoverable_lean):.0f} degrees): "
-        f"{better_in(loop.errors, validation.models)}."
-    )
-
-
-def _closed_loop_verdict(validation: Validation) -> str:
-    closed = validation.closed_loop
-    assert closed is not None
-    restarted = closed.restarted
-    runs = f"restarted every {closed.restart_every:.2g} s ({restarted.runs} runs)"
-    verdict = f"Closed loop, {runs}: {better_in(restarted, validation.models)}."
-    behind = [name for name, ratio in zip(STATE_NAMES, closed.whole.ratio, strict=True) if ratio <= 1.0]
-    if behind:
-        verdict += (
-            " Over the whole log without a restart, models and robot get out of phase in "
-            f"the limit cycle, and the error of the model {validation.models.first.name} "
-            f"is not the smaller one in {', '.join(behind)}."
-        )
-    return verdict
-
-
-def _horizon_verdict(validation: Validation) -> str:
-    horizon, first = validation.horizon.errors, validation.models.first.name
-    intervals = horizon.ratio_interval()
-    if not np.isfinite(intervals).any():
-        return f"{horizon.starts} forecasts are too few to show how the error grows with the horizon."
-    better = [verdicts(interval).count("better") for interval in intervals.swapaxes(0, 1)]
-    ahead, ratio = 1e3 * horizon.horizons, np.median(horizon.ratio, axis=1)
-    most = np.flatnonzero(np.array(better) > len(STATE_NAMES) // 2)
-    words = [f"{ahead[0]:.0f} ms ahead the model {first} is better in {better[0]} of the ten states"]
-    words[0] += f" (median ratio {ratio[0]:.2f})"
-    if most.size and 0 < most[0] < len(ahead) - 1:
-        words.append(f"from {ahead[most[0]]:.0f} ms on in most")
-    words.append(f"{ahead[-1]:.0f} ms ahead in {better[-1]} (median ratio {ratio[-1]:.1f})")
-    return ", ".join(words) + "."

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from ballbot.control.controller import Compensation, Controller
-from ballbot.control.lqr import LqrDesign
+from ballbot.control.lqr import LqrDesign, gain_rows
 from ballbot.control.overcompensation import (
     CompensationMargin,
     certain_friction,
@@ -36,6 +36,7 @@ from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
 from ballbot.robot.components import scaled_friction
 from ballbot.robot.variations import Propagated, propagate
+from ballbot.summary import Summary, pole_words, summarized
 from ballbot.workflows.robot_check import linearization_results
 
 Kind = Literal["nominal", "precise"]
@@ -91,6 +92,7 @@ class PartOptions:
 DEFAULT_GAIN, DEFAULT_PARTS = GainOptions(), PartOptions()
 
 
+@summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControllerDesign:
     """A controller and how it was designed."""
@@ -101,6 +103,19 @@ class ControllerDesign:
     stated: Friction  #: the robot's friction
     certain: Friction  #: the part of it that is present with 95 % confidence
     margin: CompensationMargin
+
+    def summary(self) -> Summary:
+        """Return the gain, its poles and how much of the certain friction is compensated."""
+        compensation = str(self.controller.compensation)
+        if compensation != "none":
+            shares = ", ".join(f"{100.0 * share:.0f} %" for share in self.margin.wheel_fractions)
+            compensation += f": {shares} of each wheel's certain friction"
+        rows = (
+            ("compensation", compensation),
+            *gain_rows(self.controller.gain),
+            ("poles", f"{pole_words(self.gain.poles)} rad/s"),
+        )
+        return Summary(title=f"Controller designed for the robot {self.controller.robot.name}", rows=rows)
 
     def results(self) -> dict[str, object]:
         """Return the design's entries of results.json."""

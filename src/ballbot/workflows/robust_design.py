@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.arrays import MOST_TRIALS
 from ballbot.control.controller import Compensation, Controller
-from ballbot.control.lqr import LqrDesign
+from ballbot.control.lqr import LqrDesign, gain_rows
 from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT, design_gain
 from ballbot.errors import InputError
 from ballbot.fitting.run import DEFAULT_RUN, Run
@@ -24,6 +25,7 @@ from ballbot.fitting.search import evolve
 from ballbot.progress import Progress, part_of
 from ballbot.results import key, left_out
 from ballbot.robot import Robot
+from ballbot.summary import Summary, listed, plotted, summarized
 from ballbot.workflows.perturbed_robots import (
     CostUnits,
     PerturbationRanges,
@@ -33,6 +35,9 @@ from ballbot.workflows.perturbed_robots import (
     measure_runs,
     worst_tenth,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: places of the state that share a weight
 GROUPS = ((0, 1), (2, 3), (4,), (5, 6), (7, 8), (9,))
@@ -85,6 +90,7 @@ class ComparedDesign:
     costs: NDArray[np.float64] = field(metadata=left_out)  #: (fresh robots,) J of each
 
 
+@summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobustDesign:
     """A gain found by search over perturbed robots, compared with others."""
@@ -99,6 +105,26 @@ class RobustDesign:
     compared: dict[str, ComparedDesign] = field(metadata=key("on_fresh_robots"))
     fresh: int = field(metadata=key("fresh_robots"))  #: number of these robots
     spread: PerturbationRanges = field(metadata=key("perturbed"))
+
+    def summary(self) -> Summary:
+        """Return the gain, its weights, and how it compares with others on robots that the search did not use."""
+        compared = (
+            (name, f"worst tenth of J {one.worst_tenth:.3g}, mean {one.mean:.3g}, falls {one.falls}")
+            for name, one in self.compared.items()
+        )
+        return Summary(
+            title=f"Robust LQR gain, compared on {self.fresh} perturbed robots",
+            rows=(
+                *compared,
+                ("Q", f"diag({listed(self.state_weights)})"),
+                ("R", f"{self.torque_weight:.3g} I"),
+                *gain_rows(self.controller.gain),
+            ),
+        )
+
+    def plot(self) -> Figure:
+        """Return a figure of the search, and of each design's costs on robots that it did not use."""
+        return plotted(self)
 
 
 def robust_design(

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,7 @@ from ballbot.log.columns import torque_names, wheel_speed_names
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress, part_of
 from ballbot.robot import Robot
+from ballbot.summary import Summary, counted, listed, plotted, summarized
 from ballbot.twin.scenario import Scenario
 from ballbot.validation import ModelPair, Validation, join_validations, validate_pair
 from ballbot.validation.models import Interval
@@ -48,6 +50,9 @@ from ballbot.workflows.controller_choice import (
 from ballbot.workflows.controller_prediction import Prediction, predict
 from ballbot.workflows.courses import PlantName
 from ballbot.workflows.twin_rolling import TwinRolling, twin_rolling
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: plants that candidates can be compared on; a run of each takes a second or more
 MAX_DRAWS = 1000
@@ -99,6 +104,7 @@ class StudyOptions:
 DEFAULT_STUDY = StudyOptions()
 
 
+@summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Study:
     """Everything a study found."""
@@ -123,6 +129,43 @@ class Study:
     def log_findings(self) -> tuple[Finding, ...]:
         """What the checks of the logs found, errors first."""
         return self.found.log_findings
+
+    def summary(self) -> Summary:
+        """Return the friction, how much better the model with it predicts, and the controller that was chosen."""
+        friction, horizon = self.found.robot.friction, self.validation.horizon.errors
+        held_out = sum(end - start for log in self.logs for start, end in log.held_out)
+        rows = (
+            ("logs", ", ".join(one.name for one in self.logs)),
+            ("break-away torque", listed(friction.breakaway, "N m")),
+            ("dry friction", listed(friction.coulomb, "N m")),
+            ("viscous friction", listed(friction.viscous, "N m s/rad")),
+            ("rolling friction", f"C_rr = {friction.rolling:.3g}"),
+            (
+                "prediction",
+                f"{horizon.horizons[-1]:.2g} s ahead, on {held_out:.3g} s held out, the error without friction is "
+                f"{np.median(horizon.ratio[-1]):.3g} times as large (median of the states)",
+            ),
+            *_controller_rows(self.choice),
+            ("compared on", f"{counted(len(self.choice.plants), 'plant')} of the {self.plant}"),
+        )
+        warnings = [one.text for one in (*self.log_findings, *self.found.warnings)]
+        more = (counted(len(warnings) - 2, "more finding"),) if len(warnings) > 2 else ()
+        return Summary(
+            title=f"Study of the robot {self.robot.name}", rows=rows, remarks=(*warnings[:2], *more)
+        )
+
+    def plot(self) -> Figure:
+        """Return a figure of each candidate's path on the course, on one of the plants."""
+        return plotted(self)
+
+
+def _controller_rows(choice: ControllerChoice) -> tuple[tuple[str, str], ...]:
+    """Return the chosen controller and every candidate's peak error and falls."""
+    rows = [("controller", choice.chosen or "none: every candidate falls on some plant")]
+    for name, trial in choice.trials.items():
+        peak = f"{1e3 * trial.peak.median:.3g} mm" if trial.peak.runs else "unknown"
+        rows.append((f"  {name}", f"peak error {peak} (median), {counted(trial.falls, 'fall')}"))
+    return tuple(rows)
 
 
 def study(

@@ -1,0 +1,89 @@
+"""Figures of results by themselves, as `.plot()` of a log, a design, a validation or a study returns them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ballbot.control.lqr import LqrDesign
+from ballbot.control.presets import IntegralDesign
+from ballbot.errors import InputError
+from ballbot.log import Log
+from ballbot.log.columns import unit_of
+from ballbot.report.comparison import paths_figure
+from ballbot.report.style import BLUE, INK, MUTED, ORANGE, label_of, thinned
+from ballbot.report.validation_figures import horizon_figure
+from ballbot.validation import Validation
+from ballbot.workflows.study import Study
+
+#: panels of a log over time: columns drawn together, with what they are
+_PANELS = (
+    (("x", "y", "ref_x", "ref_y"), "position [m]"),
+    (("theta", "phi"), "lean [rad]"),
+    (("psi", "ref_psi"), "heading [rad]"),
+    (("u1", "u2", "u3", "u4"), "wheel torques [N m]"),
+)
+#: of lines in one panel, the first first
+_LOOKS = ((BLUE, "-"), (ORANGE, "--"), (INK, ":"), (MUTED, "-."))
+#: columns of a log that has none of the above
+_MOST_COLUMNS = 6
+
+
+def log_figure(log: Log) -> Figure:
+    """Return position, lean, heading and torques over time, as far as the log has them, else its first columns."""
+    panels = [
+        (found, label)
+        for names, label in _PANELS
+        if (found := [name for name in names if name in log]) and not found[0].startswith("ref_")
+    ]
+    if not panels:
+        others = [name for name in log.names if name != "t"][:_MOST_COLUMNS]
+        if not others:
+            raise InputError("The log has only its time; there is nothing to plot.")
+        panels = [([name], f"{name} [{unit_of(name) or '?'}]") for name in others]
+    figure = Figure(figsize=(7.4, 0.6 + 1.4 * len(panels)), layout="constrained")
+    axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+    for panel, (names, label) in zip(axes, panels, strict=True):
+        _draw_columns(panel, log, names)
+        panel.set_ylabel(label_of(label))
+    axes[-1].set_xlabel("time [s]")
+    return figure
+
+
+def _draw_columns(axes: Axes, log: Log, names: Sequence[str]) -> None:
+    for name, (color, style) in zip(names, _LOOKS * len(names), strict=False):
+        axes.plot(
+            *thinned(log.t, log[name]), color=color, linestyle=style, linewidth=1.1, label=label_of(name)
+        )
+    axes.margins(x=0.01)
+    if len(names) > 1:
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(names), borderpad=0.0)
+
+
+def design_figure(design: LqrDesign | IntegralDesign) -> Figure:
+    """Return the poles of the closed loop in the complex plane; to the left is fast, on the real line is smooth."""
+    figure = Figure(figsize=(4.6, 2.8), layout="constrained")
+    axes = figure.subplots()
+    poles = design.poles
+    axes.axvline(0.0, color=MUTED, linewidth=0.8)
+    axes.axhline(0.0, color=MUTED, linewidth=0.8)
+    axes.plot(poles.real, poles.imag, "o", color=BLUE, markersize=4.5, mfc="none")
+    height = max(1.0, 1.25 * float(np.abs(poles.imag).max()))
+    axes.set(xlim=(1.1 * poles.real.min(), -0.1 * poles.real.min()), ylim=(-height, height))
+    axes.set_xlabel("real part [rad/s]")
+    axes.set_ylabel("imaginary part [rad/s]")
+    axes.set_title("poles of the closed loop")
+    return figure
+
+
+def validation_figure(validation: Validation) -> Figure:
+    """Return how the errors of both models grow with the horizon, state by state."""
+    return horizon_figure(validation.horizon, validation.models.names)
+
+
+def study_figure(study: Study) -> Figure:
+    """Return each candidate's path on the course, on one of the plants."""
+    return paths_figure(study.choice.runs)

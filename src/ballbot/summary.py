@@ -1,0 +1,173 @@
+"""A result on one screen: its title, rows of names and values, and remarks, as text and as HTML for notebooks.
+
+A class that is a result has a method `summary` that returns a `Summary`; the decorator `summarized` makes its `repr`,
+and what a notebook shows of it, from that. Its method `plot` returns the figure that `plotted` finds in the table
+below: figures stand in packages that the result's own package must not import.
+
+Names in a summary may be others', as of robots, files and columns: nothing in them is obeyed, by a terminal or a page.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from importlib import import_module
+from typing import TYPE_CHECKING, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.printable import printable_line
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: one screen, in characters
+WIDTH, HEIGHT = 80, 24
+#: longest name that the values of other rows are set apart by
+_LONGEST_NAME = 22
+#: the module and the function that draw a value, by its class
+_FIGURES = {
+    "Identification": ("ballbot.report.friction", "wheel_friction_figure"),
+    "IntegralDesign": ("ballbot.report.plots", "design_figure"),
+    "Log": ("ballbot.report.plots", "log_figure"),
+    "LqrDesign": ("ballbot.report.plots", "design_figure"),
+    "Robot": ("ballbot.robot.figure", "robot_figure"),
+    "RobustDesign": ("ballbot.report.design", "robust_figure"),
+    "Study": ("ballbot.report.plots", "study_figure"),
+    "Validation": ("ballbot.report.plots", "validation_figure"),
+}
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Summary:
+    """What a result says first.
+
+    `str` is all of it, `repr` what fits on a screen of 80 x 24 characters.
+    """
+
+    title: str
+    rows: tuple[tuple[str, str], ...] = ()  #: name and value
+    remarks: tuple[str, ...] = ()  #: sentences
+
+    def __str__(self) -> str:
+        """Return all of it as lines of at most 80 characters."""
+        return "\n".join(self._lines())
+
+    def __repr__(self) -> str:
+        """Return the lines that fit on a screen, and how many do not."""
+        lines = self._lines()
+        if len(lines) > HEIGHT:
+            more = len(lines) - HEIGHT + 1
+            lines = [*lines[: HEIGHT - 1], f"... {more} more lines: print(_.summary())"]
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        """Return all of it as HTML: no script, no address, and no colour but the notebook's own."""
+        cell = "text-align: left; vertical-align: top; padding: 0.1em 0.8em 0.1em 0"
+        rows = "".join(
+            f'<tr style="background: none"><th scope="row" style="{cell}">{_as_html(name)}</th>'
+            f'<td style="{cell}">{_as_html(value)}</td></tr>'
+            for name, value in self.rows
+        )
+        remarks = "".join(f"<li>{_as_html(one)}</li>" for one in self.remarks)
+        return (
+            '<div style="color: inherit; background: none">'
+            f"<p><strong>{_as_html(self.title)}</strong></p>"
+            + (f'<table style="color: inherit">{rows}</table>' if rows else "")
+            + (f"<ul>{remarks}</ul>" if remarks else "")
+            + "</div>"
+        )
+
+    def _lines(self) -> list[str]:
+        lines = _wrapped(self.title, "")
+        names = [len(printable_line(name)) for name, _ in self.rows]
+        column = 4 + min(max(names, default=0), _LONGEST_NAME)
+        for name, value in self.rows:
+            shown = f"  {printable_line(name)}"
+            if len(shown) > column - 2:
+                lines += _wrapped(name, "  ", indent=2)
+                shown = ""
+            lines += _wrapped(value, f"{shown:<{column}}", indent=column)
+        for one in self.remarks:
+            lines += _wrapped(one, "- ", indent=2)
+        return lines
+
+
+def _wrapped(text: str, begin: str, *, indent: int = 0) -> list[str]:
+    """Return a text as lines of at most `WIDTH` characters, the first after `begin`."""
+    return textwrap.wrap(
+        printable_line(text),
+        WIDTH,
+        initial_indent=begin,
+        subsequent_indent=" " * indent,
+        break_on_hyphens=False,
+        drop_whitespace=True,
+    ) or [begin.rstrip()]
+
+
+def _as_html(text: str) -> str:
+    return escape(printable_line(text))
+
+
+class HasSummary(Protocol):
+    """Anything with a summary."""
+
+    def summary(self) -> Summary: ...
+
+
+S = TypeVar("S", bound=HasSummary)
+
+
+def summarized(kind: type[S]) -> type[S]:
+    """Give a class the `repr` and the notebook's picture of its summary."""
+
+    def __repr__(self: S) -> str:  # noqa: N807
+        return repr(self.summary())
+
+    def _repr_html_(self: S) -> str:
+        return self.summary()._repr_html_()
+
+    for method in (__repr__, _repr_html_):
+        setattr(kind, method.__name__, method)
+    return kind
+
+
+def plotted(value: object) -> Figure:
+    """Return the figure of a value, in the reports' style; a notebook shows it as it is.
+
+    The figure belongs to no window: `figure.savefig("name.svg")` writes it.
+    """
+    module, function = _FIGURES[type(value).__name__]
+    draw = getattr(import_module(module), function)
+    return import_module("ballbot.report.style").plotted(draw, value)
+
+
+def listed(values: Sequence[float] | NDArray[np.float64], unit: str = "", *, digits: int = 3) -> str:
+    """Return numbers with that many significant digits, and their unit: 0.014, 0.016, 0.013 N m."""
+    numbers = ", ".join(f"{value + 0.0:.{digits}g}" for value in np.atleast_1d(values).tolist())
+    return f"{numbers} {unit}".rstrip()
+
+
+def counted(number: int, what: str) -> str:
+    """Return a number of things: 1 log, 2 logs."""
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def range_words(values: NDArray[np.float64], unit: str = "") -> str:
+    """Return the least and the greatest finite value: -0.1 to 0.5 m; "no value" without one."""
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        return "no value"
+    return f"{finite.min():.3g} to {finite.max():.3g} {unit}".rstrip()
+
+
+def pole_words(poles: NDArray[np.complex128]) -> str:
+    """Return poles with three digits, equal and conjugate ones once: -0.7, -1.2 +- 0.5j."""
+    shown = dict.fromkeys(
+        f"{pole.real:.3g}" + (f" +- {abs(pole.imag):.3g}j" if abs(pole.imag) > 1e-9 * abs(pole) else "")
+        for pole in poles
+    )
+    return ", ".join(shown)

@@ -1,0 +1,150 @@
+"""Results on one screen: their `repr`, what a notebook shows of them, and their figures."""
+
+import copy
+import pickle
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from matplotlib.figure import Figure
+
+from ballbot.control.controller import Controller
+from ballbot.control.lqr import LqrDesign
+from ballbot.control.presets import IntegralDesign
+from ballbot.fitting.checkpoint import digest
+from ballbot.log import Log
+from ballbot.robot import Robot
+from ballbot.summary import HEIGHT, WIDTH, Summary
+from ballbot.workflows.perturbed_robots import CostUnits, PerturbationRanges
+from ballbot.workflows.robust_design import ComparedDesign, RobustDesign
+from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
+from tests.support.log_examples import smooth_log, with_wheels
+from tests.support.screen import assert_fits_a_screen
+
+GAIN = np.linspace(-123.456, 1.0, 30).reshape(3, 10)
+LQR = LqrDesign(
+    gain=GAIN,
+    poles=np.array([-1.0 + 0.5j, -1.0 - 0.5j, *np.linspace(-2, -9, 8)]),
+    cost=np.eye(10),
+    sample_time=5e-3,
+)
+
+
+def robust() -> RobustDesign:
+    compared = {
+        name: ComparedDesign(
+            state_weights=(1.0,) * 10,
+            torque_weight=1.0,
+            gain=GAIN,
+            worst_tenth=1.5,
+            mean=1.0,
+            worst_error=0.02,
+            worst_roughness=0.1,
+            falls=0,
+            costs=np.linspace(1.0, 2.0, 20),
+        )
+        for name in ("robust", "nominal", "plain")
+    }
+    return RobustDesign(
+        design=LQR,
+        controller=Controller(alten(), GAIN),
+        state_weights=(1234.5678,) * 10,
+        torque_weight=30.0,
+        units=CostUnits(error=0.01, roughness=0.1),
+        history=(2.0, 1.5),
+        compared=compared,
+        fresh=20,
+        spread=PerturbationRanges(),
+    )
+
+
+RESULTS = {
+    "robot": lambda: alten(FRICTION),
+    "robot of four wheels": lambda: four_wheeled(friction=True),
+    "log": lambda: with_wheels(smooth_log(rows=40), alten()),
+    "log of one row": lambda: Log({"t": [0.0], "other": [np.nan]}, ended="fallen: a lean of 0.9 rad"),
+    "controller": lambda: Controller(alten(), GAIN),
+    "controller with every part": lambda: everything(alten(FRICTION)),
+    "gain": lambda: LQR,
+    "gain with integral": lambda: IntegralDesign(
+        gain=GAIN, integral_gain=GAIN[:, :3], poles=np.linspace(-1, -9, 13) + 0j, sample_time=5e-3
+    ),
+    "robust design": robust,
+}
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_result_fits_a_screen(name):
+    assert_fits_a_screen(RESULTS[name]())
+
+
+@pytest.mark.parametrize("name", ["robot", "log", "gain", "gain with integral", "robust design"])
+def test_plot_returns_a_figure_that_a_notebook_shows(name):
+    figure = RESULTS[name]().plot()
+    assert isinstance(figure, Figure)
+    assert "<svg" in figure._repr_svg_()  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_log_without_known_columns_is_plotted():
+    log = Log({"t": [0.0, 1.0], "$\\frac$": [1.0, 2.0]})
+    assert "<svg" in log.plot()._repr_svg_()  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_summary_leaves_equality_hash_and_pickles_as_they_are():
+    robot = alten(FRICTION)
+    assert pickle.loads(pickle.dumps(robot)) == robot
+    assert hash(robot.friction) == hash(copy.deepcopy(robot).friction)
+    log = smooth_log(rows=5)
+    assert pickle.loads(pickle.dumps(log)).names == log.names
+
+
+def test_robots_of_one_summary_have_different_digests():
+    """A checkpoint belongs to one robot; robots that differ beyond the digits of a summary are not the same."""
+    robot = alten(FRICTION)
+    other = robot.replace(gravity=float(np.nextafter(robot.gravity, 10.0))).annotated(sources=robot.sources)
+    assert repr(robot) == repr(other)
+    assert digest(robot) != digest(other)
+    assert digest([(robot,)]) != digest([(other,)])
+    assert digest({"of": robot}) != digest({"of": other})
+
+
+TEXT = st.text(max_size=100)
+
+
+@given(
+    title=TEXT,
+    rows=st.lists(st.tuples(TEXT, TEXT), max_size=5),
+    remarks=st.lists(TEXT, max_size=5),
+    times=st.integers(1, 9),
+)
+@settings(max_examples=40)
+def test_any_texts_fit_a_screen_and_are_not_obeyed(title, rows, remarks, times):
+    summary = Summary(title=title, rows=tuple(rows * times), remarks=tuple(remarks * times))
+    lines = repr(summary).split("\n")
+    assert len(lines) <= HEIGHT
+    assert max(map(len, lines)) <= WIDTH
+    assert not re.search("[\x00-\x09\x0b-\x1f\x7f-\x9f\u202e\u2028]", repr(summary))
+    page = summary._repr_html_()
+    assert set(re.findall(r"</?(\w+)", page)) <= {"div", "p", "strong", "table", "tr", "th", "td", "ul", "li"}
+
+
+def test_page_of_a_hostile_name_holds_no_markup():
+    log = Log({"t": [0.0], "<b>": [1.0]}, ended="<script>alert(1)</script>\x1b[2J")
+    page = log.summary()._repr_html_()
+    assert "<script" not in page
+    assert "<b>" not in page
+    assert "\x1b" not in page + repr(log)
+
+
+def test_what_does_not_fit_is_counted():
+    summary = Summary(title="title", remarks=tuple(f"remark {number}" for number in range(40)))
+    assert repr(summary).endswith(f"... {1 + 40 - (HEIGHT - 1)} more lines: print(_.summary())")
+    assert len(str(summary).splitlines()) == 41
+
+
+def test_robot_of_a_preset_shows_its_main_parameters():
+    rows = dict(Robot.load("alten").summary().rows)
+    assert rows["ball"] == "radius 0.11 m, mass 3 kg, inertia 0.0242 kg m^2"
+    assert rows["friction"] == "none"
