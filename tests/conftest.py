@@ -3,6 +3,7 @@
 import gc
 import os
 import sys
+from collections.abc import Generator, Mapping
 from pathlib import Path
 
 # one thread of BLAS: several processes test side by side, and waiting threads would take the cores from each other
@@ -15,6 +16,9 @@ import pytest
 from numba.core.dispatcher import Dispatcher
 
 from tests.support.schedule import InOrder, place_of
+
+#: category, letter and word of a test's outcome, as pytest's reporter shows them
+Status = tuple[str, str, str | tuple[str, Mapping[str, bool]]]
 
 # compilers and parsers make millions of objects that stay: with garbage looked for less often, parsing the source takes
 # 1.2 s instead of 2.9 s
@@ -35,6 +39,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> InOrder | None:
     """Return the scheduler of `--dist loadfile`."""
     return InOrder(config, log) if config.getvalue("dist") == "loadfile" else None
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_report_teststatus(report: pytest.TestReport) -> Generator[None, Status, Status]:
+    """Name a failed test at once: a run that is ended before its summary tells by its dots alone nothing."""
+    category, letter, word = yield
+    if not report.failed:
+        return category, letter, word
+    cause = next((line for line in report.longreprtext.splitlines() if line.startswith("E  ")), "")
+    return category, f"\n{word if isinstance(word, str) else word[0]} {report.nodeid} {cause}\n", word
 
 
 RUN_AT_COLLECTION = pytest.StashKey[list[str]]()
