@@ -63,7 +63,7 @@ def interrupted(inputs, tmp_path, monkeypatch, capsys) -> str:
             raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("ballbot.cli.output._WrittenLines.show", interrupt)
+        patch.setattr("ballbot.cli.output._WrittenLines.report", interrupt)
         assert main(words(inputs)) == 130
     return capsys.readouterr().err
 

@@ -11,6 +11,7 @@ from ballbot.errors import InputError
 from ballbot.identification.axis import AxisRecord, identify_axis, selection
 from ballbot.identification.axis.reading import AxisColumns, read_axis_record
 from ballbot.log.formats.text import write_text_table
+from ballbot.progress import Progress
 from tests.support.axis_examples import LOOP, TRUTH, simulated_record
 
 OPTIONS = [
@@ -55,12 +56,12 @@ def test_the_command_interrupted_and_resumed_leaves_a_report_and_results(
     other.write_bytes(mat_file.read_bytes())
     command = ["identify-axis", str(mat_file), str(other), "--out", str(tmp_path), *OPTIONS]
 
-    def interrupt(_bar: object, _share: float, *, doing: str, note: str = "") -> None:  # noqa: ARG001
-        if doing == "open loop, law stribeck":
+    def interrupt(_bar: object, progress: Progress) -> None:
+        if progress.stage == "open loop, law stribeck":
             raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("ballbot.cli.output._WrittenLines.show", interrupt)
+        patch.setattr("ballbot.cli.output._WrittenLines.report", interrupt)
         assert main(command) == 130
     assert "continue with: ballbot identify-axis" in capsys.readouterr().err
     # two horizons and two of the fits that follow; what is on file is not made again

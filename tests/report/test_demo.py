@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -84,7 +85,7 @@ def test_page_is_there_before_anything_is_compiled(tmp_path, monkeypatch, capsys
 def test_folder_that_cannot_be_written_is_no_error(tmp_path, monkeypatch, capsys):
     (tmp_path / "ballbot-demo").write_text("a file in the way")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(demo, "identified", lambda *_: None)
+    monkeypatch.setattr(demo, "identified", lambda *_: SimpleNamespace(robot=Robot.load(demo_runs.ROBOT)))
     monkeypatch.setattr(demo, "state_found", lambda _: demo.ResultState(heading="found"))
     assert main(["demo", "--no-browser"]) == 0
     said = capsys.readouterr().out

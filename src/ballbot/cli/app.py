@@ -173,6 +173,8 @@ def build_app(tokens: Sequence[str] = (), *, unavailable: Collection[str] = ()) 
             target = f"{command.module}:{command.function}"
             app.command(target, name=command.name, help=command.summary, group=group, sort_key=place)
 
+    app.meta.suppress_keyboard_interrupt = False  # it does not take the app's
+
     @app.meta.default
     def launch(
         *words: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],

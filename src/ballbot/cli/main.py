@@ -151,7 +151,7 @@ def _unknown_command(error: UnknownCommandError) -> str:
     """Return the sentence on a word that is no command of a group of commands, such as `ballbot twin`."""
     group, word = " ".join(error.command_chain or ()), (error.unused_tokens or [""])[0]
     names = [name for name in error.app or () if not name.startswith("-")]
-    return f"There is no command {group} {word}; {suggest(word, names, otherwise='the commands are')}"
+    return f"There is no command '{group} {word}'; {suggest(word, names, otherwise='the commands are')}"
 
 
 def _unknown_option(error: UnknownOptionError) -> str:

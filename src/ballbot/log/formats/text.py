@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ballbot.arrays import check_table
 from ballbot.errors import InputError
-from ballbot.files import decode_text, read_bytes, read_text, write_text
+from ballbot.files import check_regular, decode_text, read_bytes, read_text, write_text
 from ballbot.log.columns import check_column_names, mark_missing
 
 
@@ -64,6 +64,7 @@ def own_layout(path: str | Path) -> TextLayout:
 
 
 def _header(path: str | Path) -> str:
+    check_regular(path)
     try:
         with open(path, "rb") as stream:
             start = stream.readline(_LONGEST_HEADER)
