@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from ballbot.cli.main import main
 from ballbot.control import references
-from ballbot.control.references import read_reference, reference_from, reference_text, square, write_reference
+from ballbot.control.references import as_reference, read_reference, reference_text, square, write_reference
 from ballbot.errors import InputError
 from ballbot.log import Log
 
@@ -118,12 +118,12 @@ def test_a_text_reads_back_to_the_same_bits(tmp_path):
 
 def test_reference_names_and_files_are_distinguished(tmp_path):
     written(tmp_path / "square.csv")
-    assert (reference_from("square")(9.0) == square()(9.0)).all()
-    assert reference_from(str(tmp_path / "square.csv"))(0.0)[0] != 0.0
+    assert (as_reference("square")(9.0) == square()(9.0)).all()
+    assert as_reference(str(tmp_path / "square.csv"))(0.0)[0] != 0.0
     with pytest.raises(InputError, match="There is no reference 'sqare'"):
-        reference_from("sqare")
+        as_reference("sqare")
     with pytest.raises(InputError, match="cannot be read"):
-        reference_from(str(tmp_path / "none.csv"))
+        as_reference(str(tmp_path / "none.csv"))
 
 
 def test_a_file_without_a_column_or_value_is_refused(tmp_path):

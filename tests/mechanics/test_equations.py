@@ -10,8 +10,9 @@ from ballbot import InputError, Model, Robot
 from ballbot.mechanics.engine.run import simulate_lanes
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.robot import Friction
+from ballbot.state import STATE_NAMES
 from ballbot.thesis.lagrangian import equations
-from tests.support.control_examples import FRICTION
+from tests.support.control_examples import FRICTION, four_wheeled
 from tests.support.symbolic_oracle import random_robot, random_state
 
 
@@ -82,6 +83,26 @@ def test_linear_model_converts_to_python_control():
     system = linear.to_control()
     assert isinstance(system, control.StateSpace)
     assert_allclose(np.sort(system.poles().real), np.sort(linear.poles().real), atol=1e-9)
+    assert system.input_labels == ["u1", "u2", "u3"]
+    assert system.state_labels == system.output_labels == [*STATE_NAMES]
+    torque_to_lean = system["theta", "u2"]  # python-control's own choice by names
+    assert_allclose(torque_to_lean(1j), (system(1j))[STATE_NAMES.index("theta"), 1], rtol=1e-12)
+
+
+def test_named_signals_connect_in_python_control():
+    control = pytest.importorskip("control")
+    linear = Model(four_wheeled(friction=False)).linearize()
+    gain = np.arange(40.0).reshape(4, 10)
+    feedback = control.ss(
+        [], [], [], -gain, inputs=[*STATE_NAMES], outputs=[f"f{i}" for i in range(1, 5)], name="feedback"
+    )
+    sums = [control.summing_junction([f"f{i}", f"d{i}"], f"u{i}") for i in range(1, 5)]
+    closed = control.interconnect(
+        [linear.to_control(), feedback, *sums], inputs=[f"d{i}" for i in range(1, 5)], outputs=["theta"]
+    )
+    expected = np.linalg.eigvals(linear.A - linear.B @ gain)
+    # two poles at zero: rounding moves a double pole by the root of it
+    assert_allclose(np.poly(closed.poles()), np.poly(expected), rtol=1e-6, atol=1e-4)
 
 
 @pytest.mark.parametrize("axis", [2, 3])

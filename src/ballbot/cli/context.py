@@ -32,6 +32,7 @@ from ballbot.file_formats import results_text
 from ballbot.files import write_text
 from ballbot.findings import Finding, finding_results
 from ballbot.fitting.run import Executor, ExecutorError, Run, Threads
+from ballbot.log.collection import named_files
 from ballbot.log.formats import WRITTEN_FORMATS
 from ballbot.printable import shell_line
 from ballbot.progress import ProgressCallback
@@ -306,7 +307,7 @@ def parse_seeds(text: str) -> list[int]:
 
 
 def read_logs(paths: Sequence[Path], mapping: Path | None) -> dict[str, Log]:
-    """Return the logs by their names; see `named_files`.
+    """Return the logs by their names; see `ballbot.log.collection.named_files`.
 
     Raises
     ------
@@ -345,24 +346,6 @@ def robot_beside(log: Path) -> Robot | None:
     """Return the robot in the file robot.toml beside a log; None if there is no such file."""
     beside = log.parent / ROBOT_BESIDE
     return Robot.load(str(beside)) if beside.is_file() else None
-
-
-def named_files(paths: Sequence[Path]) -> dict[str, Path]:
-    """Return logs' files by their stems, with their folders before them where stems recur.
-
-    Raises
-    ------
-    InputError
-        If no log is given, or one is named twice.
-    """
-    if not paths:
-        raise InputError("No log is given. Name one or more log files after the robot.")
-    stems = [path.stem for path in paths]
-    names = stems if len(set(stems)) == len(stems) else [str(path.with_suffix("")) for path in paths]
-    for path, name in zip(paths, names, strict=True):
-        if names.count(name) > 1:
-            raise InputError(f"The log {path} is given twice. Name each file once.")
-    return dict(zip(names, paths, strict=True))
 
 
 def names_listed(names: str) -> tuple[str, ...]:

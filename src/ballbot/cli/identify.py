@@ -15,7 +15,6 @@ from ballbot.cli.context import (
     RunOptions,
     WholeNumber,
     input_files,
-    named_files,
     names_listed,
     open_long_result,
     read_balancing_log,
@@ -40,6 +39,7 @@ from ballbot.identification.sweep import read_sweep
 from ballbot.identification.windows import common_back_emf
 from ballbot.log import Log
 from ballbot.log.checks import CheckedLogs
+from ballbot.log.collection import named_files
 from ballbot.log.pose import causal_states
 from ballbot.report.friction import identification_parts, ladder_figure
 from ballbot.report.style import drawn

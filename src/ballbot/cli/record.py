@@ -15,7 +15,7 @@ from ballbot.cli.context import LogFormatName, WholeNumber, parse_seeds
 from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation, warn_of_overcompensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.cli.output import emit, progress_bar, standard_output
-from ballbot.control.references import reference_from
+from ballbot.control.references import as_reference
 from ballbot.estimation.interface import EstimatorName
 from ballbot.files import check_folder, read_json
 from ballbot.fitting.run import check_seed
@@ -108,7 +108,7 @@ def record(
     described = Robot.load(robot)
     check_robot(described, robot, accept=accept)
     # refused before anything is run or made
-    reference_from(run.reference)
+    as_reference(run.reference)
     check_seed(random.seed)
     all_seeds = None if random.seeds is None else parse_seeds(random.seeds)
     controller = chosen.read(described)

@@ -12,7 +12,7 @@ from ballbot.cli.context import LogFormatName, WholeNumber, input_files, open_re
 from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation, warn_of_overcompensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.cli.output import notice_output, standard_output
-from ballbot.control.references import reference_from
+from ballbot.control.references import as_reference
 from ballbot.estimation.interface import EstimatorName
 from ballbot.fitting.run import check_seed
 from ballbot.log import Log
@@ -87,7 +87,7 @@ def simulate(
     check_robot(described, robot, accept=accept)
     check_seed(simulated.seed)
     check_format(format)
-    path = reference_from(reference)
+    path = as_reference(reference)
     controller = chosen.read(described)
     console = standard_output()
     if chosen.controller:

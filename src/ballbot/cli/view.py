@@ -6,11 +6,12 @@ import tempfile
 import webbrowser
 from pathlib import Path
 
-from ballbot.cli.context import ROBOT_BESIDE, named_files, robot_beside
+from ballbot.cli.context import ROBOT_BESIDE, robot_beside
 from ballbot.cli.output import notice_output, show_written
 from ballbot.errors import InputError
 from ballbot.files import check_file, write_text
 from ballbot.log import Log
+from ballbot.log.collection import named_files
 from ballbot.robot import Robot
 from ballbot.viewer import Layout, replay_page
 

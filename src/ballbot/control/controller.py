@@ -16,7 +16,7 @@ from ballbot.control.parts.part import LawSettings
 from ballbot.errors import InputError
 from ballbot.estimation.interface import EstimatorName, checked_name
 from ballbot.log.columns import STATE_NAMES
-from ballbot.robot import Robot
+from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.derived import encoder_step
 from ballbot.summary import Summary, summarized
 
@@ -46,7 +46,7 @@ class Controller:
 
     Parameters
     ----------
-    robot : Robot
+    robot : Robot, preset or robot file
         Its friction is what is compensated; its geometry gives the wheel speeds.
     gain : array_like (n, 10)
         K, designed at psi = 0, as `ballbot.lqr` returns it.
@@ -85,7 +85,7 @@ class Controller:
 
     def __init__(
         self,
-        robot: Robot,
+        robot: RobotLike,
         gain: ArrayLike,
         *,
         sample_time: float | None = None,
@@ -95,7 +95,7 @@ class Controller:
         parts: Parts = Parts(),  # noqa: B008 (frozen)
         estimator: EstimatorName = "onboard",
     ) -> None:
-        self.robot = robot
+        self.robot = robot = as_robot(robot)
         self.gain = _checked_gain(gain, robot.wheel_count)
         self.sample_time = _positive(
             "sample time", robot.sensors.sample_time if sample_time is None else sample_time

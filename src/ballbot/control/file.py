@@ -26,7 +26,7 @@ from ballbot.estimation.interface import EstimatorName
 from ballbot.file_formats import format_line, take_format
 from ballbot.files import read_toml, write_text
 from ballbot.printable import toml_string
-from ballbot.robot import Friction, Robot
+from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.schema import validate_table
 
 _GainRow = Annotated[tuple[FiniteFloat, ...], Field(min_length=10, max_length=10)]
@@ -107,7 +107,7 @@ def migrate(tree: Mapping[str, object]) -> tuple[dict[str, object], list[str]]:
     return tables, hints
 
 
-def read_controller(path: str | Path, robot: Robot) -> Controller:
+def read_controller(path: str | Path, robot: RobotLike) -> Controller:
     """Return the controller of a file, for a robot.
 
     Warns with `OldFileFormat` if an earlier version wrote the file.
@@ -115,7 +115,7 @@ def read_controller(path: str | Path, robot: Robot) -> Controller:
     Parameters
     ----------
     path : str or Path
-    robot : Robot
+    robot : Robot, preset or robot file
         Gives the geometry; the friction that is compensated is the file's.
 
     Raises
@@ -123,10 +123,10 @@ def read_controller(path: str | Path, robot: Robot) -> Controller:
     InputError
         If the file cannot be read or holds no controller, or its number of wheels is not the robot's.
     """
-    tree = read_toml(path)
+    described, tree = as_robot(robot), read_toml(path)
     try:
         tree, hints = migrate(take_format(tree, "controller"))
-        controller = _controller(validate_table(ControllerTable, tree, of="a controller file"), robot)
+        controller = _controller(validate_table(ControllerTable, tree, of="a controller file"), described)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     if hints:

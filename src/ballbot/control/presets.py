@@ -12,14 +12,17 @@ play. It is made for the state of the Kalman filter (`ballbot.estimation.kalman`
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.controller import Compensation, Controller, default_speed_band
+from ballbot.control.file import read_controller
+from ballbot.control.interface import Feedback
 from ballbot.control.lqr import LqrDesign, gain_rows, lqr, sampling_words
 from ballbot.control.parts import Parts
 from ballbot.control.parts.disturbance_observer import DisturbanceObserver
@@ -28,9 +31,10 @@ from ballbot.control.parts.floor_adaptation import FloorAdaptation
 from ballbot.control.parts.integral import IntegralAction
 from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.parts.reference_shaping import ReferenceShaping
+from ballbot.errors import InputError, suggest
 from ballbot.mechanics.geometry import wheel_load
 from ballbot.mechanics.model import Model
-from ballbot.robot import Friction, Robot
+from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.summary import Summary, listed, plotted, pole_words, summarized
 
 if TYPE_CHECKING:
@@ -43,7 +47,7 @@ NOMINAL_TORQUE_WEIGHT = 30.0
 
 
 def design_gain(
-    robot: Robot,
+    robot: RobotLike,
     *,
     state_weights: Sequence[float] = NOMINAL_STATE_WEIGHTS,
     torque_weight: float = NOMINAL_TORQUE_WEIGHT,
@@ -53,7 +57,7 @@ def design_gain(
 
     Parameters
     ----------
-    robot : Robot
+    robot : Robot, preset or robot file
     state_weights : sequence of 10 numbers
         Diagonal of Q.
     torque_weight : float
@@ -61,13 +65,15 @@ def design_gain(
     sample_time : float, optional
         [s]; the robot's own where not given.
     """
+    robot = as_robot(robot)
     frictionless = robot.replace(friction=Friction.none(robot.wheel_count))
     time = robot.sensors.sample_time if sample_time is None else sample_time
     return lqr(Model(frictionless), state_weights, (torque_weight,) * robot.wheel_count, sample_time=time)
 
 
-def nominal_controller(robot: Robot, *, compensation: Compensation = "none") -> Controller:
+def nominal_controller(robot: RobotLike, *, compensation: Compensation = "none") -> Controller:
     """Return the controller with the nominal gain at the robot's sample time; its friction is what is compensated."""
+    robot = as_robot(robot)
     return Controller(robot, design_gain(robot).gain, compensation=compensation)
 
 
@@ -118,7 +124,7 @@ class _StateSpace:
 
 
 def design_integral_gain(
-    robot: Robot,
+    robot: RobotLike,
     *,
     state_weights: Sequence[float] = PRECISE_STATE_WEIGHTS,
     integral_weights: Sequence[float] = PRECISE_INTEGRAL_WEIGHTS,
@@ -129,7 +135,7 @@ def design_integral_gain(
 
     Parameters
     ----------
-    robot : Robot
+    robot : Robot, preset or robot file
     state_weights, integral_weights : sequences of 10 and 3 numbers
         Diagonal of Q.
     torque_weight : float
@@ -142,6 +148,7 @@ def design_integral_gain(
     InputError
         As `ballbot.lqr` does.
     """
+    robot = as_robot(robot)
     linear = Model(robot.replace(friction=Friction.none(robot.wheel_count))).linearize()
     A, B = np.zeros((13, 13)), np.zeros((13, robot.wheel_count))
     A[:10, :10], B[:10] = linear.A, linear.B
@@ -158,18 +165,19 @@ def design_integral_gain(
 
 
 def precise_controller(
-    robot: Robot, *, compensation: Compensation = "full", design: IntegralDesign | None = None
+    robot: RobotLike, *, compensation: Compensation = "full", design: IntegralDesign | None = None
 ) -> Controller:
     """Return the controller with this gain and every part that earned its place; see docs/generated/evidence.md.
 
     Parameters
     ----------
-    robot : Robot
+    robot : Robot, preset or robot file
         Its friction is what is compensated.
     compensation : {"none", "full", "partial"}
     design : IntegralDesign, optional
         `design_integral_gain(robot)` where not given.
     """
+    robot = as_robot(robot)
     chosen = design if design is not None else design_integral_gain(robot)
     time = chosen.sample_time
     return Controller(
@@ -197,6 +205,33 @@ def grip_torque_limit(robot: Robot) -> float:
     """
     friction = max(robot.friction.breakaway)
     return min(robot.drive.torque_limit, GRIP_FRACTION * wheel_load(robot) * robot.wheels.radius + friction)
+
+
+#: ready-made controllers by name
+PRESETS: Mapping[str, Callable[[RobotLike], Controller]] = {
+    "nominal": nominal_controller,
+    "precise": precise_controller,
+}
+#: a controller, the name of a ready-made one, or the path of a controller file
+ControllerLike = Feedback | str | Path
+
+
+def as_controller(source: ControllerLike, robot: RobotLike) -> Feedback:
+    """Return the controller itself, or for a robot the ready-made one of that name or the one in that file.
+
+    Raises
+    ------
+    InputError
+        If it is none of these, or the file is not of that robot.
+    """
+    if not isinstance(source, str | Path):
+        return source
+    if source in PRESETS:
+        return PRESETS[str(source)](robot)
+    if not Path(source).exists():
+        hint = suggest(str(source), PRESETS, otherwise="the ready-made ones are")
+        raise InputError(f"There is no controller file or ready-made controller {str(source)!r}; {hint}")
+    return read_controller(source, robot)
 
 
 def adaptive(controller: Controller) -> Controller:

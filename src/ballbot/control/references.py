@@ -29,6 +29,9 @@ from ballbot.log.formats import is_log_file
 #: where the robot is asked to be (10,) at a time [s]; its arrays are to be read only
 Reference = Callable[[float], NDArray[np.float64]]
 
+#: a reference, the name of one (`REFERENCES`), or the path of a reference file
+ReferenceLike = Reference | str | Path
+
 #: a corner that rounding puts this little [s] after the sample it belongs to is taken at that sample
 _ROUNDING = 1e-9
 
@@ -247,18 +250,20 @@ def reference_text(path: str | Path) -> str:
     return "\n".join(["t," + ",".join(_FILE_COLUMNS), *(",".join(map(repr, row)) for row in rows)]) + "\n"
 
 
-def reference_from(source: str) -> Reference:
-    """Return the reference of that name, or the one in that file.
+def as_reference(source: ReferenceLike) -> Reference:
+    """Return the reference itself, the one of that name, or the one in that file.
 
     Raises
     ------
     InputError
-        If there is neither.
+        If it is none of these.
     """
-    return read_reference(source) if is_reference_file(source) else named_reference(source)
+    if callable(source):
+        return source
+    return read_reference(source) if is_reference_file(source) else named_reference(str(source))
 
 
-def is_reference_file(source: str) -> bool:
+def is_reference_file(source: str | Path) -> bool:
     """Return whether a reference is meant to be in a file: its text ends as a table's name does."""
     return is_log_file(source)
 

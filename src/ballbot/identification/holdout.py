@@ -30,7 +30,7 @@ from ballbot.identification.prediction import Predictor, chunks
 from ballbot.identification.result import Identification, WindowErrors
 from ballbot.identification.stages import errors, windows_for
 from ballbot.identification.windows import COMPARISONS, Windows, measured_wheel_speeds, standstill_torques
-from ballbot.log import STATE_NAMES, Log
+from ballbot.log import STATE_NAMES, Log, LogLike, as_log
 from ballbot.mechanics.model import Model
 
 #: [s]
@@ -224,12 +224,13 @@ class HoldoutResult:
 
 
 def cross_validate(
-    found: Identification, log: Log, *, name: str, starts: InitialStates | None = None
+    found: Identification, log: LogLike, *, name: str, starts: InitialStates | None = None
 ) -> HoldoutResult:
     """Predict windows of a log with the identified parameters, as long as those of the fit, and without friction.
 
     Parameters
     ----------
+    log : Log or log file
     name : str
         The log's name in the results.
     starts : callable, optional
@@ -241,7 +242,7 @@ def cross_validate(
     InputError
         If the log lacks a column or has no window.
     """
-    predictor = found.predictor
+    predictor, log = found.predictor, as_log(log)
     windows = windows_for(
         predictor,
         found.values,

@@ -25,7 +25,7 @@ from ballbot.identification.agreement import StageEstimate, agreement_findings, 
 from ballbot.identification.coulomb import coulomb_equivalent
 from ballbot.identification.excitation import chatter, chatter_finding, heading_findings, share_shown
 from ballbot.identification.laws import LAWS, LawName, bounds_of, law_named, select_law
-from ballbot.identification.parameters import Bounds, Coordinates, scale_between
+from ballbot.identification.parameters import Bounds, BoundsLike, Coordinates, as_bounds, scale_between
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import FRICTION, Layout, names_in
 from ballbot.identification.result import (
@@ -64,22 +64,22 @@ from ballbot.identification.variation import (
     variation_findings,
 )
 from ballbot.identification.windows import Windows, standstill_torques
-from ballbot.log import STATE_NAMES, Log
+from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import CheckedLogs, checked_logs
 from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress, ProgressReporter, part_of
-from ballbot.robot import Robot
+from ballbot.robot import Robot, RobotLike, as_robot
 
 
 def identify(
-    robot: Robot,
-    logs: Log | Sequence[Log] | CheckedLogs,
+    robot: RobotLike,
+    logs: LogsLike | CheckedLogs,
     *,
     free: Sequence[str] = ("friction",),
     law: LawName = "stribeck",
-    bounds: Bounds | None = None,
+    bounds: BoundsLike | None = None,
     window: float = 0.25,
     seed: int | None = None,
     options: IdentificationOptions = DEFAULT_OPTIONS,
@@ -89,17 +89,17 @@ def identify(
 
     Parameters
     ----------
-    robot : Robot
+    robot : Robot, preset or robot file
         Its own friction is used only for parameters on which the logs have no information, and where friction is not
         estimated.
-    logs : Log, sequence of Log, or CheckedLogs
+    logs : Log or log file, several in a list or a mapping, or CheckedLogs
         With the ten state columns and the torques u1 .. un, of one sample time. Windows with missing values, gaps
         or a fallen robot are skipped. The logs are checked first, unless they come as `CheckedLogs`.
     free : sequence of str
         Quantities to estimate: names of `ballbot.identification.quantities.QUANTITIES`, or of its groups.
     law : str
         The friction law, of `ballbot.identification.laws.LAWS`, if "friction" is estimated.
-    bounds : Bounds, optional
+    bounds : Bounds or bounds file, optional
         Within which the parameters are estimated; equal bounds fix a quantity.
     window : float
         Length of the windows predicted [s].
@@ -120,10 +120,10 @@ def identify(
         If the checks of the logs find an error whose code is not accepted; if the logs cannot determine the
         parameters (a column missing, too few windows, no motion); or if an option is invalid.
     """
-    run = run if seed is None else replace(run, seed=seed)
+    robot, run = as_robot(robot), run if seed is None else replace(run, seed=seed)
     checked = checked_logs(robot, logs, accept=options.accept)
     fitted = list(checked.logs.values())
-    coordinates = estimated_parameters(robot, free=free, law=law, bounds=bounds or Bounds())
+    coordinates = estimated_parameters(robot, free=free, law=law, bounds=as_bounds(bounds))
     predictor = Predictor(
         robot=robot,
         formulation=options.formulation,

@@ -83,6 +83,17 @@ def read_bounds(path: str | Path) -> Bounds:
         raise InputError(f"{path}: {error}") from None
 
 
+#: bounds, or the path of the TOML file that they are read from
+BoundsLike = Bounds | str | Path
+
+
+def as_bounds(source: BoundsLike | None) -> Bounds:
+    """Return the bounds themselves, or those in that file; the default ones of every parameter if there are none."""
+    if source is None:
+        return Bounds()
+    return source if isinstance(source, Bounds) else read_bounds(source)
+
+
 def _limits_in_file(key: str, value: object) -> Limits:
     match value:
         case [int() | float() as lower, int() | float() as upper]:

@@ -29,7 +29,7 @@ from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.fitting.search import evolve
 from ballbot.fitting.uncertainty import NormalEquations, correlation, covariance, without_influence
 from ballbot.identification.excitation import WINDOWS_PER_PARAMETER
-from ballbot.identification.parameters import Bounds, Coordinates, scale_between
+from ballbot.identification.parameters import Bounds, BoundsLike, Coordinates, as_bounds, scale_between
 from ballbot.identification.prediction import DIFFERENCE
 from ballbot.identification.quantities import BY_NAME, FRICTION, OF_WHEELS
 from ballbot.identification.result import (
@@ -42,12 +42,12 @@ from ballbot.identification.result import (
 )
 from ballbot.identification.stated_uncertainty import parameter_covariance
 from ballbot.identification.windows import COMPARISONS, LARGEST_JITTER, Span, common_sample_time, split
-from ballbot.log import Log
+from ballbot.log import Log, LogsLike, as_logs
 from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names
 from ballbot.mechanics.friction import FrictionTerms, friction_terms
 from ballbot.progress import Progress, ProgressReporter, Stage
-from ballbot.robot import Friction, Robot
+from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.simulation.upside_down import ClampedBall, simulate_balls
 
 BALL_NAMES = ("ball_omega_x", "ball_omega_y", "ball_omega_z")
@@ -204,10 +204,10 @@ _AT_BOUND = 1e-6
 
 
 def identify_upside_down(
-    robot: Robot,
-    logs: Log | Sequence[Log],
+    robot: RobotLike,
+    logs: LogsLike,
     *,
-    bounds: Bounds | None = None,
+    bounds: BoundsLike | None = None,
     window: float = 1.0,
     held_out: float = 0.25,
     generations: int = 120,
@@ -219,11 +219,11 @@ def identify_upside_down(
 
     Parameters
     ----------
-    robot : Robot
+    robot : Robot, preset or robot file
         Its own friction is not used but to be compared with.
-    logs : Log or sequence of Log
+    logs : Log or log file, or several in a list or a mapping
         With u1 .. un and ball_omega_x, _y, _z in the robot's frame, of one sample time.
-    bounds : Bounds, optional
+    bounds : Bounds or bounds file, optional
         Within which the parameters are estimated; those of rolling friction are not used.
     window : float
         Length of the windows predicted [s].
@@ -244,9 +244,9 @@ def identify_upside_down(
     """
     if not 0.0 < held_out < 1.0:
         raise InputError(f"held_out is {held_out!r}; it must be a fraction between 0 and 1, such as 0.25.")
-    logs = [logs] if isinstance(logs, Log) else list(logs)
-    coordinates = _coordinates(robot, bounds or Bounds())
-    windows = cut_ball_windows(logs, wheel_count=robot.wheel_count, duration=window)
+    robot, named = as_robot(robot), as_logs(logs)
+    coordinates = _coordinates(robot, as_bounds(bounds))
+    windows = cut_ball_windows(list(named.values()), wheel_count=robot.wheel_count, duration=window)
     fit_rows, held_rows = split(len(windows), held_out=held_out, seed=run.seed)
     problem = BallProblem(
         ball=ClampedBall.of_robot(robot),
@@ -285,7 +285,7 @@ def identify_upside_down(
         held_out_windows=windows.take(held_rows),
         evolution_cost=evolved.history,
         remarks=remarks,
-        log_count=len(logs),
+        log_count=len(named),
     )
 
 

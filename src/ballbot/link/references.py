@@ -29,7 +29,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.references import REFERENCES, Reference, is_reference_file, reference_from
+from ballbot.control.references import REFERENCES, Reference, as_reference, is_reference_file
 from ballbot.errors import InputError, suggest
 from ballbot.mechanics.geometry import body_rates_matrix, turned_about_vertical
 
@@ -270,7 +270,7 @@ def live_reference(source: str) -> LiveReference:
         names = [*REFERENCES, "keyboard", "gamepad"]
         hint = suggest(source, names, otherwise="the names are")
         raise InputError(f"There is no reference {source!r}; {hint}")
-    return CourseReference(reference_from(source))
+    return CourseReference(as_reference(source))
 
 
 def in_robot_frame(reference: NDArray[np.float64], start: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.state import POSITION_NAMES as POSITION_NAMES
+from ballbot.state import STATE_NAMES as STATE_NAMES
+from ballbot.state import torque_names as torque_names
 
 #: columns (N,) by name
 Columns = dict[str, NDArray[np.float64]]
 
-POSITION_NAMES = ("x", "y", "theta", "phi", "psi")
-STATE_NAMES = (*POSITION_NAMES, *(f"{name}_dot" for name in POSITION_NAMES))
 TRUE_PREFIX = "true_"
 #: largest number of wheels whose columns have a name
 MAX_WHEELS = 4
@@ -82,11 +83,6 @@ def check_column_names(names: Iterable[str], *, source: str) -> None:
                 f"{source}: the name of column {place}, {name[:40]!r}, "
                 "contains characters that cannot be printed."
             )
-
-
-def torque_names(count: int) -> tuple[str, ...]:
-    """Return u1 .. u`count`, the wheel torques [N m]."""
-    return tuple(f"u{i}" for i in range(1, count + 1))
 
 
 def wheel_angle_names(count: int) -> tuple[str, ...]:

@@ -28,6 +28,7 @@ from ballbot.summary import Summary, counted, plotted, range_words, summarized
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from pandas import DataFrame
 
     from ballbot.log.mapping import LogMapping
 
@@ -91,10 +92,7 @@ class Log:
         from ballbot.log import formats
         from ballbot.log.mapping import apply_mapping
 
-        if isinstance(mapping, str | Path):
-            from ballbot.log.mapping_file import read_mapping
-
-            mapping = read_mapping(mapping)
+        mapping = _read_mapping(mapping)
         columns = formats.read_columns(path, mapping.layout if mapping else None)
         try:
             return Log(apply_mapping(mapping, columns) if mapping else columns)
@@ -112,6 +110,51 @@ class Log:
         from ballbot.log import formats
 
         formats.write_columns(path, self.columns)
+
+    def to_pandas(self) -> DataFrame:
+        """Return the log as a pandas DataFrame.
+
+        Returns
+        -------
+        DataFrame
+            The index is t [s], as uneven as it was logged; `frame.attrs["units"]` has the units of the columns, t
+            among them.
+
+        Raises
+        ------
+        InputError
+            If pandas is not installed.
+        """
+        from ballbot.log.frames import frame_of
+
+        return frame_of(self.columns, self.ended)
+
+    @staticmethod
+    def from_pandas(frame: DataFrame, *, mapping: str | Path | LogMapping | None = None) -> Log:
+        """Return the log in a pandas DataFrame.
+
+        Parameters
+        ----------
+        frame : DataFrame
+            With Ballbot's column names; with a mapping, with any names. The time is a column t, an index named t, or
+            an index of dates or durations; dates count from the first row. Columns whose unit in
+            `frame.attrs["units"]` is another one, such as "deg", are converted. What is missing becomes NaN.
+        mapping : str, Path or LogMapping, optional
+            How a foreign frame becomes a log, as for `read`; units are then those of the mapping.
+
+        Raises
+        ------
+        InputError
+            If pandas is not installed, there is no time or it does not increase, a column does not contain numbers,
+            or a unit cannot be converted.
+        """
+        from ballbot.log.frames import columns_of, foreign_columns_of
+        from ballbot.log.mapping import apply_mapping
+
+        described = _read_mapping(mapping)
+        if described is not None:
+            return Log(apply_mapping(described, foreign_columns_of(frame)))
+        return Log(*columns_of(frame))
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         """Return one column (N,), NaN included; read-only."""
@@ -266,6 +309,15 @@ class Log:
     def _table(self, names: tuple[str, ...]) -> NDArray[np.float64]:
         self.require(*names)
         return np.column_stack([self.columns[name] for name in names])
+
+
+def _read_mapping(mapping: str | Path | LogMapping | None) -> LogMapping | None:
+    """Return the mapping itself, or the one in that file."""
+    if isinstance(mapping, str | Path):
+        from ballbot.log.mapping_file import read_mapping
+
+        return read_mapping(mapping)
+    return mapping
 
 
 #: columns shown together in a summary, each a pattern of whole names

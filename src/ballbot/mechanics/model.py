@@ -31,7 +31,8 @@ from ballbot.mechanics.engine.run import simulate_one
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.friction import wheel_law
 from ballbot.mechanics.parameters import Exact, Formulation, Pivoting, Thesis, pack, selector
-from ballbot.robot import Robot
+from ballbot.robot import Robot, RobotLike, as_robot
+from ballbot.state import STATE_NAMES, torque_names
 from ballbot.summary import Summary, summarized
 
 if TYPE_CHECKING:
@@ -53,6 +54,8 @@ class LinearModel:
     def to_control(self) -> StateSpace:
         """Return the model as a python-control StateSpace with all states as outputs.
 
+        Inputs are named u1 .. un, states and outputs x .. psi_dot, so that `control.interconnect` finds them.
+
         Raises
         ------
         InputError
@@ -64,20 +67,30 @@ class LinearModel:
             raise InputError(
                 "python-control is not installed; install it with: pip install 'ballbot[interop]'."
             ) from None
-        return StateSpace(self.A, self.B, np.eye(len(self.A)), np.zeros_like(self.B))
+        names = [*STATE_NAMES]
+        return StateSpace(
+            self.A,
+            self.B,
+            np.eye(len(self.A)),
+            np.zeros_like(self.B),
+            inputs=[*torque_names(self.B.shape[1])],
+            outputs=names,
+            states=names,
+            name="robot",
+        )
 
 
 _MAX_STEPS = 1e8  # of one call: most of a minute on one core
 
 
 @summarized
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class Model:
     """A robot's mechanics.
 
     Parameters
     ----------
-    robot : Robot
+    robot : Robot, preset or robot file
     formulation : {"exact", "thesis"}
     step : float
         Longest inner step of `advance` [s]; RK4 at 1 ms is converged for robots of this size.
@@ -96,7 +109,24 @@ class Model:
     step: float = 1e-3
     pivoting: float | None = None
 
-    def __post_init__(self) -> None:
+    def __init__(
+        self,
+        robot: RobotLike,
+        formulation: Formulation = "exact",
+        step: float = 1e-3,
+        pivoting: float | None = None,
+    ) -> None:
+        given = {"robot": as_robot(robot), "formulation": formulation, "step": step, "pivoting": pivoting}
+        for name, value in given.items():
+            object.__setattr__(self, name, value)
+        self._check()
+        law = wheel_law(self.robot.friction)
+        row = pack(self.robot, self.formulation, pivoting=self.pivoting or 0.0, law=law)
+        chosen = selector(self.formulation, self.robot.wheel_count, pivoting=self.pivots, law=law)
+        object.__setattr__(self, "_selected", chosen)
+        object.__setattr__(self, "_row", row)
+
+    def _check(self) -> None:
         if self.formulation not in ("exact", "thesis"):
             raise InputError(f"The formulation is {self.formulation!r}; it must be 'exact' or 'thesis'.")
         if not (np.isfinite(self.step) and self.step > 0):
@@ -105,11 +135,6 @@ class Model:
             raise InputError(
                 f"The pivoting friction is {self.pivoting!r}; it must be a torque in N m, not negative."
             )
-        law = wheel_law(self.robot.friction)
-        row = pack(self.robot, self.formulation, pivoting=self.pivoting or 0.0, law=law)
-        chosen = selector(self.formulation, self.robot.wheel_count, pivoting=self.pivots, law=law)
-        object.__setattr__(self, "_selected", chosen)
-        object.__setattr__(self, "_row", row)
 
     @property
     def pivots(self) -> bool:

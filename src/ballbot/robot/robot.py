@@ -221,6 +221,28 @@ def _friction_rows(friction: Friction) -> tuple[tuple[str, str], ...]:
     return (*wheels, *((name, listed(values, unit)) for name, (values, unit) in more.items() if any(values)))
 
 
+#: a robot, the name of a preset, or the path of a robot file
+RobotLike = Robot | str | Path
+
+
+def as_robot(source: RobotLike) -> Robot:
+    """Return the robot itself, the preset of that name, or the robot in that file.
+
+    Raises
+    ------
+    InputError
+        If it is none of these.
+    """
+    if isinstance(source, Robot):
+        return source
+    if isinstance(source, str | Path):
+        return Robot.load(source)
+    raise InputError(
+        f"A robot is given as an object of type {type(source).__name__}; give a Robot, a preset's name or the path "
+        "of a robot file."
+    )
+
+
 def is_model_file(path: str | Path) -> bool:
     """Return whether a file's name has the suffix of a model of another tool; `ballbot.twin.model_files` reads it."""
     return Path(path).suffix.lower() in MODEL_SUFFIXES

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import MOST_CELLS, format_duration, real_array
-from ballbot.control.interface import Feedback
-from ballbot.control.references import Reference
+from ballbot.control.presets import ControllerLike, as_controller
+from ballbot.control.references import ReferenceLike, as_reference
 from ballbot.control.safety import SafeController
 from ballbot.errors import InputError
 from ballbot.log import Log
@@ -25,8 +25,8 @@ _MOST = MOST_CELLS // 45
 
 def simulate(
     plant: Plant | Model,
-    controller: Feedback,
-    reference: Reference,
+    controller: ControllerLike,
+    reference: ReferenceLike,
     *,
     duration: float,
     initial_state: ArrayLike | None = None,
@@ -39,11 +39,11 @@ def simulate(
     ----------
     plant : Plant or Model
         A model is run with perfect sensors (`ModelPlant`).
-    controller : Feedback
+    controller : Feedback, "nominal", "precise" or controller file
         A `Controller`, or any object with `sample_time`, `reset()` and `update(t, state, reference)`. It is run
         behind the safety layer, with the default limits unless it is a `SafeController` with its own.
-    reference : callable
-        f(t) -> (10,), t in [s]; see `ballbot.control.references`.
+    reference : callable, name or reference file
+        f(t) -> (10,), t in [s], or a name such as "square"; see `ballbot.control.references`.
     duration : float
         [s]; a whole number of samples is run.
     initial_state : array_like (10,), optional
@@ -65,8 +65,9 @@ def simulate(
     InputError
         If the duration or the initial state is invalid, or the controller returns anything but n numbers.
     """
-    samples = sample_count(duration, controller.sample_time)
     active = ModelPlant(plant) if isinstance(plant, Model) else plant
+    controller, wanted_at = as_controller(controller, active.robot), as_reference(reference)
+    samples = sample_count(duration, controller.sample_time)
     guarded = (
         controller if isinstance(controller, SafeController) else SafeController(controller, active.robot)
     )
@@ -76,7 +77,7 @@ def simulate(
     table = np.empty((samples, len(names)))
     rows, ended = 0, measured.ended
     while rows < samples and ended is None:
-        wanted = real_array(reference(measured.t), (10,), f"The reference at t = {measured.t:g} s")
+        wanted = real_array(wanted_at(measured.t), (10,), f"The reference at t = {measured.t:g} s")
         torques = guarded.update(measured.t, measured.state, wanted, measured=measured.valid)
         if guarded.stop is not None:
             ended = guarded.stop.text.removesuffix(".")

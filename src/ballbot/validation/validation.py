@@ -4,21 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
 from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback
-from ballbot.errors import InputError
+from ballbot.control.presets import ControllerLike, as_controller
+from ballbot.errors import InputError, suggest
 from ballbot.findings import by_severity
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.log import STATE_NAMES, Log
+from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import checked_logs
 from ballbot.log.checks.kinematics import check_disturbance
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
 from ballbot.progress import Progress, part_of
-from ballbot.robot import Robot
+from ballbot.robot import RobotLike, as_robot
 from ballbot.validation.closed_loop import (
     ClosedLoop,
     RecoveredGain,
@@ -42,29 +44,30 @@ from ballbot.validation.wheel_effects import find_dither
 
 
 def validate(
-    robot: Robot,
-    log: Log,
+    robot: RobotLike,
+    logs: LogsLike,
     *,
     accept: Collection[str] = (),
-    controller: Feedback | None = None,
-    holdout: Sequence[Interval] | None = None,
+    controller: ControllerLike | None = None,
+    holdout: Sequence[Interval] | Mapping[str, Sequence[Interval]] | None = None,
     formulation: Formulation = "exact",
     restart_every: float = 4.0,
     longest: float = 2.0,
     run: Run = DEFAULT_RUN,
 ) -> Validation:
-    """Validate a robot's model, with its friction and without, against a log in three ways; see `validate_pair`.
+    """Validate a robot's model, with its friction and without, against logs in three ways; see `validate_pair`.
 
     Parameters
     ----------
-    robot : Robot
+    robot : Robot, preset or robot file
         With the friction to validate; the second model is the same robot without friction.
-    log : Log
-        Checked first.
+    logs : Log or log file, or several in a list or a mapping
+        Checked first. The validations of several are joined (`join_validations`).
     accept : collection of str
         Codes of errors found in the log to go on in spite of; see `ballbot.findings.CODES`.
-    controller : Feedback, optional
-    holdout : sequence of (start, end), optional
+    controller : Feedback, "nominal", "precise" or controller file, optional
+    holdout : sequence of (start, end), or mapping of str to such sequences, optional
+        With several logs a mapping by their names.
     formulation : {"exact", "thesis"}
         Of the model.
     restart_every : float
@@ -78,18 +81,40 @@ def validate(
         If the robot has no friction, the checks of the log find an error whose code is not accepted, and as
         `validate_pair` does.
     """
+    robot = as_robot(robot)
     models = ModelPair.by_friction(Model(robot, formulation=formulation))
-    checked = checked_logs(robot, log, accept=accept)
-    validation = validate_pair(
+    driver = None if controller is None else as_controller(controller, robot)
+    checked = checked_logs(robot, logs, accept=accept)
+    parts = validate_logs(
         models,
-        log,
-        controller=controller,
-        holdout=holdout,
+        checked.logs,
+        controller=driver,
+        holdout=_by_log(holdout, list(checked.logs)),
         restart_every=restart_every,
         longest=longest,
         run=run,
     )
-    return replace(validation, log_findings=checked.findings)
+    return replace(join_validations(list(parts.values())), log_findings=checked.findings)
+
+
+def _by_log(
+    holdout: Sequence[Interval] | Mapping[str, Sequence[Interval]] | None, names: Sequence[str]
+) -> Mapping[str, Sequence[Interval]]:
+    """Return the held-out intervals by the logs' names."""
+    if holdout is None:
+        return {}
+    if not isinstance(holdout, Mapping):
+        if len(names) > 1:
+            raise InputError(
+                "holdout has the times of one log, but there are several; give a dict by the logs' names: "
+                f"{', '.join(names)}."
+            )
+        return dict.fromkeys(names, holdout)
+    for name in holdout:
+        if name not in names:
+            hint = suggest(name, names, otherwise="the logs are")
+            raise InputError(f"holdout names the log {name!r}, which is not given; {hint}")
+    return holdout
 
 
 def validate_pair(
@@ -182,15 +207,20 @@ def validate_logs(
     logs: Mapping[str, Log],
     *,
     controller: Feedback | None = None,
+    holdout: Mapping[str, Sequence[Interval]] = MappingProxyType({}),
+    restart_every: float = 4.0,
+    longest: float = 2.0,
     run: Run = DEFAULT_RUN,
 ) -> dict[str, Validation]:
     """Return the validation on each log, by the logs' names; an error names its log.
 
     Parameters
     ----------
-    models, controller, run
+    models, controller, restart_every, longest, run
         As for `validate_pair`.
     logs : mapping of str to Log
+    holdout : mapping of str to sequence of (start, end)
+        By the logs' names; a log that is not in it counts as a whole.
 
     Raises
     ------
@@ -199,12 +229,20 @@ def validate_logs(
     """
     parts: dict[str, Validation] = {}
     for number, (name, log) in enumerate(logs.items()):
-        stage = f"validating {name}"
+        stage = f"validating {name}" if name else ""
         of_log = part_of(run.progress, number / len(logs), (number + 1) / len(logs), stage=stage)
         try:
-            parts[name] = validate_pair(models, log, controller=controller, run=replace(run, progress=of_log))
+            parts[name] = validate_pair(
+                models,
+                log,
+                controller=controller,
+                holdout=holdout.get(name),
+                restart_every=restart_every,
+                longest=longest,
+                run=replace(run, progress=of_log),
+            )
         except InputError as error:
-            raise InputError(f"{name}: {error}") from None
+            raise (InputError(f"{name}: {error}") if name else error) from None
     return parts
 
 

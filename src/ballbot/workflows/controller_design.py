@@ -33,7 +33,7 @@ from ballbot.control.presets import (
 )
 from ballbot.errors import InputError
 from ballbot.mechanics.model import Model
-from ballbot.robot import Friction, Robot
+from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_friction
 from ballbot.robot.variations import Propagated, propagate
 from ballbot.summary import Summary, pole_words, summarized
@@ -134,13 +134,13 @@ class ControllerDesign:
 
 
 def design_controller(
-    robot: Robot, *, gain: GainOptions = DEFAULT_GAIN, parts: PartOptions = DEFAULT_PARTS
+    robot: RobotLike, *, gain: GainOptions = DEFAULT_GAIN, parts: PartOptions = DEFAULT_PARTS
 ) -> ControllerDesign:
     """Design a controller for a robot, and compute the uncertainty of its gain and the margin of its compensation.
 
     Parameters
     ----------
-    robot : Robot
+    robot : Robot, preset or robot file
         Its friction, as far as it is certain, is compensated; the gain is designed without friction.
     gain : GainOptions, optional
     parts : PartOptions, optional
@@ -151,6 +151,7 @@ def design_controller(
         If a weight or a part is not possible, an adaptation has no integral action to adapt, or more friction is
         compensated than is certain and this is not allowed.
     """
+    robot = as_robot(robot)
     found = _design(robot, gain)
     uncertainty = propagate(robot, lambda one: _design(one, gain).gain)
     certain = certain_friction(robot)

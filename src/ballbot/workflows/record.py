@@ -23,7 +23,7 @@ import tomli_w
 
 from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text
-from ballbot.control.references import is_reference_file, reference_from, reference_text
+from ballbot.control.references import as_reference, is_reference_file, reference_text
 from ballbot.errors import InputError
 from ballbot.estimation import named_estimator
 from ballbot.file_formats import results_text, without_format
@@ -235,7 +235,7 @@ def _record(job: RecordJob, seed: int, progress: ProgressCallback) -> Recording:
     sample_time = job.scenario.sensors.sample_time
     estimator = named_estimator(job.controller.estimator, job.robot, sample_time=sample_time)
     twin = Twin(job.robot, job.scenario, estimator=estimator)
-    reference = reference_from(job.reference)
+    reference = as_reference(job.reference)
     return record_balance(
         twin, job.controller, reference, duration=job.duration, seed=seed, progress=progress
     )

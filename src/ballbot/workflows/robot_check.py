@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ballbot.control.file import read_controller
 from ballbot.control.presets import nominal_controller
-from ballbot.control.references import is_reference_file, reference_from
+from ballbot.control.references import as_reference, is_reference_file
 from ballbot.errors import InputError
 from ballbot.findings import Finding, by_severity, finding_results, no_command, stop_on_errors
 from ballbot.identification.inertia import (
@@ -338,7 +338,7 @@ class CheckedReference:
 
 def follow_reference(robot: Robot, source: str, controller: Path | None) -> CheckedReference:
     """Return what following the reference of that name or file takes, with a controller file or the nominal one."""
-    reference = reference_from(source)
+    reference = as_reference(source)
     duration = float(Log.read(source).t[-1]) + _BEYOND if is_reference_file(source) else _DURATION
     chosen = read_controller(controller, robot) if controller else nominal_controller(robot)
     return CheckedReference(name=source, margins=check_reference(robot, chosen, reference, duration=duration))

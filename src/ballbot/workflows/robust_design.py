@@ -24,7 +24,7 @@ from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import evolve
 from ballbot.progress import Progress, part_of
 from ballbot.results import key, left_out
-from ballbot.robot import Robot
+from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.summary import Summary, listed, plotted, summarized
 from ballbot.workflows.perturbed_robots import (
     CostUnits,
@@ -128,7 +128,7 @@ class RobustDesign:
 
 
 def robust_design(
-    robot: Robot,
+    robot: RobotLike,
     *,
     compensation: Compensation,
     spread: PerturbationRanges,
@@ -140,7 +140,7 @@ def robust_design(
 
     Parameters
     ----------
-    robot : Robot
+    robot : Robot, preset or robot file
         The nominal one: the gain is designed for it, and its friction is compensated.
     compensation : {"none", "full", "partial"}
     spread : PerturbationRanges
@@ -155,6 +155,7 @@ def robust_design(
     InputError
         If the nominal gain falls with half of the perturbed robots, or the seed is invalid.
     """
+    robot = as_robot(robot)
     perturbed = draw_perturbed(robot, effort.robots, spread=spread, seed=run.seed)
 
     def controller_of(weights: tuple[float, ...], torque_weight: float = NOMINAL_TORQUE_WEIGHT) -> Controller:

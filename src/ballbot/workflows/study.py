@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,14 +28,14 @@ from ballbot.findings import Finding
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification import Bounds, Identification, identify
 from ballbot.identification.stages import IdentificationOptions, holdout_intervals
-from ballbot.log import STATE_NAMES, Log
+from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import CheckedLogs, checked_logs
 from ballbot.log.columns import torque_names, wheel_speed_names
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress, part_of
-from ballbot.robot import Robot
+from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.summary import Summary, counted, listed, plotted, summarized
-from ballbot.twin.scenario import Scenario
+from ballbot.twin.scenario import Scenario, load_scenario
 from ballbot.validation import ModelPair, Validation, join_validations, validate_pair
 from ballbot.validation.models import Interval
 from ballbot.workflows.controller_choice import (
@@ -169,11 +170,11 @@ def _controller_rows(choice: ControllerChoice) -> tuple[tuple[str, str], ...]:
 
 
 def study(
-    robot: Robot,
-    logs: Mapping[str, Log] | CheckedLogs,
+    robot: RobotLike,
+    logs: LogsLike | CheckedLogs,
     *,
     plant: PlantName | None = None,
-    scenario: Scenario | None = None,
+    scenario: Scenario | str | Path | None = None,
     options: StudyOptions = DEFAULT_STUDY,
     run: Run = DEFAULT_RUN,
 ) -> Study:
@@ -181,15 +182,15 @@ def study(
 
     Parameters
     ----------
-    robot : Robot
+    robot : Robot, preset or robot file
         Its own friction is not used.
-    logs : mapping of str to Log, or CheckedLogs
-        By a name to call each; with torques and states, and with the reference for the closed-loop validation. They
-        are checked first, unless they come as `CheckedLogs`.
+    logs : Log or log file, several in a list or a mapping, or CheckedLogs
+        With torques and states, and with the reference for the closed-loop validation; the names of a mapping are
+        those of the report. They are checked first, unless they come as `CheckedLogs`.
     plant : {"model", "twin"}, optional
         What the candidates are compared on, with the friction drawn from what the identification leaves uncertain: the
         equations of motion, or the physics-engine twin; by default the twin if its engine is installed.
-    scenario : Scenario, optional
+    scenario : Scenario, scenario's name or scenario file, optional
         Delay, play, noise, sensors and floor of these plants; the nominal one by default.
     options : StudyOptions, optional
     run : Run, optional
@@ -201,9 +202,11 @@ def study(
         If a log lacks a column or is not of this robot, its checks find an error whose code is not accepted, or
         there is nothing to find in the logs.
     """
+    robot = as_robot(robot)
     checked = checked_logs(robot, logs, accept=options.accept)
     studied = tuple(
-        StudiedLog(name=name, log=log, held_out=holdout_intervals(log)) for name, log in checked.logs.items()
+        StudiedLog(name=name or "the log", log=log, held_out=holdout_intervals(log))
+        for name, log in checked.logs.items()
     )
     check_columns(robot, studied)
     if not 2 <= options.draws <= MAX_DRAWS:
@@ -211,7 +214,8 @@ def study(
     # whole nanoseconds: the rounding of a log's time stamps does not belong into a controller file
     sample_time = round(studied[0].log.sample_time, 9)
     chosen_plant = available_plant(plant)
-    tried = sampled_at(scenario or Scenario.nominal(robot), sample_time)
+    given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario or "nominal", robot)
+    tried = sampled_at(given, sample_time)
     _check_plant(robot, tried, chosen_plant)
     identified, validated, rolled = _stage_ends(studied, chosen_plant, options)
     identifying = part_of(run.progress, 0.0, identified, stage="identifying friction")

@@ -52,9 +52,10 @@ from ballbot.log.checks.values import (
     check_spikes,
     check_wrap,
 )
+from ballbot.log.collection import LogsLike, as_logs
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, torque_names, wheel_speed_names
 from ballbot.log.log import Log
-from ballbot.robot import Robot
+from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.plausibility import named_robot_findings
 
 if TYPE_CHECKING:
@@ -268,8 +269,8 @@ class CheckedLogs:
 
 
 def checked_logs(
-    robot: Robot | None,
-    logs: Log | Sequence[Log] | Mapping[str, Log] | CheckedLogs,
+    robot: RobotLike | None,
+    logs: LogsLike | CheckedLogs,
     *,
     accept: Collection[str] = (),
     going_on: Callable[[Sequence[str]], str] = as_argument,
@@ -279,10 +280,10 @@ def checked_logs(
 
     Parameters
     ----------
-    robot : Robot, optional
+    robot : Robot, preset or robot file, optional
         Whose logs they are. Without it, only the checks without a robot run.
-    logs : Log, sequence or mapping of Log, or CheckedLogs
-        A mapping's keys are the names in messages; the logs of a sequence are called log 1, log 2, ...
+    logs : Log or log file, several in a list or a mapping, or CheckedLogs
+        See `ballbot.log.as_logs` for their names in messages.
     accept : collection of str
         Codes of errors despite which to continue; see `ballbot.findings.CODES`.
     going_on, more : callable
@@ -296,8 +297,8 @@ def checked_logs(
     codes = check_codes(accept)
     if isinstance(logs, CheckedLogs):
         return logs
-    named = _named(logs)
-    findings = _with_robot(robot, named) if robot else _without_robot(named)
+    named = as_logs(logs)
+    findings = _without_robot(named) if robot is None else _with_robot(as_robot(robot), named)
     stop_on_errors(findings, accept=codes, going_on=going_on, more=more)
     return CheckedLogs(logs=named, findings=findings)
 
@@ -313,16 +314,6 @@ def bench_findings(robot: Robot, logs: Mapping[str, Log]) -> tuple[Finding, ...]
     """
     of_logs = (one for one in _without_robot(logs) if one.code not in _OF_BALANCING)
     return by_severity([*named_robot_findings(robot), *of_logs])
-
-
-def _named(logs: Log | Sequence[Log] | Mapping[str, Log]) -> Mapping[str, Log]:
-    if isinstance(logs, Log):
-        return {"": logs}
-    if isinstance(logs, Mapping):
-        return logs
-    if len(logs) == 1:
-        return {"": logs[0]}
-    return {f"log {number}": log for number, log in enumerate(logs, start=1)}
 
 
 def _with_robot(robot: Robot, named: Mapping[str, Log]) -> tuple[Finding, ...]:

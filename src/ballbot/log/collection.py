@@ -1,0 +1,107 @@
+"""Logs as functions take them: one or several, in memory or in files.
+
+A function that takes logs takes `LogsLike` and gives it to `as_logs`, which returns them by the names of messages:
+
+    a log               without a name
+    a file              by its stem
+    several             in memory "log 1", "log 2", ..; in files by their stems, with their folders if stems recur
+    a mapping           by its keys
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from ballbot.errors import InputError
+from ballbot.log.log import Log
+
+#: a log, or the file that it is read from
+LogLike = Log | str | Path
+#: a log, several, or several by name
+LogsLike = LogLike | Iterable[LogLike] | Mapping[str, LogLike]
+
+
+def as_log(source: LogLike) -> Log:
+    """Return the log itself, or the one in that file.
+
+    Raises
+    ------
+    InputError
+        If it is neither, or the file cannot be read.
+    """
+    if isinstance(source, Log):
+        return source
+    if isinstance(source, str | Path):
+        return Log.read(source)
+    raise _refusal(source)
+
+
+def as_logs(sources: LogsLike) -> dict[str, Log]:
+    """Return logs by the names that messages use.
+
+    Raises
+    ------
+    InputError
+        If there is no log, one is not a log or is named twice, or a file cannot be read.
+    """
+    if isinstance(sources, Log | str | Path):
+        found = _listed([sources])
+    elif isinstance(sources, Mapping):
+        found = {_checked_name(name): as_log(one) for name, one in sources.items()}
+    elif not isinstance(sources, Iterable) or hasattr(sources, "__array__"):
+        raise _refusal(sources)  # tables of others iterate over their columns
+    else:
+        found = _listed(list(sources))
+    if not found:
+        raise InputError("No log is given; give one or more.")
+    return found
+
+
+def _listed(sources: Sequence[LogLike]) -> dict[str, Log]:
+    files = [Path(one) for one in sources if isinstance(one, str | Path)]
+    names = iter(named_files(files) if files else ())
+    found: dict[str, Log] = {}
+    for number, one in enumerate(sources, start=1):
+        in_memory = f"log {number}" if len(sources) > 1 else ""
+        name = next(names) if isinstance(one, str | Path) else in_memory
+        if name in found:
+            raise InputError(f"Two logs are called {name!r}; name them in a dict.")
+        found[name] = as_log(one)
+    return found
+
+
+def named_files(paths: Sequence[Path]) -> dict[str, Path]:
+    """Return logs' files by their stems, with their folders before them if stems recur.
+
+    Raises
+    ------
+    InputError
+        If no log is given, or one is named twice.
+    """
+    if not paths:
+        raise InputError("No log is given. Name one or more log files after the robot.")
+    stems = [path.stem for path in paths]
+    names = stems if len(set(stems)) == len(stems) else [str(path.with_suffix("")) for path in paths]
+    for path, name in zip(paths, names, strict=True):
+        if names.count(name) > 1:
+            raise InputError(f"The log {path} is given twice. Name each file once.")
+    return dict(zip(names, paths, strict=True))
+
+
+def _checked_name(name: object) -> str:
+    if not isinstance(name, str):
+        raise InputError(f"A log is named {name!r}; the names of logs are texts, such as 'square'.")
+    return name
+
+
+def _refusal(source: object) -> InputError:
+    """Return why something is no log, and how it becomes one."""
+    hint = ""
+    if type(source).__name__ == "DataFrame":
+        hint = " Log.from_pandas(frame) makes a log of a DataFrame."
+    elif hasattr(source, "__array__"):
+        hint = " Log({'t': ..., 'theta': ...}) makes a log of arrays."
+    return InputError(
+        f"A log is given as an object of type {type(source).__name__}; give a Log or the path of a log file.{hint}"
+    )

@@ -1,0 +1,126 @@
+"""Logs to pandas' tables and back: `Log.to_pandas` and `Log.from_pandas`.
+
+A frame's index is the time t [s], uneven as it was logged, and `frame.attrs["units"]` has each column's unit, as
+"rad/s". Back, a unit that is stated there is converted: a frame in degrees becomes a log in radians.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.log.columns import Columns, factor_to, unit_of
+
+if TYPE_CHECKING:
+    from pandas import DataFrame, Index, Series
+
+#: keys of a frame's `attrs`
+_UNITS, _ENDED = "units", "ended"
+
+
+def frame_of(columns: Mapping[str, NDArray[np.float64]], ended: str | None) -> DataFrame:
+    """Return a log's columns, t among them, and why its run ended as a DataFrame; see `Log.to_pandas`."""
+    pandas = _pandas()
+    rest = {name: values for name, values in columns.items() if name != "t"}
+    frame = pandas.DataFrame(rest, index=pandas.Index(columns["t"], name="t"), copy=True)
+    frame.attrs[_UNITS] = {name: unit for name in columns if (unit := unit_of(name)) is not None}
+    if ended is not None:
+        frame.attrs[_ENDED] = ended
+    return frame
+
+
+def columns_of(frame: DataFrame) -> tuple[Columns, str | None]:
+    """Return the columns of a log in Ballbot's units, and why its run ended; see `Log.from_pandas`.
+
+    Raises
+    ------
+    InputError
+        If the frame has no time, a column does not contain numbers, or a unit cannot be converted.
+    """
+    columns = foreign_columns_of(frame)
+    if "t" not in columns:
+        raise InputError(
+            "The frame has no time: it needs a column t [s], an index named t, or an index of dates or durations. Its "
+            f"columns are: {', '.join(columns) or 'none'}. Rename one, as in frame.rename(columns={{'time': 't'}})."
+        )
+    units = frame.attrs.get(_UNITS, {})
+    if not isinstance(units, Mapping):
+        raise InputError(
+            f"frame.attrs['units'] is {units!r}; it must be a dict of units by the columns' names, or be left out."
+        )
+    ended = frame.attrs.get(_ENDED)
+    scaled = {name: values * _factor(name, units.get(name)) for name, values in columns.items()}
+    return scaled, ended if isinstance(ended, str) else None
+
+
+def foreign_columns_of(frame: DataFrame) -> Columns:
+    """Return a frame's columns as float64, its index among them if it is named or counts time.
+
+    Raises
+    ------
+    InputError
+        If it is no frame, its names are not those of a table, or a column does not contain numbers.
+    """
+    if not isinstance(frame, _pandas().DataFrame):
+        raise InputError(
+            f"A log is made of a pandas DataFrame; an object of type {type(frame).__name__} is given."
+        )
+    if frame.columns.nlevels > 1 or frame.index.nlevels > 1:
+        raise InputError(
+            "The frame has columns or rows of several levels; a log has one name for each column."
+        )
+    names = frame.columns.tolist()
+    unnamed = [name for name in names if not isinstance(name, str)]
+    if unnamed:
+        raise InputError(
+            f"The frame has a column called {unnamed[0]!r}; the names of a log's columns are texts."
+        )
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise InputError(f"The frame has several columns called {twice[0]!r}; give each its own name.")
+    found = {name: _numbers(name, frame[name]) for name in names}
+    of_time = frame.index.dtype.kind in "mM"
+    key = "t" if of_time and "t" not in found else frame.index.name
+    if isinstance(key, str) and key not in found:
+        found = {key: _numbers(key, frame.index), **found}
+    return found
+
+
+def _numbers(name: str, values: Series | Index) -> NDArray[np.float64]:
+    """Return values as numbers, dates and durations as seconds; dates count from the first row."""
+    kind = values.dtype.kind
+    if kind in "mM":
+        moments = _pandas().Index(values)
+        return (moments if kind == "m" else moments - moments[0]).total_seconds().to_numpy(dtype=np.float64)
+    if kind not in "fiub":
+        raise InputError(
+            f"The frame's column {name!r} does not contain numbers (its type is {values.dtype}). Convert it, or leave "
+            f"it out: frame.drop(columns={name!r})."
+        )
+    return values.to_numpy(dtype=np.float64, na_value=np.nan)
+
+
+def _factor(name: str, stated: object) -> float:
+    """Return what turns a column in the unit that is stated for it into Ballbot's unit."""
+    own = unit_of(name)
+    if stated is None or own is None:
+        return 1.0
+    try:
+        return factor_to(own, str(stated))
+    except InputError as error:
+        raise InputError(f"The frame's column {name!r}: {error}. Correct frame.attrs['units'].") from None
+
+
+def _pandas() -> ModuleType:
+    try:
+        import pandas
+    except ImportError:
+        raise InputError(
+            "pandas is not installed; install it with: pip install 'ballbot[interop]'."
+        ) from None
+    return pandas

@@ -1,0 +1,142 @@
+"""One log, several or several by name, in memory or in files: every function takes them alike."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import ballbot
+from ballbot.errors import InputError
+from ballbot.identification.upside_down import identify_upside_down
+from ballbot.log import Log, as_log, as_logs
+from ballbot.validation import validate
+from tests.support.control_examples import alten
+from tests.support.log_examples import smooth_log
+from tests.support.validation_examples import true_robot
+
+LOG = Log({"t": np.arange(3.0), "x": np.zeros(3)})
+NAMES = st.text("abc123 _-", min_size=1, max_size=5).filter(lambda name: name.strip(" ") == name)
+
+
+@pytest.fixture
+def files(tmp_path):
+    paths = [tmp_path / "square.csv", tmp_path / "hold.csv"]
+    for path in paths:
+        LOG.write(path)
+    return paths
+
+
+def test_one_log_has_no_name_and_one_file_its_stem(files):
+    assert as_logs(LOG) == {"": LOG}
+    assert as_logs([LOG]) == {"": LOG}
+    for given_as in (files[0], str(files[0]), [files[0]], (str(files[0]),)):
+        (name,) = found = as_logs(given_as)
+        assert name == "square"
+        assert found[name].names == ("t", "x")
+
+
+def test_several_are_named_by_number_or_stem(files):
+    assert list(as_logs([LOG, LOG])) == ["log 1", "log 2"]
+    assert list(as_logs([LOG, *files])) == ["log 1", "square", "hold"]
+    assert list(as_logs(iter(files))) == ["square", "hold"]
+    assert list(as_logs(files[0].parent.glob("*.csv"))) == [
+        path.stem for path in files[0].parent.glob("*.csv")
+    ]
+
+
+def test_stems_that_recur_have_their_folders(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    paths = [Path("one/log.csv"), Path("two/log.csv")]
+    for path in paths:
+        path.parent.mkdir()
+        LOG.write(path)
+    assert list(as_logs(paths)) == [str(path.with_suffix("")) for path in paths]
+    with pytest.raises(InputError, match="given twice"):
+        as_logs([paths[0], paths[0]])
+
+
+@given(st.dictionaries(NAMES, st.just(LOG), min_size=1, max_size=4))
+def test_a_mapping_keeps_its_names_and_order(logs):
+    assert list(as_logs(logs)) == list(logs)
+
+
+@given(st.lists(st.just(LOG), min_size=1, max_size=6))
+def test_no_log_of_a_list_is_lost(logs):
+    assert list(as_logs(logs).values()) == logs
+
+
+@pytest.mark.parametrize(
+    ("given_as", "sentence"),
+    [
+        ([], "No log is given"),
+        ({}, "No log is given"),
+        (3, "object of type int; give a Log or the path"),
+        ([LOG, None], "object of type NoneType"),
+        ({"a": np.zeros(3)}, r"type ndarray.*makes a log of arrays"),
+        (np.zeros((3, 2)), r"type ndarray.*makes a log of arrays"),
+        ({1: LOG}, "A log is named 1"),
+        ("nowhere.csv", "nowhere.csv cannot be read"),
+    ],
+)
+def test_what_is_no_log_is_refused(given_as, sentence):
+    with pytest.raises(InputError, match=sentence):
+        as_logs(given_as)
+
+
+def test_a_file_and_a_log_of_one_name_are_refused(tmp_path):
+    LOG.write(tmp_path / "log 1.csv")
+    with pytest.raises(InputError, match="Two logs are called 'log 1'"):
+        as_logs([LOG, tmp_path / "log 1.csv"][::1])
+
+
+def test_as_log_gives_the_log_itself_or_the_one_in_the_file(files):
+    assert as_log(LOG) is LOG
+    assert np.array_equal(as_log(str(files[0]))["x"], LOG["x"])
+
+
+def of_negated_rates() -> Log:
+    log = smooth_log()
+    return log.with_columns({"theta_dot": -log["theta_dot"], "phi_dot": -log["phi_dot"]})
+
+
+@pytest.mark.parametrize(
+    ("function", "robot"),
+    [
+        (ballbot.identify, alten()),
+        (ballbot.identify, "alten"),
+        (ballbot.study, alten()),
+        (ballbot.study, "alten"),
+        (validate, true_robot()),
+    ],
+)
+def test_every_function_takes_every_container(function, robot, tmp_path):
+    """The checks, which come first, name the logs; they refuse negated rates."""
+    log, path = of_negated_rates(), tmp_path / "walk.csv"
+    log.write(path)
+    for given_as, beginning in (
+        (log, ""),
+        ([log], ""),
+        (path, "walk: "),
+        ([str(path)], "walk: "),
+        ({"mine": path}, "mine: "),
+        ([log, path], r"log 1: "),
+    ):
+        with pytest.raises(InputError, match=rf"^{beginning}.*accept=\['sign'\]"):
+            function(robot, given_as)
+
+
+@pytest.mark.parametrize("function", [ballbot.identify, ballbot.study, validate, identify_upside_down])
+def test_a_misspelt_preset_is_answered_with_the_nearest(function):
+    with pytest.raises(InputError, match="did you mean the preset 'alten'"):
+        function("altn", LOG)
+
+
+def test_held_out_times_of_several_logs_need_their_names():
+    logs = {"one": smooth_log(), "two": smooth_log()}
+    accepted = {"accept": ["torque-unrelated", "sign", "lean-axes"]}
+    with pytest.raises(InputError, match="give a dict by the logs' names: one, two"):
+        validate(true_robot(), logs, holdout=[(0.0, 1.0)], **accepted)
+    with pytest.raises(InputError, match="did you mean 'two'"):
+        validate(true_robot(), logs, holdout={"tow": [(0.0, 1.0)]}, **accepted)

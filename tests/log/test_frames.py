@@ -1,0 +1,163 @@
+"""Logs as pandas' tables and back, against pandas itself."""
+
+import builtins
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ballbot.errors import InputError
+from ballbot.log import Log
+from ballbot.log.columns import KNOWN_NAMES, unit_of
+from ballbot.log.formats.text import TextLayout
+from ballbot.log.mapping import LogMapping, Source
+from tests.support.log_examples import smooth_log
+
+LOG = smooth_log(rows=20)
+
+
+@pytest.fixture(scope="module")
+def pandas():
+    return pytest.importorskip("pandas", reason="pandas is not installed")
+
+
+@st.composite
+def logs(draw):
+    """Logs of uneven time with any values, missing ones among them, and names known and unknown."""
+    steps = draw(st.lists(st.floats(1e-6, 1e3), min_size=1, max_size=8))
+    t = draw(st.floats(-1e3, 1e3)) + np.cumsum(steps)
+    names = draw(st.sets(st.sampled_from([*KNOWN_NAMES[1:], "battery", "Zustand 1"]), max_size=4))
+    values = st.lists(st.floats(allow_infinity=False), min_size=len(t), max_size=len(t))
+    columns = {name: np.array(draw(values)) for name in sorted(names)}
+    return Log({"t": t, **columns}, ended=draw(st.none() | st.text(max_size=5)))
+
+
+@pytest.mark.usefixtures("pandas")
+@given(log=logs())
+@settings(max_examples=50)
+def test_log_comes_back_to_the_bit(log):
+    back = Log.from_pandas(log.to_pandas())
+    assert set(back.names) == set(log.names)
+    for name in log.names:
+        np.testing.assert_array_equal(back[name], log[name])
+    assert back.ended == log.ended
+
+
+def test_frame_has_time_as_index_and_units(pandas):
+    frame = LOG.to_pandas()
+    assert isinstance(frame, pandas.DataFrame)
+    assert frame.index.name == "t"
+    np.testing.assert_array_equal(frame.index, LOG.t)
+    assert frame.attrs["units"] == {name: unit_of(name) for name in LOG.names}
+    assert frame["theta"].loc[0.01:0.02].tolist() == LOG["theta"][2:5].tolist()
+    frame["theta"] = 0.0  # a copy: the log stays as it is
+    assert LOG["theta"].any()
+
+
+@pytest.mark.usefixtures("pandas")
+def test_uneven_time_stays_uneven():
+    t = np.array([0.0, 0.004, 0.011, 0.5])
+    assert Log.from_pandas(Log({"t": t}).to_pandas()).t.tolist() == t.tolist()
+
+
+def test_stated_units_are_converted(pandas):
+    frame = pandas.DataFrame({"t": [0.0, 500.0], "theta": [90.0, 180.0], "u1": [250.0, 0.0], "x": [1.0, 2.0]})
+    frame.attrs["units"] = {"t": "ms", "theta": "deg", "u1": "mN m", "elsewhere": "furlong"}
+    log = Log.from_pandas(frame)
+    assert log.t.tolist() == [0.0, 0.5]
+    np.testing.assert_allclose(log["theta"], [np.pi / 2, np.pi], rtol=1e-15)
+    assert log["u1"].tolist() == [0.25, 0.0]
+    assert log["x"].tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize("start", ["2026-11-22 09:00", "2026-11-22 09:00+01:00"])
+def test_dates_count_from_the_first_and_durations_from_zero(pandas, start):
+    seconds = [0.0, 0.005, 0.011]
+    durations = pandas.to_timedelta([1.0, 1.005, 1.011], unit="s")
+    for index, first in ((durations, 1.0), (pandas.Timestamp(start) + durations, 0.0)):
+        for frame in (
+            pandas.DataFrame({"x": [1.0, 2.0, 3.0]}, index=index),
+            pandas.DataFrame({"t": index, "x": [1.0, 2.0, 3.0]}),
+        ):
+            # a nanosecond is what pandas counts in
+            np.testing.assert_allclose(Log.from_pandas(frame).t - first, seconds, rtol=0, atol=2e-9)
+
+
+def test_missing_values_of_every_kind_become_nan(pandas):
+    frame = pandas.DataFrame(
+        {
+            "t": [0.0, 1.0, 2.0],
+            "x": pandas.array([1, None, 3], dtype="Int64"),
+            "y": pandas.array([None, 2.5, 1.0], dtype="Float64"),
+            "fallen": [False, True, True],
+        }
+    )
+    log = Log.from_pandas(frame)
+    np.testing.assert_array_equal(log["x"], [1.0, np.nan, 3.0])
+    np.testing.assert_array_equal(log["y"], [np.nan, 2.5, 1.0])
+    assert log["fallen"].tolist() == [0.0, 1.0, 1.0]
+
+
+def test_foreign_frame_is_read_by_a_mapping(pandas):
+    mapping = LogMapping(
+        layout=TextLayout(),
+        columns={"t": Source(column="time", factor=1e-3), "theta": Source(column="roll", factor=-1.0)},
+        derivatives={},
+        motors=None,
+    )
+    frame = pandas.DataFrame({"time": [0, 5, 10], "roll": [0.1, 0.2, 0.3]})
+    for given_as in (frame, frame.set_index("time")):
+        log = Log.from_pandas(given_as, mapping=mapping)
+        assert log.t.tolist() == [0.0, 0.005, 0.01]
+        assert log["theta"].tolist() == [-0.1, -0.2, -0.3]
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda _: {"t": [0.0]}, "an object of type dict is given"),
+        (lambda pd: pd.DataFrame({"time": [0.0], "x": [1.0]}), "no time.*Its columns are: time, x"),
+        (
+            lambda pd: pd.DataFrame({"t": [0.0], "label": ["a"]}),
+            r"'label' does not contain numbers.*frame.drop",
+        ),
+        (lambda pd: pd.DataFrame({"t": [0.0], "x": [1j]}), "'x' does not contain numbers"),
+        (lambda pd: pd.DataFrame([[0.0, 1.0]], columns=["t", 1]), "column called 1"),
+        (lambda pd: pd.DataFrame([[0.0, 1.0, 2.0]], columns=["t", "x", "x"]), "several columns called 'x'"),
+        (
+            lambda pd: pd.DataFrame([[0.0]], columns=pd.MultiIndex.from_tuples([("t", "a")])),
+            "several levels",
+        ),
+        (lambda pd: pd.DataFrame({"t": [0.0, 0.0]}), "Time does not increase"),
+        (lambda pd: pd.DataFrame({"t": []}), "no rows"),
+    ],
+)
+def test_what_makes_no_log_is_refused(pandas, make, sentence):
+    with pytest.raises(InputError, match=sentence):
+        Log.from_pandas(make(pandas))
+
+
+@pytest.mark.parametrize(
+    ("units", "sentence"),
+    [({"x": "deg"}, r"column 'x': the unit 'deg' cannot be converted to m"), (["m"], "must be a dict")],
+)
+def test_impossible_units_are_refused(pandas, units, sentence):
+    frame = pandas.DataFrame({"t": [0.0], "x": [1.0]})
+    frame.attrs["units"] = units
+    with pytest.raises(InputError, match=sentence):
+        Log.from_pandas(frame)
+
+
+def test_missing_pandas_is_named(monkeypatch):
+    plain = builtins.__import__
+
+    def without(name, *arguments, **options):
+        if name == "pandas":
+            raise ImportError(name)
+        return plain(name, *arguments, **options)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    for call in (LOG.to_pandas, lambda: Log.from_pandas(LOG)):  # pyright: ignore[reportArgumentType]
+        with pytest.raises(InputError, match=r"pip install 'ballbot\[interop\]'"):
+            call()
