@@ -3,9 +3,9 @@
 import json
 import os
 import signal
-import subprocess
 import sys
 import time
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -19,6 +19,7 @@ from ballbot.firmware.build import compilers
 from ballbot.firmware.qemu import what_to_install
 from ballbot.log import Log
 from ballbot.robot import Robot
+from tests.support.processes import PATIENCE, Child
 
 pytestmark = [
     pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)"),
@@ -123,23 +124,40 @@ def test_every_refusal_is_one_sentence(words, sentence, tmp_path, monkeypatch, c
     assert len([line for line in said.splitlines() if not line.startswith("ballbot: 0.0 s")]) == 1
 
 
-def started(folder, words="--duration 600"):
-    """Return a process that balances an emulated robot, once its recording grows."""
-    command = [sys.executable, "-m", "ballbot", "run", "--emulated", *words.split(), "--out", str(folder)]
-    child = subprocess.Popen(
-        command,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        # a shell that starts the tests in the background lets all of them ignore Ctrl-C
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
-    recording, end = folder / "log.recording", time.monotonic() + 300.0
-    while not (recording.exists() and recording.stat().st_size > 50_000):
-        assert child.poll() is None, child.communicate()
-        assert time.monotonic() < end
-        time.sleep(0.02)
-    return child
+#: takes a package away, and asks for a robot, once for each
+WITHOUT = """
+import sys
+from ballbot.cli.main import main
+for package in ("serial", "cobs", "fastcrc"):
+    mine = ("ballbot.link", "ballbot.cli.r", package)
+    for name in [one for one in sys.modules if one.startswith(mine)]:
+        del sys.modules[name]
+    sys.modules[package] = None
+    assert main(["run", "--emulated"]) == 2
+    del sys.modules[package]
+"""
+
+
+def test_missing_package_of_the_link_is_named_with_its_extra():
+    with Child("-c", WITHOUT) as child:
+        assert child.end() == 0, child.errors()
+        assert child.errors().splitlines() == [
+            f"ballbot: This needs {package}; install it with: pip install 'ballbot[link]'"
+            for package in ("serial", "cobs", "fastcrc")
+        ]
+
+
+@contextmanager
+def balancing(folder):
+    """Hold a process that balances an emulated robot, from when its recording grows."""
+    words = ["-m", "ballbot", "run", "--emulated", "--duration", "6000", "--out", str(folder)]
+    with Child(*words) as child:
+        recording, end = folder / "log.recording", time.monotonic() + PATIENCE
+        while not (recording.exists() and recording.stat().st_size > 50_000):
+            assert child.running, child.errors()
+            assert time.monotonic() < end, f"no recording of 50 kB within {PATIENCE:g} s"
+            time.sleep(0.02)
+        yield child
 
 
 @pytest.mark.parametrize(
@@ -168,9 +186,8 @@ def test_emulated_robot_has_the_body_and_the_processor_asked_for(options, tmp_pa
 
 @pytest.mark.slow
 def test_killed_process_leaves_a_recording_that_becomes_a_log(tmp_path, capsys):
-    child = started(tmp_path / "run")
-    child.send_signal(signal.SIGKILL)
-    child.communicate()
+    with balancing(tmp_path / "run") as child:
+        child.kill()
     recording = tmp_path / "run" / "log.recording"
     assert main(["run", "recover", str(recording), "--out", str(tmp_path / "recovered")]) == 0
     log = Log.read(tmp_path / "recovered" / "log.csv")
@@ -184,11 +201,10 @@ def test_killed_process_leaves_a_recording_that_becomes_a_log(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_interrupt_disarms_and_keeps_the_log(tmp_path):
-    child = started(tmp_path / "run")
-    child.send_signal(signal.SIGINT)
-    _, said = child.communicate(timeout=120)
-    assert child.returncode == 130
-    assert "interrupted; the robot is disarmed" in said
+    with balancing(tmp_path / "run") as child:
+        child.send(signal.SIGINT)
+        assert child.end() == 130, child.errors()
+        assert "interrupted; the robot is disarmed" in child.errors()
     assert len(Log.read(tmp_path / "run" / "log.csv")) > 100
     assert results(tmp_path / "run")["ended"] == "interrupt"
     assert not (tmp_path / "run" / "log.recording").exists()

@@ -2,10 +2,8 @@
 
 import errno
 import os
-import signal
-import subprocess
-import sys
 import time
+from threading import Event
 
 import numpy as np
 import pytest
@@ -14,23 +12,33 @@ from hypothesis import strategies as st
 
 from ballbot.errors import InputError
 from ballbot.link.recorder import Recorder, read_recording
+from tests.support.processes import PATIENCE, Child
 
 COLUMNS = ("t", "u1", "theta")
 
-#: records a row every 2 ms and prints its time once the recorder has it
+#: records a row every 2 ms; prints its time once the recorder has it, how long that took, the longest time for which
+#: rows were not on the disk so far, and the slowest write
 WRITER = """
-import sys, time
+import os, sys, time
 from pathlib import Path
 from ballbot.link.recorder import Recorder
 
+slowest, sync = 0.0, os.fsync
+
+def timed(descriptor):
+    global slowest
+    begin = time.monotonic()
+    sync(descriptor)
+    slowest = max(slowest, time.monotonic() - begin)
+
+os.fsync = timed
 recorder = Recorder(Path(sys.argv[1]), ("t", "u1", "theta"), about={"robot": "alten"})
-print("ready", flush=True)
 start = time.monotonic()
 while True:
     t = time.monotonic() - start
     recorder.append([t, t / 3.0, float("nan")])
-    sys.stdout.write(f"{t!r}\\n")
-    sys.stdout.flush()
+    took = time.monotonic() - start - t
+    print(repr(t), repr(took), repr(recorder.longest_unsaved), repr(slowest), flush=True)
     time.sleep(0.002)
 """
 
@@ -56,20 +64,21 @@ def test_every_row_reads_back_to_the_same_bits(tmp_path):
 @pytest.mark.parametrize("seed", range(6))
 def test_killed_process_loses_at_most_100_ms(tmp_path, seed):
     path = tmp_path / "log.recording"
-    child = subprocess.Popen(
-        [sys.executable, "-c", WRITER, str(path)], stdout=subprocess.PIPE, text=True, bufsize=1
-    )
-    assert child.stdout is not None
-    assert child.stdout.readline() == "ready\n"
-    time.sleep(np.random.default_rng(seed).uniform(0.15, 0.6))
-    os.kill(child.pid, signal.SIGKILL)
-    given_rows = [float(line) for line in child.stdout.read().split("\n")[:-1]]
-    child.wait()
+    with Child("-c", WRITER, str(path)) as writer:
+        lines = [writer.line() for _ in range(np.random.default_rng(seed).integers(50, 300))]
+        writer.kill()
+        lines += writer.lines_left()
+    t, took, unsaved, slowest = np.array([[float(word) for word in line.split()] for line in lines]).T
     kept = read_recording(path).log
-    # the rows that are there are the first ones, whole and in order
-    assert kept.t.tolist() == given_rows[: len(kept)]
+    # the rows that are there are the first ones, whole and in order; the last one may not have been printed any more
+    assert 0 <= len(kept) - 1 <= len(t)
+    assert kept.t.tolist()[: len(t)] == t[: len(kept)].tolist()
     np.testing.assert_array_equal(kept["u1"], kept.t / 3.0)
-    assert given_rows[-1] - kept.t[-1] <= 0.1
+    lost = slice(len(kept), None)
+    # however busy the computer is, no more is lost than the recorder knows of
+    assert not t[lost].size or t[-1] - t[lost][0] <= unsaved[-1] + took[lost][0]
+    if np.diff(t).max() < 0.02 and slowest[-1] < 0.04:  # neither the computer nor its disk was late
+        assert t[-1] - kept.t[-1] <= 0.1
 
 
 @given(cut=st.integers(min_value=0), zeros=st.booleans())
@@ -111,13 +120,13 @@ def test_other_files_are_refused(tmp_path, content):
 
 def test_full_disk_is_reported_and_does_not_stop_the_loop(tmp_path, monkeypatch):
     written = os.write
-
-    def full(descriptor, data):
-        if len(data) > 200:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        return written(descriptor, data)
-
     with Recorder(tmp_path / "log.recording", COLUMNS, about={}, interval=0.01) as recorder:
+
+        def full(descriptor, data):
+            if descriptor == recorder._descriptor:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            return written(descriptor, data)
+
         monkeypatch.setattr(os, "write", full)
         for k in range(100):
             recorder.append([float(k), 0.123456789, 0.0])
@@ -126,13 +135,32 @@ def test_full_disk_is_reported_and_does_not_stop_the_loop(tmp_path, monkeypatch)
 
 
 def test_slow_disk_is_measured_and_never_waited_for(tmp_path, monkeypatch):
-    monkeypatch.setattr(os, "fsync", lambda _: time.sleep(0.1))
+    begun, answers = Event(), Event()
+
+    def sync(descriptor):  # noqa: ARG001
+        begun.set()
+        assert answers.wait(PATIENCE)
+
     with Recorder(tmp_path / "log.recording", COLUMNS, about={}, interval=0.01) as recorder:
-        took = []
-        for k in range(100):
-            begin = time.monotonic()
+        monkeypatch.setattr(os, "fsync", sync)
+        recorder.append([0.0, 0.0, 0.0])
+        assert begun.wait(PATIENCE)  # the row is being written
+        since = time.monotonic()
+        for k in range(1, 100):
             recorder.append([float(k), 0.0, 0.0])
-            took.append(time.monotonic() - begin)
-            time.sleep(0.002)
-    assert recorder.longest_unsaved >= 0.1
-    assert np.quantile(took, 0.9) < 0.001  # not all of them: the machine may be busy with something else
+        passed = time.monotonic() - since
+        assert recorder.longest_unsaved >= passed
+        answers.set()
+    assert recorder.longest_unsaved >= passed
+    assert len(read_recording(recorder.path).log) == 100
+
+
+def test_disk_that_never_answers_is_given_up(tmp_path, monkeypatch):
+    monkeypatch.setattr("ballbot.link.recorder._PATIENCE", 0.1)
+    answers = Event()
+    with Recorder(tmp_path / "log.recording", COLUMNS, about={}, interval=0.01) as recorder:
+        monkeypatch.setattr(os, "fsync", lambda _: answers.wait(PATIENCE))
+        recorder.append([0.0, 0.0, 0.0])
+    answers.set()
+    assert recorder.failure is not None
+    assert "the disk has not answered" in recorder.failure

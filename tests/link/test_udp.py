@@ -2,14 +2,10 @@
 
 import os
 import re
-import select
-import signal
 import socket
-import subprocess
-import sys
-import textwrap
 import time
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -33,9 +29,10 @@ from ballbot.link.messages import (
     message_words,
 )
 from ballbot.link.references import live_reference
-from ballbot.link.session import Session
-from ballbot.link.transport import LinkError, SerialTransport, UdpTransport, open_transport
+from ballbot.link.session import EMULATED_SILENCE, Session
+from ballbot.link.transport import LinkError, UdpTransport, open_transport
 from tests.link.test_emulated import emulated
+from tests.support.processes import PATIENCE, Child
 
 needs_compiler = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 KEY = bytes(range(32))
@@ -198,34 +195,22 @@ def test_addresses_of_transports():
         open_transport("tcp://127.0.0.1:9")
 
 
-def test_serial_port_sends_and_receives():
-    port = SerialTransport("loop://")
-    port.write(b"abc")
-    assert port.read(0.1) == b"abc"
-    assert port.read(0.0) == b""
-    port.close()
-
-
 HOST = """
-    import sys, time
-    from ballbot.link.messages import Result
-    from ballbot.link.references import live_reference
+import sys
+from ballbot.link.messages import Result
 from ballbot.link.session import Session
-    from ballbot.link.transport import LinkError, open_transport
+from ballbot.link.transport import LinkError, open_transport
 
-    session = Session(open_transport(sys.argv[1]))
-    while True:
-        try:
-            session.connect(timeout=20.0)
-            session.self_test(timeout=60.0)
-            if session.arm(lambda: True) is Result.OK:
-                for _ in range(20):
-                    session.poll(0.01)
-                print("armed", flush=True)
-                while True:
-                    session.poll(0.01)
-        except LinkError:
-            continue  # this computer is busy
+session = Session(open_transport(sys.argv[1]))
+while True:
+    try:
+        session.connect(timeout=20.0)
+        session.self_test(timeout=60.0)
+        while session.arm(lambda: True) is Result.OK:
+            while not session.state.stop:
+                session.poll(0.01)
+    except LinkError:
+        continue  # this computer is busy
 """
 
 
@@ -234,19 +219,13 @@ from ballbot.link.session import Session
 def test_killed_host_leaves_a_robot_that_stops():
     robot = emulated()
     bridge = UdpBridge(robot, port=0)
-    command = [sys.executable, "-c", textwrap.dedent(HOST), f"udp://127.0.0.1:{bridge.port}"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as host:
-        assert host.stdout is not None
-        printed = ""
-        end = time.monotonic() + 120.0
-        while "armed" not in printed and time.monotonic() < end:
-            bridge.step(0.02)  # a sample for each frame of the host, or after 20 ms
-            if select.select([host.stdout], [], [], 0.0)[0]:
-                printed = host.stdout.readline()
-        assert "armed" in printed
-        assert robot.motors.armed
-        host.send_signal(signal.SIGKILL)
-        host.wait()
+    with Child("-c", HOST, f"udp://127.0.0.1:{bridge.port}") as host:
+        end = time.monotonic() + PATIENCE
+        while robot.motors is None or not robot.motors.armed:
+            assert host.running, host.errors()
+            assert time.monotonic() < end, f"the host has not armed the robot within {PATIENCE:g} s"
+            bridge.step(0.5 if robot.waits else 0.02)  # a sample for each frame of the host, or after a while
+        host.kill()
     for _ in range(200):  # what is still in the socket, then silence
         bridge.step(0.0)
     assert not robot.motors.enabled
@@ -262,27 +241,11 @@ def poll_for(session: Session, seconds: float) -> None:
         session.poll(0.01)
 
 
-ROBOT = """
-    from ballbot.link.bridge import UdpBridge, serve_emulated
-    from tests.link.test_emulated import emulated
-
-    bridge = UdpBridge(emulated(), port=0)
-    print(bridge.port, flush=True)
-    while True:
-        bridge.step(0.02)
-"""
-
-
 @contextmanager
 def robot_behind_udp():
     """Hold an emulated robot in a process of its own, with its port, while the block runs."""
-    command = [sys.executable, "-m", "ballbot.link.bridge", "emulated", "--udp-port", "0"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as robot:
-        try:
-            assert robot.stdout is not None
-            yield robot, int(re.search(r":(\d+) ", robot.stdout.readline())[1])  # type: ignore[index]
-        finally:
-            robot.kill()
+    with Child("-m", "ballbot.link.bridge", "emulated", "--udp-port", "0") as robot:
+        yield robot, int(re.search(r":(\d+) ", robot.line())[1])  # type: ignore[index]
 
 
 @needs_compiler
@@ -290,14 +253,10 @@ def robot_behind_udp():
 def test_killed_robot_is_noticed_by_the_host():
     with robot_behind_udp() as (robot, port):
         session = Session(open_transport(f"udp://127.0.0.1:{port}"))
-        session.connect(timeout=60.0)
-        session.poll(0.05)
-        robot.send_signal(signal.SIGKILL)
-        robot.wait()
-        began = time.monotonic()
+        session.connect(timeout=PATIENCE)
+        robot.kill()
         with pytest.raises(LinkError, match="silent"):
-            poll_for(session, 10.0)
-        assert time.monotonic() - began < 8.0  # 2 s, and what a busy computer takes
+            poll_for(session, PATIENCE)
         assert not session.connected
         with pytest.raises(LinkError, match="connect first"):
             session.send(Keep())
@@ -314,11 +273,9 @@ def test_clock_of_an_emulated_robot_waits_for_a_host_that_is_late():
         loop.bridge.step(0.0)
         samples += 1
     assert samples * 0.005 <= WATCHDOG / 2 + 0.005
-    began = time.monotonic()
     loop.udp.write(encode(Keep(), session=session._session, sequence=session._sequence + 1))
     serve_emulated(loop.bridge, loop.robot)
-    assert not loop.robot.waits
-    assert time.monotonic() - began < 0.4  # the frame was there: nobody waited for 0.5 s
+    assert not loop.robot.waits  # the frame was there, and the robot took it
     for _ in range(20):
         loop.bridge.step(0.0)
     assert not loop.robot.motors.enabled  # by the robot's clock the host was silent for too long
@@ -328,16 +285,38 @@ def test_clock_of_an_emulated_robot_waits_for_a_host_that_is_late():
 
 
 @needs_compiler
-def test_silence_of_an_emulated_robot_by_the_clock_on_the_wall_is_no_lost_link():
+def test_silence_of_an_emulated_robot_by_the_clock_on_the_wall_is_no_lost_link(monkeypatch):
+    now = 0.0
+
+    def later(seconds: float = 1e-5) -> float:  # each look at the clock takes a moment
+        nonlocal now
+        now += seconds
+        return now
+
+    def silence(timeout: float) -> bytes:
+        later(timeout)
+        return b""
+
+    monkeypatch.setattr("ballbot.link.session.time", SimpleNamespace(monotonic=later))
     loop = Loop()
-    session = Session(loop)
+    session = Session(loop, clock=later)
     session.connect()
-    session.poll(0.01)
-    loop.read = lambda timeout: time.sleep(timeout) or b""  # type: ignore[method-assign]
+    loop.read = silence  # type: ignore[method-assign]
     session._queued.clear()
-    assert session.poll(4 * WATCHDOG) == []
+    assert session.poll(0.9 * EMULATED_SILENCE) == []
     assert session.connected
+    with pytest.raises(LinkError, match="silent"):
+        session.poll(0.2 * EMULATED_SILENCE)
     loop.close()
+
+
+#: keeps a core busy as long as the process that started it runs
+BUSY = """
+import os
+owner = os.getppid()
+while os.getppid() == owner:
+    pass
+"""
 
 
 @needs_compiler
@@ -345,23 +324,17 @@ def test_silence_of_an_emulated_robot_by_the_clock_on_the_wall_is_no_lost_link()
 def test_emulated_robot_balances_over_udp_for_ten_seconds_on_a_busy_computer():
     """Host and robot are two processes in real time, and twice as many others as there are cores keep them waiting."""
     samples: list[Sample] = []
-    others: list[subprocess.Popen[bytes]] = []
-    with robot_behind_udp() as (_, port):
+    with robot_behind_udp() as (_, port), ExitStack() as others:
         session = Session(open_transport(f"udp://127.0.0.1:{port}"))
-        session.connect(timeout=60.0)
+        session.connect(timeout=PATIENCE)
         live = LiveRobot(session)
         live.test()
         reference = FollowReference(live_reference("hold"), sample_time=0.005)
-        try:
-            for _ in range(2 * (os.cpu_count() or 1)):
-                others.append(subprocess.Popen([sys.executable, "-c", "while True: pass"]))
-            live.arm(lambda: True, controller=ControllerPlace.ROBOT)
-            ending = live.run(reference, duration=10.0, record=lambda _: None, watch=samples.append)
-            live.disarm()
-        finally:
-            for other in others:
-                other.kill()
-                other.wait()
+        for _ in range(2 * (os.cpu_count() or 1)):
+            others.enter_context(Child("-c", BUSY))
+        live.arm(lambda: True, controller=ControllerPlace.ROBOT)
+        ending = live.run(reference, duration=10.0, record=lambda _: None, watch=samples.append)
+        live.disarm()
     assert ending.kind == "time"
     times = np.array([one.t for one in samples])
     np.testing.assert_allclose(times, 0.005 * np.arange(2000), atol=1e-6)  # not one sample is lost or late

@@ -229,11 +229,11 @@ def kept_build(name: str, parts: Iterable[str | bytes], build: Callable[[Path], 
         digest.update(len(content).to_bytes(8, "little") + content)
     stem, ending = os.path.splitext(name)
     file = f"{stem}-{digest.hexdigest()[:32]}{ending}"
-    folder = _cache_folder()
     try:
+        folder = _cache_folder()
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         target = folder / file
-        if not target.is_file():
+        if not _is_kept(target):
             with tempfile.TemporaryDirectory(dir=folder) as room:
                 build(Path(room) / file)
                 (Path(room) / file).replace(target)  # at once: another process may look for it
@@ -242,14 +242,28 @@ def kept_build(name: str, parts: Iterable[str | bytes], build: Callable[[Path], 
         target = Path(tempfile.mkdtemp(prefix="ballbot-")) / file
         atexit.register(shutil.rmtree, target.parent, ignore_errors=True)
         build(target)
-        return target
-    with suppress(OSError):
-        os.utime(target)  # used now
     return target
 
 
+def _is_kept(target: Path) -> bool:
+    """Return whether there is a build; if so it is the last one used, which no other process forgets."""
+    try:
+        os.utime(target)
+    except FileNotFoundError:
+        return False
+    except OSError:  # of another user, who may let this one read
+        return target.is_file()
+    return True
+
+
 def _cache_folder() -> Path:
-    """Return the folder of the builds: in the system's place for what a program can make again."""
+    """Return the folder of the builds: in the system's place for what a program can make again.
+
+    Raises
+    ------
+    OSError
+        If this user has no such place.
+    """
     home = Path(os.path.expanduser("~"))
     if sys.platform == "win32":
         base = Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local")
@@ -257,12 +271,18 @@ def _cache_folder() -> Path:
         base = home / "Library" / "Caches"
     else:
         base = Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache")
+    if not base.is_absolute():
+        raise FileNotFoundError(f"{base} is no place for a cache")
     return base / "ballbot"
 
 
 def _forget_old(folder: Path) -> None:
     """Remove the builds that were used the longest ago, but for the last few."""
-    files = [path for path in folder.iterdir() if path.is_file()]
-    for path in sorted(files, key=lambda one: one.stat().st_mtime, reverse=True)[_KEPT:]:
+    used: list[tuple[float, Path]] = []
+    for path in folder.iterdir():
+        with suppress(FileNotFoundError):  # another process has removed it
+            if path.is_file():
+                used.append((path.stat().st_mtime, path))
+    for _, path in sorted(used, reverse=True)[_KEPT:]:
         with suppress(OSError):
             path.unlink()

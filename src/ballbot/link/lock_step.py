@@ -130,10 +130,14 @@ class LockStep:
                 self._for_host += coded + b"\0"
 
     def read(self, timeout: float) -> bytes:
-        """Return what has come for the host; take samples until something has, for at most `timeout` [s] of them."""
-        end = self.clock() + timeout
-        while not self._for_host and self.clock() < end - 0.5 * self._sample_time:
+        """Return what has come for the host; take samples until something has, for about `timeout` [s] of them.
+
+        A time above zero is one sample at least: a host that waits until its time is over does not wait for ever.
+        """
+        left = max(1, round(timeout / self._sample_time)) if timeout > 0.0 else 0
+        while not self._for_host and left:
             self.step()
+            left -= 1
         return self.take()
 
     def take(self) -> bytes:

@@ -38,6 +38,8 @@ INTERVAL = 0.02
 #: the suffix of a recording that has not become a log yet
 SUFFIX = ".recording"
 _FORMAT = "ballbot recording 1"
+#: for a disk to answer when a recording is closed [s]
+_PATIENCE = 30.0
 
 
 class Recorder:
@@ -68,6 +70,7 @@ class Recorder:
         header = {"format": _FORMAT, "columns": self.columns, "about": about}
         self._rows: list[Sequence[float]] = []
         self._oldest = math.inf  # when the first of these rows came
+        self._writing = math.inf  # when the first of the rows came that are being written
         self._lock, self._end = Lock(), Event()
         self._longest = 0.0
         self._failure: str | None = None
@@ -85,9 +88,10 @@ class Recorder:
 
     @property
     def longest_unsaved(self) -> float:
-        """The longest time between a row and its arrival on the disk [s]."""
+        """The longest time between a row and its arrival on the disk [s], that of the rows on their way included."""
         with self._lock:
-            return max(self._longest, monotonic() - self._oldest if self._rows else 0.0)
+            oldest = min(self._oldest, self._writing)
+            return max(self._longest, monotonic() - oldest if oldest < math.inf else 0.0)
 
     @property
     def failure(self) -> str | None:
@@ -103,9 +107,14 @@ class Recorder:
             self._rows.append(row)
 
     def close(self) -> None:
-        """Write what is left and close the file."""
+        """Write what is left and close the file. A disk that does not answer is not waited for without end."""
         self._end.set()
-        self._thread.join()
+        self._thread.join(_PATIENCE)
+        if self._thread.is_alive():
+            self._failure = (
+                f"{self.path} could not be written: the disk has not answered for {_PATIENCE:g} s."
+            )
+            return
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1
@@ -116,12 +125,13 @@ class Recorder:
         while not ended and self._failure is None:
             ended = self._end.wait(self._interval)
             with self._lock:
-                rows, oldest = self._rows, self._oldest
+                rows, self._writing = self._rows, self._oldest
                 self._rows, self._oldest = [], math.inf
             if rows:
                 self._write("".join(",".join(map(repr, map(float, row))) + "\n" for row in rows))
                 with self._lock:
-                    self._longest = max(self._longest, monotonic() - oldest)
+                    self._longest = max(self._longest, monotonic() - self._writing)
+                    self._writing = math.inf
 
     def _write(self, text: str) -> None:
         """Write a text and wait until it is on the disk."""

@@ -24,6 +24,8 @@ from ballbot.errors import InputError
 from ballbot.link.datagram import Direction, seal, unseal
 
 DEFAULT_BAUD = 921600
+#: for the other end of a stream to take bytes, before it counts as gone [s]
+_WRITE_PATIENCE = 20.0
 _LARGEST_READ = 65536
 
 
@@ -146,7 +148,7 @@ class SocketTransport:
 
     def __init__(self, connected: socket.socket, *, name: str = "connection") -> None:
         self._socket, self._name = connected, name
-        self._socket.setblocking(True)
+        self._socket.settimeout(_WRITE_PATIENCE)
 
     def read(self, timeout: float) -> bytes:
         """Return what has come; wait for it at most `timeout` [s], then return b""."""

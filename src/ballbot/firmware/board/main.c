@@ -25,7 +25,7 @@ int main(void)
 {
     uint8_t bytes[64];
 
-    if (!emulated_robot_start(&emulated, &ballbot_parameters, BALLBOT_CAPABILITY_EMULATED)) {
+    if (!emulated_robot_start(&emulated, &ballbot_parameters, BALLBOT_CAPABILITY_EMULATED, 0u)) {
         return 1;
     }
 #ifdef BALLBOT_WIRING_IS_KNOWN
@@ -40,15 +40,14 @@ int main(void)
         if (count == 0u) {
             board_wait();
         }
+        if (board_timer_read() - last > BALLBOT_SILENCE) { /* before a sample that comes now is obeyed */
+            robot_disarm(&emulated.robot);
+            last = board_timer_read();
+        }
         emulated_robot_put(&emulated, bytes, count);
         send_waiting();
         if (emulated.hardware.sequence != samples) {
             last = board_timer_read();
-        } else if (board_timer_read() - last > BALLBOT_SILENCE) {
-            robot_disarm(&emulated.robot);
-            last = board_timer_read();
-        } else {
-            /* no sample is complete */
         }
     }
 }

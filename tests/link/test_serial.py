@@ -1,0 +1,204 @@
+"""A serial port: one end of a pseudo terminal, with a robot at the other; bytes that are lost, split or late."""
+
+import os
+import select
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from ballbot.control.safety import StopReason
+from ballbot.firmware.build import compilers
+from ballbot.firmware.host import SelfTestOutcome
+from ballbot.link.messages import WATCHDOG, Layer, Result
+from ballbot.link.session import Session, stop_reason
+from ballbot.link.transport import LinkError, SerialTransport, Transport, open_transport
+from tests.link.test_emulated import H, emulated
+from tests.support.processes import PATIENCE
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo terminals are those of POSIX")
+needs_compiler = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
+
+#: what happens to bytes on their way: given what comes, returns what arrives now
+Way = Callable[[bytes], bytes]
+
+
+@contextmanager
+def serial_line() -> Iterator[tuple[SerialTransport, int]]:
+    """Hold a serial port, and the descriptor of what is at its other end, while the block runs."""
+    far, near = os.openpty()
+    try:
+        port = open_transport(os.ttyname(near))
+        assert isinstance(port, SerialTransport)
+        yield port, far
+        port.close()
+    finally:
+        os.close(near)
+        os.close(far)
+
+
+def arrived(descriptor: int, count: int) -> bytes:
+    """Return so many bytes that were sent to the other end."""
+    found = b""
+    while len(found) < count:
+        assert select.select([descriptor], [], [], PATIENCE)[0], f"{count - len(found)} bytes did not come"
+        found += os.read(descriptor, count - len(found))
+    return found
+
+
+class Loop:
+    """A robot at the other end of a serial port, in the robot's time: a read of the host lets it run."""
+
+    def __init__(self, port: Transport, far: int, *, to_robot: Way = bytes, to_host: Way = bytes) -> None:
+        self.robot = emulated()
+        self._port, self._far = port, far
+        self._to_robot, self._to_host = to_robot, to_host
+        self._written = 0
+
+    def read(self, timeout: float) -> bytes:  # noqa: ARG002
+        """Let the robot take a sample with what the host wrote, and return what it sent."""
+        self.robot.write(self._to_robot(arrived(self._far, self._written)))
+        self._written = 0
+        sent = self._to_host(self.robot.read(0.0))
+        assert os.write(self._far, sent) == len(sent)
+        found = b""
+        while len(found) < len(sent):
+            found += self._port.read(PATIENCE)
+        return found
+
+    def write(self, data: bytes) -> None:
+        self._port.write(data)
+        self._written += len(data)
+
+    def close(self) -> None:
+        self._port.close()
+
+    def session(self) -> Session:
+        """Return a session with the robot; repeated handshakes make up for what is lost."""
+        session = Session(self, clock=self.robot.clock)
+        session.connect()
+        return session
+
+
+def split(random: np.random.Generator) -> Way:
+    """Bytes come in pieces: some of them now, the rest with the next ones."""
+    waiting = b""
+
+    def way(data: bytes) -> bytes:
+        nonlocal waiting
+        waiting += data
+        count = int(random.integers(len(waiting) // 2, len(waiting) + 1))
+        now, waiting = waiting[:count], waiting[count:]
+        return now
+
+    return way
+
+
+def late(random: np.random.Generator) -> Way:
+    """Nothing comes for up to four samples, then all of it."""
+    waiting, left = b"", 0
+
+    def way(data: bytes) -> bytes:
+        nonlocal waiting, left
+        waiting += data
+        if left:
+            left -= 1
+            return b""
+        left = int(random.integers(0, 5))
+        now, waiting = waiting, b""
+        return now
+
+    return way
+
+
+def lost(random: np.random.Generator) -> Way:
+    """One byte of 300 is lost, which breaks its frame."""
+    return lambda data: bytes(byte for byte in data if random.uniform() > 1.0 / 300.0)
+
+
+@needs_compiler
+@pytest.mark.parametrize("fault", [split, late, lost])
+def test_robot_balances_over_a_serial_port_whose_bytes_are_split_late_or_lost(fault):
+    to_robot, to_host = (fault(np.random.default_rng([7, way])) for way in range(2))
+    with serial_line() as (port, far):
+        loop = Loop(port, far, to_robot=to_robot, to_host=to_host)
+        session = loop.session()
+        assert session.self_test() is SelfTestOutcome.PASSED
+        assert session.arm(lambda: True) is Result.OK
+        for k in range(200):
+            session.set_reference([1e-4 * k, *np.zeros(9)])
+            session.poll(H)
+        assert session.state is not None
+        assert session.state.armed
+        refused = session.ask_counts().refused
+        # a byte that is missing breaks a frame, and one whose bytes are only late or apart is whole
+        assert (refused.sum() > 0) == (sum(session.counts.refused) > 0) == (fault is lost)
+        assert refused[Layer.VALUES] == 0
+        session.disarm()
+        for _ in range(10):  # a state may be lost or late
+            session.poll(H)
+        assert not session.state.armed
+
+
+@needs_compiler
+def test_pulled_plug_stops_the_robot():
+    with serial_line() as (port, far):
+        pulled = False
+        loop = Loop(port, far, to_robot=lambda data: b"" if pulled else data)
+        session = loop.session()
+        session.self_test()
+        assert session.arm(lambda: True) is Result.OK
+        session.poll(H)
+        assert session.state is not None
+        assert session.state.armed
+        pulled = True
+        for _ in range(round(WATCHDOG / H) + 2):
+            loop.read(0.0)
+        pulled = False
+        loop.session().poll(H)
+        again = loop.session()
+        again.poll(H)
+        assert again.state is not None
+        assert stop_reason(again.state) is StopReason.LINK
+        assert not loop.robot.motors.enabled
+
+
+def test_port_gives_what_has_come_and_waits_no_longer_than_it_is_asked_to():
+    with serial_line() as (port, far):
+        assert port.read(0.0) == b""
+        assert port.read(0.01) == b""
+        every = bytes(range(256))  # a terminal would act on some of them
+        os.write(far, every)
+        found = b""
+        while len(found) < len(every):
+            found += port.read(PATIENCE)
+        assert found == every
+        port.write(every)
+        assert arrived(far, len(every)) == every
+
+
+def test_bytes_that_nobody_takes_are_dropped_and_not_waited_for():
+    with serial_line() as (port, _):
+        for _ in range(8):  # 32 kB, of which a pseudo terminal holds 4 kB to 20 kB
+            port.write(bytes(4096))
+
+
+def test_port_that_has_gone_is_said_so():
+    far, near = os.openpty()
+    port = SerialTransport(os.ttyname(near))
+    os.close(near)
+    os.close(far)
+    end = time.monotonic() + PATIENCE
+    with pytest.raises(LinkError, match="serial port has gone"):
+        read_until(port, end)
+    with pytest.raises(LinkError, match="serial port has gone"):
+        port.write(b"abc")
+    port.close()
+
+
+def read_until(port: SerialTransport, end: float) -> None:
+    """Read until a time."""
+    while time.monotonic() < end:
+        port.read(0.01)
