@@ -341,7 +341,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     nonce = 0;
     sequence = 0;
     now = take(&input, 4);
-    (void)robot_start(&robot, &parameters, 0);
+    (void)robot_start(&robot, &parameters, 0, 0u);
     check_torques();
     for (int samples = 0; samples < MOST_SAMPLES && input.left > 0;) {
         samples += act(&input) ? 1 : 0;

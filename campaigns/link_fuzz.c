@@ -218,7 +218,7 @@ static bool open_session(struct ballbot_link *link, struct ballbot_state *state,
     }
     const size_t length = ballbot_frame_encode(BALLBOT_MESSAGE_HELLO, 12345u, 1u, &hello, sizeof hello, coded);
 
-    ballbot_link_init(link, parameters, 0);
+    ballbot_link_init(link, parameters, 0, 0u);
     ballbot_link_receive(link, state, parameters, coded, length, 1000u);
     return link->session != 0u && link->accepted == 1u;
 }

@@ -70,7 +70,7 @@ class LinkOnBoard:
         self._bytes = board.place(np.zeros(256, np.uint8))
         self._session, self._sequence = _HOST, 0
         board.call("ballbot_init", self._state, self._parameters)
-        board.call("ballbot_link_init", self._link, self._parameters, 0)
+        board.call("ballbot_link_init", self._link, self._parameters, 0, 0)
         board.call("ballbot_skip_self_test", self._state)
 
     def arm(self) -> None:

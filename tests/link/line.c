@@ -10,7 +10,7 @@ int main(void)
     uint8_t byte;
     uint8_t sent[EMULATED_ROOM];
 
-    if (fread(&parameters, sizeof parameters, 1, stdin) != 1 || !emulated_robot_start(&robot, &parameters, 0)) {
+    if (fread(&parameters, sizeof parameters, 1, stdin) != 1 || !emulated_robot_start(&robot, &parameters, 0, 0u)) {
         return 1;
     }
     while (fread(&byte, 1, 1, stdin) == 1) {

@@ -14,6 +14,7 @@ from ballbot.firmware.export import PROJECT
 from ballbot.firmware.host import SelfTestOutcome
 from ballbot.firmware.records import parameter_record
 from ballbot.link.emulated import HARDWARE, CompiledRobot, EmulatedRobot
+from ballbot.link.lock_step import LockStep
 from ballbot.link.messages import Capability, ControllerPlace, Result, State
 from ballbot.link.session import Session, stop_reason
 from ballbot.link.transport import LinkError
@@ -107,6 +108,23 @@ def test_sessions_after_a_reset_differ_by_the_noise_of_the_imu(monkeypatch):
         sessions.append(session.connect().session)
     assert len(set(sessions)) == 3
     assert sessions[2] == sessions[3]
+
+
+def session_number(**start) -> int:
+    """Return the session of a robot whose sensors give nothing, after three samples."""
+    line = LockStep(CompiledRobot(parameters(), **start), sample_time=H)
+    for _ in range(3):
+        line.step()
+    return Session(line, clock=line.clock).connect().session
+
+
+def test_sessions_after_a_reset_differ_by_the_number_of_the_start_alone(monkeypatch):
+    monkeypatch.setattr("ballbot.link.session.secrets.randbelow", lambda most: most // 3)
+    sessions = [session_number(starts=starts) for starts in (0, 1, 2**32 - 1, 1)]
+    assert len(set(sessions)) == 3
+    assert sessions[1] == sessions[3]  # nothing else differs
+    monkeypatch.setattr("ballbot.link.session.secrets.randbelow", lambda most: most // 5)
+    assert session_number(starts=1) not in sessions  # as it does by the host's number alone
 
 
 def test_nothing_arms_before_the_self_test_passes():

@@ -248,6 +248,8 @@ class CompiledRobot:
         Bits of `Capability`.
     imu_checked : bool
         Whether the axes of the IMU count as checked; if not, the first self-test checks them.
+    starts : int
+        Number of this start, as `robot_start` in C takes it.
 
     Raises
     ------
@@ -256,13 +258,18 @@ class CompiledRobot:
     """
 
     def __init__(
-        self, parameters: NDArray[np.void], *, capabilities: int = 0, imu_checked: bool = True
+        self,
+        parameters: NDArray[np.void],
+        *,
+        capabilities: int = 0,
+        imu_checked: bool = True,
+        starts: int = 0,
     ) -> None:
         self._functions = _program()
         self._memory = np.zeros(self._functions.emulated_robot_size(), dtype=np.uint8)
         self._parameters = np.ascontiguousarray(parameters, PARAMETERS.dtype("single"))
         if not self._functions.emulated_robot_start(
-            self._memory.ctypes.data, self._parameters.ctypes.data, capabilities
+            self._memory.ctypes.data, self._parameters.ctypes.data, capabilities, starts
         ):
             raise InputError("The firmware does not know these parameters: they are of another version.")
         if not imu_checked:
@@ -293,7 +300,7 @@ def _program() -> ctypes.CDLL:
     functions = shared_library("emulated", sources, include=(PROJECT, HARDWARE))
     pointer, size = ctypes.c_void_p, ctypes.c_size_t
     functions.emulated_robot_size.restype = size
-    functions.emulated_robot_start.argtypes = (pointer, pointer, ctypes.c_int32)
+    functions.emulated_robot_start.argtypes = (pointer, pointer, ctypes.c_int32, ctypes.c_uint32)
     functions.emulated_robot_start.restype = ctypes.c_bool
     functions.emulated_robot_put.argtypes = (pointer, ctypes.c_char_p, size)
     functions.emulated_robot_put.restype = None

@@ -6,12 +6,12 @@ size_t emulated_robot_size(void)
 }
 
 bool emulated_robot_start(struct emulated_robot *emulated, const struct ballbot_parameters *parameters,
-                          int32_t capabilities)
+                          int32_t capabilities, uint32_t starts)
 {
     emulated_start(&emulated->hardware);
     emulated_select(&emulated->hardware);
-    const bool started = robot_start(&emulated->robot, parameters,
-                                     (int32_t)((uint32_t)capabilities | (uint32_t)BALLBOT_CAPABILITY_EMULATED));
+    const uint32_t all = (uint32_t)capabilities | (uint32_t)BALLBOT_CAPABILITY_EMULATED;
+    const bool started = robot_start(&emulated->robot, parameters, (int32_t)all, starts);
 
     ballbot_skip_imu_check(&emulated->robot.state); /* it has no mounting */
     return started;

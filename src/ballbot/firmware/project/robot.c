@@ -20,7 +20,7 @@ static void enable_motors(struct robot *robot, bool enabled)
     robot->enabled = enabled;
 }
 
-bool robot_start(struct robot *robot, const struct ballbot_parameters *parameters, int32_t capabilities)
+bool robot_start(struct robot *robot, const struct ballbot_parameters *parameters, int32_t capabilities, uint32_t starts)
 {
     static const struct ballbot_encoders no_counts = { .started = false };
     static const struct ballbot_reading_record no_fix = { .fix_position = { MISSING, MISSING },
@@ -29,7 +29,7 @@ bool robot_start(struct robot *robot, const struct ballbot_parameters *parameter
     robot->parameters = *parameters;
     robot->encoders = no_counts;
     robot->reading = no_fix;
-    ballbot_link_init(&robot->link, parameters, capabilities);
+    ballbot_link_init(&robot->link, parameters, capabilities, starts);
     enable_motors(robot, false);
     return ballbot_init(&robot->state, &robot->parameters);
 }

@@ -17,9 +17,10 @@ struct robot {
 
 /* Start disarmed, motors disabled; return false if the parameters are of another version of the library.
  *
- * capabilities: bits of ballbot_capability; BALLBOT_CAPABILITY_BUTTON if a host may be on another computer.
+ * capabilities: bits of ballbot_capability; BALLBOT_CAPABILITY_BUTTON if a host may be on another computer. starts: a number that
+ * is another one at each start, such as a counter in a backup register (link/link.h).
  */
-bool robot_start(struct robot *robot, const struct ballbot_parameters *parameters, int32_t capabilities);
+bool robot_start(struct robot *robot, const struct ballbot_parameters *parameters, int32_t capabilities, uint32_t starts);
 
 /* Begin the self-test. The first one since the start checks the IMU's axes: move the robot by hand (imu_check.h), and call this again
  * when ballbot_self_test_of gives BALLBOT_TEST_IMU_PASSED. Then the motors are enabled and each wheel is tested, half a second in

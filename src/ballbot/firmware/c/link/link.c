@@ -10,14 +10,15 @@
 /* Words of the parameters. */
 #define WORDS ((int32_t)(sizeof(struct ballbot_parameters) / sizeof(int32_t)))
 
-void ballbot_link_init(struct ballbot_link *link, const struct ballbot_parameters *parameters, int32_t capabilities)
+void ballbot_link_init(struct ballbot_link *link, const struct ballbot_parameters *parameters, int32_t capabilities,
+                       uint32_t starts)
 {
     uint8_t *bytes = (uint8_t *)link;
 
     for (size_t k = 0; k < sizeof *link; ++k) {
         bytes[k] = 0u;
     }
-    link->mixed = 0x9E3779B9u;
+    link->mixed = 0x9E3779B9u ^ starts;
     link->state_every = 1;
     link->capabilities = capabilities;
     link->written = *parameters;

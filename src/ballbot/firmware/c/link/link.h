@@ -1,6 +1,6 @@
 /* The robot's side of the link to a host: handshake, watchdog, arming in two steps, parameters.
  *
- *     ballbot_link_init(&link, &parameters, 0)                                      once
+ *     ballbot_link_init(&link, &parameters, 0, starts)                              once
  *     ballbot_link_receive(&link, &state, &parameters, bytes, count, time)          what came, before each sample
  *     ballbot_link_update(&link, &state, &parameters, &reading, time, torques)      each sample, in place of ballbot_update
  *     send link.out (link.out_count bytes), then link.out_count = 0
@@ -57,12 +57,16 @@ struct ballbot_link {
     uint8_t out[BALLBOT_LINK_OUT];
 };
 
-/* Start without a session. capabilities: bits of ballbot_capability; with BALLBOT_CAPABILITY_BUTTON arming needs
- * ballbot_link_confirm as well. Set that if the host may be on another computer.
+/* Start without a session.
+ *
+ * capabilities: bits of ballbot_capability; with BALLBOT_CAPABILITY_BUTTON arming needs ballbot_link_confirm as well. Set that if
+ * the host may be on another computer. starts: a number that is another one at each start, so that sessions and the numbers of arming
+ * are others after a reset: a counter in a backup register, EEPROM or flash, or a random number of the chip.
  */
-void ballbot_link_init(struct ballbot_link *link, const struct ballbot_parameters *parameters, int32_t capabilities);
+void ballbot_link_init(struct ballbot_link *link, const struct ballbot_parameters *parameters, int32_t capabilities,
+                       uint32_t starts);
 
-/* Mix something unpredictable into the numbers of sessions and of arming: noise of an ADC, a serial number, a counter of starts. */
+/* Mix something unpredictable into the numbers of sessions and of arming, such as noise of an ADC; robot.c mixes in that of the gyro. */
 void ballbot_link_mix(struct ballbot_link *link, uint32_t value);
 
 /* The robot's own button was pressed: a host that has asked to arm may do so. */

@@ -11,12 +11,18 @@
 #include "ballbot_parameters.h"
 #include "robot.h"
 
+/* Return a number that is another one at each start: count up a register that a reset leaves as it is (on an STM32, RTC_BKP0R), or
+ * a word of EEPROM. With the same number, and a gyro that gives the same bits, what was recorded on the link before a reset would
+ * be obeyed after it.
+ */
+uint32_t count_starts(void);
+
 int main(void)
 {
     static struct robot robot;
     const uint32_t period = (uint32_t)(1e6f * ballbot_parameters.sample_time + 0.5f);
 
-    if (!robot_start(&robot, &ballbot_parameters, 0)) {
+    if (!robot_start(&robot, &ballbot_parameters, 0, count_starts())) {
         return 1;
     }
     uint32_t next = ballbot_read_time();

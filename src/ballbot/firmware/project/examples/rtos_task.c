@@ -12,6 +12,12 @@
 /* Wait until `period` [us] after the time `last`, and set that (vTaskDelayUntil). */
 void rtos_wait_until(uint32_t *last, uint32_t period);
 
+/* Return a number that is another one at each start: count up a register that a reset leaves as it is (on an STM32, RTC_BKP0R), or
+ * a word of EEPROM. With the same number, and a gyro that gives the same bits, what was recorded on the link before a reset would
+ * be obeyed after it.
+ */
+uint32_t count_starts(void);
+
 void balance_task(void *unused);
 void self_test(void);
 void arm(void);
@@ -63,7 +69,7 @@ void balance_task(void *unused)
     uint32_t last = ballbot_read_time();
 
     (void)unused;
-    const bool started = robot_start(&robot, &ballbot_parameters, 0);
+    const bool started = robot_start(&robot, &ballbot_parameters, 0, count_starts());
 
     for (;;) {
         rtos_wait_until(&last, period);
