@@ -105,6 +105,9 @@ def python_torques(
 ) -> tuple[NDArray[np.float64], NDArray[np.void]]:
     """Return the torques (lanes, n) and the memory after an update by the law of Python, with its or other numbers."""
     memory = update.memory.astype(MEMORY.dtype())
+    for sums in ("lags", "followed"):  # with what single precision has taken from them
+        memory["shaping"][sums] += memory["shaping"][f"{sums}_rest"]
+        memory["shaping"][f"{sums}_rest"] = 0.0
     rows = memory.view(np.float64).reshape(-1, MEMORY_SIZE)
     states, references = update.state.astype(np.float64), update.reference.astype(np.float64)
     torques = np.zeros((len(rows), len(controller.gain)))

@@ -302,8 +302,8 @@ def test_firmware_balances_a_robot_with_the_torques_of_python(kind):
     log = simulate(plant, loop, circle(radius=0.5, period=8.0), duration=4.0, seed=1)
     assert log.ended is None
     assert loop.firmware.stop is None
-    # precise: the shaping's lags, whose last bits lie w^4 times in the torque, are summed up in float32; 2e-4 measured
-    assert max(loop.differences) < (1e-6 if controller.parts.shaping is None else 1e-3)
+    # precise: the shaping's lags, whose last bits lie w^4 times in the torque; 9e-6 measured
+    assert max(loop.differences) < (1e-6 if controller.parts.shaping is None else 5e-5)
     assert max(loop.paths) < 1e-6  # 1e-7 measured
 
 

@@ -45,8 +45,11 @@ class ShapingRecord:
     on: int = field(default=1, metadata=whole())
     frequency: float = field(metadata=number("rad/s"))
     decay: float = field(metadata=number("1"))
+    #: 1 - decay, which single precision would round
+    gone: float = field(metadata=number("1"))
     yaw_frequency: float = field(metadata=number("rad/s"))
     yaw_decay: float = field(metadata=number("1"))
+    yaw_gone: float = field(metadata=number("1"))
     #: how far p may go in a sample, and psi
     speed: float = field(metadata=number("m"))
     turn: float = field(metadata=number("rad"))
@@ -62,10 +65,16 @@ class ShapingRecord:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ShapingState:
-    """Of x, y and psi: four lags each, p, the last r, its last change, and of that the change that counts."""
+    """Of x, y and psi: four lags each, p, the last r, its last change, and of that the change that counts.
+
+    What single precision takes from the lags and from p is kept for the next sample by the firmware; double precision
+    does without, and leaves it zero.
+    """
 
     lags: NDArray[np.float64] = field(metadata=number("m", 3, 4))
     followed: NDArray[np.float64] = field(metadata=number("m", 3))
+    lags_rest: NDArray[np.float64] = field(metadata=number("m", 3, 4))
+    followed_rest: NDArray[np.float64] = field(metadata=number("m", 3))
     last: NDArray[np.float64] = field(metadata=number("m", 3))
     started: int = field(metadata=whole())
     change: NDArray[np.float64] = field(metadata=number("m", 3))
@@ -243,8 +252,10 @@ class ReferenceShaping(Part):
         return ShapingRecord(
             frequency=self.frequency,
             decay=math.exp(-self.frequency * sample_time),
+            gone=-math.expm1(-self.frequency * sample_time),
             yaw_frequency=self.yaw_frequency,
             yaw_decay=math.exp(-self.yaw_frequency * sample_time),
+            yaw_gone=-math.expm1(-self.yaw_frequency * sample_time),
             speed=self.speed_limit * sample_time,
             turn=self.yaw_rate_limit * sample_time,
             kink=self.acceleration_limit * sample_time**2,

@@ -14,9 +14,9 @@
 /* Updates whose torques the law remembers. */
 #define BALLBOT_MAX_PAST 22
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "9b9dd95597fb6cc11140a524c3ca64086cec8041b0ed54eb1be8f8472f92abcc"
+#define BALLBOT_SCHEMA_DIGEST "76641c738d27292a8d65904ef0cbc1c31ad7c9fd5454d086422ca990cc9ec1d9"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 463329621, 402353345, 289449252, 1137337352, 1827438657, 820860139, 468252743, 798141388 }
+#define BALLBOT_SCHEMA_WORDS { 1986272371, 220670250, 224759886, 1892401603, 450349565, 1414844550, 1110223248, 1285472729 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -48,8 +48,10 @@ struct ballbot_shaping_record {
     int32_t on;
     float frequency; /* [rad/s] */
     float decay; /* [1] */
+    float gone; /* [1] */
     float yaw_frequency; /* [rad/s] */
     float yaw_decay; /* [1] */
+    float yaw_gone; /* [1] */
     float speed; /* [m] */
     float turn; /* [rad] */
     float kink; /* [m] */
@@ -58,7 +60,7 @@ struct ballbot_shaping_record {
     float delay; /* [s] */
     float late; /* [1] */
 };
-typedef char ballbot_shaping_record_has_no_padding[(sizeof(struct ballbot_shaping_record) == 12u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_shaping_record_has_no_padding[(sizeof(struct ballbot_shaping_record) == 14u * sizeof(float)) ? 1 : -1];
 
 /* What a motion of the flat output asks for, linear in its derivatives, heading frame. */
 struct ballbot_feed_forward_record {
@@ -152,7 +154,7 @@ struct ballbot_law {
     struct ballbot_notch_record notch;
     struct ballbot_prediction_record prediction;
 };
-typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1115u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1117u * sizeof(float)) ? 1 : -1];
 
 /* What the safety layer lets pass. */
 struct ballbot_safety_record {
@@ -204,7 +206,7 @@ struct ballbot_parameters {
     struct ballbot_onboard_record onboard;
     struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1212u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1214u * sizeof(float)) ? 1 : -1];
 
 /* Whether torques are given, and the last update. */
 struct ballbot_run_state {
@@ -267,12 +269,14 @@ typedef char ballbot_torque_history_has_no_padding[(sizeof(struct ballbot_torque
 struct ballbot_shaping_state {
     float lags[3][4]; /* [m] */
     float followed[3]; /* [m] */
+    float lags_rest[3][4]; /* [m] */
+    float followed_rest[3]; /* [m] */
     float last[3]; /* [m] */
     int32_t started;
     float change[3]; /* [m] */
     float bend[3]; /* [m] */
 };
-typedef char ballbot_shaping_state_has_no_padding[(sizeof(struct ballbot_shaping_state) == 25u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_shaping_state_has_no_padding[(sizeof(struct ballbot_shaping_state) == 40u * sizeof(float)) ? 1 : -1];
 
 /* The state of a part without memory; compiled records have at least one field. */
 struct ballbot_no_state {
@@ -332,7 +336,7 @@ struct ballbot_memory {
     struct ballbot_notch_state notch;
     struct ballbot_prediction_state prediction;
 };
-typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 439u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 454u * sizeof(float)) ? 1 : -1];
 
 /* What the on-board state remembers. */
 struct ballbot_onboard_memory {
@@ -368,7 +372,7 @@ struct ballbot_state {
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 756u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 771u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {

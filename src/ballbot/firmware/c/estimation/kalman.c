@@ -2,6 +2,7 @@
 #include "estimation/kalman.h"
 
 #include "ballbot_math.h"
+#include "compensated_sum.h"
 #include "estimation/known.h"
 
 /*

@@ -1,4 +1,4 @@
-/* What both estimators ask of a reading and of a sum. */
+/* What both estimators ask of a reading. */
 #ifndef BALLBOT_ESTIMATION_KNOWN_H
 #define BALLBOT_ESTIMATION_KNOWN_H
 
@@ -23,15 +23,6 @@ static inline int32_t ballbot_all_known(const float *values, int32_t count)
         all &= ballbot_known(values[i]);
     }
     return all;
-}
-
-/* Add to a sum, and keep what rounding takes from it for the next time (Kahan, CACM 8, 1965, page 40). */
-static inline void ballbot_add(float *sum, float *rest, float value)
-{
-    const float wanted = value + *rest;
-    const float before = *sum;
-    *sum = before + wanted;
-    *rest = wanted - (*sum - before);
 }
 
 #endif

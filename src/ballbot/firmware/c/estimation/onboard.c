@@ -2,6 +2,7 @@
 #include "estimation/onboard.h"
 
 #include "ballbot_math.h"
+#include "compensated_sum.h"
 #include "estimation/known.h"
 
 /* Sines and cosines of theta, phi and psi. */

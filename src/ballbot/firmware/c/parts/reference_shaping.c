@@ -9,13 +9,17 @@
  * within the limit of speed. With d_i = s_i - p* and g = w h the lags are stepped exactly:
  *
  *     d_i(h) = exp(-g) (d_i + g d_(i-1) + g^2/2 d_(i-2) + g^3/6 d_(i-3))
+ *
+ * p and the lags are sums of many small steps: what rounding takes from one is added with the next.
  */
+#include "compensated_sum.h"
 #include "parts/parts.h"
 
-/* One axis's lags. */
+/* The numbers of one axis's lags. */
 struct lags {
     float frequency; /* w [rad/s] */
     float decay;     /* exp(-w h) */
+    float gone;      /* 1 - exp(-w h), which a difference would round */
     float step;      /* g = w h */
 };
 
@@ -28,8 +32,10 @@ static void start_at_pose(struct ballbot_shaping_state *state, const struct ball
     for (int axis = 0; axis < 3; ++axis) {
         for (int i = 0; i < 4; ++i) {
             state->lags[axis][i] = pose[axis];
+            state->lags_rest[axis][i] = 0.0f;
         }
         state->followed[axis] = pose[axis];
+        state->followed_rest[axis] = 0.0f;
         state->last[axis] = r[axis];
     }
     state->started = 1;
@@ -74,53 +80,64 @@ static struct leads leads_of(const struct ballbot_shaping_record *own, const str
 }
 
 /* Fill how far p goes towards r within the limits of speed (3), and let it go. */
-static void follow(const struct ballbot_shaping_record *own, float p[3], const float r[3], float steps[3])
+static void follow(const struct ballbot_shaping_record *own, struct ballbot_shaping_state *state, const float r[3],
+                   float steps[3])
 {
-    const float d_x = r[0] - p[0];
-    const float d_y = r[1] - p[1];
+    float *const p = state->followed;
+    float *const rest = state->followed_rest;
+    const float d_x = (r[0] - p[0]) - rest[0];
+    const float d_y = (r[1] - p[1]) - rest[1];
     const float distance = ballbot_square_root(d_x * d_x + d_y * d_y);
     const float share = (distance > own->speed) ? own->speed / distance : 1.0f;
 
     steps[0] = share * d_x;
     steps[1] = share * d_y;
-    steps[2] = ballbot_clipped(r[2] - p[2], own->turn);
+    steps[2] = ballbot_clipped((r[2] - p[2]) - rest[2], own->turn);
     for (int axis = 0; axis < 3; ++axis) {
-        p[axis] += steps[axis];
+        ballbot_add(&p[axis], &rest[axis], steps[axis]);
     }
 }
+
+/* A place that is a sum, and what rounding has taken from it. */
+struct sum {
+    float value;
+    float rest;
+};
 
 /* Return an axis's motion at the sample, relative to the pose, and step its four lags on to the next.
  *
  * `before` is p before the sample, `ahead` how far p* is ahead of that. Only differences of neighbouring places are
  * taken, which are exact in floating point, so that it does not matter how far from the origin the motion is.
  */
-static struct ballbot_smooth lagged(const struct lags *lags, float s[4], float before, float ahead, float pose)
+static struct ballbot_smooth lagged(const struct lags *lags, float s[4], float rest[4], struct sum before, float ahead,
+                                    float pose)
 {
     const float w = lags->frequency;
     const float a = lags->decay;
+    const float gone = lags->gone;
     const float g = lags->step;
     const float half = 0.5f * g * g;
     const float sixth = g * g * g / 6.0f;
     const float w_2 = w * w;
-    const float first = s[0] - s[1];
-    const float second = s[1] - s[2];
-    const float third = s[2] - s[3];
-    const float d_1 = (s[0] - before) - ahead;
+    const float first = (s[0] - s[1]) + (rest[0] - rest[1]);
+    const float second = (s[1] - s[2]) + (rest[1] - rest[2]);
+    const float third = (s[2] - s[3]) + (rest[2] - rest[3]);
+    const float d_1 = ((s[0] - before.value) + (rest[0] - before.rest)) - ahead;
     const float d_2 = d_1 - first;
     const float d_3 = d_2 - second;
     const float d_4 = d_3 - third;
     const struct ballbot_smooth motion = {
-        s[3] - pose,
+        (s[3] - pose) + rest[3],
         w * third,
         w_2 * (second - third),
         w_2 * w * (first - 2.0f * second + third),
         w_2 * w_2 * (3.0f * (second - first) - third - d_1),
     };
 
-    s[0] += (a - 1.0f) * d_1;
-    s[1] += (a - 1.0f) * d_2 + a * g * d_1;
-    s[2] += (a - 1.0f) * d_3 + a * (g * d_2 + half * d_1);
-    s[3] += (a - 1.0f) * d_4 + a * (g * d_3 + half * d_2 + sixth * d_1);
+    ballbot_add(&s[0], &rest[0], -gone * d_1);
+    ballbot_add(&s[1], &rest[1], a * g * d_1 - gone * d_2);
+    ballbot_add(&s[2], &rest[2], a * (g * d_2 + half * d_1) - gone * d_3);
+    ballbot_add(&s[3], &rest[3], a * (g * d_3 + half * d_2 + sixth * d_1) - gone * d_4);
     return motion;
 }
 
@@ -132,8 +149,8 @@ void ballbot_shaping_shape(const struct ballbot_law *law, struct ballbot_memory 
     if (own->on == 0) {
         return;
     }
-    const struct lags place = { own->frequency, own->decay, own->frequency / own->rate };
-    const struct lags heading = { own->yaw_frequency, own->yaw_decay, own->yaw_frequency / own->rate };
+    const struct lags place = { own->frequency, own->decay, own->gone, own->frequency / own->rate };
+    const struct lags heading = { own->yaw_frequency, own->yaw_decay, own->yaw_gone, own->yaw_frequency / own->rate };
     const float r[3] = { now->reference[0], now->reference[1], now->reference[4] };
     float steps[3];
 
@@ -141,12 +158,17 @@ void ballbot_shaping_shape(const struct ballbot_law *law, struct ballbot_memory 
         start_at_pose(state, now, r);
     }
     const float change[3] = { r[0] - state->last[0], r[1] - state->last[1], r[2] - state->last[2] };
-    const float before[3] = { state->followed[0], state->followed[1], state->followed[2] };
+    struct sum before[3];
+
+    for (int axis = 0; axis < 3; ++axis) {
+        before[axis].value = state->followed[axis];
+        before[axis].rest = state->followed_rest[axis];
+    }
     const bool moves = change[0] * change[0] + change[1] * change[1] <= own->speed * own->speed;
     const bool turns = ballbot_magnitude(change[2]) <= own->turn;
 
     follow_bends(own, state, change);
-    follow(own, state->followed, r, steps);
+    follow(own, state, r, steps);
     for (int axis = 0; axis < 3; ++axis) {
         state->last[axis] = r[axis];
         state->change[axis] = change[axis];
@@ -157,7 +179,7 @@ void ballbot_shaping_shape(const struct ballbot_law *law, struct ballbot_memory 
     const float lead_y = moves ? moving.of_change * change[1] + moving.of_bend * state->bend[1] : 0.0f;
     const float lead_psi = turns ? turning.of_change * change[2] + turning.of_bend * state->bend[2] : 0.0f;
 
-    now->x = lagged(&place, state->lags[0], before[0], steps[0] + lead_x, now->pose[0]);
-    now->y = lagged(&place, state->lags[1], before[1], steps[1] + lead_y, now->pose[1]);
-    now->psi = lagged(&heading, state->lags[2], before[2], steps[2] + lead_psi, now->pose[2]);
+    now->x = lagged(&place, state->lags[0], state->lags_rest[0], before[0], steps[0] + lead_x, now->pose[0]);
+    now->y = lagged(&place, state->lags[1], state->lags_rest[1], before[1], steps[1] + lead_y, now->pose[1]);
+    now->psi = lagged(&heading, state->lags[2], state->lags_rest[2], before[2], steps[2] + lead_psi, now->pose[2]);
 }
