@@ -30,7 +30,7 @@ from ballbot.identification.upside_down import identify_upside_down
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.driveline import UNITS, driveline_findings
-from ballbot.report.tables import digits, with_error
+from ballbot.report.words import digits, with_error
 from ballbot.robot import Friction, Robot
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.bench import Bench, multisine_torques, run_bench, sweep_torques

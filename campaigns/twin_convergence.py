@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ballbot import Model, Robot
-from ballbot.report.style import BLUE, GREEN, INK, ORANGE
+from ballbot.report.palette import BLUE, GREEN, INK, ORANGE
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import Softness
 from campaigns.section import Section, write_picture

@@ -23,7 +23,8 @@ from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference
 from ballbot.processes import worker_pool
 from ballbot.report.comparison import RUN_LABELS, RUN_LINES
-from ballbot.report.style import BLUE, INK, MUTED, ORANGE, REFERENCE, SHADE, Line, thinned
+from ballbot.report.palette import BLUE, INK, MUTED, ORANGE, SHADE
+from ballbot.report.style import REFERENCE, LineStyle, thinned
 from ballbot.robot import Friction
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.bench import run_bench
@@ -159,8 +160,8 @@ def drift(log: Log) -> Drift:
     )
 
 
-_ON: Line = {"color": ORANGE, "linestyle": "-", "linewidth": 1.0}
-_OFF: Line = {"color": BLUE, "linestyle": "-", "linewidth": 1.0}
+_ON: LineStyle = {"color": ORANGE, "linestyle": "-", "linewidth": 1.0}
+_OFF: LineStyle = {"color": BLUE, "linestyle": "-", "linewidth": 1.0}
 _TURNS = 3.0  # that are shown of a wheel's
 
 

@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 from ballbot.cli.main import main
 from ballbot.cli.output import progress_bar
 from ballbot.files import write_text
+from ballbot.findings import Finding
 from ballbot.printable import printable, printable_line, shell_line
 from ballbot.report.console import PlainConsole, table
-from ballbot.report.page import render
 from ballbot.report.style import drawn, label_of
 from ballbot.results import as_json
 
@@ -118,18 +118,33 @@ def test_results_are_json_whatever_the_names(text):
 
 
 def test_a_page_escapes_names(tmp_path):
-    from ballbot.report.page import Provenance, SourceFile
+    from ballbot.report.blocks import Bullets, Paragraph, Report, Sheet, section
+    from ballbot.report.page import page_of
+    from ballbot.report.provenance import Provenance, SourceFile
 
+    bad = "\udcff<b>`<i>`\x1b"
     made = Provenance(
-        command="ballbot '<script>\x1b'",
-        files=(SourceFile(name="\udcff<b>", sha256="0"),),
+        command="ballbot '<script>alert(1)</script>\x1b'",
+        files=(SourceFile(name=bad, sha256="0"),),
         seed=0,
         versions={},
     )
-    page = render("provenance", {"made": made})
+    blocks = (Paragraph(text=bad), Bullets(items=[bad]), Sheet(headings=(bad,), rows=[(bad,)], caption=bad))
+    page = page_of(
+        Report(
+            title=bad,
+            lead=bad,
+            verdict=[(bad, bad)],
+            sections=[section(bad, *blocks)],
+            undecided=[bad],
+            made=made,
+            findings=[Finding(code="gap", severity="error", text=bad)],
+        )
+    )
     assert not obeyed(page)
-    assert "<script>" not in page
+    assert "<script>alert" not in page
     assert "<b>" not in page
+    assert "<i>" not in page
     write_text(tmp_path / "page.html", page)
 
 

@@ -33,7 +33,7 @@ from tests.support.symbolic_oracle import random_state
 pytest.importorskip("mujoco")
 pytest.importorskip("cv2")
 
-from ballbot.report.page import provenance
+from ballbot.report.provenance import provenance
 from ballbot.thesis.reproduce import (
     appendices,
     chapter5,

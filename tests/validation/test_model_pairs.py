@@ -20,6 +20,7 @@ from ballbot.robot.file import write_robot
 from ballbot.validation import ModelPair, findings, validate, validate_pair
 from ballbot.validation.result import better_in
 from tests.support.foreign_log_examples import small_robot, swaying_log
+from tests.support.report_pages import shown_text
 from tests.support.validation_examples import noisy_log, true_robot
 
 
@@ -114,7 +115,7 @@ def test_the_command_compares_any_two_models(tmp_path: Path, capsys):
     assert main([*words, "--against", str(tmp_path / "viscous.toml"), "--out", str(tmp_path / "laws")]) == 0
     assert "viscous.toml" in capsys.readouterr().out
     page = (tmp_path / "laws" / "report.html").read_text(encoding="utf-8")
-    text = re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL)
+    text = shown_text(page)
     assert not re.search(r"\b(nan|None|inf)\b", text)
     assert "--against" in text
     results = json.loads((tmp_path / "laws" / "results.json").read_text(encoding="utf-8"))

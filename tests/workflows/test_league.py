@@ -10,7 +10,8 @@ from scipy import stats
 from ballbot import Robot
 from ballbot.cli.main import main
 from ballbot.report.comparison import league_report
-from ballbot.report.page import provenance
+from ballbot.report.page import page_of
+from ballbot.report.provenance import provenance
 from ballbot.results import as_json
 from ballbot.robot.file import write_robot
 from ballbot.workflows import comparison
@@ -22,6 +23,7 @@ from ballbot.workflows.metrics import score_results
 from campaigns.league import section
 from tests.support.control_examples import FRICTION, alten
 from tests.support.league_examples import OWN
+from tests.support.report_pages import figure_count
 
 #: two short courses on the model, so that a league takes seconds
 COURSES = """\
@@ -109,13 +111,13 @@ def test_compensation_helps_on_the_model(league):
 
 
 def test_page_names_falls_and_the_better_controller(league):
-    page = league_report(league, provenance(command="ballbot compare", files=[], seed="4,5"))
-    assert page.count("<svg") == 3  # the overview, and a figure for each course
+    page = page_of(league_report(league, provenance(command="ballbot compare", files=[], seed="4,5")))
+    assert figure_count(page) == 5  # the overview, and path and error of each course
     assert "4 of 4 runs ended in a fall." in page
     assert re.search(r"Peak position error 0\.\d+ times that of none", page)
     assert "A step of 0.2 m. 4 s." in page
     assert "Seed 4,5;" in page
-    assert page.count("One run of each controller, with seed 4, the first of 2.") == 2
+    assert page.count("one run of each controller, seed 4, the first of 2.") == 2
 
 
 def test_the_evidence_has_a_row_for_each_course_and_controller(league):
@@ -129,7 +131,7 @@ def test_a_league_in_which_all_fall_has_a_page(folder):
     courses = choose_courses(str(folder / "courses.toml"), robot, "model")
     controllers = {"limp": parse_candidates([f"{folder}/own.py:Limp"])[0].controller(robot)}
     found = run_league(robot, controllers, courses[:1], seeds=[1], processes=1)
-    page = league_report(found, provenance(command="ballbot compare", files=[], seed="1"))
+    page = page_of(league_report(found, provenance(command="ballbot compare", files=[], seed="1")))
     assert "1 of 1 runs ended in a fall." in page
 
 

@@ -23,9 +23,11 @@ from ballbot.fitting.run import Run
 from ballbot.identification import identify
 from ballbot.identification.stages import IdentificationOptions, holdout_intervals
 from ballbot.log import STATE_NAMES, Log
-from ballbot.report.page import provenance
-from ballbot.report.study import controller_sentence, study_report
+from ballbot.report.page import LARGEST_PAGE, page_of
+from ballbot.report.provenance import provenance
+from ballbot.report.study import controller_sentence
 from ballbot.report.study_files import study_results, write_study
+from ballbot.report.study_page import study_report
 from ballbot.results import as_json
 from ballbot.robot import Robot
 from ballbot.workflows import study as study_workflow
@@ -38,6 +40,7 @@ from ballbot.workflows.controller_prediction import (
 )
 from ballbot.workflows.study import Study, StudyOptions, study
 from tests.support.control_examples import FRICTION
+from tests.support.report_pages import figure_count, shown_text
 from tests.support.screen import assert_fits_a_screen
 from tests.support.validation_examples import noisy_log
 
@@ -248,7 +251,7 @@ def test_report_shows_the_predicted_performance(small: Study):
         signature={},
     )
     made = provenance(command="ballbot study", files=[], seed=3)
-    page = study_report(replace(small, prediction=prediction), made)
+    page = page_of(study_report(replace(small, prediction=prediction), made))
     assert f"{1e3 * intervals['peak_error'].low:.1f} to {1e3 * intervals['peak_error'].high:.1f}" in page
     assert "--prediction results.json LOG" in page
     assert study_results(replace(small, prediction=prediction), made)["prediction"] == prediction
@@ -260,15 +263,15 @@ def test_report_is_self_contained(folder: Path):
     assert "@import" not in page
     assert "<script src" not in page
     assert not re.search(r"url\((?!#)", page)
+    assert len(page) < LARGEST_PAGE
     figures = re.findall(r"<svg.*?</svg>", page, re.DOTALL)
-    assert len(figures) >= 12
+    assert figure_count(page) >= 12
     assert max(len(figure) for figure in figures) < 300_000
     ids = re.findall(r'\bid="([^"]+)"', page)
     assert len(ids) == len(set(ids))
     for anchor in re.findall(r'href="#([^"]+)"', page):
         assert anchor in ids
-    text = re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL)
-    assert not re.search(r"\b(nan|None|inf)\b", text)
+    assert not re.search(r"\b(nan|None|inf)\b", shown_text(page))
 
 
 def test_a_study_killed_while_it_compares_goes_on_to_the_same(small: Study, checkpoint: Path, tmp_path: Path):

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ballbot.cli.context import input_files, open_result
+from ballbot.cli.context import PAGE, input_files, open_result
 from ballbot.cli.findings import Accept, check_input
 from ballbot.errors import InputError
-from ballbot.files import write_text
 from ballbot.log import Log
-from ballbot.report.alignment import alignment_report, alignment_results, error_rows
+from ballbot.report.alignment import ERROR_HEADINGS, alignment_report, alignment_results, error_rows
 from ballbot.report.console import table
 from ballbot.validation.alignment import align as align_log
 from ballbot.validation.alignment import alignment_findings
 
-_WRITTEN = ("report.html", "results.json", "aligned.csv")
+_WRITTEN = (PAGE, "results.json", "aligned.csv")
 
 
 def align(
@@ -62,12 +61,11 @@ def align(
         with result.replaced() as new:
             alignment.log.write(new / "aligned.csv")
             result.write_json(alignment_results(alignment, log_findings=findings), new)
-            write_text(new / "report.html", page)
+            result.write_page(page, new)
     console = result.console
     if alignment.sensors is not None:
-        headings = ("", "unit", "RMS", "largest", "drift per minute", "RMS about the drift", "delay [ms]")
         rows = error_rows(alignment.sensors)
-        console.print(table("On board minus cameras", headings, rows, framed=console.is_terminal))
+        console.print(table("On board minus cameras", ERROR_HEADINGS, rows, framed=console.is_terminal))
     for finding in alignment_findings(alignment):
         console.print(finding.text, markup=False, soft_wrap=True)
-    result.show_file("report.html")
+    result.show_file(PAGE)

@@ -7,19 +7,18 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import RunOptions, WholeNumber, input_files, open_long_result, parse_seeds
+from ballbot.cli.context import PAGE, RunOptions, WholeNumber, input_files, open_long_result, parse_seeds
 from ballbot.cli.controllers import warn_of_idle_compensation, warn_of_overcompensation
 from ballbot.cli.output import standard_output
 from ballbot.control.references import is_reference_file
 from ballbot.errors import InputError
-from ballbot.files import write_text
 from ballbot.report.comparison import league_parts, league_report
 from ballbot.robot import Robot
 from ballbot.workflows.candidates import Candidate, parse_candidates
 from ballbot.workflows.courses import Course, PlantName, choose_courses
 from ballbot.workflows.league import league_identity, league_results, run_league, user_files
 
-_WRITTEN = ("report.html", "results.json")
+_WRITTEN = (PAGE, "results.json")
 
 
 def compare(
@@ -102,9 +101,9 @@ def compare(
         )
         with result.replaced() as new:
             result.write_json(league_results(league), new)
-            write_text(new / "report.html", league_report(league, result.origin))
+            result.write_page(league_report(league, result.origin), new)
     result.show(league_parts(league, framed=console.is_terminal))
-    result.show_file("report.html")
+    result.show_file(PAGE)
 
 
 def _files(

@@ -36,16 +36,19 @@ from ballbot.log.collection import named_files
 from ballbot.log.formats import WRITTEN_FORMATS
 from ballbot.printable import shell_line
 from ballbot.progress import ProgressCallback
-from ballbot.report.page import Provenance, provenance
+from ballbot.report.provenance import Provenance, provenance
 from ballbot.result_folder import ResultFolder, result_folder
 from ballbot.robot import Robot
 
 if TYPE_CHECKING:
     from ballbot.log import Log
+    from ballbot.report.blocks import Report
 
 CHECKPOINT = "checkpoint.jsonl"
 #: the robot file beside a log
 ROBOT_BESIDE = "robot.toml"
+#: the page that every result has
+PAGE = "report.html"
 
 _MAX_SEEDS = 100_000
 #: options that do not change a result, with the number of tokens that follow each
@@ -142,6 +145,12 @@ class CommandResult:
         if findings is not None:
             whole["findings"] = finding_results(findings)
         write_text(folder / "results.json", results_text(whole | {"provenance": self.origin}))
+
+    def write_page(self, report: Report, folder: Path) -> None:
+        """Write report.html into a folder."""
+        from ballbot.report.page import page_of  # with templates and scripts, which a refusal does without
+
+        write_text(folder / PAGE, page_of(report))
 
     def show(self, parts: Iterable[RenderableType]) -> None:
         """Print tables and lines."""

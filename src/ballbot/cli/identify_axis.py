@@ -8,9 +8,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import RunOptions, WholeNumber, input_files, open_long_result
+from ballbot.cli.context import PAGE, RunOptions, WholeNumber, input_files, open_long_result
 from ballbot.cli.findings import Accept, stop_or_show
-from ballbot.files import write_text
 from ballbot.findings import Finding, by_severity
 from ballbot.fitting.checkpoint import identity_of
 from ballbot.identification.axis import AxisOptions, AxisRecord
@@ -19,7 +18,7 @@ from ballbot.identification.axis.checks import record_findings
 from ballbot.identification.axis.reading import AxisColumns, read_axis_records
 from ballbot.report.axis import axis_parts, axis_report
 
-_WRITTEN = ("report.html", "results.json")
+_WRITTEN = (PAGE, "results.json")
 
 
 @Parameter(name="*")
@@ -115,9 +114,9 @@ def identify_axis(
             )
         with result.replaced() as new:
             result.write_json(found.to_dict(), new, findings=findings)
-            write_text(new / "report.html", axis_report(found, read[0], result.origin, findings))
+            result.write_page(axis_report(found, read[0], result.origin, findings), new)
     result.show(axis_parts(found, framed=result.console.is_terminal))
-    result.show_file("report.html")
+    result.show_file(PAGE)
 
 
 def _checked(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ballbot.cli.context import WholeNumber, input_files, open_result
+from ballbot.cli.context import PAGE, WholeNumber, input_files, open_result
 from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.file_formats import results_text
 from ballbot.files import write_text
@@ -33,7 +33,7 @@ from ballbot.report.driveline import (
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
 
-_WRITTEN = ("report.html", "results.json", "robot.toml")
+_WRITTEN = (PAGE, "results.json", "robot.toml")
 
 
 def identify_driveline(
@@ -91,10 +91,10 @@ def identify_driveline(
         page = driveline_report(described.name, sweeps, fits, printed, made, findings)
         with result.replaced() as new:
             write_text(new / "results.json", results_text(driveline_results(fits, printed, made, findings)))
-            write_text(new / "report.html", page)
+            result.write_page(page, new)
             write_robot(identified, new / "robot.toml")
     result.show(driveline_parts(fits, printed, framed=result.console.is_terminal))
-    result.show_file("report.html")
+    result.show_file(PAGE)
 
 
 def _checked(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import LogFormatName, WholeNumber, input_files, open_result
+from ballbot.cli.context import PAGE, LogFormatName, WholeNumber, input_files, open_result
 from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation, warn_of_overcompensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.cli.output import notice_output, standard_output
@@ -19,6 +19,7 @@ from ballbot.log import Log
 from ballbot.log.formats import WRITTEN_SUFFIXES, check_format
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
+from ballbot.report.run import simulation_report
 from ballbot.robot import Robot
 from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import simulate as run
@@ -28,7 +29,7 @@ from ballbot.twin.scenario import load_scenario
 from ballbot.viewer.foxglove import write_with_scene
 from ballbot.workflows.metrics import SETTLE, score, score_results, settled
 
-_WRITTEN = (*(f"log{suffix}" for suffix in WRITTEN_SUFFIXES), "results.json")
+_WRITTEN = (*(f"log{suffix}" for suffix in WRITTEN_SUFFIXES), "results.json", PAGE)
 
 
 @Parameter(name="*")
@@ -69,7 +70,7 @@ def simulate(
 
     Example: ballbot simulate alten --controller mine.toml --scenario nominal --seed 3 --out run2
 
-    Writes log.csv and results.json (position errors, torque, how the run ended).
+    Writes report.html, log.csv and results.json (position errors, torque, how the run ended).
 
     Parameters
     ----------
@@ -84,7 +85,7 @@ def simulate(
         The folder to write into.
     """
     described = Robot.load(robot)
-    check_robot(described, robot, accept=accept)
+    findings = check_robot(described, robot, accept=accept)
     check_seed(simulated.seed)
     check_format(format)
     path = as_reference(reference)
@@ -108,7 +109,17 @@ def simulate(
         with result.replaced() as new:
             missing = write_with_scene(new / f"log.{format}", log, described)
             result.write_json(_results(log), new)
-    result.show_file(f"log.{format}")
+            page = simulation_report(
+                log,
+                described,
+                reference=reference,
+                formulation=simulated.formulation,
+                scenario=simulated.scenario,
+                made=result.origin,
+                findings=findings,
+            )
+            result.write_page(page, new)
+    result.show_file(f"log.{format}", PAGE)
     if missing:
         notice_output().print(missing, markup=False, soft_wrap=True)
     if log.ended:

@@ -11,13 +11,19 @@ from pathlib import Path
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import WholeNumber, input_files, open_result, read_balancing_log, read_balancing_logs
+from ballbot.cli.context import (
+    PAGE,
+    WholeNumber,
+    input_files,
+    open_result,
+    read_balancing_log,
+    read_balancing_logs,
+)
 from ballbot.cli.findings import Accept, check_input, show_findings
 from ballbot.cli.output import emit, print_parts, standard_output
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
-from ballbot.files import write_text
 from ballbot.findings import Finding, finding_results
 from ballbot.fitting.run import Run, check_seed
 from ballbot.log.formats import is_log_file
@@ -29,14 +35,15 @@ from ballbot.report.prediction import (
     prediction_results,
     verdict_parts,
 )
-from ballbot.report.validation import validation_parts, validation_report, validation_results
+from ballbot.report.validation import validation_parts, validation_results
+from ballbot.report.validation_page import validation_report
 from ballbot.robot import Robot
 from ballbot.validation import ModelPair, join_validations, validate_logs
 from ballbot.workflows.controller_causes import EXPLAINED_CODES
 from ballbot.workflows.controller_prediction import Prediction, read_prediction
 from ballbot.workflows.controller_verdict import Verdict, check_controller, evaluate_log
 
-_WRITTEN = ("report.html", "results.json")
+_WRITTEN = (PAGE, "results.json")
 
 
 def validate_prediction(
@@ -141,8 +148,8 @@ def _write_verdict(
         with result.replaced() as new:
             verdict_results = prediction_results(verdict, prediction, steps)
             result.write_json({"prediction": verdict_results}, new, findings=found)
-            write_text(new / "report.html", page)
-    result.show_file("report.html")
+            result.write_page(page, new)
+    result.show_file(PAGE)
 
 
 @Parameter(name="*")
@@ -244,14 +251,14 @@ def validate(
             validation,
             title=title,
             lead=f"On {', '.join(named)}.",
-            example_of=next(iter(named)),
+            example_of=next(iter(named)) if len(named) == 1 else "the first log that allows it",
             made=result.origin,
         )
         with result.replaced() as new:
             result.write_json({"validation": results}, new, findings=found)
-            write_text(new / "report.html", page)
+            result.write_page(page, new)
     result.show(validation_parts(validation, framed=result.console.is_terminal))
-    result.show_file("report.html")
+    result.show_file(PAGE)
 
 
 def _refuse_models(pair: ModelOptions, seed: int) -> None:

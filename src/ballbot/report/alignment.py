@@ -1,109 +1,136 @@
-"""An alignment with motion capture: figures (the thesis's IV.1 to IV.4), page, and what its results.json holds."""
+"""An alignment with motion capture: its page, and what its results.json holds."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
+from dataclasses import replace
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ballbot.findings import Finding, finding_results
-from ballbot.report.page import Provenance, figure_markup, render
-from ballbot.report.style import MEASURED, MUTED, STATE_SYMBOLS, WITHOUT_FRICTION, Line, drawn, with_peaks
-from ballbot.report.tables import digits, state_mark, with_symbols
-from ballbot.validation.alignment import Alignment, SensorError, SensorErrors, alignment_findings
-
-_LOGGED = _EXPLAINED = WITHOUT_FRICTION
-_SEEN = MEASURED
-_THIN: Line = {"color": MUTED, "linestyle": "-", "linewidth": 0.6}
-
-
-def orientation_figure(alignment: Alignment) -> Figure:
-    """Return the angles as logged and as seen (Figure IV.1)."""
-    return _comparison(alignment, ("theta", "phi", "psi"), unit="deg", scale=float(np.degrees(1.0)))
+from ballbot.log import Log
+from ballbot.report.blocks import Block, Bullets, Report, Sheet, section
+from ballbot.report.provenance import Provenance
+from ballbot.report.series import Line, Panel, TimeSeries
+from ballbot.report.words import digits, signed_with_error, state_mark, with_symbols
+from ballbot.validation.alignment import Alignment, SensorErrors, alignment_findings
+from ballbot.validation.alignment.align import PositionError
 
 
-def position_figure(alignment: Alignment) -> Figure:
-    """Return x and y as logged and as seen (Figure IV.3)."""
-    return _comparison(alignment, ("x", "y"), unit="m", scale=1.0)
-
-
-def orientation_error_figure(alignment: Alignment) -> Figure:
-    """Return the errors of the angles, smoothed over a second beside each sample's, with their lines (Figure IV.2)."""
+def alignment_report(
+    alignment: Alignment, *, title: str, lead: str, made: Provenance, log_findings: Sequence[Finding]
+) -> Report:
+    """Return the page of an alignment."""
+    verdict, *others = (finding.text for finding in alignment_findings(alignment))
     sensors = alignment.sensors
-    assert sensors is not None
-    figure, panels = _stacked(3)
-    degrees = float(np.degrees(1.0))
-    for axes, name in zip(panels, ("theta", "phi", "psi"), strict=True):
-        error = degrees * sensors.errors[name]
-        _draw_error(axes, alignment, error)
-        _draw_line(axes, alignment.log.t, error, sensors.of[name], scale=degrees)
-        axes.set_ylabel(f"error of {STATE_SYMBOLS[name]} [deg]")
-    _legend(figure, panels)
-    return figure
+    sections = [section("What was found", Bullets(items=[with_symbols(text) for text in others]))]
+    undecided = ["Which of the two is right where they differ: the cameras are taken as the truth."]
+    if sensors is None:
+        undecided.append("The errors of the angles: the log has no theta, phi and psi to compare.")
+    else:
+        caption = (
+            "On board less cameras. ± are half widths of 95 %, by blocks of time. The delay is against the signal "
+            "that the clock follows."
+        )
+        sections += [
+            section("Errors", Sheet(headings=ERROR_HEADINGS, rows=error_rows(sensors), caption=caption)),
+            section("Orientation", *_orientation(alignment, sensors)),
+        ]
+        if sensors.position is None:
+            undecided.append("The errors of x and y: the log has no position to compare.")
+        else:
+            sections.append(section("Position", *_position(alignment, sensors, sensors.position)))
+    return Report(
+        title=title,
+        lead=lead,
+        verdict=[("", verdict)],
+        sections=sections,
+        undecided=undecided,
+        made=made,
+        findings=log_findings,
+    )
 
 
-def position_error_figure(alignment: Alignment) -> Figure:
-    """Return the errors of x and y, and what of them the heading's error makes (Figure IV.4)."""
-    sensors = alignment.sensors
-    assert sensors is not None
-    figure, panels = _stacked(2)
-    for index, (axes, name) in enumerate(zip(panels, ("x", "y"), strict=True)):
-        _draw_error(axes, alignment, 1e3 * sensors.errors[name])
-        if sensors.position is not None:
-            explained = 1e3 * sensors.position.predicted[:, index]
-            axes.plot(
-                *with_peaks(alignment.log.t, explained), label="made by the heading's error", **_EXPLAINED
-            )
-        axes.set_ylabel(f"error of {STATE_SYMBOLS[name]} [mm]")
-    _legend(figure, panels)
-    return figure
+def _orientation(alignment: Alignment, sensors: SensorErrors) -> list[Block]:
+    log, names, degrees = alignment.log, ("theta", "phi", "psi"), float(np.degrees(1.0))
+    seen = [_beside(log, name, f"{state_mark(name)} [deg]", degrees) for name in names]
+    errors = [
+        _error_panel(alignment, degrees * sensors.errors[name], f"error of {state_mark(name)} [deg]", drift)
+        for name in names
+        for drift in [degrees * sensors.of[name].drift]
+    ]
+    return [
+        TimeSeries(
+            t=log.t,
+            panels=seen,
+            caption="The angles on board and by the cameras (as the thesis's Figure IV.1).",
+            across=_ACROSS,
+        ),
+        TimeSeries(
+            t=log.t,
+            panels=errors,
+            caption="On board less cameras (as the thesis's Figure IV.2). A drift is the line fitted to the error.",
+            across=_ACROSS,
+        ),
+    ]
 
 
-def _comparison(alignment: Alignment, names: Sequence[str], *, unit: str, scale: float) -> Figure:
-    figure, panels = _stacked(len(names))
-    for axes, name in zip(panels, names, strict=True):
-        log = alignment.log
-        axes.plot(*with_peaks(log.t, scale * log[f"mocap_{name}"]), label="cameras", **_SEEN)
-        axes.plot(*with_peaks(log.t, scale * log[name]), label="on board", **_LOGGED)
-        axes.set_ylabel(f"{STATE_SYMBOLS[name]} [{unit}]")
-    _legend(figure, panels)
-    return figure
+def _position(alignment: Alignment, sensors: SensorErrors, place: PositionError) -> list[Block]:
+    log = alignment.log
+    seen = [_beside(log, name, f"{name} [m]", 1.0) for name in ("x", "y")]
+    errors = []
+    for index, name in enumerate(("x", "y")):
+        panel = _error_panel(alignment, 1e3 * sensors.errors[name], f"error of {name} [mm]", None)
+        explained = Line(
+            name="made by the heading's error", values=1e3 * place.predicted[:, index], look="second"
+        )
+        errors.append(replace(panel, lines=(*panel.lines, explained)))
+    return [
+        TimeSeries(
+            t=log.t,
+            panels=seen,
+            caption="The ball's center on board and by the cameras (as the thesis's Figure IV.3).",
+            across=_ACROSS,
+        ),
+        TimeSeries(
+            t=log.t,
+            panels=errors,
+            caption=(
+                "On board less cameras, and the error that a position has which is summed up along the wrong heading "
+                "(as the thesis's Figure IV.4)."
+            ),
+            across=_ACROSS,
+        ),
+    ]
 
 
-def _stacked(count: int) -> tuple[Figure, list[Axes]]:
-    figure = Figure(figsize=(7.4, 0.5 + 1.35 * count), layout="constrained")
-    panels = [figure.add_subplot(count, 1, index + 1) for index in range(count)]
-    for axes in panels:
-        axes.sharex(panels[0])
-        axes.margins(x=0.01)
-        axes.label_outer()
-    panels[-1].set_xlabel("time of the log [s]")
-    return figure, panels
+def _beside(log: Log, name: str, label: str, scale: float) -> Panel:
+    """Return a column as the cameras and as the sensors on board see it."""
+    lines = (
+        Line(name="cameras", values=scale * log[f"mocap_{name}"], look="measured"),
+        Line(name="on board", values=scale * log[name], look="second"),
+    )
+    return Panel(label=label, lines=lines)
 
 
-def _draw_error(axes: Axes, alignment: Alignment, error: NDArray[np.float64]) -> None:
-    samples = max(1, round(1.0 / alignment.log.sample_time))
+def _error_panel(alignment: Alignment, error: NDArray[np.float64], label: str, drift: float | None) -> Panel:
+    """Return an error smoothed over a second, beside each sample's if the log is long enough, and its drift."""
+    t, samples = alignment.log.t, max(1, round(1.0 / alignment.log.sample_time))
+    lines = []
     if len(error) > 2 * samples:
-        axes.plot(*with_peaks(alignment.log.t, error), label="each sample", **_THIN)
-        error = _smoothed(error, samples)
-    axes.plot(*with_peaks(alignment.log.t, error), label="mean over 1 s", **_SEEN)
+        lines.append(Line(name="each sample", values=error, look="quiet"))
+        error = smoothed(error, samples)
+    lines.append(Line(name="mean over 1 s", values=error, look="measured"))
+    if drift is not None:
+        known = np.isfinite(error)
+        line = error[known].mean() + drift * (t - t[known].mean())
+        lines.append(Line(name="drift", values=line, look="second"))
+    return Panel(label=label, lines=lines)
 
 
-def _draw_line(
-    axes: Axes, t: NDArray[np.float64], error: NDArray[np.float64], one: SensorError, *, scale: float
-) -> None:
-    known = np.isfinite(error)
-    ends = np.array([t[known][0], t[known][-1]])
-    line = error[known].mean() + scale * one.drift * (ends - t[known].mean())
-    axes.plot(ends, line, label="drift", **_EXPLAINED)
-
-
-def _smoothed(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+def smoothed(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
     """Return the running mean over `count` samples of those that are known; NaN where the sample itself is not."""
     known = np.isfinite(values)
     window = np.ones(count)
@@ -112,39 +139,8 @@ def _smoothed(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
         return np.where(known, total / np.convolve(known.astype(np.float64), window, mode="same"), np.nan)
 
 
-def _legend(figure: Figure, panels: Sequence[Axes]) -> None:
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
-
-
-def alignment_report(
-    alignment: Alignment, *, title: str, lead: str, made: Provenance, log_findings: Sequence[Finding]
-) -> str:
-    """Return the page."""
-    verdict, *others = (with_symbols(finding.text) for finding in alignment_findings(alignment))
-    has_angles = alignment.sensors is not None
-    has_place = alignment.sensors is not None and alignment.sensors.position is not None
-    draws = {
-        "orientation": orientation_figure if has_angles else None,
-        "orientation_error": orientation_error_figure if has_angles else None,
-        "position": position_figure if has_place else None,
-        "position_error": position_error_figure if has_place else None,
-    }
-    figures = {
-        name: figure_markup(drawn(partial(draw, alignment), name=name.replace("_", "-"))) if draw else None
-        for name, draw in draws.items()
-    }
-    values: dict[str, object] = {
-        "title": title,
-        "lead": lead,
-        "verdict": verdict,
-        "findings": others,
-        "errors": error_rows(alignment.sensors) if alignment.sensors is not None else [],
-        "figures": figures,
-        "made": made,
-        "log_findings": log_findings,
-    }
-    return render("alignment", values)
+_ACROSS = "time of the log [s]"
+ERROR_HEADINGS = ("", "unit", "RMS", "largest", "drift per minute", "RMS about the drift", "delay [ms]")
 
 
 def error_rows(sensors: SensorErrors) -> list[tuple[str, ...]]:
@@ -152,10 +148,10 @@ def error_rows(sensors: SensorErrors) -> list[tuple[str, ...]]:
     rows = []
     for name, one in sensors.of.items():
         scale, unit = (1e3, "mm") if name in ("x", "y") else (float(np.degrees(1.0)), "deg")
-        drift = f"{60 * scale * one.drift:+.2g} ± {60 * scale * one.drift_half_width:.1g}"
+        drift = signed_with_error(60 * scale * one.drift, 60 * scale * one.drift_half_width)
         delay = "–"
         if one.delay is not None and one.delay_half_width is not None:
-            delay = f"{1e3 * one.delay:+.1f} ± {1e3 * one.delay_half_width:.1f}"
+            delay = signed_with_error(1e3 * one.delay, 1e3 * one.delay_half_width)
         sizes = (digits(scale * value) for value in (one.rms, one.largest))
         rows.append((state_mark(name), unit, *sizes, drift, digits(scale * one.wander), delay))
     return rows

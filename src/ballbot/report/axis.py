@@ -17,10 +17,13 @@ from ballbot.identification.axis.model import unit_for
 from ballbot.identification.axis.motion import default_bandwidth, smoothed_motion, speed_at_start
 from ballbot.identification.axis.result import Estimate
 from ballbot.identification.axis.structure import base_name
+from ballbot.report.blocks import Bullets, Paragraph, Report, Section, Sheet, section
 from ballbot.report.console import table
-from ballbot.report.page import Provenance, figure_markup, render
-from ballbot.report.style import BLUE, GREEN, INK, MEASURED, MUTED, ORANGE, drawn, thinned
-from ballbot.report.tables import digits, with_error
+from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE
+from ballbot.report.provenance import Provenance
+from ballbot.report.series import IN_TURN, Line, Panel, TimeSeries
+from ballbot.report.style import drawn_picture
+from ballbot.report.words import digits, with_error
 
 #: a point of the friction figure is drawn only where the axis moves faster than this share of its fastest
 _SLOW = 0.02
@@ -54,14 +57,6 @@ def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figur
     return figure
 
 
-def panels_over_time(*, height: float, ratios: tuple[int, int]) -> tuple[Figure, Axes, Axes]:
-    """Return a figure so high [in] of two panels over one time, with these heights relative to one another."""
-    figure = Figure(figsize=(7.4, height), layout="constrained")
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=ratios)
-    lower.set_xlabel("time [s]")
-    return figure, upper, lower
-
-
 def _drawn_laws(found: AxisIdentification) -> list[tuple[Estimate, str, str]]:
     drawn = [(found.estimate("inverse"), ORANGE, "--"), (found.best, BLUE, "-")]
     if found.chosen.symmetric:
@@ -85,28 +80,30 @@ def _draw_law(estimate: Estimate, fastest: float, color: str, dash: str, axes: A
         )
 
 
-def closed_loop_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
+def closed_loop_series(found: AxisIdentification, record: AxisRecord, of_record: str) -> TimeSeries:
     """Return the force in closed loop, recorded and simulated, and the difference."""
     axis = found.estimate("closed loop").axis()
-    moved = axis.closed_loop(record, speed=speed_at_start(record))
-    figure, upper, lower = panels_over_time(height=3.8, ratios=(2, 1))
-    t, measured, simulated = thinned(record.t, record.force, moved.forces)
-    upper.plot(t, measured, label="recorded", **MEASURED)
-    upper.plot(t, simulated, color=BLUE, linewidth=0.9, label="simulated in closed loop")
-    upper.set_ylabel(f"force [{record.force_unit}]")
-    upper.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
-    lower.plot(t, simulated - measured, color=INK, linewidth=0.7)
-    lower.set_ylabel("difference")
-    return figure
+    forces = axis.closed_loop(record, speed=speed_at_start(record)).forces
+    lines = (
+        Line(name="recorded", values=record.force, look="measured"),
+        Line(name="simulated in closed loop", values=forces, look="second"),
+    )
+    difference = (Line(name="difference", values=forces - record.force, look="first"),)
+    unit = record.force_unit
+    return TimeSeries(
+        t=record.t,
+        panels=(
+            Panel(label=f"force [{unit}]", lines=lines),
+            Panel(label=f"simulated less recorded [{unit}]", lines=difference),
+        ),
+        caption=f"Closed loop{of_record}: the recorded reference moves the axis through its controller.",
+    )
 
 
-def open_loop_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
+def open_loop_series(found: AxisIdentification, record: AxisRecord, of_record: str) -> TimeSeries:
     """Return the position, and the errors of its simulation from the recorded force alone."""
-    figure, upper, lower = panels_over_time(height=3.8, ratios=(1, 2))
-    t, position = thinned(record.t, record.position)
-    upper.plot(t, position, label="recorded", **MEASURED)
-    upper.set_ylabel(f"position [{found.unit}]")
-    for estimate, color, dash in _drawn_laws(found):
+    errors = []
+    for (estimate, _, _), look in zip(_drawn_laws(found), IN_TURN, strict=False):
         moved = estimate.axis().windows(
             record,
             np.array([0]),
@@ -114,13 +111,18 @@ def open_loop_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
             np.array([[record.position[0], speed_at_start(record)]]),
             interpolated=estimate.model.interpolated,
         )
-        t, error = thinned(record.t[1:], 1e3 * (moved - record.position[1:]))
+        error = 1e3 * np.append(0.0, moved - record.position[1:])
         label = f"{estimate.law.name}, {estimate.method}: {1e3 * estimate.errors[0].open_loop_rmse:.3g} RMS"
-        lower.plot(t, error, color=color, linestyle=dash, linewidth=1.2, label=label)
-    lower.axhline(0.0, color=MUTED, linewidth=0.6)
-    lower.set_ylabel(f"error [m{found.unit}]")
-    lower.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
-    return figure
+        errors.append(Line(name=label, values=error, look=look))
+    position = (Line(name="recorded", values=record.position, look="measured"),)
+    return TimeSeries(
+        t=record.t,
+        panels=(
+            Panel(label=f"position [{found.unit}]", lines=position),
+            Panel(label=f"error of the position [m{found.unit}]", lines=errors),
+        ),
+        caption=f"Open loop over the whole record{of_record}: the recorded force moves the axis from its first state.",
+    )
 
 
 def laws_figure(found: AxisIdentification) -> Figure:
@@ -134,8 +136,8 @@ def laws_figure(found: AxisIdentification) -> Figure:
         color = BLUE if one.accepted else MUTED
         low, middle, high = (100.0 * share for share in (gain.lower, gain.share, gain.upper))
         axes.plot([low, high], [place, place], color=color, linewidth=2.0)
-        mark = "o" if middle >= left else "<"
-        axes.plot(max(middle, left), place, mark, color=color, markersize=5, clip_on=False)
+        mark, face = "o" if middle >= left else "<", color if one.accepted else "white"
+        axes.plot(max(middle, left), place, mark, color=color, mfc=face, markersize=5, clip_on=False)
     axes.axvline(0.0, color=INK, linewidth=0.8)
     axes.set_yticks(range(len(compared)), [f"{one.name} over {one.within}" for one, _ in reversed(compared)])
     axes.set_xlim(left, max(5.0, 1.1 * float(ends.max())))
@@ -145,38 +147,108 @@ def laws_figure(found: AxisIdentification) -> Figure:
 
 def axis_report(
     found: AxisIdentification, record: AxisRecord, made: Provenance, findings: Sequence[Finding] = ()
-) -> str:
+) -> Report:
     """Return the page."""
-    figures = {
-        "friction_figure": partial(axis_friction_figure, found, record),
-        "laws_figure": partial(laws_figure, found),
-    }
-    if len(record.segments) == 1:
-        figures["open_loop_figure"] = partial(open_loop_figure, found, record)
-    if any(one.method == "closed loop" for one in found.estimates):
-        figures["closed_loop_figure"] = partial(closed_loop_figure, found, record)
-    values: dict[str, object] = {
-        "title": f"{', '.join(found.records)}: mass and friction",
-        "lead": f"{_records_words(found)}{record.duration:.1f} s at {1.0 / record.sample_time:.0f} Hz; "
-        f"the law {found.chosen.name}, "
-        f"fitted over windows of {found.horizon.chosen:g} s.",
-        "terms": term_rows(found, record.force_unit),
-        "expected": expected_sentence(found),
-        "residuals": residual_rows(found, record.force_unit),
-        "remarks": texts(found.remarks),
-        "parameters": parameter_rows(found),
-        "methods": [f"{one.method} ({one.law.name})" for one in found.estimates],
-        "of_record": f" ({record.name})" if len(found.records) > 1 else "",
-        "errors": error_table(found.estimates, found.unit),
-        "laws": error_table(tuple(found.by_law.values()), found.unit),
-        "inverse": _inverse_rows(found),
-        "closed_loop_figure": None,
-        "open_loop_figure": None,
-        "made": made,
-        "log_findings": findings,
-    }
-    svgs = {name: figure_markup(drawn(draw, name=name.replace("_", "-"))) for name, draw in figures.items()}
-    return render("axis", values | svgs)
+    first, *others = texts(found.remarks) or [expected_sentence(found)]
+    return Report(
+        title=f"{', '.join(found.records)}: mass and friction",
+        lead=f"{_records_words(found)}{record.duration:.1f} s at {1.0 / record.sample_time:.0f} Hz; the law "
+        f"{found.chosen.name}, fitted over windows of {found.horizon.chosen:g} s.",
+        verdict=[("", first), *(("", words) for words in others[:1])],
+        sections=list(_sections(found, record)),
+        undecided=_undecided(found),
+        made=made,
+        findings=findings,
+    )
+
+
+def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section]:
+    of_record = f" ({record.name})" if len(found.records) > 1 else ""
+    methods = (
+        "Standard errors treat residuals that are close in time as dependent. The inverse model and the closed loop "
+        "find the parameters that explain the force; the open loop finds those that predict the position over short "
+        "windows "
+        'when only the force is known, and "whole record" those that predict it from the first row to the last. If the '
+        "law lacks something that the machine has, they differ by more than their errors. The open loop's parameters "
+        "are the result."
+    )
+    headings = ("symbol", "meaning", "unit", *(f"{one.method} ({one.law.name})" for one in found.estimates))
+    friction = (
+        f"Friction over speed{of_record}: force less inertia, offset and other forces, and the laws found."
+    )
+    terms = term_rows(found, record.force_unit)
+    yield section(
+        "Parameters",
+        Bullets(items=texts(found.remarks)) if found.remarks else None,
+        Sheet(headings=headings, rows=parameter_rows(found)),
+        Paragraph(text=methods),
+        Sheet(
+            headings=("force", "less error of the force", "95 % interval"),
+            rows=terms,
+            caption="Forces that depend on position or time, selected by the error of the force on held-out blocks.",
+        )
+        if terms
+        else None,
+        drawn_picture("friction", partial(axis_friction_figure, found, record), friction),
+    )
+    by_method, columns = error_table(found.estimates, found.unit)
+    yield section(
+        "Prediction errors",
+        Sheet(headings=by_method, rows=columns),
+        Paragraph(text=expected_sentence(found)),
+        open_loop_series(found, record, of_record) if len(record.segments) == 1 else None,
+        closed_loop_series(found, record, of_record)
+        if any(one.method == "closed loop" for one in found.estimates)
+        else None,
+    )
+    yield _law_section(found)
+    residual = ("depends on", "p", "force that it explains, RMS", "share of its variance", "dependent")
+    yield section(
+        "The residual force", Sheet(headings=residual, rows=residual_rows(found, record.force_unit))
+    )
+    inverse = (
+        *("form", "parameter", "value", "standard deviation, rows independent", "share"),
+        "standard error, clustered",
+    )
+    yield section("The inverse model", Sheet(headings=inverse, rows=_inverse_rows(found)))
+
+
+def _law_section(found: AxisIdentification) -> Section:
+    caption = (
+        "Each law compared with the simpler law within it, on blocks that neither was fitted to; bars are 95 % "
+        "intervals, with a filled dot if the law is accepted: if it predicts better than that law and than the "
+        "largest accepted one within it. An arrow points to a value beyond the axis. Laws of bristles are compared "
+        "on windows in which the axis reverses or rests."
+    )
+    headings, rows = error_table(tuple(found.by_law.values()), found.unit)
+    compared = any(one.gain for one in found.laws.candidates)
+    return section(
+        "The friction laws",
+        drawn_picture("laws", partial(laws_figure, found), caption) if compared else None,
+        Sheet(
+            headings=headings, rows=rows, caption="Every law, fitted in open loop over the chosen windows."
+        ),
+    )
+
+
+def _undecided(found: AxisIdentification) -> list[str]:
+    """Return what the records leave open."""
+    sentences = [
+        f"Whether the friction follows the law {one.name} rather than {one.within}: the interval of the gain "
+        "contains zero."
+        for one in found.laws.candidates
+        if one.gain and one.decision == "undecided"
+    ]
+    dependent = [one.quantity for one in found.residuals if one.dependent]
+    if dependent:
+        sentences.append(
+            f"What makes the residual force depend on {', '.join(dependent)}: no term of the model does."
+        )
+    if len(found.records) == 1:
+        sentences.append(
+            "How much parameters differ from record to record: there is one (--also adds records)."
+        )
+    return [*sentences, "The friction at speeds, loads and temperatures that the records do not have."]
 
 
 def _records_words(found: AxisIdentification) -> str:

@@ -22,8 +22,9 @@ from ballbot.identification.swing import SwingFit
 from ballbot.identification.upside_down import UpsideDown, cut_ball_windows
 from ballbot.log import Log
 from ballbot.report.console import table
-from ballbot.report.style import MEASURED, REFERENCE, SHADE, WITH_FRICTION, WITHOUT_FRICTION, thinned
-from ballbot.report.tables import digits
+from ballbot.report.palette import SHADE
+from ballbot.report.style import MEASURED, REFERENCE, WITH_FRICTION, WITHOUT_FRICTION, thinned
+from ballbot.report.words import digits
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
 from ballbot.workflows.ball_movement import BallMovement

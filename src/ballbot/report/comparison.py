@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -19,22 +18,13 @@ from numpy.typing import NDArray
 from rich.console import RenderableType
 
 from ballbot.log import Log
+from ballbot.report.blocks import Bullets, Cell, Paragraph, Report, Section, Sheet, section
 from ballbot.report.console import table
-from ballbot.report.page import Provenance, figure_markup, render
-from ballbot.report.style import (
-    BLUE,
-    GREEN,
-    INK,
-    MUTED,
-    ORANGE,
-    REFERENCE,
-    SHADE,
-    Line,
-    drawn,
-    label_of,
-    thinned,
-)
-from ballbot.report.tables import digits
+from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE, SHADE, VIOLET
+from ballbot.report.provenance import Provenance
+from ballbot.report.series import IN_TURN, Line, Look, Panel, TimeSeries, together, true_spans
+from ballbot.report.style import REFERENCE, LineStyle, drawn_picture, label_of, thinned
+from ballbot.report.words import digits
 from ballbot.workflows.comparison import Estimate
 from ballbot.workflows.courses import Course
 from ballbot.workflows.league import (
@@ -50,7 +40,7 @@ from ballbot.workflows.league import (
 )
 from ballbot.workflows.metrics import BAND, SETTLE, position_error, settled, true_place
 
-RUN_LINES: Mapping[str, Line] = {
+RUN_LINES: Mapping[str, LineStyle] = {
     "none": {"color": ORANGE, "linestyle": "--", "linewidth": 1.2},
     "full": {"color": MUTED, "linestyle": ":", "linewidth": 1.4},
     "partial": {"color": GREEN, "linestyle": "-.", "linewidth": 1.3},
@@ -81,26 +71,32 @@ def paths_figure(runs: Mapping[str, Log]) -> Figure:
     return figure
 
 
-def position_error_figure(runs: Mapping[str, Log]) -> Figure:
+#: the same candidates over time
+_RUN_LOOKS: Mapping[str, Look] = {"none": "second", "full": "fourth", "partial": "third", "precise": "first"}
+
+
+def position_error_series(runs: Mapping[str, Log], caption: str) -> TimeSeries:
     """Return the distance from the reference over time, with the reference below (Figure 5.8)."""
-    figure = Figure(figsize=(7.4, 3.2), layout="constrained")
-    error_axes, reference_axes = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
     longest = max(runs.values(), key=len)
-    _shade(error_axes, longest, settled(longest, SETTLE))
-    for name, log in runs.items():
-        t, error = thinned(log.t, position_error(log))
-        error_axes.plot(t, error, label=RUN_LABELS[name], **RUN_LINES[name])
-    error_axes.set_ylabel("distance from the\nreference [m]")
-    error_axes.set_ylim(bottom=0.0)
-    error_axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.2), ncols=4)
-    for name, color, style in (("x", BLUE, "-"), ("y", ORANGE, "--")):
-        t, reference = thinned(longest.t, longest[f"ref_{name}"])
-        reference_axes.plot(t, reference, color=color, linestyle=style, linewidth=1.2, label=f"${name}$")
-    reference_axes.set_ylabel("reference\n[m]")
-    reference_axes.set_xlabel("time [s]")
-    reference_axes.legend(loc="upper left", ncols=2)
-    error_axes.margins(x=0.01)
-    return figure
+    t, errors = together([(log.t, 1e3 * position_error(log)) for log in runs.values()])
+    lines = [
+        Line(name=RUN_LABELS[name], values=values, look=_RUN_LOOKS[name])
+        for name, values in zip(runs, errors, strict=True)
+    ]
+    reference = (
+        Line(name="reference x", values=longest["ref_x"], look="measured"),
+        Line(name="reference y", values=longest["ref_y"], look="sixth"),
+    )
+    return TimeSeries(
+        t=t,
+        panels=(
+            Panel(label="distance from the reference [mm]", lines=lines, from_zero=True),
+            Panel(label="reference [m]", lines=reference),
+        ),
+        caption=caption,
+        shaded=true_spans(longest.t, settled(longest, SETTLE)),
+        shade="settled: counts",
+    )
 
 
 def poles_figure(open_loop: NDArray[np.complex128], closed_loop: NDArray[np.complex128]) -> Figure:
@@ -129,25 +125,8 @@ def poles_figure(open_loop: NDArray[np.complex128], closed_loop: NDArray[np.comp
     return figure
 
 
-def _shade(axes: Axes, log: Log, counted: NDArray[np.bool_]) -> None:
-    """Shade the times that count as settled."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], counted, [False]])))
-    for number, (first, end) in enumerate(edges.reshape(-1, 2)):
-        label = "settled: counts" if number == 0 else None
-        axes.axvspan(float(log.t[first]), float(log.t[end - 1]), color=SHADE, label=label)
-
-
 OVERALL_HEADINGS = ("controller", *(METRIC_BY_KEY[key].heading for key in RATIOS), "falls")
 STANDING_HEADINGS = ("controller", *(f"{one.heading} ({one.unit})" for one in METRICS), "falls")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Cell:
-    """A controller's mean, and how it differs from the first one's."""
-
-    mean: str
-    difference: str = ""  #: with its interval
-    shown: bool = False  #: the interval leaves zero out
 
 
 def overall_rows(league: League) -> list[list[str]]:
@@ -169,20 +148,21 @@ def standing_rows(league: League, course: str) -> list[list[str]]:
     return rows
 
 
-def metric_rows(league: League, course: str) -> list[tuple[str, list[Cell]]]:
-    """Return a row for each metric on a course, its name and a cell for each controller; falls come last."""
+def metric_rows(league: League, course: str) -> list[list[str | Cell]]:
+    """Return a row for each metric on a course: its name and each controller's mean, below it the difference."""
     found = [standing(league, course, name) for name in league.controllers]
-    rows = [(f"{one.heading} ({one.unit})", [_cell(each, one) for each in found]) for one in METRICS]
-    return [*rows, ("falls", [Cell(mean=_falls(each)) for each in found])]
+    rows: list[list[str | Cell]] = [
+        [f"{one.heading} ({one.unit})", *(_cell(each, one) for each in found)] for one in METRICS
+    ]
+    return [*rows, ["falls", *(_falls(each) for each in found)]]
 
 
 def _cell(found: Standing, metric: Metric) -> Cell:
     difference = found.differences.get(metric.key)
     if difference is None or math.isnan(difference.mean):
-        return Cell(mean=_mean(found, metric))
-    return Cell(
-        mean=_mean(found, metric), difference=_difference(difference, metric), shown=difference.sign != 0
-    )
+        return Cell(text=_mean(found, metric))
+    below = _difference(difference, metric)
+    return Cell(text=_mean(found, metric), below=f"{below}{' *' if difference.sign else ''}")
 
 
 def _mean(found: Standing, metric: Metric) -> str:
@@ -220,7 +200,7 @@ def _signed(value: float, decimals: int) -> str:
 
 
 #: distinguished by dash and weight as well as by colour; of the first three as in the study's report
-_COLORS = (ORANGE, BLUE, GREEN, INK, "#8a4f7d", MUTED)
+_COLORS = (ORANGE, BLUE, GREEN, INK, VIOLET, MUTED)
 _DASHES = ("--", "-", "-.", ":")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
@@ -239,7 +219,7 @@ def overview_figure(league: League) -> Figure:
     for axes, key in zip(panels, _SHOWN_METRICS, strict=True):
         metric = METRIC_BY_KEY[key]
         for place in range(1, rows, 2):
-            axes.axhspan(place - 0.5, place + 0.5, color="#f4f6f8", linewidth=0)
+            axes.axhspan(place - 0.5, place + 0.5, color=SHADE, linewidth=0)
         for index in range(len(league.controllers)):
             _draw_controller(axes, league, index, metric)
         axes.set_xscale("log")
@@ -257,36 +237,47 @@ def overview_figure(league: League) -> Figure:
 
 
 def course_figure(league: League, course: Course) -> Figure:
-    """Draw each controller's path over the floor and its distance from the reference over time, of one run each.
-
-    Of the first seed, as in the title.
-    """
-    figure = Figure(figsize=(7.4, 2.9), layout="constrained")
-    floor, errors = figure.subplots(1, 2, width_ratios=(2, 3))
-    t = np.arange(0.0, course.duration, 0.1)
-    asked = _asked(course, t)
+    """Draw each controller's path over the floor, of one run each, with the first seed."""
+    figure = Figure(figsize=(5.2, 3.4), layout="constrained")
+    floor = figure.subplots()
+    asked = _asked(course, np.arange(0.0, course.duration, 0.1))
     floor.plot(asked[:, 0], asked[:, 1], marker="o" if np.ptp(asked) == 0.0 else None, **REFERENCE)
     for index, name in enumerate(league.controllers):
         track = league.tracks[course.name, name]
-        line, wanted = line_of(index), _asked(course, track.t)
         label = label_of(name) + (" (fell)" if track.ended else "")
-        floor.plot(track.x, track.y, **line)
-        distance = np.hypot(track.x - wanted[:, 0], track.y - wanted[:, 1])
-        errors.plot(track.t, 1e3 * distance, label=label, **line)
-        if track.ended:
-            errors.plot(track.t[-1:], 1e3 * distance[-1:], marker="x", color=line["color"], markersize=6)
-    errors.axhline(1e3 * BAND, color=MUTED, linewidth=0.8)
-    for time in course.disturbed:
-        errors.axvline(time, color=MUTED, linewidth=0.8)
+        floor.plot(track.x, track.y, label=label, **line_of(index))
     floor.set_aspect("equal", adjustable="datalim")
-    floor.set(xlabel="$x$ [m]", ylabel="$y$ [m]", title=seed_shown(league))
-    errors.set(xlabel="time [s]", ylabel="distance from the\nreference [mm]")
-    errors.set_ylim(bottom=0.0)
-    errors.margins(x=0.01)
+    floor.set(xlabel="$x$ [m]", ylabel="$y$ [m]")
     figure.legend(
-        *errors.get_legend_handles_labels(), loc="outside upper center", ncols=min(6, len(league.controllers))
+        *floor.get_legend_handles_labels(), loc="outside upper center", ncols=min(4, len(league.controllers))
     )
     return figure
+
+
+def course_series(league: League, course: Course) -> TimeSeries:
+    """Return each controller's distance from the reference over time, of the same runs."""
+    runs, names = [], []
+    for name in league.controllers:
+        track = league.tracks[course.name, name]
+        wanted = _asked(course, track.t)
+        runs.append((track.t, 1e3 * np.hypot(track.x - wanted[:, 0], track.y - wanted[:, 1])))
+        names.append(name + (" (fell)" if track.ended else ""))
+    t, distances = together(runs)
+    lines = [
+        Line(name=name, values=values, look=IN_TURN[place % len(IN_TURN)])
+        for place, (name, values) in enumerate(zip(names, distances, strict=True))
+    ]
+    pushes = ", ".join(f"{time:g} s" for time in course.disturbed)
+    return TimeSeries(
+        t=t,
+        panels=(
+            Panel(
+                label="distance from the reference [mm]", lines=lines, levels=(1e3 * BAND,), from_zero=True
+            ),
+        ),
+        caption=f"The same runs over time.{f' Pushed at {pushes}.' if pushes else ''}",
+        level=f"{1e3 * BAND:g} mm: has arrived",
+    )
 
 
 def seed_shown(league: League) -> str:
@@ -295,7 +286,7 @@ def seed_shown(league: League) -> str:
     return f"seed {first}" if count == 1 else f"seed {first}, the first of {count}"
 
 
-def line_of(index: int) -> Line:
+def line_of(index: int) -> LineStyle:
     """Return how the controller of that place is drawn."""
     again, kind = divmod(index, len(_DASHES))
     return {
@@ -353,37 +344,90 @@ def _asked(course: Course, t: NDArray[np.float64]) -> NDArray[np.float64]:
 _PEAK, _ROUGH = "peak_position_error", "high_frequency_torque"
 
 
-def league_report(league: League, made: Provenance) -> str:
+def league_report(league: League, made: Provenance) -> Report:
     """Return the page."""
-    courses = [
-        {
-            "name": course.name,
-            "title": _title(course.name),
-            "about": course.about,
-            "seconds": f"{course.duration:g}",
-            "rows": metric_rows(league, course.name),
-            "figure": figure_markup(drawn(partial(course_figure, league, course), name=f"course-{place}")),
-            "pushed": bool(course.disturbed),
-        }
-        for place, course in enumerate(league.courses)
-    ]
     plant = "the exact model with perfect sensors" if league.courses[0].scenario is None else "the twin"
-    values: dict[str, object] = {
-        "title": f"{league.robot}: {len(league.controllers)} controllers side by side",
-        "lead": f"{len(league.courses)} courses on {plant}, {len(league.seeds)} seeds, the same for all.",
-        "summary": [(name, _sentence(overall(league, name), league)) for name in league.controllers],
-        "first": league.controllers[0],
-        "overall_headings": OVERALL_HEADINGS,
-        "overall_rows": overall_rows(league),
-        "overview_figure": figure_markup(drawn(partial(overview_figure, league), name="overview")),
-        "controllers": league.controllers,
-        "courses": courses,
-        "seed": seed_shown(league),
-        "band": f"{1e3 * BAND:g}",
-        "settle": f"{SETTLE:g}",
-        "made": made,
-    }
-    return render("league", values)
+    first = league.controllers[0]
+    caption = (
+        f"Each number over {first}'s on the same course with the same seed: geometric means over the courses, with "
+        "95 % intervals over the seeds."
+    )
+    overview = (
+        "Means over the seeds with their 95 % intervals, on logarithmic scales; a bar ends at a quarter of its mean "
+        "at the least."
+    )
+    undecided = [_open_sentence(name, league) for name in league.controllers[1:]]
+    return Report(
+        title=f"{league.robot}: {len(league.controllers)} controllers side by side",
+        lead=f"{len(league.courses)} courses on {plant}, {len(league.seeds)} seeds, the same for all.",
+        verdict=[(name, _sentence(overall(league, name), league)) for name in league.controllers],
+        sections=[
+            section(
+                "Over all courses",
+                Sheet(headings=OVERALL_HEADINGS, rows=overall_rows(league), caption=caption),
+                drawn_picture("overview", partial(overview_figure, league), overview),
+            ),
+            *(_course_section(league, course, place) for place, course in enumerate(league.courses)),
+            section("How to read this", Bullets(items=_reading(first))),
+        ],
+        undecided=[*(words for words in undecided if words), _beyond(league)],
+        made=made,
+    )
+
+
+def _course_section(league: League, course: Course, place: int) -> Section:
+    first = league.controllers[0]
+    caption = (
+        f"Means over the runs that did not fall. Below them, how much more or less than {first}'s, seed by seed, "
+        "with its 95 % interval; a star where the interval leaves zero out."
+    )
+    floor = (
+        f"The path over the floor of one run of each controller, {seed_shown(league)}. Broad: the reference."
+    )
+    return section(
+        _title(course.name),
+        Paragraph(text=f"{course.about} {course.duration:g} s."),
+        Sheet(headings=("", *league.controllers), rows=metric_rows(league, course.name), caption=caption),
+        drawn_picture(f"course-{place}", partial(course_figure, league, course), floor),
+        course_series(league, course),
+    )
+
+
+def _reading(first: str) -> list[str]:
+    return [
+        f"Peak and RMS error: distance of the true position from the reference, from {SETTLE:g} s after the start "
+        "and after each jump of the reference on (a course may choose otherwise). A push is no jump: what it does "
+        "counts. Heading: the largest error of the true heading, likewise.",
+        f"Settling: from the start, a jump or a push until the robot is within {1e3 * BAND:g} mm and stays there "
+        "until the next of them; the longest of the run. ≥ where in some run it was outside at the end.",
+        "Torque: root mean square over all wheels and the whole run; above 10 Hz: of what a high-pass at 10 Hz "
+        "leaves of it. Energy: the integral of |u ω| over all wheels.",
+        "A run that fell counts among the falls and nowhere else. All controllers have the same seeds, so "
+        f"differences from {first} are taken seed by seed.",
+        "Each interval holds with 95 %: of twenty true zeros, one is shown as a difference.",
+    ]
+
+
+def _open_sentence(name: str, league: League) -> str:
+    """Return in which of the ratios a controller may equal the first; empty if in none."""
+    ratios = overall(league, name).ratios
+    open_ones = [
+        METRIC_BY_KEY[key].words
+        for key, one in ratios.items()
+        if math.isnan(one.low) or one.low <= 1.0 <= one.high
+    ]
+    if not open_ones:
+        return ""
+    return f"Whether {name} differs from {league.controllers[0]} in {', '.join(open_ones)}: no interval leaves one out."
+
+
+def _beyond(league: League) -> str:
+    where = (
+        "sensors, delay, play and floor of a real robot"
+        if league.courses[0].scenario is None
+        else "a real robot"
+    )
+    return f"How the controllers compare with {where}: these are simulated runs of the robot as its file describes it."
 
 
 def _title(name: str) -> str:

@@ -43,9 +43,17 @@ def as_text(parts: Sequence[RenderableType]) -> str:
     return "\n".join(line.rstrip() for line in buffer.getvalue().splitlines()) + "\n"
 
 
-def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], *, framed: bool) -> Table:
+class TextTable(Table):
+    """A table that keeps its texts, so that a page can show them as well; made by `table`."""
+
+    heading: str
+    headings: tuple[str, ...]
+    cells: tuple[tuple[str, ...], ...]
+
+
+def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], *, framed: bool) -> TextTable:
     """Return a table of texts; the columns after the first are set flush right where they hold numbers."""
-    made = Table(
+    made = TextTable(
         title=Text(printable_line(title)),
         title_justify="left",
         title_style="bold",
@@ -56,6 +64,7 @@ def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], *,
         made.add_column(Text(printable_line(heading)), justify="right" if numeric else "left")
     for row in rows:
         made.add_row(*(Text(printable(cell)) for cell in row))
+    made.heading, made.headings, made.cells = title, tuple(headings), tuple(map(tuple, rows))
     return made
 
 

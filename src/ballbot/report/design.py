@@ -12,14 +12,15 @@ from rich.text import Text
 
 from ballbot.control.overcompensation import CompensationMargin
 from ballbot.report.console import matrix_text, table
-from ballbot.report.style import BLUE, GREEN, ORANGE, SHADE, Line
+from ballbot.report.palette import BLUE, GREEN, ORANGE, SHADE
+from ballbot.report.style import LineStyle
 from ballbot.robot import Friction
 from ballbot.workflows.controller_design import ControllerDesign, frictionless_model
 from ballbot.workflows.perturbed_robots import TAIL, PerturbationRanges
 from ballbot.workflows.robot_check import state_order
 from ballbot.workflows.robust_design import RobustDesign
 
-_LINES: dict[str, Line] = {
+_LINES: dict[str, LineStyle] = {
     "robust": {"color": BLUE, "linestyle": "-", "linewidth": 2.0},
     "nominal": {"color": ORANGE, "linestyle": "--", "linewidth": 1.4},
     "plain": {"color": GREEN, "linestyle": "-.", "linewidth": 1.4},

@@ -16,26 +16,17 @@ from ballbot.findings import Finding, finding_results, note, texts
 from ballbot.fitting.intervals import Interval
 from ballbot.identification.driveline import NAMES, DrivelineFit, PrintedFit, Sweep
 from ballbot.mechanics.friction import stribeck_gradient
-from ballbot.report.axis import panels_over_time
+from ballbot.report.blocks import Block, Paragraph, Report, Sheet, section
 from ballbot.report.console import table
-from ballbot.report.page import Provenance, figure_markup, render
-from ballbot.report.style import (
-    BLUE,
-    GREEN,
-    INK,
-    ORANGE,
-    REFERENCE,
-    WITH_FRICTION,
-    WITHOUT_FRICTION,
-    Line,
-    drawn,
-    thinned,
-)
-from ballbot.report.tables import digits, with_error
+from ballbot.report.palette import BLUE, GREEN, INK, ORANGE
+from ballbot.report.provenance import Provenance
+from ballbot.report.series import Line, Panel, TimeSeries
+from ballbot.report.style import REFERENCE, WITH_FRICTION, WITHOUT_FRICTION, LineStyle, drawn_picture, thinned
+from ballbot.report.words import digits, with_error
 
 _WHEELS = ((INK, "-"), (BLUE, "--"), (ORANGE, "-."), (GREEN, ":"))
 #: a broad pale line beneath, for the model's with friction lies on it
-_MEASURED: Line = {**REFERENCE, "linewidth": 3.2}
+_MEASURED: LineStyle = {**REFERENCE, "linewidth": 3.2}
 
 
 def measured_figure(sweeps: Sequence[Sweep]) -> Figure:
@@ -51,22 +42,27 @@ def measured_figure(sweeps: Sequence[Sweep]) -> Figure:
     return figure
 
 
-def comparison_figure(sweep: Sweep, fit: DrivelineFit, printed: PrintedFit) -> Figure:
-    """Return the thesis's Figure 3.2 over time: speed measured, with friction, without, and with (3.2) as printed."""
-    figure, upper, lower = panels_over_time(height=4.6, ratios=(3, 1))
-    # a line of friction is broken where the speed is limited, so no row is left out of what is thinned
-    t, measured, found, clamped, without = thinned(
-        sweep.t, sweep.speed, fit.predicted, printed.predicted, fit.without
+def comparison_series(sweep: Sweep, fit: DrivelineFit, printed: PrintedFit) -> TimeSeries:
+    """Return a wheel's speed over time: measured, with friction, without, and with (3.2) as printed."""
+    lines = (
+        Line(name="measured", values=sweep.speed, look="reference"),
+        Line(name="without friction", values=fit.without, look="second"),
+        Line(name="clamp (3.2) as printed", values=printed.predicted, look="third"),
+        Line(name="with friction", values=fit.predicted, look="first"),
     )
-    upper.plot(t, measured, label="measured", **_MEASURED)
-    upper.plot(t, without, label="without friction", **WITHOUT_FRICTION)
-    upper.plot(t, clamped, color=GREEN, linestyle=":", linewidth=1.4, label="clamp (3.2) as printed")
-    upper.plot(t, found, label="with friction", **WITH_FRICTION)
-    upper.set_ylabel(f"speed of wheel {sweep.wheel} [rad/s]")
-    upper.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4)
-    lower.plot(t, found - measured, color=BLUE, linewidth=0.9)
-    lower.set_ylabel("with friction\nless measured")
-    return figure
+    error = (Line(name="with friction less measured", values=fit.predicted - sweep.speed, look="first"),)
+    return TimeSeries(
+        t=sweep.t,
+        panels=(
+            Panel(label=f"speed of wheel {sweep.wheel} [rad/s]", lines=lines),
+            Panel(label="with friction less measured [rad/s]", lines=error),
+        ),
+        caption=(
+            f"Wheel {sweep.wheel} over time (as the thesis's Figure 3.2), and the error of the model with friction. "
+            "Where the supply limits the speed, the torque recorded is not the one that acts, and the model starts "
+            "anew from the measured speed."
+        ),
+    )
 
 
 def torque_speed_figure(sweep: Sweep, fit: DrivelineFit) -> Figure:
@@ -124,32 +120,85 @@ def driveline_report(
     printed: Sequence[PrintedFit],
     made: Provenance,
     findings: Sequence[Finding] = (),
-) -> str:
+) -> Report:
     """Return the page."""
-    figures = {
-        "measured_figure": partial(measured_figure, sweeps),
-        "curve_figure": partial(curve_figure, fits, sweeps[0].limit),
-        "torque_speed_figure": partial(torque_speed_figure, sweeps[0], fits[0]),
-    }
-    comparisons = [
-        figure_markup(drawn(partial(comparison_figure, *row), name=f"wheel-{row[0].wheel}"))
-        for row in zip(sweeps, fits, printed, strict=True)
-    ]
-    svgs = {name: figure_markup(drawn(draw, name=name.replace("_", "-"))) for name, draw in figures.items()}
     seconds = sweeps[0].t[-1] - sweeps[0].t[0]
     largest = max(float(np.abs(sweep.torque).max()) for sweep in sweeps)
-    values: dict[str, object] = {
-        "title": f"{robot}: friction of the drivelines",
-        "lead": f"Wheels free, {seconds:.0f} s, up to {largest:.3g} N m and {sweeps[0].limit:.4g} rad/s.",
-        "wheels": [f"wheel {fit.wheel}" for fit in fits],
-        "parameters": parameter_rows(fits),
-        "errors": error_rows(fits, printed),
-        "remarks": texts(driveline_findings(fits, printed)),
-        "comparison_figures": comparisons,
-        "made": made,
-        "log_findings": findings,
-    }
-    return render("driveline", values | svgs)
+    words = (
+        "A driveline resists with b ω + (c + s exp(−|ω/v_s|^δ)) sgn ω. The five parameters of each are those whose "
+        'simulated speed comes closest to the measured one, by the thesis\'s cost (3.5). "Unknown" means that the '
+        "sweep cannot identify it."
+    )
+    headings = ("parameter", "unit", *(f"wheel {fit.wheel}" for fit in fits))
+    parameters = Sheet(headings=headings, rows=parameter_rows(fits), caption="With 95 % intervals.")
+    return Report(
+        title=f"{robot}: friction of the drivelines",
+        lead=f"Wheels free, {seconds:.0f} s, up to {largest:.3g} N m and {sweeps[0].limit:.4g} rad/s.",
+        verdict=[(f"Wheel {fit.wheel}", _sentence(fit)) for fit in fits],
+        sections=[
+            section(
+                "Friction found",
+                Paragraph(text=words),
+                parameters,
+                drawn_picture(
+                    "curve",
+                    partial(curve_figure, fits, sweeps[0].limit),
+                    "Friction over speed with its 95 % band; on the right, low speeds.",
+                ),
+            ),
+            section(
+                "Torque and speed, measured",
+                drawn_picture(
+                    "measured",
+                    partial(measured_figure, sweeps),
+                    "Torque over the speed of each wheel, free of the ball (as the thesis's Figure 3.1). The "
+                    "vertical ends are the supply's speed limit.",
+                ),
+            ),
+            section("Measured and modelled", *_modelled(sweeps, fits, printed)),
+        ],
+        undecided=texts(driveline_findings(fits, printed)),
+        made=made,
+        findings=findings,
+    )
+
+
+def _modelled(
+    sweeps: Sequence[Sweep], fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit]
+) -> Iterator[Block]:
+    caption = (
+        "Errors of the simulated speed. The last two columns are for the clamp of the supply's limit as the thesis "
+        "prints it in (3.2): with five parameters fitted to that model, and with the friction found here."
+    )
+    headings = (
+        *("wheel", "cost (3.5) [rad/s]", "RMS error [rad/s]", "without friction"),
+        *("clamp (3.2), its own best", "clamp (3.2), this friction"),
+    )
+    yield Sheet(headings=headings, rows=error_rows(fits, printed), caption=caption)
+    yield drawn_picture(
+        "torque-speed",
+        partial(torque_speed_figure, sweeps[0], fits[0]),
+        f"The characteristic of wheel {sweeps[0].wheel} (as the thesis's Figure 3.2). Without friction a wheel is at "
+        "the limit, or on its way between the two, all the time.",
+    )
+    for row in zip(sweeps, fits, printed, strict=True):
+        yield comparison_series(*row)
+
+
+def _sentence(fit: DrivelineFit) -> str:
+    """Return a wheel's friction in words."""
+    b, c, s, *_ = fit.values
+    unknown = {name for name, is_unknown in zip(NAMES, fit.unknown, strict=True) if is_unknown}
+    words = ["unknown" if "c" in unknown else f"{digits(float(c), 2)} N m"]
+    words.append("an unknown torque" if "b" in unknown else f"{digits(float(b), 2)} N m per rad/s")
+    start = "is unknown" if unknown & {"c", "s"} else f"is {digits(float(c + s), 2)} N m"
+    ratio = (
+        ""
+        if fit.rmse <= 0.0
+        else f" Without friction the error of the speed is {fit.rmse_without / fit.rmse:.2g} times"
+    )
+    larger = f"{ratio} as large." if ratio else ""
+    return f"The break-away torque {start}; in motion the friction is {words[0]} plus {words[1]}.{larger}"
 
 
 def parameter_rows(fits: Sequence[DrivelineFit]) -> list[tuple[str, ...]]:

@@ -15,8 +15,9 @@ from rich.table import Table
 from rich.text import Text
 
 from ballbot.report.console import table
-from ballbot.report.style import BLUE, GREEN, INK, MUTED, ORANGE, thinned
-from ballbot.report.tables import digits
+from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE
+from ballbot.report.style import thinned
+from ballbot.report.words import digits
 from ballbot.workflows.excitation_task import RunLimits, run_on_model
 from ballbot.workflows.excite import Excitation, Trial
 

@@ -30,8 +30,9 @@ from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import Identification, represents_sentence
 from ballbot.mechanics.friction import stribeck_gradient, wheel_friction
 from ballbot.report.console import table
-from ballbot.report.style import BLUE, INK, MUTED, ORANGE, REFERENCE, SHADE, label_of, thinned
-from ballbot.report.tables import digits, interval_text
+from ballbot.report.palette import BLUE, INK, MUTED
+from ballbot.report.series import Line, Panel, TimeSeries
+from ballbot.report.words import digits, interval_text
 from ballbot.workflows.study import StudiedLog
 
 
@@ -66,32 +67,27 @@ def friction_curve(found: Identification, wheel: int, speed: NDArray[np.float64]
 _SHOWN = 0.995
 
 
-def logs_figure(logs: Sequence[StudiedLog]) -> Figure:
-    """Return the position and heading in each log over time, with what was held out shaded."""
-    figure = Figure(figsize=(7.4, 0.5 + 1.75 * len(logs)), layout="constrained")
-    panels = figure.subplots(len(logs), 1, squeeze=False)[:, 0]
-    for axes, studied in zip(panels, logs, strict=True):
-        _draw_log(axes, studied)
-    panels[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.12), ncols=6, borderpad=0.0)
-    panels[-1].set_xlabel("time of the log [s]")
-    return figure
-
-
-def _draw_log(axes: Axes, studied: StudiedLog) -> None:
+def log_series(studied: StudiedLog) -> TimeSeries:
+    """Return the position and heading in a log over time, with what was held out shaded."""
     log = studied.log
-    for number, (start, end) in enumerate(studied.held_out):
-        axes.axvspan(start, end, color=SHADE, label="held out" if number == 0 else None)
-    for name, color, style in (("x", BLUE, "-"), ("y", ORANGE, "--")):
-        if f"ref_{name}" in log:
-            t, reference = thinned(log.t, log[f"ref_{name}"])
-            label = "reference" if name == "x" else None
-            axes.plot(t, reference, color=REFERENCE["color"], linestyle=style, linewidth=1.8, label=label)
-        t, values = thinned(log.t, log[name])
-        axes.plot(t, values, color=color, linestyle=style, linewidth=1.1, label=f"${name}$ [m]")
-    t, heading = thinned(log.t, log["psi"])
-    axes.plot(t, heading, color=INK, linestyle=":", linewidth=1.1, label=r"$\psi$ [rad]")
-    axes.set_title(label_of(studied.name))
-    axes.margins(x=0.01)
+    panels = []
+    for name, label in (("x", "x [m]"), ("y", "y [m]"), ("psi", "heading ψ [rad]")):
+        reference = (
+            [Line(name="reference", values=log[f"ref_{name}"], look="reference")]
+            if f"ref_{name}" in log
+            else []
+        )
+        panels.append(
+            Panel(label=label, lines=[*reference, Line(name="measured", values=log[name], look="measured")])
+        )
+    return TimeSeries(
+        t=log.t,
+        panels=panels,
+        caption=f"Position and heading in the log {studied.name}.",
+        across="time of the log [s]",
+        shaded=studied.held_out,
+        shade="held out",
+    )
 
 
 def friction_figure(found: Identification, logs: Sequence[StudiedLog]) -> Figure:

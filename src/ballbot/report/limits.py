@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from rich.console import RenderableType
 
 from ballbot.report.console import table
-from ballbot.report.style import BLUE, GREEN, INK, MUTED, ORANGE, label_of
+from ballbot.report.palette import BLUE, GREEN, INK, LOWER, MUTED, ORANGE, UPPER, VIOLET, YELLOW
+from ballbot.report.style import label_of
 from ballbot.workflows.limits import Bounds, Kind, RobotLimits, TwinLimit
 from ballbot.workflows.recovery_region import Region
 
@@ -23,13 +24,12 @@ _LOOKS = (
     (ORANGE, "o", 3.6),
     (BLUE, "s", 2.8),
     (GREEN, "^", 2.1),
-    ("#8a4f7d", "D", 1.5),
+    (VIOLET, "D", 1.5),
     (INK, "v", 1.0),
-    ("#c9b23c", "P", 0.6),
+    (YELLOW, "P", 0.6),
 )
 #: more would look like one another
 MOST_CONTROLLERS = len(_LOOKS)
-_LOWER, _UPPER = "#7fa6cf", "#d8e3ef"
 #: a plane is drawn by so many intervals a side where it has more
 _DRAWN = 256
 #: largest number of planes, and of entries of a legend, in a row
@@ -45,7 +45,7 @@ def planes_figure(found: Mapping[str, RobotLimits]) -> Figure:
     for axes in panels.flat[len(found) :]:
         axes.set_visible(False)
     for axes, (name, one) in zip(panels.flat, found.items(), strict=False):
-        for region, color, style in ((one.plane.upper, _UPPER, "--"), (one.plane.lower, _LOWER, "-")):
+        for region, color, style in ((one.plane.upper, UPPER, "--"), (one.plane.lower, LOWER, "-")):
             _draw_region(axes, region, color, style)
         axes.axhline(0.0, color=MUTED, linewidth=0.6)
         axes.axvline(0.0, color=MUTED, linewidth=0.6)
@@ -56,8 +56,8 @@ def planes_figure(found: Mapping[str, RobotLimits]) -> Figure:
         axes.set_ylabel("tilt rate [degrees/s]")
     figure.legend(
         handles=[
-            Patch(facecolor=_LOWER, edgecolor=INK, label="recovers, and no wheel slips"),
-            Patch(facecolor=_UPPER, edgecolor=INK, linestyle="--", label="recovers if wheels never slip"),
+            Patch(facecolor=LOWER, edgecolor=INK, label="recovers, and no wheel slips"),
+            Patch(facecolor=UPPER, edgecolor=INK, linestyle="--", label="recovers if wheels never slip"),
         ],
         loc="outside lower center",
         ncols=2,

@@ -1,30 +1,91 @@
-"""What every result shares: a page rendered from a template, and the provenance.
+"""The one page of every command: a `Report` as HTML that opens from disk, needs no network, and prints.
 
-Templates are in this package. Everything that they show is escaped, except figures. The provenance holds the command,
-the files, the seed and the versions: enough to make a result again and to check that it is the same.
+The page has no address of anything else: scripts, styles and data are in it. Its Content-Security-Policy allows its own
+scripts by their SHA-256 and nothing more, so that no script that a log's name could bring runs, and nothing is sent or
+fetched.
+
+`web/` has the style sheet, `charts.js` and `theme.js`, and uPlot (MIT, its licence beside it), which draws time series.
 """
 
 from __future__ import annotations
 
-import hashlib
-import platform
+import base64
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from importlib.metadata import version
-from pathlib import Path
+from functools import cache
 
-import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
-from numpy.typing import NDArray
+from markupsafe import Markup, escape
 
-from ballbot.errors import InputError
-from ballbot.log import STATE_NAMES
 from ballbot.printable import printable
+from ballbot.report.blocks import Film, Report
+from ballbot.report.palette import themed
+from ballbot.report.series import TimeSeries
+from ballbot.report.words import with_symbols
+from ballbot.viewer.page import hash_source, web_file
+
+#: largest page [bytes]; what is larger is a mistake of ours, as a series that was not shortened
+LARGEST_PAGE = 2_000_000
 
 
-def render(template: str, values: Mapping[str, object]) -> str:
-    """Return the page of a template of this package as HTML; a name that the template lacks is an error."""
+def page_of(report: Report) -> str:
+    """Return the page of what a command found, as HTML."""
+    anchors = [_anchor(place, one.heading) for place, one in enumerate(report.sections)]
+    contents = list(zip(anchors, (one.heading for one in report.sections), strict=True))
+    contents += [("undecided", "What the data cannot decide")]
+    contents += [("checks", "Checks of the inputs")] if report.findings is not None else []
+    blocks = [block for one in report.sections for block in one.blocks]
+    films = [block.part for block in blocks if isinstance(block, Film)]
+    page = render(
+        "report",
+        {
+            "title": report.title,
+            "lead": report.lead,
+            "verdict": [(heading, with_symbols(words)) for heading, words in report.verdict],
+            "contents": [*contents, ("reproduce", "How to reproduce this")],
+            "sections": report.sections,
+            "anchors": anchors,
+            "undecided": [with_symbols(words) for words in report.undecided],
+            "errors": [one for one in report.findings or () if one.severity == "error"],
+            "findings": report.findings,
+            "made": report.made,
+        },
+        charts=any(isinstance(block, TimeSeries) for block in blocks),
+        style="".join(film.style for film in films[:1]),
+        scripts=[film.script for film in films[:1]],
+    )
+    assert len(page) < LARGEST_PAGE, f"the page has {len(page)} characters"
+    return page
+
+
+def _anchor(place: int, heading: str) -> str:
+    """Return a section's name in addresses: its heading's letters, different for each section."""
+    words = re.sub(r"[^a-z0-9]+", "-", heading.lower()).strip("-")
+    return f"{words or 'section'}-{place + 1}"
+
+
+def render(
+    template: str,
+    values: Mapping[str, object],
+    *,
+    charts: bool = False,
+    style: str = "",
+    scripts: Sequence[str] = (),
+) -> str:
+    """Return the page of a template of this package as HTML; a name that the template lacks is an error.
+
+    Parameters
+    ----------
+    template : str
+    values : mapping of str to object
+        Text of them is escaped.
+    charts : bool
+        Whether the page has time series.
+    style : str
+        CSS besides the page's own.
+    scripts : sequence of str
+        Scripts to run after the page's own.
+    """
     environment = Environment(
         loader=PackageLoader("ballbot.report", "."),
         autoescape=True,
@@ -33,7 +94,20 @@ def render(template: str, values: Mapping[str, object]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template(f"{template}.html.j2").render(values)
+    environment.globals |= {"symbols": with_symbols, "themed": _themed_figure, "words": _with_code}
+    own = _script(charts)
+    allowed = " ".join(hash_source(one) for one in (own, *scripts))
+    policy = (
+        f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
+        "form-action 'none'"
+    )
+    around = {
+        "policy": policy,
+        "style": Markup(_style(charts) + style),
+        "script": Markup(own),
+        "scripts": [Markup(one) for one in scripts],
+    }
+    return environment.get_template(f"{template}.html.j2").render({**values, **around})
 
 
 def _printable_text(value: object) -> object:
@@ -41,56 +115,32 @@ def _printable_text(value: object) -> object:
     return printable(value) if type(value) is str else value
 
 
-def figure_markup(svg: str) -> Markup:
-    """Return a figure as what a template puts into the page unescaped."""
-    return Markup(svg)
+def _with_code(text: str) -> Markup:
+    """Return a text, escaped if it is none of ours, in which `commands` stand as code."""
+    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(_printable_text(text)))))
 
 
-def by_state(values: NDArray[np.float64]) -> dict[str, float]:
-    """Return ten values by the states' names."""
-    return dict(zip(STATE_NAMES, values.tolist(), strict=True))
+def _themed_figure(svg: str) -> Markup:
+    return Markup(themed(svg))
 
 
-_PACKAGES = ("ballbot", "numpy", "scipy", "numba", "cmaes")
+def _web(name: str) -> str:
+    return web_file(name, "ballbot.report")
 
 
-@dataclass(frozen=True, kw_only=True)
-class SourceFile:
-    """A file that a result was made from."""
-
-    name: str  #: as it was given
-    sha256: str
+@cache
+def _style(charts: bool) -> str:
+    return (_web("uPlot.min.css") if charts else "") + _web("report.css")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Provenance:
-    """What a result was made from and with."""
-
-    command: str  #: that makes it again
-    files: tuple[SourceFile, ...]
-    seed: int | str  #: or several, as 1-20
-    versions: dict[str, str]  #: Python's and the packages' that the numbers depend on
+@cache
+def _script(charts: bool) -> str:
+    if not charts:
+        return f'(() => {{\n"use strict";\n{_web("theme.js")}\n}})();'
+    parts = (_web("uPlot.iife.min.js"), web_file("packing.js"), _web("charts.js"), _web("theme.js"))
+    return "(() => {{\n{}\n}})();".format("\n".join(parts))
 
 
-def provenance(*, command: str, files: Sequence[Path], seed: int | str) -> Provenance:
-    """Return the provenance of a result made from `files` with the packages that are installed.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read.
-    """
-    return Provenance(
-        command=command,
-        files=tuple(SourceFile(name=str(path), sha256=_sha256(path)) for path in files),
-        seed=seed,
-        versions={"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
-    )
-
-
-def _sha256(path: Path) -> str:
-    try:
-        with path.open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
+def picture_data(png: bytes) -> str:
+    """Return a PNG as an element of a page, for a `Picture`."""
+    return f'<img alt="" src="data:image/png;base64,{base64.b64encode(png).decode()}">'

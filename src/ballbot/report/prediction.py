@@ -12,8 +12,9 @@ from rich.text import Text
 
 from ballbot.findings import Finding, finding_results, texts
 from ballbot.printable import shell_line
+from ballbot.report.blocks import Bullets, Report, Section, Sheet, section
 from ballbot.report.console import table
-from ballbot.report.page import Provenance, render
+from ballbot.report.provenance import Provenance
 from ballbot.results import to_results
 from ballbot.workflows.controller_causes import Cause
 from ballbot.workflows.controller_prediction import Prediction, PredictionInterval
@@ -77,23 +78,57 @@ def prediction_report(
     steps: Sequence[str],
     findings: Sequence[Finding],
     made: Provenance,
-) -> str:
-    """Return the page of a verdict as HTML."""
-    values = {
-        "title": title,
-        "verdict": headline(verdict),
-        "rows": quantity_rows(verdict),
-        "causes": [
-            (cause.name, cause.meaning, cause.confidence, _evidence(cause)) for cause in verdict.causes
+) -> Report:
+    """Return the page of a verdict."""
+    course = prediction.course
+    rows = quantity_rows(verdict)
+    notice = frozenset(place for place, row in enumerate(rows) if "worse" in row[4] or "early" in row[4])
+    caption = (
+        "Each interval is to hold the value of one new run with 95 % probability on a robot with faults like those "
+        "that the intervals were calibrated on. On 50 other simulated robots with unknown faults 92 % of all "
+        "quantities were inside, 87 % of the peak errors."
+    )
+    headings = ("quantity", "measured", "predicted", "95 % interval", "verdict", "without compensation")
+    quantities = Sheet(headings=headings, rows=rows, caption=caption, shaded=notice)
+    undecided = [
+        "Whether another run of the same controller would be inside: one log is one run.",
+        "The causes of what differs, for sure: they are ranked by likeness, and several may act at once.",
+    ]
+    if not verdict.causes and (verdict.outside or verdict.ended is not None):
+        undecided.insert(
+            0, "The cause of the difference: nothing else in the log differs from the predicted run."
+        )
+    return Report(
+        title=title,
+        lead=(
+            f"The course {course.name}, {course.duration:g} s, with the controller {prediction.controller} of a "
+            f"study that predicted it from {prediction.draws} perturbed plants ({prediction.plant}, scenario "
+            f"{prediction.scenario})."
+        ),
+        verdict=[("", headline(verdict))],
+        sections=[
+            section(
+                "Predicted and measured",
+                quantities,
+                Bullets(items=texts(verdict.remarks)) if verdict.remarks else None,
+            ),
+            *([_cause_section(verdict)] if verdict.causes else []),
+            section("What to do next", Bullets(items=steps)),
         ],
-        "anything_outside": bool(verdict.outside) or verdict.ended is not None,
-        "remarks": texts(verdict.remarks),
-        "steps": steps,
-        "prediction": prediction,
-        "log_findings": findings,
-        "made": made,
-    }
-    return render("prediction", values)
+        undecided=undecided,
+        made=made,
+        findings=findings,
+    )
+
+
+def _cause_section(verdict: Verdict) -> Section:
+    rows = [(cause.name, cause.meaning, cause.confidence, _evidence(cause)) for cause in verdict.causes]
+    caption = (
+        "Ranked by how far the log is from the predicted run, in the variation usual between runs of a robot without "
+        "faults."
+    )
+    headings = ("cause", "which means that", "confidence", "evidence")
+    return section("Likely causes", Sheet(headings=headings, rows=rows, caption=caption))
 
 
 def headline(verdict: Verdict) -> str:

@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ballbot.findings import Finding, finding_results
-from ballbot.report.style import GREEN, MEASURED, SHADE, WITHOUT_FRICTION, thinned
+from ballbot.report.palette import GREEN, SHADE
+from ballbot.report.style import MEASURED, WITHOUT_FRICTION, thinned
 from ballbot.vision.spin import Spin, WheelComparison, spin_findings
 
 _AXES = ("x", "y", "z")

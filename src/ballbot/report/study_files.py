@@ -15,8 +15,9 @@ from ballbot.control.file import controller_text, write_controller
 from ballbot.errors import InputError
 from ballbot.file_formats import results_text, without_format
 from ballbot.files import LARGEST_SETTINGS, read_text, write_text
-from ballbot.report.page import Provenance
-from ballbot.report.study import study_report
+from ballbot.report.page import page_of
+from ballbot.report.provenance import Provenance
+from ballbot.report.study_page import study_report
 from ballbot.report.validation import validation_results
 from ballbot.results import to_results
 from ballbot.robot.file import write_robot
@@ -126,7 +127,7 @@ def write_study(study: Study, out: str | Path, *, made: Provenance, before: Path
         write_controller(chosen, folder / "controller.toml")
     write_text(folder / "results.json", results_text(study_results(study, made)))
     report = folder / "report.html"
-    write_text(report, study_report(study, made))
+    write_text(report, page_of(study_report(study, made)))
     return report
 
 

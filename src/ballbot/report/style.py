@@ -1,7 +1,6 @@
 """How the report's figures look, and how they become part of the page.
 
-Every line has its own dash or weight as well as its own colour, so that a page printed in grey reads the
-same; the colours are a pair (blue, orange) that colour-blind readers can distinguish.
+Every line has its own dash or weight as well as its own colour, so that a page printed in grey reads the same.
 """
 
 from __future__ import annotations
@@ -22,32 +21,29 @@ from numpy.typing import NDArray
 
 from ballbot.log import STATE_NAMES
 from ballbot.printable import printable, printable_line
+from ballbot.report.blocks import Picture
+from ballbot.report.palette import AXIS, BLUE, GRID, INK, MUTED, ORANGE, PALE
 
 if TYPE_CHECKING:  # of matplotlib 3.10
     from matplotlib.typing import RcKeyType
 
-INK = "#22303c"
-MUTED = "#6b7883"
-GRID = "#e3e7ea"
-SHADE = "#eef1f3"
-BLUE = "#1f5f9e"
-ORANGE = "#d9822b"
-GREEN = "#3a7d5c"
 
-
-class Line(TypedDict):
+class LineStyle(TypedDict):
     """How a line is drawn."""
 
     color: str
-    linestyle: str
+    linestyle: str | tuple[int, tuple[float, ...]]
     linewidth: float
 
 
-MEASURED: Line = {"color": INK, "linestyle": "-", "linewidth": 1.6}
-WITH_FRICTION: Line = {"color": BLUE, "linestyle": "-", "linewidth": 1.1}
-WITHOUT_FRICTION: Line = {"color": ORANGE, "linestyle": "--", "linewidth": 1.1}
-NOISE: Line = {"color": MUTED, "linestyle": ":", "linewidth": 1.2}
-REFERENCE: Line = {"color": "#9aa5ae", "linestyle": "-", "linewidth": 2.4}
+#: gaps as wide as this show on a line that goes up and down
+DASHED = (0, (5.0, 3.5))
+
+MEASURED: LineStyle = {"color": INK, "linestyle": "-", "linewidth": 1.6}
+WITH_FRICTION: LineStyle = {"color": BLUE, "linestyle": "-", "linewidth": 1.1}
+WITHOUT_FRICTION: LineStyle = {"color": ORANGE, "linestyle": DASHED, "linewidth": 1.3}
+NOISE: LineStyle = {"color": MUTED, "linestyle": ":", "linewidth": 1.2}
+REFERENCE: LineStyle = {"color": PALE, "linestyle": "-", "linewidth": 2.4}
 
 T = TypeVar("T")
 
@@ -92,7 +88,9 @@ _LONGEST_NAME = 40
 _RC: dict[RcKeyType, object] = {
     "font.family": "DejaVu Sans",
     "font.size": 8.5,
-    "axes.edgecolor": "#9aa5ae",
+    "text.color": INK,
+    "legend.labelcolor": INK,
+    "axes.edgecolor": AXIS,
     "axes.labelcolor": INK,
     "axes.titlesize": 9,
     "axes.titlecolor": INK,
@@ -155,6 +153,11 @@ def plotted(draw: Callable[[T], Figure], value: T) -> Figure:
     # IPython asks an object for this; it shows figures by itself only if they belong to pyplot
     vars(figure)["_repr_svg_"] = partial(_svg, figure)
     return figure
+
+
+def drawn_picture(name: str, draw: Callable[[], Figure], caption: str) -> Picture:
+    """Draw a figure for a page; see `drawn`."""
+    return Picture(markup=drawn(draw, name=name), caption=caption)
 
 
 def _svg(figure: Figure) -> str:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import math
-import re
 from dataclasses import dataclass
 
 import numpy as np
+from markupsafe import Markup
 
-from ballbot.fitting.intervals import Interval
 from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import Identification
 from ballbot.log import STATE_NAMES
+from ballbot.report.blocks import Cell, Sheet
+from ballbot.report.words import digits, interval_text, millimetres, state_mark, with_error
 from ballbot.validation import ErrorPair
 from ballbot.workflows.comparison import MedianEstimate
 from ballbot.workflows.controller_choice import ControllerChoice
@@ -34,29 +34,7 @@ CANDIDATE_NAMES = {
 }
 STATE_WORDS = {"onboard": "the thesis's on-board state", "kalman": "the Kalman filter's state"}
 ESTIMATOR_NAMES = {"onboard": "the thesis's", "kalman": "Kalman filter"}
-SYMBOL_MARKS = {"v_s": "v<sub>s</sub>", "delta": "δ", "C_rr": "C<sub>rr</sub>"}
-
-_STATE_NAME = re.compile(r"\b(?P<residual>e_)?(?P<state>(?:theta|phi|psi|x|y)(?:_dot)?)\b")
-
-STATE_MARKS = {
-    "x": "x",
-    "y": "y",
-    "theta": "θ",
-    "phi": "φ",
-    "psi": "ψ",
-}
-
-
-@dataclass(frozen=True, kw_only=True)
-class ParameterRow:
-    """A line of the table of friction parameters."""
-
-    symbol: str  #: HTML
-    meaning: str
-    unit: str
-    values: tuple[str, ...]  #: one, or one for each wheel
-    intervals: tuple[str, ...]  #: 95 %, under the conditions of these logs
-    predictions: tuple[str, ...]  #: 95 %, for the estimate from another log
+_SYMBOLS = {"v_s": Markup("v<sub>s</sub>"), "delta": "δ", "C_rr": Markup("C<sub>rr</sub>")}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,32 +81,30 @@ class AblationRow:
     reading: str  #: its meaning, in a word or two
 
 
-def parameter_rows(found: Identification) -> list[ParameterRow]:
-    """Return the friction parameters with their standard errors and both intervals."""
-    rows = []
+def parameter_sheet(found: Identification) -> Sheet:
+    """Return the friction parameters with their standard errors and both intervals, a column for each wheel."""
+    wheels = found.layout.wheel_count
+    rows: list[list[str | Cell]] = []
     for name, (symbol, value) in zip(found.layout.names, found.parameters.items(), strict=True):
         meaning, unit = _MEANINGS[symbol]
         values, errors = np.atleast_1d(value), np.atleast_1d(found.standard_errors[symbol])
-        labels = BY_NAME[name].labels(found.layout.wheel_count)
+        labels = BY_NAME[name].labels(wheels)
+        span = wheels if len(values) == 1 else 1
+        written = (with_error(float(v), float(e)) for v, e in zip(values, errors, strict=True))
         rows.append(
-            ParameterRow(
-                symbol=SYMBOL_MARKS.get(symbol, symbol),
-                meaning=meaning,
-                unit=unit,
-                values=tuple(with_error(float(v), float(e)) for v, e in zip(values, errors, strict=True)),
-                intervals=tuple(interval_text(found.intervals.get(label)) for label in labels),
-                predictions=tuple(interval_text(found.variation.predictions.get(label)) for label in labels),
-            )
+            [
+                Cell(text=_SYMBOLS.get(symbol, symbol), below=meaning),
+                unit,
+                *(Cell(text=text, span=span) for text in written),
+            ]
         )
-    return rows
-
-
-def interval_text(interval: Interval | None) -> str:
-    """Return an interval's ends; "open" for a side that the logs do not limit, empty without an interval."""
-    if interval is None:
-        return ""
-    lower, upper = (digits(end) if math.isfinite(end) else "open" for end in (interval.lower, interval.upper))
-    return f"{lower} .. {upper}"
+        for which, intervals in (
+            ("95 %, these logs", found.intervals),
+            ("95 %, another log", found.variation.predictions),
+        ):
+            ends = (interval_text(intervals.get(label)) for label in labels)
+            rows.append([Cell(text="", below=which), "", *(Cell(text=text, span=span) for text in ends)])
+    return Sheet(headings=("parameter", "unit", *(f"wheel {i}" for i in range(1, wheels + 1))), rows=rows)
 
 
 def error_rows(pair: ErrorPair, units: dict[str, str]) -> list[ErrorRow]:
@@ -222,45 +198,3 @@ def interval_words(estimate: MedianEstimate) -> str:
 def has_confidence(estimate: MedianEstimate) -> bool:
     """Return whether the interval is one of 95 %: the range of fewer than six values is not."""
     return estimate.runs >= 6
-
-
-def millimetres(metres: float) -> str:
-    """Return a length in millimetres with three digits; a dash if it is not a number."""
-    return digits(1e3 * metres)
-
-
-def digits(value: float, count: int = 3) -> str:
-    """Return a number with that many significant digits and no exponent; a dash where it is none."""
-    if not np.isfinite(value):
-        return "–"
-    if value == 0.0:
-        return "0"
-    leading = int(np.floor(np.log10(abs(value))))
-    places = max(0, count - 1 - leading)
-    return f"{round(value, count - 1 - leading):.{places}f}"
-
-
-def with_error(value: float, error: float) -> str:
-    """Return a value and its standard error, both to the error's second digit."""
-    if not np.isfinite(value):
-        return "not identified by these logs"
-    if not (np.isfinite(error) and error > 0.0):
-        return f"{digits(value)} (no standard error)"
-    places = max(0, 1 - int(np.floor(np.log10(error))))
-    return f"{value:.{places}f} ± {error:.{places}f}"
-
-
-def with_symbols(words: str) -> str:
-    """Return a sentence with the log's names of states (theta_dot, e_x) as the thesis's symbols."""
-    return _STATE_NAME.sub(_symbol, words)
-
-
-def _symbol(match: re.Match[str]) -> str:
-    mark = state_mark(match["state"])
-    return f"ε({mark})" if match["residual"] else mark
-
-
-def state_mark(name: str) -> str:
-    """Return a state as the thesis prints it, in Unicode: a rate has a dot above."""
-    base = name.removesuffix("_dot")
-    return STATE_MARKS[base] + ("\u0307" if name.endswith("_dot") else "")

@@ -1,4 +1,4 @@
-"""Figures of a validation, as the thesis's Figures 4.1 to 4.3, of the error against the horizon, and of the residuals.
+"""Figures of a validation: ratios of errors, the error against the horizon, and the residuals.
 
 Of the residuals: their spectra, and the wheels' residual torques.
 """
@@ -15,57 +15,21 @@ from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
 from ballbot.log import STATE_NAMES
+from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE
 from ballbot.report.style import (
-    BLUE,
-    GREEN,
-    INK,
-    MEASURED,
-    MUTED,
     NOISE,
-    ORANGE,
     STATE_SYMBOLS,
     STATE_UNITS,
     WITH_FRICTION,
     WITHOUT_FRICTION,
     label_of,
-    thinned,
 )
 from ballbot.validation.closed_loop import ClosedLoop
-from ballbot.validation.models import ErrorPair, Trajectories
+from ballbot.validation.models import ErrorPair
 from ballbot.validation.open_loop import OpenLoop
 from ballbot.validation.prediction import HorizonComparison
 from ballbot.validation.residuals import ResidualAnalysis
 from ballbot.validation.wheel_effects import PlayEffect, PositionEffect, SpeedEffect
-
-#: the states that a figure of trajectories shows
-_SUBSET = ("x", "y", "theta", "phi", "psi", "psi_dot")
-
-
-def trajectories_figure(
-    trajectories: Trajectories, names: tuple[str, str], states: Sequence[str] = _SUBSET
-) -> Figure:
-    """Return the measured states beside those of both models, called by their names, over time (Figures 4.1, 4.2)."""
-    rows = -(-len(states) // 2)
-    figure = Figure(figsize=(7.4, 0.5 + 1.35 * rows), layout="constrained")
-    panels = figure.subplots(rows, 2, sharex=True, squeeze=False)
-    for axes, name in zip(panels.flat, states, strict=False):
-        _draw_state(axes, trajectories, names, name)
-    for axes in panels[-1]:
-        axes.set_xlabel("time of the log [s]")
-    handles, labels = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=3)
-    return figure
-
-
-def _draw_state(axes: Axes, trajectories: Trajectories, names: tuple[str, str], name: str) -> None:
-    index = STATE_NAMES.index(name)
-    columns = (trajectories.measured, trajectories.first, trajectories.second)
-    t, measured, first, second = thinned(trajectories.t, *(c[:, index] for c in columns))
-    axes.plot(t, measured, label="measured", **MEASURED)
-    axes.plot(t, first, label=f"model {label_of(names[0])}", **WITH_FRICTION)
-    axes.plot(t, second, label=f"model {label_of(names[1])}", **WITHOUT_FRICTION)
-    axes.set_ylabel(f"{STATE_SYMBOLS[name]} [{STATE_UNITS[name]}]")
-    axes.margins(x=0.01)
 
 
 def ratio_figure(
@@ -170,11 +134,11 @@ def correlation_figure(
         if np.isfinite(value) and abs(value) >= 0.095:
             strong = abs(value) > 0.6
             axes.text(column + 0.5, row + 0.5, _two_digits(value), ha="center", va="center", fontsize=6.3,
-                      color="white" if strong else INK)  # fmt: skip
+                      color=_ON_DARK if strong else _ON_LIGHT)  # fmt: skip
     if marked is not None:
         for row, column in np.argwhere(marked[::-1]):
             frame = Rectangle(
-                (column + 0.06, row + 0.06), 0.88, 0.88, fill=False, edgecolor=INK, linewidth=0.8
+                (column + 0.06, row + 0.06), 0.88, 0.88, fill=False, edgecolor=_ON_LIGHT, linewidth=0.8
             )
             axes.add_patch(frame)
     bar = figure.colorbar(image, ax=axes, shrink=0.6, ticks=[-1, -0.5, 0, 0.5, 1])
@@ -196,6 +160,9 @@ def symbols(labels: Sequence[str]) -> list[str]:
         for label in labels
     ]
 
+
+#: numbers in cells of a map, whose colors are the same in every theme
+_ON_LIGHT, _ON_DARK = "#1b2733", "#fdfdfd"
 
 #: styles of the wheels, distinct in grey too
 _WHEELS = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "^"), (INK, "D"))
@@ -229,14 +196,17 @@ def spectrum_figure(found: ResidualAnalysis) -> Figure:
 
 
 def wheels_figure(found: ResidualAnalysis) -> Figure:
-    """Return the wheels' residual torques against speed, travel since a reversal, and order of the wheel's position."""
+    """Return the wheels' residual torques against speed, and against travel and position where the log shows them."""
     assert found.by_speed is not None
     figure = Figure(figsize=(7.4, 2.7), layout="constrained")
-    by_speed, by_travel, by_position = figure.subplots(1, 3)
-    _draw_by_speed(by_speed, found.by_speed)
-    _draw_by_travel(by_travel, found.by_travel)
-    _draw_by_position(by_position, found.by_position)
-    handles, labels = by_speed.get_legend_handles_labels()
+    count = 1 + (found.by_travel is not None) + (found.by_position is not None)
+    first, *others = figure.subplots(1, count, squeeze=False)[0]
+    _draw_by_speed(first, found.by_speed)
+    if found.by_travel is not None:
+        _draw_by_travel(others.pop(0), found.by_travel)
+    if found.by_position is not None:
+        _draw_by_position(others.pop(0), found.by_position)
+    handles, labels = first.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
     return figure
 
@@ -251,12 +221,9 @@ def _draw_by_speed(axes: Axes, effects: tuple[SpeedEffect, ...]) -> None:
     axes.set_ylabel("residual torque [N m]")
 
 
-def _draw_by_travel(axes: Axes, effect: PlayEffect | None) -> None:
+def _draw_by_travel(axes: Axes, effect: PlayEffect) -> None:
     axes.set_xlabel("since the last reversal [deg]")
     axes.set_ylabel("along the motion [N m]")
-    if effect is None:
-        _annotate(axes, "too few reversals")
-        return
     axes.axhline(0.0, color=INK, linewidth=0.8)
     travels = np.degrees(effect.travels)
     axes.errorbar(
@@ -267,12 +234,9 @@ def _draw_by_travel(axes: Axes, effect: PlayEffect | None) -> None:
     axes.xaxis.set_minor_locator(NullLocator())
 
 
-def _draw_by_position(axes: Axes, effect: PositionEffect | None) -> None:
+def _draw_by_position(axes: Axes, effect: PositionEffect) -> None:
     axes.set_xlabel("times a turn of the wheel")
     axes.set_ylabel("amplitude [N m]")
-    if effect is None:
-        _annotate(axes, "the wheels turned too little")
-        return
     for wheel, (amplitudes, significant) in enumerate(
         zip(effect.amplitudes.T, effect.significant.T, strict=True)
     ):
@@ -283,9 +247,3 @@ def _draw_by_position(axes: Axes, effect: PositionEffect | None) -> None:
     axes.plot(effect.orders, effect.half_widths.mean(axis=1), color=MUTED, linestyle=":", linewidth=1.1)
     axes.set_xticks(np.arange(0, effect.orders[-1] + 1, effect.per_row))
     axes.set_ylim(bottom=0.0)
-
-
-def _annotate(axes: Axes, words: str) -> None:
-    axes.text(0.5, 0.5, words, transform=axes.transAxes, ha="center", va="center", fontsize=8, color=MUTED)
-    axes.set_xticks([])
-    axes.set_yticks([])

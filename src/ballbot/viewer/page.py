@@ -32,7 +32,7 @@ Layout = Literal["side", "ghosts"]
 #: logs in one replay
 MOST_RUNS = 4
 #: in the order in which they use one another
-_SCRIPTS = ("linear", "meshes", "renderer", "runs", "camera", "scene", "plots", "replay", "result")
+_SCRIPTS = ("linear", "meshes", "renderer", "packing", "runs", "camera", "scene", "plots", "replay", "result")
 #: length of the arrow of a large force [m], over the ball's radius
 _ARROW = 2.5
 
@@ -82,7 +82,7 @@ def replay_part(
         f'<div data-ballbot-replay="{identifier}"><noscript>The replay needs JavaScript.</noscript></div>\n'
         f'<script type="application/json" id="{identifier}">{text}</script>'
     )
-    return ReplayPart(element=element, style=_web("replay.css"), script=_script())
+    return ReplayPart(element=element, style=web_file("replay.css"), script=_script())
 
 
 def replay_page(
@@ -108,12 +108,12 @@ def replay_page(
         Name of a file in the page's folder whose content is `result_text`'s: the page reads it again until it is done.
     """
     part = replay_part(logs, robot, layout=layout, autoplay=autoplay)
-    style = part.style + _web("page.css")
+    style = part.style + web_file("page.css")
     # of a page on disk "file:" is the only address of a file beside it; 'self' has no meaning there in every browser
     beside = "" if result_beside is None else " file:"
     policy = (
-        f"default-src 'none'; script-src {_hash(part.script)}{beside}; style-src {_hash(style)}; base-uri 'none'; "
-        "form-action 'none'"
+        f"default-src 'none'; script-src {hash_source(part.script)}{beside}; style-src {hash_source(style)}; "
+        "base-uri 'none'; form-action 'none'"
     )
     box = "" if result_beside is None else _RESULT.format(html.escape(result_beside, quote=True))
     shown, words = (html.escape(printable_line(text)) for text in (title, lead))
@@ -162,18 +162,20 @@ def result_text(state: ResultState) -> str:
     return f"ballbotResult({text});\n"
 
 
-def _hash(text: str) -> str:
+def hash_source(text: str) -> str:
+    """Return a script or style as a Content-Security-Policy allows it."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
 @cache
-def _web(name: str) -> str:
-    return (files("ballbot.viewer") / "web" / name).read_text(encoding="utf-8")
+def web_file(name: str, package: str = "ballbot.viewer") -> str:
+    """Return a script or style sheet of a package's `web` folder."""
+    return (files(package) / "web" / name).read_text(encoding="utf-8")
 
 
 @cache
 def _script() -> str:
-    parts = "\n".join(_web(f"{name}.js") for name in _SCRIPTS)
+    parts = "\n".join(web_file(f"{name}.js") for name in _SCRIPTS)
     return f'(() => {{\n"use strict";\n{parts}\n}})();'
 
 

@@ -15,17 +15,8 @@ from matplotlib.patches import Circle, FancyArrowPatch, FancyBboxPatch
 
 from ballbot.log import Log
 from ballbot.mechanics.parameters import Formulation
-from ballbot.report.style import (
-    GREEN,
-    INK,
-    MUTED,
-    REFERENCE,
-    SHADE,
-    STATE_SYMBOLS,
-    STATE_UNITS,
-    Line,
-    thinned,
-)
+from ballbot.report.palette import GREEN, INK, MUTED, SHADE
+from ballbot.report.style import REFERENCE, STATE_SYMBOLS, STATE_UNITS, LineStyle, thinned
 from ballbot.workflows.metrics import true_place
 
 Point = tuple[float, float]
@@ -111,7 +102,7 @@ def _draw_arrow(axes: Axes, arrow: Arrow) -> None:
 BASIC_LABELS: Mapping[Formulation, str] = MappingProxyType(
     {"exact": "no friction, exact", "thesis": "no friction, thesis's equations"}
 )
-THESIS_EQUATIONS: Line = {"color": GREEN, "linestyle": "-.", "linewidth": 1.1}
+THESIS_EQUATIONS: LineStyle = {"color": GREEN, "linestyle": "-.", "linewidth": 1.1}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -120,7 +111,7 @@ class Shown:
 
     label: str
     log: Log
-    line: Line
+    line: LineStyle
 
 
 def states_figure(

@@ -10,32 +10,28 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Circle
 
 from ballbot.log import Log
-from ballbot.report.alignment import (
+from ballbot.report.bench import movement_figure, swing_figure
+from ballbot.report.comparison import RUN_LINES
+from ballbot.report.driveline import measured_figure, torque_speed_figure
+from ballbot.report.palette import BLUE, INK, MUTED, ORANGE, SHADE
+from ballbot.report.spin import velocity_figure
+from ballbot.report.style import (
+    MEASURED,
+    STATE_SYMBOLS,
+    STATE_UNITS,
+    WITH_FRICTION,
+    WITHOUT_FRICTION,
+    LineStyle,
+    thinned,
+)
+from ballbot.report.validation_figures import correlation_figure, symbols
+from ballbot.robot.figure import robot_figure
+from ballbot.thesis.reproduce.alignment_figures import (
     orientation_error_figure,
     orientation_figure,
     position_error_figure,
     position_figure,
 )
-from ballbot.report.bench import movement_figure, swing_figure
-from ballbot.report.comparison import RUN_LINES
-from ballbot.report.driveline import measured_figure, torque_speed_figure
-from ballbot.report.spin import velocity_figure
-from ballbot.report.style import (
-    BLUE,
-    INK,
-    MEASURED,
-    MUTED,
-    ORANGE,
-    SHADE,
-    STATE_SYMBOLS,
-    STATE_UNITS,
-    WITH_FRICTION,
-    WITHOUT_FRICTION,
-    Line,
-    thinned,
-)
-from ballbot.report.validation_figures import correlation_figure, symbols
-from ballbot.robot.figure import robot_figure
 from ballbot.thesis.reproduce.bench import BallVideo, Bench
 from ballbot.thesis.reproduce.chapter5 import FAST, MOVING
 from ballbot.thesis.reproduce.drawing import (
@@ -300,10 +296,10 @@ def _draw_sphere(axes: Axes, video: BallVideo) -> None:
     axes.set(xlabel="$x$ [ball radii]", ylabel="$y$ [ball radii]")
 
 
-_LINEAR: Line = {"color": INK, "linestyle": "-", "linewidth": 1.8}
+_LINEAR: LineStyle = {"color": INK, "linestyle": "-", "linewidth": 1.8}
 _NONE, _FULL, _PARTIAL = (RUN_LINES[kind] for kind in ("none", "full", "partial"))
 #: as the way and the lean grow
-_GROWING: tuple[Line, ...] = (
+_GROWING: tuple[LineStyle, ...] = (
     {"color": MUTED, "linestyle": ":", "linewidth": 1.4},
     {"color": BLUE, "linestyle": "-.", "linewidth": 1.1},
     {"color": ORANGE, "linestyle": "--", "linewidth": 1.1},

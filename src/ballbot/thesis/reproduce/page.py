@@ -14,9 +14,10 @@ from matplotlib.figure import Figure
 from ballbot.file_formats import results_text
 from ballbot.files import write_text
 from ballbot.progress import Progress, ProgressCallback
-from ballbot.report.page import Provenance, figure_markup, render
+from ballbot.report.page import render
+from ballbot.report.provenance import Provenance
 from ballbot.report.style import drawn
-from ballbot.report.tables import with_symbols
+from ballbot.report.words import with_symbols
 from ballbot.results import to_results
 from ballbot.robot import Friction
 from ballbot.thesis.published.printed import markdown_table
@@ -173,12 +174,12 @@ def reproduction_page(made: Reproduction, provenance: Provenance, figures: Mappi
     """Return the page with its figures in it, SVG by `Item.key`."""
     values: dict[str, object] = {
         "title": "The thesis reproduced",
+        "lead": "Every figure and table of the thesis on ALTEN's ball-balancing robot, from the twin and the models.",
         "counts": [(VERDICTS[verdict], count) for verdict, count in made.counts.items()],
         "items": made.items,
-        "figures": {key: figure_markup(svg) for key, svg in figures.items()},
+        "figures": figures,
         "mistakes": made.mistakes,
         "proven": sum(mistake.proven for mistake in made.mistakes),
-        "words": with_symbols,
         "made": provenance,
     }
     return render("reproduce", values)

@@ -1,0 +1,166 @@
+"""The parts of a report's page: what a command gives to the one page builder, `ballbot.report.page.page_of`.
+
+    Report(
+        title="alten: limits",
+        lead="Two controllers, on the exact model.",
+        verdict=(("full", "Recovers from a tilt of 9.1 degrees in every direction."),),
+        sections=(Section(heading="Tilts and impulses", blocks=(Sheet(...), Picture(...))),),
+        undecided=("How much a worn wheel slips: the grip is an assumption (--grip).",),
+        made=result.origin,
+    )
+
+Text is escaped when it is rendered, so that a name from a log or a file stays a name. Only a `Picture`, a `TimeSeries`
+and a `Film` bring markup of their own, which Ballbot made.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from markupsafe import Markup
+
+from ballbot.findings import Finding
+from ballbot.report.console import TextTable
+from ballbot.report.series import TimeSeries
+
+if TYPE_CHECKING:
+    from ballbot.report.provenance import Provenance
+    from ballbot.viewer.page import ReplayPart
+
+#: a number alone or with its sign, interval or unit; what stands flush right in a table
+_NUMERIC = re.compile(r"[≥≈<>]?\s?[+\-−±]?[.\d].*|[–-]?|unknown|open|falls|no|none")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell:
+    """A cell of a table that is more than a text."""
+
+    text: str | Markup
+    below: str = ""  #: a second line, in quiet ink
+    strong: bool = False
+    span: int = 1  #: columns
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sheet:
+    """A table with its caption; it scrolls within its box if the page is narrower, and the caption does not."""
+
+    kind: ClassVar[str] = "sheet"
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str | Cell]]
+    caption: str = ""
+    groups: Sequence[tuple[str, int]] = ()  #: a row above the headings: text and number of columns
+    shaded: frozenset[int] = frozenset()  #: rows to notice
+
+    @staticmethod
+    def of(made: TextTable, *, caption: str | None = None) -> Sheet:
+        """Return the table that a command prints; the caption is the table's title if none is given."""
+        return Sheet(
+            headings=made.headings, rows=made.cells, caption=made.heading if caption is None else caption
+        )
+
+    @property
+    def cells(self) -> list[list[Cell]]:
+        """Every cell as one."""
+        return [[one if isinstance(one, Cell) else Cell(text=one) for one in row] for row in self.rows]
+
+    @property
+    def numeric(self) -> list[bool]:
+        """Whether each column holds numbers; the first holds names."""
+        columns: list[list[str]] = [[] for _ in self.headings]
+        for row in self.cells:
+            place = 0
+            for cell in row:
+                if cell.span == 1 and place < len(columns):
+                    columns[place].append(str(cell.text))
+                place += cell.span
+        return [
+            index > 0 and all(_NUMERIC.fullmatch(text) for text in texts)
+            for index, texts in enumerate(columns)
+        ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Paragraph:
+    """Sentences."""
+
+    kind: ClassVar[str] = "paragraph"
+    text: str | Markup
+    quiet: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bullets:
+    """Sentences that belong together, each by itself."""
+
+    kind: ClassVar[str] = "bullets"
+    items: Sequence[str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Subheading:
+    """A heading within a section."""
+
+    kind: ClassVar[str] = "subheading"
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verbatim:
+    """Lines that keep their spaces, as a matrix or a file."""
+
+    kind: ClassVar[str] = "verbatim"
+    text: str
+    caption: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Picture:
+    """A figure that does not change: an SVG element from `ballbot.report.style.drawn`, or an `img` element."""
+
+    kind: ClassVar[str] = "picture"
+    markup: str
+    caption: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Film:
+    """A replay in three dimensions, from `ballbot.viewer.replay_part`; one on a page."""
+
+    kind: ClassVar[str] = "film"
+    part: ReplayPart
+    caption: str
+
+
+Block = Sheet | Paragraph | Bullets | Subheading | Verbatim | Picture | TimeSeries | Film
+
+
+@dataclass(frozen=True, kw_only=True)
+class Section:
+    """A section of a page, with an entry in the contents."""
+
+    heading: str
+    blocks: Sequence[Block]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Report:
+    """What a command found, for people."""
+
+    title: str
+    lead: str  #: what was examined, in a sentence
+    verdict: Sequence[
+        tuple[str, str]
+    ]  #: heading, which may be empty, and sentences; the most important first
+    sections: Sequence[Section]
+    undecided: Sequence[str]  #: what the data cannot decide
+    made: Provenance
+    findings: Sequence[Finding] | None = None  #: of the checks of the inputs; None if nothing was checked
+
+
+def section(heading: str, *blocks: Block | None) -> Section:
+    """Return a section of those blocks that are not None."""
+    return Section(heading=heading, blocks=tuple(one for one in blocks if one is not None))

@@ -1,0 +1,49 @@
+"""The colors of figures, and the same figures in the theme of a page.
+
+Blue and orange are a pair that color-blind readers can distinguish; a line has its own dash or weight as well.
+"""
+
+from __future__ import annotations
+
+import re
+
+INK = "#22303c"
+MUTED = "#6b7883"
+GRID = "#dfe4e8"
+SHADE = "#e9edf0"
+BLUE = "#1f5f9e"
+ORANGE = "#c2670f"
+GREEN = "#2f7554"
+VIOLET = "#8a4f7d"
+YELLOW = "#a8901c"
+PALE = "#b4bfc8"
+AXIS = "#9aa5ae"
+#: of areas that are certain, and that may be
+LOWER, UPPER = "#7fa6cf", "#d8e3ef"
+
+#: the figures' colors, which a page draws in its theme's: what is not here stays as it is
+_THEMED = {
+    INK: "ink",
+    MUTED: "muted",
+    GRID: "line",
+    SHADE: "band",
+    BLUE: "blue",
+    ORANGE: "orange",
+    GREEN: "green",
+    VIOLET: "violet",
+    YELLOW: "yellow",
+    PALE: "pale",
+    AXIS: "axis",
+    LOWER: "lower",
+    UPPER: "upper",
+    "#ffffff": "page",
+}
+
+
+def themed(svg: str) -> str:
+    """Return a figure whose colors are those of the page's theme, light or dark."""
+    return re.sub(r"(?<=: )#[0-9a-f]{6}\b", lambda found: _in_theme(found[0]), svg)
+
+
+def _in_theme(color: str) -> str:
+    return f"var(--{_THEMED[color]})" if color in _THEMED else color

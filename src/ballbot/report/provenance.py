@@ -1,0 +1,59 @@
+"""Where a result comes from: the command, the files, the seed and the versions.
+
+Enough to make a result again and to check that it is the same.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+from ballbot.errors import InputError
+
+_PACKAGES = ("ballbot", "numpy", "scipy", "numba", "cmaes")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SourceFile:
+    """A file that a result was made from."""
+
+    name: str  #: as it was given
+    sha256: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Provenance:
+    """What a result was made from and with."""
+
+    command: str  #: that makes it again
+    files: tuple[SourceFile, ...]
+    seed: int | str  #: or several, as 1-20
+    versions: dict[str, str]  #: Python's and the packages' that the numbers depend on
+
+
+def provenance(*, command: str, files: Sequence[Path], seed: int | str) -> Provenance:
+    """Return the provenance of a result made from `files` with the packages that are installed.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read.
+    """
+    return Provenance(
+        command=command,
+        files=tuple(SourceFile(name=str(path), sha256=_sha256(path)) for path in files),
+        seed=seed,
+        versions={"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
+    )
+
+
+def _sha256(path: Path) -> str:
+    try:
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None

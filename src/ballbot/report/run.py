@@ -1,0 +1,239 @@
+"""The page of a run, simulated, recorded or live: its replay, its numbers and its time series."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.findings import Finding
+from ballbot.log import Log
+from ballbot.log.columns import MAX_WHEELS, TRUE_PREFIX, torque_names, wheel_speed_names
+from ballbot.mechanics.parameters import Formulation
+from ballbot.report.blocks import Block, Film, Paragraph, Report, Section, Sheet, section
+from ballbot.report.provenance import Provenance
+from ballbot.report.series import IN_TURN, Line, Panel, TimeSeries
+from ballbot.report.words import digits
+from ballbot.robot import Robot
+from ballbot.viewer.page import replay_part
+from ballbot.workflows.metrics import (
+    BAND,
+    SETTLE,
+    heading_error,
+    position_error,
+    rms,
+    rms_torque,
+    rms_torque_change,
+    settled,
+    settling_time,
+    true_place,
+)
+
+_DEGREES = math.degrees(1.0)
+_REFERENCES = ("ref_x", "ref_y", "ref_psi")
+
+
+def simulation_report(
+    log: Log,
+    robot: Robot,
+    *,
+    reference: str,
+    formulation: Formulation,
+    scenario: str | None,
+    made: Provenance,
+    findings: Sequence[Finding],
+) -> Report:
+    """Return the page of a run of the equations of motion; without a scenario its sensors are perfect."""
+    sensors = "perfect sensors" if scenario is None else f"the sensors and faults of the scenario {scenario}"
+    equations = (
+        "the exact equations of motion" if formulation == "exact" else "the thesis's equations of motion"
+    )
+    undecided = [
+        "How a real robot runs: the equations of motion have point contacts that do not slip, and a rigid body. "
+        "`ballbot record` runs a physics engine with rollers and play.",
+        "How much runs differ: this is one. `ballbot compare` runs several seeds and gives intervals.",
+    ]
+    if scenario is None:
+        undecided.insert(
+            0, "What noise, delay and quantisation do: the sensors are perfect; give --scenario nominal."
+        )
+    return Report(
+        title=f"{robot.name}: a simulated run",
+        lead=f"The reference {reference}, {float(log.t[-1] - log.t[0]):.1f} s, by {equations} with {sensors}.",
+        verdict=run_verdict(log),
+        sections=run_sections(log, robot),
+        undecided=undecided,
+        made=made,
+        findings=findings,
+    )
+
+
+def run_verdict(log: Log) -> list[tuple[str, str]]:
+    """Return how a balancing run went, in sentences."""
+    length = float(log.t[-1] - log.t[0])
+    if log.ended:
+        return [("Run", f"It ended early, after {length:.1f} s: {log.ended}.")]
+    verdict = [
+        (
+            "Run",
+            f"The robot balances for {length:.1f} s and leans by {digits(_largest_lean(log), 2)}° at most.",
+        )
+    ]
+    if not _has_reference(log):
+        return verdict
+    counted = settled(log, SETTLE)
+    if not counted.any():
+        text = f"No row is {SETTLE:g} s after the start and after each jump of the reference; a longer run has errors."
+        return [*verdict, ("Error", text)]
+    error = position_error(log)[counted]
+    text = f"Once settled, it is {_mm(error.max())} mm from the reference at most, {_mm(rms(error))} mm RMS."
+    return [*verdict, ("Error", text)]
+
+
+def run_sections(log: Log, robot: Robot | None) -> list[Section]:
+    """Return the sections on a run: its replay if the robot is known, its numbers, and its time series."""
+    sections = [section("The run", _replay(log, robot), *_numbers(log, robot))]
+    return [*sections, section("Over time", *over_time(log, robot))]
+
+
+def over_time(log: Log, robot: Robot | None) -> list[Block]:
+    """Return the time series of a log's columns: pose, error, lean, torques and speeds of the wheels."""
+    limit = () if robot is None else (-robot.drive.torque_limit, robot.drive.torque_limit)
+    torques = _columns(log, torque_names(MAX_WHEELS))
+    speeds = _columns(log, wheel_speed_names(MAX_WHEELS))
+    panels = [*_pose_panels(log), *_error_panels(log)]
+    if torques:
+        reached = robot is not None and _largest(torques) > 0.5 * robot.drive.torque_limit
+        panels.append(
+            Panel(label="torques [N m]", lines=wheel_lines(torques), levels=limit if reached else ())
+        )
+    if speeds:
+        panels.append(Panel(label="wheel speeds [rad/s]", lines=wheel_lines(speeds)))
+    if not panels:
+        return [Paragraph(text="The log has no column to draw.")]
+    caption = "Drag across a plot to zoom in on a time, double-click to see all of it; point at a plot to read values."
+    if any(panel.levels for panel in panels):
+        caption += " Dashed across: the torque limit."
+    truth = " The true values are the simulation's own; the controller has the on-board ones."
+    caption += truth if _has_truth(log) else ""
+    return [TimeSeries(t=log.t, panels=panels, caption=caption)]
+
+
+def _pose_panels(log: Log) -> list[Panel]:
+    panels = []
+    for name, label, unit in (("x", "x [m]", 1.0), ("y", "y [m]", 1.0), ("psi", "heading ψ [deg]", _DEGREES)):
+        reference, true = f"ref_{name}", TRUE_PREFIX + name
+        lines = (
+            [Line(name="reference", values=unit * log[reference], look="reference")]
+            if reference in log
+            else []
+        )
+        if true in log:
+            lines.append(Line(name="true", values=unit * log[true], look="measured"))
+        if name in log and not (true in log and np.array_equal(log[name], log[true])):  # perfect sensors
+            line = Line(name="on board", values=unit * log[name], look="second" if true in log else "first")
+            lines.append(line)
+        if lines:
+            panels.append(Panel(label=label, lines=lines))
+    return panels
+
+
+def _error_panels(log: Log) -> list[Panel]:
+    panels = []
+    if _has_reference(log) and "x" in log:
+        distance = 1e3 * position_error(log)
+        line = Line(name="distance", values=distance, look="first")
+        panels.append(Panel(label="distance from the reference [mm]", lines=[line], from_zero=True))
+    if "theta" in log and "phi" in log:
+        line = Line(name="lean", values=_leans(log), look="first")
+        panels.append(Panel(label="lean [deg]", lines=[line], from_zero=True))
+    return panels
+
+
+def _columns(log: Log, names: Sequence[str]) -> list[NDArray[np.float64]]:
+    return [log[name] for name in names if name in log]
+
+
+def _largest(columns: Sequence[NDArray[np.float64]]) -> float:
+    return max((float(np.nanmax(np.abs(one))) for one in columns if np.isfinite(one).any()), default=0.0)
+
+
+def wheel_lines(columns: Sequence[NDArray[np.float64]]) -> list[Line]:
+    """Return a line for each wheel."""
+    return [
+        Line(name=f"wheel {k + 1}", values=values, look=IN_TURN[k % len(IN_TURN)])
+        for k, values in enumerate(columns)
+    ]
+
+
+def _numbers(log: Log, robot: Robot | None) -> list[Block]:
+    """Return the table of a run's numbers; errors count once the robot has settled."""
+    rows = [("length", f"{float(log.t[-1] - log.t[0]):.2f} s", f"{len(log)} rows")]
+    if _has_reference(log) and "x" in log and (counted := settled(log, SETTLE)).any():
+        error, heading = position_error(log)[counted], _DEGREES * heading_error(log)[counted]
+        arriving, always = settling_time(log)
+        rows += [
+            ("largest distance from the reference", f"{_mm(error.max())} mm", "once settled"),
+            ("distance from the reference, RMS", f"{_mm(rms(error))} mm", "once settled"),
+            ("largest error of the heading", f"{digits(float(heading.max()), 2)}°", "once settled"),
+            (
+                "settling time",
+                f"{'' if always else '≥ '}{arriving:.2f} s",
+                f"until within {1e3 * BAND:g} mm for good, the longest of the run",
+            ),
+        ]
+    if "theta" in log and "phi" in log:
+        rows.append(("largest lean", f"{digits(_largest_lean(log), 2)}°", "whole run"))
+    if torques := _columns(log, torque_names(MAX_WHEELS)):
+        largest = _largest(torques)
+        share = (
+            ""
+            if robot is None
+            else f"{100.0 * largest / robot.drive.torque_limit:.0f} % of the robot's limit"
+        )
+        rows += [
+            ("largest torque of a wheel", f"{digits(largest)} N m", share),
+            ("torque, RMS", f"{digits(rms_torque(log))} N m", "all wheels, whole run"),
+            ("change of torque from row to row, RMS", f"{digits(rms_torque_change(log))} N m", "roughness"),
+        ]
+    caption = (
+        f"Errors are of the {'true' if _has_truth(log) else 'logged'} position. Settled: {SETTLE:g} s after "
+    )
+    caption += "the start and after each jump of the reference."
+    return [Sheet(headings=("quantity", "value", ""), rows=rows, caption=caption)]
+
+
+def _replay(log: Log, robot: Robot | None) -> Film | None:
+    """Return the run in three dimensions, if it can be shown."""
+    if robot is None:
+        return None
+    try:
+        part = replay_part({"run": log}, robot)
+    except InputError:  # a robot that is held, a log without angles, or one too long for a page
+        return None
+    return Film(part=part, caption="The run. Drag to orbit; the plots' time cursor can be dragged, too.")
+
+
+def _leans(log: Log) -> NDArray[np.float64]:
+    place = true_place(log)
+    upright = np.cos(place["theta"]) * np.cos(place["phi"])
+    return np.degrees(np.arccos(np.clip(upright, -1.0, 1.0)))
+
+
+def _largest_lean(log: Log) -> float:
+    return float(np.nanmax(_leans(log)))
+
+
+def _has_reference(log: Log) -> bool:
+    return all(name in log for name in _REFERENCES)
+
+
+def _has_truth(log: Log) -> bool:
+    return f"{TRUE_PREFIX}x" in log
+
+
+def _mm(metres: float) -> str:
+    return digits(1e3 * float(metres), 2)

@@ -1,0 +1,138 @@
+"""Time series of a page: panels over one time, which the reader zooms and reads without a network.
+
+The numbers stand in the page, packed as those of a replay; the drawing is `web/charts.js` on uPlot. A long series is
+shortened to the least and the greatest value of each piece, so that no peak is lost.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from ballbot.printable import printable_line
+from ballbot.viewer.packing import packed
+
+#: how a line is drawn, each with a color, a dash, a width and a marker of its own, distinct in grey
+Look = Literal["measured", "first", "second", "third", "fourth", "fifth", "sixth", "reference", "quiet"]
+#: looks of lines that are equal to one another, as wheels, in turn
+IN_TURN: tuple[Look, ...] = ("first", "second", "third", "fourth", "fifth", "sixth")
+
+#: most rows of a series in a page: four for each dot of a wide screen
+_MOST_ROWS = 4000
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Line:
+    """One line of a panel."""
+
+    name: str  #: for the legend; lines of one name and look share an entry
+    values: NDArray[np.float64]  #: (n,), NaN where there is none
+    look: Look
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Panel:
+    """Lines over the same axis."""
+
+    label: str  #: quantity and unit, as "lean [deg]"
+    lines: Sequence[Line]
+    levels: Sequence[float] = ()  #: limits, as lines across
+    from_zero: bool = False  #: whether the axis begins at zero
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TimeSeries:
+    """Panels over one time."""
+
+    kind: ClassVar[str] = "series"
+    t: NDArray[np.float64]  #: (n,) [s], increasing
+    panels: Sequence[Panel]
+    caption: str
+    across: str = "time [s]"
+    shaded: Sequence[tuple[float, float]] = field(default=())  #: intervals of time
+    shade: str = ""  #: what the shade means, for the legend
+    level: str = ""  #: what the levels are, for the legend
+
+    def markup(self) -> Markup:
+        """Return the data as JSON to stand within a script element: no "<" can end it."""
+        times, kept = _rows(self.t, [line.values for panel in self.panels for line in panel.lines])
+        shown = iter(kept)
+        data = {
+            "t": packed(self.t[times], resolution=0.0),
+            "across": self.across,
+            "shaded": [[float(start), float(end)] for start, end in self.shaded],
+            "shade": self.shade,
+            "level": self.level,
+            "panels": [
+                {
+                    "label": panel.label,
+                    "levels": [float(level) for level in panel.levels],
+                    "from_zero": panel.from_zero,
+                    "lines": [
+                        {
+                            "name": printable_line(line.name),
+                            "look": line.look,
+                            "values": packed(line.values[next(shown)], resolution=np.inf),
+                        }
+                        for line in panel.lines
+                    ],
+                }
+                for panel in self.panels
+            ],
+        }
+        text = json.dumps(data, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+        return Markup(text.replace("<", "\\u003c"))
+
+
+def _rows(
+    t: NDArray[np.float64], columns: Sequence[NDArray[np.float64]]
+) -> tuple[NDArray[np.intp], list[NDArray[np.intp]]]:
+    """Return which rows of the time and of each column are kept: all, or two of each piece.
+
+    The two are the least and the greatest value in the order in which they come; their times are those of the
+    piece's first and middle row, so that all columns share them.
+    """
+    count = len(t)
+    size = 2 * -(-count // _MOST_ROWS)  # rows of a piece, which becomes two
+    if size <= 2:
+        every = np.arange(count)
+        return every, [every] * len(columns)
+    starts = np.arange(0, count, size)
+    times = np.minimum(np.stack([starts, starts + size // 2], axis=1), count - 1).ravel()
+    return times, [_extremes(values, starts, size) for values in columns]
+
+
+def _extremes(values: NDArray[np.float64], starts: NDArray[np.intp], size: int) -> NDArray[np.intp]:
+    filled = np.full(len(starts) * size, np.nan)
+    filled[: len(values)] = values
+    pieces = filled.reshape(len(starts), size)
+    least = np.where(np.isnan(pieces), np.inf, pieces).argmin(axis=1)
+    greatest = np.where(np.isnan(pieces), -np.inf, pieces).argmax(axis=1)
+    both = starts[:, None] + np.sort([least, greatest], axis=0).T
+    return np.minimum(both, len(values) - 1).ravel()
+
+
+def together(
+    runs: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
+) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
+    """Return one time and the values of each run at it, NaN where a run has none.
+
+    Parameters
+    ----------
+    runs : sequence of (t, values), each (n,)
+        With times of their own; the longest run's times are kept, and others are interpolated between their rows.
+    """
+    t = max((one for one, _ in runs), key=len)
+    return t, [np.interp(t, own, values, left=np.nan, right=np.nan) for own, values in runs]
+
+
+def true_spans(t: NDArray[np.float64], flags: NDArray[np.bool_]) -> list[tuple[float, float]]:
+    """Return the times of the first and the last row of each run of true flags (n,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]])))
+    return [(float(t[first]), float(t[end - 1])) for first, end in edges.reshape(-1, 2)]

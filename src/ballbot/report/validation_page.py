@@ -1,0 +1,301 @@
+"""The page of a validation, and its sections, which the page of a study has as well."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from ballbot.findings import Finding
+from ballbot.fitting.comparison import LEAST_RUNS
+from ballbot.log import STATE_NAMES
+from ballbot.report.blocks import Bullets, Paragraph, Report, Section, Sheet, section
+from ballbot.report.provenance import Provenance
+from ballbot.report.series import Line, Panel, TimeSeries
+from ballbot.report.style import STATE_UNITS, drawn_picture
+from ballbot.report.tables import error_rows
+from ballbot.report.validation_figures import (
+    correlation_figure,
+    horizon_figure,
+    ratio_figure,
+    spectrum_figure,
+    symbols,
+    wheels_figure,
+)
+from ballbot.report.words import state_mark, with_symbols
+from ballbot.validation import ErrorPair, Validation, findings
+from ballbot.validation.models import Trajectories
+from ballbot.validation.residuals import ResidualAnalysis, residual_findings
+from ballbot.validation.statistics import Whiteness
+
+
+def validation_report(
+    validation: Validation, *, title: str, lead: str, example_of: str, made: Provenance
+) -> Report:
+    """Return a validation's own page; `example_of` names the log that its examples are of."""
+    verdict, *others = (finding.text for finding in _of_models(validation))
+    return Report(
+        title=title,
+        lead=lead,
+        verdict=[("", verdict)],
+        sections=[
+            section("What was found", Bullets(items=others)),
+            *validation_sections(validation, example_of=example_of),
+        ],
+        undecided=undecided_by(validation),
+        made=made,
+        findings=validation.log_findings,
+    )
+
+
+def undecided_by(validation: Validation) -> list[str]:
+    """Return what the logs cannot show of the two models."""
+    first, second = validation.models.names
+    sentences = []
+    for loop, refused, errors in (
+        ("open loop", validation.no_open_loop, validation.open_loop and validation.open_loop.errors),
+        (
+            "closed loop",
+            validation.no_closed_loop,
+            validation.closed_loop and validation.closed_loop.restarted,
+        ),
+    ):
+        if errors is None:
+            sentences.append(f"Which model is better in {loop}: {refused}")
+        elif not np.isfinite(errors.ratio_interval()).any():
+            sentences.append(
+                f"Which model is better in {loop}: {errors.runs} runs are too few for intervals, which need "
+                f"{LEAST_RUNS}."
+            )
+        else:
+            verdicts_of = zip(STATE_NAMES, errors.verdicts(), strict=True)
+            open_ones = [state_mark(name) for name, verdict in verdicts_of if verdict == "undecided"]
+            if open_ones:
+                sentences.append(
+                    f"Whether the model {first} predicts {', '.join(open_ones)} better than the one {second} in "
+                    f"{loop}: the interval of the ratio of errors contains one."
+                )
+    found = validation.residuals
+    refusals = (found.no_wheels, found.no_position)
+    sentences += [f"What the wheels' residual torques depend on: {text}" for text in refusals if text]
+    return [*sentences, "How well either model predicts motions, floors or loads that are not in these logs."]
+
+
+def validation_sections(validation: Validation, *, example_of: str) -> list[Section]:
+    """Return the sections on a validation; `example_of` names the log of the examples."""
+    return [
+        _ratio_section(validation),
+        _open_loop_section(validation, example_of),
+        _closed_loop_section(validation, example_of),
+        _horizon_section(validation),
+        _residual_section(validation),
+    ]
+
+
+def _ratio_section(validation: Validation) -> Section:
+    first, second = validation.models.names
+    loop, closed = validation.open_loop, validation.closed_loop
+    heading = "Which model is better where"
+    if loop is None and closed is None:
+        return section(heading, Paragraph(text="Neither loop could be compared; the sections below say why."))
+    few = [
+        one for one in (loop and loop.errors, closed and closed.restarted) if one and one.runs < LEAST_RUNS
+    ]
+    bars = "Bars: 95 % intervals, from a bootstrap of blocks of runs"
+    bars += f"; below {LEAST_RUNS} runs there are none." if few else "."
+    caption = f"Error of the model {second} over the error of the one {first}. {bars}"
+    return section(
+        heading, drawn_picture("ratios", partial(ratio_figure, loop, closed, (first, second)), caption)
+    )
+
+
+def _open_loop_section(validation: Validation, example_of: str) -> Section:
+    loop, first = validation.open_loop, validation.models.first.name
+    if loop is None:
+        return section("Open loop", Paragraph(text=f"Not possible. {validation.no_open_loop}"))
+    words = (
+        "Both models start from the measured state and get the measured torques. The robot is unstable, so every run "
+        "ends in a fall; a run is cut where the first of the two models leans past recovery, so that both are "
+        "compared over the same samples."
+    )
+    caption = (
+        "Open-loop errors (as the thesis's Table 4.2). Error: (4.1), |x − x̂| / n, the mean over "
+        f"{loop.errors.runs} runs. It shrinks with a run's length n, where RMSE does not. Normalised: RMSE over the "
+        f"standard deviation of what was measured. Better or worse: the model {first}, where the interval is wholly "
+        "above or below one. A shaded line: not shown to be better."
+    )
+    example = (
+        f"One open-loop run of {example_of}, the one with the median error (as the thesis's Figure 4.2)."
+    )
+    return section(
+        "Open loop",
+        Paragraph(text=words),
+        error_sheet(validation, loop.errors, caption),
+        _trajectories(loop.example, validation.models.names, example),
+    )
+
+
+def _closed_loop_section(validation: Validation, example_of: str) -> Section:
+    closed = validation.closed_loop
+    if closed is None:
+        return section("Closed loop", Paragraph(text=f"Not possible. {validation.no_closed_loop}"))
+    every = f"{closed.restart_every:.2g}"
+    words = (
+        "Both models start from the measured state and are driven by the controller that drove the "
+        f"robot{_controller_words(validation)}. Over a whole log, model and robot lose each other's phase in the "
+        f"limit cycle that friction causes, so the first table restarts them from the measured state every {every} "
+        "s; the second is without restarts."
+    )
+    restarted = f"Closed-loop errors (as the thesis's Table 4.1), restarted every {every} s, the mean over "
+    example = (
+        f"The first seconds of {example_of} in closed loop, without a restart (as the thesis's Figure 4.1)."
+    )
+    return section(
+        "Closed loop",
+        Paragraph(text=words),
+        error_sheet(validation, closed.restarted, f"{restarted}{closed.restarted.runs} runs."),
+        error_sheet(validation, closed.whole, "Closed-loop errors over each whole log without a restart."),
+        _trajectories(closed.example, validation.models.names, example),
+    )
+
+
+def _horizon_section(validation: Validation) -> Section:
+    names = validation.models.names
+    words = (
+        "From which horizon on do the models differ? One sample ahead, the sensors' noise dominates. The dotted line "
+        "is the error that the noise of the measured start alone would cause in a perfect model."
+    )
+    caption = (
+        "Root mean square error of the forecast against how far ahead it looks, both axes logarithmic. A filled dot: "
+        f"the interval of the ratio is wholly above one, the model {names[0]} is better."
+    )
+    figure = drawn_picture("horizon", partial(horizon_figure, validation.horizon, names), caption)
+    return section("Error against horizon", Paragraph(text=words), figure)
+
+
+def _residual_section(validation: Validation) -> Section:
+    found, first = validation.residuals, validation.models.first.name
+    matrix = found.correlations
+    draw = partial(correlation_figure, symbols(matrix.labels), matrix.matrix, marked=matrix.significant)
+    words = (
+        f"From each measured state and torque, the model {first} predicts the next state; the measured state less "
+        "the predicted one is the residual ε."
+    )
+    correlation = (
+        "Correlation of residuals and torques (as the thesis's Figure 4.3); cells below 0.1 carry no number. Framed "
+        "cells are significant: the memory of both series counted, and the chance of any false frame 5 %."
+    )
+    peaks = " Arrows and numbers: peaks [Hz]." if found.peaks else ""
+    return section(
+        "Residuals of the next sample",
+        Paragraph(text=words),
+        Bullets(items=[with_symbols(finding.text) for finding in residual_findings(found)]),
+        drawn_picture("residuals", draw, correlation),
+        _whiteness_sheet(found.whiteness) if found.whiteness else None,
+        drawn_picture(
+            "spectrum", partial(spectrum_figure, found), f"Power spectral densities of the residuals.{peaks}"
+        )
+        if found.spectrum
+        else None,
+        drawn_picture("wheels", partial(wheels_figure, found), _wheels_caption(found))
+        if found.by_speed
+        else None,
+    )
+
+
+def _wheels_caption(found: ResidualAnalysis) -> str:
+    """Return what the figure's panels show: those that there are."""
+    parts = ["against its speed"]
+    if found.by_travel is not None:
+        parts.append(
+            "along the motion against its travel since it last turned back, less what its speed explains"
+        )
+    if found.by_position is not None:
+        parts.append(
+            "by how often a part of it comes back in a turn of the wheel, significant ones filled, dotted what noise "
+            "makes"
+        )
+    return (
+        "The residuals as wheel torques: what each wheel would have had to push more for the model to be right, "
+        f"{'; '.join(parts)}. Bars: 95 %."
+    )
+
+
+def error_sheet(validation: Validation, pair: ErrorPair, caption: str) -> Sheet:
+    """Return the errors of both models by state."""
+    both = validation.models.names
+    rows = error_rows(pair, dict(STATE_UNITS))
+    return Sheet(
+        groups=(
+            ("", 1),
+            ("1000 × error (4.1)", 2),
+            ("ratio, 95 % interval", 3),
+            ("RMSE", 2),
+            ("normalised RMSE", 2),
+        ),
+        headings=("state", *both, "", "", "", *both, *both),
+        rows=[
+            (
+                f"{row.state} [{row.unit}]",
+                *(row.first, row.second, row.ratio, row.interval, row.verdict),
+                *(row.rmse_first, row.rmse_second, row.normalised_first, row.normalised_second),
+            )
+            for row in rows
+        ],
+        caption=caption,
+        shaded=frozenset(place for place, row in enumerate(rows) if row.verdict != "better"),
+    )
+
+
+#: the states that an example shows
+_SHOWN = ("x", "y", "theta", "phi", "psi", "psi_dot")
+
+
+def _trajectories(shown: Trajectories, names: tuple[str, str], caption: str) -> TimeSeries:
+    """Return the measured states beside those of both models."""
+    panels = []
+    for name in _SHOWN:
+        place = STATE_NAMES.index(name)
+        lines = (
+            Line(name="measured", values=shown.measured[:, place], look="measured"),
+            Line(name=f"model {names[0]}", values=shown.first[:, place], look="first"),
+            Line(name=f"model {names[1]}", values=shown.second[:, place], look="second"),
+        )
+        panels.append(Panel(label=f"{state_mark(name)} [{STATE_UNITS[name]}]", lines=lines))
+    return TimeSeries(t=shown.t, panels=panels, caption=caption, across="time of the log [s]")
+
+
+def _of_models(validation: Validation) -> Sequence[Finding]:
+    """Return the findings without those on residuals, which have a place of their own."""
+    found = findings(validation)
+    return found[: len(found) - len(residual_findings(validation.residuals))]
+
+
+def _whiteness_sheet(found: Whiteness) -> Sheet:
+    """Return state, verdict, p, correlation with the sample before, and predicted share of the variance."""
+    rows = [
+        (
+            f"ε({state_mark(name)})",
+            found.colours[place],
+            "< 0.001" if found.p_value[place] < 1e-3 else f"{found.p_value[place]:.3f}",
+            f"{found.autocorrelation[1, place]:+.2f}",
+            f"{100 * found.predicted_share[place]:.0f} %",
+        )
+        for place, name in enumerate(STATE_NAMES)
+    ]
+    caption = (
+        "Are the residuals white? p: of a Ljung–Box test over 20 samples. Predictable: the share of the variance "
+        "that the previous 20 residuals predict."
+    )
+    headings = ("residual", "verdict", "p", "correlation with the sample before", "predictable")
+    return Sheet(headings=headings, rows=rows, caption=caption)
+
+
+def _controller_words(validation: Validation) -> str:
+    recovered = validation.recovered
+    if recovered is None:
+        return ""
+    worst = float(recovered.r_squared.min())
+    late = "" if recovered.delay == 0 else f", {recovered.delay} samples late"
+    return f" (its gain recovered from the log, R² = {worst:.4f}{late})"
