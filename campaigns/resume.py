@@ -18,7 +18,7 @@ from benchmarks.workloads import measured_square, nominal_robot
 from campaigns.section import Section
 
 KILLS = 20
-OUTPUTS = ("results.json", "robot.toml")
+OUTPUTS = ("report.html", "results.json", "robot.toml")
 CHECKPOINT = "checkpoint.jsonl"
 
 

@@ -75,7 +75,7 @@ def test_printed_resume_command_ends_in_the_same_bytes(inputs, interrupted, tmp_
     assert printed == "ballbot: interrupted; continue with"
     assert main(["identify", *shlex.split(command)]) == 0
     resumed = outputs()
-    assert set(resumed) == {"results.json", "robot.toml"}  # and no checkpoint any more
+    assert set(resumed) == {"report.html", "results.json", "robot.toml"}  # and no checkpoint any more
     (tmp_path / "undisturbed").mkdir()
     monkeypatch.chdir(tmp_path / "undisturbed")
     assert main(words(inputs)) == 0

@@ -87,7 +87,7 @@ def test_better_controller_is_kept_and_its_gain_has_an_interval(study, tmp_path,
     assert low < gain["factor"] < high
     # the nominal gain leaves friction uncompensated and wanders by tenths of a metre, the precise one by millimetres
     assert gain["factor"] < 0.2
-    names = ["1_before.csv", "2_after.csv", "3_before.csv", "4_after.csv", "results.json"]
+    names = ["1_before.csv", "2_after.csv", "3_before.csv", "4_after.csv", "report.html", "results.json"]
     assert sorted(path.name for path in out.iterdir() if not path.name.startswith(".")) == names
     shown = capsys.readouterr().out
     assert "After over before, the drift removed" in shown

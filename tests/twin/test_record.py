@@ -47,7 +47,7 @@ def test_record_writes_a_run_that_can_be_made_again(tmp_path: Path) -> None:
     for folder in ("one", "two"):
         assert main([*command, str(tmp_path / folder)]) == 0
     one, two = tmp_path / "one", tmp_path / "two"
-    names = {"log.csv", "truth.csv", "motion_capture.csv", "results.json"}
+    names = {"report.html", "log.csv", "truth.csv", "motion_capture.csv", "results.json"}
     names |= {"robot.toml", "scenario.toml", "controller.toml", "record.toml"}
     assert {path.name for path in one.glob("[!.]*")} == names
     for name in names:

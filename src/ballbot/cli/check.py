@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from cyclopts import Parameter
 
 from ballbot.cli import OUTPUT
-from ballbot.cli.context import CommandResult, input_files, open_result
+from ballbot.cli.context import PAGE, CommandResult, input_files, open_result
 from ballbot.cli.findings import Accept, check_input, show_findings
 from ballbot.cli.output import emit, standard_output
 from ballbot.errors import InputError
@@ -48,7 +48,7 @@ class SwingOptions:
     """Standard deviation of that distance, in m."""
 
 
-_WRITTEN = ("results.json", "check.txt", "swing.svg")
+_WRITTEN = (PAGE, "results.json", "check.txt", "swing.svg")
 
 _SWING = SwingOptions()
 
@@ -92,7 +92,7 @@ def check(
     controller : Path
         The controller file that follows the reference; the nominal controller if not given.
     out : Path
-        Folder for results.json and check.txt; with --swing also swing.svg.
+        Folder for report.html, results.json and check.txt; with --swing also swing.svg.
     """
     hung, console = Robot.load(robot), standard_output()
     findings = _robot_findings(hung, accept)
@@ -127,9 +127,11 @@ def check(
 def _write(checked: CheckedRobot, result: CommandResult) -> list[Path]:
     """Write the result and return its files."""
     from ballbot.report.robot_check import robot_check_parts
+    from ballbot.report.robot_check_page import robot_check_report
 
     with result.replaced() as new:
         result.write_json(checked.results(), new)
+        result.write_page(robot_check_report(checked, result.origin), new)
         write_text(new / "check.txt", as_text(robot_check_parts(checked, framed=False)))
         if checked.swing is not None:
             _save_swing_figure(checked.swing, new / "swing.svg")

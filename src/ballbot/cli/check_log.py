@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.text import Text
 
-from ballbot.cli.context import CommandResult, input_files, open_result
+from ballbot.cli.context import PAGE, CommandResult, input_files, open_result
 from ballbot.cli.output import emit, print_parts, standard_output
 from ballbot.errors import InputError
 from ballbot.files import write_text
@@ -16,11 +16,18 @@ from ballbot.log.formats import is_foreign
 from ballbot.log.mapping_inference.proposal import Proposal, propose
 from ballbot.log.mapping_inference.report import evaluate
 from ballbot.printable import shell_line
-from ballbot.report.log_check import CheckedLog, checked_log_parts, proposal_parts, proposal_results
+from ballbot.report.log_check import (
+    CheckedLog,
+    checked_log_parts,
+    log_check_report,
+    proposal_parts,
+    proposal_report,
+    proposal_results,
+)
 from ballbot.robot import Robot
 
-_WRITTEN = ("results.json",)
-_PROPOSED = ("results.json", "mapping.toml", "log.csv")  # of a foreign file
+_WRITTEN = (PAGE, "results.json")
+_PROPOSED = (PAGE, "results.json", "mapping.toml", "log.csv")  # of a foreign file
 
 
 def check_log(
@@ -57,7 +64,7 @@ def check_log(
         The duty, 0 to 1, that the firmware of a foreign log adds to overcome friction: 0 if it adds none. If not given,
         it is measured, which few logs allow.
     out
-        A folder for results.json and, for a foreign file, the mapping and the converted log.
+        A folder for report.html, results.json and, for a foreign file, the mapping and the converted log.
     """
     described = Robot.load(robot) if robot else None
     proposes = described is not None and mapping is None and (columns is not None or is_foreign(file))
@@ -101,6 +108,8 @@ def _check(file: Path, robot: Robot | None, mapping: Path | None, result: Comman
     if result:
         with result.replaced() as new:
             result.write_json(checked.results(), new)
+            result.write_page(log_check_report(checked, robot, result.origin), new)
+        result.show_file(PAGE)
     errors = [finding for finding in checked.findings if finding.severity == "error"]
     if errors:
         more = f" ({len(errors) - 1} more, shown above)" if len(errors) > 1 else ""
@@ -134,7 +143,8 @@ def _show(file: Path, robot: Robot, proposal: Proposal, *, source: str, result: 
             if found.log is not None:
                 found.log.write(new / "log.csv")
             result.write_json(proposal_results(file, found), new)
-        result.show_file(*("mapping.toml", "log.csv")[: 1 if found.log is None else 2])
+            result.write_page(proposal_report(file, found, robot, result.origin), new)
+        result.show_file(PAGE, *("mapping.toml", "log.csv")[: 1 if found.log is None else 2])
     if found.refusal:
         raise InputError(f"{file}: {found.refusal}")
     if result is not None and proposal.roles.commands:

@@ -9,7 +9,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import RunOptions, WholeNumber, input_files, open_long_result, open_result
+from ballbot.cli.context import PAGE, RunOptions, WholeNumber, input_files, open_long_result, open_result
 from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.control.controller import Compensation
@@ -17,8 +17,16 @@ from ballbot.control.file import controller_text, write_controller
 from ballbot.control.presets import NOMINAL_TORQUE_WEIGHT
 from ballbot.errors import InputError
 from ballbot.files import write_text
+from ballbot.findings import Finding
 from ballbot.fitting.checkpoint import identity
-from ballbot.report.design import controller_design_parts, robust_design_parts, robust_figure, search_comment
+from ballbot.report.design import (
+    controller_design_parts,
+    controller_design_report,
+    robust_design_parts,
+    robust_design_report,
+    robust_figure,
+    search_comment,
+)
 from ballbot.report.style import drawn
 from ballbot.results import to_results
 from ballbot.robot import Robot
@@ -35,7 +43,7 @@ from ballbot.workflows.robot_check import linearization_results
 from ballbot.workflows.robust_design import Effort, robust_design
 
 #: of a design with and without a search
-DESIGN_FILES = ("controller.toml", "results.json", "robust.svg")
+DESIGN_FILES = (PAGE, "controller.toml", "results.json", "robust.svg")
 
 
 @Parameter(name="*")
@@ -110,8 +118,8 @@ def design(
 
     Example: ballbot design found/robot.toml --robust --compensation full --out robust
 
-    Writes controller.toml and results.json (gain, closed-loop poles, A and B). The precise kind is stiff and has
-    integral action, smoothed references with feed-forward and a disturbance observer;
+    Writes report.html, controller.toml and results.json (gain, closed-loop poles, A and B). The precise kind is stiff
+    and has integral action, smoothed references with feed-forward and a disturbance observer;
     it needs the Kalman filter's state. Standard deviations in the robot's file are propagated to each entry of the
     gain; those of its friction limit the compensation to the friction that is present with 95 % confidence. More than
     that injects energy and can destabilise the robot: it is refused, and the margin is shown.
@@ -127,7 +135,7 @@ def design(
         The folder to write into.
     """
     described = Robot.load(robot)
-    check_robot(described, robot, accept=accept)
+    findings = check_robot(described, robot, accept=accept)
     inputs = input_files(robot)
     if robust:
         _refuse_with_robust(weights, parts)
@@ -135,7 +143,7 @@ def design(
             sensors = replace(described.sensors, sample_time=weights.sample_time)
             described = described.replace(sensors=sensors)
         compensation = parts.compensation or "none"
-        _search(described, compensation, search=search, inputs=inputs, out=out)
+        _search(described, compensation, search=search, inputs=inputs, findings=findings, out=out)
         return
     gain = GainOptions(
         kind=weights.kind,
@@ -148,9 +156,10 @@ def design(
         with result.replaced() as new:
             write_controller(found.controller, new / "controller.toml")
             result.write_json(found.results(), new)
+            result.write_page(controller_design_report(found, result.origin, findings), new)
     result.show(controller_design_parts(found, framed=result.console.is_terminal))
     warn_of_idle_compensation({"controller.toml": found.controller})
-    result.show_file("controller.toml")
+    result.show_file("controller.toml", PAGE)
 
 
 def _search(
@@ -159,9 +168,10 @@ def _search(
     *,
     search: SearchOptions,
     inputs: Sequence[Path],
+    findings: Sequence[Finding],
     out: Path,
 ) -> None:
-    """Search for the weights, and write controller.toml, results.json and robust.svg."""
+    """Search for the weights, and write the page, controller.toml, results.json and robust.svg."""
     spread = PerturbationRanges.parse(search.perturb, robot)
     effort = Effort(
         robots=search.robots,
@@ -203,8 +213,9 @@ def _search(
             write_text(new / "controller.toml", text)
             write_text(new / "robust.svg", drawn(lambda: robust_figure(found), name="robust"))
             result.write_json(results, new)
+            result.write_page(robust_design_report(found, result.origin, findings), new)
     result.show(robust_design_parts(found, framed=result.console.is_terminal))
-    result.show_file("controller.toml")
+    result.show_file("controller.toml", PAGE)
 
 
 def _refuse_with_robust(weights: WeightOptions, parts: PartOptions) -> None:

@@ -10,6 +10,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ballbot.cli.context import (
+    PAGE,
     CommandResult,
     RunOptions,
     WholeNumber,
@@ -23,7 +24,13 @@ from ballbot.control.references import write_reference
 from ballbot.files import write_text
 from ballbot.fitting.checkpoint import digest, identity
 from ballbot.identification import read_bounds
-from ballbot.report.excitation import errors_figure, excitation_parts, followed_run, run_figure
+from ballbot.report.excitation import (
+    errors_figure,
+    excitation_parts,
+    excitation_report,
+    followed_run,
+    run_figure,
+)
 from ballbot.report.style import drawn
 from ballbot.robot import Robot
 from ballbot.twin.scenario import load_scenario, scenario_text
@@ -32,7 +39,7 @@ from ballbot.workflows.excitation_task import Law, RunLimits
 from ballbot.workflows.excite import Excitation, ExcitationOptions, deviations_found
 from ballbot.workflows.excite import excite as find
 
-_WRITTEN = ("reference.csv", "controller.toml", "results.json", "run.svg", "errors.svg")
+_WRITTEN = (PAGE, "reference.csv", "controller.toml", "results.json", "run.svg", "errors.svg")
 
 
 @Parameter(name="*")
@@ -121,8 +128,8 @@ def excite(
 
     Example: ballbot excite found/robot.toml --found found/results.json --controller mine.toml --out experiment
 
-    Writes reference.csv (t, ref_x, ref_y, ref_psi: follow it with controller.toml beside it, on the robot or by
-    ballbot record nominal --reference experiment/reference.csv), results.json, run.svg and errors.svg.
+    Writes report.html, reference.csv (t, ref_x, ref_y, ref_psi: follow it with controller.toml beside it, on the robot
+    or by ballbot record nominal --reference experiment/reference.csv), results.json, run.svg and errors.svg.
 
     Parameters
     ----------
@@ -188,7 +195,7 @@ def excite(
         with result.replaced() as new:
             _write(found, chosen, result, new)
     result.show(excitation_parts(found, framed=result.console.is_terminal))
-    result.show_file("reference.csv")
+    result.show_file("reference.csv", PAGE)
 
 
 def _write(found: Excitation, controller: Controller, result: CommandResult, folder: Path) -> None:
@@ -196,6 +203,10 @@ def _write(found: Excitation, controller: Controller, result: CommandResult, fol
     write_reference(design.times, design.poses, folder / "reference.csv")
     write_controller(controller, folder / "controller.toml")
     shown = followed_run(found)
-    write_text(folder / "run.svg", drawn(lambda: run_figure(shown, limits), name="run"))
-    write_text(folder / "errors.svg", drawn(lambda: errors_figure(found), name="errors"))
+    run = drawn(lambda: run_figure(shown, limits), name="run")
+    errors = drawn(lambda: errors_figure(found), name="errors")
+    write_text(folder / "run.svg", run)
+    write_text(folder / "errors.svg", errors)
     result.write_json(found.results(), folder)
+    page = excitation_report(found, found.task.robot, errors_svg=errors, path_svg=run, made=result.origin)
+    result.write_page(page, folder)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ballbot.cli.context import input_files, open_result
+from ballbot.cli.context import PAGE, input_files, open_result
 from ballbot.cli.controllers import warn_of_idle_compensation, warn_of_overcompensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.control.file import read_controller
@@ -12,7 +12,7 @@ from ballbot.files import write_text
 from ballbot.firmware.export import check_belongs, export_controller, exported_names
 from ballbot.firmware.processor_load import check_clock, measure_load, what_to_install
 from ballbot.firmware.records import FIRMWARE
-from ballbot.report.export import export_parts, load_section
+from ballbot.report.export import export_parts, export_report, load_section
 from ballbot.robot import Robot
 
 _README = "README.md"
@@ -55,11 +55,11 @@ def export(
     """
     check_clock(clock)
     described = Robot.load(robot)
-    check_robot(described, robot, accept=accept)
+    findings = check_robot(described, robot, accept=accept)
     check_belongs(controller, described)
     read = read_controller(controller, described)
     inputs = input_files(robot, controller)
-    writes = [*exported_names(), "results.json"]
+    writes = [*exported_names(), PAGE, "results.json"]
     with open_result(out, command="export", writes=writes, inputs=inputs) as result:
         exported = export_controller(read, lean=lean)
         to_install = what_to_install()
@@ -80,9 +80,13 @@ def export(
                 "processor": None if load is None else load.to_dict(),
             }
             result.write_json(results, new)
+            page = export_report(
+                exported, read, load, to_install=to_install, made=result.origin, findings=findings
+            )
+            result.write_page(page, new)
     result.show(export_parts(exported, read, load, framed=result.console.is_terminal))
     if to_install:
         result.console.print(to_install)
     warn_of_idle_compensation({controller.name: read})
     warn_of_overcompensation({controller.name: read}, described)
-    result.show_file(_README)
+    result.show_file(_README, PAGE)

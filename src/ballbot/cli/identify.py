@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from ballbot.cli.context import (
+    PAGE,
     RUN_HERE,
     CommandResult,
     RunOptions,
@@ -42,11 +43,12 @@ from ballbot.log.checks import CheckedLogs
 from ballbot.log.collection import named_files
 from ballbot.log.pose import causal_states
 from ballbot.report.friction import identification_parts, ladder_figure
+from ballbot.report.identification_page import identification_report
 from ballbot.report.style import drawn
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
 
-_WRITTEN = ("robot.toml", "results.json", "ladder.svg")
+_WRITTEN = (PAGE, "robot.toml", "results.json", "ladder.svg")
 
 
 @Parameter(name="*")
@@ -111,7 +113,7 @@ def identify(
     """Identify a robot's friction from its logs: b, c, s of each wheel, v_s, delta and C_rr. --estimate adds other
     parameters.
 
-    Writes robot.toml (the robot with the identified values) and results.json; --law best also writes ladder.svg.
+    Writes report.html, robot.toml (the robot with the identified values) and results.json; --law best also ladder.svg.
 
     While it runs, checkpoint.jsonl in the same folder keeps the results so far. --resume continues an interrupted
     or killed run from there and gives the same result, byte for byte.
@@ -173,7 +175,7 @@ def identify(
             for name, one in others.items()
         ]
         with result.replaced() as new:
-            written = _write(found, selection, holdouts, result, new)
+            written = _write(found, checked, selection, holdouts, result, new)
     result.show(identification_parts(found, selection, holdouts, framed=result.console.is_terminal))
     result.show_file(*written)
 
@@ -238,6 +240,7 @@ def _checked(
 
 def _write(
     found: Identification,
+    checked: CheckedLogs,
     selection: ModelSelection[Identification] | None,
     holdouts: Sequence[HoldoutResult],
     result: CommandResult,
@@ -251,7 +254,18 @@ def _write(
         results["judged_on"] = {one.name: one.to_dict() for one in holdouts}
     write_robot(found.robot, folder / "robot.toml")
     result.write_json(results, folder)
-    if selection is None:
-        return ["robot.toml"]
-    write_text(folder / "ladder.svg", drawn(lambda: ladder_figure(selection), name="ladder"))
-    return ["robot.toml", "ladder.svg"]
+    ladder = None if selection is None else drawn(lambda: ladder_figure(selection), name="ladder")
+    page = identification_report(
+        found,
+        checked.logs,
+        findings=checked.findings,
+        selection=selection,
+        ladder_svg=ladder,
+        holdouts=holdouts,
+        made=result.origin,
+    )
+    result.write_page(page, folder)
+    if ladder is None:
+        return [PAGE, "robot.toml"]
+    write_text(folder / "ladder.svg", ladder)
+    return [PAGE, "robot.toml", "ladder.svg"]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from ballbot.cli.context import input_files, open_result, read_logs
+from ballbot.cli.context import PAGE, input_files, open_result, read_logs
 from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.errors import InputError
 from ballbot.findings import Finding, by_severity, finding_results, note
@@ -18,11 +18,11 @@ from ballbot.identification.geometry import (
 from ballbot.identification.upside_down_checks import encoder_findings
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
-from ballbot.report.bench import geometry_parts
+from ballbot.report.bench import geometry_parts, geometry_report
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
 
-_WRITTEN = ("robot.toml", "results.json")
+_WRITTEN = (PAGE, "robot.toml", "results.json")
 #: r_b / r_w by the logs over the file's; beyond, a unit or a column is wrong rather than a tape measure
 _RADII = (0.4, 2.5)
 
@@ -40,7 +40,7 @@ def identify_geometry(
 ) -> None:
     """Identify radii, tilt, azimuths and the mounting of the IMU from logs, by kinematics alone.
 
-    Writes results.json and robot.toml (the identified geometry, with its standard deviations).
+    Writes report.html, results.json and robot.toml (the identified geometry, with its standard deviations).
 
     Example: ballbot identify-geometry alten --upside-down up.csv --balancing run.csv --motion-capture mocap.csv
     --out geometry
@@ -91,8 +91,10 @@ def identify_geometry(
                 )
                 remarks.append(note("no-robot-file", text))
             result.write_json(found.to_dict() | {"remarks": finding_results(remarks)}, new, findings=findings)
+            page = geometry_report(found, remarks, robot=described, made=result.origin, log_findings=findings)
+            result.write_page(page, new)
     result.show(geometry_parts(found, remarks, framed=result.console.is_terminal))
-    result.show_file("results.json")
+    result.show_file(PAGE)
 
 
 def _checked(

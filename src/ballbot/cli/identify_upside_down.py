@@ -10,6 +10,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ballbot.cli.context import (
+    PAGE,
     CommandResult,
     RunOptions,
     WholeNumber,
@@ -27,13 +28,13 @@ from ballbot.identification.upside_down import identify_upside_down as find_fric
 from ballbot.identification.upside_down_checks import upside_down_findings
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
-from ballbot.report.bench import movement_figure, prediction_figure, upside_down_parts
+from ballbot.report.bench import movement_figure, prediction_figure, upside_down_parts, upside_down_report
 from ballbot.report.style import drawn
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
 from ballbot.workflows.ball_movement import ball_movement
 
-_WRITTEN = ("robot.toml", "results.json", "prediction.svg", "movement.svg")
+_WRITTEN = (PAGE, "robot.toml", "results.json", "prediction.svg", "movement.svg")
 
 
 def identify_upside_down(
@@ -53,8 +54,8 @@ def identify_upside_down(
     The second of the thesis's three stages: the ball lies on the wheels, and a camera gives its angular velocity. If
     the robot file already has friction, as after `ballbot identify`, both are validated on the same windows.
 
-    Writes robot.toml (the robot with the identified friction), results.json, prediction.svg and movement.svg
-    (the thesis's Figure 3.4).
+    Writes report.html, robot.toml (the robot with the identified friction), results.json, prediction.svg and
+    movement.svg (the thesis's Figure 3.4).
 
     Example: ballbot identify-upside-down alten upside_down.csv --out found
 
@@ -105,9 +106,9 @@ def identify_upside_down(
                 run=result.run_with(show),
             )
         with result.replaced() as new:
-            _write(found, next(iter(named.values())), result, findings, new)
+            _write(found, described, named, result, findings, new)
     result.show(upside_down_parts(found, described, framed=result.console.is_terminal))
-    result.show_file("robot.toml", "prediction.svg", "movement.svg")
+    result.show_file(PAGE, "robot.toml")
 
 
 def _checked(robot: Robot, logs: Mapping[Path, Log], accept: list[str] | None) -> tuple[Finding, ...]:
@@ -124,10 +125,17 @@ def _checked(robot: Robot, logs: Mapping[Path, Log], accept: list[str] | None) -
 
 
 def _write(
-    found: UpsideDown, log: Log, result: CommandResult, findings: Sequence[Finding], folder: Path
+    found: UpsideDown,
+    described: Robot,
+    named: Mapping[str, Log],
+    result: CommandResult,
+    findings: Sequence[Finding],
+    folder: Path,
 ) -> None:
-    movement = ball_movement(found.robot)
+    movement, log = ball_movement(found.robot), next(iter(named.values()))
     result.write_json(found.to_dict() | {"movement": movement}, folder, findings=findings)
     write_robot(found.robot, folder / "robot.toml")
+    page = upside_down_report(found, described, named, movement, made=result.origin, findings=findings)
+    result.write_page(page, folder)
     write_text(folder / "prediction.svg", drawn(lambda: prediction_figure(found, log), name="prediction"))
     write_text(folder / "movement.svg", drawn(lambda: movement_figure(movement), name="movement"))

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ballbot.cli.context import CommandResult, WholeNumber, input_files, open_result
+from ballbot.cli.context import PAGE, CommandResult, WholeNumber, input_files, open_result
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
 from ballbot.files import write_text
@@ -18,6 +19,7 @@ from ballbot.report.limits import (
     directions_figure,
     heights_figure,
     limit_parts,
+    limits_report,
     planes_figure,
 )
 from ballbot.report.style import drawn
@@ -32,7 +34,7 @@ if TYPE_CHECKING:  # MuJoCo is an extra
 
 #: directions tried on the twin, of the model's
 _ON_TWIN = (0, 9, 18, 27)
-_WRITTEN = ("results.json", "planes.svg", "directions.svg", "heights.svg")
+_WRITTEN = (PAGE, "results.json", "planes.svg", "directions.svg", "heights.svg")
 _MOST_REFINEMENTS = 6  # four million points a plane
 
 
@@ -61,7 +63,8 @@ def limits(
     Computes a lower and an upper bound of each limit: up to the lower bound, no wheel slips on the ball; the upper
     bound assumes that wheels never slip. Both respect the torque limit and the motors' speed limit.
 
-    Writes planes.svg (lean and lean rate in the worst direction), directions.svg, heights.svg and results.json.
+    Writes report.html, planes.svg (lean and lean rate in the worst direction), directions.svg, heights.svg and
+    results.json.
 
     Example: ballbot limits found/robot.toml none full --twin --out limits
 
@@ -107,7 +110,7 @@ def limits(
         with result.replaced() as new:
             _write(found, described, grip, result, new)
     result.show(limit_parts(found.model, found.twin, framed=result.console.is_terminal))
-    result.show_file("results.json")
+    result.show_file(PAGE)
 
 
 def _check(controllers: int, *, grip: float, refinements: int, seed: int) -> None:
@@ -149,9 +152,13 @@ def _write(found: _Found, robot: Robot, grip: float, result: CommandResult, fold
     }
     results = {"robot": robot.name, "grip": grip, "controllers": by_controller}
     result.write_json(results, folder)
-    write_text(folder / "planes.svg", drawn(lambda: planes_figure(found.model), name="planes"))
-    write_text(
-        folder / "directions.svg",
-        drawn(lambda: directions_figure(found.model, found.twin), name="directions"),
-    )
-    write_text(folder / "heights.svg", drawn(lambda: heights_figure(found.model), name="heights"))
+    draws = {
+        "planes": partial(planes_figure, found.model),
+        "directions": partial(directions_figure, found.model, found.twin),
+        "heights": partial(heights_figure, found.model),
+    }
+    figures = {name: drawn(draw, name=name) for name, draw in draws.items()}
+    for name, svg in figures.items():
+        write_text(folder / f"{name}.svg", svg)
+    page = limits_report(robot, found.model, found.twin, figures=figures, grip=grip, made=result.origin)
+    result.write_page(page, folder)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 
-from ballbot.cli.context import CommandResult, open_result
+from ballbot.cli.context import PAGE, CommandResult, open_result
 from ballbot.cli.output import notice_output, standard_output
 from ballbot.cli.robot_link import Connection, LinkOptions, Monitor
 from ballbot.errors import InputError
@@ -19,10 +19,11 @@ from ballbot.link.recorder import SUFFIX, check_no_recording
 from ballbot.link.runs import LiveRun, recorded_run, require_log
 from ballbot.log import Log
 from ballbot.report.live import BALANCING, View, counts_line
+from ballbot.report.live_page import live_run_report
 from ballbot.results import to_results
 
 #: what a recorded run leaves in its folder
-WRITTEN = ("log.csv", "results.json")
+WRITTEN = (PAGE, "log.csv", "results.json")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,8 +86,17 @@ def record_run(
         with result.replaced() as new:
             log.write(new / "log.csv")
             write_text(new / "results.json", results_text(results))
+            page = live_run_report(
+                log,
+                link.described,
+                balancing=plan.view is BALANCING,
+                ending=made.ending.text,
+                about=about_words(connection, link),
+                made=result.origin,
+            )
+            result.write_page(page, new)
         recording.unlink(missing_ok=True)
-    result.show_file("log.csv")
+    result.show_file("log.csv", PAGE)
     finish(connection, made)
 
 
@@ -117,6 +127,13 @@ def make_run(
             recording=recording,
             about=about,
         )
+
+
+def about_words(connection: Connection, link: LinkOptions) -> str:
+    """Return which robot it is, and where, in a sentence."""
+    described = link.described
+    name = "A robot" if described is None else f"The robot {described.name}"
+    return f"{name} at {connection.address}."
 
 
 def about_run(connection: Connection, link: LinkOptions, result: CommandResult) -> dict[str, object]:

@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from ballbot.cli import OUTPUT
-from ballbot.cli.context import LogFormatName, WholeNumber, parse_seeds
+from ballbot.cli.context import LogFormatName, WholeNumber, argv, parse_seeds
 from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation, warn_of_overcompensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.cli.output import emit, progress_bar, standard_output
@@ -20,6 +20,10 @@ from ballbot.estimation.interface import EstimatorName
 from ballbot.files import check_folder, read_json
 from ballbot.fitting.run import check_seed
 from ballbot.log.formats import check_format
+from ballbot.printable import shell_line
+from ballbot.report.page import page_of
+from ballbot.report.provenance import Provenance, provenance
+from ballbot.report.twin import recording_report, seeds_report
 from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.simulation.run import sample_count
@@ -151,7 +155,13 @@ def _one(job: RecordJob, seed: int, out: Path, console: Console, *, resume: bool
     outcome = finished_outcome(job, seed, out) if resume else None
     if outcome is None:
         with progress_bar(console, f"recording {job.duration:g} s") as bar:
-            outcome = record_run(job, seed, out, progress=lambda now: bar.show(now.share))
+            outcome = record_run(
+                job,
+                seed,
+                out,
+                page=lambda recording: page_of(recording_report(job, seed, recording)),
+                progress=lambda now: bar.show(now.share),
+            )
     else:
         console.print("The run is complete and was kept.")
     _emit([outcome])
@@ -164,12 +174,24 @@ def _one(job: RecordJob, seed: int, out: Path, console: Console, *, resume: bool
 
 def _many(job: RecordJob, seeds: list[int], out: Path, console: Console) -> None:
     with progress_bar(console, f"recording {len(seeds)} runs of {job.duration:g} s") as bar:
-        outcomes = record_runs(job, seeds, out, progress=lambda now: bar.show(now.share))
+        outcomes = record_runs(
+            job,
+            seeds,
+            out,
+            page=lambda runs: page_of(seeds_report(job, runs, _made(seeds))),
+            progress=lambda now: bar.show(now.share),
+        )
     _emit(outcomes)
     console.print(_summary(outcomes, out), soft_wrap=True)
     for outcome in outcomes:
         if outcome.ended:
             console.print(f"{outcome.folder}: ended early, {outcome.ended}.", soft_wrap=True)
+
+
+def _made(seeds: Sequence[int]) -> Provenance:
+    """Return the provenance of several runs."""
+    listed = f"{seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else str(seeds[0])
+    return provenance(command=shell_line(argv()), files=(), seed=listed)
 
 
 def _summary(outcomes: list[RecordOutcome], out: Path) -> str:

@@ -9,8 +9,8 @@ import numpy as np
 from cyclopts import App
 from numpy.typing import NDArray
 
-from ballbot.cli.context import WholeNumber, input_files, open_result
-from ballbot.cli.live_run import WRITTEN, Plan, about_run, finish, make_run, record_run
+from ballbot.cli.context import PAGE, WholeNumber, input_files, open_result
+from ballbot.cli.live_run import WRITTEN, Plan, about_run, about_words, finish, make_run, record_run
 from ballbot.cli.output import emit, print_parts, standard_output
 from ballbot.cli.robot_link import Connection, ControllerOnRobot, LinkOptions, Monitor, connected
 from ballbot.control.controller import Controller
@@ -29,6 +29,7 @@ from ballbot.link.runs import require_log
 from ballbot.link.wiring import check_turns, measure_turns
 from ballbot.log import Log
 from ballbot.report.live import HELD, alternation_parts, alternation_results, wiring_parts, wiring_results
+from ballbot.report.live_page import alternation_report, live_run_report, wiring_report
 from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.simulation.held_robot import SWEEP_PERIOD
@@ -87,7 +88,7 @@ def balance(
     ramp
         Time over which the torque limit rises from zero [s], for a first balance on a tether.
     out
-        The folder for log.csv and results.json; nothing is written if it is not given.
+        The folder for report.html, log.csv and results.json; nothing is written if it is not given.
     """
     _check_port(port)
     controller = chosen.read(link)
@@ -182,7 +183,7 @@ def wiring(port: str | None = None, /, *, link: LinkOptions = _LINK, out: Path |
     port
         As for `ballbot run`.
     out
-        The folder for results.json; nothing is written if it is not given.
+        The folder for report.html and results.json; nothing is written if it is not given.
     """
     console = standard_output()
     with connected(port, link) as connection:
@@ -203,13 +204,15 @@ def wiring(port: str | None = None, /, *, link: LinkOptions = _LINK, out: Path |
             console.print("Every motor turns its own encoder forward: the self-test passed.")
     if out is not None:
         inputs = input_files(link.robot, link.scenario)
-        writes = ("results.json",)
+        writes = (PAGE, "results.json")
         with (
             open_result(out, command="run wiring", writes=writes, inputs=inputs) as result,
             result.replaced() as new,
         ):
             result.write_json(wiring_results(check), new, findings=check.findings)
-        result.show_file("results.json")
+            about = about_words(connection, link)
+            result.write_page(wiring_report(check, about=about, made=result.origin), new)
+        result.show_file(PAGE)
     if not check.passed:
         raise InputError(f"{check.findings[0].text} Correct it, and repeat the check.")
 
@@ -241,7 +244,7 @@ def sweep(
     torque
         Its largest torque [N m].
     out
-        The folder for log.csv and results.json.
+        The folder for report.html, log.csv and results.json.
     """
     with connected(port, link, hold="in_air") as connection:
         _bench(connection, link, sweep_of(connection.robot, torque), duration, out)
@@ -275,7 +278,7 @@ def upside_down(
     torque_seed
         Random seed of the torques' phases.
     out
-        The folder for log.csv and results.json.
+        The folder for report.html, log.csv and results.json.
     """
     with connected(port, link, hold="upside_down") as connection:
         _bench(connection, link, stir(connection.robot, torque_seed), duration, out)
@@ -382,7 +385,7 @@ def compare(
     lean
         Largest tilt [rad] at which the robot gives torques.
     out
-        The folder for the logs and results.json.
+        The folder for report.html, the logs and results.json.
     """
     if rounds < MIN_RUNS // 2:
         raise InputError(f"There are {rounds} rounds; runs in turn need {MIN_RUNS // 2} or more.")
@@ -397,7 +400,7 @@ def compare(
     names = [f"{k + 1}_{'after' if k % 2 else 'before'}" for k in range(2 * rounds)]
     for name in names:
         check_no_recording(out / f"{name}{SUFFIX}")
-    writes = [*(f"{name}.csv" for name in names), "results.json"]
+    writes = [*(f"{name}.csv" for name in names), PAGE, "results.json"]
     inputs = [prediction, *files, *input_files(link.robot, link.scenario)]
     with open_result(out, command="run compare", writes=writes, inputs=inputs, seed=link.seed) as result:
         with connected(port, link) as connection:
@@ -413,10 +416,12 @@ def compare(
             for name, log in zip(names, logs, strict=True):
                 log.write(new / f"{name}.csv")
             write_text(new / "results.json", results_text(alternation_results(found) | {"provenance": about}))
+            words = about_words(connection, link)
+            result.write_page(alternation_report(found, logs, about=words, made=result.origin), new)
         for name in names:
             (out / f"{name}{SUFFIX}").unlink(missing_ok=True)
     result.show(alternation_parts(found, framed=result.console.is_terminal))
-    result.show_file("results.json")
+    result.show_file(PAGE)
 
 
 def _course_run(
@@ -456,7 +461,7 @@ def recover(recording: Path, /, *, out: Path) -> None:
     recording
         The file that was left where the log was to be.
     out
-        The folder for log.csv and results.json.
+        The folder for report.html, log.csv and results.json.
     """
     read = read_recording(recording)
     with open_result(out, command="run", writes=WRITTEN, inputs=[recording]) as result:
@@ -470,6 +475,15 @@ def recover(recording: Path, /, *, out: Path) -> None:
         with result.replaced() as new:
             read.log.write(new / "log.csv")
             write_text(new / "results.json", results_text(results))
+            page = live_run_report(
+                read.log,
+                None,
+                balancing=True,
+                ending="Cut off.",
+                about=f"From {recording}.",
+                made=result.origin,
+            )
+            result.write_page(page, new)
     length = float(read.log.t[-1] - read.log.t[0])
     result.console.print(f"{len(read.log)} whole rows, {length:.1f} s; {read.damaged_bytes} bytes were lost.")
-    result.show_file("log.csv")
+    result.show_file("log.csv", PAGE)

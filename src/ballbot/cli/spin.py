@@ -9,13 +9,13 @@ from pathlib import Path
 from cyclopts import Parameter
 from scipy.spatial.transform import Rotation
 
-from ballbot.cli.context import input_files, open_result
+from ballbot.cli.context import PAGE, input_files, open_result
 from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.errors import InputError
 from ballbot.files import write_bytes, write_text
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
-from ballbot.report.spin import difference_figure, spin_results, velocity_figure
+from ballbot.report.spin import difference_figure, spin_report, spin_results, velocity_figure
 from ballbot.report.style import drawn
 from ballbot.robot import Robot
 from ballbot.vision.seam import seam_named
@@ -32,7 +32,7 @@ from ballbot.vision.spin import (
 )
 from ballbot.vision.video import open_video
 
-_WRITTEN = ("spin.csv", "results.json", "velocity.svg", "overlay.png", "difference.svg", "log.csv")
+_WRITTEN = (PAGE, "spin.csv", "results.json", "velocity.svg", "overlay.png", "difference.svg", "log.csv")
 
 
 @Parameter(name="*")
@@ -78,8 +78,8 @@ def spin(
     """Measure the ball's angular velocity from a video of its seam, seen from above on the upside-down robot.
 
     Finds the ball, its seam and the camera's distance, follows the seam frame by frame, and with a log compares the
-    result with T_obw times the wheels' speeds (the thesis's Figure V.2). Writes spin.csv (t, ball_omega_x, _y,
-    _z, their standard errors, tracked), results.json, velocity.svg and overlay.png; with a log also difference.svg
+    result with T_obw times the wheels' speeds (the thesis's Figure V.2). Writes report.html, spin.csv (t, ball_omega_x,
+    _y, _z, their standard errors, tracked), results.json, velocity.svg and overlay.png; with a log also difference.svg
     and log.csv, the log with ball_omega.
 
     Example: ballbot spin upside_down.mp4 --log upside_down.csv --robot alten --out spin
@@ -133,9 +133,18 @@ def spin(
         with result.replaced() as new:
             result.write_json(spin_results(found, comparison, log_findings=findings), new)
             _write(new, found, comparison, run)
+            page = spin_report(
+                found,
+                comparison,
+                video=video.name,
+                picture=overlay(found),
+                made=result.origin,
+                log_findings=findings,
+            )
+            result.write_page(page, new)
     for finding in spin_findings(found, comparison):
         result.console.print(finding.text, markup=False, soft_wrap=True)
-    result.show_file("spin.csv")
+    result.show_file("spin.csv", PAGE)
 
 
 def _write(folder: Path, found: Spin, comparison: WheelComparison | None, run: Log | None) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cyclopts import App
 
-from ballbot.cli.context import input_files, open_result, parse_seeds
+from ballbot.cli.context import PAGE, input_files, open_result, parse_seeds
 from ballbot.cli.output import show_written
 from ballbot.files import check_file, check_new_file, write_text
 from ballbot.report.console import table
@@ -21,7 +21,7 @@ _ABOUT = """The twin's MuJoCo model, its scenarios, and the thesis's recommendat
 Example: ballbot twin export alten --out twin.xml
 """
 
-_WRITTEN = ("results.json",)
+_WRITTEN = (PAGE, "results.json")
 
 twin = App(name="twin", help=_ABOUT)
 
@@ -91,7 +91,7 @@ def recommendations(
     Example: ballbot twin recommendations alten --seeds 1-5 --out recommended
 
     Prints position error and torque noise before and after, without and with friction compensation; writes
-    results.json with every run's scores.
+    report.html, and results.json with every run's scores.
 
     Parameters
     ----------
@@ -104,6 +104,7 @@ def recommendations(
     out
         The folder to write into.
     """
+    from ballbot.report.twin import recommendations_report
     from ballbot.workflows.twin_recommendations import HEADINGS, rows, try_recommendations
 
     described, numbers = Robot.load(robot), parse_seeds(seeds)
@@ -122,6 +123,7 @@ def recommendations(
         scores = {name: comparison.scores for name, comparison in found.items()}
         with result.replaced() as new:
             result.write_json(scores, new)
+            result.write_page(recommendations_report(described, found, result.origin), new)
     title = "Position error after settling, and torque noise"
     result.show([table(title, HEADINGS, rows(found), framed=result.console.is_terminal)])
-    result.show_file("results.json")
+    result.show_file(PAGE)

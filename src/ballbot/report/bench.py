@@ -7,22 +7,24 @@ fitted to it, and the residual.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from rich.console import RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from ballbot.findings import Finding, texts
 from ballbot.identification.geometry import Geometry, Measured
 from ballbot.identification.swing import SwingFit
-from ballbot.identification.upside_down import UpsideDown, cut_ball_windows
+from ballbot.identification.upside_down import BallWindows, UpsideDown, cut_ball_windows
 from ballbot.log import Log
-from ballbot.report.console import table
+from ballbot.report.blocks import Bullets, Report, Sheet, section
+from ballbot.report.console import TextTable, table
 from ballbot.report.palette import SHADE
+from ballbot.report.provenance import Provenance
+from ballbot.report.series import Line, Look, Panel, TimeSeries
 from ballbot.report.style import MEASURED, REFERENCE, WITH_FRICTION, WITHOUT_FRICTION, thinned
 from ballbot.report.words import digits
 from ballbot.robot import Friction, Robot
@@ -36,17 +38,7 @@ _AXES = ("x", "y", "z")
 
 def prediction_figure(found: UpsideDown, log: Log) -> Figure:
     """Return the ball's velocity over some windows of the first log: measured, and predicted from each one's start."""
-    n = found.robot.wheel_count
-    windows = cut_ball_windows([log], wheel_count=n, duration=found.window)
-    first = max(0, (len(windows) - _WINDOWS_SHOWN) // 2)
-    windows = windows.take(np.arange(first, min(first + _WINDOWS_SHOWN, len(windows))))
-    predicted = simulate_balls(
-        ClampedBall.of_robot(found.robot),
-        friction=[friction_row(found.robot.friction), friction_row(Friction.none(n))],
-        initial=windows.initial,
-        torques=windows.torques,
-        sample_time=windows.sample_time,
-    )
+    windows, predicted = _predicted_windows(found, log)
     figure = Figure(figsize=(7.4, 4.6), layout="constrained")
     panels = figure.subplots(3, 1, sharex=True)
     t = np.array([span.start for span in windows.spans])[:, None] + windows.sample_time * np.arange(
@@ -69,6 +61,22 @@ def prediction_figure(found: UpsideDown, log: Log) -> Figure:
     panels[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderpad=0.0)
     panels[-1].set_xlabel(f"time of the log [s]; each prediction restarts every {found.window:g} s")
     return figure
+
+
+def _predicted_windows(found: UpsideDown, log: Log) -> tuple[BallWindows, NDArray[np.float64]]:
+    """Return windows from the middle of a log, and the ball's velocity in them, with friction and without."""
+    n = found.robot.wheel_count
+    windows = cut_ball_windows([log], wheel_count=n, duration=found.window)
+    first = max(0, (len(windows) - _WINDOWS_SHOWN) // 2)
+    windows = windows.take(np.arange(first, min(first + _WINDOWS_SHOWN, len(windows))))
+    predicted = simulate_balls(
+        ClampedBall.of_robot(found.robot),
+        friction=[friction_row(found.robot.friction), friction_row(Friction.none(n))],
+        initial=windows.initial,
+        torques=windows.torques,
+        sample_time=windows.sample_time,
+    )
+    return windows, predicted
 
 
 def movement_figure(movement: BallMovement) -> Figure:
@@ -142,7 +150,7 @@ def _comparison(described: Robot) -> list[str]:
     ]
 
 
-def _parameter_table(found: UpsideDown, described: Robot, *, framed: bool) -> Table:
+def _parameter_table(found: UpsideDown, described: Robot, *, framed: bool) -> TextTable:
     friction = described.friction
     before = {
         "b": friction.viscous,
@@ -163,7 +171,7 @@ def _parameter_table(found: UpsideDown, described: Robot, *, framed: bool) -> Ta
     return table("Friction of drivelines and ball-wheel contacts", headings, rows, framed=framed)
 
 
-def _error_table(found: UpsideDown, *, framed: bool) -> Table:
+def _error_table(found: UpsideDown, *, framed: bool) -> TextTable:
     rows = [
         (f"Omega_{axis}", *(digits(float(errors[i])) for errors in found.held_out.values()))
         for i, axis in enumerate("xyz")
@@ -174,8 +182,7 @@ def _error_table(found: UpsideDown, *, framed: bool) -> Table:
 
 def geometry_parts(found: Geometry, findings: Sequence[Finding], *, framed: bool) -> Iterator[RenderableType]:
     """Yield the table of quantities and the findings."""
-    more = [one for one in (found.camera_delay, found.leaning_seen) if one]
-    rows = [_row(one) for one in (*found.measured, *found.wheel_ratios, *more)]
+    rows = [_row(one) for one in _measured(found)]
     headings = ("quantity", "from the logs", "+-", "in the file", "unit", "difference", "from")
     yield table("Geometry", headings, rows, framed=framed)
     for finding in findings:
@@ -196,3 +203,173 @@ def _row(one: Measured) -> list[str]:
         off,
         one.kind,
     ]
+
+
+def upside_down_report(
+    found: UpsideDown,
+    described: Robot,
+    logs: Mapping[str, Log],
+    movement: BallMovement,
+    *,
+    made: Provenance,
+    findings: Sequence[Finding],
+) -> Report:
+    """Return the page of friction identified upside down."""
+    values = found.parameters
+    ratio = {
+        name: float(np.median(errors / found.held_out[_FOUND]))
+        for name, errors in found.held_out.items()
+        if name != _FOUND
+    }
+    others = {"none": "without friction", "robot file": "with the friction of the robot file"}
+    better = ", ".join(f"{others[name]} {digits(one, 2)} times as large" for name, one in ratio.items())
+    dry = np.atleast_1d(np.asarray(values["c"]))
+    verdict = [
+        (
+            "Friction",
+            f"In motion, wheels and contacts resist with {digits(float(dry.min()), 2)} to "
+            f"{digits(float(dry.max()), 2)} N m and a part that grows with speed.",
+        )
+    ]
+    if better:
+        verdict.append(
+            ("Prediction", f"The error of the others on held-out windows, in the median: {better}.")
+        )
+    return Report(
+        title=f"{described.name}: friction with the ball on its wheels",
+        lead=f"The robot clamped upside down; {', '.join(logs)}, predicted over windows of {found.window:g} s.",
+        verdict=verdict,
+        sections=[
+            section(
+                "Friction found",
+                Sheet.of(_parameter_table(found, described, framed=False)),
+                Bullets(items=_comparison(described)) if _comparison(described) else None,
+            ),
+            section(
+                "Predictions",
+                Sheet.of(_error_table(found, framed=False)),
+                prediction_series(found, next(iter(logs.values()))),
+            ),
+            section("The ball's movement", movement_series(movement)),
+        ],
+        undecided=[
+            *texts(found.warnings),
+            "The friction while the robot balances: its weight then rests on the contacts, and the ball rolls on a "
+            "floor.",
+        ],
+        made=made,
+        findings=findings,
+    )
+
+
+#: how the windows' errors name this identification
+_FOUND = "found"
+
+
+def prediction_series(found: UpsideDown, log: Log) -> TimeSeries:
+    """Return the ball's velocity over some windows of a log: measured, and predicted from each one's start."""
+    windows, predicted = _predicted_windows(found, log)
+    t = np.array([span.start for span in windows.spans])[:, None] + windows.sample_time * np.arange(
+        1.0, windows.measured.shape[1] + 1.0
+    )
+    held_out = {(span.log, span.start) for span in found.held_out_windows}
+    panels = []
+    for axis, name in enumerate(_AXES):
+        columns = {
+            "measured": windows.measured[..., axis],
+            "without friction": predicted[1, ..., axis],
+            "with the friction found": predicted[0, ..., axis],
+        }
+        looks: tuple[Look, ...] = ("measured", "second", "first")
+        lines = [
+            Line(name=label, values=_broken(t, values)[1][:-1], look=look)
+            for (label, values), look in zip(columns.items(), looks, strict=True)
+        ]
+        largest = 1.3 * float(
+            np.abs(windows.measured[..., axis]).max()
+        )  # without friction it leaves the panel
+        panels.append(Panel(label=f"Ω_{name} [rad/s]", lines=lines, ends=(-largest, largest)))
+    return TimeSeries(
+        t=_broken_times(t),
+        panels=panels,
+        caption=f"Some windows of the first log; each prediction starts anew every {found.window:g} s.",
+        across="time of the log [s]",
+        shaded=[(one.start, one.end) for one in windows.spans if (one.log, one.start) in held_out],
+        shade="held out",
+    )
+
+
+def _broken_times(t: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the times of windows (w, m) as one line, with the middle of the gap after each but the last."""
+    ends = np.append(0.5 * (t[:-1, -1] + t[1:, 0]), np.nan)
+    return np.hstack([t, ends[:, None]]).ravel()[:-1]
+
+
+def movement_series(movement: BallMovement) -> TimeSeries:
+    """Return the ball's rotation about each axis along the reference, with friction and without."""
+    panels = []
+    for axis, name in enumerate(_AXES):
+        lines = (
+            Line(name="reference", values=movement.reference[:, axis], look="reference"),
+            Line(name="without friction", values=movement.without_friction.rotations[:, axis], look="second"),
+            Line(name="with friction", values=movement.with_friction.rotations[:, axis], look="first"),
+        )
+        panels.append(Panel(label=f"rotation about {name} [rad]", lines=lines))
+    return TimeSeries(
+        t=movement.without_friction.t,
+        panels=panels,
+        caption=(
+            "Simulated with the friction found and without any, under the same controller (as the thesis's Figure "
+            "3.4)."
+        ),
+    )
+
+
+def geometry_report(
+    found: Geometry,
+    findings: Sequence[Finding],
+    *,
+    robot: Robot,
+    made: Provenance,
+    log_findings: Sequence[Finding],
+) -> Report:
+    """Return the page of a geometry identified from logs."""
+    measured = _measured(found)
+    far = [one for one in measured if abs(one.deviation) > _FAR]
+    text = f"{len(measured)} quantities were identified. "
+    if far:
+        worst = max(far, key=lambda one: abs(one.deviation))
+        text += (
+            f"{len(far)} of them differ from the robot file by more than {_FAR:g} standard errors, most {worst.name} "
+            f"by {abs(worst.deviation):.1f}."
+        )
+    else:
+        text += f"All agree with the robot file within {_FAR:g} standard errors."
+    (table_of,) = (one for one in geometry_parts(found, (), framed=False) if isinstance(one, TextTable))
+    return Report(
+        title=f"{robot.name}: geometry and mounting from logs",
+        lead="By kinematics alone: what wheels, gyro, camera and motion capture measure of the same motion.",
+        verdict=[("", text)],
+        sections=[
+            section(
+                "Geometry",
+                Sheet.of(table_of, caption="From the logs with standard errors, beside the robot file."),
+                Bullets(items=texts(findings)) if findings else None,
+            )
+        ],
+        undecided=[
+            "Ratios stand for lengths: the wheels show r_b / r_w, and only motion capture shows a length itself.",
+            "The shape of single rollers, and a ball that is not round.",
+        ],
+        made=made,
+        findings=log_findings,
+    )
+
+
+#: standard errors beyond which a quantity differs from the file: one in twenty does by chance
+_FAR = 2.0
+
+
+def _measured(found: Geometry) -> list[Measured]:
+    more = [one for one in (found.camera_delay, found.leaning_seen) if one]
+    return [*found.measured, *found.wheel_ratios, *more]

@@ -159,6 +159,9 @@ class Report:
     undecided: Sequence[str]  #: what the data cannot decide
     made: Provenance
     findings: Sequence[Finding] | None = None  #: of the checks of the inputs; None if nothing was checked
+    accepted: bool = (
+        True  #: whether the errors among them were accepted, so that results follow in spite of them
+    )
 
 
 def section(heading: str, *blocks: Block | None) -> Section:

@@ -1,4 +1,4 @@
-"""Comparisons of controllers: runs side by side as in the thesis's Figures 5.7 and 5.8, the poles, and the league.
+"""Comparisons of controllers: runs side by side as in the thesis's Figures 5.7 and 5.8, and the league.
 
 Of a league: tables as texts, for the page and the terminal; an overview with intervals, and each course as it was run
 with the first seed; and the page.
@@ -97,32 +97,6 @@ def position_error_series(runs: Mapping[str, Log], caption: str) -> TimeSeries:
         shaded=true_spans(longest.t, settled(longest, SETTLE)),
         shade="settled: counts",
     )
-
-
-def poles_figure(open_loop: NDArray[np.complex128], closed_loop: NDArray[np.complex128]) -> Figure:
-    """Return the robot's poles without control and those of the closed loop in the complex plane."""
-    figure = Figure(figsize=(4.6, 2.6), layout="constrained")
-    axes = figure.subplots()
-    axes.axvspan(0.0, 1e3, color=SHADE)
-    axes.axvline(0.0, color=MUTED, linewidth=0.8)
-    axes.axhline(0.0, color=MUTED, linewidth=0.8)
-    axes.plot(open_loop.real, open_loop.imag, "x", color=ORANGE, markersize=7, label="without control")
-    axes.plot(
-        closed_loop.real,
-        closed_loop.imag,
-        "o",
-        color=BLUE,
-        markersize=4.5,
-        mfc="none",
-        label="with this gain",
-    )
-    everything = np.concatenate([open_loop, closed_loop])
-    height = max(1.0, 1.25 * float(np.abs(everything.imag).max()))
-    axes.set(xlim=(1.12 * everything.real.min(), 1.5 * everything.real.max()), ylim=(-height, height))
-    axes.set_xlabel("real part [rad/s]")
-    axes.set_ylabel("imaginary part [rad/s]")
-    axes.legend(loc="upper left")
-    return figure
 
 
 OVERALL_HEADINGS = ("controller", *(METRIC_BY_KEY[key].heading for key in RATIOS), "falls")

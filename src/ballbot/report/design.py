@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 from rich.console import RenderableType
 from rich.text import Text
 
 from ballbot.control.overcompensation import CompensationMargin
+from ballbot.findings import Finding
+from ballbot.log import STATE_NAMES
+from ballbot.report.blocks import Block, Paragraph, Report, Sheet, Verbatim, section
 from ballbot.report.console import matrix_text, table
 from ballbot.report.palette import BLUE, GREEN, ORANGE, SHADE
-from ballbot.report.style import LineStyle
+from ballbot.report.poles import poles_figure
+from ballbot.report.provenance import Provenance
+from ballbot.report.style import LineStyle, drawn_picture
+from ballbot.report.words import state_mark
 from ballbot.robot import Friction
 from ballbot.workflows.controller_design import ControllerDesign, frictionless_model
 from ballbot.workflows.perturbed_robots import TAIL, PerturbationRanges
@@ -72,20 +80,8 @@ def search_comment(found: RobustDesign, command: str) -> str:
 def robust_design_parts(found: RobustDesign, *, framed: bool) -> Iterator[RenderableType]:
     """Yield the gain of a robust design, its comparison with other weights, and its own weights."""
     yield Text(matrix_text("K", found.controller.gain))
-    headings = ("design", "worst tenth of J", "mean J", "worst error (mm)", "worst roughness (N m)", "falls")
-    rows = [
-        [
-            name,
-            f"{one.worst_tenth:.2f}",
-            f"{one.mean:.2f}",
-            f"{1e3 * one.worst_error:.1f}",
-            f"{one.worst_roughness:.3f}",
-            f"{one.falls}",
-        ]
-        for name, one in found.compared.items()
-    ]
     title = f"On {found.fresh} perturbed robots that the search did not use"
-    yield table(title, headings, rows, framed=framed)
+    yield table(title, *_robust_rows(found), framed=framed)
     yield Text(_weights(found))
     yield Text(_perturbed_by(found.spread))
 
@@ -154,3 +150,167 @@ def _margin(margin: CompensationMargin) -> str:
         if margin.overcompensates
         else text
     )
+
+
+def controller_design_report(
+    found: ControllerDesign, made: Provenance, findings: Sequence[Finding]
+) -> Report:
+    """Return the page of a design without a search."""
+    controller = found.controller
+    robot, spread = controller.robot, found.uncertainty
+    without = frictionless_model(robot).linearize().poles()
+    slowest = float(-np.max(found.gain.poles.real))
+    parts = ", ".join(part.label for _, part in controller.parts.present()) or "none"
+    words = (
+        f"Sampled LQR at {1e3 * controller.sample_time:g} ms; {controller.compensation} friction compensation; "
+        f"parts: {parts}."
+    )
+    verdict = [
+        (
+            "Closed loop",
+            f"The slowest pole is {slowest:.3g} rad/s: the robot settles in about {4.0 / slowest:.2g} s.",
+        )
+    ]
+    if controller.compensation != "none":
+        verdict.append(("Compensation", _capital(found.margin.sentence)))
+    gain_blocks: list[Block] = [
+        _gain_sheet(found.gain.gain, "Gain K of u = K S(ψ) (r − x) [N m per m, rad, m/s, rad/s].")
+    ]
+    if spread.parts:
+        causes = ", ".join(f"{100.0 * share:.0f} % from {label}" for label, share in spread.largest())
+        caption = f"Standard deviation of each entry, from those in the robot file ({causes})."
+        gain_blocks.append(_gain_sheet(spread.deviation, caption))
+    poles = [(f"{pole.real:.4f}", f"{pole.imag:.4f}") for pole in found.gain.poles]
+    figure = "Poles of the model without friction, by itself and with this gain. Shaded: unstable."
+    linear = frictionless_model(robot).linearize()
+    undecided = [
+        "How the loop behaves with the robot's friction, play, noise and limits: the poles are those of the linear "
+        "model without friction. `ballbot simulate`, `ballbot limits` and `ballbot compare` show it."
+    ]
+    if not spread.parts:
+        undecided.append("How uncertain the gain is: no value in the robot file has a standard_deviation.")
+    return Report(
+        title=f"{robot.name}: a controller",
+        lead=words,
+        verdict=verdict,
+        sections=[
+            section("Gain", *gain_blocks),
+            section(
+                "Poles",
+                drawn_picture("poles", partial(poles_figure, without, found.gain.poles), figure),
+                Sheet(headings=("real [rad/s]", "imaginary [rad/s]"), rows=poles, caption="With this gain."),
+            ),
+            section("Friction compensation", *_compensation_blocks(found)),
+            section(
+                "Linear model",
+                Verbatim(
+                    text=state_order(robot.wheel_count), caption="Order and units of the states and inputs."
+                ),
+                Verbatim(
+                    text=matrix_text("A", linear.A), caption="About upright, exact model without friction."
+                ),
+                Verbatim(text=matrix_text("B", linear.B)),
+            ),
+        ],
+        undecided=undecided,
+        made=made,
+        findings=findings,
+    )
+
+
+def _compensation_blocks(found: ControllerDesign) -> Iterator[Block]:
+    if found.controller.compensation == "none":
+        yield Paragraph(text="No friction is compensated.")
+        return
+    margin = found.margin
+    rows = [
+        (f"wheel {place}", f"{100.0 * share:.0f} %", f"{speed:.2g} rad/s")
+        for place, (share, speed) in enumerate(
+            zip(margin.wheel_fractions, margin.at_speeds, strict=True), start=1
+        )
+    ]
+    rows.append(("rolling", f"{100.0 * margin.rolling_fraction:.0f} %", ""))
+    caption = "Largest compensated fraction of the friction that is certain; beyond 100 % it injects energy."
+    yield Sheet(headings=("friction", "compensated", "at"), rows=rows, caption=caption)
+    swings = [(f"{one.amplitude:g} rad/s", f"{100.0 * one.fraction:.0f} %") for one in margin.swings]
+    returned = (
+        "Largest fraction of the energy lost to friction that compensation returns to an oscillating wheel."
+    )
+    yield Sheet(headings=("amplitude", "returned"), rows=swings, caption=returned)
+    if found.certain is not found.stated:
+        yield Paragraph(text=_certain_fractions(found.stated, found.certain).strip())
+
+
+def _gain_sheet(gain: NDArray[np.float64], caption: str) -> Sheet:
+    rows = [
+        (str(k), *(f"{value:.4f}" for value in row)) for k, row in enumerate(np.round(gain, 4) + 0.0, start=1)
+    ]
+    # an integral action adds states of its own
+    names = [state_mark(name) for name in STATE_NAMES]
+    more = [f"∫ {k}" for k in range(1, gain.shape[1] - len(names) + 1)]
+    return Sheet(headings=("wheel", *names, *more), rows=rows, caption=caption)
+
+
+def _capital(sentence: str) -> str:
+    return f"{sentence[0].upper()}{sentence[1:]}."
+
+
+def robust_design_report(found: RobustDesign, made: Provenance, findings: Sequence[Finding]) -> Report:
+    """Return the page of a design by search."""
+    robust, nominal, plain = (found.compared[name] for name in ("robust", "nominal", "plain"))
+    headings, rows = _robust_rows(found)
+    caption = f"On {found.fresh} perturbed robots that the search did not use."
+    figure = (
+        "Left: the best worst tenth over the generations of the search. Right: the costs of each design on robots "
+        "that the search had not seen, in order of size."
+    )
+    ratio = nominal.worst_tenth / robust.worst_tenth
+    compared = f"{ratio:.2f} times smaller than" if ratio >= 1.0 else f"{1.0 / ratio:.2f} times larger than"
+    text = (
+        f"On the worst tenth of {found.fresh} robots the cost is {robust.worst_tenth:.2f}, {compared} that of the "
+        f"nominal weights, {nominal.worst_tenth:.2f}; that of a plain LQR is {plain.worst_tenth:.2f}."
+    )
+    return Report(
+        title=f"{found.controller.robot.name}: a robust controller",
+        lead=_perturbed_by(found.spread),
+        verdict=[
+            ("", text),
+            ("Falls", f"{robust.falls} of {found.fresh} with the weights found, {nominal.falls} nominal."),
+        ],
+        sections=[
+            section(
+                "Compared with other weights",
+                Sheet(headings=headings, rows=rows, caption=caption),
+                drawn_picture("robust", partial(robust_figure, found), figure),
+            ),
+            section(
+                "Gain",
+                _gain_sheet(
+                    found.controller.gain, "Gain K of u = K S(ψ) (r − x) [N m per m, rad, m/s, rad/s]."
+                ),
+                Paragraph(text=_weights(found)),
+            ),
+        ],
+        undecided=[
+            "Robots outside the ranges: the cost counts those that were drawn.",
+            f"The cost's tail beyond {found.fresh} robots: rarer ones may fall.",
+        ],
+        made=made,
+        findings=findings,
+    )
+
+
+def _robust_rows(found: RobustDesign) -> tuple[tuple[str, ...], list[list[str]]]:
+    headings = ("design", "worst tenth of J", "mean J", "worst error (mm)", "worst roughness (N m)", "falls")
+    rows = [
+        [
+            name,
+            f"{one.worst_tenth:.2f}",
+            f"{one.mean:.2f}",
+            f"{1e3 * one.worst_error:.1f}",
+            f"{one.worst_roughness:.3f}",
+            f"{one.falls}",
+        ]
+        for name, one in found.compared.items()
+    ]
+    return headings, rows

@@ -11,13 +11,17 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, StrMethodFormatter
 from numpy.typing import NDArray
 from rich.console import RenderableType
-from rich.table import Table
 from rich.text import Text
 
-from ballbot.report.console import table
+from ballbot.report.blocks import Picture, Report, Sheet, section
+from ballbot.report.console import TextTable, table
 from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE
+from ballbot.report.provenance import Provenance
+from ballbot.report.run import wheel_lines
+from ballbot.report.series import IN_TURN, Line, Panel, TimeSeries
 from ballbot.report.style import thinned
 from ballbot.report.words import digits
+from ballbot.robot import Robot
 from ballbot.workflows.excitation_task import RunLimits, run_on_model
 from ballbot.workflows.excite import Excitation, Trial
 
@@ -67,8 +71,7 @@ def run_figure(shown: Followed, limits: RunLimits) -> Figure:
     asked.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
     asked.tick_params(labelbottom=False)
     lean.tick_params(labelbottom=False)
-    leaning = np.degrees(np.arccos(np.cos(shown.states[:, 2]) * np.cos(shown.states[:, 3])))
-    lean.plot(*thinned(shown.t, leaning), color=BLUE, linewidth=0.8)
+    lean.plot(*thinned(shown.t, _leans(shown)), color=BLUE, linewidth=0.8)
     lean.axhline(np.degrees(limits.lean), color=INK, linewidth=0.8, linestyle="--")
     lean.set_ylabel("lean\n[deg]")
     for torques, color, style in zip(shown.torques.T, (BLUE, ORANGE, GREEN, MUTED), _STYLES, strict=False):
@@ -134,7 +137,7 @@ def excitation_parts(result: Excitation, *, framed: bool) -> Iterator[Renderable
         yield Text(sentence)
 
 
-def _limits_table(result: Excitation, *, framed: bool) -> Table:
+def _limits_table(result: Excitation, *, framed: bool) -> TextTable:
     """Return each limit with the peaks of the square and of the design, on the model and on the twin."""
     trials = result.trials
     runs = {"square": result.square.run.peaks, "designed": result.design.peaks}
@@ -149,7 +152,7 @@ def _limits_table(result: Excitation, *, framed: bool) -> Table:
     return table("Limits, and the largest values of each run", ("limit", "", *runs), rows, framed=framed)
 
 
-def _errors_table(result: Excitation, *, framed: bool) -> Table:
+def _errors_table(result: Excitation, *, framed: bool) -> TextTable:
     """Return the standard errors: expected, and of identifications from the twin's logs; the worst of each last."""
     question = result.task.question
     believed = question.coordinates.physical(question.point)[question.coordinates.free]
@@ -213,3 +216,78 @@ def _worst(errors: NDArray[np.float64]) -> str:
         return "none identified"
     text = f"{100.0 * float(errors[np.isfinite(errors)].max()):.1f}"
     return f"{text} ({none} not identified)" if none else text
+
+
+def excitation_report(
+    result: Excitation, robot: Robot, *, errors_svg: str, path_svg: str, made: Provenance
+) -> Report:
+    """Return the page; the figures are those of the command's files."""
+    limits, shown = result.task.limits, followed_run(result)
+    undecided = [
+        "How much the real robot's friction differs from the one believed: the design is best for the friction of "
+        "the file.",
+        "Whether the real robot stays within the limits: the model and the twin are not the robot. Have a hand near "
+        "it.",
+    ]
+    trial = result.trials.get("designed")
+    if trial is None:
+        undecided.insert(
+            0,
+            "Whether the design helps on a robot with play, noise and rollers: it was not tried on the twin.",
+        )
+    return Report(
+        title=f"{robot.name}: an informative excitation",
+        lead=(
+            f"{result.design.times[-1]:.0f} s within {np.degrees(limits.lean):.2g}° of lean, {limits.floor:g} m of "
+            f"floor and {limits.torque:.3g} N m of torque."
+        ),
+        verdict=[("", " ".join(_verdict(result)))],
+        sections=[
+            section(
+                "The run",
+                Sheet.of(_limits_table(result, framed=False)),
+                Picture(markup=path_svg, caption=f"The run {shown.title}; its limits are dashed."),
+                _followed_series(shown, limits),
+            ),
+            section(
+                "Expected errors",
+                Sheet.of(_errors_table(result, framed=False)),
+                Picture(
+                    markup=errors_svg,
+                    caption="Standard errors in percent of the bounds' width, of a square and of the design.",
+                ),
+            ),
+        ],
+        undecided=undecided,
+        made=made,
+    )
+
+
+def _followed_series(shown: Followed, limits: RunLimits) -> TimeSeries:
+    """Return reference, lean and torques over time, with the limits."""
+    count = len(shown.t)
+    asked = [
+        Line(name=name, values=shown.poses[:count, place], look=look)
+        for place, (name, look) in enumerate(zip(("x [m]", "y [m]", "ψ [rad]"), IN_TURN, strict=False))
+    ]
+    lean = Line(name="lean", values=_leans(shown), look="measured")
+    return TimeSeries(
+        t=shown.t,
+        panels=(
+            Panel(label="reference [m, rad]", lines=asked),
+            Panel(
+                label="lean [deg]", lines=(lean,), levels=(float(np.degrees(limits.lean)),), from_zero=True
+            ),
+            Panel(
+                label="torques [N m]",
+                lines=wheel_lines(list(shown.torques.T)),
+                levels=(-limits.torque, limits.torque),
+            ),
+        ),
+        caption=f"Reference, lean and torques {shown.title}.",
+        level="limit",
+    )
+
+
+def _leans(shown: Followed) -> NDArray[np.float64]:
+    return np.degrees(np.arccos(np.cos(shown.states[:, 2]) * np.cos(shown.states[:, 3])))

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from rich.console import RenderableType
 from rich.text import Text
 
 from ballbot.control.controller import Controller
+from ballbot.findings import Finding
 from ballbot.firmware.export import Export
 from ballbot.firmware.processor_load import ProcessorLoad
+from ballbot.report.blocks import Report, Sheet, section
 from ballbot.report.console import table
+from ballbot.report.provenance import Provenance
 
 _HEADINGS = ("quantity", "value")
 
@@ -19,12 +22,7 @@ def export_parts(
     exported: Export, controller: Controller, load: ProcessorLoad | None, *, framed: bool
 ) -> Iterator[RenderableType]:
     """Yield the controller, limits, and what it takes on its processor if that was measured."""
-    parts = ", ".join(part.label for _, part in controller.parts.present()) or "none"
-    compensation = "no" if controller.compensation == "none" else controller.compensation
-    yield Text(
-        f"{len(exported.files)} files for {controller.robot.name}. Estimator: {controller.estimator}; {compensation} "
-        f"friction compensation; parts: {parts}."
-    )
+    yield Text(_about(exported, controller))
     yield table("firmware", _HEADINGS, _limit_rows(exported, controller), framed=framed)
     if load is not None:
         yield table("on a Cortex-M4F", _HEADINGS, load_rows(load), framed=framed)
@@ -82,11 +80,79 @@ def load_section(load: ProcessorLoad | None, *, to_install: str) -> str:
             f"Measured over {load.samples} samples on an emulated Cortex-M4F, the library compiled by Clang with -O2 "
             f"({load.compiler}).",
             "Instructions are exact. Cycles are an upper estimate: those of the processor's manual, and two wait",
-            "states for each 64 bits of code and each word of constants in flash. Interrupts and drivers come on top.",
+            "states for each 64 bits of code and each word of constants in flash. Interrupts and drivers come on top."
+            "",
             "",
             "| quantity | value |",
             "|---|---:|",
             *lines,
             "",
         ]
+    )
+
+
+def export_report(
+    exported: Export,
+    controller: Controller,
+    load: ProcessorLoad | None,
+    *,
+    to_install: str,
+    made: Provenance,
+    findings: Sequence[Finding],
+) -> Report:
+    """Return the page of an exported firmware."""
+    robot = controller.robot
+    verdict = [("Firmware", _about(exported, controller))]
+    undecided = [
+        "Whether motors, encoders and IMU are wired as the library expects: `ballbot run wiring` checks a robot."
+    ]
+    if load is None:
+        undecided.insert(0, f"What an update takes on the processor: it was not measured. {to_install}")
+    else:
+        worst = 100.0 * load.worst_share
+        verdict.append(
+            (
+                "Processor",
+                f"The worst update takes at most {load.worst_cycles:,} cycles, {worst:.1f} % of the period of "
+                f"{1e3 * load.period:g} ms at {load.clock / 1e6:g} MHz.",
+            )
+        )
+        undecided.insert(
+            0, "What interrupts and drivers of a board take: they come on top of the library's cycles."
+        )
+    rows = [(name, f"{len(text):,}") for name, text in sorted(exported.files.items())]
+    measured = (
+        "On an emulated Cortex-M4F. Instructions are exact; cycles are an upper estimate with two wait states of "
+        "flash."
+    )
+    return Report(
+        title=f"{robot.name}: a controller as firmware",
+        lead=f"{len(exported.files)} files in C99. README.md beside this page says how to build them.",
+        verdict=verdict,
+        sections=[
+            section("The controller", Sheet(headings=_HEADINGS, rows=_limit_rows(exported, controller))),
+            *(
+                [
+                    section(
+                        "On the processor", Sheet(headings=_HEADINGS, rows=load_rows(load), caption=measured)
+                    )
+                ]
+                if load
+                else []
+            ),
+            section("Files", Sheet(headings=("file", "characters"), rows=rows)),
+        ],
+        undecided=undecided,
+        made=made,
+        findings=findings,
+    )
+
+
+def _about(exported: Export, controller: Controller) -> str:
+    """Return what the firmware is, in a sentence or two."""
+    parts = ", ".join(part.label for _, part in controller.parts.present()) or "none"
+    compensation = "no" if controller.compensation == "none" else controller.compensation
+    return (
+        f"{len(exported.files)} files for {controller.robot.name}. Estimator: {controller.estimator}; {compensation} "
+        f"friction compensation; parts: {parts}."
     )

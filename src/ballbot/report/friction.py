@@ -19,7 +19,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from rich.console import RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from ballbot.fitting.model_selection import Candidate, Gain, ModelSelection
@@ -29,7 +28,7 @@ from ballbot.identification.laws import law_named
 from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import Identification, represents_sentence
 from ballbot.mechanics.friction import stribeck_gradient, wheel_friction
-from ballbot.report.console import table
+from ballbot.report.console import TextTable, table
 from ballbot.report.palette import BLUE, INK, MUTED
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.words import digits, interval_text
@@ -50,12 +49,16 @@ def friction_curve(found: Identification, wheel: int, speed: NDArray[np.float64]
     friction = found.robot.friction
     n = found.robot.wheel_count
     gradient = np.zeros((len(speed), len(found.labels)))
-    gradient[:, [wheel, n + wheel, 2 * n + wheel, 3 * n, 3 * n + 1]] = stribeck_gradient(
+    of_wheel = (f"b{wheel + 1}", f"c{wheel + 1}", f"s{wheel + 1}", "v_s", "delta")
+    by_parameter = stribeck_gradient(
         speed,
         stribeck=friction.stribeck[wheel],
         stribeck_speed=friction.stribeck_speed,
         stribeck_exponent=friction.stribeck_exponent,
     )
+    for label, column in zip(of_wheel, by_parameter.T, strict=True):
+        if label in found.labels:  # a simpler law has fewer parameters
+            gradient[:, found.labels.index(label)] = column
     if friction.coulomb_asymmetry:  # found as a torque against it
         gradient[:, found.labels.index(f"offset{wheel + 1}")] = -1.0
     variance = np.einsum("ki,ij,kj->k", gradient, found.covariance, gradient)
@@ -189,19 +192,19 @@ def identification_parts(
 ) -> Iterator[RenderableType]:
     """Yield the compared laws if there are any, the parameters, the errors on held-out windows, and the findings."""
     if selection:
-        yield _selection_table(selection, framed=framed)
-    yield _parameter_table(found, framed=framed)
+        yield selection_table(selection, framed=framed)
+    yield parameter_table(found, framed=framed)
     yield Text(represents_sentence(found.layout))
     yield Text(coulomb_sentence(found.coulomb))
-    yield _error_table(found, holdouts, framed=framed)
+    yield error_table(found, holdouts, framed=framed)
     for one in holdouts:
         if one.horizons:
-            yield _horizon_table(one, framed=framed)
+            yield horizon_table(one, framed=framed)
     for finding in (*found.warnings, *(remark for one in holdouts for remark in one.remarks)):
         yield Text(finding.text)
 
 
-def _parameter_table(found: Identification, *, framed: bool) -> Table:
+def parameter_table(found: Identification, *, framed: bool) -> TextTable:
     """Return each parameter with its standard error, both 95 % intervals and unit."""
     units = [
         BY_NAME[name].unit
@@ -225,7 +228,7 @@ def _parameter_table(found: Identification, *, framed: bool) -> Table:
     return table("Identified parameters", headings, rows, framed=framed)
 
 
-def _error_table(found: Identification, holdouts: Sequence[HoldoutResult], *, framed: bool) -> Table:
+def error_table(found: Identification, holdouts: Sequence[HoldoutResult], *, framed: bool) -> TextTable:
     """Return the open-loop errors of each state: on windows held out, and their ratios on other logs."""
     ours = found.held_out
     rows = [
@@ -245,7 +248,7 @@ def _error_table(found: Identification, holdouts: Sequence[HoldoutResult], *, fr
     return table(title, headings, rows, framed=framed)
 
 
-def _horizon_table(holdout: HoldoutResult, *, framed: bool) -> Table:
+def horizon_table(holdout: HoldoutResult, *, framed: bool) -> TextTable:
     """Return the errors of the wheels' speeds and of the lean by horizon, on another log."""
     rows = [
         (
@@ -275,7 +278,7 @@ def _horizon_table(holdout: HoldoutResult, *, framed: bool) -> Table:
     return table(title, headings, rows, framed=framed)
 
 
-def _selection_table(selection: ModelSelection[Identification], *, framed: bool) -> Table:
+def selection_table(selection: ModelSelection[Identification], *, framed: bool) -> TextTable:
     """Return the laws with their errors and gains on windows held out."""
     rows = [
         (

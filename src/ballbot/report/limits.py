@@ -11,11 +11,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.projections.polar import PolarAxes
 from numpy.typing import NDArray
-from rich.console import RenderableType
 
-from ballbot.report.console import table
+from ballbot.report.blocks import Picture, Report, Sheet, section
+from ballbot.report.console import TextTable, table
 from ballbot.report.palette import BLUE, GREEN, INK, LOWER, MUTED, ORANGE, UPPER, VIOLET, YELLOW
-from ballbot.report.style import label_of
+from ballbot.report.provenance import Provenance
+from ballbot.report.style import DASHED, label_of
+from ballbot.robot import Robot
 from ballbot.workflows.limits import Bounds, Kind, RobotLimits, TwinLimit
 from ballbot.workflows.recovery_region import Region
 
@@ -80,7 +82,7 @@ def directions_figure(found: Mapping[str, RobotLimits], on_twin: Mapping[str, Se
     ]
     handles += [
         Line2D([], [], color=INK, linewidth=1.6, label="no wheel slips"),
-        Line2D([], [], color=INK, linewidth=1.0, linestyle="--", label="wheels never slip"),
+        Line2D([], [], color=INK, linewidth=1.2, linestyle=DASHED, label="wheels never slip"),
     ]
     if on_twin:
         handles.append(Line2D([], [], color=INK, marker="o", linestyle="none", label="marks: on the twin"))
@@ -96,7 +98,8 @@ def heights_figure(found: Mapping[str, RobotLimits]) -> Figure:
         axes.plot(
             one.impulse.lower.min(axis=1), one.heights, color=color, linewidth=width, label=label_of(name)
         )
-        axes.plot(one.impulse.upper.min(axis=1), one.heights, color=color, linewidth=width, linestyle="--")
+        upper = one.impulse.upper.min(axis=1)
+        axes.plot(upper, one.heights, color=color, linewidth=min(width, 1.6), linestyle=DASHED)
     axes.set_xlim(left=0.0)
     axes.set_xlabel(
         "largest impulse from every direction [N s] (solid: no wheel slips; dashed: wheels never slip)"
@@ -137,7 +140,9 @@ def _draw_polar(
     for (name, (lower, upper)), (color, mark, width) in zip(sizes.items(), _LOOKS, strict=False):
         around = np.append(directions[name], directions[name][0] + 2.0 * np.pi)
         axes.plot(around, np.append(lower, lower[0]), color=color, linewidth=width)
-        axes.plot(around, np.append(upper, upper[0]), color=color, linewidth=width, linestyle="--")
+        axes.plot(
+            around, np.append(upper, upper[0]), color=color, linewidth=min(width, 1.6), linestyle=DASHED
+        )
         for direction, size in marks.get(name, ()):
             axes.plot([direction], [size], color=color, marker=mark, markersize=5, mec=INK, mew=0.6)
     axes.set_ylim(bottom=0.0)
@@ -146,7 +151,7 @@ def _draw_polar(
 
 def limit_parts(
     found: Mapping[str, RobotLimits], on_twin: Mapping[str, Sequence[TwinLimit]], *, framed: bool
-) -> Iterator[RenderableType]:
+) -> Iterator[TextTable]:
     """Yield the table of each controller's limits on the model, and that of the twin if it was run."""
     headings = ("controller", "tilt at rest (degrees)", "impulse (N s)")
     title = "Recovered from in every direction: no wheel slips / if wheels never slip"
@@ -175,3 +180,72 @@ def _twin_rows(on_twin: Mapping[str, Sequence[TwinLimit]]) -> list[list[str]]:
             sizes = [f"{unit * size:.1f}" for size in (limit.lower, limit.twin, limit.upper)]
             rows.append([name, word, f"{np.degrees(limit.direction):.0f}°", *sizes])
     return rows
+
+
+def limits_report(
+    robot: Robot,
+    found: Mapping[str, RobotLimits],
+    on_twin: Mapping[str, Sequence[TwinLimit]],
+    *,
+    figures: Mapping[str, str],
+    grip: float,
+    made: Provenance,
+) -> Report:
+    """Return the page; `figures` are the drawn ones by name: planes, directions, heights."""
+    verdict = []
+    for name, tilt, impulse in _limit_rows(found):
+        words = "up to the first number no wheel slips, up to the second if wheels never slip"
+        text = f"Recovers in every direction from a tilt at rest of {tilt} degrees and an impulse of {impulse} N s"
+        verdict.append((name, f"{text}: {words}." if not verdict else f"{text}."))
+    marks = " Marks: found on the twin." if on_twin else ""
+    tables = limit_parts(found, on_twin, framed=False)
+    return Report(
+        title=f"{robot.name}: the largest tilts and impulses that it recovers from",
+        lead=f"{len(found)} controllers, friction coefficient of the wheels on the ball {grip:g}.",
+        verdict=verdict,
+        sections=[
+            section("Limits", *(Sheet.of(one) for one in tables)),
+            section(
+                "Over all directions",
+                Picture(
+                    markup=figures["directions"],
+                    caption=(
+                        "The largest tilt at rest, and the largest impulse at the centre of mass, by direction on "
+                        f"the floor. Solid: no wheel slips; dashed: wheels never slip.{marks}"
+                    ),
+                ),
+            ),
+            section(
+                "Tilt and tilt rate",
+                Picture(
+                    markup=figures["planes"],
+                    caption=(
+                        "The tilts and tilt rates that each controller recovers from, in its worst direction. Dark: "
+                        "no wheel slips; pale: only if wheels never slip."
+                    ),
+                ),
+            ),
+            section(
+                "Height of an impulse",
+                Picture(
+                    markup=figures["heights"],
+                    caption="The largest impulse from every direction against its height above the ball's centre.",
+                ),
+            ),
+        ],
+        undecided=_undecided(on_twin),
+        made=made,
+    )
+
+
+def _undecided(on_twin: Mapping[str, Sequence[TwinLimit]]) -> list[str]:
+    sentences = [
+        "The limit between the two bounds: above the lower one a wheel slips somewhere, and what follows depends on "
+        "its friction while it slips.",
+        "The grip of the real wheels on the real ball: it is an assumption (--grip).",
+    ]
+    if not on_twin:
+        sentences.append(
+            "What sensors, delay and play take from the limits: --twin runs a robot that has them."
+        )
+    return sentences

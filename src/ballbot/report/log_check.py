@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from ballbot.errors import InputError
@@ -20,7 +19,10 @@ from ballbot.log.log import ColumnSummary, summarize
 from ballbot.log.mapping_inference.proposal import Proposal
 from ballbot.log.mapping_inference.report import Evaluation
 from ballbot.log.pose import with_position
-from ballbot.report.console import finding_line, table
+from ballbot.report.blocks import Report, Sheet, Verbatim, section
+from ballbot.report.console import TextTable, finding_line, table
+from ballbot.report.provenance import Provenance
+from ballbot.report.run import over_time
 from ballbot.robot import Robot
 
 
@@ -88,7 +90,7 @@ def checked_log_parts(checked: CheckedLog, *, framed: bool) -> Iterator[Renderab
         yield Text("No problems were found.")
 
 
-def _column_table(summaries: tuple[ColumnSummary, ...], *, framed: bool) -> Table:
+def _column_table(summaries: tuple[ColumnSummary, ...], *, framed: bool) -> TextTable:
     rows = [
         (
             column.name,
@@ -103,7 +105,7 @@ def _column_table(summaries: tuple[ColumnSummary, ...], *, framed: bool) -> Tabl
     return table("Columns", headings, rows, framed=framed)
 
 
-def _wheel_table(wheels: WheelAgreement, *, framed: bool) -> Table:
+def _wheel_table(wheels: WheelAgreement, *, framed: bool) -> TextTable:
     found = zip(wheels.order, wheels.signs, wheels.gains, wheels.correlations, strict=True)
     rows = [
         (str(i), str(place), f"{sign:+d}", f"{gain:.4f}", f"{correlation:.4f}")
@@ -111,6 +113,75 @@ def _wheel_table(wheels: WheelAgreement, *, framed: bool) -> Table:
     ]
     headings = ("robot's wheel", "log's wheel", "sign", "gain", "correlation")
     return table("Wheels, compared with the robot's kinematics", headings, rows, framed=framed)
+
+
+def log_check_report(checked: CheckedLog, robot: Robot | None, made: Provenance) -> Report:
+    """Return the page of a checked log."""
+    log, findings = checked.log, checked.findings
+    rate = f" at {1.0 / log.sample_time:.4g} Hz" if len(log) > 1 else ""
+    undecided = []
+    if robot is None:
+        undecided.append("Whether wheels, signs and units are a robot's: name it with --robot.")
+    uses = [one.text for one in findings if one.code in ("use", "physics")]
+    return Report(
+        title=f"{checked.file.name}: what the log shows",
+        lead=f"{checked.file}: {len(log)} rows, {log.t[-1] - log.t[0]:.6g} s{rate}.",
+        verdict=[("", _log_verdict(findings))],
+        sections=[
+            section(
+                "Columns",
+                Sheet.of(_column_table(checked.columns, framed=False), caption=""),
+                Sheet.of(_wheel_table(checked.wheels, framed=False)) if checked.wheels else None,
+            ),
+            section("Over time", *over_time(log, robot)),
+        ],
+        undecided=[
+            *undecided,
+            *uses,
+            "Errors that a robot of other masses, gains or friction would make as well.",
+        ],
+        made=made,
+        findings=findings,
+        accepted=False,
+    )
+
+
+def _log_verdict(findings: Sequence[Finding]) -> str:
+    errors = [one for one in findings if one.severity == "error"]
+    warnings = sum(one.severity == "warning" for one in findings)
+    if errors:
+        more = f" {len(errors) - 1} more errors are listed below." if len(errors) > 1 else ""
+        return f"This log must not be used as it is: {errors[0].text}{more}"
+    if warnings:
+        return f"The log can be used; {warnings} warnings below must be known first."
+    return "No problems were found."
+
+
+def proposal_report(file: Path, found: Evaluation, robot: Robot, made: Provenance) -> Report:
+    """Return the page of a mapping proposed for a foreign file."""
+    verdict = found.refusal or "Every entry of the mapping was determined, and its log agrees with the robot."
+    open_ones = [f"{one.name}: {one.question}" for one in found.undetermined]
+    certain = "Entries of less than full confidence, which the table lists with their evidence."
+    return Report(
+        title=f"{file.name}: proposed mapping",
+        lead=f"{file} is not in Ballbot's format. Its columns were compared with the equations of {robot.name}.",
+        verdict=[("", f"{verdict[0].upper()}{verdict[1:]}")],
+        sections=[
+            section(
+                "Conclusions",
+                Sheet.of(_conclusion_table(found, framed=False), caption=""),
+                Sheet.of(_placement_table(found.proposal, framed=False))
+                if found.proposal.lean_test
+                else None,
+            ),
+            section("The mapping file", Verbatim(text=found.text)),
+            *([section("The log that it makes", *over_time(found.log, robot))] if found.log else []),
+        ],
+        undecided=[*open_ones, certain],
+        made=made,
+        findings=found.findings,
+        accepted=False,
+    )
 
 
 def proposal_parts(file: Path, found: Evaluation, *, framed: bool) -> Iterator[RenderableType]:
@@ -123,7 +194,7 @@ def proposal_parts(file: Path, found: Evaluation, *, framed: bool) -> Iterator[R
         yield Text(f"{finding.severity}: {finding.text}")
 
 
-def _conclusion_table(found: Evaluation, *, framed: bool) -> Table:
+def _conclusion_table(found: Evaluation, *, framed: bool) -> TextTable:
     rows = [
         (
             one.name,
@@ -136,7 +207,7 @@ def _conclusion_table(found: Evaluation, *, framed: bool) -> Table:
     return table("Conclusions", ("question", "answer", "confidence [%]", "evidence"), rows, framed=framed)
 
 
-def _placement_table(proposal: Proposal, *, framed: bool) -> Table:
+def _placement_table(proposal: Proposal, *, framed: bool) -> TextTable:
     placements = proposal.lean_test.placements if proposal.lean_test else ()
     least = min((one.misfit for one in placements), default=1.0)
     rows = [

@@ -11,6 +11,8 @@ from rich.table import Table
 from rich.text import Text
 
 from ballbot.report.console import finding_line, matrix_text, table
+from ballbot.report.words import digits
+from ballbot.robot import Robot
 from ballbot.robot.derived import Derived
 from ballbot.robot.drawing import robot_drawing
 from ballbot.workflows.reference_check import MARGIN_HEADINGS
@@ -29,11 +31,9 @@ from ballbot.workflows.robot_check import (
 def robot_check_parts(checked: CheckedRobot, *, framed: bool) -> list[RenderableType]:
     """Return what `ballbot check` prints of a robot, top to bottom."""
     robot = checked.robot
-    kinds = Counter(source.partition(":")[0] for source in robot.sources.values())
-    counts = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
     rows = [[one.name, f"{one.value:.5g}", _unit(one), one.meaning] for one in checked.derived]
     parts: list[RenderableType] = [
-        Text(f"{robot.name}: a robot with {robot.wheel_count} wheels. Sources of its parameters: {counts}."),
+        Text(f"{robot.name}: a robot with {robot.wheel_count} wheels. {sources_sentence(robot)}"),
         *(finding_line(one, accepted=one.severity == "error") for one in checked.findings),
         Text(""),
         table("Derived quantities", ("quantity", "value", "unit", "meaning"), rows, framed=framed),
@@ -45,7 +45,11 @@ def robot_check_parts(checked: CheckedRobot, *, framed: bool) -> list[Renderable
             f"\nFor comparison only, no fault of the robot: {mistake}" if mistake else ""
         )
         parts += [Text(heading), Text(matrix_text(name, checked.matrices[name]))]
-    parts += [*_linear_lines(checked), *_pole_lines(checked.poles), Text(_uncertainty_line(checked.spread))]
+    parts += [
+        *_linear_lines(checked),
+        *_pole_lines(checked.poles),
+        Text(uncertainty_sentence(checked.spread)),
+    ]
     if checked.band:
         parts += [Text(""), _band_table(checked.band, framed=framed)]
     if checked.swing:
@@ -68,20 +72,37 @@ def _linear_lines(checked: CheckedRobot) -> list[Text]:
     ]
 
 
+def sources_sentence(robot: Robot) -> str:
+    """Return how many of a robot's parameters are measured, estimated and so on."""
+    kinds = Counter(source.partition(":")[0] for source in robot.sources.values())
+    counts = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
+    return f"Sources of its parameters: {counts}."
+
+
 def _pole_lines(poles: NDArray[np.complex128]) -> list[Text]:
-    # adding zero keeps a minus sign off what prints as nothing
-    rounded = np.round(poles, 3) + 0.0
-    listed = ", ".join(f"{pole.real:g}{f'{pole.imag:+g}j' if pole.imag else ''}" for pole in rounded)
-    fastest = float(poles[0].real)
-    time = f"; a lean doubles in {np.log(2.0) / fastest:.3f} s" if fastest > 0.0 else ""
     return [
         Text("\nPoles about upright, exact model [rad/s]", style="bold"),
-        Text(listed),
-        Text(f"unstable pole: {fastest:.3f} rad/s{time}."),
+        Text(poles_text(poles)),
+        Text(pole_sentence(poles)),
     ]
 
 
-def _uncertainty_line(spread: PoleSpread | None) -> str:
+def poles_text(poles: NDArray[np.complex128]) -> str:
+    """Return poles with three decimals, separated by commas."""
+    # adding zero keeps a minus sign off what prints as nothing
+    rounded = np.round(poles, 3) + 0.0
+    return ", ".join(f"{pole.real:g}{f'{pole.imag:+g}j' if pole.imag else ''}" for pole in rounded)
+
+
+def pole_sentence(poles: NDArray[np.complex128]) -> str:
+    """Return the fastest growth, and how soon a lean doubles by it."""
+    fastest = float(poles[0].real)
+    time = f"; a lean doubles in {np.log(2.0) / fastest:.3f} s" if fastest > 0.0 else ""
+    return f"unstable pole: {fastest:.3f} rad/s{time}."
+
+
+def uncertainty_sentence(spread: PoleSpread | None) -> str:
+    """Return how the standard deviations in the file spread the pole."""
     if spread is None:
         return (
             "No value in the file has a standard_deviation; with some, "
@@ -98,12 +119,18 @@ def _uncertainty_line(spread: PoleSpread | None) -> str:
 
 
 def _band_table(band: PredictionBand, *, framed: bool) -> Table:
-    rows = [
-        [state, f"{spread:.2g}", f"{band.rmse_at_end[state]:.2g}"]
+    title = f"Predictions after {band.t[-1]:g} s, root mean square over {len(band.starts)} windows of the log"
+    return table(
+        title, ("state", "spread by the standard deviations", "error"), band_rows(band), framed=framed
+    )
+
+
+def band_rows(band: PredictionBand) -> list[list[str]]:
+    """Return the spread and the error of each state at the end of the windows."""
+    return [
+        [state, digits(spread, 2), digits(band.rmse_at_end[state], 2)]
         for state, spread in band.standard_deviation_at_end.items()
     ]
-    title = f"Predictions after {band.t[-1]:g} s, root mean square over {len(band.starts)} windows of the log"
-    return table(title, ("state", "spread by the standard deviations", "error"), rows, framed=framed)
 
 
 def _swing_parts(swing: CheckedSwing, *, framed: bool) -> list[RenderableType]:

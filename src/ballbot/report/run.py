@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.findings import Finding
 from ballbot.log import Log
-from ballbot.log.columns import MAX_WHEELS, TRUE_PREFIX, torque_names, wheel_speed_names
+from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, TRUE_PREFIX, torque_names, wheel_speed_names
 from ballbot.mechanics.parameters import Formulation
 from ballbot.report.blocks import Block, Film, Paragraph, Report, Section, Sheet, section
 from ballbot.report.provenance import Provenance
@@ -76,6 +76,8 @@ def run_verdict(log: Log) -> list[tuple[str, str]]:
     length = float(log.t[-1] - log.t[0])
     if log.ended:
         return [("Run", f"It ended early, after {length:.1f} s: {log.ended}.")]
+    if not _has_lean(log):
+        return [("Run", f"{length:.1f} s were recorded.")]
     verdict = [
         (
             "Run",
@@ -143,11 +145,11 @@ def _pose_panels(log: Log) -> list[Panel]:
 
 def _error_panels(log: Log) -> list[Panel]:
     panels = []
-    if _has_reference(log) and "x" in log:
+    if _has_reference(log):
         distance = 1e3 * position_error(log)
         line = Line(name="distance", values=distance, look="first")
         panels.append(Panel(label="distance from the reference [mm]", lines=[line], from_zero=True))
-    if "theta" in log and "phi" in log:
+    if _has_lean(log):
         line = Line(name="lean", values=_leans(log), look="first")
         panels.append(Panel(label="lean [deg]", lines=[line], from_zero=True))
     return panels
@@ -172,7 +174,7 @@ def wheel_lines(columns: Sequence[NDArray[np.float64]]) -> list[Line]:
 def _numbers(log: Log, robot: Robot | None) -> list[Block]:
     """Return the table of a run's numbers; errors count once the robot has settled."""
     rows = [("length", f"{float(log.t[-1] - log.t[0]):.2f} s", f"{len(log)} rows")]
-    if _has_reference(log) and "x" in log and (counted := settled(log, SETTLE)).any():
+    if _has_reference(log) and (counted := settled(log, SETTLE)).any():
         error, heading = position_error(log)[counted], _DEGREES * heading_error(log)[counted]
         arriving, always = settling_time(log)
         rows += [
@@ -185,7 +187,7 @@ def _numbers(log: Log, robot: Robot | None) -> list[Block]:
                 f"until within {1e3 * BAND:g} mm for good, the longest of the run",
             ),
         ]
-    if "theta" in log and "phi" in log:
+    if _has_lean(log):
         rows.append(("largest lean", f"{digits(_largest_lean(log), 2)}°", "whole run"))
     if torques := _columns(log, torque_names(MAX_WHEELS)):
         largest = _largest(torques)
@@ -223,16 +225,20 @@ def _leans(log: Log) -> NDArray[np.float64]:
     return np.degrees(np.arccos(np.clip(upright, -1.0, 1.0)))
 
 
+def _has_lean(log: Log) -> bool:
+    return all(name in log and bool(np.isfinite(log[name]).any()) for name in ("theta", "phi"))
+
+
 def _largest_lean(log: Log) -> float:
     return float(np.nanmax(_leans(log)))
 
 
 def _has_reference(log: Log) -> bool:
-    return all(name in log for name in _REFERENCES)
+    return all(name in log for name in (*_REFERENCES, "x", "y", "psi"))
 
 
 def _has_truth(log: Log) -> bool:
-    return f"{TRUE_PREFIX}x" in log
+    return all(f"{TRUE_PREFIX}{name}" in log for name in STATE_NAMES)
 
 
 def _mm(metres: float) -> str:

@@ -44,6 +44,7 @@ class Panel:
     lines: Sequence[Line]
     levels: Sequence[float] = ()  #: limits, as lines across
     from_zero: bool = False  #: whether the axis begins at zero
+    ends: tuple[float, float] | None = None  #: of the axis, if lines may leave it
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,6 +75,7 @@ class TimeSeries:
                     "label": panel.label,
                     "levels": [float(level) for level in panel.levels],
                     "from_zero": panel.from_zero,
+                    "ends": panel.ends,
                     "lines": [
                         {
                             "name": printable_line(line.name),

@@ -13,8 +13,13 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ballbot.findings import Finding, finding_results
+from ballbot.report.blocks import Bullets, Picture, Report, Sheet, section
+from ballbot.report.page import picture_data
 from ballbot.report.palette import GREEN, SHADE
+from ballbot.report.provenance import Provenance
+from ballbot.report.series import Line, Panel, TimeSeries, true_spans
 from ballbot.report.style import MEASURED, WITHOUT_FRICTION, thinned
+from ballbot.report.words import signed_with_error, with_error
 from ballbot.vision.spin import Spin, WheelComparison, spin_findings
 
 _AXES = ("x", "y", "z")
@@ -147,3 +152,121 @@ def _wheels(comparison: WheelComparison) -> dict[str, object]:
         "gain": comparison.gain,
         "gain_half_width": comparison.gain_half_width,
     }
+
+
+def spin_report(
+    spin: Spin,
+    comparison: WheelComparison | None,
+    *,
+    video: str,
+    picture: bytes,
+    made: Provenance,
+    log_findings: Sequence[Finding],
+) -> Report:
+    """Return the page; `picture` is the overlay as PNG."""
+    verdict, *others = (finding.text for finding in spin_findings(spin, comparison))
+    overlay = "A frame of the video with the ball's outline and the seam that was found."
+    undecided = ["Motions faster than the camera: between two frames the ball is taken to turn evenly."]
+    if comparison is None:
+        undecided.append(
+            "Whether the ball slips on the wheels, and which way is forward: give the log of the run."
+        )
+    if not spin.known.all():
+        undecided.append("The velocity where the seam was lost, which is shaded.")
+    return Report(
+        title=f"{video}: the ball's angular velocity",
+        lead=f"{len(spin.t)} frames, {spin.t[-1] - spin.t[0]:.1f} s; seam: {spin.seam.name}.",
+        verdict=[("", verdict)],
+        sections=[
+            section(
+                "What was seen",
+                Bullets(items=others) if others else None,
+                Picture(markup=picture_data(picture), caption=overlay),
+                _view_sheet(spin),
+            ),
+            section("Angular velocity", _velocity_series(spin, comparison)),
+            *(
+                [
+                    section(
+                        "Video and wheels",
+                        _comparison_sheet(comparison),
+                        _difference_series(spin, comparison),
+                    )
+                ]
+                if comparison
+                else []
+            ),
+        ],
+        undecided=undecided,
+        made=made,
+        findings=log_findings if comparison else None,
+    )
+
+
+def _view_sheet(spin: Spin) -> Sheet:
+    view, errors = spin.view, spin.calibration.errors
+    rows = [
+        ("ball's centre, across", with_error(view.x, errors[0]), "pixels"),
+        ("ball's centre, down", with_error(view.y, errors[1]), "pixels"),
+        ("ball's radius", with_error(view.radius, errors[2] * view.radius), "pixels"),
+        ("distance of the lens", with_error(view.distance, errors[3] * view.distance**2), "ball radii"),
+        ("frames with the seam tracked", f"{100.0 * float(np.mean(spin.track.tracked)):.1f}", "%"),
+    ]
+    return Sheet(
+        headings=("quantity", "value", "unit"), rows=rows, caption="The camera's view. ±: standard errors."
+    )
+
+
+def _comparison_sheet(comparison: WheelComparison) -> Sheet:
+    share = 100.0 * float(np.linalg.norm(comparison.rms)) / comparison.peak
+    rows = [
+        (
+            "clock of the video after the log's",
+            signed_with_error(comparison.clock.offset, comparison.offset_half_width),
+            "s",
+        ),
+        *(
+            (f"gain about {axis}, video over wheels", with_error(float(gain), float(half)), "")
+            for axis, gain, half in zip(_AXES, comparison.gain, comparison.gain_half_width, strict=True)
+        ),
+        ("RMS difference, of the peak", f"{share:.2g}", "%"),
+    ]
+    return Sheet(headings=("quantity", "value", "unit"), rows=rows, caption="±: half widths of 95 %.")
+
+
+def _velocity_series(spin: Spin, comparison: WheelComparison | None) -> TimeSeries:
+    panels = []
+    for axis, name in enumerate(_AXES):
+        lines = [Line(name="video", values=spin.omega[:, axis], look="measured")]
+        if comparison is not None:
+            lines.append(Line(name="wheel speeds by T_obw", values=comparison.wheels[:, axis], look="second"))
+        panels.append(Panel(label=f"Ω_{name} [rad/s]", lines=lines))
+    source = " and by the wheels (as the thesis's Figure V.2)" if comparison else ""
+    return TimeSeries(
+        t=spin.t,
+        panels=panels,
+        caption=f"The ball's angular velocity by the video{source}.",
+        across="time of the video [s]",
+        shaded=true_spans(spin.t, ~spin.known),
+        shade="lost",
+    )
+
+
+def _difference_series(spin: Spin, comparison: WheelComparison) -> TimeSeries:
+    panels = []
+    for axis, name in enumerate(_AXES):
+        error = 2.0 * spin.errors[:, axis]
+        lines = (
+            Line(name="video less wheels", values=comparison.difference[:, axis], look="measured"),
+            Line(name="± 2 standard errors of the video", values=error, look="third"),
+            Line(name="± 2 standard errors of the video", values=-error, look="third"),
+        )
+        panels.append(Panel(label=f"Ω_{name} [rad/s]", lines=lines))
+    return TimeSeries(
+        t=spin.t,
+        panels=panels,
+        caption="Video less wheels, beside twice the standard error of the video.",
+        across="time of the video [s]",
+        shaded=true_spans(spin.t, ~spin.known),
+        shade="lost",
+    )

@@ -17,8 +17,9 @@ from ballbot.identification.result import represents_sentence
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.model import Model
 from ballbot.report.blocks import Bullets, Film, Paragraph, Report, Section, Sheet, section
-from ballbot.report.comparison import RUN_LABELS, paths_figure, poles_figure, position_error_series
+from ballbot.report.comparison import RUN_LABELS, paths_figure, position_error_series
 from ballbot.report.friction import friction_figure, log_series
+from ballbot.report.poles import poles_figure
 from ballbot.report.prediction import predicted_rows
 from ballbot.report.provenance import Provenance
 from ballbot.report.study import (
@@ -112,7 +113,7 @@ def _friction_section(study: Study) -> Section:
         "Correlation of the parameters' errors. A dark cell is a pair of which the data determine a combination "
         "better than each; an empty line is a parameter without a standard error."
     )
-    symbols = _parameter_symbols(found.labels)
+    symbols = parameter_symbols(found.labels)
     return section(
         "Friction found",
         Paragraph(text=words),
@@ -256,7 +257,8 @@ def robot_words(robot: Robot) -> str:
     )
 
 
-def _parameter_symbols(labels: tuple[str, ...]) -> list[str]:
+def parameter_symbols(labels: tuple[str, ...]) -> list[str]:
+    """Return labels of parameters as the symbols of figures."""
     special = {"v_s": "$v_s$", "delta": r"$\delta$", "C_rr": "$C_{rr}$"}
     return [special.get(label, f"${label[0]}_{{{label[1:]}}}$") for label in labels]
 

@@ -2,6 +2,7 @@
 
 log, truth, motion_capture   see `ballbot.twin.recording`; in a format that `ballbot.log.formats` writes
 results.json                 the run in numbers
+report.html                  the run to look at; of several seeds one page beside their folders
 robot.toml, scenario.toml, controller.toml
 record.toml                  seed, experiment, the cameras' frame and clock
 
@@ -13,7 +14,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass
@@ -40,10 +41,13 @@ from ballbot.twin.twin import Twin
 
 _LOGS = ("log", "truth", "motion_capture")
 _SETTINGS = ("robot.toml", "scenario.toml", "controller.toml", "reference.csv", "record.toml")
+#: what people read of a run, or of several
+PAGE = "report.html"
 #: all that a run may leave
 _FILES = (
     *(f"{name}{suffix}" for name in _LOGS for suffix in WRITTEN_SUFFIXES),
     "results.json",
+    PAGE,
     *_SETTINGS,
 )
 
@@ -80,7 +84,12 @@ class RecordOutcome:
 
 
 def record_run(
-    job: RecordJob, seed: int, folder: Path, *, progress: ProgressCallback = ignore_progress
+    job: RecordJob,
+    seed: int,
+    folder: Path,
+    *,
+    page: Callable[[Recording], str] | None = None,
+    progress: ProgressCallback = ignore_progress,
 ) -> RecordOutcome:
     """Record one run into a folder.
 
@@ -91,6 +100,8 @@ def record_run(
         Of all that is random.
     folder : Path
         Made if it is not there; a run that is in it is replaced.
+    page : callable, optional
+        Makes the page of the run, which is written if this is given.
     progress : callable, optional
         Called with the share that is done, from 0 to 1, from time to time.
 
@@ -107,6 +118,8 @@ def record_run(
             for name, log in recording.logs.items():
                 log.write(new / f"{name}.{job.log_format}")
             write_text(new / "results.json", results_text(recording.results))
+            if page is not None:
+                write_text(new / PAGE, page(recording))
             for name, text in settings(job, seed).items():
                 write_text(new / name, text)
     return RecordOutcome(seed=seed, folder=folder, ended=recording.ended)
@@ -118,6 +131,7 @@ def record_runs(
     folder: Path,
     *,
     processes: int | None = None,
+    page: Callable[[list[RecordOutcome]], str] | None = None,
     progress: ProgressCallback = ignore_progress,
 ) -> list[RecordOutcome]:
     """Record a run for each seed into folders seed_0001, seed_0002 and so on, over all cores.
@@ -130,6 +144,8 @@ def record_runs(
         Runs that are whole in it are kept.
     processes : int, optional
         One for each core where not given.
+    page : callable, optional
+        Makes the page of all runs, which is written if this is given.
     progress : callable, optional
         Called with the number of runs that are there, of all seeds.
 
@@ -143,9 +159,13 @@ def record_runs(
     InputError
         If the folder holds a run of other settings, or a run cannot be made.
     """
-    # the folder has no files of its own but the seeds' folders
-    with result_folder(folder, command="record --seeds", names=()):
-        return _record_missing(job, seeds, folder, processes=processes, progress=progress)
+    # the folder has no file of its own but the page, and the seeds' folders
+    with result_folder(folder, command="record --seeds", names=(PAGE,)) as held:
+        outcomes = _record_missing(job, seeds, folder, processes=processes, progress=progress)
+        if page is not None:
+            with held.replaced() as new:
+                write_text(new / PAGE, page(outcomes))
+        return outcomes
 
 
 def _record_missing(

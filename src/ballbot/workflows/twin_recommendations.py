@@ -8,7 +8,7 @@ only; the effect of a stiffer ball is therefore its difference to a softer one.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from ballbot.control.controller import Compensation
@@ -113,7 +113,7 @@ HEADINGS = (
 )
 
 
-def rows(found: dict[str, Comparison]) -> list[list[str]]:
+def rows(found: Mapping[str, Comparison]) -> list[list[str]]:
     """Return the table's rows: means over the seeds; torque noise is the RMS change from sample to sample."""
     table = []
     for name, comparison in found.items():

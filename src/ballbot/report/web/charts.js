@@ -197,6 +197,7 @@ class Chart {
 
   /** Return the ends of a panel's axis around its values. */
   span(panel, low, high) {
+    if (panel.ends) return panel.ends;
     let [a, b] = [low ?? 0, high ?? 1];
     if (panel.from_zero) a = Math.min(0, a);
     if (b - a < 1e-12) [a, b] = [a - 0.5, b + 0.5];

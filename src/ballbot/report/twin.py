@@ -1,0 +1,143 @@
+"""The pages of the twin: a recorded run, runs of several seeds, and the thesis's recommendations tried on it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ballbot.control.references import is_reference_file
+from ballbot.files import read_text
+from ballbot.log import Log
+from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX
+from ballbot.report.blocks import Report, Sheet, section
+from ballbot.report.provenance import Provenance, provenance
+from ballbot.report.run import over_time, run_sections, run_verdict
+from ballbot.report.words import digits
+from ballbot.robot import Robot
+from ballbot.twin.recording import Recording
+from ballbot.workflows.comparison import Comparison
+from ballbot.workflows.record import RecordJob, RecordOutcome, settings
+from ballbot.workflows.twin_recommendations import COMPENSATIONS, HEADINGS, rows
+
+_HELD = {"driveline_sweep": "the wheels in the air", "upside_down": "upside down with the ball on its wheels"}
+_NOT_A_ROBOT = (
+    "How the real robot runs: the twin has the faults of its scenario, and a robot has others. Compare a log with "
+    "`ballbot validate`."
+)
+
+
+def recording_report(job: RecordJob, seed: int, recording: Recording) -> Report:
+    """Return the page of one recorded run."""
+    log, robot = _with_truth(recording), job.robot
+    undecided = [_NOT_A_ROBOT, "How much runs differ: this is one seed (--seeds records more)."]
+    if job.experiment == "balance":
+        reference = "reference.csv" if is_reference_file(job.reference) else job.reference
+        lead = f"The reference {reference}, {job.controller.compensation} compensation"
+        verdict, sections = run_verdict(log), run_sections(log, robot)
+    else:
+        lead = f"The robot held, {_HELD[job.experiment]}"
+        verdict = [("", f"{float(log.t[-1] - log.t[0]):.1f} s were recorded.")]
+        sections = [section("Over time", *over_time(log, robot))]
+    return Report(
+        title=f"{robot.name}: a run of the twin",
+        lead=f"{lead}; scenario {job.scenario.name}, seed {seed}.",
+        verdict=verdict,
+        sections=[
+            *sections,
+            section("Files", Sheet(headings=("file", "what is in it"), rows=_files(job, recording))),
+        ],
+        undecided=undecided,
+        # the command that stands in record.toml: it does not depend on the folder that the run was written into
+        made=provenance(command=_command(job, seed), files=(), seed=seed),
+    )
+
+
+def _command(job: RecordJob, seed: int) -> str:
+    text = settings(job, seed)["record.toml"]
+    return next(
+        line.partition('"')[2].rstrip('"') for line in text.splitlines() if line.startswith("command")
+    )
+
+
+def _with_truth(recording: Recording) -> Log:
+    """Return the log with the true states beside the measured ones, if the run has them."""
+    log, truth = recording.logs["log"], recording.logs["truth"]
+    if not all(name in truth for name in STATE_NAMES):
+        return log
+    both = log.with_columns({f"{TRUE_PREFIX}{name}": truth[name] for name in STATE_NAMES})
+    return Log(both.columns, ended=recording.ended)
+
+
+def _files(job: RecordJob, recording: Recording) -> list[tuple[str, str]]:
+    what = {
+        "log": "the columns that a real robot logs",
+        "truth": "the same rows with the true values",
+        "motion_capture": "the ball's centre and the body's orientation by cameras, on a clock of their own",
+    }
+    return [
+        *((f"{name}.{job.log_format}", what[name]) for name in recording.logs),
+        ("record.toml", "how the run was made; its command, run in this folder, repeats it"),
+    ]
+
+
+def seeds_report(job: RecordJob, outcomes: Sequence[RecordOutcome], made: Provenance) -> Report:
+    """Return the page of runs of several seeds, each in a folder of its own."""
+    found = [json.loads(read_text(one.folder / "results.json", largest=1_000_000)) for one in outcomes]
+    table = [
+        (
+            str(outcome.seed),
+            outcome.folder.name,
+            *(_millimetres(one.get(name)) for name in ("peak_position_error", "rms_position_error")),
+            outcome.ended or "",
+        )
+        for outcome, one in zip(outcomes, found, strict=True)
+    ]
+    early = sum(outcome.ended is not None for outcome in outcomes)
+    text = f"{len(outcomes)} runs of {job.duration:g} s; {early} ended early."
+    peaks = [1e3 * one["peak_position_error"] for one in found if "peak_position_error" in one]
+    verdict = [("Runs", text)]
+    if peaks:
+        low, middle, high = np.quantile(peaks, [0.0, 0.5, 1.0])
+        spread = f"{digits(float(low))} to {digits(float(high))} mm, median {digits(float(middle))} mm"
+        verdict.append(("Largest distance", f"From the reference, over the whole run: {spread}."))
+    caption = "The distance is that of the true position from the reference, over the whole run."
+    headings = ("seed", "folder", "largest distance [mm]", "distance, RMS [mm]", "ended early")
+    return Report(
+        title=f"{job.robot.name}: {len(outcomes)} runs of the twin",
+        lead=f"Scenario {job.scenario.name}, experiment {job.experiment}, reference {job.reference}.",
+        verdict=verdict,
+        sections=[section("Each run", Sheet(headings=headings, rows=table, caption=caption))],
+        undecided=[_NOT_A_ROBOT],
+        made=made,
+    )
+
+
+def _millimetres(metres: float | None) -> str:
+    return "–" if metres is None else digits(1e3 * metres)
+
+
+def recommendations_report(robot: Robot, found: Mapping[str, Comparison], made: Provenance) -> Report:
+    """Return the page of the thesis's recommendations."""
+    nominal = found["nominal: hard ball"].summary(COMPENSATIONS[0]).rms_position_error
+    best = min(found, key=lambda name: found[name].summary(COMPENSATIONS[0]).rms_position_error)
+    least = found[best].summary(COMPENSATIONS[0]).rms_position_error
+    caption = "Means over the seeds, once settled; torque noise is the RMS change from sample to sample."
+    return Report(
+        title=f"{robot.name}: the thesis's recommendations, tried on the twin",
+        lead="Single-row wheels, a stiffer ball, less play and sensor fusion, singly and together, on the same seeds.",
+        verdict=[
+            (
+                "",
+                f"Without compensation the smallest RMS error is that of “{best}”: {digits(1e3 * least, 2)} mm, "
+                f"where the nominal robot has {digits(1e3 * nominal, 2)} mm.",
+            )
+        ],
+        sections=[section("Before and after", Sheet(headings=HEADINGS, rows=rows(found), caption=caption))],
+        undecided=[
+            _NOT_A_ROBOT,
+            "Differences that are smaller than those between seeds: results.json has every run's scores.",
+        ],
+        made=made,
+    )
