@@ -1,0 +1,152 @@
+"""A report in a browser: nothing is wider than a phone, plots zoom and show values, and nothing is fetched.
+
+The pictures that it takes are kept in the folder that BALLBOT_SCREENSHOTS names, for people to look at.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from ballbot.report.blocks import Cell, Paragraph, Report, Sheet, Verbatim, section
+from ballbot.report.page import page_of
+from ballbot.report.provenance import Provenance, SourceFile
+from ballbot.report.series import Line, Panel, TimeSeries
+from ballbot.report.style import drawn_picture
+from tests.support.browser import headless_browser, new_tab
+
+pytestmark = pytest.mark.browser
+
+#: what is wider than the window and does not scroll within a box of its own
+TOO_WIDE = """
+[...document.querySelectorAll("body *")]
+  .filter((one) => !one.parentElement.closest(".scroll, svg") && one.getBoundingClientRect().right > innerWidth + 0.5)
+  .map((one) => `${one.tagName}.${one.className}`)
+"""
+
+
+def figure() -> Figure:
+    made = Figure(figsize=(7.4, 2.0))
+    made.subplots().plot([0, 1], [0, 1])
+    return made
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    t = np.arange(2000) * 0.01
+    lines = [
+        Line(name="measured", values=np.sin(t), look="measured"),
+        Line(name="a model with a name that is rather long for a telephone", values=np.cos(t), look="second"),
+    ]
+    wheels = tuple(f"wheel {k}" for k in range(1, 5))
+    rows = [
+        (Cell(text="c", below="Coulomb (dry, at speed)"), "N m", *("0.0912 ± 0.0034",) * 4),
+        (Cell(text="v_s", below="Stribeck speed"), "rad/s", Cell(text="0.60 ± 0.11", span=4)),
+    ]
+    made = Provenance(
+        command="ballbot study " + "a/very/long/folder/" * 8 + "log.csv",
+        files=(SourceFile(name="a/very/long/folder/" * 5 + "log.csv", sha256="0123456789abcdef" * 4),),
+        seed=0,
+        versions={"numpy": "2"},
+    )
+    report = Report(
+        title="a_name_without_a_space_that_is_longer_than_a_telephone_is_wide: friction",
+        lead="A study.",
+        verdict=[("Where the gain comes from", "From everything."), ("", "A sentence.")],
+        sections=[
+            section(
+                "A section",
+                Paragraph(text="Some words."),
+                Sheet(
+                    headings=("parameter", "unit", *wheels),
+                    rows=rows,
+                    caption="A caption of some length. " * 4,
+                ),
+                drawn_picture(
+                    "one", figure, "A figure, with a caption that is longer than a line of a telephone."
+                ),
+                Verbatim(text="A = [ " + "0.0000  " * 12 + "]"),
+                TimeSeries(
+                    t=t,
+                    panels=[
+                        Panel(label="x [m]", lines=lines),
+                        Panel(label="y [m]", lines=lines[:1], levels=(0.5,)),
+                    ],
+                    caption="Over time.",
+                    shaded=[(2.0, 4.0)],
+                    shade="held out",
+                    level="limit",
+                ),
+            )
+        ],
+        undecided=["Much."],
+        made=made,
+        findings=(),
+    )
+    file = tmp_path_factory.mktemp("report") / "report.html"
+    file.write_text(page_of(report), encoding="utf-8")
+    return file
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    with headless_browser(tmp_path_factory.mktemp("profile")) as address:
+        yield address
+
+
+def keep(tab, name: str) -> None:
+    folder = os.environ.get("BALLBOT_SCREENSHOTS")
+    if folder:
+        (Path(folder) / f"{name}.png").write_bytes(tab.screenshot(whole=True))
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_nothing_is_wider_than_a_phone_and_plots_can_be_read(browser, path, dark):
+    with new_tab(browser) as tab:
+        tab.screen(390, 844, dark=dark, phone=True)
+        tab.open(path)
+        tab.wait("document.querySelectorAll('.uplot').length === 2")
+        assert tab.run("document.documentElement.scrollWidth") == 390
+        assert tab.run(TOO_WIDE) == []
+        ground = tab.run("getComputedStyle(document.body).backgroundColor")
+        assert ground == ("rgb(20, 25, 30)" if dark else "rgb(255, 255, 255)")
+        keep(tab, f"report-phone-{'dark' if dark else 'light'}")
+        assert tab.complaints() == []
+
+
+def test_plots_zoom_together_and_show_values(browser, path):
+    with new_tab(browser) as tab:
+        tab.screen(1280, 900)
+        tab.open(path)
+        tab.wait("document.querySelectorAll('.uplot').length === 2")
+        tab.run("document.querySelector('.u-over').scrollIntoView({block: 'center'})")
+        x, y, width, height = tab.run(
+            "(() => { const b = document.querySelector('.u-over').getBoundingClientRect(); "
+            "return [b.x, b.y, b.width, b.height]; })()"
+        )
+        tab.call("Input.dispatchMouseEvent", type="mouseMoved", x=x + width / 2, y=y + height / 2)
+        reading = "[...document.querySelectorAll('.reading')].map((one) => one.innerText)"
+        tab.wait(f"({reading}).every((one) => one.includes('s'))")
+        first, second = tab.run(reading)
+        # the middle of 20 s; a dot of the screen is a fiftieth of a second
+        t = float(first.split()[0])
+        assert t == pytest.approx(10.0, abs=0.1)
+        assert float(first.split()[2].replace("−", "-")) == pytest.approx(np.sin(t), abs=2e-3)
+        assert float(second.split()[0]) == t  # both panels read at one time
+        tab.drag((x + 0.25 * width, y + height / 2), (x + 0.5 * width, y + height / 2))
+        ticks = "document.querySelectorAll('.u-axis').length"
+        assert tab.run(ticks) > 0
+        tab.call("Input.dispatchMouseEvent", type="mouseMoved", x=x + 2, y=y + height / 2)
+        tab.wait(f"parseFloat(({reading})[0]) > 4")  # zoomed to 5 s and on
+        tab.run(
+            "[...document.querySelectorAll('.zoom button')].find((one) => one.textContent === 'All').click()"
+        )
+        tab.call("Input.dispatchMouseEvent", type="mouseMoved", x=x + 3, y=y + height / 2)
+        tab.wait(f"parseFloat(({reading})[0]) < 1")
+        keep(tab, "report-wide")
+        assert [one for one in tab.requests() if not one.startswith(("file:", "data:"))] == []
+        assert tab.complaints() == []
