@@ -22,7 +22,7 @@ from ballbot.report.poles import poles_figure
 from ballbot.report.provenance import Provenance
 from ballbot.report.style import LineStyle, drawn_picture
 from ballbot.report.words import state_mark
-from ballbot.robot import Friction
+from ballbot.robot import Friction, Robot
 from ballbot.workflows.controller_design import ControllerDesign, frictionless_model
 from ballbot.workflows.perturbed_robots import TAIL, PerturbationRanges
 from ballbot.workflows.robot_check import state_order
@@ -157,7 +157,7 @@ def controller_design_report(
 ) -> Report:
     """Return the page of a design without a search."""
     controller = found.controller
-    robot, spread = controller.robot, found.uncertainty
+    robot = controller.robot
     without = frictionless_model(robot).linearize().poles()
     slowest = float(-np.max(found.gain.poles.real))
     parts = ", ".join(part.label for _, part in controller.parts.present()) or "none"
@@ -173,49 +173,50 @@ def controller_design_report(
     ]
     if controller.compensation != "none":
         verdict.append(("Compensation", _capital(found.margin.sentence)))
-    gain_blocks: list[Block] = [
-        _gain_sheet(found.gain.gain, "Gain K of u = K S(ψ) (r − x) [N m per m, rad, m/s, rad/s].")
-    ]
-    if spread.parts:
-        causes = ", ".join(f"{100.0 * share:.0f} % from {label}" for label, share in spread.largest())
-        caption = f"Standard deviation of each entry, from those in the robot file ({causes})."
-        gain_blocks.append(_gain_sheet(spread.deviation, caption))
     poles = [(f"{pole.real:.4f}", f"{pole.imag:.4f}") for pole in found.gain.poles]
     figure = "Poles of the model without friction, by itself and with this gain. Shaded: unstable."
-    linear = frictionless_model(robot).linearize()
     undecided = [
         "How the loop behaves with the robot's friction, play, noise and limits: the poles are those of the linear "
         "model without friction. `ballbot simulate`, `ballbot limits` and `ballbot compare` show it."
     ]
-    if not spread.parts:
+    if not found.uncertainty.parts:
         undecided.append("How uncertain the gain is: no value in the robot file has a standard_deviation.")
     return Report(
         title=f"{robot.name}: a controller",
         lead=words,
         verdict=verdict,
         sections=[
-            section("Gain", *gain_blocks),
+            section("Gain", *_gain_blocks(found)),
             section(
                 "Poles",
-                drawn_picture("poles", partial(poles_figure, without, found.gain.poles), figure),
+                drawn_picture(
+                    "poles", partial(poles_figure, open_loop=without, closed_loop=found.gain.poles), figure
+                ),
                 Sheet(headings=("real [rad/s]", "imaginary [rad/s]"), rows=poles, caption="With this gain."),
             ),
             section("Friction compensation", *_compensation_blocks(found)),
-            section(
-                "Linear model",
-                Verbatim(
-                    text=state_order(robot.wheel_count), caption="Order and units of the states and inputs."
-                ),
-                Verbatim(
-                    text=matrix_text("A", linear.A), caption="About upright, exact model without friction."
-                ),
-                Verbatim(text=matrix_text("B", linear.B)),
-            ),
+            section("Linear model", *_linear_blocks(robot)),
         ],
         undecided=undecided,
         made=made,
         findings=findings,
     )
+
+
+def _gain_blocks(found: ControllerDesign) -> Iterator[Block]:
+    yield _gain_sheet(found.gain.gain, "Gain K of u = K S(ψ) (r − x) [N m per m, rad, m/s, rad/s].")
+    spread = found.uncertainty
+    if spread.parts:
+        causes = ", ".join(f"{100.0 * share:.0f} % from {label}" for label, share in spread.largest())
+        caption = f"Standard deviation of each entry, from those in the robot file ({causes})."
+        yield _gain_sheet(spread.deviation, caption)
+
+
+def _linear_blocks(robot: Robot) -> Iterator[Block]:
+    linear = frictionless_model(robot).linearize()
+    yield Verbatim(text=state_order(robot.wheel_count), caption="Order and units of the states and inputs.")
+    yield Verbatim(text=matrix_text("A", linear.A), caption="About upright, exact model without friction.")
+    yield Verbatim(text=matrix_text("B", linear.B))
 
 
 def _compensation_blocks(found: ControllerDesign) -> Iterator[Block]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -14,7 +13,9 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.columns import unit_of
 from ballbot.report.comparison import paths_figure
-from ballbot.report.style import BLUE, INK, MUTED, ORANGE, label_of, thinned
+from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
+from ballbot.report.poles import poles_figure
+from ballbot.report.style import DASHED, label_of, thinned
 from ballbot.report.validation_figures import horizon_figure
 from ballbot.validation import Validation
 from ballbot.workflows.study import Study
@@ -27,7 +28,7 @@ _PANELS = (
     (("u1", "u2", "u3", "u4"), "wheel torques [N m]"),
 )
 #: of lines in one panel, the first first
-_LOOKS = ((BLUE, "-"), (ORANGE, "--"), (INK, ":"), (MUTED, "-."))
+_LOOKS = ((BLUE, "-"), (ORANGE, DASHED), (INK, ":"), (MUTED, "-."))
 #: columns of a log that has none of the above
 _MOST_COLUMNS = 6
 
@@ -64,19 +65,8 @@ def _draw_columns(axes: Axes, log: Log, names: Sequence[str]) -> None:
 
 
 def design_figure(design: LqrDesign | IntegralDesign) -> Figure:
-    """Return the poles of the closed loop in the complex plane; to the left is fast, on the real line is smooth."""
-    figure = Figure(figsize=(4.6, 2.8), layout="constrained")
-    axes = figure.subplots()
-    poles = design.poles
-    axes.axvline(0.0, color=MUTED, linewidth=0.8)
-    axes.axhline(0.0, color=MUTED, linewidth=0.8)
-    axes.plot(poles.real, poles.imag, "o", color=BLUE, markersize=4.5, mfc="none")
-    height = max(1.0, 1.25 * float(np.abs(poles.imag).max()))
-    axes.set(xlim=(1.1 * poles.real.min(), -0.1 * poles.real.min()), ylim=(-height, height))
-    axes.set_xlabel("real part [rad/s]")
-    axes.set_ylabel("imaginary part [rad/s]")
-    axes.set_title("poles of the closed loop")
-    return figure
+    """Return the poles of the closed loop in the complex plane."""
+    return poles_figure(closed_loop=design.poles)
 
 
 def validation_figure(validation: Validation) -> Figure:

@@ -19,7 +19,7 @@ from ballbot.report.blocks import (
     section,
 )
 from ballbot.report.console import matrix_text
-from ballbot.report.poles import poles_of_robot_figure
+from ballbot.report.poles import poles_figure
 from ballbot.report.provenance import Provenance
 from ballbot.report.robot_check import (
     band_rows,
@@ -105,7 +105,7 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
         Verbatim(text=poles_text(checked.poles), caption="Poles about upright, exact model [rad/s]."),
         drawn_picture(
             "poles",
-            partial(poles_of_robot_figure, checked.poles),
+            partial(poles_figure, open_loop=checked.poles),
             "The same in the complex plane. Shaded: a pole there makes the robot fall.",
         ),
     )

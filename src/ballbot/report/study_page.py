@@ -126,7 +126,7 @@ def _friction_section(study: Study) -> Section:
 def _controller_section(study: Study) -> Section:
     frictionless = study.robot.replace(friction=Friction.none(study.robot.wheel_count))
     open_loop_poles = Model(frictionless).linearize().poles()
-    draw = partial(poles_figure, open_loop_poles, _closed_loop_poles(study))
+    draw = partial(poles_figure, open_loop=open_loop_poles, closed_loop=_closed_loop_poles(study))
     gain = [[f"{value + 0.0:.3f}" for value in row] for row in np.round(_shown(study).gain, 3)]
     return section(
         "The controller",
