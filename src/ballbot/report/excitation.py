@@ -17,8 +17,7 @@ from ballbot.report.blocks import Picture, Report, Sheet, section
 from ballbot.report.console import TextTable, table
 from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE
 from ballbot.report.provenance import Provenance
-from ballbot.report.run import wheel_lines
-from ballbot.report.series import IN_TURN, Line, Panel, TimeSeries
+from ballbot.report.series import IN_TURN, Line, Panel, TimeSeries, wheel_lines
 from ballbot.report.style import thinned
 from ballbot.report.words import digits
 from ballbot.robot import Robot

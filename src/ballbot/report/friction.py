@@ -13,10 +13,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from rich.console import RenderableType
 from rich.text import Text
@@ -27,11 +29,14 @@ from ballbot.identification.holdout import HoldoutResult
 from ballbot.identification.laws import law_named
 from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import Identification, represents_sentence
+from ballbot.log.columns import MAX_WHEELS, torque_names
 from ballbot.mechanics.friction import stribeck_gradient, wheel_friction
+from ballbot.report.blocks import Block, Paragraph
 from ballbot.report.console import TextTable, table
 from ballbot.report.palette import BLUE, INK, MUTED
-from ballbot.report.series import Line, Panel, TimeSeries
-from ballbot.report.words import digits, interval_text
+from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
+from ballbot.report.style import drawn_picture
+from ballbot.report.words import digits, interval_text, value_and_error
 from ballbot.workflows.study import StudiedLog
 
 
@@ -71,7 +76,7 @@ _SHOWN = 0.995
 
 
 def log_series(studied: StudiedLog) -> TimeSeries:
-    """Return the position and heading in a log over time, with what was held out shaded."""
+    """Return position, heading and torques in a log over time, with what was held out shaded."""
     log = studied.log
     panels = []
     for name, label in (("x", "x [m]"), ("y", "y [m]"), ("psi", "heading ψ [rad]")):
@@ -83,10 +88,12 @@ def log_series(studied: StudiedLog) -> TimeSeries:
         panels.append(
             Panel(label=label, lines=[*reference, Line(name="measured", values=log[name], look="measured")])
         )
+    torques = [log[name] for name in torque_names(MAX_WHEELS) if name in log]
+    panels.append(Panel(label="torques [N m]", lines=wheel_lines(torques)))
     return TimeSeries(
         t=log.t,
         panels=panels,
-        caption=f"Position and heading in the log {studied.name}.",
+        caption=f"Position, heading and the wheels' torques in the log {studied.name}.",
         across="time of the log [s]",
         shaded=studied.held_out,
         shade="held out",
@@ -171,6 +178,44 @@ def ladder_figure(ladder: ModelSelection[Identification]) -> Figure:
     return figure
 
 
+def search_blocks(found: Identification) -> Iterator[Block]:
+    """Yield how the error fell during the search."""
+    costs = (found.evolution_cost, found.gauss_newton_cost)
+    words = (
+        f"{len(costs[0])} generations of an evolution strategy, then {len(costs[1])} steps of Gauss-Newton on all "
+        "windows fitted."
+    )
+    yield Paragraph(text=words)
+    if all(costs):
+        caption = (
+            "Error relative to no friction, the geometric mean of the states: best so far after each generation, on "
+            "the windows drawn for it, and after each step. A line that is level at its end has settled."
+        )
+        yield drawn_picture("search", partial(search_figure, found), caption)
+
+
+def search_figure(found: Identification) -> Figure:
+    """Return the cost after each generation and each step of Gauss-Newton."""
+    figure = Figure(figsize=(7.4, 2.2), layout="constrained")
+    panels = figure.subplots(1, 2, width_ratios=(2, 1))
+    for axes, costs, across in (
+        (panels[0], found.evolution_cost, "generation"),
+        (panels[1], found.gauss_newton_cost, "step of Gauss-Newton"),
+    ):
+        marker = "o" if len(costs) < _MOST_MARKERS else ""
+        axes.plot(
+            range(1, len(costs) + 1), np.exp(costs), color=BLUE, linewidth=1.2, marker=marker, markersize=3
+        )
+        axes.set_xlabel(across)
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=6))
+    panels[0].set_ylabel("error / no friction")
+    return figure
+
+
+#: points of a line that carry a marker each
+_MOST_MARKERS = 40
+
+
 #: of laws in words
 _DECISIONS = {
     "accepted": "taken",
@@ -215,8 +260,7 @@ def parameter_table(found: Identification, *, framed: bool) -> TextTable:
     rows = [
         (
             label,
-            digits(value),
-            digits(error, 2),
+            *value_and_error(value, error),
             interval_text(found.intervals.get(label)),
             interval_text(found.variation.predictions.get(label)),
             unit,

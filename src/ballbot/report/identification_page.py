@@ -6,13 +6,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ballbot.findings import Finding, texts
 from ballbot.fitting.model_selection import ModelSelection
 from ballbot.identification import HoldoutResult, Identification
 from ballbot.identification.coulomb import coulomb_sentence
 from ballbot.identification.result import represents_sentence
-from ballbot.log import Log
+from ballbot.identification.stages import windows_for
+from ballbot.identification.windows import Windows, standstill_torques
+from ballbot.log import STATE_NAMES, Log
 from ballbot.report.blocks import Block, Paragraph, Picture, Report, Section, Sheet, section
 from ballbot.report.friction import (
     error_table,
@@ -20,14 +23,16 @@ from ballbot.report.friction import (
     horizon_table,
     log_series,
     parameter_table,
+    search_blocks,
     selection_table,
 )
 from ballbot.report.provenance import Provenance
+from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.study import friction_sentence
 from ballbot.report.study_page import parameter_symbols
-from ballbot.report.style import drawn_picture
+from ballbot.report.style import STATE_UNITS, drawn_picture
 from ballbot.report.validation_figures import correlation_figure
-from ballbot.report.words import digits
+from ballbot.report.words import digits, state_mark
 from ballbot.workflows.study import StudiedLog
 
 
@@ -52,8 +57,9 @@ def identification_report(
         sections=[
             _parameter_section(found, studied),
             *([_law_section(selection, ladder_svg)] if selection and ladder_svg else []),
-            section("Errors on held-out windows", *_error_blocks(found, holdouts)),
+            section("Errors on held-out windows", *_error_blocks(found, holdouts), _predictions(found, logs)),
             section("The logs", *(log_series(one) for one in studied)),
+            section("How the search went", *search_blocks(found)),
         ],
         undecided=_undecided(found, holdouts),
         made=made,
@@ -87,11 +93,68 @@ def _parameter_section(found: Identification, logs: Sequence[StudiedLog]) -> Sec
     symbols = parameter_symbols(found.labels)
     return section(
         "Parameters",
-        Sheet.of(parameter_table(found, framed=False), caption="Standard errors are clustered by window."),
+        _parameter_sheet(found),
         Paragraph(text=f"{represents_sentence(found.layout)} {coulomb_sentence(found.coulomb)}"),
         drawn_picture("friction", partial(friction_figure, found, logs), caption),
         drawn_picture("parameters", partial(correlation_figure, symbols, found.correlation), correlation),
     )
+
+
+def _parameter_sheet(found: Identification) -> Sheet:
+    """Return the table that the command prints, with the robot file's values beside those found."""
+    made = parameter_table(found, framed=False)
+    before = found.layout.nominal(found.predictor.robot)
+    rows = [(row[0], digits(value), *row[1:]) for row, value in zip(made.cells, before, strict=True)]
+    headings = (made.headings[0], "in the robot file", "found", *made.headings[2:])
+    return Sheet(headings=headings, rows=rows, caption="Standard errors are clustered by window.")
+
+
+#: windows in a time series: more would be a hand's breadth each
+_MOST_WINDOWS = 40
+#: the states that a prediction shows
+_SHOWN = ("theta", "phi", "x_dot", "y_dot", "theta_dot", "phi_dot", "psi_dot")
+
+
+def _predictions(found: Identification, logs: Mapping[str, Log]) -> TimeSeries | None:
+    """Return measured and predicted states over held-out windows of the first log that has some."""
+    if not found.held_out_windows:
+        return None
+    place = found.held_out_windows[0].log
+    spans = [one for one in found.held_out_windows if one.log == place][:_MOST_WINDOWS]
+    name, log = list(logs.items())[place]
+    predictor = found.predictor
+    supplied = standstill_torques(log, predictor.robot, predictor.back_emf)
+    windows = windows_for(predictor, found.values, [supplied], duration=found.window)
+    starts = {one.start: row for row, one in enumerate(windows.spans)}
+    windows = windows.take(np.array([starts[one.start] for one in spans if one.start in starts]))
+    both = np.stack([found.values, predictor.layout.without_friction(found.values)])
+    ours, without = predictor.residuals(both, windows, every=1) + windows.measured
+    t, measured = _in_a_row(windows, windows.measured)
+    panels = []
+    for state in _SHOWN:
+        column = STATE_NAMES.index(state)
+        lines = (
+            Line(name="measured", values=measured[:, column], look="measured"),
+            Line(name="with the friction found", values=_in_a_row(windows, ours)[1][:, column], look="first"),
+            Line(name="without friction", values=_in_a_row(windows, without)[1][:, column], look="second"),
+        )
+        panels.append(Panel(label=f"{state_mark(state)} [{STATE_UNITS[state]}]", lines=lines))
+    caption = (
+        f"Predictions of {len(windows)} windows of {name} that the fit did not see, each from the state measured at "
+        "its start and with the torques of the log."
+    )
+    return TimeSeries(t=t, panels=panels, caption=caption, across="time of the log [s]")
+
+
+def _in_a_row(
+    windows: Windows, states: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return time (k,) and states (k, 10) of windows (w, m, 10) one after another, each from its start, then a gap."""
+    steps = windows.sample_time * np.arange(windows.samples + 2)
+    t = np.array([one.start for one in windows.spans])[:, None] + np.minimum(steps, steps[-2])
+    gap = np.full((len(windows), 1, states.shape[2]), np.nan)
+    whole = np.concatenate([windows.initial[:, None], states, gap], axis=1)
+    return t.ravel(), whole.reshape(-1, states.shape[2])
 
 
 def _law_section(selection: ModelSelection[Identification], ladder_svg: str) -> Section:

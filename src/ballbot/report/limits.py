@@ -16,7 +16,7 @@ from ballbot.report.blocks import Picture, Report, Sheet, section
 from ballbot.report.console import TextTable, table
 from ballbot.report.palette import BLUE, GREEN, INK, LOWER, MUTED, ORANGE, UPPER, VIOLET, YELLOW
 from ballbot.report.provenance import Provenance
-from ballbot.report.style import DASHED, label_of
+from ballbot.report.style import label_of
 from ballbot.robot import Robot
 from ballbot.workflows.limits import Bounds, Kind, RobotLimits, TwinLimit
 from ballbot.workflows.recovery_region import Region
@@ -82,7 +82,7 @@ def directions_figure(found: Mapping[str, RobotLimits], on_twin: Mapping[str, Se
     ]
     handles += [
         Line2D([], [], color=INK, linewidth=1.6, label="no wheel slips"),
-        Line2D([], [], color=INK, linewidth=1.2, linestyle=DASHED, label="wheels never slip"),
+        Line2D([], [], color=INK, linewidth=1.2, linestyle="--", label="wheels never slip"),
     ]
     if on_twin:
         handles.append(Line2D([], [], color=INK, marker="o", linestyle="none", label="marks: on the twin"))
@@ -99,7 +99,7 @@ def heights_figure(found: Mapping[str, RobotLimits]) -> Figure:
             one.impulse.lower.min(axis=1), one.heights, color=color, linewidth=width, label=label_of(name)
         )
         upper = one.impulse.upper.min(axis=1)
-        axes.plot(upper, one.heights, color=color, linewidth=min(width, 1.6), linestyle=DASHED)
+        axes.plot(upper, one.heights, color=color, linewidth=min(width, 1.6), linestyle="--")
     axes.set_xlim(left=0.0)
     axes.set_xlabel(
         "largest impulse from every direction [N s] (solid: no wheel slips; dashed: wheels never slip)"
@@ -140,9 +140,7 @@ def _draw_polar(
     for (name, (lower, upper)), (color, mark, width) in zip(sizes.items(), _LOOKS, strict=False):
         around = np.append(directions[name], directions[name][0] + 2.0 * np.pi)
         axes.plot(around, np.append(lower, lower[0]), color=color, linewidth=width)
-        axes.plot(
-            around, np.append(upper, upper[0]), color=color, linewidth=min(width, 1.6), linestyle=DASHED
-        )
+        axes.plot(around, np.append(upper, upper[0]), color=color, linewidth=min(width, 1.6), linestyle="--")
         for direction, size in marks.get(name, ()):
             axes.plot([direction], [size], color=color, marker=mark, markersize=5, mec=INK, mew=0.6)
     axes.set_ylim(bottom=0.0)

@@ -15,7 +15,7 @@ from ballbot.log.columns import unit_of
 from ballbot.report.comparison import paths_figure
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
 from ballbot.report.poles import poles_figure
-from ballbot.report.style import DASHED, label_of, thinned
+from ballbot.report.style import label_of, thinned
 from ballbot.report.validation_figures import horizon_figure
 from ballbot.validation import Validation
 from ballbot.workflows.study import Study
@@ -28,7 +28,7 @@ _PANELS = (
     (("u1", "u2", "u3", "u4"), "wheel torques [N m]"),
 )
 #: of lines in one panel, the first first
-_LOOKS = ((BLUE, "-"), (ORANGE, DASHED), (INK, ":"), (MUTED, "-."))
+_LOOKS = ((BLUE, "-"), (ORANGE, "--"), (INK, ":"), (MUTED, "-."))
 #: columns of a log that has none of the above
 _MOST_COLUMNS = 6
 

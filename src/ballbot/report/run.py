@@ -15,7 +15,7 @@ from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, TRUE_PREFIX, torque_nam
 from ballbot.mechanics.parameters import Formulation
 from ballbot.report.blocks import Block, Film, Paragraph, Report, Section, Sheet, section
 from ballbot.report.provenance import Provenance
-from ballbot.report.series import IN_TURN, Line, Panel, TimeSeries
+from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.report.words import digits
 from ballbot.robot import Robot
 from ballbot.viewer.page import replay_part
@@ -161,14 +161,6 @@ def _columns(log: Log, names: Sequence[str]) -> list[NDArray[np.float64]]:
 
 def _largest(columns: Sequence[NDArray[np.float64]]) -> float:
     return max((float(np.nanmax(np.abs(one))) for one in columns if np.isfinite(one).any()), default=0.0)
-
-
-def wheel_lines(columns: Sequence[NDArray[np.float64]]) -> list[Line]:
-    """Return a line for each wheel."""
-    return [
-        Line(name=f"wheel {k + 1}", values=values, look=IN_TURN[k % len(IN_TURN)])
-        for k, values in enumerate(columns)
-    ]
 
 
 def _numbers(log: Log, robot: Robot | None) -> list[Block]:

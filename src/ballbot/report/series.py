@@ -120,6 +120,14 @@ def _extremes(values: NDArray[np.float64], starts: NDArray[np.intp], size: int) 
     return np.minimum(both, len(values) - 1).ravel()
 
 
+def wheel_lines(columns: Sequence[NDArray[np.float64]]) -> list[Line]:
+    """Return a line for each wheel."""
+    return [
+        Line(name=f"wheel {k + 1}", values=values, look=IN_TURN[k % len(IN_TURN)])
+        for k, values in enumerate(columns)
+    ]
+
+
 def together(
     runs: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
 ) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:

@@ -16,9 +16,9 @@ from ballbot.identification.coulomb import coulomb_sentence
 from ballbot.identification.result import represents_sentence
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.model import Model
-from ballbot.report.blocks import Bullets, Film, Paragraph, Report, Section, Sheet, section
+from ballbot.report.blocks import Bullets, Film, Paragraph, Report, Section, Sheet, Subheading, section
 from ballbot.report.comparison import RUN_LABELS, paths_figure, position_error_series
-from ballbot.report.friction import friction_figure, log_series
+from ballbot.report.friction import friction_figure, log_series, search_blocks
 from ballbot.report.poles import poles_figure
 from ballbot.report.prediction import predicted_rows
 from ballbot.report.provenance import Provenance
@@ -120,6 +120,8 @@ def _friction_section(study: Study) -> Section:
         parameter_sheet(found),
         drawn_picture("friction", partial(friction_figure, found, study.logs), curve),
         drawn_picture("parameters", partial(correlation_figure, symbols, found.correlation), correlation),
+        Subheading(text="How the search went"),
+        *search_blocks(found),
     )
 
 

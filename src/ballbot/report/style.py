@@ -32,16 +32,13 @@ class LineStyle(TypedDict):
     """How a line is drawn."""
 
     color: str
-    linestyle: str | tuple[int, tuple[float, ...]]
+    linestyle: str
     linewidth: float
 
 
-#: gaps as wide as this show on a line that goes up and down
-DASHED = (0, (5.0, 3.5))
-
 MEASURED: LineStyle = {"color": INK, "linestyle": "-", "linewidth": 1.6}
 WITH_FRICTION: LineStyle = {"color": BLUE, "linestyle": "-", "linewidth": 1.1}
-WITHOUT_FRICTION: LineStyle = {"color": ORANGE, "linestyle": DASHED, "linewidth": 1.3}
+WITHOUT_FRICTION: LineStyle = {"color": ORANGE, "linestyle": "--", "linewidth": 1.3}
 NOISE: LineStyle = {"color": MUTED, "linestyle": ":", "linewidth": 1.2}
 REFERENCE: LineStyle = {"color": PALE, "linestyle": "-", "linewidth": 2.4}
 
@@ -109,6 +106,10 @@ _RC: dict[RcKeyType, object] = {
     "legend.frameon": False,
     "legend.fontsize": 8,
     "lines.solid_capstyle": "round",
+    # gaps as wide as these show on a line that goes up and down
+    "lines.dashed_pattern": (5.0, 3.5),
+    "lines.dashdot_pattern": (7.0, 2.5, 1.5, 2.5),
+    "lines.dotted_pattern": (1.3, 2.4),
     "mathtext.fontset": "dejavusans",
     "svg.fonttype": "path",
     "svg.hashsalt": "ballbot",

@@ -82,8 +82,12 @@ class AblationRow:
 
 
 def parameter_sheet(found: Identification) -> Sheet:
-    """Return the friction parameters with their standard errors and both intervals, a column for each wheel."""
+    """Return the friction parameters with their standard errors, both intervals and what the robot file has.
+
+    Each wheel has a column.
+    """
     wheels = found.layout.wheel_count
+    before = found.layout.by_symbol(found.layout.nominal(found.predictor.robot))
     rows: list[list[str | Cell]] = []
     for name, (symbol, value) in zip(found.layout.names, found.parameters.items(), strict=True):
         meaning, unit = _MEANINGS[symbol]
@@ -104,6 +108,10 @@ def parameter_sheet(found: Identification) -> Sheet:
         ):
             ends = (interval_text(intervals.get(label)) for label in labels)
             rows.append([Cell(text="", below=which), "", *(Cell(text=text, span=span) for text in ends)])
+        stated = (digits(float(one)) for one in np.atleast_1d(before[symbol]))
+        rows.append(
+            [Cell(text="", below="in the robot file"), "", *(Cell(text=one, span=span) for one in stated)]
+        )
     return Sheet(headings=("parameter", "unit", *(f"wheel {i}" for i in range(1, wheels + 1))), rows=rows)
 
 

@@ -7,10 +7,11 @@ from functools import partial
 
 import numpy as np
 
+from ballbot.errors import InputError
 from ballbot.findings import Finding
 from ballbot.fitting.comparison import LEAST_RUNS
-from ballbot.log import STATE_NAMES
-from ballbot.report.blocks import Bullets, Paragraph, Report, Section, Sheet, section
+from ballbot.log import STATE_NAMES, Log
+from ballbot.report.blocks import Bullets, Film, Paragraph, Report, Section, Sheet, section
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import STATE_UNITS, drawn_picture
@@ -25,9 +26,10 @@ from ballbot.report.validation_figures import (
 )
 from ballbot.report.words import state_mark, with_symbols
 from ballbot.validation import ErrorPair, Validation, findings
-from ballbot.validation.models import Trajectories
+from ballbot.validation.models import ModelPair, Trajectories
 from ballbot.validation.residuals import ResidualAnalysis, residual_findings
 from ballbot.validation.statistics import Whiteness
+from ballbot.viewer.page import replay_part
 
 
 def validation_report(
@@ -157,6 +159,7 @@ def _closed_loop_section(validation: Validation, example_of: str) -> Section:
         error_sheet(validation, closed.restarted, f"{restarted}{closed.restarted.runs} runs."),
         error_sheet(validation, closed.whole, "Closed-loop errors over each whole log without a restart."),
         _trajectories(closed.example, validation.models.names, example),
+        _replay(closed.example, validation.models),
     )
 
 
@@ -264,6 +267,25 @@ def _trajectories(shown: Trajectories, names: tuple[str, str], caption: str) -> 
         )
         panels.append(Panel(label=f"{state_mark(name)} [{STATE_UNITS[name]}]", lines=lines))
     return TimeSeries(t=shown.t, panels=panels, caption=caption, across="time of the log [s]")
+
+
+def _replay(shown: Trajectories, models: ModelPair) -> Film | None:
+    """Return the measured run and both models' side by side in three dimensions, if they can be shown."""
+    runs = [
+        ("measured", shown.measured, models.first),
+        (f"model {models.first.name}", shown.first, models.first),
+        (f"model {models.second.name}", shown.second, models.second),
+    ]
+    logs = {
+        name: Log({"t": shown.t, **dict(zip(STATE_NAMES, states.T, strict=True))}) for name, states, _ in runs
+    }
+    robots = {name: one.model.robot for name, _, one in runs}
+    try:
+        part = replay_part(logs, robots, name="validation")
+    except InputError:  # a model whose run has no value
+        return None
+    caption = "The same seconds in three dimensions; the models can be shown as ghosts of the measured run."
+    return Film(part=part, caption=caption)
 
 
 def _of_models(validation: Validation) -> Sequence[Finding]:

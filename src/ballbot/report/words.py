@@ -46,14 +46,20 @@ def digits(value: float, count: int = 3) -> str:
     return f"{round(value, count - 1 - leading):.{places}f}"
 
 
+def value_and_error(value: float, error: float) -> tuple[str, str]:
+    """Return a value and its standard error, both to the error's second digit; a dash for what is no number."""
+    if not (np.isfinite(value) and np.isfinite(error) and error > 0.0):
+        return digits(value), "–"
+    places = max(0, 1 - int(np.floor(np.log10(error))))
+    return f"{value:.{places}f}", f"{error:.{places}f}"
+
+
 def with_error(value: float, error: float) -> str:
-    """Return a value and its standard error, both to the error's second digit."""
+    """Return a value and its standard error in words; see `value_and_error`."""
     if not np.isfinite(value):
         return "not identified by these logs"
-    if not (np.isfinite(error) and error > 0.0):
-        return f"{digits(value)} (no standard error)"
-    places = max(0, 1 - int(np.floor(np.log10(error))))
-    return f"{value:.{places}f} ± {error:.{places}f}"
+    shown, of_error = value_and_error(value, error)
+    return f"{shown} (no standard error)" if of_error == "–" else f"{shown} ± {of_error}"
 
 
 def signed_with_error(value: float, error: float) -> str:
