@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Compensation, Controller, default_speed_band
 from ballbot.control.file import read_controller
 from ballbot.control.interface import Feedback
-from ballbot.control.lqr import LqrDesign, gain_rows, lqr, sampling_words
+from ballbot.control.lqr import LqrDesign, StateSpace, gain_rows, lqr, sampling_words
+from ballbot.control.margins import Loop
 from ballbot.control.parts import Parts
 from ballbot.control.parts.disturbance_observer import DisturbanceObserver
 from ballbot.control.parts.feed_forward import FeedForward
@@ -66,9 +67,10 @@ def design_gain(
         [s]; the robot's own where not given.
     """
     robot = as_robot(robot)
-    frictionless = robot.replace(friction=Friction.none(robot.wheel_count))
     time = robot.sensors.sample_time if sample_time is None else sample_time
-    return lqr(Model(frictionless), state_weights, (torque_weight,) * robot.wheel_count, sample_time=time)
+    return lqr(
+        frictionless_model(robot), state_weights, (torque_weight,) * robot.wheel_count, sample_time=time
+    )
 
 
 def nominal_controller(robot: RobotLike, *, compensation: Compensation = "none") -> Controller:
@@ -149,19 +151,39 @@ def design_integral_gain(
         As `ballbot.lqr` does.
     """
     robot = as_robot(robot)
-    linear = Model(robot.replace(friction=Friction.none(robot.wheel_count))).linearize()
-    A, B = np.zeros((13, 13)), np.zeros((13, robot.wheel_count))
-    A[:10, :10], B[:10] = linear.A, linear.B
-    A[[10, 11, 12], _POSE_PLACES] = 1.0
     time = robot.sensors.sample_time if sample_time is None else sample_time
     weights = (*state_weights, *integral_weights)
-    found = lqr(_StateSpace(A=A, B=B), weights, (torque_weight,) * robot.wheel_count, sample_time=time)
+    found = lqr(_with_integrals(robot), weights, (torque_weight,) * robot.wheel_count, sample_time=time)
     return IntegralDesign(
         gain=found.gain[:, :10].copy(),
         integral_gain=found.gain[:, 10:].copy(),
         poles=found.poles,
         sample_time=time,
     )
+
+
+def _with_integrals(robot: Robot) -> StateSpace:
+    """Return the model without friction (13, 13), the integrals of x, y and psi last."""
+    linear = frictionless_model(robot).linearize()
+    A, B = np.zeros((13, 13)), np.zeros((13, robot.wheel_count))
+    A[:10, :10], B[:10] = linear.A, linear.B
+    A[[10, 11, 12], _POSE_PLACES] = 1.0
+    return _StateSpace(A=A, B=B)
+
+
+def frictionless_model(robot: Robot) -> Model:
+    """Return the model that a gain is designed on."""
+    return Model(robot.replace(friction=Friction.none(robot.wheel_count)))
+
+
+def loop_of(robot: Robot, design: LqrDesign | IntegralDesign) -> Loop:
+    """Return the loop of a sampled gain and the model that it was designed on."""
+    if isinstance(design, IntegralDesign):
+        model, gain = _with_integrals(robot), np.hstack([design.gain, design.integral_gain])
+    else:
+        model, gain = frictionless_model(robot).linearize(), design.gain
+    assert design.sample_time is not None
+    return Loop(A=model.A, B=model.B, K=gain, sample_time=design.sample_time)
 
 
 def precise_controller(

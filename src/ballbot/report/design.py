@@ -13,17 +13,18 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from ballbot.control.overcompensation import CompensationMargin
+from ballbot.control.presets import frictionless_model
 from ballbot.findings import Finding
 from ballbot.log import STATE_NAMES
 from ballbot.report.blocks import Block, Paragraph, Report, Sheet, Verbatim, section
 from ballbot.report.console import matrix_text, table
+from ballbot.report.loop import loop_blocks, margins_sentence, poles_figure
 from ballbot.report.palette import BLUE, GREEN, ORANGE, SHADE
-from ballbot.report.poles import poles_figure
 from ballbot.report.provenance import Provenance
 from ballbot.report.style import LineStyle, drawn_picture
 from ballbot.report.words import state_mark
 from ballbot.robot import Friction, Robot
-from ballbot.workflows.controller_design import ControllerDesign, frictionless_model
+from ballbot.workflows.controller_design import ControllerDesign
 from ballbot.workflows.perturbed_robots import TAIL, PerturbationRanges
 from ballbot.workflows.robot_check import state_order
 from ballbot.workflows.robust_design import RobustDesign
@@ -116,6 +117,7 @@ def controller_design_parts(found: ControllerDesign, *, framed: bool) -> Iterato
         yield Text(matrix_text("+-", spread.deviation))
     rows = [[f"{pole.real:.4f}", f"{pole.imag:.4f}"] for pole in found.gain.poles]
     yield table("Closed-loop poles (rad/s)", ["real", "imaginary"], rows, framed=framed)
+    yield Text(margins_sentence(found.loop_margins))
     if found.certain is not found.stated:
         yield Text(_certain_fractions(found.stated, found.certain))
     if found.controller.compensation != "none":
@@ -169,7 +171,8 @@ def controller_design_report(
         (
             "Closed loop",
             f"The slowest pole is {slowest:.3g} rad/s: the robot settles in about {4.0 / slowest:.2g} s.",
-        )
+        ),
+        ("Margins", margins_sentence(found.loop_margins)),
     ]
     if controller.compensation != "none":
         verdict.append(("Compensation", _capital(found.margin.sentence)))
@@ -194,6 +197,7 @@ def controller_design_report(
                 ),
                 Sheet(headings=("real [rad/s]", "imaginary [rad/s]"), rows=poles, caption="With this gain."),
             ),
+            section("Margins and steps", *loop_blocks(found.loop, found.loop_margins)),
             section("Friction compensation", *_compensation_blocks(found)),
             section("Linear model", *_linear_blocks(robot)),
         ],

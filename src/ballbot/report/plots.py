@@ -13,8 +13,8 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.columns import unit_of
 from ballbot.report.comparison import paths_figure
+from ballbot.report.loop import poles_figure
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
-from ballbot.report.poles import poles_figure
 from ballbot.report.style import label_of, thinned
 from ballbot.report.validation_figures import horizon_figure
 from ballbot.validation import Validation

@@ -19,7 +19,7 @@ from ballbot.report.blocks import (
     section,
 )
 from ballbot.report.console import matrix_text
-from ballbot.report.poles import poles_figure
+from ballbot.report.loop import poles_figure
 from ballbot.report.provenance import Provenance
 from ballbot.report.robot_check import (
     band_rows,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
-from ballbot.control.presets import design_integral_gain
+from ballbot.control.presets import design_integral_gain, frictionless_model
 from ballbot.errors import InputError
 from ballbot.findings import texts
 from ballbot.identification.coulomb import coulomb_sentence
@@ -19,7 +19,7 @@ from ballbot.mechanics.model import Model
 from ballbot.report.blocks import Bullets, Film, Paragraph, Report, Section, Sheet, Subheading, section
 from ballbot.report.comparison import RUN_LABELS, paths_figure, position_error_series
 from ballbot.report.friction import friction_figure, log_series, search_blocks
-from ballbot.report.poles import poles_figure
+from ballbot.report.loop import poles_figure
 from ballbot.report.prediction import predicted_rows
 from ballbot.report.provenance import Provenance
 from ballbot.report.study import (
@@ -40,7 +40,7 @@ from ballbot.report.tables import (
 from ballbot.report.validation_figures import correlation_figure
 from ballbot.report.validation_page import undecided_by, validation_sections
 from ballbot.report.words import digits, state_mark, with_symbols
-from ballbot.robot import Friction, Robot
+from ballbot.robot import Robot
 from ballbot.robot.figure import robot_figure
 from ballbot.validation import findings as validation_findings
 from ballbot.validation.residuals import residual_findings
@@ -126,8 +126,7 @@ def _friction_section(study: Study) -> Section:
 
 
 def _controller_section(study: Study) -> Section:
-    frictionless = study.robot.replace(friction=Friction.none(study.robot.wheel_count))
-    open_loop_poles = Model(frictionless).linearize().poles()
+    open_loop_poles = frictionless_model(study.robot).linearize().poles()
     draw = partial(poles_figure, open_loop=open_loop_poles, closed_loop=_closed_loop_poles(study))
     gain = [[f"{value + 0.0:.3f}" for value in row] for row in np.round(_shown(study).gain, 3)]
     return section(

@@ -13,6 +13,7 @@ from typing import Literal
 
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.lqr import LqrDesign, gain_rows
+from ballbot.control.margins import Loop, LoopMargins, loop_margins
 from ballbot.control.overcompensation import (
     CompensationMargin,
     certain_friction,
@@ -29,10 +30,11 @@ from ballbot.control.presets import (
     adaptive,
     design_gain,
     design_integral_gain,
+    frictionless_model,
+    loop_of,
     precise_controller,
 )
 from ballbot.errors import InputError
-from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_friction
 from ballbot.robot.variations import Propagated, propagate
@@ -103,6 +105,8 @@ class ControllerDesign:
     stated: Friction  #: the robot's friction
     certain: Friction  #: the part of it that is present with 95 % confidence
     margin: CompensationMargin
+    loop: Loop  #: of the gain and the linear model without friction, both without the other parts
+    loop_margins: LoopMargins
 
     def summary(self) -> Summary:
         """Return the gain, its poles and how much of the certain friction is compensated."""
@@ -129,6 +133,7 @@ class ControllerDesign:
             "gain_variance_shares": dict(spread.largest(len(spread.parts))),
             "poles": self.gain.poles,
             "linearization": linearization_results(frictionless_model(controller.robot)),
+            "loop_margins": self.loop_margins,
             "compensation_margin": self.margin,
         }
 
@@ -159,6 +164,7 @@ def design_controller(
     controller = _with_parts(_controller(compensated, found, parts.compensation), parts)
     if not parts.allow_overcompensation:
         refuse_overcompensation(controller, certain)
+    loop = loop_of(robot, found)
     return ControllerDesign(
         controller=controller,
         gain=found,
@@ -166,12 +172,9 @@ def design_controller(
         stated=robot.friction,
         certain=certain,
         margin=compensation_margin(controller, certain),
+        loop=loop,
+        loop_margins=loop_margins(loop),
     )
-
-
-def frictionless_model(robot: Robot) -> Model:
-    """Return the model that a gain is designed on."""
-    return Model(robot.replace(friction=Friction.none(robot.wheel_count)))
 
 
 def _design(robot: Robot, options: GainOptions) -> LqrDesign | IntegralDesign:
