@@ -171,6 +171,7 @@ class ModelPlant:
     """
 
     def __init__(self, model: Model) -> None:
+        #: may be replaced between samples by one whose robot differs in its friction only
         self.model = model
         self._lift_off = lift_off(model.robot)
         self._t = 0.0
@@ -231,6 +232,26 @@ class ModelPlant:
         model = self.model
         ended = why_ended(model.selected, model.packed, self._state, torques, self._lift_off, self._t)
         return self._measure(ended)
+
+    def push(self, impulse: ArrayLike) -> None:
+        """Change the velocities at once by an impulse of a force from outside: M(q) dq_dot = p.
+
+        A force that lasts is an impulse before each sample, exact to first order in the sample time.
+
+        Parameters
+        ----------
+        impulse : array_like (5,)
+            p, of x, y [N s], theta, phi and psi [N m s].
+
+        Raises
+        ------
+        InputError
+            If it is not five finite numbers.
+        """
+        p = real_array(impulse, (5,), "The impulse")
+        padded = np.concatenate((p, np.zeros(self.model.velocity_count - 5)))
+        self._state[5:] += np.linalg.solve(self.model.mass_matrix(self._state[:5]), padded)
+        self._wheel_speeds = self._speeds()
 
     def _speeds(self) -> NDArray[np.float64]:
         if not np.isfinite(self._state).all():  # torques too large for numbers; the run ends

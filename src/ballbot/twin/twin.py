@@ -92,25 +92,39 @@ def disturbances(robot: Robot, scenario: Scenario, engine: Engine) -> list[Distu
     return found
 
 
-class Pushes:
-    """Forces on the body, each during its interval."""
+class BodyForce:
+    """Forces on the body at heights above the ball's centre, until they are changed."""
 
-    def __init__(self, pushes: tuple[Push, ...], engine: Engine) -> None:
-        self._pushes = pushes
+    def __init__(self, engine: Engine) -> None:
         self._wrench = engine.external_force("body")
         self._center_of_mass = engine.center_of_mass("body")
         body = engine.first_position("body")
         self._pose = engine.qpos[body : body + 7]
 
+    def clear(self) -> None:
+        """Remove every force."""
+        self._wrench[:] = 0.0
+
+    def add(self, force: ArrayLike, height: float) -> None:
+        """Add a force (3,) [N], world frame, at a height along the body's axis [m]."""
+        arm = self._pose[:3] + height * _up(self._pose[3:]) - self._center_of_mass
+        self._wrench[:3] += force
+        self._wrench[3:] += np.cross(arm, force)
+
+
+class Pushes:
+    """Forces on the body, each during its interval."""
+
+    def __init__(self, pushes: tuple[Push, ...], engine: Engine) -> None:
+        self._pushes = pushes
+        self._force = BodyForce(engine)
+
     def prepare_sample(self, t: float) -> None:
         """Set the sum of the pushes that act at t [s], within half a microsecond of rounding."""
-        self._wrench[:] = 0.0
+        self._force.clear()
         for push in self._pushes:
             if push.time - 5e-7 <= t < push.time + push.duration - 5e-7:
-                force = np.array(push.force)
-                arm = self._pose[:3] + push.height * _up(self._pose[3:]) - self._center_of_mass
-                self._wrench[:3] += force
-                self._wrench[3:] += np.cross(arm, force)
+                self._force.add(push.force, push.height)
 
 
 class Bumps:
