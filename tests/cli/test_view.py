@@ -40,8 +40,10 @@ def test_saved_page_has_the_logs_by_their_labels(capsys):
 
 
 @pytest.mark.usefixtures("folder")
-def test_page_is_opened_without_save():
+def test_page_is_opened_without_save(capsys, monkeypatch):
+    monkeypatch.setattr("ballbot.cli.view.has_live_view", lambda: False)
     assert main(["view", "alten"]) == 0
+    assert "pip install 'ballbot[view]'" in capsys.readouterr().out
     (address,) = opened
     assert address.startswith("file:///")
     assert Path(address.removeprefix("file://")).is_file()
@@ -70,6 +72,10 @@ def test_part_of_a_log_is_shown(capsys):
         (("a=log.csv", "a=other.csv", "--robot", "alten"), "label 'a'"),
         (("missing.csv", "--robot", "alten"), "missing.csv cannot be read"),
         (("log.csv", "--robot", "alten", "--save", "."), "a file is needed"),
+        (("log.csv", "--robot", "alten", "--plant", "twin"), "simulated live"),
+        (("alten", "--port", "70000"), "from 0 (any free one) to 65535"),
+        (("alten", "--controller", "presice"), "precise"),
+        (("alten", "--plant", "twin", "--scenario", "nominl"), "nominal"),
     ],
 )
 def test_bad_words_are_refused_in_a_sentence(capsys, words, sentence):

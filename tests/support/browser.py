@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import os
 import shutil
 import subprocess
 import time
@@ -51,7 +52,11 @@ class Tab:
 
     def open(self, path: Path) -> None:
         """Open a file from disk."""
-        self.call("Page.navigate", url=path.resolve().as_uri())
+        self.go(path.resolve().as_uri())
+
+    def go(self, address: str) -> None:
+        """Open an address."""
+        self.call("Page.navigate", url=address)
         self.wait("document.readyState === 'complete'")
 
     def run(self, expression: str) -> Any:
@@ -60,17 +65,32 @@ class Tab:
         assert "exceptionDetails" not in found, found
         return found["result"].get("value")
 
-    def wait(self, expression: str) -> None:
-        """Wait until a JavaScript expression is true."""
-        end = time.monotonic() + PATIENCE
+    def wait(self, expression: str, patience: float = PATIENCE) -> None:
+        """Wait until a JavaScript expression is true, for so long at most [s]."""
+        end = time.monotonic() + patience
         while not self.run(expression):
-            assert time.monotonic() < end, f"not true in {PATIENCE:g} s: {expression}"
+            assert time.monotonic() < end, f"not true in {patience:g} s: {expression}"
             time.sleep(0.05)
+
+    def mouse(self, kind: str, x: float, y: float) -> None:
+        """Let the mouse do one thing at a place of the window: mousePressed, mouseMoved or mouseReleased."""
+        self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
 
     def press(self, x: float, y: float) -> None:
         """Press and release the mouse at a place of the window."""
         for kind in ("mousePressed", "mouseReleased"):
-            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+            self.mouse(kind, x, y)
+
+    def click(self, selector: str) -> None:
+        """Press and release the mouse in the middle of an element."""
+        self.run(f"document.querySelector('{selector}').scrollIntoView({{ block: 'nearest' }})")
+        box = f"document.querySelector('{selector}').getBoundingClientRect()"
+        self.press(*self.run(f"[{box}.x + {box}.width / 2, {box}.y + {box}.height / 2]"))
+
+    def key(self, name: str, code: str = "") -> None:
+        """Press and release a key."""
+        for kind in ("keyDown", "keyUp"):
+            self.call("Input.dispatchKeyEvent", type=kind, key=name, code=code or name)
 
     def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
         """Drag with the mouse from one place of the window to another."""
@@ -97,6 +117,13 @@ class Tab:
         self.run("0")
         asked = [one for one in self.events if one["method"] == "Network.requestWillBeSent"]
         return [one["params"]["request"]["url"] for one in asked]
+
+
+def keep(picture: bytes, name: str) -> None:
+    """Write a picture into the folder that BALLBOT_SCREENSHOTS names, for people to look at."""
+    folder = os.environ.get("BALLBOT_SCREENSHOTS")
+    if folder:
+        (Path(folder) / f"{name}.png").write_bytes(picture)
 
 
 @contextmanager

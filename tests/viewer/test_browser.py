@@ -5,10 +5,8 @@ The pictures that it takes are kept in the folder that BALLBOT_SCREENSHOTS names
 
 from __future__ import annotations
 
-import os
 import time
 from importlib.resources import files
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +16,7 @@ from ballbot.mechanics.geometry import rotation
 from ballbot.robot import Robot
 from ballbot.viewer import replay_page
 from ballbot.viewer.page import ResultState, result_text
-from tests.support.browser import headless_browser, new_tab
+from tests.support.browser import headless_browser, keep, new_tab
 from tests.support.log_examples import smooth_log, with_wheels
 
 pytestmark = pytest.mark.browser
@@ -52,18 +50,6 @@ def replay(tmp_path_factory):
     return path
 
 
-def keep(picture: bytes, name: str) -> None:
-    folder = os.environ.get("BALLBOT_SCREENSHOTS")
-    if folder:
-        (Path(folder) / f"{name}.png").write_bytes(picture)
-
-
-def press(tab, selector):
-    box = f"document.querySelector('{selector}').getBoundingClientRect()"
-    x, y = tab.run(f"[{box}.x + {box}.width / 2, {box}.y + {box}.height / 2]")
-    tab.press(x, y)
-
-
 def choose(tab, label, value):
     tab.run(
         f"(() => {{ const s = document.querySelector('select[aria-label=\"{label}\"]'); s.value = '{value}'; "
@@ -87,7 +73,7 @@ def picture(tab):
 def test_page_from_disk_plays_by_itself_without_a_word_on_the_console(tab, replay):
     tab.open(replay)
     tab.wait(f"{CLOCK} > 0.5")
-    press(tab, "button.play")
+    tab.click("button.play")
     tab.wait("document.querySelector('button.play').textContent === 'Play'")
     assert tab.run("document.querySelector('.no-picture')") is None
     assert tab.complaints() == []
@@ -97,7 +83,7 @@ def test_page_from_disk_plays_by_itself_without_a_word_on_the_console(tab, repla
 def test_scrubbing_shows_the_time_and_another_picture(tab, replay):
     tab.open(replay)
     tab.wait(f"{CLOCK} > 0.1")
-    press(tab, "button.play")
+    tab.click("button.play")
     scrub(tab, 2.0)
     first = picture(tab)
     scrub(tab, 6.0)
@@ -122,8 +108,7 @@ def test_slow_motion_is_slow(tab, replay):
 def test_space_key_pauses_and_arrows_step(tab, replay):
     tab.open(replay)
     tab.wait(f"{CLOCK} > 0.1")
-    for kind in ("keyDown", "keyUp"):
-        tab.call("Input.dispatchKeyEvent", type=kind, key=" ", code="Space")
+    tab.key(" ", "Space")
     assert tab.run("document.querySelector('button.play').textContent") == "Play"
     scrub(tab, 3.0)
     for _ in range(2):
@@ -136,7 +121,7 @@ def test_plot_moves_the_time_cursor(tab, replay):
     box = "document.querySelector('.plot').getBoundingClientRect()"
     x, y, width = (tab.run(f"{box}.{name}") for name in ("x", "y", "width"))
     tab.wait(f"{CLOCK} > 0.1")
-    press(tab, "button.play")
+    tab.click("button.play")
     tab.press(x + 46 + 0.5 * (width - 56), y + 40)  # the middle of the plot within its margins
     tab.wait(f"Math.abs({CLOCK} - 5.0) < 0.1")
 
@@ -144,12 +129,12 @@ def test_plot_moves_the_time_cursor(tab, replay):
 def test_orbit_follow_and_ghosts_change_the_picture(tab, replay):
     tab.open(replay)
     tab.wait(f"{CLOCK} > 0.1")
-    press(tab, "button.play")
+    tab.click("button.play")
     scrub(tab, 3.0)
     pictures = [picture(tab)]
     tab.drag((200, 300), (320, 340))
     pictures.append(picture(tab))
-    press(tab, ".options label")
+    tab.click(".options label")
     pictures.append(picture(tab))
     choose(tab, "Layout", "ghosts")
     pictures.append(picture(tab))
@@ -163,7 +148,7 @@ def test_phone_shows_everything_in_its_width(tab, replay, dark):
     tab.screen(390, 844, dark=dark, phone=True)
     tab.open(replay)
     tab.wait(f"{CLOCK} > 0.1")
-    press(tab, "button.play")
+    tab.click("button.play")
     scrub(tab, 3.0)
     picture(tab)
     assert tab.run(WIDTH) == 390
@@ -178,12 +163,12 @@ def test_theme_follows_the_reader_and_the_button(tab, replay):
     tab.screen(1280, 800, dark=True)
     tab.open(replay)
     tab.wait(f"{CLOCK} > 0.1")
-    press(tab, "button.play")
+    tab.click("button.play")
     scrub(tab, 3.0)
     keep(picture(tab), "side_dark")
     color = "getComputedStyle(document.body).backgroundColor"
     dark = tab.run(color)
-    press(tab, "[data-ballbot-theme]")
+    tab.click("[data-ballbot-theme]")
     assert tab.run(color) != dark
     assert tab.run("document.querySelector('[data-ballbot-theme]').textContent") == "Dark theme"
 

@@ -39,6 +39,7 @@ _EXTRAS = {
     "serial": "link",
     "cobs": "link",
     "fastcrc": "link",
+    "websockets": "view",
 }
 
 

@@ -1,10 +1,18 @@
-"""`ballbot view`: logs in three dimensions, as a page in the browser."""
+"""`ballbot view`: logs in three dimensions, as a page in the browser; or robots that balance while you push them."""
 
 from __future__ import annotations
 
+import asyncio
 import tempfile
 import webbrowser
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
 
 from ballbot.cli.context import ROBOT_BESIDE, robot_beside
 from ballbot.cli.output import notice_output, show_written
@@ -16,6 +24,34 @@ from ballbot.robot import Robot
 from ballbot.viewer import Layout, replay_page
 
 
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class LiveOptions:
+    """A live view of robots."""
+
+    plant: Literal["model", "twin"] = "model"
+    """The exact equations of motion (model) or the physics engine (twin)."""
+
+    controller: tuple[str, ...] = ("none",)
+    """none, full or partial (the nominal gain with that friction compensation), precise, a controller file, or your own
+    as FILE.py:NAME. Each stands on the floor with a robot of its own. LABEL=... renames one."""
+
+    scenario: str | None = None
+    """The true friction, and of a twin the sensors and faults: a scenario (name or file)."""
+
+    host: str = "127.0.0.1"
+    """The address to listen on. Any but this computer's own lets others in who have the link with its token."""
+
+    port: int = 0
+    """The port to listen on; a free one by default."""
+
+    browser: Annotated[bool, Parameter(negative="--no-browser")] = True
+    """Whether to open the page."""
+
+
+_LIVE = LiveOptions()
+
+
 def view(
     *shown: str,
     robot: str | None = None,
@@ -24,20 +60,24 @@ def view(
     end: float | None = None,
     mapping: Path | None = None,
     save: Path | None = None,
+    live: LiveOptions = _LIVE,
 ) -> None:
-    """Show logs in three dimensions, with plots that follow the time cursor; or a robot at rest.
+    """Show logs in three dimensions, with plots that follow the time cursor; or simulate robots live.
 
-    The page needs no network and no server. Play, scrub, slow down, orbit; several logs stand side by side, or in one
-    place as ghosts.
+    The page of logs needs no network and no server. Play, scrub, slow down, orbit; several logs stand side by side, or
+    in one place as ghosts. A robot balances in real time: push it, drag its reference, change friction and floor. This
+    needs `pip install 'ballbot[view]'`; Ctrl-C ends it.
 
     Example: `ballbot view run1/log.csv`
 
     Example: `ballbot view without=run1/log.csv with=run2/log.csv --robot alten --layout ghosts --save replay.html`
 
+    Example: `ballbot view alten --plant twin`
+
     Parameters
     ----------
     shown
-        Logs, at most four, or a robot: a preset's name or a robot file. LABEL=LOG names a log in the page.
+        Logs, at most four, or robots: presets' names or robot files. LABEL=LOG names a log in the page.
     robot
         The logs' robot. If not given, each log's is the file robot.toml in the log's folder.
     layout
@@ -49,20 +89,29 @@ def view(
     mapping
         A TOML file that describes the columns and units of foreign logs, as `ballbot check-log` writes it.
     save
-        The HTML file to write. If not given, a temporary one is written and opened in the browser.
+        The HTML file to write, of a robot at rest. If not given, the browser opens.
     """
     if save is not None:
         check_file(save)
     robots, paths = _sorted_out(shown)
     if robots and paths:
         raise InputError(f"{robots[0]} is a robot; name the robot of the logs with --robot {robots[0]}.")
+    if live != _LIVE and (paths or save is not None):
+        raise InputError(
+            "Options of a live view are for a robot that is simulated live, without logs and --save."
+        )
     if not paths:
         if not robots:
             raise InputError(
                 "There is nothing to show. Name one or more logs, or a robot, as in: ballbot view alten"
             )
-        loaded = {name: Robot.load(name) for name in robots}
-        page = replay_page({}, {one.name: one for one in loaded.values()}, title=", ".join(loaded))
+        described = {one.name: one for one in map(Robot.load, robots)}
+        if save is None and has_live_view():
+            simulate_live(described, live)
+            return
+        if save is None:
+            notice_output().print("A live view needs: pip install 'ballbot[view]'", markup=False)
+        page = replay_page({}, described, title=", ".join(described))
     else:
         logs = {
             name: _part(Log.read(path, mapping=mapping), path, start, end) for name, path in paths.items()
@@ -73,8 +122,55 @@ def view(
     path = Path(tempfile.mkdtemp(prefix="ballbot-")) / "replay.html" if save is None else save
     write_text(path, page)
     show_written(path)
-    if save is None and not webbrowser.open(path.resolve().as_uri()):
-        notice_output().print("No browser could be opened; open the file in one.")
+    if save is None:
+        _open(path.resolve().as_uri())
+
+
+def _open(address: str) -> None:
+    if not webbrowser.open(address):
+        notice_output().print("No browser could be opened; open the page in one.")
+
+
+def has_live_view() -> bool:
+    """Return whether what a live view needs is installed."""
+    return find_spec("websockets") is not None
+
+
+def simulate_live(
+    robots: Mapping[str, Robot], options: LiveOptions, *, ready: Callable[[str], None] | None = None
+) -> None:
+    """Simulate robots, one of each for each controller, and serve their page until Ctrl-C.
+
+    Parameters
+    ----------
+    robots : mapping
+        By name.
+    options : LiveOptions
+    ready : callable, optional
+        Called with the page's address when it can be opened; the browser opens it by default, if it is to.
+    """
+    from ballbot.viewer.live import live_entries, live_view_page
+    from ballbot.viewer.live_process import LiveProcess
+    from ballbot.viewer.server import Access, serve_live
+    from ballbot.workflows.candidates import parse_candidates
+
+    if not 0 <= options.port < 65536:
+        raise InputError(f"The port is {options.port}; it must be from 0 (any free one) to 65535.")
+    candidates = parse_candidates(options.controller)
+    entries = live_entries(robots, candidates, plant=options.plant, scenario=options.scenario)
+    page = live_view_page(entries)
+
+    def announce(address: str) -> None:
+        words = f"The live view is at {address}\nCtrl-C ends it."
+        notice_output().print(words, markup=False, highlight=False, soft_wrap=True)
+        if ready is not None:
+            ready(address)
+        elif options.browser:
+            _open(address)
+
+    with LiveProcess(entries) as source, suppress(KeyboardInterrupt):
+        access = Access(host=options.host)
+        asyncio.run(serve_live(page, source, access=access, port=options.port, ready=announce))
 
 
 def _sorted_out(shown: tuple[str, ...]) -> tuple[list[str], dict[str, Path]]:

@@ -71,11 +71,11 @@ def robot_at_rest(robot: Robot) -> Motion:
     """Return the motion of a robot that stands upright: one row."""
     zero, one = np.zeros(1), np.ones(1)
     columns = dict.fromkeys((*POSITION_NAMES, *wheel_angle_names(robot.wheel_count), *_QUATERNION[1:]), zero)
-    notes = ("The robot stands upright; no log is shown.", _BODY_NOTE)
+    notes = ("The robot stands upright; no log is shown.", BODY_NOTE)
     return Motion(interval=INTERVAL, columns=columns | {"ball_w": one}, signals=(), notes=notes)
 
 
-_BODY_NOTE = (
+BODY_NOTE = (
     "A robot file does not describe the body's shape: its width and height are those of two discs with its mass and "
     "inertia."
 )
@@ -102,7 +102,7 @@ def motion_of(log: Log, robot: Robot) -> Motion:
     times, interval = _times(log)
     wheels, source = _wheel_angles(log, robot)
     ball, ball_source = _ball_rotation(log, robot)
-    notes = [*notes, f"Ball rotation: {ball_source}.", f"Wheel angles: {source}.", _BODY_NOTE]
+    notes = [*notes, f"Ball rotation: {ball_source}.", f"Wheel angles: {source}.", BODY_NOTE]
     columns = {name: _between(times, log.t, log[name]) for name in ("x", "y", "theta", "phi")}
     columns["psi"] = _between(times, log.t, _unwrapped(log["psi"]))
     columns |= dict(zip(wheel_angle_names(robot.wheel_count), _rows_at(times, log.t, wheels).T, strict=True))
@@ -237,23 +237,27 @@ def _ball_rotation(log: Log, robot: Robot) -> tuple[NDArray[np.float64], str]:
     return integrated_rotation(0.5 * (Omega[1:] + Omega[:-1]) * np.diff(log.t)[:, None]), source
 
 
-def integrated_rotation(turns: NDArray[np.float64]) -> NDArray[np.float64]:
+def integrated_rotation(
+    turns: NDArray[np.float64], *, first: Sequence[float] | NDArray[np.float64] = (1.0, 0.0, 0.0, 0.0)
+) -> NDArray[np.float64]:
     """Return the orientations after small turns, one after the other.
 
     Parameters
     ----------
     turns : ndarray (n, 3)
         Rotation vectors [rad] in the world frame.
+    first : array_like (4,)
+        Orientation before them, without rotation by default.
 
     Returns
     -------
     ndarray (n + 1, 4)
-        Unit quaternions wxyz, the first without rotation, each next to its predecessor in sign.
+        Unit quaternions wxyz, each next to its predecessor in sign.
     """
     angle = np.linalg.norm(turns, axis=1)
     half_sine = 0.5 * np.sinc(angle / (2.0 * math.pi))  # sin(angle / 2) / angle, also at zero
     steps = np.column_stack((np.cos(angle / 2.0), half_sine[:, None] * turns)).tolist()
-    w, x, y, z = 1.0, 0.0, 0.0, 0.0
+    w, x, y, z = (float(one) for one in first)
     found = [(w, x, y, z)]
     for a, b, c, d in steps:  # step times orientation: the turn is in the world frame
         w, x, y, z = (

@@ -23,7 +23,7 @@ from ballbot.log import Log
 from ballbot.printable import printable_line
 from ballbot.robot import Robot
 from ballbot.robot.drawing import BodyShape, body_shape, row_offsets, wheel_shapes
-from ballbot.viewer.motion import Motion, motion_of, robot_at_rest
+from ballbot.viewer.motion import BODY_NOTE, INTERVAL, Motion, motion_of, robot_at_rest
 from ballbot.viewer.packing import packed
 
 #: robots side by side, or all in one place with the others as ghosts of the first
@@ -31,8 +31,9 @@ Layout = Literal["side", "ghosts"]
 
 #: logs in one replay
 MOST_RUNS = 4
-#: in the order in which they use one another
-_SCRIPTS = ("linear", "meshes", "renderer", "packing", "runs", "camera", "scene", "plots", "replay", "result")
+#: of every page, in the order in which they use one another; and of each kind
+_SCRIPTS = ("linear", "meshes", "renderer", "packing", "runs", "camera", "scene", "plots", "view")
+_REPLAY_SCRIPTS, _LIVE_SCRIPTS = ("replay", "result", "page"), ("live", "page")
 #: length of the arrow of a large force [m], over the ball's radius
 _ARROW = 2.5
 
@@ -75,14 +76,20 @@ def replay_part(
         If there is no robot or there are too many logs, or one cannot be shown (`ballbot.viewer.motion.motion_of`).
     """
     data = _replay_data(logs, robot, layout=layout, autoplay=autoplay)
+    return ReplayPart(
+        element=_element("replay", name, data), style=web_file("replay.css"), script=_script(_REPLAY_SCRIPTS)
+    )
+
+
+def _element(kind: str, name: str, data: dict[str, object]) -> str:
+    """Return the element that a script fills, with its data."""
     # no "<" can end the script's element
     text = json.dumps(data, ensure_ascii=True, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     identifier = html.escape(name, quote=True)
-    element = (
-        f'<div data-ballbot-replay="{identifier}"><noscript>The replay needs JavaScript.</noscript></div>\n'
+    return (
+        f'<div data-ballbot-{kind}="{identifier}"><noscript>The picture needs JavaScript.</noscript></div>\n'
         f'<script type="application/json" id="{identifier}">{text}</script>'
     )
-    return ReplayPart(element=element, style=web_file("replay.css"), script=_script())
 
 
 def replay_page(
@@ -111,19 +118,98 @@ def replay_page(
     style = part.style + web_file("page.css")
     # of a page on disk "file:" is the only address of a file beside it; 'self' has no meaning there in every browser
     beside = "" if result_beside is None else " file:"
-    policy = (
-        f"default-src 'none'; script-src {hash_source(part.script)}{beside}; style-src {hash_source(style)}; "
-        "base-uri 'none'; form-action 'none'"
-    )
     box = "" if result_beside is None else _RESULT.format(html.escape(result_beside, quote=True))
+    return _document(
+        title,
+        lead=lead,
+        body=f"{part.element}\n{box}",
+        style=style,
+        script=part.script,
+        policy=f"{_policy(style, part.script, also=beside)}; base-uri 'none'; form-action 'none'",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class LivePage:
+    """The page of a live view, and the Content-Security-Policy of its scripts and styles for its server."""
+
+    html: str
+    policy: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveLayout:
+    """What the page of a live view knows before the first frame."""
+
+    world: tuple[str, ...]  #: names of a frame's first values
+    robots: tuple[tuple[str, ...], ...]  #: names of each robot's values
+    homes: tuple[tuple[float, float], ...]  #: where each robot starts [m]
+    notes: tuple[str, ...]  #: what is shown, in sentences
+
+
+def live_page(robots: Mapping[str, Robot], layout: LiveLayout, *, title: str) -> LivePage:
+    """Return the page of a live view, which shows the robots at rest until the first frame comes.
+
+    Parameters
+    ----------
+    robots : mapping of str to Robot
+        By name, at most `MOST_RUNS`.
+    layout : LiveLayout
+        In the same order.
+    title : str
+
+    Raises
+    ------
+    InputError
+        If there is no robot, or there are too many.
+    """
+    _check_number(len(robots), "robots")
+    first = next(iter(robots.values()))
+    newtons = _round_below(0.25 * first.weight)
+    runs = [
+        {
+            "name": printable_line(name),
+            "robot": robot_shape(robot),
+            "interval": INTERVAL,
+            "names": names,
+            "home": home,
+            "mass": robot.ball.mass + robot.body.mass,
+            "center": robot.body.center_of_mass,
+        }
+        for (name, robot), names, home in zip(robots.items(), layout.robots, layout.homes, strict=True)
+    ]
+    data: dict[str, object] = {
+        "world": layout.world,
+        "arrow": {"newtons": newtons, "metres": _ARROW * first.ball.radius},
+        "runs": runs,
+        "notes": [printable_line(note) for note in (*layout.notes, BODY_NOTE)],
+    }
+    style, script = (
+        web_file("replay.css") + web_file("live.css") + web_file("page.css"),
+        _script(_LIVE_SCRIPTS),
+    )
+    text = _document(
+        title, lead="", body=_element("live", "live", data), style=style, script=script, policy=""
+    )
+    policy = f"{_policy(style, script)}; img-src data:; base-uri 'none'; form-action 'none'"
+    return LivePage(html=text, policy=policy)
+
+
+def _policy(style: str, script: str, *, also: str = "") -> str:
+    return f"default-src 'none'; script-src {hash_source(script)}{also}; style-src {hash_source(style)}"
+
+
+def _document(title: str, *, lead: str, body: str, style: str, script: str, policy: str) -> str:
+    """Return a whole page; its server gives the policy if it has none."""
     shown, words = (html.escape(printable_line(text)) for text in (title, lead))
     below = f'<p class="lead">{words}</p>\n' if lead else ""
+    given = f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n' if policy else ""
+    icon = "" if policy else '<link rel="icon" href="data:,">\n'  # else a browser asks the server for one
     return f"""<!doctype html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="{policy}">
-<meta name="viewport" content="width=device-width, initial-scale=1">
+{given}{icon}<meta name="viewport" content="width=device-width, initial-scale=1">
 <meta name="color-scheme" content="light dark">
 <title>{shown}</title>
 <style>{style}</style>
@@ -131,9 +217,8 @@ def replay_page(
 <body>
 <main>
 <header><h1>{shown}</h1><button type="button" data-ballbot-theme>Theme</button></header>
-{below}{part.element}
-{box}</main>
-<script>{part.script}</script>
+{below}{body}</main>
+<script>{script}</script>
 </body>
 </html>
 """
@@ -174,8 +259,8 @@ def web_file(name: str, package: str = "ballbot.viewer") -> str:
 
 
 @cache
-def _script() -> str:
-    parts = "\n".join(web_file(f"{name}.js") for name in _SCRIPTS)
+def _script(own: tuple[str, ...]) -> str:
+    parts = "\n".join(web_file(f"{name}.js") for name in (*_SCRIPTS, *own))
     return f'(() => {{\n"use strict";\n{parts}\n}})();'
 
 
@@ -184,10 +269,7 @@ def _replay_data(
 ) -> dict[str, object]:
     robots = dict.fromkeys(logs or [robot.name], robot) if isinstance(robot, Robot) else dict(robot)
     names = list(logs) or list(robots)
-    if not names:
-        raise InputError("There is nothing to show. Name one or more logs, or a robot.")
-    if len(names) > MOST_RUNS:
-        raise InputError(f"{len(names)} logs are given; a replay shows at most {MOST_RUNS}.")
+    _check_number(len(names), "logs")
     motions = {}
     for name in names:
         try:
@@ -200,6 +282,13 @@ def _replay_data(
         "arrow": _arrow([(motions[name], robots[name]) for name in names]),
         "runs": [_run(name, motions[name], robots[name]) for name in names],
     }
+
+
+def _check_number(count: int, what: str) -> None:
+    if count == 0:
+        raise InputError("There is nothing to show. Name one or more logs, or a robot.")
+    if count > MOST_RUNS:
+        raise InputError(f"{count} {what} are given; a view shows at most {MOST_RUNS}.")
 
 
 def _run(name: str, motion: Motion, robot: Robot) -> dict[str, object]:

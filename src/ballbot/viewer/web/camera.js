@@ -18,9 +18,7 @@ class Camera {
   /** See a box from one corner to the other whole, in a picture of that width over height. */
   fit(low, high, aspect) {
     this.target = scale(add(low, high), 0.5);
-    const back = unit(subtract(this.eye(), this.target));
-    const right = unit(cross([0, 0, 1], back));
-    const up = cross(back, right);
+    const [right, up, back] = this.axes();
     const slope = Math.tan(this.fieldOfView / 2);
     this.distance = 0;
     for (let corner = 0; corner < 8; corner++) {
@@ -43,9 +41,23 @@ class Camera {
   /** Shift the target along the picture by pixels of a picture of that height. */
   shift(dx, dy, height) {
     const size = (2 * this.distance * Math.tan(this.fieldOfView / 2)) / height;
+    const [right, up] = this.axes();
+    this.target = add(this.target, add(scale(right, -dx * size), scale(up, dy * size)));
+  }
+
+  /** Return the axes of the picture: to the right, up, and towards the eye. */
+  axes() {
     const back = unit(subtract(this.eye(), this.target));
     const right = unit(cross([0, 0, 1], back));
-    this.target = add(this.target, add(scale(right, -dx * size), scale(cross(back, right), dy * size)));
+    return [right, cross(back, right), back];
+  }
+
+  /** Return the direction from the eye through a pixel of a picture. */
+  ray([x, y], [width, height]) {
+    const [right, up, back] = this.axes();
+    const slope = Math.tan(this.fieldOfView / 2);
+    const aside = add(scale(right, ((2 * x) / width - 1) * slope * (width / height)), scale(up, (1 - (2 * y) / height) * slope));
+    return unit(subtract(aside, back));
   }
 
   /** Return the distance of the floor's lines [m]: 1, 2 or 5 times a power of ten. */

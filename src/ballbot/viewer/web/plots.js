@@ -96,13 +96,18 @@ class Panel {
     else this.readings[i].textContent = withUnit(run.reading(signal, time), signal.unit);
   }
 
+  /** Return the first and the last row of a run within the span, and some more. */
+  rows(run, more) {
+    const [from, to] = this.span.map((time) => (time - run.start) / run.interval);
+    return [Math.max(Math.floor(from) - more, 0), Math.min(Math.ceil(to) + more, run.rows - 1)];
+  }
+
   /** Return the least and the greatest value shown, rounded outward, with the distance of the marks. */
   scale() {
     let [low, high] = [Infinity, -Infinity];
     for (const run of this.runs)
       for (const column of this.columns(run)) {
-        const first = Math.max(Math.floor(this.span[0] / run.interval), 0);
-        const last = Math.min(Math.ceil(this.span[1] / run.interval), run.rows - 1);
+        const [first, last] = this.rows(run, 0);
         for (let row = first; row <= last; row++) {
           if (column[row] < low) low = column[row];
           if (column[row] > high) high = column[row];
@@ -162,8 +167,7 @@ class Panel {
     context.strokeStyle = context.fillStyle = colors.css[i];
     context.lineWidth = 1.6;
     context.lineJoin = "round";
-    const first = Math.max(Math.floor(this.span[0] / run.interval) - 1, 0);
-    const last = Math.min(Math.ceil(this.span[1] / run.interval) + 1, run.rows - 1);
+    const [first, last] = this.rows(run, 1);
     const rows = Math.max(1, Math.floor((last - first) / width));
     let [middle, upper, lower] = [[], [], []];
     const flush = () => {
@@ -184,7 +188,7 @@ class Panel {
           if (column[k] < low) low = column[k];
           if (column[k] > high) high = column[k];
         }
-      const x = this.across(row * run.interval, width);
+      const x = this.across(run.start + row * run.interval, width);
       if (low > high) flush();
       else {
         middle.push([x, up((low + high) / 2)]);

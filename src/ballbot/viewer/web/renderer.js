@@ -138,12 +138,20 @@ class Renderer {
   strip(corners) {
     const gl = this.gl;
     const array = gl.createVertexArray();
+    const strip = { array, buffer: gl.createBuffer(), count: 0 };
     gl.bindVertexArray(array);
-    gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
-    gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(corners), gl.STATIC_DRAW);
+    this.restrip(strip, corners);
     gl.enableVertexAttribArray(0);
     gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
-    return { array, count: corners.length / 3 };
+    return strip;
+  }
+
+  /** Give a strip other corners. */
+  restrip(strip, corners) {
+    const gl = this.gl;
+    gl.bindBuffer(gl.ARRAY_BUFFER, strip.buffer);
+    gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(corners), gl.STATIC_DRAW);
+    strip.count = corners.length / 3;
   }
 
   /** Fill the whole canvas, which shows between the pictures. */

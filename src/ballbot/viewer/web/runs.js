@@ -5,6 +5,7 @@ class Run {
     Object.assign(this, given);
     this.columns = Object.fromEntries(Object.entries(given.columns).map(([name, one]) => [name, unpacked(one)]));
     this.duration = this.interval * (this.rows - 1);
+    this.start = 0;  // time of the first row
   }
 
   has(name) {

@@ -10,7 +10,7 @@ class Scene {
     this.colors = null;
   }
 
-  /** Take the colors of a theme, 3 numbers each: ground, grid, line, reference, drive, friction, and one for each log. */
+  /** Take the colors of a theme, 3 numbers each: ground, grid, line, reference, drive, friction, push, and one for each run. */
   paint(colors) {
     this.colors = colors;
     this.kept = this.runs.map((run, i) => this.keep(run, colors.runs[i]));
@@ -18,16 +18,24 @@ class Scene {
 
   keep(run, color) {
     const { renderer } = this;
-    const width = 0.11 * run.robot.ball_radius;
+    const width = this.width(run);
     const old = this.kept && this.kept[this.runs.indexOf(run)];
     return {
       ball: old ? old.ball : renderer.mesh(ballMesh(run.robot)),
       wheel: old ? old.wheel : renderer.mesh(wheelMesh(run.robot)),
       body: renderer.mesh(bodyMesh(run.robot, color)),
-      path: old ? old.path : renderer.strip(ribbon(run.path("x", "y"), width, 0.002)),
+      path: old ? old.path : renderer.strip(this.pathOf(run)),
       reference: old ? old.reference : run.has("ref_x") ? renderer.strip(ribbon(run.path("ref_x", "ref_y"), 1.6 * width, 0.001)) : null,
-      ring: old ? old.ring : renderer.strip(ring(0.5 * run.robot.ball_radius, width)),
+      ring: old ? old.ring : renderer.strip(ring(run.ring || 0.5 * run.robot.ball_radius, width)),
     };
+  }
+
+  width(run) {
+    return 0.11 * run.robot.ball_radius;
+  }
+
+  pathOf(run) {
+    return ribbon(run.path("x", "y"), this.width(run), 0.002);
   }
 
   /** Return the corners of a box around all that is shown, or around a robot at the origin. */
@@ -46,11 +54,11 @@ class Scene {
     return [low, high];
   }
 
-  /** Draw all logs in one picture, or each in its own part of the canvas. */
+  /** Draw all runs in one picture, or each in its own part of the canvas. */
   draw(time, { views, ghosts, arrows, follow }) {
     this.renderer.clear(this.colors.line);
     views.forEach((view, i) => {
-      const shown = ghosts ? this.runs.map((_, k) => k) : [i];
+      const shown = views.length < this.runs.length ? this.runs.map((_, k) => k) : [i];
       const target = this.camera.target;
       if (follow) {
         const [x, y] = this.runs[shown[0]].values(["x", "y"], time);
@@ -61,7 +69,7 @@ class Scene {
       for (const k of shown) this.drawPaths(this.runs[k], this.kept[k], this.colors.runs[k], time);
       const parts = shown.map((k) => this.parts(this.runs[k], this.kept[k], this.colors.runs[k], time, ghosts && k > 0));
       this.renderer.drawShadow(parts.flat(), this.colors.shadow);
-      parts.forEach((one, rank) => this.renderer.drawMeshes(one, rank > 0 ? 0.4 : 1));
+      parts.forEach((one, rank) => this.renderer.drawMeshes(one, ghosts && rank > 0 ? 0.4 : 1));
       if (arrows && this.arrow) {
         this.renderer.overlay();
         for (const k of shown) this.renderer.drawMeshes(this.arrows(this.runs[k], time), 0.92);
@@ -80,6 +88,8 @@ class Scene {
       renderer.drawStrip(kept.ring, [...colors.reference, 0.9]);
       renderer.screen = screen;
     }
+    if (run.grown) renderer.restrip(kept.path, this.pathOf(run));  // a live one
+    run.grown = false;
     renderer.drawStrip(kept.path, [...color, 0.95], 2 * (run.place(time)[0] + 1));
   }
 
@@ -124,6 +134,10 @@ class Scene {
         push(add(contact, out), scale(along, -torque / run.robot.wheel_radius), this.colors.friction);
       }
     });
+    if (run.has("push_x")) {
+      const [x, y, height] = run.values(["push_x", "push_y", "push_height"], time);
+      push(transform(pose.body, [0, 0, height]), [x, y, 0], this.colors.push);
+    }
     if (run.has("floor_x")) {
       const [x, y] = [run.held("floor_x", time), run.held("floor_y", time)];
       push(add(pose.center, [0, 0, 0.02 - run.robot.ball_radius]), [x, y, 0], this.colors.friction);

@@ -1,0 +1,122 @@
+"""Measure a live view: the frames that reach a page, and what the server and the simulation take of a core.
+
+    python -m benchmarks.live_view
+
+`ballbot view` runs as a person runs it; a web socket of this process stands for the page and counts frames. What a
+browser takes to draw them is not counted. Linux only: the processes' times are those of /proc.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Origin
+
+from ballbot.viewer.live import WORLD_NAMES, robot_names
+
+#: time that is measured [s]
+SECONDS = 20.0
+CASES = {
+    "exact model": (1, ("alten",)),
+    "exact model, four controllers": (
+        4,
+        (
+            "alten",
+            "--controller",
+            "none",
+            "--controller",
+            "full",
+            "--controller",
+            "partial",
+            "--controller",
+            "precise",
+        ),
+    ),
+    "twin": (1, ("alten", "--plant", "twin")),
+    "twin, two controllers": (
+        2,
+        ("alten", "--plant", "twin", "--controller", "none", "--controller", "precise"),
+    ),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured:
+    """What was found in `SECONDS`."""
+
+    frames: float  #: that reached the page [1/s]
+    pace: float  #: simulated over real time
+    server: float  #: share of a core
+    simulation: float  #: share of a core
+
+
+def processor_times() -> dict[int, tuple[int, float]]:
+    """Return of each process its parent and the time [s] that it has taken of a core."""
+    found = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            fields = (folder / "stat").read_text().rpartition(")")[2].split()
+            ticks = int(fields[11]) + int(fields[12])
+            found[int(folder.name)] = (int(fields[1]), ticks / os.sysconf("SC_CLK_TCK"))
+    return found
+
+
+def shares(server: int) -> tuple[float, float]:
+    """Return the times [s] that the server and its children have taken."""
+    times = processor_times()
+    return times[server][1], sum(time for parent, time in times.values() if parent == server)
+
+
+def counted(page: ClientConnection, server: int, robots: int) -> Measured:
+    """Return what is found at a page whose simulation runs."""
+    size = len(WORLD_NAMES) + robots * len(robot_names(3))
+    before, begun, rows = shares(server), time.monotonic(), []
+    while time.monotonic() < begun + SECONDS:
+        data = page.recv()
+        if isinstance(data, bytes):
+            rows.append(np.frombuffer(data, dtype="<f4").reshape(-1, size))
+    after, seconds, table = shares(server), time.monotonic() - begun, np.concatenate(rows)
+    taken = [(b - a) / seconds for a, b in zip(before, after, strict=True)]
+    pace = float(table[-1, 0] - table[0, 0]) / seconds
+    return Measured(frames=len(table) / seconds, pace=pace, server=taken[0], simulation=taken[1])
+
+
+def measured(robots: int, words: tuple[str, ...]) -> Measured:
+    """Return what a view of these words takes once it runs."""
+    command = [sys.executable, "-m", "ballbot", "view", *words, "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            found = re.search(r"(http://\S+?)/\?(\S+)", process.stdout.readline() if process.stdout else "")
+            if found is None:
+                raise RuntimeError("ballbot view gave no address")
+            address = f"{found[1].replace('http', 'ws')}/live?{found[2]}"
+            with connect(address, origin=Origin(found[1])) as page:
+                while '"running"' not in str(page.recv()):
+                    pass
+                return counted(page, process.pid, robots)
+        finally:
+            process.terminate()
+
+
+def main() -> None:
+    """Print a table."""
+    print(
+        "| live view of | frames a second | simulated over real time | server, of a core | simulation, of a core |"
+    )
+    print("|---|---|---|---|---|")
+    for name, (robots, words) in CASES.items():
+        one = measured(robots, words)
+        print(f"| {name} | {one.frames:.1f} | {one.pace:.3f} | {one.server:.1%} | {one.simulation:.1%} |")
+
+
+if __name__ == "__main__":
+    main()

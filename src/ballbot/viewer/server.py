@@ -1,0 +1,265 @@
+"""The server of a live view: one page and one web socket, for whoever has the address with the token.
+
+    GET /?token=...          the page; it is one file, and loads nothing
+    GET /live?token=...      the web socket: frames (binary) and statuses (JSON) to the page, requests (JSON) from it
+
+Every request needs the random token of the address, and a Host header that names this machine: a name that somebody
+else's DNS lets point here (DNS rebinding) is refused. The web socket also needs the page's own Origin, so that no other
+page that is open in the same browser reaches it. What a page may ask for is in `live_process.Request`: numbers and
+names of settings, in their ranges. There is nothing here that a robot could be armed with.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+import logging
+import secrets
+import socket
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Protocol
+from urllib.parse import parse_qs, urlsplit
+
+from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed, WebSocketException
+from websockets.http11 import Request as HttpRequest
+from websockets.http11 import Response
+
+from ballbot.errors import InputError
+from ballbot.viewer.live_process import Request, Status, read_request
+from ballbot.viewer.motion import INTERVAL
+from ballbot.viewer.page import LivePage
+
+LOOPBACK = "127.0.0.1"
+_LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "::1"})
+#: of a message from a page [bytes]; messages that a page may send in a second; pages at a time
+_LARGEST_MESSAGE, _MOST_MESSAGES, _MOST_PAGES = 2_000, 200, 8
+_SECURITY_HEADERS = {
+    "Cache-Control": "no-store",
+    "Content-Type": "text/html; charset=utf-8",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+}
+
+
+class Source(Protocol):
+    """What is shown: `LiveProcess`, or something like it."""
+
+    status: Status
+
+    def poll(self) -> None:
+        """Take the newest status."""
+        ...
+
+    def frames_after(self, number: int) -> tuple[bytes, int]:
+        """Return the frames after one, and the newest one's number."""
+        ...
+
+    def send(self, request: Request) -> bool:
+        """Pass a request on; return whether it was."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Access:
+    """Who may come in."""
+
+    host: str = LOOPBACK  #: the address or name that the server listens on
+    token: str = field(default_factory=lambda: secrets.token_urlsafe(24), repr=False)
+
+    def names_this_machine(self, host: str) -> bool:
+        """Return whether a Host header names this machine: loopback, or what `host` allows."""
+        try:
+            name = (urlsplit(f"//{host}").hostname or "").lower()
+        except ValueError:
+            return False
+        if name in _LOOPBACK_NAMES or name == self.host.lower():
+            return True
+        if not _is_wildcard(self.host):
+            return False
+        with suppress(ValueError):  # an address cannot be rebound as a name can
+            ipaddress.ip_address(name)
+            return True
+        return name == socket.gethostname().lower()
+
+    def refusal(self, path: str, headers: Headers) -> tuple[int, str] | None:
+        """Return the HTTP status and the sentence with which a request is refused, or None."""
+        hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
+        if len(hosts) != 1 or not self.names_this_machine(hosts[0]):
+            return 403, "This server is reached by its own address only."
+        own = f"http://{hosts[0]}"
+        parts = urlsplit(path)
+        upgrading = headers.get("Upgrade", "").lower() == "websocket"
+        if parts.path not in ("/", "/live"):
+            return 404, "There is nothing here."
+        given = parse_qs(parts.query).get("token", [])
+        if len(given) != 1 or not secrets.compare_digest(given[0].encode(), self.token.encode()):
+            return 403, "The address lacks its token. Open the one that the terminal shows."
+        if (parts.path == "/live") != upgrading:
+            return 400, "The page is at /, the web socket at /live."
+        if any(one != own for one in origins) or (upgrading and len(origins) != 1):
+            return 403, "Another page's requests are refused."
+        return None
+
+
+def _is_wildcard(host: str) -> bool:
+    return host in ("", "0.0.0.0", "::")
+
+
+def address_of(access: Access, port: int) -> str:
+    """Return the address to open."""
+    name = socket.gethostname() if _is_wildcard(access.host) else access.host
+    return f"http://{f'[{name}]' if ':' in name else name}:{port}/?token={access.token}"
+
+
+async def serve_live(
+    page: LivePage,
+    source: Source,
+    *,
+    access: Access,
+    port: int = 0,
+    ready: Callable[[str], None],
+    until: asyncio.Event | None = None,
+) -> None:
+    """Serve a page and a simulation's frames until the simulation ends.
+
+    Parameters
+    ----------
+    page : LivePage
+    source : Source
+    access : Access
+    port : int
+        To listen on; a free one by default.
+    ready : callable
+        Called with the page's address.
+    until : asyncio.Event, optional
+        Ends it when it is set.
+
+    Raises
+    ------
+    InputError
+        If the port cannot be listened on, or the simulation cannot start.
+    """
+    pages = _Pages(source)
+
+    def answer(connection: ServerConnection, request: HttpRequest) -> Response | None:
+        refused = access.refusal(request.path, request.headers)
+        if refused is not None:
+            return connection.respond(*refused)
+        if urlsplit(request.path).path == "/live":
+            return None
+        response = connection.respond(200, page.html)
+        del response.headers["Content-Type"]
+        response.headers.update(_SECURITY_HEADERS)
+        response.headers["Content-Security-Policy"] = (
+            f"{page.policy}; connect-src ws://{request.headers['Host']}; frame-ancestors 'none'"
+        )
+        return response
+
+    try:
+        server = await serve(
+            pages.handle,
+            access.host or None,
+            port,
+            process_request=answer,
+            compression=None,
+            max_size=_LARGEST_MESSAGE,
+            logger=_logger(),
+        )
+    except OSError as error:
+        where = f"{access.host or 'every address'}, port {port}"
+        raise InputError(f"The live view cannot listen on {where}: {error.strerror or error}.") from None
+    async with server:
+        ready(address_of(access, _port_of(server)))
+        await pages.watch(until)
+    if source.status.phase == "failed":
+        raise InputError(source.status.message)
+
+
+def _port_of(server: Server) -> int:
+    return next(iter(server.sockets)).getsockname()[1]
+
+
+def _logger() -> logging.Logger:
+    """Return a logger of mistakes in this program; a visitor that hangs up or speaks no HTTP is no news."""
+    logger = logging.getLogger("ballbot.viewer.server")
+    logger.setLevel(logging.ERROR)
+    logger.addFilter(_is_own_mistake)
+    return logger
+
+
+def _is_own_mistake(record: logging.LogRecord) -> bool:
+    error = record.exc_info[1] if record.exc_info else None
+    return not isinstance(error, WebSocketException | EOFError | OSError)
+
+
+class _Pages:
+    """The pages that are connected."""
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        self._count = 0
+
+    async def watch(self, until: asyncio.Event | None) -> None:
+        """Take statuses until the simulation or the view ends; a page hears the last one."""
+        while until is None or not until.is_set():
+            self._source.poll()
+            if self._source.status.phase in ("failed", "ended"):
+                await asyncio.sleep(5 * INTERVAL)
+                return
+            await asyncio.sleep(INTERVAL)
+
+    async def handle(self, connection: ServerConnection) -> None:
+        """Serve one page."""
+        if self._count >= _MOST_PAGES:
+            await connection.close(1013, f"{_MOST_PAGES} pages are open already")
+            return
+        self._count += 1
+        sender = asyncio.create_task(self._send(connection))
+        try:
+            await self._receive(connection)
+        except ConnectionClosed:
+            pass
+        finally:
+            self._count -= 1
+            sender.cancel()
+            with suppress(asyncio.CancelledError, ConnectionClosed):
+                await sender
+
+    async def _send(self, connection: ServerConnection) -> None:
+        """Send what is new; a page that is slow misses frames."""
+        shown: Status | None = None
+        number = 0
+        while True:
+            if self._source.status is not shown:
+                shown = self._source.status
+                await connection.send(shown.text())
+            rows, number = self._source.frames_after(number)
+            if rows:
+                await connection.send(rows)
+            await asyncio.sleep(INTERVAL)
+
+    async def _receive(self, connection: ServerConnection) -> None:
+        loop = asyncio.get_running_loop()
+        second, count = loop.time(), 0
+        async for message in connection:
+            if loop.time() - second > 1.0:
+                second, count = loop.time(), 0
+            count += 1
+            if count > _MOST_MESSAGES:
+                connection.transport.abort()  # whoever floods does not wait for a farewell
+                return
+            if not isinstance(message, str):
+                await connection.close(1003, "requests are JSON")
+                return
+            try:
+                self._source.send(read_request(message))
+            except InputError:
+                await connection.close(1008, "an invalid request")
+                return
