@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import tempfile
 import webbrowser
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
 from ballbot.cli.output import emit, notice_output, progress_bar, show_written, standard_output
+from ballbot.cli.view import LiveOptions, has_live_view, simulate_live
 from ballbot.errors import InputError
 from ballbot.files import check_folder, write_text
 from ballbot.log import Log
@@ -22,6 +24,8 @@ from ballbot.workflows.metrics import SETTLE, position_error, settled
 _PAGE, _RESULT = "demo.html", "demo_result.js"
 _HEADING = "Meanwhile: the friction in the first run's log"
 _DOING = "identifying the friction"
+_LIVE = LiveOptions(controller=("soft=none", "precise"))
+_LIVE_COMMAND = "ballbot view alten --controller none --controller precise"
 _NEXT = """
 Next:
   ballbot new mine --from alten             a robot file to fill in for your robot
@@ -36,7 +40,8 @@ def demo(
     """Show a robot that wanders beside the same robot under a precise controller, and identify its friction.
 
     A page with two recorded runs opens at once. Meanwhile the friction is identified from the log of the first one, and
-    the page shows it when it is found.
+    the page shows it when it is found. If what `ballbot view` needs is installed, the page then links to the robot that
+    was found, simulated live, until Ctrl-C; --no-browser leaves it out.
 
     Example: `ballbot demo --out look`
 
@@ -57,7 +62,8 @@ def demo(
     show_written(folder / _PAGE)
     if browser and not webbrowser.open((folder / _PAGE).resolve().as_uri()):
         notice_output().print("No browser could be opened; open the page in one.")
-    state = ResultState(heading=_HEADING, sentences=("The command was stopped before it was found.",))
+    live = browser and console.is_terminal and has_live_view()
+    shown = ResultState(heading=_HEADING, sentences=("The command was stopped before it was found.",))
     written = -1
     try:
         with progress_bar(console, "compiling the model") as bar:
@@ -75,14 +81,38 @@ def demo(
 
             found = identified(runs[SOFT], Run(progress=report))
             state = state_found(found)
+            # the page reads on while the share is a number: the address of the live view is yet to come
+            shown = replace(state, share=1.0) if live else state
     finally:
-        write_text(folder / _RESULT, result_text(state))
+        write_text(folder / _RESULT, result_text(shown))
     emit({"files": [folder / _PAGE], "friction": found.robot.friction})
     for sentence in state.sentences:
         console.print(sentence, soft_wrap=True)
     for row in (state.columns, *state.rows):
         console.print("  ".join(f"{cell:>22}" for cell in row), soft_wrap=True)
     console.print(_NEXT, markup=False, highlight=False, soft_wrap=True)
+    if live:
+        try:
+            simulate_live(
+                {ROBOT: found.robot}, _LIVE, ready=lambda address: _link_live(folder, state, address)
+            )
+        finally:
+            write_text(folder / _RESULT, result_text(state))
+        return
+    needs = "" if has_live_view() else "   (needs: pip install 'ballbot[view]')"
+    console.print(
+        f"Push the robot yourself: {_LIVE_COMMAND}{needs}", markup=False, highlight=False, soft_wrap=True
+    )
+
+
+def _link_live(folder: Path, state: ResultState, address: str) -> None:
+    """Let the page link to the live view; its address has the token, which is nobody else's."""
+    linked = replace(
+        state, link=address, link_text="Push this robot: simulated live, with the friction found"
+    )
+    path = folder / _RESULT
+    write_text(path, result_text(linked))
+    path.chmod(0o600)
 
 
 def _lead(runs: dict[str, Log]) -> str:
