@@ -28,6 +28,8 @@ from tests.support.control_examples import FRICTION, alten, everything, leaning
 ROBOT = alten(FRICTION)
 #: every part with those that it needs, none, and all of them together
 PARTS = (*KINDS, "none", "all")
+#: each composes another law, which is compiled for it
+LAWS = (*(pytest.param(one, marks=pytest.mark.sample) for one in (*KINDS, "none")), "all")
 INVALID = (np.nan, np.inf, -np.inf, 2.0 * LARGEST_STATE)
 H = ROBOT.sensors.sample_time
 
@@ -95,7 +97,7 @@ class Blinking(ModelPlant):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", PARTS)
+@pytest.mark.parametrize("name", LAWS)
 def test_single_and_batched_laws_bridge_alike(name):
     """Two samples are missing in one lane and none in the other, of a run with every part."""
     model, controller, start = Model(ROBOT), with_parts(name), leaning(0.03)

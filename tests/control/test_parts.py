@@ -122,7 +122,7 @@ def test_shaping_starts_where_the_robot_is():
     [
         pytest.param(alten(), id="three"),
         # compiles the engine of four wheels
-        pytest.param(four_wheeled(friction=False), id="four", marks=pytest.mark.slow),
+        pytest.param(four_wheeled(friction=False), id="four", marks=pytest.mark.sample),
     ],
 )
 def test_feed_forward_makes_a_robot_without_friction_do_the_shaped_motion(robot: Robot):
@@ -234,7 +234,13 @@ def test_each_lane_keeps_its_own_controller_state():
         np.testing.assert_allclose(batch.torques[lane], log.torques, atol=1e-6)
 
 
-@pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])
+@pytest.mark.parametrize(
+    "robot",
+    [
+        pytest.param(alten(FRICTION), id="three"),
+        pytest.param(four_wheeled(friction=True), id="four", marks=pytest.mark.slow),
+    ],
+)
 def test_precise_controller_stands_at_its_reference(robot: Robot):
     nominal = peak_error(robot, Controller(robot, design_gain(robot).gain))
     assert peak_error(robot, precise_controller(robot)) < 0.05 * nominal

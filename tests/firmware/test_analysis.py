@@ -21,7 +21,7 @@ from ballbot.firmware.records import PARAMETERS, READING, parameter_record
 from ballbot.link.emulated import HARDWARE
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.board
 
 HERE = Path(__file__).parent
 PAGE = (Path(__file__).parents[2] / "docs" / "firmware.md").read_text(encoding="utf-8")

@@ -158,6 +158,7 @@ def test_warning_of_the_compiler_is_an_error(compiler, tmp_path):
         compile_sources(tmp_path / "one.o", [tmp_path / "one.c"], flags=("-c",), compiler=compiler)
 
 
+@pytest.mark.board
 @needs_compiler
 @pytest.mark.slow
 def test_makefile_and_cmake_build_the_library(tmp_path):

@@ -148,6 +148,7 @@ def test_invalid_state_gives_no_torque_and_leaves_the_memory(value):
         assert memory.tobytes() == update.memory.tobytes()
 
 
+@pytest.mark.board
 def test_sanitizers_find_nothing_and_change_no_bit(tmp_path):
     replay = tmp_path / "replay"
     flags = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")

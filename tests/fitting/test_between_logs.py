@@ -96,6 +96,7 @@ def test_logs_that_disagree_widen_the_prediction() -> None:
     )
 
 
+@pytest.mark.slow
 def test_the_prior_of_many_robots_is_recovered() -> None:
     """400 robots of two logs: the scale to 15 %, four times its standard error over such samples."""
     random = np.random.default_rng(2)

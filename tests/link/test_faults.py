@@ -427,7 +427,7 @@ class Tapped:
         self.line.close()
 
 
-@pytest.mark.slow
+@pytest.mark.board
 def test_sanitizers_find_nothing_in_a_robot_with_a_faulty_link_and_change_no_bit(tmp_path):
     program = tmp_path / "line"
     sources = [*source_files(), PROJECT / "robot.c", *sorted(HARDWARE.glob("*.c")), HERE / "line.c"]

@@ -27,7 +27,7 @@ def test_layers_let_pass_what_chance_lets_them():
     assert found[Kind.CHANGED]["same"] > 0
 
 
-@pytest.mark.slow
+@pytest.mark.board
 def test_sanitizers_find_nothing_in_the_link(tmp_path):
     program = tmp_path / "fuzz"
     flags = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")

@@ -263,7 +263,7 @@ def test_four_wheels_that_push_against_each_other_turn_nothing() -> None:
     [
         pytest.param(Model(alten(FRICTION), pivoting=0.02), marks=pytest.mark.slow),
         Model(four_wheeled(friction=True)),
-        pytest.param(Model(alten(FRICTION), "thesis"), marks=pytest.mark.slow),
+        pytest.param(Model(alten(FRICTION), "thesis"), marks=pytest.mark.sample),
     ],
     ids=["pivoting", "four wheels", "thesis"],
 )

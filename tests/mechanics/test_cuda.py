@@ -15,7 +15,7 @@ from ballbot.mechanics.engine.cuda import _advance, packed_in_lanes, simulate_on
 from ballbot.mechanics.engine.run import simulate_lanes
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_the_engine_compiles_for_a_gpu(monkeypatch):
     """One source for all targets: the kernel becomes PTX for a Hopper chip, without a call left in it."""
     import numba.cuda.dispatcher as dispatcher

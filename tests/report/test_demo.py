@@ -53,7 +53,7 @@ def test_file_holds_a_run_within_half_a_step():
     assert np.abs(found["wheel1_dot"] - log["wheel1_dot"]).max() <= 0.5001 * step
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_friction_found_is_near_the_simulated_robots(runs):
     found = demo.identified(runs[demo_runs.SOFT], Run())
     true = Scenario.nominal(Robot.load(demo_runs.ROBOT)).friction.coulomb
