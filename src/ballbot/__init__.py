@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ballbot.control.controller import Controller as Controller
     from ballbot.control.lqr import lqr as lqr
+    from ballbot.control.margins import loop_margins as loop_margins
     from ballbot.errors import InputError as InputError
     from ballbot.identification import identify as identify
     from ballbot.log import Log as Log
@@ -31,6 +32,7 @@ _HOME = {
     "Robot": "ballbot.robot",
     "identify": "ballbot.identification",
     "lqr": "ballbot.control.lqr",
+    "loop_margins": "ballbot.control.margins",
     "simulate": "ballbot.simulation.run",
     "simulate_batch": "ballbot.simulation.batch",
     "study": "ballbot.workflows.study",

@@ -35,6 +35,7 @@ _FIGURES = {
     "Log": ("ballbot.report.plots", "log_figure"),
     "LqrDesign": ("ballbot.report.plots", "design_figure"),
     "Robot": ("ballbot.robot.figure", "robot_figure"),
+    "Margins": ("ballbot.report.loop", "margins_figure"),
     "RobustDesign": ("ballbot.report.design", "robust_figure"),
     "Study": ("ballbot.report.plots", "study_figure"),
     "Validation": ("ballbot.report.plots", "validation_figure"),

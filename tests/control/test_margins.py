@@ -1,97 +1,296 @@
-"""Margins of a sampled loop, against closed forms, Nyquist's criterion and a finer simulation."""
+"""Margins: against python-control, the law that runs, and loops that just so little more makes unstable."""
 
-from __future__ import annotations
+import math
+from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize
 
+from ballbot.control.controller import Controller
+from ballbot.control.linear import (
+    LinearController,
+    RobotLoop,
+    linear_controller,
+    robot_loop,
+    step_response,
+)
 from ballbot.control.lqr import held
-from ballbot.control.margins import Loop, loop_margins
-from ballbot.control.presets import design_gain, design_integral_gain, loop_of
-from ballbot.robot import Robot
+from ballbot.control.margins import HEADINGS, Margins, loop_margins
+from ballbot.control.parts import Parts
+from ballbot.control.parts.notch import Notch
+from ballbot.control.parts.prediction import DelayPrediction
+from ballbot.control.presets import nominal_controller, precise_controller
+from ballbot.errors import InputError
+from ballbot.results import plain
+from tests.support.control_examples import alten, four_wheeled
+from tests.support.screen import assert_fits_a_screen
 
 
-def unstable_pole(gain: float, sample_time: float) -> Loop:
-    """Return the loop x_dot = x + u, u = -gain x."""
-    one = np.ones((1, 1))
-    return Loop(A=one, B=one, K=gain * one, sample_time=sample_time)
+def plain_parts(controller: Controller) -> Parts:
+    """Return a controller's parts without those that act on references."""
+    return replace(controller.parts, shaping=None, feed_forward=None)
 
 
-@pytest.fixture(scope="module")
-def nominal():
-    robot = Robot.load("alten")
-    return loop_of(robot, design_gain(robot))
+@cache
+def controller(name: str) -> Controller:
+    if name == "nominal":
+        return nominal_controller(alten())
+    if name == "four wheels":
+        return nominal_controller(four_wheeled(friction=False))
+    precise = precise_controller(alten(), compensation="none")
+    return precise.with_parts(plain_parts(precise))
 
 
-@settings(max_examples=20)
-@given(gain=st.floats(1.5, 20.0), sample_time=st.floats(0.002, 0.02))
-def test_margins_of_one_unstable_pole_are_those_of_the_closed_form(gain, sample_time):
-    found = loop_margins(unstable_pole(gain, sample_time))
-    G = np.expm1(sample_time)
-    # |exp(T) - g K (exp(T) - 1)| = 1; a bracket of a tenth halved 16 times leaves 2e-6
-    assert found.least_gain == pytest.approx(1.0 / gain, rel=1e-5)
-    assert found.greatest_gain == pytest.approx((np.exp(sample_time) + 1.0) / (gain * G), rel=1e-5)
+@cache
+def found(name: str) -> Margins:
+    return loop_margins(controller(name))
 
 
-@settings(max_examples=20)
+def largest_difference(chosen: Controller, size: float, rng: np.random.Generator) -> float:
+    """Return the largest difference of the compiled law's torques from the linear one's, over the largest torque."""
+    law = linear_controller(chosen)
+    memory = np.zeros(len(law.A))
+    chosen.reset()
+    chosen.update(0.0, np.zeros(10), np.zeros(10))  # from now on the observer has rates to compare with
+    differences, torques = [0.0], [0.0]
+    for _ in range(60):
+        x, r = size * rng.normal(size=10), np.zeros(10)
+        r[[0, 1, 4]] = size * rng.normal(size=3)
+        u, both = chosen.update(0.0, x, r), np.concatenate([x, r])
+        differences.append(np.abs(u - law.C @ memory - law.D @ both).max())
+        torques.append(np.abs(u).max())
+        memory = law.A @ memory + law.B @ both
+    return max(differences) / max(torques)
+
+
+@given(
+    name=st.sampled_from(["nominal", "precise", "four wheels"]),
+    notch=st.none() | st.builds(Notch, frequency=st.floats(5.0, 80.0), depth=st.floats(0.0, 0.9)),
+    prediction=st.none() | st.builds(DelayPrediction, delay=st.floats(0.001, 0.03) | st.just(0.010)),
+    seed=st.integers(0, 99),
+)
+@settings(max_examples=25)
+def test_linear_controller_is_the_law_that_runs(name, notch, prediction, seed):
+    base = controller(name)
+    chosen = base.with_parts(replace(base.parts, notch=notch, prediction=prediction))
+    rng = np.random.default_rng(seed)
+    # turning into the heading frame is not linear: the difference shrinks as the size does
+    assert largest_difference(chosen, 1e-7, rng) < 3e-6
+
+
+def unstable_pole(gain: float, sample_time: float) -> RobotLoop:
+    """Return the loop x_dot = x + u, u = gain (r - x)."""
+    one, none = np.ones((1, 1)), np.zeros((0, 0))
+    law = LinearController(A=none, B=np.zeros((0, 2)), C=np.zeros((1, 0)), D=gain * np.array([[-1.0, 1.0]]))
+    return RobotLoop(A=one, B=one, controller=law, sample_time=sample_time, delay=0.0)
+
+
+@settings(max_examples=6)
 @given(gain=st.floats(2.0, 8.0), sample_time=st.floats(0.01, 0.05))
-def test_delays_of_whole_samples_are_stable_as_nyquist_says(gain, sample_time):
-    loop = unstable_pole(gain, sample_time)
-    G = np.expm1(sample_time)
-
+def test_margins_of_one_unstable_pole_are_those_of_the_closed_form(gain, sample_time):
     def open_loop(w: float) -> complex:
-        return gain * G / (np.exp(1j * w * sample_time) - np.exp(sample_time))
+        return gain * np.expm1(sample_time) / (np.exp(1j * w * sample_time) - np.exp(sample_time))
 
+    found = loop_margins(unstable_pole(gain, sample_time)).together
+    # |exp(T) - g K (exp(T) - 1)| = 1
+    assert found.gain_down == pytest.approx(1.0 / gain, rel=1e-6)
+    greatest = (np.exp(sample_time) + 1.0) / (gain * np.expm1(sample_time))
+    assert found.gain_up == pytest.approx(greatest, rel=1e-6)
     crossing = brentq(lambda w: abs(open_loop(w)) - 1.0, 1e-6, np.pi / sample_time)
-    margin = (np.pi + np.angle(open_loop(crossing))) / crossing
-    samples = int(margin / sample_time)
-    assert loop.is_stable(delay=samples * sample_time)
-    assert not loop.is_stable(delay=(samples + 1) * sample_time)
-    assert samples * sample_time <= loop_margins(loop).delay <= (samples + 1) * sample_time
+    phase = np.pi + np.angle(open_loop(crossing))
+    assert found.phase == pytest.approx(phase, rel=1e-6)
+    assert found.phase_frequency == pytest.approx(crossing, rel=1e-6)
+    # between whole samples the torque is held in two parts, and Nyquist's line is not exact
+    samples = math.floor(phase / crossing / sample_time)
+    assert samples * sample_time <= found.delay <= (samples + 1) * sample_time
 
 
-@pytest.mark.parametrize("quarters", [0, 1, 4, 7])
-def test_a_delayed_loop_moves_as_one_simulated_in_quarters_of_a_sample(nominal, quarters):
-    T, (m, n) = nominal.sample_time, nominal.B.shape
-    F, G = held(nominal.A, nominal.B, T / 4)
-    start = np.random.default_rng(0).normal(size=m)
-    x, commands, expected = start, [], []
-    for k in range(12):
-        commands.append(-nominal.K @ x)
-        for quarter in range(4):
-            when = 4 * k + quarter - quarters
-            x = F @ x + G @ (commands[when // 4] if when >= 0 else np.zeros(n))
-        expected.append(x)
-    closed = nominal.closed(delay=quarters * T / 4)
-    state, found = np.concatenate([start, np.zeros(len(closed) - m)]), []
-    for _ in range(12):
-        state = closed @ state
-        found.append(state[:m])
-    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+def one_loop(name: str, wheel: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return A, B, C of the loop broken at one wheel, the others closed."""
+    A, B, C = robot_loop(controller(name)).broken()
+    others = [place for place in range(B.shape[1]) if place != wheel]
+    return A + B[:, others] @ C[others], B[:, [wheel]], -C[[wheel]]
 
 
-@pytest.mark.parametrize("precise", [False, True])
-def test_the_open_loop_is_minus_one_where_a_gain_margin_ends(precise):
-    robot = Robot.load("alten")
-    loop = loop_of(robot, design_integral_gain(robot) if precise else design_gain(robot))
-    found = loop_margins(loop)
-    assert 0.0 < found.least_gain < 1.0 < found.greatest_gain
-    frequencies = np.append(np.geomspace(0.01, 0.5 / loop.sample_time, 20_000), 0.5 / loop.sample_time)
-    for factor in (found.least_gain, found.greatest_gain):
-        # between two frequencies the locus moves by about 1e-3
-        assert np.abs(1.0 + factor * loop.responses(frequencies)).min() < 5e-3
+@pytest.mark.parametrize(("name", "wheel"), [("nominal", 0), ("precise", 1), ("four wheels", 3)])
+def test_margins_of_a_wheel_are_those_of_python_control(name, wheel):
+    control = pytest.importorskip("control")
+    loop, one = robot_loop(controller(name)), found(name).wheels[wheel]
+    system = control.StateSpace(*one_loop(name, wheel), 0.0, loop.sample_time)
+    omega = np.geomspace(0.3, math.pi / loop.sample_time, 500)
+    # by its polynomials it is wrong by factors: ten poles about z = 1
+    gains, phases, *_, crossings = control.stability_margins(control.frd(system, omega), returnall=True)[:5]
+    gains = np.append(gains, -1.0 / system(-1.0).real)  # at the end of its grid, z = -1, L is real
+    # required: 1e-3; it interpolates between the frequencies
+    assert one.gain_up == pytest.approx(gains[gains > 1.0].min(initial=np.inf), rel=1e-3)
+    assert one.gain_down == pytest.approx(gains[gains < 1.0].max(initial=0.0), rel=1e-3)
+    phases = np.abs(np.array(phases))
+    assert math.degrees(one.phase) == pytest.approx(phases.min(), rel=1e-3)
+    assert one.phase_frequency == pytest.approx(crossings[np.argmin(phases)], rel=1e-2)
+    alpha, gain, phase = control.disk_margins(system, omega)
+    assert one.disk.alpha == pytest.approx(alpha, rel=1e-3)
+    assert 20.0 * math.log10(one.disk.gain[1]) == pytest.approx(gain, rel=1e-3)
+    assert math.degrees(one.disk.phase) == pytest.approx(phase, rel=1e-3)
 
 
-def test_a_step_arrives_without_a_lean_or_a_torque_left(nominal):
-    states, torques = nominal.step(0, 0.1, 30.0)
-    np.testing.assert_allclose(states[0], 0.0)
-    np.testing.assert_allclose(torques[0], nominal.K[:, 0] * 0.1)
-    # exp(-slowest * 30 s) is below 1e-6 of the step
-    np.testing.assert_allclose(states[-1], np.eye(10)[0] * 0.1, atol=1e-6)
-    np.testing.assert_allclose(torques[-1], 0.0, atol=1e-5)
-    assert nominal.slowest == pytest.approx(
-        float(-design_gain(Robot.load("alten")).poles.real.max()), rel=1e-6
+def test_each_wheels_response_is_that_of_its_loop_with_the_others_closed():
+    loop, omega = robot_loop(controller("four wheels")), np.array([0.3, 7.0, 200.0])
+    for wheel in range(4):
+        A, B, C = one_loop("four wheels", wheel)
+        for place, frequency in enumerate(omega):
+            z = np.exp(1j * frequency * loop.sample_time)
+            expected = (C @ np.linalg.solve(z * np.eye(len(A)) - A, B)).item()
+            # required: 1e-6; ten poles about z = 1
+            assert loop.wheel_responses(omega)[place, wheel] == pytest.approx(expected, rel=1e-6)
+
+
+def test_modes_are_minus_one_where_a_margin_of_all_wheels_ends():
+    loop, one = robot_loop(controller("nominal")), found("nominal").together
+    omega = np.array([one.phase_frequency])
+    turned = np.exp(-1j * one.phase) * loop.mode_responses(omega)[0]
+    assert np.abs(1.0 + turned).min() < 1e-5
+    nyquist = np.array([math.pi / loop.sample_time])
+    assert np.abs(1.0 + one.gain_up * loop.mode_responses(nyquist)[0]).min() < 1e-5
+
+
+def test_broken_loop_has_named_signals_in_python_control():
+    pytest.importorskip("control")
+    loop = robot_loop(controller("nominal"))
+    system = loop.to_control()
+    assert system.input_labels == ["u1", "u2", "u3"]
+    assert system.dt == loop.sample_time
+    omega = 7.0
+    np.testing.assert_allclose(
+        system(np.exp(1j * omega * loop.sample_time)), loop.response(np.array([omega]))[0], rtol=1e-6
     )
+
+
+#: substeps of a sample in which a plant is stepped beside the toolkit's own sampling
+FINE = 20
+
+
+def growth(name: str, *, factors: np.ndarray, delays: np.ndarray, seconds: float = 6.0) -> float:
+    """Return by how much oscillations of the compiled law with the linear robot grow over the run's second half.
+
+    The torques are multiplied by `factors`, and held from `delays` [s] after their sample on; the robot is stepped
+    `FINE` times in each sample.
+    """
+    chosen, loop = controller(name), robot_loop(controller(name))
+    F, G = held(loop.A, loop.B, loop.sample_time / FINE)
+    x, late = 1e-7 * np.ones(10), np.round(delays / loop.sample_time * FINE).astype(int)
+    asked = np.zeros((late.max() + FINE + 1, len(factors)))  # of the substeps to come
+    chosen.reset()
+    sizes = []
+    for _ in range(round(seconds / loop.sample_time)):
+        torques = factors * chosen.update(0.0, x, np.zeros(10))
+        for wheel, begin in enumerate(late):
+            asked[begin:, wheel] = torques[wheel]
+        for _ in range(FINE):
+            x = F @ x + G @ asked[0]
+            asked = np.vstack([asked[1:], asked[-1:]])
+        sizes.append(float(np.abs(x[2:4]).max() + np.abs(x[7:9]).max()))
+        if sizes[-1] > 1e-3:  # before a limit stops it
+            return math.inf
+    quarter = len(sizes) // 4
+    return max(sizes[-quarter:]) / max(sizes[quarter : 2 * quarter])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["nominal", "precise"])
+@pytest.mark.parametrize("wheels", [[0], [0, 1, 2]])
+def test_law_that_runs_becomes_unstable_at_the_margin(name, wheels):
+    one = found(name).together if len(wheels) > 1 else found(name).wheels[0]
+    marked = np.isin(np.arange(3), wheels).astype(float)
+    none = np.zeros(3)
+    for factor in (one.gain_up, one.gain_down):
+        # 3 % nearer to 1 than the margin, and 3 % beyond
+        within, beyond = factor ** np.array([0.97, 1.03])
+        assert growth(name, factors=1.0 + marked * (within - 1.0), delays=none) < 1.0
+        assert growth(name, factors=1.0 + marked * (beyond - 1.0), delays=none) > 1.0
+    assert growth(name, factors=np.ones(3), delays=0.97 * one.delay * marked) < 1.0
+    assert growth(name, factors=np.ones(3), delays=1.03 * one.delay * marked) > 1.0
+
+
+def disk_factors(alpha: float, delta: np.ndarray) -> np.ndarray:
+    return (1.0 + 0.5 * alpha * delta) / (1.0 - 0.5 * alpha * delta)
+
+
+@pytest.mark.parametrize("name", ["nominal", "precise"])
+def test_some_factors_on_the_rim_of_the_disk_are_just_unstable(name):
+    """For three wheels the bound is exact: factors of that size make 1 + L singular at the frequency stated."""
+    disk = found(name).together.disk
+    (L,) = robot_loop(controller(name)).response(np.array([disk.frequency]))
+
+    def smallest(angles: np.ndarray) -> float:
+        factors = disk_factors(disk.alpha, np.exp(1j * angles))
+        return float(np.linalg.svd(np.eye(3) + L * factors, compute_uv=False)[-1])
+
+    rng = np.random.default_rng(1)
+    best = min(minimize(smallest, rng.uniform(-3, 3, 3), method="Nelder-Mead").fun for _ in range(6))
+    assert best < 1e-3  # of a matrix whose other singular values are about 1
+
+
+@pytest.mark.parametrize("name", ["nominal", "precise", "four wheels"])
+def test_no_factors_within_the_disk_are_unstable(name):
+    A, B, C = robot_loop(controller(name)).broken()
+    rng = np.random.default_rng(2)
+    size = (400, B.shape[1])
+    delta = np.sqrt(rng.uniform(0.5, 1.0, size)) * np.exp(1j * rng.uniform(-math.pi, math.pi, size))
+    for one, marked in ((found(name).together, 1.0), (found(name).wheels[0], np.eye(B.shape[1])[0])):
+        factors = 1.0 + marked * (disk_factors(0.999 * one.disk.alpha, delta) - 1.0)
+        assert np.abs(np.linalg.eigvals(A + (B * factors[:, None, :]) @ C)).max() < 1.0
+
+
+def test_delay_that_is_predicted_over_is_in_the_loop():
+    nominal = controller("nominal")
+    late = robot_loop(nominal.with_parts(Parts(prediction=DelayPrediction(delay=0.0125))))
+    assert late.delay == 0.0125
+    # the state is predicted exactly, so that the poles are those without the delay, and zeros
+    poles, late_poles = (np.linalg.eigvals(loop.closed()) for loop in (robot_loop(nominal), late))
+    ranked = np.sort_complex(late_poles[np.argsort(-np.abs(late_poles))][:10])
+    np.testing.assert_allclose(ranked, np.sort_complex(poles), atol=1e-6)
+
+
+def test_wheels_of_a_symmetric_robot_share_a_row():
+    rows = found("nominal").rows()
+    assert [row[0] for row in rows] == ["each wheel", "all wheels"]
+    assert all(len(row) == len(HEADINGS) for row in rows)
+    assert [row[0] for row in found("four wheels").rows()] == ["u1", "u2", "u3", "u4", "all wheels"]
+
+
+def test_margins_are_results_and_a_summary():
+    one = found("nominal")
+    assert_fits_a_screen(one)
+    assert "<svg" in one.plot()._repr_svg_()  # pyright: ignore[reportAttributeAccessIssue]
+    written = plain(one.results())
+    assert isinstance(written, dict)
+    assert list(written["wheels"]) == ["u1", "u2", "u3"]
+    assert written["together"]["disk"]["gain"][0] == pytest.approx(1.0 / one.together.disk.gain[1])
+
+
+def test_unstable_loop_is_refused():
+    nominal = controller("nominal")
+    with pytest.raises(InputError, match="The loop of this controller is unstable"):
+        loop_margins(nominal.with_parts(Parts(notch=Notch(frequency=0.5, width=5.0, depth=0.0))))
+
+
+@pytest.mark.parametrize("name", ["nominal", "precise"])
+def test_step_response_is_that_of_the_law_that_runs(name):
+    chosen, loop = controller(name), robot_loop(controller(name))
+    step = step_response(loop, name="y", size=1e-4)
+    F, G = held(loop.A, loop.B, loop.sample_time)
+    reference, x = np.zeros(10), np.zeros(10)
+    chosen.reset()
+    chosen.update(0.0, x, reference)
+    reference[1] = 1e-4
+    for k in range(400):
+        np.testing.assert_allclose(step.states[k], x, atol=1e-9)
+        u = chosen.update(0.0, x, reference)
+        np.testing.assert_allclose(step.torques[k], u, atol=1e-8)
+        x = F @ x + G @ u
+    assert step.states[-1, 1] == pytest.approx(1e-4, rel=0.02)
+    assert step.t[-1] == pytest.approx(loop.sample_time * (len(step.t) - 1))

@@ -68,7 +68,8 @@ def check(
     """Check that a robot is plausible, print quantities that follow from its parameters, and draw it.
 
     Prints derived quantities, the thesis's transformation matrices, A, B and the poles of the exact model about
-    upright, and a drawing to scale. Standard deviations in the file are propagated to the unstable pole.
+    upright, the stability margins with a controller, and a drawing to scale. Standard deviations in the file are
+    propagated to the unstable pole.
 
     Example: `ballbot check alten --figure alten.svg`
 
@@ -90,7 +91,8 @@ def check(
         A reference's name, or a file with t, ref_x, ref_y and ref_psi: shows whether the robot can follow it and
         how much of each limit that takes.
     controller : Path
-        The controller file that follows the reference; the nominal controller if not given.
+        The controller file whose margins are computed and that follows the reference; the nominal controller if not
+        given.
     out : Path
         Folder for report.html, results.json and check.txt; with --swing also swing.svg.
     """
@@ -108,6 +110,7 @@ def check(
         checked = check_robot(
             hung,
             findings,
+            controller=controller,
             swing=_swing(hung, swinging, accept),
             log=None if predict is None else _log(hung, robot, predict, accept),
             following=_following(hung, reference, controller),

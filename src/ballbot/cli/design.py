@@ -117,9 +117,9 @@ def design(
 
     Example: ballbot design found/robot.toml --robust --compensation full --out robust
 
-    Writes report.html, controller.toml and results.json (gain, closed-loop poles, A and B). The precise kind is stiff
-    and has integral action, smoothed references with feed-forward and a disturbance observer;
-    it needs the Kalman filter's state. Standard deviations in the robot's file are propagated to each entry of the
+    Writes report.html, controller.toml and results.json (gain, closed-loop poles, stability margins, A and B). The
+    precise kind is stiff and has integral action, smoothed references with feed-forward and a disturbance observer; it
+    needs the Kalman filter's state. Standard deviations in the robot's file are propagated to each entry of the
     gain; those of its friction limit the compensation to the friction that is present with 95 % confidence. More than
     that injects energy and can destabilise the robot: it is refused, and the margin is shown.
 
@@ -204,6 +204,7 @@ def _search(
             "compensation": compensation,
             "gain": found.controller.gain,
             "poles": found.design.poles,
+            "loop_margins": found.loop_margins.results(),
             "linearization": linearization_results(frictionless_model(robot)),
             **to_results(found),
         }

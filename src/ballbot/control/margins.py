@@ -1,19 +1,24 @@
-"""Margins of a sampled loop: how much stronger, weaker or later the torques may act before it is unstable.
+"""Stability margins of a robot's loop: gain, phase and delay at each wheel and at all together, and the disk margin.
 
-The loop is that of a gain on the linear model, cut at the wheels, all of which change alike:
+The loop is broken at the wheels' torques, where motors, gears and the processor's time act. A margin is how much a
+torque may change on its way before the closed loop is unstable:
 
-    x[k+1] = F x[k] + G u[k],      u = -g K x,      L(z) = K (z I - F)^-1 G,      z = exp(i w T)
+    gain    a factor k, up and down               the robot is unstable by itself, so that too little is fatal as well
+    phase   a factor exp(-j phi)
+    delay   more time until the torque acts, any fraction of a sample
 
-A torque that acts d = (m + f) T late, 0 <= f < 1, is held over the sample in two parts:
+at one wheel while the others stay as they are, and at all wheels alike. Each is found as the first point along its path
+at which a pole of the sampled closed loop leaves the unit circle; nothing is read off a frequency grid.
 
-    x[k+1] = F x[k] + G_0 u[k - m] + G_1 u[k - m - 1]
-    G_0: the input over the last (1 - f) T of a sample      G_1: over the first f T
+The disk margin (Seiler, Packard & Gahinet, "An introduction to disk margins", IEEE Control Systems Magazine 40 (5),
+2020; balanced, sigma = 0) covers changes of gain and phase at once: with every factor
 
-A margin is the first g or d at which an eigenvalue of the closed loop reaches the unit circle. It is found from these
-eigenvalues themselves, so that no curve has to be followed. Parts besides the gain, friction and limits do not count.
+    f_i = (1 + alpha delta_i / 2) / (1 - alpha delta_i / 2),      |delta_i| < 1 complex, one for each wheel
 
-Open-loop frequency responses are eigenvalues of L. A robot with equal wheels has two equal ones for its lean, with
-the position beneath it, and one for its heading, in which all wheels push alike.
+of the torques the loop stays stable while alpha < alpha_max, the reciprocal of the largest mu of (S - T)/2 over the
+frequencies. At one wheel mu is an absolute value. At all wheels at once it is the least, over diagonal D > 0, of the
+largest singular values of D M D^-1: exact for three wheels and an upper bound of mu for four, so that the margin stated
+is never too large.
 """
 
 from __future__ import annotations
@@ -21,146 +26,319 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq, minimize, minimize_scalar
 
-from ballbot.control.lqr import held
+from ballbot.control.controller import Controller
+from ballbot.control.linear import Matrix, RobotLoop, robot_loop
+from ballbot.control.lqr import sampling_words
+from ballbot.errors import InputError
+from ballbot.results import reported
+from ballbot.summary import Summary, plotted, summarized
 
-#: from one gain to the next in the search of a margin, and the largest [1]; the smallest is one over it
-_GAIN_STEP, _LARGEST_GAIN = 1.1, 1e3
-#: largest delay tried, in samples; they are tried one by one
-_MOST_SAMPLES = 100
-#: halvings of a bracket, which leave 2e-5 of it
-_HALVINGS = 16
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: factors of the torques along which stability is looked at; beyond them a margin counts as unlimited
+_GAINS = np.geomspace(1.0, 1e3, 150)
+#: phases [rad]
+_PHASES = np.linspace(0.0, math.pi, 121)
+#: delay that is looked at [s]; beyond it a margin counts as unlimited
+_LONGEST_DELAY = 1.0
+#: by which rounding may move a pole out of the unit circle
+_ROUNDING = 1e-7
+#: relative precision of margins
+_PRECISION = 1e-9
+#: frequencies of the grid on which the largest mu and windings are looked for, before it is refined
+_FREQUENCIES = 500
+#: lowest frequency of it [rad/s]: below, the loop is an integrator chain
+_LOWEST = 1e-3
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Loop:
-    """A gain around a linear model, with the torques held over each sample."""
+@dataclass(frozen=True, kw_only=True)
+class DiskMargin:
+    """How much gain and phase may change together."""
 
-    A: NDArray[np.float64]  #: (m, m)
-    B: NDArray[np.float64]  #: (m, n)
-    K: NDArray[np.float64]  #: (n, m)
-    sample_time: float  #: [s]
+    alpha: float  #: alpha_max, from 0 to 2
+    frequency: float  #: at which the loop would oscillate [rad/s]
 
-    @cached_property
-    def sampled(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """F (m, m) and G (m, n)."""
-        return held(self.A, self.B, self.sample_time)
+    @reported
+    def gain(self) -> tuple[float, float]:
+        """The least and the greatest factor that is allowed, without a change of phase."""
+        half = 0.5 * self.alpha
+        return (1.0 - half) / (1.0 + half), (1.0 + half) / (1.0 - half) if half < 1.0 else math.inf
 
-    def closed(self, *, gain: float = 1.0, delay: float = 0.0) -> NDArray[np.float64]:
-        """Return the closed loop's matrix, the torques still under way in its state.
-
-        Parameters
-        ----------
-        gain : float
-            g, the factor on every torque.
-        delay : float
-            d [s], zero or more.
-        """
-        T, (m, n) = self.sample_time, self.B.shape
-        whole = math.floor(delay / T + 1e-9)
-        late = max(0.0, delay - whole * T)
-        F, G = self.sampled
-        now, before = G, np.zeros_like(G)
-        if late > 0.0:
-            after, now = held(self.A, self.B, T - late)
-            before = after @ held(self.A, self.B, late)[1]
-        # the state is x[k], u[k-1], .., u[k-whole-1]
-        held_back = whole + 1
-        size = m + held_back * n
-        closed = np.zeros((size, size))
-        closed[:m, :m] = F
-        command = np.zeros((n, size))
-        command[:, :m] = -gain * self.K
-        for places, part in ((whole, now), (whole + 1, before)):
-            if places == 0:
-                closed[:m] += part @ command
-            else:
-                columns = slice(m + (places - 1) * n, m + places * n)
-                closed[:m, columns] += part
-        closed[m : m + n] = command
-        closed[m + n :, m : size - n] = np.eye(size - m - n)
-        return closed
-
-    def is_stable(self, *, gain: float = 1.0, delay: float = 0.0) -> bool:
-        """Return whether every eigenvalue is within the unit circle; see `closed`."""
-        return bool(np.abs(np.linalg.eigvals(self.closed(gain=gain, delay=delay))).max() < 1.0)
-
-    @property
-    def slowest(self) -> float:
-        """The rate [rad/s] at which the slowest motion of the closed loop decays."""
-        largest = np.abs(np.linalg.eigvals(self.closed())).max()
-        return float(-np.log(largest) / self.sample_time)
-
-    def responses(self, frequencies: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """Return the open loop (k, 3) at frequencies (k,) [Hz]: of both leans, the larger first, and of the heading."""
-        F, G = self.sampled
-        z = np.exp(2j * np.pi * frequencies * self.sample_time)[:, None, None]
-        L = self.K @ np.linalg.solve(z * np.eye(len(F)) - F, np.broadcast_to(G, (len(z), *G.shape)))
-        values, vectors = np.linalg.eig(L)
-        alike = np.abs(vectors.sum(axis=1))  # of unit vectors, largest where all wheels push alike
-        heading = alike.argmax(axis=1)
-        others = np.abs(values)
-        others[np.arange(len(z)), heading] = -1.0
-        places = np.concatenate([np.argsort(-others, axis=1)[:, :2], heading[:, None]], axis=1)
-        return np.take_along_axis(values, places, axis=1)
-
-    def step(
-        self, state: int, size: float, duration: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return states (k, m) and torques (k, n) after the reference of one pose jumps, from rest.
-
-        Any place and heading is an equilibrium of the model, so that the error decays as from an initial state.
-        """
-        count = int(duration / self.sample_time) + 1
-        F = self.closed()[: len(self.A), : len(self.A)]
-        reference = np.zeros(len(self.A))
-        reference[state] = size
-        errors = np.empty((count, len(self.A)))
-        errors[0] = -reference
-        for k in range(1, count):
-            errors[k] = F @ errors[k - 1]
-        return errors + reference, -errors @ self.K.T
+    @reported
+    def phase(self) -> float:
+        """The change of phase that is allowed, without a change of gain [rad]."""
+        return 2.0 * math.atan(0.5 * self.alpha)
 
 
 @dataclass(frozen=True, kw_only=True)
 class LoopMargins:
-    """How much the torques of all wheels may change together."""
+    """Margins of the loop broken at one wheel's torque, or at all alike."""
 
-    least_gain: float  #: the loop is stable for factors above it; zero if it needs no torque
-    greatest_gain: float  #: and below it; infinite beyond 1000
-    delay: float  #: and for delays below it [s]; infinite beyond 100 samples
+    gain_down: float  #: the factor at which too little torque destabilises; 0 if none does
+    gain_up: float  #: the factor at which too much torque destabilises; infinite if none does
+    phase: float  #: [rad]; infinite if no phase destabilises
+    phase_frequency: float  #: at which the loop would oscillate then [rad/s]; NaN without one
+    delay: float  #: [s], beyond the loop's own; infinite if none up to a second destabilises
+    disk: DiskMargin
 
 
-def loop_margins(loop: Loop) -> LoopMargins:
-    """Return the margins of a stable loop."""
-    T = loop.sample_time
-    powers = np.arange(1, math.ceil(math.log(_LARGEST_GAIN) / math.log(_GAIN_STEP)) + 1)
-    gains = _GAIN_STEP ** powers.astype(float)
-    delays = np.arange(1.0, _MOST_SAMPLES + 1.0) * T
-    return LoopMargins(
-        least_gain=_first_unstable(lambda g: loop.is_stable(gain=g), 1.0, 1.0 / gains, otherwise=0.0),
-        greatest_gain=_first_unstable(lambda g: loop.is_stable(gain=g), 1.0, gains, otherwise=math.inf),
-        delay=_first_unstable(lambda d: loop.is_stable(delay=d), 0.0, delays, otherwise=math.inf),
+@summarized
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Margins:
+    """The margins of a robot's loop."""
+
+    loop: RobotLoop
+    wheels: tuple[LoopMargins, ...]  #: each broken by itself, the others closed
+    together: LoopMargins  #: all alike; its disk is of all wheels at once, each with a change of its own
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Return the margins as rows of `HEADINGS`; wheels of the same margins, as by symmetry, in one row."""
+        found = [_cells(one) for one in self.wheels]
+        named = (
+            [("each wheel", *found[0])]
+            if len(set(found)) == 1
+            else [(name, *cells) for name, cells in zip(self.loop.wheels, found, strict=True)]
+        )
+        return [*named, ("all wheels", *_cells(self.together))]
+
+    def sentence(self) -> str:
+        """Return the margins of all wheels' torques as a clause."""
+        _, gain, phase, delay, *_ = self.rows()[-1]
+        return f"all torques may change by a factor of {gain}, by {phase}, or by {delay}"
+
+    def summary(self) -> Summary:
+        """Return the margins at each wheel and at all of them."""
+        rows = [
+            (f"{name}: {heading}", cell)
+            for name, *cells in self.rows()
+            for heading, cell in zip(HEADINGS[1:], cells, strict=True)
+        ]
+        return Summary(
+            title=f"Margins of a loop {sampling_words(self.loop.sample_time)}",
+            rows=tuple(rows),
+            remarks=(MEANING,),
+        )
+
+    def plot(self) -> Figure:
+        """Return a figure of the Bode diagram and of the step response."""
+        return plotted(self)
+
+    def results(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        return {
+            "broken_at": "the wheels' torques",
+            "model": "exact, without friction; the measured state is fed back",
+            "loop_delay": self.loop.delay,
+            "wheels": dict(zip(self.loop.wheels, self.wheels, strict=True)),
+            "together": self.together,
+        }
+
+
+#: of the rows of margins
+HEADINGS = ("torque of", "gain", "phase", "delay", "disk: gain", "disk: phase")
+#: what the rows are
+MEANING = (
+    "A torque may change on its way by these factors, by this phase or by this delay; in the disk by gain and phase at "
+    "once, each wheel in its own way. Friction, and the lag of an estimator and of the motors, are not counted."
+)
+
+
+def _cells(one: LoopMargins) -> tuple[str, ...]:
+    phase = f"{math.degrees(one.phase):.1f} deg at {one.phase_frequency:.3g} rad/s"
+    return (
+        _range(one.gain_down, one.gain_up),
+        phase if math.isfinite(one.phase) else "any",
+        f"{1e3 * one.delay:.3g} ms" if math.isfinite(one.delay) else f"over {1e3 * _LONGEST_DELAY:.0f} ms",
+        _range(*one.disk.gain),
+        f"{math.degrees(one.disk.phase):.1f} deg at {one.disk.frequency:.3g} rad/s",
     )
 
 
-def _first_unstable(
-    is_stable: Callable[[float], bool], start: float, tried: NDArray[np.float64], *, otherwise: float
+def _range(least: float, greatest: float) -> str:
+    return f"{least:.2f} to {greatest:.3g}" if math.isfinite(greatest) else f"{least:.2f} or more"
+
+
+def loop_margins(loop: RobotLoop | Controller) -> Margins:
+    """Return the margins of a robot's loop.
+
+    Parameters
+    ----------
+    loop : RobotLoop or Controller
+        See `ballbot.control.linear` for what of a controller counts.
+
+    Raises
+    ------
+    InputError
+        If the loop is unstable as it is.
+    """
+    loop = robot_loop(loop) if isinstance(loop, Controller) else loop
+    radius = _radius(loop.closed()[None])[0]
+    if not radius < 1.0:
+        raise InputError(
+            f"The loop of this controller is unstable (a mode grows by {radius:.6g} in each sample): leave out or "
+            "change a part that turns its phase, such as a notch at a low frequency, or shorten the sample time."
+        )
+    count = len(loop.wheels)
+    omega = _frequencies(loop)
+    response = loop.response(omega)
+    wheels = tuple(_margins_of(loop, direction, omega, response) for direction in np.eye(count))
+    return Margins(loop=loop, wheels=wheels, together=_margins_of(loop, np.ones(count), omega, response))
+
+
+def _margins_of(
+    loop: RobotLoop, direction: Matrix, omega: Matrix, response: NDArray[np.complex128]
+) -> LoopMargins:
+    """Return the margins if the torques marked in `direction` (n,), ones and zeros, change alike."""
+    # the closed loop is rest + factor * marked: only the marked torques change
+    A, B, C = loop.broken()
+    marked = (B * direction) @ C
+    rest = A + B @ C - marked
+
+    def radius(factors: NDArray[np.complex128] | Matrix) -> Matrix:
+        return _radius(rest + np.asarray(factors)[:, None, None] * marked)
+
+    def turned(phases: Matrix) -> Matrix:
+        return radius(np.exp(-1j * phases))
+
+    phase = _first_loss(turned, _PHASES)  # the negative phases are the conjugate poles'
+    return LoopMargins(
+        gain_down=1.0 / _first_loss(lambda inverse: radius(1.0 / inverse), _GAINS),
+        gain_up=_first_loss(radius, _GAINS),
+        phase=phase,
+        phase_frequency=(
+            _frequency_of(rest + np.exp(-1j * phase) * marked, loop.sample_time)
+            if math.isfinite(phase)
+            else math.nan
+        ),
+        delay=_delay_margin(loop, direction, omega, response),
+        disk=_disk_margin(loop, np.flatnonzero(direction), omega, response),
+    )
+
+
+def _radius(matrices: NDArray[np.complex128] | Matrix) -> Matrix:
+    """Return the largest absolute value of the poles of each matrix (k, m, m)."""
+    return np.asarray(np.abs(np.linalg.eigvals(matrices)).max(axis=-1), dtype=np.float64)
+
+
+def _frequency_of(matrix: NDArray[np.complex128], sample_time: float) -> float:
+    """Return the frequency [rad/s] of the outermost pole."""
+    poles = np.linalg.eigvals(matrix)
+    return float(abs(np.angle(poles[np.argmax(np.abs(poles))])) / sample_time)
+
+
+def _first_loss(radius: Callable[[Matrix], Matrix], path: Matrix) -> float:
+    """Return the first point of a path, from its stable begin, at which a pole leaves the unit circle; else inf."""
+    lost = np.flatnonzero(radius(path) > 1.0 + _ROUNDING)
+    if not lost.size:
+        return math.inf
+    return _crossing(lambda point: radius(np.array([point]))[0], path[lost[0] - 1], path[lost[0]])
+
+
+def _crossing(radius: Callable[[float], float], stable: float, unstable: float) -> float:
+    """Return where the largest pole passes the unit circle between two points."""
+    if radius(stable) >= 1.0:  # by rounding
+        return float(stable)
+    return float(brentq(lambda point: radius(point) - 1.0, stable, unstable, xtol=_PRECISION * unstable))
+
+
+def _frequencies(loop: RobotLoop) -> Matrix:
+    """Return frequencies [rad/s] up to the Nyquist frequency, close together about the poles of the closed loop."""
+    nyquist = math.pi / loop.sample_time
+    poles = np.linalg.eigvals(loop.closed())
+    poles = poles[np.abs(poles) > 1e-6]
+    sizes = np.abs(np.log(poles.astype(complex))) / loop.sample_time
+    near = (sizes[:, None] * np.linspace(0.5, 2.0, 31)).ravel()
+    grid = np.concatenate(
+        [np.geomspace(_LOWEST, nyquist, _FREQUENCIES), np.linspace(_LOWEST, nyquist, _FREQUENCIES), near]
+    )
+    return np.unique(grid[(grid >= _LOWEST) & (grid <= nyquist)])
+
+
+def _delay_margin(
+    loop: RobotLoop, direction: Matrix, omega: Matrix, response: NDArray[np.complex128]
 ) -> float:
-    """Return the border between what is stable, from `start` on, and the first value tried that is not."""
-    last = start
-    for value in tried.tolist():
-        if not is_stable(value):
+    """Return the delay [s] at which a pole leaves the unit circle, exact between the samples."""
+    step, around = loop.sample_time, _turns(direction, response)
+
+    def radius(delay: float) -> float:
+        A, B, C = loop.broken(delay * direction)
+        return float(_radius((A + B @ C)[None])[0])
+
+    def winding(samples: int) -> float:
+        # how often det(I + L) goes round zero between the lowest frequency and the Nyquist frequency; a loop that is
+        # stable with the delay goes as often as without
+        determinants = around(np.exp(-1j * omega * step * samples))
+        return float(np.angle(determinants[1:] / determinants[:-1]).sum())
+
+    begin = winding(0)
+    for samples in range(1, math.floor(_LONGEST_DELAY / step) + 1):
+        if abs(winding(samples) - begin) > 1.0:
+            # the winding was about whole samples, of a grid; the poles decide
+            first = next(place for place in range(samples, -1, -1) if radius(place * step) <= 1.0)
+            last = next(place for place in range(first + 1, samples + 3) if radius(place * step) > 1.0)
+            return _crossing(radius, (last - 1) * step, last * step)
+    return math.inf
+
+
+def _turns(
+    direction: Matrix, response: NDArray[np.complex128]
+) -> Callable[[NDArray[np.complex128]], NDArray[np.complex128]]:
+    """Return the function of factors (f,) of the marked torques that gives det(I + L) at each frequency."""
+    if direction.all():
+        loci = np.linalg.eigvals(response)
+        return lambda factors: np.prod(1.0 + loci * factors[:, None], axis=1)
+    (wheel,) = np.flatnonzero(direction)
+    eye = np.eye(len(direction))
+    whole = np.linalg.det(eye + response)
+    share = np.linalg.solve(eye + response, response)[:, wheel, wheel]  # of T = (I + L)^-1 L
+    return lambda factors: whole * (1.0 + (factors - 1.0) * share)
+
+
+def _disk_margin(
+    loop: RobotLoop, wheels: NDArray[np.int64], omega: Matrix, response: NDArray[np.complex128]
+) -> DiskMargin:
+    """Return the disk margin of factors of some wheels' torques, each its own."""
+    scales = np.zeros(len(wheels) - 1)
+
+    def halves(of: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        eye = np.eye(of.shape[-1])
+        both = np.linalg.solve(eye + of, eye - of)  # S - T
+        return 0.5 * both[:, wheels[:, None], wheels]
+
+    def mu(one: NDArray[np.complex128]) -> float:
+        if len(wheels) == 1:
+            return float(abs(one[0, 0]))
+        return float(minimize(_scaled_norm, scales, args=(one,), method="Nelder-Mead", options=_SEARCH).fun)
+
+    matrices = halves(response)
+    bounds = np.linalg.norm(matrices, 2, axis=(1, 2))  # without scales: never below mu
+    best, place = 0.0, 0
+    for index in np.argsort(-bounds):
+        if bounds[index] <= best:
             break
-        last = value
-    else:
-        return otherwise
-    stable, unstable = last, value
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (stable + unstable)
-        stable, unstable = (middle, unstable) if is_stable(middle) else (stable, middle)
-    return 0.5 * (stable + unstable)
+        found = mu(matrices[index])
+        if found > best:
+            best, place = found, int(index)
+    around = omega[[max(place - 1, 0), min(place + 1, len(omega) - 1)]]
+    refined = minimize_scalar(
+        lambda at: -mu(halves(loop.response(np.array([at])))[0]), bounds=tuple(around), method="bounded"
+    )
+    largest, frequency = max((best, omega[place]), (-float(refined.fun), float(refined.x)))
+    return DiskMargin(alpha=min(2.0, 1.0 / largest), frequency=float(frequency))
+
+
+#: of the scales D
+_SEARCH = {"xatol": 1e-6, "fatol": 1e-10}
+
+
+def _scaled_norm(logarithms: Matrix, matrix: NDArray[np.complex128]) -> float:
+    """Return the largest singular value of D M D^-1 for D = diag(exp(logarithms), 1)."""
+    scale = np.exp(np.append(logarithms, 0.0))
+    return float(np.linalg.norm(matrix * (scale[:, None] / scale), 2))

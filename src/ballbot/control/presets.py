@@ -24,7 +24,6 @@ from ballbot.control.controller import Compensation, Controller, default_speed_b
 from ballbot.control.file import read_controller
 from ballbot.control.interface import Feedback
 from ballbot.control.lqr import LqrDesign, StateSpace, gain_rows, lqr, sampling_words
-from ballbot.control.margins import Loop
 from ballbot.control.parts import Parts
 from ballbot.control.parts.disturbance_observer import DisturbanceObserver
 from ballbot.control.parts.feed_forward import FeedForward
@@ -174,16 +173,6 @@ def _with_integrals(robot: Robot) -> StateSpace:
 def frictionless_model(robot: Robot) -> Model:
     """Return the model that a gain is designed on."""
     return Model(robot.replace(friction=Friction.none(robot.wheel_count)))
-
-
-def loop_of(robot: Robot, design: LqrDesign | IntegralDesign) -> Loop:
-    """Return the loop of a sampled gain and the model that it was designed on."""
-    if isinstance(design, IntegralDesign):
-        model, gain = _with_integrals(robot), np.hstack([design.gain, design.integral_gain])
-    else:
-        model, gain = frictionless_model(robot).linearize(), design.gain
-    assert design.sample_time is not None
-    return Loop(A=model.A, B=model.B, K=gain, sample_time=design.sample_time)
 
 
 def precise_controller(

@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from rich.console import RenderableType
 from rich.text import Text
 
+from ballbot.control.margins import MEANING
 from ballbot.control.overcompensation import CompensationMargin
 from ballbot.control.presets import frictionless_model
 from ballbot.findings import Finding
 from ballbot.log import STATE_NAMES
 from ballbot.report.blocks import Block, Paragraph, Report, Sheet, Verbatim, section
 from ballbot.report.console import matrix_text, table
-from ballbot.report.loop import loop_blocks, margins_sentence, poles_figure
+from ballbot.report.loop import loop_section, margins_table, poles_figure
 from ballbot.report.palette import BLUE, GREEN, ORANGE, SHADE
 from ballbot.report.provenance import Provenance
 from ballbot.report.style import LineStyle, drawn_picture
@@ -83,6 +84,8 @@ def robust_design_parts(found: RobustDesign, *, framed: bool) -> Iterator[Render
     yield Text(matrix_text("K", found.controller.gain))
     title = f"On {found.fresh} perturbed robots that the search did not use"
     yield table(title, *_robust_rows(found), framed=framed)
+    yield margins_table(found.loop_margins, framed=framed)
+    yield Text(MEANING)
     yield Text(_weights(found))
     yield Text(_perturbed_by(found.spread))
 
@@ -117,7 +120,8 @@ def controller_design_parts(found: ControllerDesign, *, framed: bool) -> Iterato
         yield Text(matrix_text("+-", spread.deviation))
     rows = [[f"{pole.real:.4f}", f"{pole.imag:.4f}"] for pole in found.gain.poles]
     yield table("Closed-loop poles (rad/s)", ["real", "imaginary"], rows, framed=framed)
-    yield Text(margins_sentence(found.loop_margins))
+    yield margins_table(found.loop_margins, framed=framed)
+    yield Text(MEANING)
     if found.certain is not found.stated:
         yield Text(_certain_fractions(found.stated, found.certain))
     if found.controller.compensation != "none":
@@ -172,7 +176,7 @@ def controller_design_report(
             "Closed loop",
             f"The slowest pole is {slowest:.3g} rad/s: the robot settles in about {4.0 / slowest:.2g} s.",
         ),
-        ("Margins", margins_sentence(found.loop_margins)),
+        ("Margins", _capital(found.loop_margins.sentence())),
     ]
     if controller.compensation != "none":
         verdict.append(("Compensation", _capital(found.margin.sentence)))
@@ -197,7 +201,7 @@ def controller_design_report(
                 ),
                 Sheet(headings=("real [rad/s]", "imaginary [rad/s]"), rows=poles, caption="With this gain."),
             ),
-            section("Margins and steps", *loop_blocks(found.loop, found.loop_margins)),
+            loop_section(found.loop_margins),
             section("Friction compensation", *_compensation_blocks(found)),
             section("Linear model", *_linear_blocks(robot)),
         ],
@@ -295,6 +299,7 @@ def robust_design_report(found: RobustDesign, made: Provenance, findings: Sequen
                 ),
                 Paragraph(text=_weights(found)),
             ),
+            loop_section(found.loop_margins),
         ],
         undecided=[
             "Robots outside the ranges: the cost counts those that were drawn.",

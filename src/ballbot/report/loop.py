@@ -1,23 +1,41 @@
-"""A loop on a page: its poles, its margins, its frequency response and its steps."""
+"""The loop of a robot and its controller: its poles, margins, Bode diagram and step responses."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
-from ballbot.control.margins import Loop, LoopMargins
-from ballbot.report.blocks import Block, Sheet
-from ballbot.report.palette import BLUE, GREEN, MUTED, ORANGE, SHADE
+from ballbot.control.linear import RobotLoop, StepResponse, step_response
+from ballbot.control.margins import HEADINGS, MEANING, Margins
+from ballbot.report.blocks import Section, Sheet, section
+from ballbot.report.console import TextTable, table
+from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE, SHADE, VIOLET, YELLOW
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.report.style import LineStyle, drawn_picture
-from ballbot.report.words import digits
 
 _NONE = np.zeros(0, np.complex128)
+#: of the wheels' lines, and of those of all wheels alike, distinct in grey
+_LOOKS: tuple[LineStyle, ...] = (
+    {"color": BLUE, "linestyle": "-", "linewidth": 1.8},
+    {"color": ORANGE, "linestyle": "--", "linewidth": 1.3},
+    {"color": GREEN, "linestyle": "-.", "linewidth": 1.3},
+    {"color": INK, "linestyle": ":", "linewidth": 1.3},
+)
+_MODES: tuple[LineStyle, ...] = (
+    {"color": MUTED, "linestyle": "-", "linewidth": 1.0},
+    {"color": VIOLET, "linestyle": "--", "linewidth": 1.0},
+    {"color": YELLOW, "linestyle": "-.", "linewidth": 1.0},
+)
+#: frequencies of a Bode diagram, and the lowest [rad/s]
+_POINTS, _LOWEST = 400, 0.1
+#: steps of the reference [m, rad]
+STEPS = {"x": 0.1, "psi": math.radians(10.0)}
 
 
 def poles_figure(
@@ -47,99 +65,104 @@ def poles_figure(
     return figure
 
 
-def margins_sentence(margins: LoopMargins) -> str:
-    """Return how far the torques may be off; the linear model knows neither the motors' limits nor the wheels' grip."""
-    greatest, delay = margins.greatest_gain, margins.delay
-    most = "any number of" if np.isinf(greatest) else f"{greatest:.3g}"
-    late = "beyond 100 samples" if np.isinf(delay) else f"{1e3 * delay:.0f} ms"
-    return (
-        f"The linear loop stays stable while the torques of all wheels are {margins.least_gain:.2g} to {most} times "
-        f"those commanded, and while they come less than {late} late."
+def margins_table(margins: Margins, *, framed: bool) -> TextTable:
+    """Return the margins of a loop as a table."""
+    title = "Margins of the loop without friction, broken at the wheels' torques"
+    return table(title, HEADINGS, margins.rows(), framed=framed)
+
+
+def loop_section(margins: Margins, *, of: str = "") -> Section:
+    """Return the section on a loop; `of` names its controller, if that is not the page's own."""
+    loop = margins.loop
+    bode = (
+        "Bode diagram of the loop broken at the wheels' torques: at one wheel while the others stay closed, and at all "
+        "alike, by the leans and the heading. Where a gain crosses 0 dB, the distance of its phase to -180° is the "
+        "phase margin; where a phase crosses -180°, that of its gain to 0 dB is the gain margin."
+    )
+    return section(
+        f"Stability margins{f' with {of}' if of else ''}",
+        Sheet.of(margins_table(margins, framed=False), caption=MEANING),
+        drawn_picture("bode", partial(bode_figure, margins), bode),
+        *(step_series(loop, name) for name in STEPS),
     )
 
 
-#: [Hz], of the open loop's response, and how many
-_LOWEST_FREQUENCY, _FREQUENCIES = 0.02, 300
-_LOOPS: tuple[tuple[str, LineStyle], ...] = (
-    ("lean", {"color": BLUE, "linestyle": "-", "linewidth": 1.6}),
-    ("lean, across", {"color": GREEN, "linestyle": "--", "linewidth": 1.3}),
-    ("heading", {"color": ORANGE, "linestyle": "-.", "linewidth": 1.3}),
-)
+def step_series(loop: RobotLoop, name: str) -> TimeSeries:
+    """Return the response to a step of the reference in x or psi as time series of a page."""
+    size = STEPS[name]
+    step = step_response(loop, name=name, size=size)
+    late = f" Torques act {1e3 * loop.delay:g} ms late, as predicted." if loop.delay else ""
+    what = f"{1e3 * size:g} mm in x" if name == "x" else f"{math.degrees(size):g}° of the heading"
+    return TimeSeries(
+        t=step.t,
+        panels=(
+            *_pose_panels(step, name),
+            Panel(label="torques [N m]", lines=wheel_lines(list(step.torques.T))),
+        ),
+        caption=(
+            f"Response of the linear loop to a step of the reference by {what}, without reference shaping, "
+            f"feed-forward, limits and friction.{late}"
+        ),
+        level="reference",
+    )
 
 
-def bode_figure(loop: Loop) -> Figure:
-    """Return magnitude and phase of the loop cut at the wheels, up to half the sampling frequency."""
-    frequencies = np.geomspace(_LOWEST_FREQUENCY, 0.5 / loop.sample_time, _FREQUENCIES)
-    responses = loop.responses(frequencies)
-    figure = Figure(figsize=(7.4, 3.6), layout="constrained")
-    size, phase = figure.subplots(2, 1, sharex=True)
-    for (label, style), one in zip(_LOOPS, responses.T, strict=True):
-        size.plot(frequencies, 20.0 * np.log10(np.abs(one)), label=label, **style)
-        phase.plot(frequencies, np.degrees(np.unwrap(np.angle(one))), **style)
-    size.axhline(0.0, color=MUTED, linewidth=0.8)
-    size.set_ylabel("magnitude [dB]")
-    phase.axhline(-180.0, color=MUTED, linewidth=0.8)
-    phase.set_ylabel("phase [deg]")
-    phase.set_xlabel("frequency [Hz]")
-    phase.set_xscale("log")
-    figure.legend(*size.get_legend_handles_labels(), loc="outside upper center", ncols=len(_LOOPS))
+def _pose_panels(step: StepResponse, name: str) -> list[Panel]:
+    if name == "psi":
+        heading = Line(name="heading", values=np.degrees(step.states[:, 4]), look="first")
+        return [Panel(label="heading [deg]", lines=(heading,), levels=(math.degrees(STEPS[name]),))]
+    x = Line(name="x", values=1e3 * step.states[:, 0], look="first")
+    lean = Line(name="lean", values=np.degrees(step.states[:, 3]), look="first")
+    return [
+        Panel(label="x [mm]", lines=(x,), levels=(1e3 * STEPS[name],)),
+        Panel(label="lean φ [deg]", lines=(lean,)),
+    ]
+
+
+def bode_figure(margins: Margins) -> Figure:
+    """Return the Bode diagram of the loop broken at each wheel."""
+    figure = Figure(figsize=(7.4, 3.8), layout="constrained")
+    gain, phase = figure.subplots(2, 1, sharex=True)
+    _draw_bode(gain, phase, margins)
     return figure
 
 
-#: a step of the position [m] and of the heading [rad], and for how many time constants of the slowest pole
-_STEPS, _TIME_CONSTANTS = (0.1, math.radians(10.0)), 6.0
+def margins_figure(margins: Margins) -> Figure:
+    """Return the Bode diagram of the broken loop, and its response to a step in x."""
+    figure = Figure(figsize=(9.6, 3.8), layout="constrained")
+    (gain, place), (phase, torque) = figure.subplots(2, 2, sharex="col", width_ratios=(1.3, 1.0))
+    _draw_bode(gain, phase, margins)
+    step = step_response(margins.loop, size=STEPS["x"])
+    place.axhline(1e3 * STEPS["x"], color=MUTED, linewidth=0.8)
+    place.plot(step.t, 1e3 * step.states[:, 0], color=BLUE)
+    place.set_ylabel("x [mm]")
+    for name, values, style in zip(margins.loop.wheels, step.torques.T, _LOOKS, strict=False):
+        torque.plot(step.t, values, label=name, **style)
+    torque.set_ylabel("torque [N m]")
+    torque.set_xlabel("time [s]")
+    torque.legend(loc="upper right", ncols=len(margins.loop.wheels))
+    return figure
 
 
-def loop_blocks(loop: Loop, margins: LoopMargins) -> Iterator[Block]:
-    """Yield the margins, the open loop's response, and steps of the position and of the heading."""
-    rows = [
-        ("least factor on all torques", f"{margins.least_gain:.3g}", "1"),
-        ("greatest factor on all torques", digits(margins.greatest_gain), "1"),
-        ("greatest delay of all torques", digits(1e3 * margins.delay), "ms"),
-    ]
-    caption = (
-        "At which change of all wheels' torques the first eigenvalue of the sampled loop reaches the unit circle. "
-        "Parts besides the gain, friction and limits do not count; a dash: none was found."
-    )
-    yield Sheet(headings=("margin", "value", "unit"), rows=rows, caption=caption)
-    yield drawn_picture(
-        "bode",
-        partial(bode_figure, loop),
-        "Open loop, cut at the wheels, to half the sampling frequency: the eigenvalues of its gain.",
-    )
-    slowest = loop.slowest
-    duration = min(20.0, _TIME_CONSTANTS / slowest)
-    for place, size, what in ((0, _STEPS[0], "0.1 m ahead"), (4, _STEPS[1], "10° of heading")):
-        yield _step_series(
-            loop, place, size, f"Step of {what} by the gain alone, on the linear model.", duration
-        )
-
-
-def _step_series(loop: Loop, place: int, size: float, caption: str, duration: float) -> TimeSeries:
-    states, torques = loop.step(place, size, duration)
-    pose = (
-        Panel(
-            label="x [mm]",
-            lines=[Line(name="x", values=1e3 * states[:, 0], look="first")],
-            levels=(1e3 * size,),
-        )
-        if place == 0
-        else Panel(
-            label="heading [deg]",
-            lines=[Line(name="heading", values=np.degrees(states[:, 4]), look="first")],
-            levels=(math.degrees(size),),
-        )
-    )
-    lean = Panel(
-        label="lean φ [deg]", lines=[Line(name="lean", values=np.degrees(states[:, 3]), look="first")]
-    )
-    return TimeSeries(
-        t=np.arange(len(states), dtype=np.float64) * loop.sample_time,
-        panels=(
-            pose,
-            *((lean,) if place == 0 else ()),
-            Panel(label="torques [N m]", lines=wheel_lines(list(torques.T))),
-        ),
-        caption=caption,
-        level="reference",
-    )
+def _draw_bode(gain: Axes, phase: Axes, margins: Margins) -> None:
+    loop = margins.loop
+    omega = np.geomspace(_LOWEST, 0.999 * math.pi / loop.sample_time, _POINTS)
+    alike = len(margins.rows()) == 2  # one row of each wheel, one of all
+    wheels, names = loop.wheel_responses(omega), ("one wheel",) if alike else loop.wheels
+    modes = zip(("lean", "lean, across", "heading"), loop.mode_responses(omega).T, _MODES, strict=True)
+    lines = [*zip(names, wheels.T, _LOOKS, strict=False), *modes]
+    for name, response, style in lines:
+        gain.plot(omega, 20.0 * np.log10(np.abs(response)), label=name, **style)
+        degrees = np.degrees(np.unwrap(np.angle(response)))
+        # a stable loop crosses 0 dB about -180 degrees; whole turns are only the unwrapping's
+        crossing = np.argmin(np.abs(np.log(np.abs(response))))
+        phase.plot(omega, degrees - 360.0 * np.round((degrees[crossing] + 180.0) / 360.0), **style)
+    for axes, level in ((gain, 0.0), (phase, -180.0)):
+        axes.axhline(level, color=MUTED, linewidth=0.9)
+        axes.set_xscale("log")
+        axes.margins(x=0.0)
+    gain.set_ylabel("gain [dB]")
+    gain.legend(loc="upper right", ncols=2)
+    phase.set_ylabel("phase [deg]")
+    phase.yaxis.set_major_locator(MultipleLocator(90.0))
+    phase.set_xlabel("frequency [rad/s]")

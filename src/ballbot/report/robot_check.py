@@ -10,7 +10,9 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from ballbot.control.margins import MEANING
 from ballbot.report.console import finding_line, matrix_text, table
+from ballbot.report.loop import margins_table
 from ballbot.report.words import digits
 from ballbot.robot import Robot
 from ballbot.robot.derived import Derived
@@ -19,6 +21,7 @@ from ballbot.workflows.reference_check import MARGIN_HEADINGS
 from ballbot.workflows.robot_check import (
     MATRICES,
     MISTAKEN_MATRICES,
+    CheckedLoop,
     CheckedReference,
     CheckedRobot,
     CheckedSwing,
@@ -50,6 +53,7 @@ def robot_check_parts(checked: CheckedRobot, *, framed: bool) -> list[Renderable
         *_pole_lines(checked.poles),
         Text(uncertainty_sentence(checked.spread)),
     ]
+    parts += _loop_parts(checked.loop, framed=framed)
     if checked.band:
         parts += [Text(""), _band_table(checked.band, framed=framed)]
     if checked.swing:
@@ -77,6 +81,13 @@ def sources_sentence(robot: Robot) -> str:
     kinds = Counter(source.partition(":")[0] for source in robot.sources.values())
     counts = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
     return f"Sources of its parameters: {counts}."
+
+
+def _loop_parts(loop: CheckedLoop, *, framed: bool) -> list[RenderableType]:
+    title = f"\nLoop with the controller {loop.controller}"
+    if loop.margins is None:
+        return [Text(title, style="bold"), Text(loop.refusal)]
+    return [Text(title, style="bold"), margins_table(loop.margins, framed=framed), Text(MEANING)]
 
 
 def _pole_lines(poles: NDArray[np.complex128]) -> list[Text]:

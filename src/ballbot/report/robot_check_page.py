@@ -19,7 +19,7 @@ from ballbot.report.blocks import (
     section,
 )
 from ballbot.report.console import matrix_text
-from ballbot.report.loop import poles_figure
+from ballbot.report.loop import loop_section, poles_figure
 from ballbot.report.provenance import Provenance
 from ballbot.report.robot_check import (
     band_rows,
@@ -36,6 +36,7 @@ from ballbot.workflows.reference_check import MARGIN_HEADINGS
 from ballbot.workflows.robot_check import (
     MATRICES,
     MISTAKEN_MATRICES,
+    CheckedLoop,
     CheckedReference,
     CheckedRobot,
     CheckedSwing,
@@ -109,6 +110,7 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
             "The same in the complex plane. Shaded: a pole there makes the robot fall.",
         ),
     )
+    yield _loop_section(checked.loop)
     if checked.band:
         yield _band_section(checked.band)
     if checked.swing:
@@ -126,6 +128,13 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
         Verbatim(text=matrix_text("B", checked.linear.B)),
     )
     yield section("Transformation matrices", *_matrices(checked))
+
+
+def _loop_section(loop: CheckedLoop) -> Section:
+    of = f"the {loop.controller} controller" if loop.controller == "nominal" else loop.controller
+    if loop.margins is None:
+        return section(f"Stability margins with {of}", Paragraph(text=loop.refusal))
+    return loop_section(loop.margins, of=of)
 
 
 def _matrices(checked: CheckedRobot) -> Iterator[Block]:

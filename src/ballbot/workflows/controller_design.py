@@ -13,7 +13,7 @@ from typing import Literal
 
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.lqr import LqrDesign, gain_rows
-from ballbot.control.margins import Loop, LoopMargins, loop_margins
+from ballbot.control.margins import Margins, loop_margins
 from ballbot.control.overcompensation import (
     CompensationMargin,
     certain_friction,
@@ -31,7 +31,6 @@ from ballbot.control.presets import (
     design_gain,
     design_integral_gain,
     frictionless_model,
-    loop_of,
     precise_controller,
 )
 from ballbot.errors import InputError
@@ -105,8 +104,7 @@ class ControllerDesign:
     stated: Friction  #: the robot's friction
     certain: Friction  #: the part of it that is present with 95 % confidence
     margin: CompensationMargin
-    loop: Loop  #: of the gain and the linear model without friction, both without the other parts
-    loop_margins: LoopMargins
+    loop_margins: Margins
 
     def summary(self) -> Summary:
         """Return the gain, its poles and how much of the certain friction is compensated."""
@@ -118,6 +116,7 @@ class ControllerDesign:
             ("compensation", compensation),
             *gain_rows(self.controller.gain),
             ("poles", f"{pole_words(self.gain.poles)} rad/s"),
+            ("margins", self.loop_margins.sentence()),
         )
         return Summary(title=f"Controller designed for the robot {self.controller.robot.name}", rows=rows)
 
@@ -133,7 +132,7 @@ class ControllerDesign:
             "gain_variance_shares": dict(spread.largest(len(spread.parts))),
             "poles": self.gain.poles,
             "linearization": linearization_results(frictionless_model(controller.robot)),
-            "loop_margins": self.loop_margins,
+            "loop_margins": self.loop_margins.results(),
             "compensation_margin": self.margin,
         }
 
@@ -153,8 +152,8 @@ def design_controller(
     Raises
     ------
     InputError
-        If a weight or a part is not possible, an adaptation has no integral action to adapt, or more friction is
-        compensated than is certain and this is not allowed.
+        If a weight or a part is not possible, an adaptation has no integral action to adapt, more friction is
+        compensated than is certain and this is not allowed, or a part makes the loop unstable.
     """
     robot = as_robot(robot)
     found = _design(robot, gain)
@@ -164,7 +163,6 @@ def design_controller(
     controller = _with_parts(_controller(compensated, found, parts.compensation), parts)
     if not parts.allow_overcompensation:
         refuse_overcompensation(controller, certain)
-    loop = loop_of(robot, found)
     return ControllerDesign(
         controller=controller,
         gain=found,
@@ -172,8 +170,7 @@ def design_controller(
         stated=robot.friction,
         certain=certain,
         margin=compensation_margin(controller, certain),
-        loop=loop,
-        loop_margins=loop_margins(loop),
+        loop_margins=loop_margins(controller),
     )
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.file import read_controller
+from ballbot.control.margins import Margins, loop_margins
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import as_reference, is_reference_file
 from ballbot.errors import InputError
@@ -345,6 +346,32 @@ def follow_reference(robot: Robot, source: str, controller: Path | None) -> Chec
 
 
 @dataclass(frozen=True, kw_only=True)
+class CheckedLoop:
+    """The margins of a robot's loop with a controller."""
+
+    controller: str  #: the file, or "nominal"
+    margins: Margins | None  #: None if there is no such loop, or it is unstable
+    refusal: str = ""  #: why there are no margins
+
+    def results(self) -> dict[str, object]:
+        """Return this as results.json holds it."""
+        stated = self.margins.results() if self.margins else {"refusal": self.refusal}
+        return {"controller": self.controller, **stated}
+
+
+def loop_of(robot: Robot, controller: Path | None) -> CheckedLoop:
+    """Return the margins of a robot's loop with the controller in a file, or with the nominal one."""
+    name = str(controller) if controller else "nominal"
+    try:
+        chosen = read_controller(controller, robot) if controller else nominal_controller(robot)
+        return CheckedLoop(controller=name, margins=loop_margins(chosen))
+    except InputError as error:
+        if controller:
+            raise
+        return CheckedLoop(controller=name, margins=None, refusal=str(error))
+
+
+@dataclass(frozen=True, kw_only=True)
 class CheckedRobot:
     """A robot with everything that `ballbot check` states about it."""
 
@@ -356,6 +383,7 @@ class CheckedRobot:
     spread: PoleSpread | None  #: None if no value has a standard deviation
     band: PredictionBand | None
     findings: tuple[Finding, ...]  #: of the robot, and of the log that is predicted
+    loop: CheckedLoop
     swing: CheckedSwing | None
     following: CheckedReference | None
 
@@ -376,6 +404,7 @@ class CheckedRobot:
             "unstable_pole": float(self.poles[0].real),
             "standard_deviations": self.robot.standard_deviations,
             "unstable_pole_uncertainty": self.spread,
+            "loop_margins": self.loop.results(),
             "findings": finding_results(self.findings),
             "prediction": self.band,
             "swing": self.swing.results() if self.swing else None,
@@ -387,6 +416,7 @@ def check_robot(
     robot: Robot,
     findings: Sequence[Finding],
     *,
+    controller: Path | None = None,
     log: CheckedLogs | None = None,
     swing: CheckedSwing | None = None,
     following: CheckedReference | None = None,
@@ -398,6 +428,8 @@ def check_robot(
     robot : Robot
     findings : sequence of Finding
         Of the robot.
+    controller : Path, optional
+        The file of the controller whose margins are computed; by default those of the nominal one.
     log : CheckedLogs, optional
         A log to predict; the spread of the predictions then follows from the standard deviations.
     swing : CheckedSwing, optional
@@ -410,6 +442,7 @@ def check_robot(
         spread=pole_spread(robot) if uncertain(robot) else None,
         findings=by_severity([*findings, *(log.findings if log else ())]),
         band=None if log is None else prediction_band(robot, next(iter(log.logs.values()))),
+        loop=loop_of(robot, controller),
         swing=swing,
         following=following,
         derived=derived_quantities(robot),

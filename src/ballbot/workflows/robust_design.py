@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from ballbot.arrays import MOST_TRIALS
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.lqr import LqrDesign, gain_rows
+from ballbot.control.margins import Margins, loop_margins
 from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT, design_gain
 from ballbot.errors import InputError
 from ballbot.fitting.run import DEFAULT_RUN, Run
@@ -105,6 +107,11 @@ class RobustDesign:
     compared: dict[str, ComparedDesign] = field(metadata=key("on_fresh_robots"))
     fresh: int = field(metadata=key("fresh_robots"))  #: number of these robots
     spread: PerturbationRanges = field(metadata=key("perturbed"))
+
+    @cached_property
+    def loop_margins(self) -> Margins:
+        """The margins of the loop."""
+        return loop_margins(self.controller)
 
     def summary(self) -> Summary:
         """Return the gain, its weights, and how it compares with others on robots that the search did not use."""

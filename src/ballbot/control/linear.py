@@ -1,0 +1,337 @@
+"""A controller as a linear system, and its loop with the robot: for margins, Bode diagrams and step responses.
+
+For small errors about upright at psi = 0 the control law is linear. With the state x, the reference r and what the
+controller remembers, m,
+
+    m[k+1] = A m[k] + B (x, r)[k],      u[k] = C m[k] + D (x, r)[k]
+
+`ballbot.control.law` is the law that runs; here it is again in NumPy, from the same record and in the same order, so
+that a design compiles nothing:
+
+    x^   = exp(A tau) x + sum over j of G_j v[k-j]       with a prediction; otherwise x
+    e    = r - x^
+    u    = notch(K e + K_I I + d)
+    I   += T e of the pose                               d: the disturbance observer's estimate
+
+Left out are friction compensation, which is not linear and cancels what the robot's friction does; limits and the
+integral's dead band, which are not linear; and reference shaping and feed-forward, which act on references only. The
+lean limit and the floor adaptation do nothing for small errors at rest.
+
+The robot of the loop is the exact model without friction. Its torques are held over a sample and act late by the delay
+that the controller predicts over, if it does. The state is fed back as it is: an estimator's lag is not in the loop.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from ballbot.control.controller import Controller
+from ballbot.control.lqr import held
+from ballbot.control.presets import frictionless_model
+from ballbot.errors import InputError
+from ballbot.state import STATE_NAMES, torque_names
+
+if TYPE_CHECKING:
+    from control import StateSpace
+
+Matrix = NDArray[np.float64]
+#: where x, y and psi stand in the state
+_POSE = (0, 1, 4)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinearController:
+    """m[k+1] = A m[k] + B (x, r)[k], u[k] = C m[k] + D (x, r)[k]."""
+
+    A: Matrix  #: (m, m)
+    B: Matrix  #: (m, 20), for the state and the reference
+    C: Matrix  #: (n, m)
+    D: Matrix  #: (n, 20)
+
+
+def linear_controller(controller: Controller) -> LinearController:
+    """Return a controller's law for small errors about upright at psi = 0."""
+    sizes = _memory_sizes(controller)
+    total, states = sum(sizes.values()), len(STATE_NAMES)
+    # a linear function's matrices are its values for the unit vectors
+    unit = np.eye(total + 2 * states)
+    begins = dict(zip(sizes, np.cumsum([0, *sizes.values()]).tolist(), strict=False))
+    memory = {name: unit[begins[name] : begins[name] + size] for name, size in sizes.items()}
+    after, torques = _update(controller, memory, unit[total : total + states], unit[total + states :])
+    rows = np.vstack([after[name] for name in sizes]) if sizes else np.zeros((0, len(unit)))
+    return LinearController(A=rows[:, :total], B=rows[:, total:], C=torques[:, :total], D=torques[:, total:])
+
+
+def _memory_sizes(controller: Controller) -> dict[str, int]:
+    """Return what the parts of a controller remember, and how many numbers each of it is."""
+    law, wheels = controller.record[0], len(controller.gain)
+    sizes: dict[str, int] = {}
+    if law["disturbance_observer"]["on"]:
+        sizes |= {"rates": 5, "estimate": wheels}
+    if law["integral"]["on"]:
+        sizes |= {"sums": 3}
+    if law["notch"]["on"]:
+        sizes |= {"notch_1": wheels, "notch_2": wheels}
+    updates = _updates_remembered(law)
+    if updates:
+        sizes |= {"acting": updates * wheels, "added": updates * wheels}
+    return sizes
+
+
+def _updates_remembered(law: np.void) -> int:
+    """Return of how many updates the torques are needed later."""
+    prediction = law["prediction"]
+    of_prediction = int(prediction["count"]) if prediction["on"] else 0
+    of_observer = int(prediction["samples"]) + 1 + int(prediction["fraction"] > 0.0)
+    return max(of_prediction, of_observer if law["disturbance_observer"]["on"] else 0)
+
+
+def _update(
+    controller: Controller, memory: Mapping[str, Matrix], x: Matrix, r: Matrix
+) -> tuple[dict[str, Matrix], Matrix]:
+    """Return the memory after an update and the torques (n, c), for c columns of memories, states and references."""
+    law, wheels = controller.record[0], len(controller.gain)
+    after = dict(memory)
+    # of the updates before, the newest first
+    acting, added = (
+        [*memory[name].reshape(-1, wheels, x.shape[1])] if name in memory else []
+        for name in ("acting", "added")
+    )
+    observer, integral = law["disturbance_observer"], law["integral"]
+    estimate = np.zeros((wheels, x.shape[1]))
+    if observer["on"]:
+        changes = law["rate"] * (x[5:] - memory["rates"])
+        needed = observer["by_acceleration"][:wheels] @ changes + observer["by_lean"][:wheels] @ x[2:4]
+        lost = _over_last_sample(law, acting) - needed
+        estimate = memory["estimate"] + observer["fraction"] * (lost - memory["estimate"])
+        after |= {"rates": x[5:], "estimate": estimate}
+    e = r - _predicted(law, x, acting, added)
+    torques = controller.gain @ e
+    if integral["on"]:
+        torques = torques + integral["gain"][:wheels] @ memory["sums"]
+        after["sums"] = integral["kept"] * memory["sums"] + integral["step"] * e[list(_POSE)]
+    torques = torques + estimate
+    if law["notch"]["on"]:
+        torques, after["notch_1"], after["notch_2"] = _notched(law["notch"], torques, memory)
+    if acting:
+        after["acting"] = np.vstack([torques, *acting[:-1]])
+        after["added"] = np.vstack([estimate, *added[:-1]])
+    return after, torques
+
+
+def _over_last_sample(law: np.void, acting: Sequence[Matrix]) -> Matrix:
+    """Return the mean over the last sample of the torques that acted then."""
+    place, share = int(law["prediction"]["samples"]), float(law["prediction"]["fraction"])
+    return (1.0 - share) * acting[place] + share * (acting[place + 1] if share > 0.0 else 0.0)
+
+
+def _predicted(law: np.void, x: Matrix, acting: Sequence[Matrix], added: Sequence[Matrix]) -> Matrix:
+    """Return the state in which the torques will act."""
+    prediction = law["prediction"]
+    if not prediction["on"]:
+        return x
+    ahead = prediction["transition"] @ x
+    for ago in range(int(prediction["count"])):
+        by_torque = prediction["by_torque"][: len(acting[ago]), ago]
+        ahead = ahead + by_torque.T @ (acting[ago] - added[ago])
+    return ahead
+
+
+def _notched(notch: np.void, torques: Matrix, memory: Mapping[str, Matrix]) -> tuple[Matrix, Matrix, Matrix]:
+    """Return the torques through the notch, and its memory after them."""
+    left = notch["b_0"] * torques + memory["notch_1"]
+    first = notch["b_1"] * torques - notch["a_1"] * left + memory["notch_2"]
+    return left, first, notch["b_2"] * torques - notch["a_2"] * left
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RobotLoop:
+    """The sampled loop of a robot and its controller, to be broken at the wheels' torques.
+
+    The torques v act on the robot, and the controller asks for u; in operation v = u. Broken there, the loop's transfer
+    function in the convention of negative feedback is L(z) = -u/v, (n, n).
+    """
+
+    A: Matrix  #: (10, 10) of the robot, x_dot = A x + B v
+    B: Matrix  #: (10, n)
+    controller: LinearController
+    sample_time: float  #: [s]
+    delay: float  #: from a measurement to the action of its torque [s]
+
+    @property
+    def wheels(self) -> tuple[str, ...]:
+        """The names of the torques at which the loop is broken."""
+        return torque_names(self.B.shape[1])
+
+    def broken(self, more_delay: Sequence[float] | Matrix | None = None) -> tuple[Matrix, Matrix, Matrix]:
+        """Return A, B, C of the broken loop z[k+1] = A z[k] + B v[k], u[k] = C z[k]; L(z) = -C (z I - A)^-1 B.
+
+        Parameters
+        ----------
+        more_delay : array_like (n,), optional
+            Of each wheel's torque, beyond the loop's own [s]; any fraction of a sample.
+        """
+        more = np.zeros(len(self.wheels)) if more_delay is None else np.asarray(more_delay, dtype=np.float64)
+        A, B = _late_plant(self.A, self.B, self.sample_time, self.delay + more)
+        states, law = len(self.A), self.controller
+        seen = np.eye(states, len(A))  # the robot's state among the plant's, which has torques under way, too
+        whole = block_diag(A, law.A)
+        whole[len(A) :, : len(A)] = law.B[:, :states] @ seen
+        return (
+            whole,
+            np.vstack([B, np.zeros((len(law.A), len(self.wheels)))]),
+            np.hstack([law.D[:, :states] @ seen, law.C]),
+        )
+
+    def closed(self) -> Matrix:
+        """Return the matrix of the closed loop."""
+        A, B, C = self.broken()
+        return A + B @ C
+
+    def response(self, omega: Matrix) -> NDArray[np.complex128]:
+        """Return L (f, n, n) at frequencies (f,) [rad/s] up to pi over the sample time."""
+        A, B, C = self.broken()
+        z = np.exp(1j * np.asarray(omega) * self.sample_time)
+        resolvent = np.linalg.solve(
+            z[:, None, None] * np.eye(len(A)) - A, np.broadcast_to(B, (len(z), *B.shape))
+        )
+        return -C @ resolvent
+
+    def wheel_responses(self, omega: Matrix) -> NDArray[np.complex128]:
+        """Return the loops (f, n) broken at one wheel's torque, the others closed, at frequencies (f,) [rad/s]."""
+        L = self.response(omega)
+        T = np.linalg.solve(np.eye(L.shape[-1]) + L, L)
+        closed = np.diagonal(T, axis1=1, axis2=2)  # of each wheel by itself: L_i / (1 + L_i)
+        return closed / (1.0 - closed)
+
+    def mode_responses(self, omega: Matrix) -> NDArray[np.complex128]:
+        """Return eigenvalues (f, 3) of L: of both leans, the larger first, and of the heading (all wheels push alike).
+
+        Changes that are alike at all wheels are seen in them: the closed loop has a pole where one of them is -1.
+        """
+        values, vectors = np.linalg.eig(self.response(omega))
+        alike = np.abs(vectors.sum(axis=1))  # of unit vectors; the largest where all wheels push alike
+        heading = alike.argmax(axis=1)
+        others = np.abs(values)
+        others[np.arange(len(others)), heading] = -1.0
+        places = np.concatenate([np.argsort(-others, axis=1)[:, :2], heading[:, None]], axis=1)
+        return np.take_along_axis(values, places, axis=1)
+
+    def to_control(self) -> StateSpace:
+        """Return the broken loop L(z) as a python-control StateSpace, inputs and outputs named as the torques.
+
+        Raises
+        ------
+        InputError
+            If python-control is not installed.
+        """
+        try:
+            from control import StateSpace
+        except ImportError:
+            raise InputError(
+                "python-control is not installed; install it with: pip install 'ballbot[interop]'."
+            ) from None
+        A, B, C = self.broken()
+        outputs = [f"{name}_asked" for name in self.wheels]
+        return StateSpace(
+            A, B, -C, np.zeros((len(C), B.shape[1])), self.sample_time, inputs=[*self.wheels], outputs=outputs
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StepResponse:
+    """What the closed loop does after a step of the reference, from rest at the origin."""
+
+    t: Matrix  #: (N,) [s]
+    states: Matrix  #: (N, 10)
+    torques: Matrix  #: (N, n) [N m]
+
+
+#: a step response is followed for so many time constants of the slowest pole, and at most for so long [s]
+_TIME_CONSTANTS, _LONGEST = 6.0, 20.0
+
+
+def step_response(loop: RobotLoop, *, name: str = "x", size: float = 0.1) -> StepResponse:
+    """Return the linear response to a step of the reference, without reference shaping and limits.
+
+    Parameters
+    ----------
+    loop : RobotLoop
+        A stable one.
+    name : {"x", "y", "psi"}
+    size : float
+        Of the step [m, rad].
+    """
+    A, B, C = loop.broken()
+    closed, law, states = A + B @ C, loop.controller, len(loop.A)
+    slowest = float(np.abs(np.linalg.eigvals(closed)).max())
+    constants = _TIME_CONSTANTS / max(-math.log(slowest), 1e-12)  # in samples
+    samples = math.ceil(min(constants, _LONGEST / loop.sample_time)) + 1
+    reference = np.zeros(states)
+    reference[STATE_NAMES.index(name)] = size
+    asked = law.D[:, states:] @ reference
+    push = B @ asked
+    push[len(A) - len(law.A) :] += law.B[:, states:] @ reference
+    all_z = np.zeros((samples, len(A)))
+    for k in range(1, samples):
+        all_z[k] = closed @ all_z[k - 1] + push
+    t = loop.sample_time * np.arange(samples)
+    return StepResponse(t=t, states=all_z[:, :states], torques=all_z @ C.T + asked)
+
+
+def _late_plant(A: Matrix, B: Matrix, sample_time: float, delays: Matrix) -> tuple[Matrix, Matrix]:
+    """Return the sampled plant whose wheels' torques act late: the state, and each wheel's torques under way.
+
+    A torque that is given at t_k acts from t_k + tau on, for a sample time; exact for any tau.
+    """
+    states, wheels = B.shape
+    F = held(A, B, sample_time)[0]
+    places = [_split(delay, sample_time) for delay in delays.tolist()]
+    waiting = [whole + (rest > 0.0) for whole, rest in places]
+    begins = states + np.cumsum([0, *waiting])
+    whole_A, whole_B = np.zeros((begins[-1], begins[-1])), np.zeros((begins[-1], wheels))
+    whole_A[:states, :states] = F
+    for i, ((late, rest), count) in enumerate(zip(places, waiting, strict=True)):
+        column, first = B[:, [i]], int(begins[i])
+        after, begun = held(A, column, sample_time - rest)
+        effects = {late: begun[:, 0]}
+        if rest > 0.0:
+            effects[late + 1] = after @ held(A, column, rest)[1][:, 0]
+        for ago, effect in effects.items():  # ago 0 is the torque given now
+            if ago == 0:
+                whole_B[:states, i] = effect
+            else:
+                whole_A[:states, first + ago - 1] = effect
+        if count:
+            whole_B[first, i] = 1.0
+            place = np.arange(first, first + count - 1)
+            whole_A[place + 1, place] = 1.0
+    return whole_A, whole_B
+
+
+def _split(delay: float, sample_time: float) -> tuple[int, float]:
+    """Return a delay's whole samples and the rest [s]; a rest that is only rounding counts as none."""
+    samples = delay / sample_time
+    whole = math.floor(samples + 1e-9)
+    rest = (samples - whole) * sample_time
+    return whole, rest if rest > 1e-9 * sample_time else 0.0
+
+
+def robot_loop(controller: Controller) -> RobotLoop:
+    """Return the loop of a controller and its robot's exact model without friction."""
+    linear = frictionless_model(controller.robot).linearize()
+    prediction = controller.parts.prediction
+    return RobotLoop(
+        A=linear.A,
+        B=linear.B,
+        controller=linear_controller(controller),
+        sample_time=controller.sample_time,
+        delay=prediction.delay if prediction else 0.0,
+    )
