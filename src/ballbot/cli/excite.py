@@ -208,5 +208,5 @@ def _write(found: Excitation, controller: Controller, result: CommandResult, fol
     write_text(folder / "run.svg", run)
     write_text(folder / "errors.svg", errors)
     result.write_json(found.results(), folder)
-    page = excitation_report(found, found.task.robot, errors_svg=errors, path_svg=run, made=result.origin)
+    page = excitation_report(found, found.task.robot, errors_svg=errors, made=result.origin)
     result.write_page(page, folder)

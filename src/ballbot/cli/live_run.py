@@ -133,7 +133,8 @@ def about_words(connection: Connection, link: LinkOptions) -> str:
     """Return which robot it is, and where, in a sentence."""
     described = link.described
     name = "A robot" if described is None else f"The robot {described.name}"
-    return f"{name} at {connection.address}."
+    where = ", emulated on this computer" if connection.address == "emulated" else f" at {connection.address}"
+    return f"{name}{where}."
 
 
 def about_run(connection: Connection, link: LinkOptions, result: CommandResult) -> dict[str, object]:

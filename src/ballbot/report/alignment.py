@@ -109,8 +109,8 @@ def _position(alignment: Alignment, sensors: SensorErrors, place: PositionError)
 def _beside(log: Log, name: str, label: str, scale: float) -> Panel:
     """Return a column as the cameras and as the sensors on board see it."""
     lines = (
-        Line(name="cameras", values=scale * log[f"mocap_{name}"], look="measured"),
         Line(name="on board", values=scale * log[name], look="second"),
+        Line(name="cameras", values=scale * log[f"mocap_{name}"], look="measured"),
     )
     return Panel(label=label, lines=lines)
 

@@ -33,6 +33,9 @@ if TYPE_CHECKING:
 #: a number alone or with its sign, interval or unit; what stands flush right in a table
 _NUMERIC = re.compile(r"[≥≈<>]?\s?[+\-−±]?[.\d].*|[–-]?|unknown|open|falls|no|none")
 
+#: characters from which on a cell is a sentence, and columns of a table that a narrow page can rearrange
+_WORDY, _MOST_BESIDE = 28, 5
+
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
@@ -66,6 +69,16 @@ class Sheet:
     def cells(self) -> list[list[Cell]]:
         """Every cell as one."""
         return [[one if isinstance(one, Cell) else Cell(text=one) for one in row] for row in self.rows]
+
+    @property
+    def wordy(self) -> bool:
+        """Whether the last column holds sentences: a narrow page shows each below its row."""
+        if not 3 <= len(self.headings) <= _MOST_BESIDE or self.groups:
+            return False
+        last = [row[-1] for row in self.cells if row]
+        return any(len(str(one.text)) > _WORDY for one in last) and not any(
+            one.span > 1 for row in self.cells for one in row
+        )
 
     @property
     def numeric(self) -> list[bool]:

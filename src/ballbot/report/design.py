@@ -167,9 +167,9 @@ def controller_design_report(
     without = frictionless_model(robot).linearize().poles()
     slowest = float(-np.max(found.gain.poles.real))
     parts = ", ".join(part.label for _, part in controller.parts.present()) or "none"
+    kind = "no" if controller.compensation == "none" else controller.compensation
     words = (
-        f"Sampled LQR at {1e3 * controller.sample_time:g} ms; {controller.compensation} friction compensation; "
-        f"parts: {parts}."
+        f"Sampled LQR at {1e3 * controller.sample_time:g} ms; {kind} friction compensation; parts: {parts}."
     )
     verdict = [
         (

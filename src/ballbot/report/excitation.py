@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,7 +19,7 @@ from ballbot.report.console import TextTable, table
 from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import IN_TURN, Line, Panel, TimeSeries, wheel_lines
-from ballbot.report.style import thinned
+from ballbot.report.style import drawn_picture, thinned
 from ballbot.report.words import digits
 from ballbot.robot import Robot
 from ballbot.workflows.excitation_task import RunLimits, run_on_model
@@ -79,6 +80,13 @@ def run_figure(shown: Followed, limits: RunLimits) -> Figure:
         torque.axhline(side * limits.torque, color=INK, linewidth=0.8, linestyle="--")
     torque.set_ylabel("torques\n[N m]")
     torque.set_xlabel("time [s]")
+    return figure
+
+
+def path_figure(shown: Followed, limits: RunLimits) -> Figure:
+    """Draw the path over the floor, with its limit."""
+    figure = Figure(figsize=(3.8, 3.6), layout="constrained")
+    _draw_path(figure.subplots(), shown, limits)
     return figure
 
 
@@ -217,10 +225,8 @@ def _worst(errors: NDArray[np.float64]) -> str:
     return f"{text} ({none} not identified)" if none else text
 
 
-def excitation_report(
-    result: Excitation, robot: Robot, *, errors_svg: str, path_svg: str, made: Provenance
-) -> Report:
-    """Return the page; the figures are those of the command's files."""
+def excitation_report(result: Excitation, robot: Robot, *, errors_svg: str, made: Provenance) -> Report:
+    """Return the page; `errors_svg` is the figure of the command's file."""
     limits, shown = result.task.limits, followed_run(result)
     undecided = [
         "How much the real robot's friction differs from the one believed: the design is best for the friction of "
@@ -245,7 +251,7 @@ def excitation_report(
             section(
                 "The run",
                 Sheet.of(_limits_table(result, framed=False)),
-                Picture(markup=path_svg, caption=f"The run {shown.title}; its limits are dashed."),
+                drawn_picture("path", partial(path_figure, shown, limits), "Dashed: the limit of the floor."),
                 _followed_series(shown, limits),
             ),
             section(

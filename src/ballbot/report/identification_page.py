@@ -76,8 +76,8 @@ def _prediction_sentence(found: Identification) -> str:
     errors = found.held_out
     ratios = np.array(list(errors.ratios.values()))
     return (
-        f"On {errors.windows} windows that the fit did not see, the error without friction is "
-        f"{digits(float(np.median(ratios)), 2)} times that with the friction found (median of the states)."
+        f"On {errors.windows} windows that the fit did not see, the error with the friction found is "
+        f"{digits(float(np.median(ratios)), 2)} times that without friction (median of the states)."
     )
 
 
@@ -88,7 +88,7 @@ def _parameter_section(found: Identification, logs: Sequence[StudiedLog]) -> Sec
     )
     correlation = (
         "Correlation of the parameters' errors. A dark cell is a pair of which the data determine a combination "
-        "better than each; an empty line is a parameter without a standard error."
+        "better than each. Parameters without a standard error are left out."
     )
     symbols = parameter_symbols(found.labels)
     return section(
@@ -96,7 +96,9 @@ def _parameter_section(found: Identification, logs: Sequence[StudiedLog]) -> Sec
         _parameter_sheet(found),
         Paragraph(text=f"{represents_sentence(found.layout)} {coulomb_sentence(found.coulomb)}"),
         drawn_picture("friction", partial(friction_figure, found, logs), caption),
-        drawn_picture("parameters", partial(correlation_figure, symbols, found.correlation), correlation),
+        drawn_picture("parameters", partial(correlation_figure, symbols, found.correlation), correlation)
+        if np.isfinite(found.correlation).any()
+        else None,
     )
 
 

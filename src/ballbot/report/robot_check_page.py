@@ -49,7 +49,7 @@ def robot_check_report(checked: CheckedRobot, made: Provenance) -> Report:
     """Return the page."""
     robot = checked.robot
     return Report(
-        title=f"{robot.name}: the robot of its file",
+        title=f"{robot.name}: check of the robot file",
         lead=f"A robot with {robot.wheel_count} wheels. {sources_sentence(robot)}",
         verdict=_verdict(checked),
         sections=list(_sections(checked)),
@@ -101,8 +101,6 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
     )
     yield section(
         "How it falls",
-        Paragraph(text=_capital(pole_sentence(checked.poles))),
-        Paragraph(text=uncertainty_sentence(checked.spread)),
         Verbatim(text=poles_text(checked.poles), caption="Poles about upright, exact model [rad/s]."),
         drawn_picture(
             "poles",

@@ -111,7 +111,7 @@ def _friction_section(study: Study) -> Section:
     )
     correlation = (
         "Correlation of the parameters' errors. A dark cell is a pair of which the data determine a combination "
-        "better than each; an empty line is a parameter without a standard error."
+        "better than each. Parameters without a standard error are left out."
     )
     symbols = parameter_symbols(found.labels)
     return section(
@@ -119,7 +119,9 @@ def _friction_section(study: Study) -> Section:
         Paragraph(text=words),
         parameter_sheet(found),
         drawn_picture("friction", partial(friction_figure, found, study.logs), curve),
-        drawn_picture("parameters", partial(correlation_figure, symbols, found.correlation), correlation),
+        drawn_picture("parameters", partial(correlation_figure, symbols, found.correlation), correlation)
+        if np.isfinite(found.correlation).any()
+        else None,
         Subheading(text="How the search went"),
         *search_blocks(found),
     )

@@ -181,7 +181,8 @@ def label_of(name: str) -> str:
 
 
 def _width_on_page(size: re.Match[str]) -> str:
-    return f' style="width:{float(size[1]) * _POINTS_ON_PAGE:.0f}pt"'
+    width = f"{float(size[1]) * _POINTS_ON_PAGE:.0f}pt"
+    return f' style="width:{width};--natural:{width}"'
 
 
 def thinned(*columns: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:

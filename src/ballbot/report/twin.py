@@ -34,7 +34,10 @@ def recording_report(job: RecordJob, seed: int, recording: Recording) -> Report:
     undecided = [_NOT_A_ROBOT, "How much runs differ: this is one seed (--seeds records more)."]
     if job.experiment == "balance":
         reference = "reference.csv" if is_reference_file(job.reference) else job.reference
-        lead = f"The reference {reference}, {job.controller.compensation} compensation"
+        compensation = job.controller.compensation
+        lead = (
+            f"The reference {reference}, {'without' if compensation == 'none' else compensation} compensation"
+        )
         verdict, sections = run_verdict(log), run_sections(log, robot)
     else:
         lead = f"The robot held, {_HELD[job.experiment]}"

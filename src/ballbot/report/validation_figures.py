@@ -106,6 +106,10 @@ def horizon_figure(horizon: HorizonComparison, names: tuple[str, str]) -> Figure
     return figure
 
 
+#: side of a map of few cells [in]
+_SMALLEST = 3.2
+
+
 def correlation_figure(
     labels: Sequence[str],
     correlation: NDArray[np.float64],
@@ -113,10 +117,16 @@ def correlation_figure(
     marked: NDArray[np.bool_] | None = None,
     inches: float = 5.6,
 ) -> Figure:
-    """Return a correlation matrix as a map with its numbers (Figure 4.3); NaN cells stay blank.
+    """Return a correlation matrix as a map with its numbers; what correlates with nothing is left out.
 
     Cells that are `marked`, the significant ones, have a frame.
     """
+    known = np.flatnonzero(np.isfinite(correlation).any(axis=1)).tolist()
+    if 0 < len(known) < len(labels):
+        among = np.ix_(known, known)
+        inches = max(_SMALLEST, inches * len(known) / len(labels))
+        labels, correlation = [labels[place] for place in known], correlation[among]
+        marked = None if marked is None else marked[among]
     figure = Figure(figsize=(inches, 0.92 * inches), layout="constrained")
     axes = figure.subplots()
     image = axes.pcolormesh(

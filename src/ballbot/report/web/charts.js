@@ -57,10 +57,12 @@ class Chart {
     this.hidden = new Set();
     this.plots = [];
     this.readings = [];
+    this.gutter = 42;
     root.replaceChildren();
     root.classList.add("chart");
     this.makeBar();
     data.panels.forEach((panel, i) => this.makePanel(panel, i));
+    this.alignPanels();
     this.watch();
   }
 
@@ -153,7 +155,7 @@ class Chart {
         scales: { x: { time: false }, y: { range: (_, low, high) => this.span(panel, low, high) } },
         axes: [
           { ...axis(), size: last ? 44 : 10, values: last ? number : () => [], label: last ? this.data.across : undefined, labelFont: FONT, labelSize: 18, space: 60 },
-          { ...axis(), size: 54, space: 28, values: number },
+          { ...axis(), size: (_, shown) => this.gutterFor(shown), space: 28, values: number },
         ],
         series: [{}, ...panel.lines.map((line) => this.series(line))],
         cursor: {
@@ -174,6 +176,21 @@ class Chart {
     );
     plot.over.addEventListener("dblclick", () => this.show(...this.whole()));
     this.plots.push(plot);
+  }
+
+  /** Return the width beside the panels, which is that of the longest number so far. */
+  gutterFor(shown) {
+    const longest = Math.max(0, ...(shown || []).map((one) => one.length));
+    const needed = 14 + 7 * longest;
+    if (needed > this.gutter) {
+      this.gutter = needed;
+      if (this.plots.length) requestAnimationFrame(() => this.alignPanels());
+    }
+    return this.gutter;
+  }
+
+  alignPanels() {
+    for (const plot of this.plots) plot.redraw(false, true);
   }
 
   /** Return how uPlot draws a line; its color follows the theme. */
@@ -199,6 +216,7 @@ class Chart {
   span(panel, low, high) {
     if (panel.ends) return panel.ends;
     let [a, b] = [low ?? 0, high ?? 1];
+    if (panel.levels.length) [a, b] = [Math.min(a, ...panel.levels), Math.max(b, ...panel.levels)];
     if (panel.from_zero) a = Math.min(0, a);
     if (b - a < 1e-12) [a, b] = [a - 0.5, b + 0.5];
     const room = 0.06 * (b - a);

@@ -17,6 +17,13 @@ if (typeof repaint === "function") {
   prefersDark.addEventListener("change", repaint);
   new MutationObserver(repaint).observe(root, { attributeFilter: ["data-theme"] });
 }
+
+/** Mark what can be scrolled further, so that it shows that there is more. */
+for (const box of document.querySelectorAll(".scroll")) {
+  const mark = () => box.classList.toggle("more", box.scrollLeft + box.clientWidth < box.scrollWidth - 2);
+  box.addEventListener("scroll", mark, { passive: true });
+  new ResizeObserver(mark).observe(box);
+}
 let before;
 addEventListener("beforeprint", () => {
   before = root.dataset.theme;

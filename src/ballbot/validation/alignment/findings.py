@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,11 +42,12 @@ def alignment_findings(alignment: Alignment) -> tuple[Finding, ...]:
 def _heading(sensors: SensorErrors) -> str:
     psi, position = sensors.of["psi"], sensors.position
     drifts = abs(psi.drift) > psi.drift_half_width
-    drift, half = 60 * np.degrees(psi.drift), _two(60 * np.degrees(psi.drift_half_width))
+    drift, half_width = 60 * np.degrees(psi.drift), 60 * np.degrees(psi.drift_half_width)
+    half = _two(half_width)
     if drifts:
         total = abs(np.degrees(psi.drift)) * sensors.duration
         words = (
-            f"Heading drifts {abs(drift):.1f} degrees a minute (± {half}; {total:.1f} degrees in "
+            f"Heading drifts {_rounded(abs(drift), half_width)} degrees a minute (± {half}; {total:.1f} degrees in "
             f"{_duration(sensors.duration)})"
         )
     else:
@@ -127,17 +130,16 @@ def _markers(alignment: Alignment) -> str:
     motion = alignment.motion
     whole, rest = nearest_cube_rotation(motion.body_marker)
     half = motion.rotation_half_width
-    known = f"± {_two(np.degrees(half.max()))} degrees" if np.isfinite(half).all() else "not fully determined"
+    error = float(np.degrees(half.max())) if np.isfinite(half).all() else math.nan
+    known = f"± {_two(error)} degrees" if math.isfinite(error) else "not fully determined"
+    further = _rounded(float(np.degrees(rest)), error) if math.isfinite(error) else f"{np.degrees(rest):.2f}"
     if whole.magnitude() < 0.1:
-        return (
-            f"The markers' frame is rotated by {np.degrees(rest):.2f} "
-            f"degrees ({known}) against the log's body frame."
-        )
+        return f"The markers' frame is rotated by {further} degrees ({known}) against the log's body frame."
     vector = whole.as_rotvec()
     return (
         f"The markers' frame is the log's body frame rotated by {np.degrees(whole.magnitude()):.0f} "
         f"degrees about {_axis(vector / np.linalg.norm(vector))}, and by a further "
-        f"{np.degrees(rest):.2f} degrees ({known})."
+        f"{further} degrees ({known})."
     )
 
 
@@ -158,8 +160,9 @@ def _lever(alignment: Alignment) -> list[str]:
     lever = alignment.lever
     if lever is None:
         return []
-    arm = ", ".join(f"{value:.0f}" for value in np.round(1e3 * lever.arm) + 0.0)
-    half = ", ".join(_two(1e3 * value) for value in lever.half_width)
+    pairs = list(zip((1e3 * lever.arm).tolist(), (1e3 * lever.half_width).tolist(), strict=True))
+    arm = ", ".join(_rounded(value, error) for value, error in pairs)
+    half = ", ".join(_two(error) for _, error in pairs)
     if lever.used.any():
         return [
             f"The cameras track a point at ({arm}) ± ({half}) mm from the "
@@ -194,8 +197,9 @@ def _frame(alignment: Alignment) -> list[str]:
             f"The vertical of the log's world is {_axis(up)} in "
             "the cameras' frame, whose z axis does not point up."
         ]
+    half = float(np.degrees(alignment.frame.tilt_half_width))
     return [
-        f"The cameras' frame is tilted by {tilt:.2f} ± {_two(np.degrees(alignment.frame.tilt_half_width))} "
+        f"The cameras' frame is tilted by {_rounded(float(tilt), half)} ± {_two(half)} "
         "degrees against the log's world; heading and origin are those of the first two seconds."
     ]
 
@@ -234,7 +238,8 @@ def _rounded(value: float, error: float) -> str:
     """Return a number to the second significant digit of its error."""
     if not np.isfinite(value) or not error > 0.0 or not np.isfinite(error):
         return f"{value:g}"
-    return f"{value:.{max(0, 1 - int(np.floor(np.log10(error))))}f}"
+    places = max(0, 1 - int(np.floor(np.log10(error))))
+    return f"{round(value, places) + 0.0:.{places}f}"  # adding zero keeps a minus sign off what prints as nothing
 
 
 def _signed(value: float) -> str:
