@@ -61,7 +61,7 @@ def poles_figure(
     axes.set(xlim=(left, right), ylim=(-height, height))
     axes.set_xlabel("real part [rad/s]")
     axes.set_ylabel("imaginary part [rad/s]")
-    axes.legend(loc="upper left")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return figure
 
 
