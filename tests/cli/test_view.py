@@ -72,7 +72,8 @@ def test_part_of_a_log_is_shown(capsys):
         (("a=log.csv", "a=other.csv", "--robot", "alten"), "label 'a'"),
         (("missing.csv", "--robot", "alten"), "missing.csv cannot be read"),
         (("log.csv", "--robot", "alten", "--save", "."), "a file is needed"),
-        (("log.csv", "--robot", "alten", "--plant", "twin"), "simulated live"),
+        (("log.csv", "--robot", "alten", "--plant", "twin"), "a robot that is simulated"),
+        (("alten", "--video", "replay.mp4"), "A video needs a log"),
         (("alten", "--port", "70000"), "from 0 (any free one) to 65535"),
         (("alten", "--controller", "presice"), "precise"),
         (("alten", "--plant", "twin", "--scenario", "nominl"), "nominal"),
@@ -81,3 +82,11 @@ def test_part_of_a_log_is_shown(capsys):
 def test_bad_words_are_refused_in_a_sentence(capsys, words, sentence):
     assert sentence in refused(capsys, *words)
     assert not Path("replay.html").exists()
+
+
+@pytest.mark.usefixtures("folder")
+def test_video_needs_ffmpeg(capsys, monkeypatch):
+    monkeypatch.setenv("PATH", "")
+    words = ("log.csv", "--robot", "alten", "--video", "replay.mp4")
+    assert "A video needs ffmpeg" in refused(capsys, *words)
+    assert not Path("replay.mp4").exists()

@@ -15,7 +15,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from ballbot.cli.context import ROBOT_BESIDE, robot_beside
-from ballbot.cli.output import notice_output, show_written
+from ballbot.cli.output import notice_output, progress_bar, show_written, standard_output
 from ballbot.errors import InputError
 from ballbot.files import check_file, write_text
 from ballbot.log import Log
@@ -60,6 +60,7 @@ def view(
     end: float | None = None,
     mapping: Path | None = None,
     save: Path | None = None,
+    video: Path | None = None,
     live: LiveOptions = _LIVE,
 ) -> None:
     """Show logs in three dimensions, with plots that follow the time cursor; or simulate robots live.
@@ -89,22 +90,25 @@ def view(
     mapping
         A TOML file that describes the columns and units of foreign logs, as `ballbot check-log` writes it.
     save
-        The HTML file to write, of a robot at rest. If not given, the browser opens.
+        The HTML file to write; a robot is at rest in it. If no file is to be written, the browser opens.
+    video
+        The video file to write, such as replay.mp4, in real time. Needs ffmpeg, and Chromium, Chrome or Edge.
     """
-    if save is not None:
-        check_file(save)
+    for file in (save, video):
+        if file is not None:
+            check_file(file)
     robots, paths = _sorted_out(shown)
     if robots and paths:
         raise InputError(f"{robots[0]} is a robot; name the robot of the logs with --robot {robots[0]}.")
-    if live != _LIVE and (paths or save is not None):
+    if not robots and not paths:
         raise InputError(
-            "Options of a live view are for a robot that is simulated live, without logs and --save."
+            "There is nothing to show. Name one or more logs, or a robot, as in: ballbot view alten"
         )
-    if not paths:
-        if not robots:
-            raise InputError(
-                "There is nothing to show. Name one or more logs, or a robot, as in: ballbot view alten"
-            )
+    if live != _LIVE and (paths or save or video):
+        raise InputError("Options of a live view need a robot that is simulated, without logs and files.")
+    if video and not paths:
+        raise InputError("A video needs a log: a robot at rest does not move.")
+    if robots:
         described = {one.name: one for one in map(Robot.load, robots)}
         if save is None and has_live_view():
             simulate_live(described, live)
@@ -118,12 +122,26 @@ def view(
         }
         given = None if robot is None else Robot.load(robot)
         owners = {name: given or _owner(path) for name, path in paths.items()}
-        page = replay_page(logs, owners, title=" and ".join(logs), layout=layout)
-    path = Path(tempfile.mkdtemp(prefix="ballbot-")) / "replay.html" if save is None else save
-    write_text(path, page)
-    show_written(path)
-    if save is None:
+        page = replay_page(logs, owners, title=" and ".join(logs), layout=layout, autoplay=video is None)
+    _write(page, save, video)
+
+
+def _write(page: str, save: Path | None, video: Path | None) -> None:
+    """Write a page into a file, as a video, or both; open it if neither is asked for."""
+    if video is not None:
+        from ballbot.viewer.video import write_video
+
+        with progress_bar(standard_output(), "drawing the video") as bar:
+            write_video(page, video, progress=bar.report)
+    if save is None and video is None:
+        path = Path(tempfile.mkdtemp(prefix="ballbot-")) / "replay.html"
+        write_text(path, page)
+        show_written(path)
         _open(path.resolve().as_uri())
+        return
+    if save is not None:
+        write_text(save, page)
+    show_written(*(path for path in (save, video) if path is not None))
 
 
 def _open(address: str) -> None:

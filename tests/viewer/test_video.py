@@ -1,0 +1,53 @@
+"""A replay as a video: each picture once and in order, and what ffmpeg says where it fails."""
+
+import os
+import sys
+
+import pytest
+
+from ballbot.errors import InputError
+from ballbot.robot import Robot
+from ballbot.viewer import replay_page
+from ballbot.viewer.browser import installed_browser
+from ballbot.viewer.video import RATE, write_video
+from tests.support.log_examples import smooth_log
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(installed_browser() is None, reason="no Chromium: apt-get install chromium"),
+]
+#: stands for ffmpeg: the pictures as they come, one after the other
+KEEPING = "open(sys.argv[-1], 'wb').write(sys.stdin.buffer.read())"
+FAILING = "sys.exit('Unknown encoder')"
+
+
+@pytest.fixture
+def page():
+    log = smooth_log(rows=400).between(0.0, 0.3)
+    return replay_page({"a": log}, Robot.load("alten"), title="a", autoplay=False)
+
+
+def install(folder, monkeypatch, program):
+    """Let a program of Python be the ffmpeg that is found."""
+    path = folder / "bin" / "ffmpeg"
+    path.parent.mkdir()
+    path.write_text(f"#!{sys.executable}\nimport sys\n{program}\n")
+    path.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{path.parent}{os.pathsep}{os.environ['PATH']}")
+
+
+def test_video_has_a_picture_for_each_moment(page, tmp_path, monkeypatch):
+    install(tmp_path, monkeypatch, KEEPING)
+    done = []
+    write_video(page, tmp_path / "made" / "a.mjpeg", progress=lambda one: done.append(one.share))
+    pictures = (tmp_path / "made" / "a.mjpeg").read_bytes().split(b"\xff\xd8\xff")[1:]
+    assert len(pictures) == len(done) == int(0.3 * RATE) + 1
+    assert done[-1] == 1.0
+    assert len(set(pictures)) == len(pictures)  # the clock and the robot move
+
+
+def test_reason_of_ffmpeg_is_shown(page, tmp_path, monkeypatch):
+    install(tmp_path, monkeypatch, FAILING)
+    with pytest.raises(InputError, match=r"cannot write a \.xyz video: Unknown encoder"):
+        write_video(page, tmp_path / "a.xyz")
+    assert not (tmp_path / "a.xyz").exists()
