@@ -8,6 +8,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from time import monotonic
 
+from ballbot.printable import printable_line
+
 
 @dataclass(frozen=True, kw_only=True)
 class Progress:
@@ -168,6 +170,23 @@ class EtaEstimator:
         earlier, later = self._times[after - 1], self._times[after]
         part = (time - earlier) / (later - earlier)
         return self._worked[after - 1] + part * (self._worked[after] - self._worked[after - 1])
+
+
+def time_left(progress: Progress, pace: EtaEstimator) -> str:
+    """Return the time left in words, by the pace so far; empty if it is not known or nothing is left."""
+    seconds = pace.seconds_left(progress.share, skipped=progress.skipped)
+    return "" if seconds is None or progress.share >= 1.0 else f"about {as_clock(seconds)} left"
+
+
+def stage_words(progress: Progress) -> str:
+    """Return what is being done, in words."""
+    return printable_line(progress.stage).replace("_", " ")
+
+
+def progress_line(progress: Progress, left: str, *, doing: str = "") -> str:
+    """Return how far work has come as a line; `doing` stands for a stage without a name."""
+    parts = (stage_words(progress) or doing, f"{100.0 * progress.share:.0f} %", progress.note, left)
+    return ", ".join(filter(None, parts))
 
 
 def as_clock(seconds: float) -> str:

@@ -23,7 +23,7 @@ from rich.table import Table
 from ballbot.cli import OUTPUT
 from ballbot.file_formats import results_text
 from ballbot.printable import printable_line
-from ballbot.progress import EtaEstimator, Progress, as_clock
+from ballbot.progress import EtaEstimator, Progress, progress_line, stage_words, time_left
 from ballbot.report.console import PLAIN_WIDTH, PlainConsole
 
 _BEFORE_LINES = 3.0  #: [s] before the first line of progress, if no bar can be drawn
@@ -84,11 +84,11 @@ class _DrawnBar(Bar):
         self._progress, self._task, self._pace = progress, task, EtaEstimator()
 
     def report(self, progress: Progress) -> None:
-        left = _time_left(self._pace, progress)
+        left = time_left(progress, self._pace)
         self._progress.update(
             self._task,
             completed=progress.share,
-            description=_in_words(progress.stage) or None,
+            description=stage_words(progress) or None,
             note=printable_line(progress.note),
             left=left,
         )
@@ -109,10 +109,8 @@ class _WrittenLines(Bar):
         self._first.start()
 
     def report(self, progress: Progress) -> None:
-        left = _time_left(self._pace, progress)
-        self._doing = _in_words(progress.stage) or self._doing
-        parts = (self._doing, f"{100.0 * progress.share:.0f} %", progress.note, left)
-        self._line = ", ".join(filter(None, parts))
+        self._line = progress_line(progress, time_left(progress, self._pace), doing=self._doing)
+        self._doing = stage_words(progress) or self._doing
         stage_is_new = bool(self._written_of) and self._doing != self._written_of
         if stage_is_new or monotonic() > self._next:
             self._write()
@@ -126,15 +124,6 @@ class _WrittenLines(Bar):
         self._written_of = self._doing
         self._next = monotonic() + _BETWEEN_LINES
         print(f"ballbot: {printable_line(self._line)}", file=sys.stderr, flush=True)
-
-
-def _in_words(stage: str) -> str:
-    return printable_line(stage).replace("_", " ")
-
-
-def _time_left(pace: EtaEstimator, progress: Progress) -> str:
-    seconds = pace.seconds_left(progress.share, skipped=progress.skipped)
-    return "" if seconds is None or progress.share >= 1.0 else f"about {as_clock(seconds)} left"
 
 
 @contextmanager

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.progress import ProgressCallback, ignore_progress
+from ballbot.notebook import in_notebook
+from ballbot.progress import ProgressCallback
 
 Arrays = tuple[NDArray[np.float64], ...]
 Shared = TypeVar("Shared")
@@ -86,7 +87,9 @@ class Run:
     seed: int = 0  #: of all random numbers; the same seed gives the same result
     executor: Executor = field(default_factory=lambda: Threads())  #: where the work is done
     checkpoint: Memory | None = None  #: keeps what a killed run has computed
-    progress: ProgressCallback = ignore_progress  #: is called after each step
+    progress: ProgressCallback = (
+        in_notebook  #: is called after each step; by default it shows a line in a notebook
+    )
 
     def __post_init__(self) -> None:
         check_seed(self.seed)
@@ -116,5 +119,5 @@ def check_seed(seed: int) -> None:
         raise InputError(f"The seed is {seed}; it must be a whole number from 0 to {2**32 - 1}.")
 
 
-#: without a seed of its own, a checkpoint or anybody who watches
+#: without a seed of its own or a checkpoint
 DEFAULT_RUN = Run()

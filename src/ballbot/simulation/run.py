@@ -13,7 +13,8 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, torque_names, wheel_angle_names, wheel_speed_names
 from ballbot.mechanics.model import Model
-from ballbot.progress import Progress, ProgressCallback, ignore_progress
+from ballbot.notebook import in_notebook
+from ballbot.progress import Progress, ProgressCallback
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement, Plant
 
@@ -31,7 +32,7 @@ def simulate(
     duration: float,
     initial_state: ArrayLike | None = None,
     seed: int = 0,
-    progress: ProgressCallback = ignore_progress,
+    progress: ProgressCallback = in_notebook,
 ) -> Log:
     """Run a plant in closed loop from a start, sampled and held as the controller asks.
 
@@ -51,7 +52,7 @@ def simulate(
     seed : int
         All that is random in the plant follows from it.
     progress : callable, optional
-        Called with the fraction that is done, from 0 to 1, from time to time.
+        Called with the progress from time to time; by default a notebook shows a line.
 
     Returns
     -------

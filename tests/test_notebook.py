@@ -1,0 +1,97 @@
+"""Progress in notebooks: one line, updated in place, and nothing anywhere else."""
+
+import sys
+from types import ModuleType, SimpleNamespace
+
+import pytest
+
+from ballbot.fitting.run import Run
+from ballbot.notebook import NotebookProgress, ProgressLine, in_notebook
+from ballbot.progress import Progress
+
+
+class FakeNotebook:
+    """IPython's display, as far as it is used."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, *, kernel: bool = True) -> None:
+        self.lines: list[list[str]] = []
+        shell = SimpleNamespace(kernel=object()) if kernel else SimpleNamespace()
+        ipython, display = ModuleType("IPython"), ModuleType("IPython.display")
+        ipython.get_ipython = lambda: shell  # pyright: ignore[reportAttributeAccessIssue]
+        display.display = self.display  # pyright: ignore[reportAttributeAccessIssue]
+        monkeypatch.setitem(sys.modules, "IPython", ipython)
+        monkeypatch.setitem(sys.modules, "IPython.display", display)
+
+    def display(self, shown: ProgressLine, *, display_id: bool) -> SimpleNamespace:
+        assert display_id
+        line = [repr(shown)]
+        self.lines.append(line)
+        return SimpleNamespace(update=lambda new: line.append(repr(new)))
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def work(progress: NotebookProgress, clock: Clock, *, steps: int = 40, seconds: float = 8.0) -> None:
+    for step in range(1, steps + 1):
+        clock.now += seconds / steps
+        progress(Progress(stage="gauss_newton", done=step, total=steps, note="error x 1.2"))
+
+
+def test_long_work_is_one_line_that_ends_at_the_whole(monkeypatch):
+    shown, clock = FakeNotebook(monkeypatch), Clock()
+    work(NotebookProgress(clock), clock)
+    (line,) = shown.lines
+    assert line[0].startswith("gauss newton, 12 %, error x 1.2")
+    assert any("about 0:05 left" in text for text in line)
+    assert line[-1] == "gauss newton, 100 %, error x 1.2"
+
+
+def test_each_work_has_its_own_line_even_after_one_that_failed(monkeypatch):
+    shown, clock = FakeNotebook(monkeypatch), Clock()
+    progress = NotebookProgress(clock)
+    work(progress, clock)
+    work(progress, clock)
+    for share in (0.2, 0.5):
+        clock.now += 2.0
+        progress(Progress(stage="stopped", done=share, total=1.0))
+    work(progress, clock)
+    assert [line[-1] for line in shown.lines] == [
+        "gauss newton, 100 %, error x 1.2",
+        "gauss newton, 100 %, error x 1.2",
+        "stopped, 50 %, about 0:03 left",
+        "gauss newton, 100 %, error x 1.2",
+    ]
+
+
+def test_short_work_shows_nothing_and_fast_steps_few_lines(monkeypatch):
+    shown, clock = FakeNotebook(monkeypatch), Clock()
+    work(NotebookProgress(clock), clock, seconds=0.9)
+    assert shown.lines == []
+    work(NotebookProgress(clock), clock, steps=100_000, seconds=2.0)
+    assert len(shown.lines[0]) <= 8  # five a second
+
+
+@pytest.mark.parametrize("kernel", [True, False])
+def test_nothing_is_shown_without_a_notebook(monkeypatch, kernel):
+    shown, clock = FakeNotebook(monkeypatch, kernel=False), Clock()
+    if kernel:
+        monkeypatch.delitem(sys.modules, "IPython")
+    work(NotebookProgress(clock), clock)
+    assert shown.lines == []
+
+
+def test_line_in_html_obeys_nothing():
+    line = ProgressLine("<b>walk</b>\x1b[2J, 50 %", 0.5)
+    assert line._repr_html_().startswith('<progress max="1" value="0.5000"></progress> &lt;b&gt;walk')
+    assert "\x1b" not in line._repr_html_() + repr(line)
+
+
+def test_a_run_shows_its_progress_in_a_notebook_unless_it_is_given_another():
+    assert Run().progress is in_notebook
+    assert Run() == Run()
