@@ -92,3 +92,30 @@ def test_folder_that_cannot_be_written_is_no_error(tmp_path, monkeypatch, capsys
     page = Path(said.splitlines()[0])
     assert page.is_file()
     assert said.count("  ballbot ") == 3
+
+
+def test_page_links_to_the_robot_that_was_found_while_it_is_simulated(tmp_path, monkeypatch):
+    seen = {}
+    beside = tmp_path / "demo_result.js"
+    found = SimpleNamespace(robot=Robot.load("kugle"))
+
+    def simulate(robots, options, *, ready):
+        seen["before"] = beside.read_text(encoding="utf-8")
+        ready("http://127.0.0.1:1/?token=secret")
+        seen["linked"], seen["mode"] = beside.read_text(encoding="utf-8"), beside.stat().st_mode
+        seen["robots"], seen["controllers"] = robots, options.controller
+
+    monkeypatch.setattr(demo, "identified", lambda *_: found)
+    monkeypatch.setattr(demo, "state_found", lambda _: demo.ResultState(heading="found"))
+    monkeypatch.setattr("webbrowser.open", lambda _: True)
+    monkeypatch.setattr("ballbot.cli.demo.simulate_live", simulate)
+    monkeypatch.setattr("ballbot.cli.demo.has_live_view", lambda: True)
+    monkeypatch.setattr("ballbot.report.console.PlainConsole.is_terminal", True)
+    assert main(["demo", "--out", str(tmp_path)]) == 0
+    assert '"share": 1.0' in seen["before"]  # the page reads on
+    assert "token=secret" in seen["linked"]
+    assert '"share": null' in seen["linked"]
+    assert seen["mode"] & 0o077 == 0  # the token is nobody else's
+    assert list(seen["robots"].values()) == [found.robot]
+    assert len(seen["controllers"]) == 2
+    assert "token" not in beside.read_text(encoding="utf-8")

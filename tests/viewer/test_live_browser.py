@@ -1,6 +1,7 @@
 """The live view in a browser, as a person uses it: start, push with the mouse, see it lean and recover, let it fall."""
 
 import re
+import signal
 import subprocess
 import sys
 from contextlib import contextmanager
@@ -13,6 +14,8 @@ pytestmark = pytest.mark.browser
 
 #: [s] for the simulation to start; the first time its code is compiled
 COMPILING = 600.0
+#: [s] for a process to end, on a busy machine
+PATIENCE = 60.0
 STATE = "document.querySelector('.state').textContent"
 READINGS = "[...document.querySelectorAll('.label .live')].map((one) => one.textContent)"
 RUNNING = f"/^(Running|The simulation runs)/.test({STATE})"
@@ -37,8 +40,10 @@ def live_view(*words):
             found = re.search(r"http://127\.0\.0\.1:\d+/\?token=\S+", line)
             assert found, line
             yield found[0]
+            process.send_signal(signal.SIGINT)  # Ctrl-C
+            assert process.wait(PATIENCE) == 0
         finally:
-            process.terminate()
+            process.kill()
 
 
 @pytest.fixture(scope="module")

@@ -181,7 +181,7 @@ def talk(*messages):
             except ConnectionClosed:
                 pass
             await socket.wait_closed()
-            return socket.close_code
+            return socket.protocol.close_code
 
     return served(visit)
 
@@ -228,7 +228,7 @@ def test_ninth_page_is_turned_away():
             await sockets[-1].recv()
         async with connect(address, origin=origin) as ninth:
             await ninth.wait_closed()
-            code = ninth.close_code
+            code = ninth.protocol.close_code
         for one in sockets:
             await one.close()
         return code

@@ -12,6 +12,7 @@ const LIVE_SIGNALS = [
   { name: "largest wheel torque", short: "torque", unit: "N m", column: "torque" },
   { name: "heading", short: "heading", unit: "°", column: "heading" },
 ];
+const HINT = "Drag a robot to push it, or the ring around it to move its reference.";
 const COMPENSATIONS = [["own", "as the controller has it"], ["none", "none"], ["partial", "partial"], ["full", "full"]];
 const MOTIONS = [["hold", "stands"], ["square", "square"], ["circle", "circle"], ["figure_eight", "figure of eight"]];
 const PACES = [["1", "Real time"], ["0.5", "½ speed"], ["0.25", "¼ speed"], ["0.1", "⅒ speed"]];
@@ -199,7 +200,7 @@ class Live extends View {
     element("summary", { text: "What is shown, and the keys" }, box);
     const list = element("ul", {}, box);
     const keys = [
-      "Drag a robot to push it, the ring around it to move its reference, and anything else to orbit.",
+      `${HINT} Drag anything else to orbit.`,
       "Space: pause. R: reset. Arrow keys: push, as seen from here.",
     ];
     for (const note of [...keys, ...this.data.notes]) element("li", { text: note }, list);
@@ -428,7 +429,7 @@ class Live extends View {
     const fallen = this.reasons.filter(Boolean).length;
     const texts = {
       compiling: "The simulation starts; the first time its code is compiled, which takes up to a minute.",
-      running: this.settings.paused ? "Paused." : fallen ? "Fallen: press R or Reset." : rate < 0.9 ? slow : "Running.",
+      running: this.settings.paused ? "Paused." : fallen ? "Fallen: press R or Reset." : rate < 0.9 ? slow : `Running. ${HINT}`,
       failed: "The simulation could not start.",
       ended: "The simulation has ended.",
     };
