@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
+from ballbot.fitting.intervals import Interval
 from ballbot.identification.coulomb import CoulombEquivalent
 from ballbot.identification.driveline import DrivelineFit, PrintedFit
 from ballbot.identification.prediction import Predictor
@@ -21,7 +22,7 @@ from ballbot.identification.result import Identification, WindowErrors
 from ballbot.identification.variation import Variation
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.driveline import driveline_findings
-from ballbot.report.friction import friction_curve
+from ballbot.report.friction import friction_curve, interval_figure
 from ballbot.report.style import drawn, thinned, with_peaks
 from ballbot.report.words import digits, state_mark, with_error, with_symbols
 from ballbot.results import as_json
@@ -115,6 +116,25 @@ def _found() -> Identification:
         gauss_newton_cost=(),
         warnings=(),
     )
+
+
+def test_an_interval_without_a_limit_goes_on_to_the_border_of_its_panel():
+    found = _found()
+    values = dict(zip(found.labels, found.values, strict=True))
+    intervals = {
+        label: Interval(lower=0.5 * value, upper=1.5 * value, method="clustered")
+        for label, value in values.items()
+    }
+    intervals["v_s"] = Interval(lower=0.3, upper=np.inf, method="profile")
+    found = replace(found, parameters=found.layout.by_symbol(found.values), intervals=intervals)
+    figure = interval_figure(found)
+    panels = {axes.get_title(): axes for axes in figure.axes}
+    assert list(panels) == ["b [N m s/rad]", "c [N m]", "s [N m]", "v_s [rad/s]", "delta", "C_rr"]
+    (bar,) = (line for line in panels["v_s [rad/s]"].lines if len(line.get_xdata()) == 2)
+    assert tuple(bar.get_ydata()) == (0.3, panels["v_s [rad/s]"].get_ylim()[1])
+    assert len([line for line in panels["b [N m s/rad]"].lines if len(line.get_xdata()) == 2]) == 3
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert words == ["95 %, these logs", "in the robot file", "found"]
 
 
 @pytest.mark.parametrize("wheel", [0, 2])

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from ballbot.viewer.page import ReplayPart
 
 #: a number alone or with its sign, interval or unit; what stands flush right in a table
-_NUMERIC = re.compile(r"[≥≈<>]?\s?[+\-−±]?[.\d].*|[–-]?|unknown|open|falls|no|none")
+_NUMERIC = re.compile(r"[≥≈<>]?\s?[+\-−±]?[.\d].*|[–-]?|unknown|open( \.\. .*)?|falls|no|none")
 
 #: characters from which on a cell is a sentence, and columns of a table that a narrow page can rearrange
 _WORDY, _MOST_BESIDE = 28, 5

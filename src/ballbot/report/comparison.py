@@ -20,9 +20,9 @@ from rich.console import RenderableType
 from ballbot.log import Log
 from ballbot.report.blocks import Bullets, Cell, Paragraph, Report, Section, Sheet, section
 from ballbot.report.console import table
-from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE, SHADE, VIOLET
+from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE, SHADE, VIOLET, YELLOW
 from ballbot.report.provenance import Provenance
-from ballbot.report.series import IN_TURN, Line, Look, Panel, TimeSeries, together, true_spans
+from ballbot.report.series import Line, Look, Panel, TimeSeries, together, true_spans
 from ballbot.report.style import REFERENCE, LineStyle, drawn_picture, label_of, thinned
 from ballbot.report.words import digits
 from ballbot.workflows.comparison import Estimate
@@ -174,7 +174,9 @@ def _signed(value: float, decimals: int) -> str:
 
 
 #: distinguished by dash and weight as well as by colour; of the first three as in the study's report
-_COLORS = (ORANGE, BLUE, GREEN, INK, VIOLET, MUTED)
+_COLORS = (ORANGE, BLUE, GREEN, INK, VIOLET, YELLOW)
+#: the same in time series
+_TRACK_LOOKS: tuple[Look, ...] = ("second", "first", "third", "sixth", "fourth", "fifth")
 _DASHES = ("--", "-", "-.", ":")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
@@ -238,7 +240,7 @@ def course_series(league: League, course: Course) -> TimeSeries:
         names.append(name + (" (fell)" if track.ended else ""))
     t, distances = together(runs)
     lines = [
-        Line(name=name, values=values, look=IN_TURN[place % len(IN_TURN)])
+        Line(name=name, values=values, look=_TRACK_LOOKS[place % len(_TRACK_LOOKS)])
         for place, (name, values) in enumerate(zip(names, distances, strict=True))
     ]
     pushes = ", ".join(f"{time:g} s" for time in course.disturbed)

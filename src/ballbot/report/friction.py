@@ -33,7 +33,7 @@ from ballbot.log.columns import MAX_WHEELS, torque_names
 from ballbot.mechanics.friction import stribeck_gradient, wheel_friction
 from ballbot.report.blocks import Block, Paragraph
 from ballbot.report.console import TextTable, table
-from ballbot.report.palette import BLUE, INK, MUTED
+from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.report.style import drawn_picture
 from ballbot.report.words import digits, interval_text, value_and_error
@@ -93,7 +93,7 @@ def log_series(studied: StudiedLog) -> TimeSeries:
     return TimeSeries(
         t=log.t,
         panels=panels,
-        caption=f"Position, heading and the wheels' torques in the log {studied.name}.",
+        caption=f"{studied.name}: position, heading and the wheels' torques.",
         across="time of the log [s]",
         shaded=studied.held_out,
         shade="held out",
@@ -113,6 +113,76 @@ def friction_figure(found: Identification, logs: Sequence[StudiedLog]) -> Figure
     panels[0, 0].set_ylabel("friction torque [N m]")
     panels[1, 0].set_ylabel("share of\nthe logs [%]")
     return figure
+
+
+def interval_figure(found: Identification) -> Figure:
+    """Return each parameter with its 95 % intervals, beside the value in the robot file; a panel for each quantity."""
+    layout = found.layout
+    before = layout.by_symbol(layout.nominal(found.predictor.robot))
+    figure = Figure(figsize=(7.4, 2.5 * -(-len(before) // _ACROSS)), layout="constrained")
+    panels = figure.subplots(-(-len(before) // _ACROSS), _ACROSS, squeeze=False).ravel()
+    for axes in panels[len(before) :]:
+        axes.remove()
+    for axes, name, (symbol, value) in zip(panels, layout.names, found.parameters.items(), strict=False):
+        labels = BY_NAME[name].labels(layout.wheel_count)
+        unit = BY_NAME[name].unit
+        axes.set_title(symbol + (f" [{unit}]" if unit not in ("", "1") else ""))
+        _draw_intervals(axes, found, labels, np.atleast_1d(value), np.atleast_1d(before[symbol]))
+    entries = {
+        words: handle
+        for axes in figure.axes
+        for handle, words in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
+    figure.legend(entries.values(), entries.keys(), loc="outside upper center", ncols=len(entries))
+    return figure
+
+
+#: what the figure shows
+INTERVALS = (
+    "Each parameter as found, its 95 % intervals under the conditions of these logs and for another log of this robot, "
+    "and its value in the robot file. An interval that reaches the border has no limit on that side."
+)
+#: panels in a row
+_ACROSS = 3
+
+
+def _draw_intervals(
+    axes: Axes,
+    found: Identification,
+    labels: Sequence[str],
+    values: NDArray[np.float64],
+    before: NDArray[np.float64],
+) -> None:
+    """Draw the numbers of one quantity; a side that is not limited goes on to the border of the panel."""
+    places = np.arange(len(labels))
+    kinds = (
+        (found.variation.predictions, MUTED, 1.2, 0.13, "95 %, another log"),
+        (found.intervals, BLUE, 3.0, -0.13, "95 %, these logs"),
+    )
+    ends = np.array(
+        [(one.lower, one.upper) for kind, *_ in kinds for label in labels if (one := kind.get(label))]
+    )
+    known = np.concatenate([values, before, ends.ravel()])
+    known = known[np.isfinite(known)]
+    room = 0.12 * float(np.ptp(known)) or 1.0
+    low, high = float(known.min()) - room, float(known.max()) + room
+    for intervals, color, width, beside, words in kinds:
+        for place, label in zip(places, labels, strict=True):
+            one = intervals.get(label)
+            if one is not None:
+                at = [place + beside] * 2
+                axes.plot(
+                    at, np.clip([one.lower, one.upper], low, high), color=color, linewidth=width, label=words
+                )
+            words = f"_{words}"  # named once
+    axes.plot(
+        places, before, linestyle="none", marker="s", mfc="none", color=ORANGE, label="in the robot file"
+    )
+    axes.plot(places, values, linestyle="none", marker="o", color=INK, markersize=4, label="found")
+    axes.set_ylim(low, high)
+    axes.set_xticks(places, labels)
+    axes.set_xlim(-0.6, len(labels) - 0.4)
+    axes.grid(visible=False, axis="x")
 
 
 #: speeds shown without logs reach this many Stribeck speeds

@@ -18,9 +18,11 @@ from ballbot.identification.windows import Windows, standstill_torques
 from ballbot.log import STATE_NAMES, Log
 from ballbot.report.blocks import Block, Paragraph, Picture, Report, Section, Sheet, section
 from ballbot.report.friction import (
+    INTERVALS,
     error_table,
     friction_figure,
     horizon_table,
+    interval_figure,
     log_series,
     parameter_table,
     search_blocks,
@@ -68,8 +70,13 @@ def identification_report(
 
 
 def _studied(found: Identification, name: str, place: int, log: Log) -> StudiedLog:
-    held = tuple((span.start, span.end) for span in found.held_out_windows if span.log == place)
-    return StudiedLog(name=name, log=log, held_out=held)
+    held: list[tuple[float, float]] = []
+    for span in found.held_out_windows:
+        if span.log == place:
+            follows = bool(held) and span.start - held[-1][1] < 0.5 * log.sample_time
+            start = held.pop()[0] if follows else span.start
+            held.append((start, span.end))
+    return StudiedLog(name=name, log=log, held_out=tuple(held))
 
 
 def _prediction_sentence(found: Identification) -> str:
@@ -94,6 +101,7 @@ def _parameter_section(found: Identification, logs: Sequence[StudiedLog]) -> Sec
     return section(
         "Parameters",
         _parameter_sheet(found),
+        drawn_picture("intervals", partial(interval_figure, found), INTERVALS),
         Paragraph(text=f"{represents_sentence(found.layout)} {coulomb_sentence(found.coulomb)}"),
         drawn_picture("friction", partial(friction_figure, found, logs), caption),
         drawn_picture("parameters", partial(correlation_figure, symbols, found.correlation), correlation)

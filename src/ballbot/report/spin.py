@@ -165,7 +165,7 @@ def spin_report(
 ) -> Report:
     """Return the page; `picture` is the overlay as PNG."""
     verdict, *others = (finding.text for finding in spin_findings(spin, comparison))
-    overlay = "A frame of the video with the ball's outline and the seam that was found."
+    overlay = "Frames of the video, with the ball's outline and the seam that was found."
     undecided = ["Motions faster than the camera: between two frames the ball is taken to turn evenly."]
     if comparison is None:
         undecided.append(
@@ -240,7 +240,7 @@ def _velocity_series(spin: Spin, comparison: WheelComparison | None) -> TimeSeri
         lines = [Line(name="video", values=spin.omega[:, axis], look="measured")]
         if comparison is not None:
             lines.append(Line(name="wheel speeds by T_obw", values=comparison.wheels[:, axis], look="second"))
-        panels.append(Panel(label=f"Ω_{name} [rad/s]", lines=lines))
+        panels.append(Panel(label=f"Ω about {name} [rad/s]", lines=lines))
     source = " and by the wheels (as the thesis's Figure V.2)" if comparison else ""
     return TimeSeries(
         t=spin.t,
@@ -261,7 +261,7 @@ def _difference_series(spin: Spin, comparison: WheelComparison) -> TimeSeries:
             Line(name="± 2 standard errors of the video", values=error, look="third"),
             Line(name="± 2 standard errors of the video", values=-error, look="third"),
         )
-        panels.append(Panel(label=f"Ω_{name} [rad/s]", lines=lines))
+        panels.append(Panel(label=f"Ω about {name} [rad/s]", lines=lines))
     return TimeSeries(
         t=spin.t,
         panels=panels,

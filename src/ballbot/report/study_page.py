@@ -18,7 +18,7 @@ from ballbot.log import STATE_NAMES
 from ballbot.mechanics.model import Model
 from ballbot.report.blocks import Bullets, Film, Paragraph, Report, Section, Sheet, Subheading, section
 from ballbot.report.comparison import RUN_LABELS, paths_figure, position_error_series
-from ballbot.report.friction import friction_figure, log_series, search_blocks
+from ballbot.report.friction import INTERVALS, friction_figure, interval_figure, log_series, search_blocks
 from ballbot.report.loop import poles_figure
 from ballbot.report.prediction import predicted_rows
 from ballbot.report.provenance import Provenance
@@ -118,6 +118,7 @@ def _friction_section(study: Study) -> Section:
         "Friction found",
         Paragraph(text=words),
         parameter_sheet(found),
+        drawn_picture("intervals", partial(interval_figure, found), INTERVALS),
         drawn_picture("friction", partial(friction_figure, found, study.logs), curve),
         drawn_picture("parameters", partial(correlation_figure, symbols, found.correlation), correlation)
         if np.isfinite(found.correlation).any()

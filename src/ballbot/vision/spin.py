@@ -408,7 +408,7 @@ def spin_findings(spin: Spin, comparison: WheelComparison | None) -> tuple[Findi
 def _velocity_finding(spin: Spin) -> str:
     omega = spin.omega[spin.known]
     errors = spin.errors[spin.known]
-    typical = " ".join(f"{value:.2g}" for value in np.median(errors, axis=0))
+    typical = ", ".join(f"{value:.2g}" for value in np.median(errors, axis=0))
     return (
         f"The ball turned at up to {np.linalg.norm(omega, axis=1).max():.3g} rad/s; the standard error of its "
         f"velocity about x, y, z is {typical} rad/s (median)."
