@@ -367,7 +367,7 @@ def test_validate_refuses_another_controller_than_the_logs(folder: Path, tmp_pat
 
 def test_a_study_refuses_before_it_works():
     robot, log = Robot.load("alten"), noisy_log()
-    with pytest.raises(InputError, match="at least one log"):
+    with pytest.raises(InputError, match="give one or more"):
         study(robot, {})
     with pytest.raises(InputError, match=r"walk: .*u3"):
         study(robot, {"walk": Log({name: v for name, v in log.columns.items() if name != "u3"})})
