@@ -108,6 +108,8 @@ def test_only_the_pages_own_scripts_are_allowed(charts):
     assert f"script-src &#39;sha256-{digest}&#39;" in policy or f"script-src 'sha256-{digest}'" in policy
     assert not re.search(r"""(?:src|href)\s*=\s*["'](?!#|data:)""", shown_text(text))
     assert ("uPlot" in scripts[0]) == charts
+    # the licence asks for its text in every copy
+    assert ("Permission is hereby granted" in scripts[0]) == charts
 
 
 def test_errors_that_were_not_accepted_are_not_called_so():

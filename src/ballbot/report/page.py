@@ -4,7 +4,8 @@ The page has no address of anything else: scripts, styles and data are in it. It
 scripts by their SHA-256 and nothing more, so that no script that a log's name could bring runs, and nothing is sent or
 fetched.
 
-`web/` has the style sheet, `charts.js` and `theme.js`, and uPlot (MIT, its licence beside it), which draws time series.
+`web/` has the style sheet, `charts.js` and `theme.js`, and uPlot, which draws time series. uPlot has the MIT licence,
+whose text is beside it and in each page that contains it.
 """
 
 from __future__ import annotations
@@ -138,7 +139,8 @@ def _style(charts: bool) -> str:
 def _script(charts: bool) -> str:
     if not charts:
         return f'(() => {{\n"use strict";\n{_web("theme.js")}\n}})();'
-    parts = (_web("uPlot.iife.min.js"), web_file("packing.js"), _web("charts.js"), _web("theme.js"))
+    licence = f"/*! uPlot:\n{_web('uPlot.LICENSE')}*/"
+    parts = (licence, _web("uPlot.iife.min.js"), web_file("packing.js"), _web("charts.js"), _web("theme.js"))
     return "(() => {{\n{}\n}})();".format("\n".join(parts))
 
 
