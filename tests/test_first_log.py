@@ -14,7 +14,7 @@ from ballbot.twin import Scenario
 from tests.support.paths import ROOT
 
 pytest.importorskip("mujoco")
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.sample
 
 DOCUMENT = (ROOT / "docs" / "first_log.md").read_text(encoding="utf-8")
 

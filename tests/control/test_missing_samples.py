@@ -179,6 +179,7 @@ def test_there_is_no_state_before_the_first_whole_reading(kind):
     np.testing.assert_array_equal(estimator.update(reading(0)), fresh.update(reading(0)))
 
 
+@pytest.mark.slow
 def test_missing_encoder_samples_lose_no_distance():
     """The way rolled during the gap is seen when the encoders are back: a constant speed is not misjudged."""
     estimator, whole = started("kalman"), started("kalman")

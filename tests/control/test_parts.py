@@ -238,7 +238,7 @@ def test_each_lane_keeps_its_own_controller_state():
     "robot",
     [
         pytest.param(alten(FRICTION), id="three"),
-        pytest.param(four_wheeled(friction=True), id="four", marks=pytest.mark.slow),
+        pytest.param(four_wheeled(friction=True), id="four", marks=pytest.mark.sample),
     ],
 )
 def test_precise_controller_stands_at_its_reference(robot: Robot):

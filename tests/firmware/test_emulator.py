@@ -129,7 +129,9 @@ def test_functions_have_the_bits_of_this_computer(name, arguments, results):
         assert same.all(), [one[~same][:3] for one in given]
 
 
-@pytest.mark.parametrize(("name", "most"), [("kalman", 11_000), ("onboard", 1_000)])
+@pytest.mark.parametrize(
+    ("name", "most"), [pytest.param("kalman", 11_000, marks=pytest.mark.slow), ("onboard", 1_000)]
+)
 def test_estimators_have_the_bits_of_this_computer(name, most):
     rows = list(estimator_runs(name, ALTEN, samples=60, missing=0.05))
     assert all(same for _, same in rows)

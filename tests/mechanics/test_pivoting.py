@@ -108,7 +108,13 @@ def driven(model: Model, state: NDArray, torques: NDArray) -> NDArray[np.float64
     return np.array(states)
 
 
-@pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["3", "4"])
+@pytest.mark.parametrize(
+    "robot",
+    [
+        pytest.param(alten(FRICTION), id="3"),
+        pytest.param(four_wheeled(friction=True), id="4", marks=pytest.mark.sample),
+    ],
+)
 def test_infinite_pivot_friction_gives_the_five_dof_model(robot: Robot) -> None:
     """Through smooth motion and stick-slip alike the spin is zero to the bit and all else equal to rounding."""
     rng = np.random.default_rng(33)

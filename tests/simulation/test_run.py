@@ -86,7 +86,13 @@ def test_fall_ends_the_log_and_is_reported():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["exact", "thesis"])
-@pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])
+@pytest.mark.parametrize(
+    "robot",
+    [
+        pytest.param(alten(FRICTION), id="three"),
+        pytest.param(four_wheeled(friction=True), id="four", marks=pytest.mark.sample),
+    ],
+)
 def test_how_fast_the_centre_of_mass_sinks(robot, formulation):
     """Against the second difference of cos(theta) cos(phi) along a simulated motion."""
     model = Model(robot, formulation)

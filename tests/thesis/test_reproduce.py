@@ -265,7 +265,7 @@ def test_linear_run_is_the_closed_loop_solution() -> None:
     np.testing.assert_allclose(x[:2], wanted[:2], atol=5e-3)
 
 
-@pytest.mark.parametrize("plant", [pytest.param("twin", marks=pytest.mark.slow), "model"])
+@pytest.mark.parametrize("plant", [pytest.param("twin", marks=pytest.mark.sample), "model"])
 def test_run_on_a_grid_is_the_same_under_a_change_of_1e_12(plant: str) -> None:
     """So it is on another processor, whose last digits differ by much less; without the grid the twin's runs part."""
 
