@@ -25,6 +25,7 @@ TESTS = (
     "tests/cli/test_output_options.py",  # cyclopts, rich
     "tests/robot/test_file.py",  # pydantic, tomli-w
     "tests/log/test_formats.py",  # pyarrow
+    "tests/log/test_frames.py",  # pandas
     "tests/log/test_message_formats.py",  # mcap, rosbags
     "tests/control/test_lqr.py",  # scipy, control
     "tests/vision/test_parts.py",  # opencv

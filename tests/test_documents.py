@@ -1,5 +1,6 @@
 """The documents agree with the code: their examples run, their links and the files they name exist."""
 
+import doctest
 import importlib
 import importlib.util
 import re
@@ -126,3 +127,17 @@ def test_examples_run(example):
         [sys.executable, ROOT / "examples" / example], check=True, capture_output=True, text=True
     )
     assert done.stdout.count("\n") >= 3
+
+
+def test_the_examples_of_the_python_page_run(tmp_path, monkeypatch):
+    pytest.importorskip("control")
+    text = (ROOT / "docs/python.md").read_text(encoding="utf-8")
+    if importlib.util.find_spec("pandas") is None:
+        text = "\n".join(re.sub(r"^>>> .*# pandas$", "", line) for line in text.splitlines())
+        text = re.sub(r"^('rad/s'|True)$", "", text, flags=re.MULTILINE)
+    monkeypatch.chdir(tmp_path)
+    examples = doctest.DocTestParser().get_doctest(text, {}, "docs/python.md", "docs/python.md", 0)
+    said: list[str] = []
+    found = doctest.DocTestRunner(verbose=False).run(examples, out=said.append)
+    assert not found.failed, "".join(said)
+    assert found.attempted >= 20

@@ -37,7 +37,7 @@ class ProgressLine:
 class Handle(Protocol):
     """A place in a notebook's output, as `IPython.display.display` gives it."""
 
-    def update(self, shown: ProgressLine) -> None:
+    def update(self, shown: ProgressLine, /) -> object:
         """Show that in its place."""
         ...
 
@@ -83,13 +83,13 @@ class NotebookProgress:
             self._begin()
 
 
-def _display_of_a_notebook() -> Callable[[ProgressLine], Handle] | None:
+def _display_of_a_notebook() -> Callable[[ProgressLine], Handle | None] | None:
     """Return what shows a line in the notebook that this process works for; None if it works for none."""
     ipython = sys.modules.get("IPython")  # a notebook has imported it
     shell = ipython.get_ipython() if ipython is not None else None
     if shell is None or not hasattr(shell, "kernel"):  # a terminal has no kernel
         return None
-    from IPython.display import display
+    from IPython.display import display  # pyright: ignore[reportMissingImports]
 
     return lambda line: display(line, display_id=True)
 

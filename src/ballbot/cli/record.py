@@ -14,7 +14,7 @@ from ballbot.cli import OUTPUT
 from ballbot.cli.context import LogFormatName, WholeNumber, argv, parse_seeds
 from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation, warn_of_overcompensation
 from ballbot.cli.findings import Accept, check_robot
-from ballbot.cli.output import emit, progress_bar, standard_output
+from ballbot.cli.output import emit, print_verdict, progress_bar, standard_output
 from ballbot.control.references import as_reference
 from ballbot.estimation.interface import EstimatorName
 from ballbot.files import check_folder, read_json
@@ -27,7 +27,7 @@ from ballbot.report.twin import recording_report, seeds_report
 from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.simulation.run import sample_count
-from ballbot.twin.recording import DURATIONS, Experiment
+from ballbot.twin.recording import DURATIONS, Experiment, Recording
 from ballbot.twin.scenario import load_scenario
 from ballbot.workflows.record import (
     RecordJob,
@@ -153,22 +153,30 @@ def _emit(outcomes: Sequence[RecordOutcome]) -> None:
 
 def _one(job: RecordJob, seed: int, out: Path, console: Console, *, resume: bool) -> None:
     outcome = finished_outcome(job, seed, out) if resume else None
+    verdict: list[tuple[str, str]] = []
+
+    def page(recording: Recording) -> str:
+        report = recording_report(job, seed, recording)
+        verdict.extend(report.verdict)
+        return page_of(report)
+
     if outcome is None:
         with progress_bar(console, f"recording {job.duration:g} s") as bar:
             outcome = record_run(
                 job,
                 seed,
                 out,
-                page=lambda recording: page_of(recording_report(job, seed, recording)),
+                page=page,
                 progress=lambda now: bar.show(now.share),
             )
     else:
         console.print("The run is complete and was kept.")
     _emit([outcome])
+    print_verdict(verdict, console)
     for path in sorted(out.iterdir()):
         if not path.name.startswith("."):
             console.print(str(path), soft_wrap=True)
-    if outcome.ended:
+    if outcome.ended and not verdict:
         console.print(f"The run ended early: {outcome.ended}.", soft_wrap=True)
 
 

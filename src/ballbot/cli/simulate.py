@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from ballbot.cli.context import PAGE, LogFormatName, WholeNumber, input_files, open_result
 from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation, warn_of_overcompensation
 from ballbot.cli.findings import Accept, check_robot
-from ballbot.cli.output import notice_output, standard_output
+from ballbot.cli.output import notice_output, print_verdict, standard_output
 from ballbot.control.references import as_reference
 from ballbot.estimation.interface import EstimatorName
 from ballbot.fitting.run import check_seed
@@ -19,7 +19,7 @@ from ballbot.log import Log
 from ballbot.log.formats import WRITTEN_SUFFIXES, check_format
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
-from ballbot.report.run import simulation_report
+from ballbot.report.run import run_verdict, simulation_report
 from ballbot.robot import Robot
 from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import simulate as run
@@ -119,11 +119,10 @@ def simulate(
                 findings=findings,
             )
             result.write_page(page, new)
+    print_verdict(run_verdict(log), console)
     result.show_file(f"log.{format}", PAGE)
     if missing:
         notice_output().print(missing, markup=False, soft_wrap=True)
-    if log.ended:
-        console.print(f"The run ended early: {log.ended}.", soft_wrap=True)
 
 
 def _plant(model: Model, scenario: str | None, estimator: EstimatorName) -> Plant | Model:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cyclopts import Parameter
-from rich.text import Text
 
 from ballbot.cli.context import (
     RUN_HERE,
@@ -18,6 +17,7 @@ from ballbot.cli.context import (
     read_balancing_logs,
 )
 from ballbot.cli.findings import Accept, check_input
+from ballbot.cli.output import print_verdict
 from ballbot.fitting.checkpoint import identity
 from ballbot.identification import read_bounds
 from ballbot.identification.windows import back_emf_of
@@ -139,7 +139,5 @@ def study(
         bar.show(1.0, doing="writing the report")
         with result.replaced() as new:
             write_study(found, new, made=result.origin, before=result.folder.path)
-    for heading, sentences in summary(found):
-        result.console.print(Text(f"{heading}: ", style="bold"), end="")
-        result.console.print(sentences, soft_wrap=True)
+    print_verdict(summary(found), result.console)
     result.show_file("report.html")

@@ -182,7 +182,7 @@ class RobotLoop:
         A, B = _late_plant(self.A, self.B, self.sample_time, self.delay + more)
         states, law = len(self.A), self.controller
         seen = np.eye(states, len(A))  # the robot's state among the plant's, which has torques under way, too
-        whole = block_diag(A, law.A)
+        whole = np.asarray(block_diag(A, law.A), dtype=np.float64)
         whole[len(A) :, : len(A)] = law.B[:, :states] @ seen
         return (
             whole,
@@ -202,7 +202,7 @@ class RobotLoop:
         resolvent = np.linalg.solve(
             z[:, None, None] * np.eye(len(A)) - A, np.broadcast_to(B, (len(z), *B.shape))
         )
-        return -C @ resolvent
+        return np.asarray(-C @ resolvent, dtype=np.complex128)
 
     def wheel_responses(self, omega: Matrix) -> NDArray[np.complex128]:
         """Return the loops (f, n) broken at one wheel's torque, the others closed, at frequencies (f,) [rad/s]."""
@@ -282,7 +282,7 @@ def step_response(loop: RobotLoop, *, name: str = "x", size: float = 0.1) -> Ste
     all_z = np.zeros((samples, len(A)))
     for k in range(1, samples):
         all_z[k] = closed @ all_z[k - 1] + push
-    t = loop.sample_time * np.arange(samples)
+    t = loop.sample_time * np.arange(samples, dtype=np.float64)
     return StepResponse(t=t, states=all_z[:, :states], torques=all_z @ C.T + asked)
 
 

@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq, minimize, minimize_scalar
+from scipy.optimize import minimize, root_scalar
 
 from ballbot.control.controller import Controller
 from ballbot.control.linear import Matrix, RobotLoop, robot_loop
@@ -208,16 +208,15 @@ def _margins_of(
         return radius(np.exp(-1j * phases))
 
     phase = _first_loss(turned, _PHASES)  # the negative phases are the conjugate poles'
+    frequency = math.nan
+    if math.isfinite(phase):
+        frequency = _frequency_of(rest + np.exp(-1j * phase) * marked, loop.sample_time)
     return LoopMargins(
         gain_down=1.0 / _first_loss(lambda inverse: radius(1.0 / inverse), _GAINS),
         gain_up=_first_loss(radius, _GAINS),
         phase=phase,
-        phase_frequency=(
-            _frequency_of(rest + np.exp(-1j * phase) * marked, loop.sample_time)
-            if math.isfinite(phase)
-            else math.nan
-        ),
-        delay=_delay_margin(loop, direction, omega, response),
+        phase_frequency=frequency,
+        delay=_delay_margin(loop, direction, omega, response, surely=phase / max(frequency, 1e-9)),
         disk=_disk_margin(loop, np.flatnonzero(direction), omega, response),
     )
 
@@ -238,14 +237,19 @@ def _first_loss(radius: Callable[[Matrix], Matrix], path: Matrix) -> float:
     lost = np.flatnonzero(radius(path) > 1.0 + _ROUNDING)
     if not lost.size:
         return math.inf
-    return _crossing(lambda point: radius(np.array([point]))[0], path[lost[0] - 1], path[lost[0]])
+    stable, unstable = path[lost[0] - 1 : lost[0] + 1].tolist()
+    return _crossing(lambda point: float(radius(np.array([point]))[0]), stable, unstable)
 
 
 def _crossing(radius: Callable[[float], float], stable: float, unstable: float) -> float:
     """Return where the largest pole passes the unit circle between two points."""
     if radius(stable) >= 1.0:  # by rounding
         return float(stable)
-    return float(brentq(lambda point: radius(point) - 1.0, stable, unstable, xtol=_PRECISION * unstable))
+    return float(
+        root_scalar(
+            lambda point: radius(point) - 1.0, bracket=(stable, unstable), xtol=_PRECISION * unstable
+        ).root
+    )
 
 
 def _frequencies(loop: RobotLoop) -> Matrix:
@@ -262,9 +266,17 @@ def _frequencies(loop: RobotLoop) -> Matrix:
 
 
 def _delay_margin(
-    loop: RobotLoop, direction: Matrix, omega: Matrix, response: NDArray[np.complex128]
+    loop: RobotLoop, direction: Matrix, omega: Matrix, response: NDArray[np.complex128], *, surely: float
 ) -> float:
-    """Return the delay [s] at which a pole leaves the unit circle, exact between the samples."""
+    """Return the delay [s] at which a pole leaves the unit circle, exact between the samples.
+
+    Parameters
+    ----------
+    loop, direction, omega, response
+        As for `_margins_of`.
+    surely : float
+        The delay that turns the phase by its margin [s]; about there the loop is unstable, if not before.
+    """
     step, around = loop.sample_time, _turns(direction, response)
 
     def radius(delay: float) -> float:
@@ -279,11 +291,10 @@ def _delay_margin(
 
     begin = winding(0)
     for samples in range(1, math.floor(_LONGEST_DELAY / step) + 1):
-        if abs(winding(samples) - begin) > 1.0:
-            # the winding was about whole samples, of a grid; the poles decide
-            first = next(place for place in range(samples, -1, -1) if radius(place * step) <= 1.0)
-            last = next(place for place in range(first + 1, samples + 3) if radius(place * step) > 1.0)
-            return _crossing(radius, (last - 1) * step, last * step)
+        # the windings of a grid only say where to look: the poles decide
+        if (samples >= surely / step or abs(winding(samples) - begin) > 1.0) and radius(samples * step) > 1.0:
+            stable = next(place for place in range(samples - 1, -1, -1) if radius(place * step) <= 1.0)
+            return _crossing(radius, stable * step, (stable + 1) * step)
     return math.inf
 
 
@@ -310,7 +321,7 @@ def _disk_margin(
     def halves(of: NDArray[np.complex128]) -> NDArray[np.complex128]:
         eye = np.eye(of.shape[-1])
         both = np.linalg.solve(eye + of, eye - of)  # S - T
-        return 0.5 * both[:, wheels[:, None], wheels]
+        return np.asarray(0.5 * both[:, wheels[:, None], wheels], dtype=np.complex128)
 
     def mu(one: NDArray[np.complex128]) -> float:
         if len(wheels) == 1:
@@ -326,14 +337,20 @@ def _disk_margin(
         found = mu(matrices[index])
         if found > best:
             best, place = found, int(index)
-    around = omega[[max(place - 1, 0), min(place + 1, len(omega) - 1)]]
-    refined = minimize_scalar(
-        lambda at: -mu(halves(loop.response(np.array([at])))[0]), bounds=tuple(around), method="bounded"
-    )
-    largest, frequency = max((best, omega[place]), (-float(refined.fun), float(refined.x)))
-    return DiskMargin(alpha=min(2.0, 1.0 / largest), frequency=float(frequency))
+    low, high = omega[max(place - 1, 0)], omega[min(place + 1, len(omega) - 1)]
+    frequency = omega[place]
+    for _ in range(_ZOOMS):
+        grid = np.linspace(low, high, 9)
+        values = [mu(one) for one in halves(loop.response(grid))]
+        peak = int(np.argmax(values))
+        low, high = grid[max(peak - 1, 0)], grid[min(peak + 1, 8)]
+        if values[peak] >= best:
+            best, frequency = values[peak], grid[peak]
+    return DiskMargin(alpha=min(2.0, 1.0 / best), frequency=float(frequency))
 
 
+#: rounds that look closer at the largest mu, each four times: it is flat there
+_ZOOMS = 5
 #: of the scales D
 _SEARCH = {"xatol": 1e-6, "fatol": 1e-10}
 
