@@ -74,6 +74,8 @@ def test_part_of_a_log_is_shown(capsys):
         (("log.csv", "--robot", "alten", "--save", "."), "a file is needed"),
         (("log.csv", "--robot", "alten", "--plant", "twin"), "a robot that is simulated"),
         (("alten", "--video", "replay.mp4"), "A video needs a log"),
+        (("/dev/ttyACM9",), "ballbot view PORT --robot ROBOT"),
+        (("udp://127.0.0.1:1", "log.csv", "--robot", "alten"), "watched alone"),
         (("alten", "--port", "70000"), "from 0 (any free one) to 65535"),
         (("alten", "--controller", "presice"), "precise"),
         (("alten", "--plant", "twin", "--scenario", "nominl"), "nominal"),

@@ -10,8 +10,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from ballbot.cli.live_view import LiveOptions, has_live_view, simulate_live
 from ballbot.cli.output import emit, notice_output, progress_bar, show_written, standard_output
-from ballbot.cli.view import LiveOptions, has_live_view, simulate_live
 from ballbot.errors import InputError
 from ballbot.files import check_folder, write_text
 from ballbot.log import Log

@@ -1,20 +1,13 @@
-"""`ballbot view`: logs in three dimensions, as a page in the browser; or robots that balance while you push them."""
+"""`ballbot view`: logs in three dimensions as a page in the browser, robots that you push, or a real robot."""
 
 from __future__ import annotations
 
-import asyncio
+import re
 import tempfile
-import webbrowser
-from collections.abc import Callable, Mapping
-from contextlib import suppress
-from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Literal
-
-from cyclopts import Parameter
 
 from ballbot.cli.context import ROBOT_BESIDE, robot_beside
+from ballbot.cli.live_view import LiveOptions, has_live_view, open_page, simulate_live, watch_robot
 from ballbot.cli.output import notice_output, progress_bar, show_written, standard_output
 from ballbot.errors import InputError
 from ballbot.files import check_file, write_text
@@ -22,32 +15,6 @@ from ballbot.log import Log
 from ballbot.log.collection import named_files
 from ballbot.robot import Robot
 from ballbot.viewer import Layout, replay_page
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class LiveOptions:
-    """A live view of robots."""
-
-    plant: Literal["model", "twin"] = "model"
-    """The exact equations of motion (model) or the physics engine (twin)."""
-
-    controller: tuple[str, ...] = ("none",)
-    """none, full or partial (the nominal gain with that friction compensation), precise, a controller file, or your own
-    as FILE.py:NAME. Each stands on the floor with a robot of its own. LABEL=... renames one."""
-
-    scenario: str | None = None
-    """The true friction, and of a twin the sensors and faults: a scenario (name or file)."""
-
-    host: str = "127.0.0.1"
-    """The address to listen on. Any but this computer's own lets others in who have the link with its token."""
-
-    port: int = 0
-    """The port to listen on; a free one by default."""
-
-    browser: Annotated[bool, Parameter(negative="--no-browser")] = True
-    """Whether to open the page."""
-
 
 _LIVE = LiveOptions()
 
@@ -67,7 +34,7 @@ def view(
 
     The page of logs needs no network and no server. Play, scrub, slow down, orbit; several logs stand side by side, or
     in one place as ghosts. A robot balances in real time: push it, drag its reference, change friction and floor. This
-    needs `pip install 'ballbot[view]'`; Ctrl-C ends it.
+    needs `pip install 'ballbot[view]'`; Ctrl-C ends it. A real robot at a port is shown, and no page arms it.
 
     Example: `ballbot view run1/log.csv`
 
@@ -75,12 +42,15 @@ def view(
 
     Example: `ballbot view alten --plant twin`
 
+    Example: `ballbot view /dev/ttyACM0 --robot mine.toml`
+
     Parameters
     ----------
     shown
-        Logs, at most four, or robots: presets' names or robot files. LABEL=LOG names a log in the page.
+        Logs, at most four, or robots: presets' names or robot files, or the port of a real robot, as for `ballbot run`.
+        LABEL=LOG names a log in the page.
     robot
-        The logs' robot. If not given, each log's is the file robot.toml in the log's folder.
+        The robot of the logs or at the port. If not given, each log's is the file robot.toml in the log's folder.
     layout
         side (each log in its own picture) or ghosts (all in one); the page can change it.
     start
@@ -97,6 +67,11 @@ def view(
     for file in (save, video):
         if file is not None:
             check_file(file)
+    if any(map(_is_port, shown)):
+        if len(shown) != 1 or robot is None or save or video:
+            raise InputError("A real robot is watched alone and live: ballbot view PORT --robot ROBOT.")
+        watch_robot(shown[0], Robot.load(robot), live)
+        return
     robots, paths = _sorted_out(shown)
     if robots and paths:
         raise InputError(f"{robots[0]} is a robot; name the robot of the logs with --robot {robots[0]}.")
@@ -137,58 +112,16 @@ def _write(page: str, save: Path | None, video: Path | None) -> None:
         path = Path(tempfile.mkdtemp(prefix="ballbot-")) / "replay.html"
         write_text(path, page)
         show_written(path)
-        _open(path.resolve().as_uri())
+        open_page(path.resolve().as_uri())
         return
     if save is not None:
         write_text(save, page)
     show_written(*(path for path in (save, video) if path is not None))
 
 
-def _open(address: str) -> None:
-    if not webbrowser.open(address):
-        notice_output().print("No browser could be opened; open the page in one.")
-
-
-def has_live_view() -> bool:
-    """Return whether what a live view needs is installed."""
-    return find_spec("websockets") is not None
-
-
-def simulate_live(
-    robots: Mapping[str, Robot], options: LiveOptions, *, ready: Callable[[str], None] | None = None
-) -> None:
-    """Simulate robots, one of each for each controller, and serve their page until Ctrl-C.
-
-    Parameters
-    ----------
-    robots : mapping
-        By name.
-    options : LiveOptions
-    ready : callable, optional
-        Called with the page's address when it can be opened; the browser opens it by default, if it is to.
-    """
-    from ballbot.viewer.live import live_entries, live_view_page
-    from ballbot.viewer.live_process import LiveProcess
-    from ballbot.viewer.server import Access, serve_live
-    from ballbot.workflows.candidates import parse_candidates
-
-    if not 0 <= options.port < 65536:
-        raise InputError(f"The port is {options.port}; it must be from 0 (any free one) to 65535.")
-    candidates = parse_candidates(options.controller)
-    entries = live_entries(robots, candidates, plant=options.plant, scenario=options.scenario)
-    page = live_view_page(entries)
-
-    def announce(address: str) -> None:
-        words = f"The live view is at {address}\nCtrl-C ends it."
-        notice_output().print(words, markup=False, highlight=False, soft_wrap=True)
-        if ready is not None:
-            ready(address)
-        elif options.browser:
-            _open(address)
-
-    with LiveProcess(entries) as source, suppress(KeyboardInterrupt):
-        access = Access(host=options.host)
-        asyncio.run(serve_live(page, source, access=access, port=options.port, ready=announce))
+def _is_port(word: str) -> bool:
+    """Return whether a word names the port of a robot, and no file."""
+    return re.match(r"(udp|tcp)://|/dev/|COM\d+($|\?)", word) is not None
 
 
 def _sorted_out(shown: tuple[str, ...]) -> tuple[list[str], dict[str, Path]]:

@@ -217,8 +217,8 @@ class Ending:
         return self.kind in ("stop", "link")
 
 
-class _Samples:
-    """Makes samples of an armed robot's states."""
+class Samples:
+    """Makes samples of a robot's states, from the first of them on."""
 
     def __init__(self, first: State, *, wheel_count: int, encoder_step: float) -> None:
         self._start = first.estimate[[0, 1, 4]].astype(np.float64)
@@ -426,7 +426,7 @@ class LiveRobot:
         watch : callable
             Takes each sample, for a monitor.
         """
-        samples: _Samples | None = None
+        samples: Samples | None = None
         t, began = 0.0, self._clock()
         try:
             for state in self._states():
@@ -435,7 +435,7 @@ class LiveRobot:
                 if not state.armed or state.stop:
                     return Ending(kind="stop", text=_why_disarmed(state, t), t=t)
                 if samples is None:
-                    samples = _Samples(
+                    samples = Samples(
                         state,
                         wheel_count=self.wheel_count,
                         encoder_step=self.encoder_step,

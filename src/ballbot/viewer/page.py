@@ -145,6 +145,7 @@ class LiveLayout:
     robots: tuple[tuple[str, ...], ...]  #: names of each robot's values
     homes: tuple[tuple[float, float], ...]  #: where each robot starts [m]
     notes: tuple[str, ...]  #: what is shown, in sentences
+    monitor: bool = False  #: whether the page only shows
 
 
 def live_page(robots: Mapping[str, Robot], layout: LiveLayout, *, title: str) -> LivePage:
@@ -180,6 +181,7 @@ def live_page(robots: Mapping[str, Robot], layout: LiveLayout, *, title: str) ->
     ]
     data: dict[str, object] = {
         "world": layout.world,
+        "monitor": layout.monitor,
         "arrow": {"newtons": newtons, "metres": _ARROW * first.ball.radius},
         "runs": runs,
         "notes": [printable_line(note) for note in (*layout.notes, BODY_NOTE)],

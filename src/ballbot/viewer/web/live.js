@@ -118,6 +118,14 @@ class Live extends View {
 
   makeControls() {
     const bar = element("div", { class: "controls" }, this.root);
+    if (!this.data.monitor) this.makePace(bar);
+    this.toggle(bar, "Follow robot", "follow", () => (this.fitted = false));
+    this.toggle(bar, "Forces", "arrows", () => this.makeKey());
+    this.state = element("output", { class: "state", "aria-live": "polite", text: "Connecting …" }, this.root);
+    if (!this.data.monitor) this.makeTools();
+  }
+
+  makePace(bar) {
     this.button = this.press(bar, "Pause", "play", () => this.change({ paused: !this.settings.paused }));
     this.press(bar, "Reset", "reset", () => this.reset());
     this.inputs.pace = this.choice(bar, "Speed", PACES, "1", (value) => this.change({ pace: Number(value) }));
@@ -126,9 +134,9 @@ class Live extends View {
     motors.append("Motors");
     this.inputs.motors.checked = true;
     this.inputs.motors.addEventListener("change", () => this.change({ motors: this.inputs.motors.checked }));
-    this.toggle(bar, "Follow robot", "follow", () => (this.fitted = false));
-    this.toggle(bar, "Forces", "arrows", () => this.makeKey());
-    this.state = element("output", { class: "state", "aria-live": "polite", text: "Connecting …" }, this.root);
+  }
+
+  makeTools() {
     const tools = element("div", { class: "tools" }, this.root);
     this.makePush(tools);
     const controller = this.group(tools, "Compensation");
@@ -197,17 +205,18 @@ class Live extends View {
 
   makeNotes() {
     const box = element("details", { class: "notes" }, this.root);
-    element("summary", { text: "What is shown, and the keys" }, box);
+    element("summary", { text: this.data.monitor ? "What is shown" : "What is shown, and the keys" }, box);
     const list = element("ul", {}, box);
     const keys = [
       `${HINT} Drag anything else to orbit.`,
       "Space: pause. R: reset. Arrow keys: push, as seen from here.",
     ];
-    for (const note of [...keys, ...this.data.notes]) element("li", { text: note }, list);
+    for (const note of [...(this.data.monitor ? [] : keys), ...this.data.notes]) element("li", { text: note }, list);
   }
 
   /** Read keys, and take what is dragged in the picture before the camera does. */
   listen() {
+    if (this.data.monitor) return;
     document.addEventListener("keydown", (event) => this.readKey(event));
     this.stage.addEventListener("pointerdown", (event) => this.grab(event), { capture: true });
     this.stage.addEventListener("pointermove", (event) => this.drag(event), { capture: true });
@@ -420,6 +429,7 @@ class Live extends View {
       else input.value = this.settings[name];
       if (input.show) input.show();
     }
+    if (!this.button) return;
     this.button.textContent = this.settings.paused ? "Go on" : "Pause";
     this.button.dataset.state = this.settings.paused ? "paused" : "running";
   }
@@ -429,7 +439,7 @@ class Live extends View {
     const fallen = this.reasons.filter(Boolean).length;
     const texts = {
       compiling: "The simulation starts; the first time its code is compiled, which takes up to a minute.",
-      running: this.settings.paused ? "Paused." : fallen ? "Fallen: press R or Reset." : rate < 0.9 ? slow : `Running. ${HINT}`,
+      running: this.data.monitor ? "" : this.settings.paused ? "Paused." : fallen ? "Fallen: press R or Reset." : rate < 0.9 ? slow : `Running. ${HINT}`,
       failed: "The simulation could not start.",
       ended: "The simulation has ended.",
     };
