@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arrays import real_array, whole_number
 from ballbot.control.controller import Controller, refusal
 from ballbot.control.law import MEMORY_SIZE, control_law
-from ballbot.control.references import Reference
+from ballbot.control.presets import ControllerLike, as_controller
+from ballbot.control.references import Reference, ReferenceLike, as_reference
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.arrays import fill
 from ballbot.mechanics.engine.compiled import called, compiled, inlined
@@ -36,7 +38,7 @@ from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.friction import wheel_law
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import pack, selector
-from ballbot.robot import Robot
+from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.simulation.conditions import FALLING_PART, Conditions, pack_conditions
 from ballbot.simulation.model_plant import checked_states, friction_needed, lift_off, pack_contacts, sinking
 from ballbot.simulation.run import sample_count
@@ -172,14 +174,24 @@ class ClosedLoopBatch:
         return np.isinf(self.ended)
 
 
+def _compiled_controller(source: ControllerLike, robot: Robot) -> Controller:
+    """Return a controller whose law is compiled into the lanes."""
+    controller = as_controller(source, robot)
+    if not isinstance(controller, Controller):
+        raise InputError(
+            f"A batch runs controllers of Ballbot, not one of type {type(controller).__name__}; run it with `simulate`."
+        )
+    return controller
+
+
 def simulate_batch(
     model: Model,
-    controller: Controller | Sequence[Controller],
-    reference: Reference,
+    controller: Controller | str | Path | Sequence[Controller | str | Path],
+    reference: ReferenceLike,
     *,
     duration: float,
     initial_states: ArrayLike | None = None,
-    robots: Sequence[Robot] | None = None,
+    robots: Sequence[RobotLike] | None = None,
     conditions: Sequence[Conditions] | None = None,
     verdict: Verdict | None = None,
     every: int = 1,
@@ -192,15 +204,15 @@ def simulate_batch(
     model : Model
         Gives the formulation, the inner step and the pivoting friction, and the robot where `robots` does not.
         A ball that pivots starts without spin.
-    controller : Controller or sequence of Controller
+    controller : Controller, "nominal", "precise" or controller file, or a sequence of them
         One for all lanes or one for each; of one sample time.
-    reference : callable
+    reference : callable, name or reference file
         f(t) -> (10,), the same for all lanes.
     duration : float
         [s]
     initial_states : array_like (10,) or (lanes, 10), optional
         Upright at rest at the origin by default.
-    robots : sequence of Robot, optional
+    robots : sequence of Robot, preset or robot file, optional
         One for each lane; their controllers stay what they are.
     conditions : sequence of Conditions, optional
         One for all lanes or one for each: late torques, a sloping floor. None of either by default.
@@ -220,8 +232,13 @@ def simulate_batch(
     InputError
         If lanes, wheels or sample times disagree, or the reference asks for a lean or a rate.
     """
-    controllers = [controller] if isinstance(controller, Controller) else list(controller)
-    bodies = [model.robot] if robots is None else list(robots)
+    given = (
+        list(controller)
+        if isinstance(controller, Sequence) and not isinstance(controller, str)
+        else [controller]
+    )
+    controllers = [_compiled_controller(one, model.robot) for one in given]
+    bodies = [model.robot] if robots is None else [as_robot(one) for one in robots]
     initial = checked_states(np.zeros(10) if initial_states is None else initial_states)
     borne = [Conditions()] if conditions is None else list(conditions)
     lanes = _lanes(len(initial), len(bodies), len(controllers), len(borne))
@@ -229,7 +246,7 @@ def simulate_batch(
     n = _common_wheel_count(model, bodies, controllers)
     samples = sample_count(duration, sample_time)
     every = whole_number(every, "every", least=0) or samples
-    references = _sampled(reference, samples, sample_time)
+    references = _sampled(as_reference(reference), samples, sample_time)
     records = samples // every
     out = _Outcome(
         states=np.empty((lanes, records, 10)),
