@@ -1,8 +1,9 @@
 """The versions of the formats of Ballbot's own files.
 
 Robot, controller, scenario and mapping files have a key `format`, such as "ballbot robot 1", and results.json has it
-beside the version of Ballbot that wrote it. A file without the key was written before formats had numbers, or by hand,
-and is read as before. Each reader turns the keys of earlier formats into the present ones.
+beside the version of Ballbot that wrote it; a recording of a live run begins with it. A file without the key was
+written before formats had numbers, or by hand, and is read as before. Each reader turns the keys of earlier formats
+into the present ones.
 
 A number rises when an earlier Ballbot would misread the new file: a key is renamed, removed, or means something else. A
 new key that may be left out changes nothing.
@@ -21,10 +22,17 @@ from ballbot.files import read_json
 from ballbot.results import as_json
 from ballbot.schema import toml_line
 
-Kind = Literal["robot", "controller", "scenario", "mapping", "results"]
+Kind = Literal["robot", "controller", "scenario", "mapping", "results", "recording"]
 
 #: the number of the format that is written now
-NEWEST: Mapping[Kind, int] = {"robot": 1, "controller": 1, "scenario": 1, "mapping": 1, "results": 1}
+NEWEST: Mapping[Kind, int] = {
+    "robot": 1,
+    "controller": 1,
+    "scenario": 1,
+    "mapping": 1,
+    "results": 1,
+    "recording": 1,
+}
 
 _NAME = re.compile(r"ballbot (\w+) (\d{1,9})")
 _LINE = re.compile(r'^format = "ballbot \w+ \d+".*\n', re.MULTILINE)

@@ -28,6 +28,7 @@ from time import monotonic
 import numpy as np
 
 from ballbot.errors import InputError
+from ballbot.file_formats import format_name, take_format
 from ballbot.files import check_file, read_bytes
 from ballbot.log import Log
 from ballbot.log.columns import check_column_names
@@ -37,7 +38,6 @@ from ballbot.log.columns import check_column_names
 INTERVAL = 0.02
 #: the suffix of a recording that has not become a log yet
 SUFFIX = ".recording"
-_FORMAT = "ballbot recording 1"
 #: for a disk to answer when a recording is closed [s]
 _PATIENCE = 30.0
 
@@ -67,7 +67,7 @@ class Recorder:
     ) -> None:
         self.path, self.columns = path, tuple(columns)
         self._descriptor = _new_file(path)
-        header = {"format": _FORMAT, "columns": self.columns, "about": about}
+        header = {"format": format_name("recording"), "columns": self.columns, "about": about}
         self._rows: list[Sequence[float]] = []
         self._oldest = math.inf  # when the first of these rows came
         self._writing = math.inf  # when the first of the rows came that are being written
@@ -193,14 +193,22 @@ def check_no_recording(path: Path) -> None:
 
 def _header(line: bytes, path: str | Path) -> tuple[list[str], dict[str, object]]:
     """Return the columns and what the recording is of."""
+    other = InputError(f"{path} is not a recording of `ballbot run`.")
     try:
         header = json.loads(line)
-        columns, about = header["columns"], header["about"]
-        known = header["format"] == _FORMAT and isinstance(about, dict)
-        if not known or columns[:1] != ["t"] or not all(isinstance(one, str) for one in columns):
-            raise ValueError
-    except (ValueError, KeyError, TypeError, RecursionError):
-        raise InputError(f"{path} is not a recording of `ballbot run`.") from None
+    except (ValueError, RecursionError):
+        raise other from None
+    if not isinstance(header, dict) or not str(header.get("format")).startswith("ballbot "):
+        raise other
+    try:
+        rest = take_format(header, "recording")
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    columns, about = rest.get("columns"), rest.get("about")
+    if not isinstance(about, dict) or not isinstance(columns, list) or columns[:1] != ["t"]:
+        raise other
+    if not all(isinstance(one, str) for one in columns):
+        raise other
     check_column_names(columns, source=str(path))
     return columns, about
 
