@@ -13,6 +13,8 @@ from xdist.scheduler import LoadScopeScheduling
 #: Beginnings of files' paths; other files come after these. Files of a tuple stay together, since they share what takes
 #: seconds to make: a drawn ball, logs, a derivation by SymPy, the parsed source.
 ORDER: tuple[str | tuple[str, ...], ...] = (
+    "tests/test_bring_up.py",
+    "tests/test_whole_trip.py",
     "tests/control/test_parts.py",
     ("tests/vision/",),
     ("tests/validation/test_alignment",),
