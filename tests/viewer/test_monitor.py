@@ -1,71 +1,21 @@
 """A real robot in the live view: what its states become, and that nothing goes back to it."""
 
 import time
-from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
 
 from ballbot.control.safety import StopReason
 from ballbot.errors import InputError
-from ballbot.link.messages import MAX_WHEELS, State
 from ballbot.robot import Robot
 from ballbot.viewer.live import LivePush
 from ballbot.viewer.live_process import Request
 from ballbot.viewer.monitor import RobotMonitor, monitor_names, monitor_page
+from tests.support.monitored_link import Link, state
 
 ALTEN = Robot.load("alten")
 #: [s] for the thread that reads the robot
 PATIENCE = 60.0
-
-
-def state(k, *, x=0.0, valid=1, armed=1, stop=0):
-    """Return the state of sample k, 5 ms apart; the clock wraps around at sample 10."""
-    estimate = np.zeros(10, np.float32)
-    estimate[[0, 2]] = x, 0.02
-    wheels = np.zeros(MAX_WHEELS, np.float32)
-    return State(
-        time=(2**32 - 50_000 + 5000 * k) % 2**32,
-        sample=1 + k,
-        armed=armed,
-        stop=stop,
-        stop_wheel=0,
-        self_test=0,
-        self_test_wheel=0,
-        controller=0,
-        imu_valid=1,
-        encoders_valid=1,
-        estimate_valid=valid,
-        gyro=np.zeros(3, np.float32),
-        attitude=np.array([0.01, -0.02, 0.3], np.float32),
-        wheel_counts=np.full(MAX_WHEELS, 10 * k, np.int32),
-        wheel_speeds=wheels + 1.0,
-        estimate=estimate,
-        reference=np.zeros(10, np.float32),
-        torques=wheels + 0.5,
-    )
-
-
-@dataclass
-class Link:
-    """A robot that sends states, and keeps whatever else is done to it."""
-
-    states: list[State]
-    wheel_count: int = 3
-    encoder_step: float = 0.001
-    calls: list[str] = field(default_factory=list)
-    ending: str = ""
-
-    def watch(self, show, *, duration):
-        assert duration == np.inf
-        for one in self.states:
-            show(one)
-        if self.ending:
-            raise InputError(self.ending)
-
-    def __getattr__(self, name):
-        self.calls.append(name)
-        raise AttributeError(name)
 
 
 def frames_of(link):
