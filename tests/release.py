@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-EXTRAS = "twin,formats,interop,symbolic,cluster,vision,link"
+EXTRAS = "twin,formats,view,interop,symbolic,cluster,vision,link"
 #: tests of each package that Ballbot depends on, without long compilation
 TESTS = (
     "tests/cli/test_output_options.py",  # cyclopts, rich
@@ -31,6 +31,7 @@ TESTS = (
     "tests/vision/test_parts.py",  # opencv
     "tests/link/test_frames.py",  # cobs, fastcrc
     "tests/fitting/test_run.py",  # processes
+    "tests/viewer/test_server.py",  # websockets
 )
 
 
