@@ -142,7 +142,7 @@ class Margins:
 
 
 #: of the rows of margins
-HEADINGS = ("torque of", "gain", "phase", "delay", "disk: gain", "disk: phase")
+HEADINGS = ("torque of", "gain", "phase", "delay", "disk gain", "disk phase")
 #: what the rows are
 MEANING = (
     "A torque may change on its way by these factors, by this phase or by this delay; in the disk by gain and phase at "

@@ -17,7 +17,7 @@ from ballbot.errors import InputError
 from ballbot.log.columns import Columns, factor_to, unit_of
 
 if TYPE_CHECKING:
-    from pandas import DataFrame, Index, Series
+    from pandas import DataFrame, Index, Series  # pyright: ignore[reportMissingImports]
 
 #: keys of a frame's `attrs`
 _UNITS, _ENDED = "units", "ended"
@@ -118,7 +118,7 @@ def _factor(name: str, stated: object) -> float:
 
 def _pandas() -> ModuleType:
     try:
-        import pandas
+        import pandas  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise InputError(
             "pandas is not installed; install it with: pip install 'ballbot[interop]'."

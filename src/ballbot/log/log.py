@@ -28,7 +28,7 @@ from ballbot.summary import Summary, counted, plotted, range_words, summarized
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from pandas import DataFrame
+    from pandas import DataFrame  # pyright: ignore[reportMissingImports]
 
     from ballbot.log.mapping import LogMapping
 
