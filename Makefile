@@ -2,7 +2,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: demo test fast browser board samples wheel lowest bench evidence format types clean
+.PHONY: demo test fast browser board samples site wheel lowest bench evidence format types clean
 
 demo: .venv/.demo  ## record a balancing robot on the twin, study its logs, name the report
 	@echo "1 of 3: record 48 s around a square on the physics-engine twin"
@@ -27,6 +27,10 @@ board: .venv/.test  ## the firmware under cppcheck, sanitizers and, as a whole b
 samples: .venv/.test  ## a sample of each campaign and of the goldens; pages and examples made anew; every array walked under bounds checks
 	$(BIN)/python -m pytest -m sample -n auto --dist loadfile
 
+site: .venv/.docs  ## the documentation, its commands run, into build/site; warnings are errors
+	$(BIN)/python -m sphinx --builder html --fail-on-warning --keep-going --quiet docs build/site
+	@echo "build/site/index.html"
+
 wheel: .venv/bin/python  ## the wheel, installed alone into an empty environment, and commands tried there
 	$(BIN)/python -m tests.release wheel
 
@@ -40,12 +44,12 @@ evidence: .venv/.test  ## long campaigns, into docs/generated/evidence.md
 	$(BIN)/python -m campaigns.evidence
 
 format: .venv/.dev  ## put the code into its form
-	$(BIN)/ruff check --fix src tests examples benchmarks campaigns
-	$(BIN)/ruff format src tests examples benchmarks campaigns
+	$(BIN)/ruff check --fix src tests examples benchmarks campaigns docs/conf.py docs/extensions
+	$(BIN)/ruff format src tests examples benchmarks campaigns docs/conf.py docs/extensions
 
 types: .venv/.dev  ## style and types, nothing changed
-	$(BIN)/ruff check src tests examples benchmarks campaigns
-	$(BIN)/ruff format --check src tests examples benchmarks campaigns
+	$(BIN)/ruff check src tests examples benchmarks campaigns docs/conf.py docs/extensions
+	$(BIN)/ruff format --check src tests examples benchmarks campaigns docs/conf.py docs/extensions
 	$(BIN)/pyright
 
 clean:
@@ -65,6 +69,10 @@ clean:
 
 .venv/.bench: .venv/bin/python pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable ".[test,peers]"
+	touch $@
+
+.venv/.docs: .venv/bin/python pyproject.toml
+	$(BIN)/python -m pip install --quiet --editable ".[docs]"
 	touch $@
 
 .venv/.dev: .venv/bin/python pyproject.toml

@@ -49,6 +49,15 @@ def test_links_of_a_document_lead_somewhere(document):
         assert not anchor or anchor in anchors(file), f"{document.name}: {target}"
 
 
+def test_every_page_is_once_in_the_contents_of_the_site():
+    blocks = re.findall(
+        r"```\{toctree\}\n(.*?)```", (ROOT / "docs/index.md").read_text(encoding="utf-8"), re.DOTALL
+    )
+    listed = [line for block in blocks for line in block.splitlines() if line and not line.startswith(":")]
+    pages = [path.relative_to(ROOT / "docs").with_suffix("").as_posix() for path in DOCUMENTS[1:]]
+    assert sorted(listed) == sorted(page for page in pages if page != "index")
+
+
 def resolved(name: str) -> bool:
     """Return whether a dotted name is a module, or something in one."""
     found, parts = importlib.import_module("ballbot"), name.split(".")[1:]
