@@ -30,8 +30,9 @@ from ballbot.identification.upside_down import identify_upside_down
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.driveline import UNITS, driveline_findings
-from ballbot.report.words import digits, with_error
+from ballbot.report.words import with_error
 from ballbot.robot import Friction, Robot
+from ballbot.rounding import digits
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.bench import Bench, multisine_torques, run_bench, sweep_torques
 from ballbot.validation import ErrorPair, Validation, findings, validate

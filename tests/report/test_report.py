@@ -24,9 +24,10 @@ from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.driveline import driveline_findings
 from ballbot.report.friction import friction_curve, interval_figure
 from ballbot.report.style import drawn, thinned, with_peaks
-from ballbot.report.words import digits, state_mark, with_error, with_symbols
+from ballbot.report.words import state_mark, with_error, with_symbols
 from ballbot.results import as_json
 from ballbot.robot import Friction
+from ballbot.rounding import digits
 from tests.support.validation_examples import true_robot
 
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ballbot.identification.quantities import Layout
 from ballbot.mechanics.friction import stribeck_decay
+from ballbot.rounding import plus_minus
 
 #: of the speeds driven that are below W
 SHARE = 0.95
@@ -102,7 +103,7 @@ def _weight_of_s(speeds: NDArray[np.float64], v_s: float, delta: float) -> NDArr
 def coulomb_sentence(found: CoulombEquivalent) -> str:
     """Return the sentences of a report."""
     each = ", ".join(
-        f"{value:.3g} ± {error:.2g}" if np.isfinite(error) else f"{value:.3g}"
+        plus_minus(float(value), float(error))
         for value, error in zip(found.values, found.standard_errors, strict=True)
     )
     top = ", ".join(f"{speed:.2g}" for speed in found.speeds)

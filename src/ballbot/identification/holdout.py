@@ -32,6 +32,7 @@ from ballbot.identification.stages import errors, windows_for
 from ballbot.identification.windows import COMPARISONS, Windows, measured_wheel_speeds, standstill_torques
 from ballbot.log import STATE_NAMES, Log, LogLike, as_log
 from ballbot.mechanics.model import Model
+from ballbot.rounding import plus_minus
 
 #: [s]
 HORIZONS = (0.1, 0.25, 0.5)
@@ -291,8 +292,8 @@ def _share_findings(name: str, horizons: Sequence[FrictionAtHorizon]) -> list[Fi
     word = "less" if speed.share < 1.0 else "more"
     text = (
         f"{name} needs {word} friction than was identified: over {horizons[0].horizon:.2g} s its wheels "
-        f"need {speed.share:.2f} +- {speed.share_error:.2f} times as much, its lean {lean.share:.2f} +- "
-        f"{lean.share_error:.2f} times. The friction was different when the logs were made, or times in "
-        "one of them are wrong. Fit both together for a mean, or each by itself."
+        f"need {plus_minus(speed.share, speed.share_error)} times as much, its lean "
+        f"{plus_minus(lean.share, lean.share_error)} times. The friction was different when the logs were made, or "
+        "times in one of them are wrong. Fit both together for a mean, or each by itself."
     )
     return [warning("friction-differs", text)]

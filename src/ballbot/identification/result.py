@@ -29,6 +29,7 @@ from ballbot.identification.variation import Variation
 from ballbot.identification.windows import Span
 from ballbot.log import STATE_NAMES
 from ballbot.robot import Robot
+from ballbot.rounding import digits, plus_minus
 from ballbot.summary import Summary, counted, plotted, summarized
 
 if TYPE_CHECKING:
@@ -171,7 +172,7 @@ class Identification:
         found = [*self.log_findings, *self.warnings]
         more = (counted(len(found) - _SHOWN, "more finding"),) if len(found) > _SHOWN else ()
         return Summary(
-            title=f"Identification of the robot {self.robot.name}: value +- standard error",
+            title=f"Identification of the robot {self.robot.name}: value ± standard error",
             rows=tuple(rows),
             remarks=(*(one.text for one in found[:_SHOWN]), *more),
         )
@@ -222,7 +223,7 @@ _SHOWN = 3
 def _with_error(value: float, error: float) -> str:
     if not np.isfinite(value):
         return "no influence"
-    return f"{value:.3g} +- {error:.2g}" if np.isfinite(error) else f"{value:.3g} (no error)"
+    return plus_minus(value, error) if np.isfinite(error) else f"{digits(value)} (no error)"
 
 
 def represents_sentence(layout: Layout) -> str:

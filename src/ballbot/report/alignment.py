@@ -14,7 +14,8 @@ from ballbot.log import Log
 from ballbot.report.blocks import Block, Bullets, Report, Sheet, section
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries
-from ballbot.report.words import digits, signed_with_error, state_mark, with_symbols
+from ballbot.report.words import signed_with_error, state_mark, with_symbols
+from ballbot.rounding import digits
 from ballbot.validation.alignment import Alignment, SensorErrors, alignment_findings
 from ballbot.validation.alignment.align import PositionError
 

@@ -23,7 +23,8 @@ from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import IN_TURN, Line, Panel, TimeSeries
 from ballbot.report.style import drawn_picture
-from ballbot.report.words import digits, with_error
+from ballbot.report.words import with_error
+from ballbot.rounding import digits
 
 #: a point of the friction figure is drawn only where the axis moves faster than this share of its fastest
 _SLOW = 0.02

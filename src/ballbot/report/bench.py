@@ -26,8 +26,8 @@ from ballbot.report.palette import SHADE
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Look, Panel, TimeSeries
 from ballbot.report.style import MEASURED, REFERENCE, WITH_FRICTION, WITHOUT_FRICTION, thinned
-from ballbot.report.words import digits
 from ballbot.robot import Friction, Robot
+from ballbot.rounding import digits
 from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
 from ballbot.workflows.ball_movement import BallMovement
 

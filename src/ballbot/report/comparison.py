@@ -24,7 +24,7 @@ from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE, SHADE, VIOLE
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together, true_spans
 from ballbot.report.style import REFERENCE, LineStyle, drawn_picture, label_of, thinned
-from ballbot.report.words import digits
+from ballbot.rounding import digits
 from ballbot.workflows.comparison import Estimate
 from ballbot.workflows.courses import Course
 from ballbot.workflows.league import (

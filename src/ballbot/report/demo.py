@@ -16,8 +16,8 @@ from ballbot.log.checks import CheckedLogs
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.demo_runs import ROBOT, SOFT
 from ballbot.report.friction import friction_curve
-from ballbot.report.words import digits
 from ballbot.robot import Robot
+from ballbot.rounding import digits
 from ballbot.twin.scenario import Scenario
 from ballbot.viewer.page import ResultState
 

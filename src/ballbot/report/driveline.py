@@ -22,7 +22,8 @@ from ballbot.report.palette import BLUE, GREEN, INK, ORANGE
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import REFERENCE, WITH_FRICTION, WITHOUT_FRICTION, LineStyle, drawn_picture, thinned
-from ballbot.report.words import digits, with_error
+from ballbot.report.words import with_error
+from ballbot.rounding import digits
 
 _WHEELS = ((INK, "-"), (BLUE, "--"), (ORANGE, "-."), (GREEN, ":"))
 #: a broad pale line beneath, for the model's with friction lies on it

@@ -20,8 +20,8 @@ from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import IN_TURN, Line, Panel, TimeSeries, wheel_lines
 from ballbot.report.style import drawn_picture, thinned
-from ballbot.report.words import digits
 from ballbot.robot import Robot
+from ballbot.rounding import digits
 from ballbot.workflows.excitation_task import RunLimits, run_on_model
 from ballbot.workflows.excite import Excitation, Trial
 

@@ -36,7 +36,8 @@ from ballbot.report.console import TextTable, table
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.report.style import drawn_picture
-from ballbot.report.words import digits, interval_text, value_and_error
+from ballbot.report.words import interval_text
+from ballbot.rounding import digits, value_and_error
 from ballbot.workflows.study import StudiedLog
 
 

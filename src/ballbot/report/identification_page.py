@@ -34,7 +34,8 @@ from ballbot.report.study import friction_sentence
 from ballbot.report.study_page import parameter_symbols
 from ballbot.report.style import STATE_UNITS, drawn_picture
 from ballbot.report.validation_figures import correlation_figure
-from ballbot.report.words import digits, state_mark
+from ballbot.report.words import state_mark
+from ballbot.rounding import digits
 from ballbot.workflows.study import StudiedLog
 
 

@@ -13,10 +13,10 @@ from rich.text import Text
 from ballbot.control.margins import MEANING
 from ballbot.report.console import finding_line, matrix_text, table
 from ballbot.report.loop import margins_table
-from ballbot.report.words import digits
 from ballbot.robot import Robot
 from ballbot.robot.derived import Derived
 from ballbot.robot.drawing import robot_drawing
+from ballbot.rounding import digits
 from ballbot.workflows.reference_check import MARGIN_HEADINGS
 from ballbot.workflows.robot_check import (
     MATRICES,

@@ -30,8 +30,8 @@ from ballbot.report.robot_check import (
 )
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import drawn_picture
-from ballbot.report.words import digits
 from ballbot.robot.figure import robot_figure
+from ballbot.rounding import digits
 from ballbot.workflows.reference_check import MARGIN_HEADINGS
 from ballbot.workflows.robot_check import (
     MATRICES,

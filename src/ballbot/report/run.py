@@ -16,8 +16,8 @@ from ballbot.mechanics.parameters import Formulation
 from ballbot.report.blocks import Block, Film, Paragraph, Report, Section, Sheet, section
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
-from ballbot.report.words import digits
 from ballbot.robot import Robot
+from ballbot.rounding import digits
 from ballbot.viewer.page import replay_part
 from ballbot.workflows.metrics import (
     BAND,

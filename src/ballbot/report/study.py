@@ -11,8 +11,9 @@ from ballbot.report.tables import (
     has_confidence,
     interval_words,
 )
-from ballbot.report.words import digits, millimetres
+from ballbot.report.words import millimetres
 from ballbot.robot import Friction, Robot
+from ballbot.rounding import digits
 from ballbot.validation.result import better_in, weak_states
 from ballbot.workflows.controller_choice import ControllerChoice
 from ballbot.workflows.study import Study

@@ -39,9 +39,10 @@ from ballbot.report.tables import (
 )
 from ballbot.report.validation_figures import correlation_figure
 from ballbot.report.validation_page import undecided_by, validation_sections
-from ballbot.report.words import digits, state_mark, with_symbols
+from ballbot.report.words import state_mark, with_symbols
 from ballbot.robot import Robot
 from ballbot.robot.figure import robot_figure
+from ballbot.rounding import digits
 from ballbot.validation import findings as validation_findings
 from ballbot.validation.residuals import residual_findings
 from ballbot.viewer import replay_part

@@ -11,7 +11,8 @@ from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import Identification
 from ballbot.log import STATE_NAMES
 from ballbot.report.blocks import Cell, Sheet
-from ballbot.report.words import digits, interval_text, millimetres, state_mark, with_error
+from ballbot.report.words import interval_text, millimetres, state_mark, with_error
+from ballbot.rounding import digits
 from ballbot.validation import ErrorPair
 from ballbot.workflows.comparison import MedianEstimate
 from ballbot.workflows.controller_choice import ControllerChoice

@@ -14,8 +14,8 @@ from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX
 from ballbot.report.blocks import Report, Sheet, section
 from ballbot.report.provenance import Provenance, provenance
 from ballbot.report.run import over_time, run_sections, run_verdict
-from ballbot.report.words import digits
 from ballbot.robot import Robot
+from ballbot.rounding import digits
 from ballbot.twin.recording import Recording
 from ballbot.workflows.comparison import Comparison
 from ballbot.workflows.record import RecordJob, RecordOutcome, settings

@@ -18,7 +18,7 @@ from ballbot.findings import finding_results
 from ballbot.fitting.comparison import verdicts
 from ballbot.log import STATE_NAMES
 from ballbot.report.console import table
-from ballbot.report.words import digits
+from ballbot.rounding import digits
 from ballbot.validation import ErrorPair, ModelPair, Validation, findings
 from ballbot.validation.prediction import HorizonComparison, Prediction
 from ballbot.validation.residuals import ResidualAnalysis

@@ -6,7 +6,7 @@ import math
 import re
 from typing import TYPE_CHECKING
 
-import numpy as np
+from ballbot.rounding import digits, plus_minus
 
 if TYPE_CHECKING:
     from ballbot.fitting.intervals import Interval
@@ -35,37 +35,18 @@ def millimetres(metres: float) -> str:
     return digits(1e3 * metres)
 
 
-def digits(value: float, count: int = 3) -> str:
-    """Return a number with that many significant digits and no exponent; a dash where it is none."""
-    if not np.isfinite(value):
-        return "–"
-    if value == 0.0:
-        return "0"
-    leading = int(np.floor(np.log10(abs(value))))
-    places = max(0, count - 1 - leading)
-    return f"{round(value, count - 1 - leading):.{places}f}"
-
-
-def value_and_error(value: float, error: float) -> tuple[str, str]:
-    """Return a value and its standard error, both to the error's second digit; a dash for what is no number."""
-    if not (np.isfinite(value) and np.isfinite(error) and error > 0.0):
-        return digits(value), "–"
-    places = max(0, 1 - int(np.floor(np.log10(error))))
-    return f"{value:.{places}f}", f"{error:.{places}f}"
-
-
 def with_error(value: float, error: float) -> str:
-    """Return a value and its standard error in words; see `value_and_error`."""
-    if not np.isfinite(value):
+    """Return a value and its standard error in words, rounded alike."""
+    if not math.isfinite(value):
         return "not identified by these logs"
-    shown, of_error = value_and_error(value, error)
-    return f"{shown} (no standard error)" if of_error == "–" else f"{shown} ± {of_error}"
+    known = math.isfinite(error) and error > 0.0
+    return plus_minus(value, error) if known else f"{digits(value)} (no standard error)"
 
 
 def signed_with_error(value: float, error: float) -> str:
     """Return a value with its sign and its error, both to the second digit of the error."""
     text = with_error(value, error)
-    return text if text.startswith("-") or not np.isfinite(value) else f"+{text}"
+    return text if text.startswith("-") or not math.isfinite(value) else f"+{text}"
 
 
 def with_symbols(words: str) -> str:

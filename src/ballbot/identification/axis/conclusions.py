@@ -13,6 +13,7 @@ from ballbot.identification.axis.model import PARAMETERS, AxisLaw, unit_for
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.result import Estimate
 from ballbot.identification.axis.selection import USEFUL_GAIN
+from ballbot.rounding import plus_minus
 
 #: a parameter whose standard error exceeds this share of it is poorly determined
 _OPEN = 0.5
@@ -95,8 +96,8 @@ def _over_time(asymmetry: NDArray[np.float64], unit: str) -> str:
         f", and it changes within the record (by {apart:.1f} standard errors)" if apart > _DIFFERENT else ""
     )
     return (
-        f"half the difference of the viscous coefficients is {first:.3g} +- {first_error:.2g} {unit} at the start and "
-        f"{last:.3g} +- {last_error:.2g} at the end{moving}; "
+        f"half the difference of the viscous coefficients is {plus_minus(first, first_error)} {unit} at the start and "
+        f"{plus_minus(last, last_error)} at the end{moving}; "
     )
 
 

@@ -1,0 +1,34 @@
+"""Numbers as people read them: significant digits without an exponent, and a value no finer than its error."""
+
+from __future__ import annotations
+
+import math
+
+#: in place of what is no number
+DASH = "–"
+
+
+def digits(value: float, count: int = 3) -> str:
+    """Return a number with that many significant digits and no exponent; a dash if it is not finite."""
+    if not math.isfinite(value):
+        return DASH
+    if value == 0.0:
+        return "0"
+    leading = math.floor(math.log10(abs(value)))
+    places = max(0, count - 1 - leading)
+    return f"{round(value, count - 1 - leading):.{places}f}"
+
+
+def value_and_error(value: float, error: float) -> tuple[str, str]:
+    """Return a value and its error, both to the error's second digit; without an error three digits and a dash."""
+    if not (math.isfinite(value) and math.isfinite(error) and error > 0.0):
+        return digits(value), DASH
+    places = max(0, 1 - math.floor(math.log10(error)))
+    # adding zero keeps a minus sign off what prints as nothing
+    return f"{round(value, places) + 0.0:.{places}f}", f"{error:.{places}f}"
+
+
+def plus_minus(value: float, error: float) -> str:
+    """Return a value with its error as "0.133 ± 0.0085", or the value alone if its error is not known."""
+    shown, of_error = value_and_error(value, error)
+    return shown if of_error == DASH else f"{shown} ± {of_error}"
