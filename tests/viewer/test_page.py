@@ -125,3 +125,13 @@ def test_refusal_names_the_log():
     bad = log.with_columns({"psi": np.full(10, np.nan)})
     with pytest.raises(InputError, match="bad: "):
         replay_page({"good": log, "bad": bad}, ALTEN, title="two")
+
+
+def test_logs_and_robots_are_taken_as_values_names_and_files(tmp_path):
+    log, path = smooth_log(rows=40), tmp_path / "walk.csv"
+    log.write(path)
+    for logs, names in ((log, ["run"]), (path, ["walk"]), ([log, path], ["log 1", "walk"])):
+        runs = data_of(replay_page(logs, "alten", title="a"))["runs"]
+        assert [run["name"] for run in runs] == names
+    with pytest.raises(InputError, match="did you mean the preset 'alten'"):
+        replay_page(log, "altn", title="a")

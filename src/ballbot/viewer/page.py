@@ -19,9 +19,9 @@ from typing import Literal
 import numpy as np
 
 from ballbot.errors import InputError
-from ballbot.log import Log
+from ballbot.log import LogsLike, as_logs
 from ballbot.printable import printable_line
-from ballbot.robot import Robot
+from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.drawing import BodyShape, body_shape, row_offsets, wheel_shapes
 from ballbot.viewer.motion import BODY_NOTE, INTERVAL, Motion, motion_of, robot_at_rest
 from ballbot.viewer.packing import packed
@@ -48,8 +48,8 @@ class ReplayPart:
 
 
 def replay_part(
-    logs: Mapping[str, Log],
-    robot: Robot | Mapping[str, Robot],
+    logs: LogsLike,
+    robot: RobotLike | Mapping[str, RobotLike],
     *,
     layout: Layout = "side",
     autoplay: bool = False,
@@ -59,9 +59,9 @@ def replay_part(
 
     Parameters
     ----------
-    logs : mapping of str to Log
-        By name, at most `MOST_RUNS`; time counts from each log's start. Without a log the robots stand at rest.
-    robot : Robot or mapping of str to Robot
+    logs : Log or log file, or several in a list or a mapping
+        At most `MOST_RUNS`; time counts from each log's start. With an empty mapping the robots stand at rest.
+    robot : Robot, preset or robot file, or mapping of str to them
         Of all logs, or of each by the log's name.
     layout : {"side", "ghosts"}
         How several logs are shown at first; the page can change it.
@@ -93,8 +93,8 @@ def _element(kind: str, name: str, data: dict[str, object]) -> str:
 
 
 def replay_page(
-    logs: Mapping[str, Log],
-    robot: Robot | Mapping[str, Robot],
+    logs: LogsLike,
+    robot: RobotLike | Mapping[str, RobotLike],
     *,
     title: str,
     layout: Layout = "side",
@@ -267,9 +267,15 @@ def _script(own: tuple[str, ...]) -> str:
 
 
 def _replay_data(
-    logs: Mapping[str, Log], robot: Robot | Mapping[str, Robot], *, layout: Layout, autoplay: bool
+    given: LogsLike, robot: RobotLike | Mapping[str, RobotLike], *, layout: Layout, autoplay: bool
 ) -> dict[str, object]:
-    robots = dict.fromkeys(logs or [robot.name], robot) if isinstance(robot, Robot) else dict(robot)
+    at_rest = isinstance(given, Mapping) and not given
+    logs = {} if at_rest else {name or "run": log for name, log in as_logs(given).items()}
+    if isinstance(robot, Mapping):
+        robots = {name: as_robot(one) for name, one in robot.items()}
+    else:
+        described = as_robot(robot)
+        robots = dict.fromkeys(logs or [described.name], described)
     names = list(logs) or list(robots)
     _check_number(len(names), "logs")
     motions = {}
