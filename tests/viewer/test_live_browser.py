@@ -130,12 +130,15 @@ def test_robot_without_motors_falls_and_is_put_up_again(tab):
 
 def test_settings_come_back_from_the_simulation_to_every_page(tab, browser, address):
     slide(tab, "Wheels", 2)
+    choose = "document.querySelector('select[aria-label=\"Friction compensation\"]')"
+    tab.run(f"{choose}.value = 'partial'; {choose}.dispatchEvent(new Event('change'))")
     tab.click("button.play")
     tab.wait(f"{STATE} === 'Paused.'")
     with new_tab(browser) as other:
         other.go(address)
         other.wait(f"{STATE} === 'Paused.'")
         assert other.run("document.querySelector('input[aria-label=Wheels]').value") == "2"
+        assert other.run(f"{choose}.value") == "partial"
         other.key(" ", "Space")
     tab.wait(RUNNING)
     slide(tab, "Wheels", 1)

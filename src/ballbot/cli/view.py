@@ -84,7 +84,9 @@ def view(
     if video and not paths:
         raise InputError("A video needs a log: a robot at rest does not move.")
     if robots:
-        described = {one.name: one for one in map(Robot.load, robots)}
+        described: dict[str, Robot] = {}
+        for word, one in zip(robots, map(Robot.load, robots), strict=True):
+            described[word if one.name in described else one.name] = one
         if save is None and has_live_view():
             simulate_live(described, live)
             return
