@@ -10,6 +10,7 @@ from websockets.asyncio.client import connect
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 
+from ballbot.errors import InputError
 from ballbot.viewer.live_process import Request, Status
 from ballbot.viewer.page import LivePage
 from ballbot.viewer.server import Access, serve_live
@@ -217,6 +218,15 @@ def test_flood_of_requests_ends_the_connection():
     code, requests = talk(*['{"reset": true}'] * 400)
     assert code == 1006  # at once, without a farewell
     assert len(requests) <= 200
+
+
+@pytest.mark.parametrize("phase", ["failed", "ended"])
+def test_end_of_the_simulation_gives_its_reason(phase):
+    source = Simulation()
+    source.status = Status(phase=phase, message="The robot has been silent.")
+    serving = serve_live(PAGE, source, access=Access(token=TOKEN), ready=lambda _: None)
+    with pytest.raises(InputError, match="silent"):
+        asyncio.run(asyncio.wait_for(serving, PATIENCE))
 
 
 def test_ninth_page_is_turned_away():

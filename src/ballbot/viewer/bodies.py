@@ -27,7 +27,7 @@ from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.twin import BodyForce, Twin
-from ballbot.viewer.motion import integrated_rotation
+from ballbot.viewer.motion import integrated_rotation, quaternion_product
 
 #: lean at which a robot of the twin counts as fallen [rad]: further than in its scenario, to see it fall
 _FALLEN = 1.2
@@ -173,12 +173,4 @@ class TwinBody:
 
     def ball(self) -> NDArray[np.float64]:
         """Return the ball's orientation (4,), world from ball, wxyz."""
-        (a, b, c, d), (w, x, y, z) = self._quaternion.tolist(), self._turned.tolist()
-        return np.array(
-            [
-                a * w - b * x - c * y - d * z,
-                a * x + b * w + c * z - d * y,
-                a * y - b * z + c * w + d * x,
-                a * z + b * y - c * x + d * w,
-            ]
-        )
+        return np.array(quaternion_product(self._quaternion.tolist(), self._turned.tolist()))

@@ -237,6 +237,21 @@ def _ball_rotation(log: Log, robot: Robot) -> tuple[NDArray[np.float64], str]:
     return integrated_rotation(0.5 * (Omega[1:] + Omega[:-1]) * np.diff(log.t)[:, None]), source
 
 
+#: w, x, y, z
+Quaternion = Sequence[float]
+
+
+def quaternion_product(second: Quaternion, first: Quaternion) -> Quaternion:
+    """Return the rotation that is one rotation, after another that comes first."""
+    (a, b, c, d), (w, x, y, z) = second, first
+    return (
+        a * w - b * x - c * y - d * z,
+        a * x + b * w + c * z - d * y,
+        a * y - b * z + c * w + d * x,
+        a * z + b * y - c * x + d * w,
+    )
+
+
 def integrated_rotation(
     turns: NDArray[np.float64], *, first: Sequence[float] | NDArray[np.float64] = (1.0, 0.0, 0.0, 0.0)
 ) -> NDArray[np.float64]:
@@ -257,16 +272,11 @@ def integrated_rotation(
     angle = np.linalg.norm(turns, axis=1)
     half_sine = 0.5 * np.sinc(angle / (2.0 * math.pi))  # sin(angle / 2) / angle, also at zero
     steps = np.column_stack((np.cos(angle / 2.0), half_sine[:, None] * turns)).tolist()
-    w, x, y, z = (float(one) for one in first)
-    found = [(w, x, y, z)]
-    for a, b, c, d in steps:  # step times orientation: the turn is in the world frame
-        w, x, y, z = (
-            a * w - b * x - c * y - d * z,
-            a * x + b * w + c * z - d * y,
-            a * y - b * z + c * w + d * x,
-            a * z + b * y - c * x + d * w,
-        )
-        found.append((w, x, y, z))
+    orientation: Quaternion = tuple(float(one) for one in first)
+    found: list[Quaternion] = [orientation]
+    for step in steps:  # the turn is in the world frame
+        orientation = quaternion_product(step, orientation)
+        found.append(orientation)
     quaternions = np.array(found)
     quaternions /= np.linalg.norm(quaternions, axis=1)[:, None]
     flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0

@@ -144,7 +144,7 @@ async def serve_live(
     Raises
     ------
     InputError
-        If the port cannot be listened on, or the simulation cannot start.
+        If the port cannot be listened on, or the simulation cannot start or ends by itself.
     """
     pages = _Pages(source)
 
@@ -178,7 +178,7 @@ async def serve_live(
     async with server:
         ready(address_of(access, _port_of(server)))
         await pages.watch(until)
-    if source.status.phase == "failed":
+    if source.status.phase in ("failed", "ended"):
         raise InputError(source.status.message)
 
 
