@@ -76,7 +76,7 @@ def _verdict(checked: CheckedRobot) -> list[tuple[str, str]]:
         verdict.append(("How sure", uncertainty_sentence(checked.spread)))
     if checked.swing:
         quantity, value, unit = checked.swing.rows()[0]
-        verdict.append(("Swing", f"{quantity}: {value} {unit}."))
+        verdict.append(("Swing", _capital(f"{quantity}: {value} {unit}.")))
     if checked.following:
         verdict.append((f"Following {checked.following.name}", " ".join(checked.following.verdict())))
     return verdict
