@@ -85,7 +85,13 @@ class Compiled:
 def covariances(compiled: Compiled, exact: KalmanFilter) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the covariances (14, 14) of the filter in C and of the one in Python in the firmware's states."""
     T = firmware_states()
-    return compiled.memory["P"][0].astype(np.float64), T @ exact._P @ T.T
+    return whole_covariance(compiled.memory), T @ exact._P @ T.T
+
+
+def whole_covariance(memory: NDArray[np.void]) -> NDArray[np.float64]:
+    """Return the covariance (14, 14) in a filter's memory, which does not keep all that lies below its diagonal."""
+    above = np.triu(memory["P"][0].astype(np.float64))
+    return above + np.triu(above, 1).T
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,7 +187,7 @@ class Driven:
 
     def covariance(self) -> NDArray[np.float64]:
         """Return the covariance (14, 14)."""
-        return self.memory["P"][0].astype(np.float64)
+        return whole_covariance(self.memory)
 
 
 def driven_run(

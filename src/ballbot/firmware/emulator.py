@@ -39,8 +39,9 @@ _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 #: the processor
 PROCESSOR = ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m4+vfp4d16sp")
+#: functions begin with a line of flash, so that what one takes does not follow from the length of those before it
 _BUILD = ("-O2", "-g0", "-fomit-frame-pointer", "-ffreestanding", "-ffunction-sections", "-fno-unwind-tables",
-          "-fstack-size-section")  # fmt: skip
+          "-fstack-size-section", "-falign-functions=8")  # fmt: skip
 
 FLASH, FLASH_SIZE = 0x0800_0000, 256 * 1024
 RAM, RAM_SIZE = 0x2000_0000, 256 * 1024  # more than the chip's, for many records at a time

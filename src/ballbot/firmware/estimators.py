@@ -109,6 +109,8 @@ class KalmanMemory:
     pivoting: float = field(metadata=number("rad/s"))
     x: NDArray[np.float64] = field(metadata=number("state", STATES))
     rest: NDArray[np.float64] = field(metadata=number("state", STATES))  #: what rounding has taken from it
+    sine: float = field(metadata=number("1"))  #: of the heading x[psi], as it was given last
+    cosine: float = field(metadata=number("1"))
     P: NDArray[np.float64] = field(metadata=number("product of two states", STATES, STATES))  #: covariance
 
 

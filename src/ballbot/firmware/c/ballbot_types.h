@@ -14,9 +14,9 @@
 /* Updates whose torques the law remembers. */
 #define BALLBOT_MAX_PAST 22
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "76641c738d27292a8d65904ef0cbc1c31ad7c9fd5454d086422ca990cc9ec1d9"
+#define BALLBOT_SCHEMA_DIGEST "9e0e38868f3d44fe4cb8be3db8f85d1a070bdfdc93fbf7d5ef529aeeee48465e"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 1986272371, 220670250, 224759886, 1892401603, 450349565, 1414844550, 1110223248, 1285472729 }
+#define BALLBOT_SCHEMA_WORDS { 504248454, 255673598, 1287175741, 955800858, 118218716, 335280085, 1867684590, 1850230366 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -358,9 +358,11 @@ struct ballbot_kalman_memory {
     float pivoting; /* [rad/s] */
     float x[14]; /* [state] */
     float rest[14]; /* [state] */
+    float sine; /* [1] */
+    float cosine; /* [1] */
     float P[14][14]; /* [product of two states] */
 };
-typedef char ballbot_kalman_memory_has_no_padding[(sizeof(struct ballbot_kalman_memory) == 234u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_kalman_memory_has_no_padding[(sizeof(struct ballbot_kalman_memory) == 236u * sizeof(float)) ? 1 : -1];
 
 /* All that changes while the robot runs. */
 struct ballbot_state {
@@ -372,7 +374,7 @@ struct ballbot_state {
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 771u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 773u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {

@@ -46,6 +46,13 @@ enum { LOST = -1, NOT_STARTED = 0, RUNNING = 1 };
 /* Numbers that are taken in at a time: three of the wheels and three of the AHRS, or those of a fix. */
 enum { FROM_WHEELS = 0, FROM_AHRS = 3, SEEN = 6 };
 
+/* Before a short loop: without its counting and branching it takes half as long. Other compilers decide by themselves. */
+#if defined(__GNUC__)
+#define UNROLLED _Pragma("GCC unroll 6")
+#else
+#define UNROLLED
+#endif
+
 /* square of a cosine, at least */
 #define LEAST_UPRIGHT_SQUARED 1.0e-6f
 
@@ -60,6 +67,12 @@ struct transition {
     float turn;                 /* h psi_dot */
     float g_z, lean[2], speed[2]; /* h g_z, h g, h s */
     float h, forgotten;
+};
+
+/* x and y of a vector. */
+struct pair {
+    float x;
+    float y;
 };
 
 /* Return the cosine with this square; a lean that noise has taken past level counts as nearly level. */
@@ -95,22 +108,20 @@ static void move(struct ballbot_kalman_memory *memory, int32_t state, float valu
 /* ---- the motion ---- */
 
 /* Give F at the state and the sample's mean angular velocity w, without the gyro's bias [rad/s]. */
-static void linearize(const struct ballbot_kalman_record *record, const float x[STATES], const float w[3],
-                      struct transition *f)
+static void linearize(const struct ballbot_kalman_record *record, const struct ballbot_kalman_memory *memory,
+                      const float w[3], struct transition *f)
 {
+    const float *const x = memory->x;
     const float h = record->sample_time;
     const float g_z = upright_part(x[G_X], x[G_Y]);
     const float by_psi = h / (1.0f + g_z);
     const float by_g = h / g_z;
     const float v_x = x[S_X] - lever_speed(record, 0, w);
     const float v_y = x[S_Y] - lever_speed(record, 1, w);
-    float sine;
-    float cosine;
-    ballbot_sine_cosine(x[PSI], &sine, &cosine);
     f->h = h;
     f->forgotten = record->forgotten;
-    f->cosine = h * cosine;
-    f->sine = h * sine;
+    f->cosine = h * memory->cosine;
+    f->sine = h * memory->sine;
     f->x_psi = -(f->sine * v_x + f->cosine * v_y);
     f->y_psi = f->cosine * v_x - f->sine * v_y;
     for (int32_t k = 0; k < 3; ++k) {
@@ -135,47 +146,61 @@ static void linearize(const struct ballbot_kalman_record *record, const float x[
     f->g_z = h * g_z;
 }
 
-/* Give the lean's and the speed's elements of F c for a vector c; the result's elements lie STATES apart. */
-static inline void lean_and_speed(const struct transition *f, const float c[STATES], float *result)
+/* Return the lean's change in F c for a vector c: two elements of F c - c. */
+static inline struct pair lean_change(const struct transition *f, const float c[STATES])
 {
-    const float by_x = (f->g_x[0] * c[G_X] + f->g_x[1] * c[G_Y]) + (f->g_z * c[B_Y] - f->lean[1] * c[B_Z]);
-    const float by_y = (f->g_y[0] * c[G_X] + f->g_y[1] * c[G_Y]) + (f->lean[0] * c[B_Z] - f->g_z * c[B_X]);
-    result[G_X * STATES] = c[G_X] + by_x;
-    result[G_Y * STATES] = c[G_Y] + by_y;
-    result[SHOWN_X * STATES] = c[SHOWN_X] + (by_x - f->forgotten * (c[SHOWN_X] - c[G_X]));
-    result[SHOWN_Y * STATES] = c[SHOWN_Y] + (by_y - f->forgotten * (c[SHOWN_Y] - c[G_Y]));
-    result[S_X * STATES] = (c[S_X] - (f->pull[0][0] * c[G_X] + f->pull[0][1] * c[G_Y]))
+    const struct pair change = {
+        (f->g_x[0] * c[G_X] + f->g_x[1] * c[G_Y]) + (f->g_z * c[B_Y] - f->lean[1] * c[B_Z]),
+        (f->g_y[0] * c[G_X] + f->g_y[1] * c[G_Y]) + (f->lean[0] * c[B_Z] - f->g_z * c[B_X]),
+    };
+    return change;
+}
+
+/* Give the lean's elements of F c for a vector c; the result's elements lie `apart`. */
+static inline void lean(const float c[STATES], struct pair change, float *result, int32_t apart)
+{
+    result[G_X * apart] = c[G_X] + change.x;
+    result[G_Y * apart] = c[G_Y] + change.y;
+}
+
+/* Give the shown lean's elements of F c for a vector c. */
+static inline void shown_lean(const struct transition *f, const float c[STATES], struct pair change, float *result,
+                              int32_t apart)
+{
+    result[SHOWN_X * apart] = c[SHOWN_X] + (change.x - f->forgotten * (c[SHOWN_X] - c[G_X]));
+    result[SHOWN_Y * apart] = c[SHOWN_Y] + (change.y - f->forgotten * (c[SHOWN_Y] - c[G_Y]));
+}
+
+/* Give the speed's elements of F c for a vector c. */
+static inline void speed(const struct transition *f, const float c[STATES], float *result, int32_t apart)
+{
+    result[S_X * apart] = (c[S_X] - (f->pull[0][0] * c[G_X] + f->pull[0][1] * c[G_Y]))
                   + (f->turn * c[S_Y] - f->speed[1] * c[B_Z]);
-    result[S_Y * STATES] = (c[S_Y] - (f->pull[1][0] * c[G_X] + f->pull[1][1] * c[G_Y]))
+    result[S_Y * apart] = (c[S_Y] - (f->pull[1][0] * c[G_X] + f->pull[1][1] * c[G_Y]))
                   - (f->turn * c[S_X] - f->speed[0] * c[B_Z]);
 }
 
 /* Give the heading's elements of F c for a vector c. */
-static inline void heading(const struct transition *f, const float c[STATES], float *result)
+static inline void heading(const struct transition *f, const float c[STATES], float *result, int32_t apart)
 {
     const float by = (f->psi_g[0] * c[G_X] + f->psi_g[1] * c[G_Y])
                      + (f->psi_b[0] * c[B_X] + f->psi_b[1] * c[B_Y] - f->h * c[B_Z]);
-    result[PSI * STATES] = c[PSI] + by;
-    result[SHOWN_PSI * STATES] = c[SHOWN_PSI] + (by + f->h * c[DRIFT]);
+    result[PSI * apart] = c[PSI] + by;
+    result[SHOWN_PSI * apart] = c[SHOWN_PSI] + (by + f->h * c[DRIFT]);
 }
 
-/* Give the place's elements of F c for a vector c. */
-static inline void place(const struct transition *f, const float c[STATES], float *result)
+/* Return the element x of F c for a vector c, whose elements lie `from` apart. */
+static inline float place_x(const struct transition *f, const float *c, int32_t from)
 {
-    result[X * STATES] = (c[X] + f->x_psi * c[PSI]) + (f->cosine * c[S_X] - f->sine * c[S_Y])
-                + (f->x_b[0] * c[B_X] + f->x_b[1] * c[B_Y] + f->x_b[2] * c[B_Z]);
-    result[Y * STATES] = (c[Y] + f->y_psi * c[PSI]) + (f->sine * c[S_X] + f->cosine * c[S_Y])
-                + (f->y_b[0] * c[B_X] + f->y_b[1] * c[B_Y] + f->y_b[2] * c[B_Z]);
+    return (c[X * from] + f->x_psi * c[PSI * from]) + (f->cosine * c[S_X * from] - f->sine * c[S_Y * from])
+           + (f->x_b[0] * c[B_X * from] + f->x_b[1] * c[B_Y * from] + f->x_b[2] * c[B_Z * from]);
 }
 
-/* Copy what lies above the diagonal to below it, in rows before `end`. */
-static void mirror(float P[STATES][STATES], int32_t end)
+/* Return the element y. */
+static inline float place_y(const struct transition *f, const float *c, int32_t from)
 {
-    for (int32_t i = 1; i < end; ++i) {
-        for (int32_t j = 0; j < i; ++j) {
-            P[i][j] = P[j][i];
-        }
-    }
+    return (c[Y * from] + f->y_psi * c[PSI * from]) + (f->sine * c[S_X * from] + f->cosine * c[S_Y * from])
+           + (f->y_b[0] * c[B_X * from] + f->y_b[1] * c[B_Y * from] + f->y_b[2] * c[B_Z * from]);
 }
 
 /*
@@ -201,54 +226,104 @@ static void forget(float P[STATES][STATES])
 }
 
 /*
+ * Fill in T's columns of the states that nothing drives: rows of P, and what the gyro's noise adds to those of the bias.
+ *
+ * A sample's gyro noise does what a bias of one sample would: Q = F_b F_b^T gyro_variance + walk, F_b the bias's columns
+ * of F, less the bias's own rows. It comes in with the second product, T F^T, if T is larger by gyro_variance F_b in it.
+ */
+static void driven_by_noise(const struct transition *f, float gyro_variance, float P[STATES][STATES],
+                            float T[STATES][STATES])
+{
+    const float by_g_z = gyro_variance * f->g_z;
+    const float by_lean[2] = {gyro_variance * f->lean[0], gyro_variance * f->lean[1]};
+    for (int32_t state = G_X; state < S_X; state += 2) { /* the lean, and the shown one */
+        T[state][B_X] = P[B_X][state];
+        T[state][B_Y] = P[B_Y][state] + by_g_z;
+        T[state][B_Z] = P[B_Z][state] - by_lean[1];
+        T[state + 1][B_X] = P[B_X][state + 1] - by_g_z;
+        T[state + 1][B_Y] = P[B_Y][state + 1];
+        T[state + 1][B_Z] = P[B_Z][state + 1] + by_lean[0];
+    }
+    for (int32_t k = 0; k < 2; ++k) {
+        T[S_X][B_X + k] = P[B_X + k][S_X];
+        T[S_Y][B_X + k] = P[B_X + k][S_Y];
+    }
+    T[S_X][B_Z] = P[B_Z][S_X] - gyro_variance * f->speed[1];
+    T[S_Y][B_Z] = P[B_Z][S_Y] + gyro_variance * f->speed[0];
+    for (int32_t state = PSI; state < HEADING_END; ++state) {
+        T[state][B_X] = P[B_X][state] + gyro_variance * f->psi_b[0];
+        T[state][B_Y] = P[B_Y][state] + gyro_variance * f->psi_b[1];
+        T[state][B_Z] = P[B_Z][state] - gyro_variance * f->h;
+    }
+    for (int32_t k = 0; k < 3; ++k) {
+        T[X][B_X + k] = P[B_X + k][X] + gyro_variance * f->x_b[k];
+        T[Y][B_X + k] = P[B_X + k][Y] + gyro_variance * f->y_b[k];
+    }
+    for (int32_t state = PSI; state < STATES; ++state) {
+        T[state][DRIFT] = P[DRIFT][state];
+    }
+}
+
+/*
  * Overwrite the covariance P by F P F^T + Q.
  *
  * F times each row of P is a column of T = F P; F times each row of that, a column of the result. Of T only what the
- * second product uses is made, of the result only what lies above the diagonal; `absorb` fills in the rest.
- *
- * A sample's gyro noise does what a bias of one sample would: Q = F_b F_b^T gyro_variance + walk, with the columns
- * F_b of the bias, less the bias's own rows. It comes in with the second product, if T's columns of the bias are larger
- * by gyro_variance F_b in it.
+ * second product uses is made, of the result little more than what lies above the diagonal; `absorb` fills in the rest.
+ * Rows of states that nothing drives are rows of the result already. Before it, P is whole but for its last two rows,
+ * of which what lies below the diagonal is taken from above.
  */
 static void propagate(const struct ballbot_kalman_record *record, const struct transition *f, float P[STATES][STATES])
 {
-    const float by_gyro[STATES][3] = {
-        [G_X] = {0.0f, f->g_z, -f->lean[1]},
-        [G_Y] = {-f->g_z, 0.0f, f->lean[0]},
-        [SHOWN_X] = {0.0f, f->g_z, -f->lean[1]},
-        [SHOWN_Y] = {-f->g_z, 0.0f, f->lean[0]},
-        [S_X] = {0.0f, 0.0f, -f->speed[1]},
-        [S_Y] = {0.0f, 0.0f, f->speed[0]},
-        [PSI] = {f->psi_b[0], f->psi_b[1], -f->h},
-        [SHOWN_PSI] = {f->psi_b[0], f->psi_b[1], -f->h},
-        [X] = {f->x_b[0], f->x_b[1], f->x_b[2]},
-        [Y] = {f->y_b[0], f->y_b[1], f->y_b[2]},
-    };
     float T[STATES][STATES];
-    for (int32_t i = 0; i < LEAN_AND_SPEED_END; ++i) {
-        lean_and_speed(f, P[i], &T[0][i]);
+    for (int32_t i = HEADING_END; i < STATES; ++i) {
+        T[X][i] = place_x(f, &P[0][i], STATES);
+        T[Y][i] = place_y(f, &P[0][i], STATES);
     }
-    for (int32_t i = 0; i < HEADING_END; ++i) {
-        heading(f, P[i], &T[0][i]);
-    }
-    for (int32_t i = 0; i < STATES; ++i) {
-        place(f, P[i], &T[0][i]);
-    }
-    for (int32_t j = DRIVEN; j < STATES; ++j) {
-        for (int32_t i = 0; i < DRIVEN; ++i) {
-            P[i][j] = T[j][i];
+    for (int32_t i = 0; i < DRIVEN; ++i) {
+        float c[STATES];
+        for (int32_t j = 0; j < STATES; ++j) {
+            c[j] = P[i][j];
         }
-        for (int32_t k = 0; k < 3; ++k) {
-            T[j][B_X + k] += record->gyro_variance * by_gyro[j][k];
-        }
-        lean_and_speed(f, T[j], &P[0][j]);
+        const struct pair change = lean_change(f, c);
+        lean(c, change, P[i], 1);
+        shown_lean(f, c, change, P[i], 1);
+        speed(f, c, P[i], 1);
+        heading(f, c, P[i], 1);
+        P[i][X] = place_x(f, c, 1);
+        P[i][Y] = place_y(f, c, 1);
+    }
+    for (int32_t i = DRIVEN; i < LEAN_AND_SPEED_END; ++i) {
+        const struct pair change = lean_change(f, P[i]);
+        lean(P[i], change, &T[0][i], STATES);
+        shown_lean(f, P[i], change, &T[0][i], STATES);
+        speed(f, P[i], &T[0][i], STATES);
+    }
+    for (int32_t i = DRIVEN; i < HEADING_END; ++i) {
+        heading(f, P[i], &T[0][i], STATES);
+        T[X][i] = place_x(f, P[i], 1);
+        T[Y][i] = place_y(f, P[i], 1);
+    }
+    driven_by_noise(f, record->gyro_variance, P, T);
+    for (int32_t j = G_X; j < SHOWN_X; ++j) {
+        lean(T[j], lean_change(f, T[j]), &P[0][j], STATES);
+    }
+    for (int32_t j = SHOWN_X; j < S_X; ++j) {
+        const struct pair change = lean_change(f, T[j]);
+        lean(T[j], change, &P[0][j], STATES);
+        shown_lean(f, T[j], change, &P[0][j], STATES);
+    }
+    for (int32_t j = S_X; j < STATES; ++j) {
+        const struct pair change = lean_change(f, T[j]);
+        lean(T[j], change, &P[0][j], STATES);
+        shown_lean(f, T[j], change, &P[0][j], STATES);
+        speed(f, T[j], &P[0][j], STATES);
     }
     for (int32_t j = LEAN_AND_SPEED_END; j < STATES; ++j) {
-        heading(f, T[j], &P[0][j]);
+        heading(f, T[j], &P[0][j], STATES);
     }
-    for (int32_t j = HEADING_END; j < STATES; ++j) {
-        place(f, T[j], &P[0][j]);
-    }
+    P[X][X] = place_x(f, T[X], 1);
+    P[X][Y] = place_x(f, T[Y], 1);
+    P[Y][Y] = place_y(f, T[Y], 1);
     for (int32_t i = 0; i < STATES; ++i) {
         P[i][i] += record->walk[i];
     }
@@ -316,6 +391,16 @@ static inline float product(const float a[SEEN], const float b[SEEN])
     return ((a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3])) + (a[4] * b[4] + a[5] * b[5]);
 }
 
+/* Take the products of two rows of gains and a row of V from two elements of P, one below the other; return what is left. */
+static inline struct pair changed(float *element, float *below, const float gain[SEEN], const float gain_below[SEEN],
+                                  const float V[SEEN])
+{
+    const struct pair after = {*element - product(gain, V), *below - product(gain_below, V)};
+    *element = after.x;
+    *below = after.y;
+    return after;
+}
+
 /*
  * Take in numbers that were seen, changing the state and its covariance P.
  *
@@ -328,12 +413,15 @@ static void absorb(struct ballbot_kalman_memory *memory, struct seen *seen)
     float inverse[SEEN]; /* of D */
     float step[SEEN];
     float kept = 1.0f; /* of a variance, at least: by Cauchy and Schwarz, each number leaves r / D of it */
+    UNROLLED
     for (int32_t m = 0; m < SEEN; ++m) {
         float variance = seen->hPh[m][m] + seen->variance[m];
         float residual = seen->residual[m];
         float LD[SEEN];
+        UNROLLED
         for (int32_t l = 0; l < m; ++l) {
             LD[l] = seen->hPh[m][l];
+            UNROLLED
             for (int32_t n = 0; n < l; ++n) {
                 LD[l] -= LD[n] * L[l][n];
             }
@@ -374,13 +462,13 @@ static void absorb(struct ballbot_kalman_memory *memory, struct seen *seen)
         row[0][i + 1] -= product(gain[0], seen->Ph[i + 1]);
         row[1][i] = row[0][i + 1];
         row[1][i + 1] -= product(gain[1], seen->Ph[i + 1]);
-        for (int32_t j = i + 2; j < STATES; ++j) {
-            const float less[2] = {product(gain[0], seen->Ph[j]), product(gain[1], seen->Ph[j])};
-            const float after[2] = {row[0][j] - less[0], row[1][j] - less[1]};
-            row[0][j] = after[0];
-            row[1][j] = after[1];
-            memory->P[j][i] = after[0];
-            memory->P[j][i + 1] = after[1];
+        for (int32_t j = i + 2; j < HEADING_END; ++j) {
+            const struct pair after = changed(&row[0][j], &row[1][j], gain[0], gain[1], seen->Ph[j]);
+            memory->P[j][i] = after.x;
+            memory->P[j][i + 1] = after.y;
+        }
+        for (int32_t j = HEADING_END; (i < HEADING_END) && (j < STATES); ++j) { /* nobody asks for what lies below */
+            (void)changed(&row[0][j], &row[1][j], gain[0], gain[1], seen->Ph[j]);
         }
         for (int32_t k = 0; k < 2; ++k) {
             float *const variance = &row[k][i + k];
@@ -430,6 +518,26 @@ static inline float dot(const float a[3], const float b[3])
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
+/* The wheels' rows of H: by the bias, by the lean g, and 1 by the speed s. */
+struct wheel_rows {
+    float by_bias[3][3];
+    float by_lean;
+    float z[2];
+};
+
+/* Give the wheels' rows times a vector: its bias, and its lean and speed, whose two elements lie some way apart. */
+static inline void see_wheel_row(const struct wheel_rows *rows, const float bias[3], const float *lean, const float *speed,
+                                 int32_t lean_apart, int32_t speed_apart, float result[3])
+{
+    const float lean_x = lean[0];
+    const float lean_y = lean[lean_apart];
+    const float s_x = speed[0];
+    const float s_y = speed[speed_apart];
+    result[0] = dot(rows->by_bias[0], bias) + (rows->by_lean * lean_y + s_x);
+    result[1] = dot(rows->by_bias[1], bias) - (rows->by_lean * lean_x - s_y);
+    result[2] = dot(rows->by_bias[2], bias) - (rows->z[0] * lean_x + rows->z[1] * lean_y);
+}
+
 /*
  * Fill in v_x - r_b Omega_y = 0, v_y + r_b Omega_x = 0 and Omega_z = 0, rows to first order in the lean.
  *
@@ -455,28 +563,36 @@ static float see_wheels(const struct ballbot_kalman_record *record, struct ballb
     for (int32_t k = 0; k < 3; ++k) {
         z[k] = ball_rate[k] + (gyro[k] - x[B_X + k]);
     }
-    float by_bias[3][3];
+    struct wheel_rows rows = {.by_lean = r_b * z[2], .z = {z[0], z[1]}};
     for (int32_t k = 0; k < 3; ++k) {
         Omega[k] = M[k][0] * z[0] + M[k][1] * z[1] + M[k][2] * z[2];
-        by_bias[0][k] = record->lever[0][k] + r_b * M[1][k];
-        by_bias[1][k] = record->lever[1][k] - r_b * M[0][k];
-        by_bias[2][k] = M[2][k];
+        rows.by_bias[0][k] = record->lever[0][k] + r_b * M[1][k];
+        rows.by_bias[1][k] = record->lever[1][k] - r_b * M[0][k];
+        rows.by_bias[2][k] = M[2][k];
     }
-    const float by_lean = r_b * z[2];
     const float residuals[3] = {r_b * Omega[1] - velocity[0], -r_b * Omega[0] - velocity[1], Omega[2]};
     float(*const P)[STATES] = memory->P;
-    mirror(P, S_Y + 1);
-    for (int32_t i = 0; i < STATES; ++i) {
+    P[G_Y][G_X] = P[G_X][G_Y]; /* above the diagonal P is whole */
+    P[S_Y][S_X] = P[S_X][S_Y];
+    for (int32_t i = 0; i < G_X; ++i) {
         const float bias[3] = {P[B_X][i], P[B_Y][i], P[B_Z][i]};
-        seen->Ph[i][0] = dot(by_bias[0], bias) + (by_lean * P[G_Y][i] + P[S_X][i]);
-        seen->Ph[i][1] = dot(by_bias[1], bias) - (by_lean * P[G_X][i] - P[S_Y][i]);
-        seen->Ph[i][2] = dot(by_bias[2], bias) - (z[0] * P[G_X][i] + z[1] * P[G_Y][i]);
+        see_wheel_row(&rows, bias, &P[i][G_X], &P[i][S_X], 1, 1, seen->Ph[i]);
+    }
+    for (int32_t i = G_X; i < S_X; ++i) {
+        const float bias[3] = {P[B_X][i], P[B_Y][i], P[B_Z][i]};
+        see_wheel_row(&rows, bias, &P[G_X][i], &P[i][S_X], STATES, 1, seen->Ph[i]);
+    }
+    for (int32_t i = S_X; i < STATES; ++i) {
+        const float bias[3] = {P[B_X][i], P[B_Y][i], P[B_Z][i]};
+        see_wheel_row(&rows, bias, &P[G_X][i], &P[S_X][i], STATES, STATES, seen->Ph[i]);
     }
     for (int32_t l = 0; l < 3; ++l) {
         const float bias[3] = {seen->Ph[B_X][l], seen->Ph[B_Y][l], seen->Ph[B_Z][l]};
-        seen->hPh[0][l] = dot(by_bias[0], bias) + (by_lean * seen->Ph[G_Y][l] + seen->Ph[S_X][l]);
-        seen->hPh[1][l] = dot(by_bias[1], bias) - (by_lean * seen->Ph[G_X][l] - seen->Ph[S_Y][l]);
-        seen->hPh[2][l] = dot(by_bias[2], bias) - (z[0] * seen->Ph[G_X][l] + z[1] * seen->Ph[G_Y][l]);
+        float hPh[3];
+        see_wheel_row(&rows, bias, &seen->Ph[G_X][l], &seen->Ph[S_X][l], SEEN, SEEN, hPh);
+        for (int32_t m = l; m < 3; ++m) {
+            seen->hPh[m][l] = hPh[m];
+        }
         seen->residual[l] = residuals[l];
         seen->variance[l] = record->wheel_variances[l];
     }
@@ -490,11 +606,17 @@ static float see_wheels(const struct ballbot_kalman_record *record, struct ballb
 static void see_fix(struct ballbot_kalman_memory *memory, const struct ballbot_reading_record *reading)
 {
     const float *const x = memory->x;
+    int32_t seen_x = ballbot_known(reading->fix_position[0]);
+    int32_t seen_y = ballbot_known(reading->fix_position[1]);
+    int32_t seen_psi = ballbot_known(reading->fix_heading);
+    if ((seen_x | seen_y | seen_psi) == 0) {
+        return;
+    }
     const float position = reading->fix_position_deviation * reading->fix_position_deviation;
     const float heading_variance = reading->fix_heading_deviation * reading->fix_heading_deviation;
-    const int32_t seen_x = (position > 0.0f) & ballbot_known(reading->fix_position[0]);
-    const int32_t seen_y = (position > 0.0f) & ballbot_known(reading->fix_position[1]);
-    const int32_t seen_psi = (heading_variance > 0.0f) & ballbot_known(reading->fix_heading);
+    seen_x &= (position > 0.0f) ? 1 : 0;
+    seen_y &= (position > 0.0f) ? 1 : 0;
+    seen_psi &= (heading_variance > 0.0f) ? 1 : 0;
     if ((seen_x | seen_y | seen_psi) != 0) {
         struct seen seen;
         for (int32_t m = 0; m < SEEN; ++m) {
@@ -568,15 +690,18 @@ static void ball_rate_of(const struct ballbot_kalman_record *record, const struc
                          int32_t wheel_count, const int32_t counts[BALLBOT_MAX_WHEELS], float ball_rate[3])
 {
     const float time = record->sample_time * (float)(1 + memory->missed);
-    for (int32_t k = 0; k < 3; ++k) {
-        float turn = 0.0f;
-        for (int32_t i = 0; i < wheel_count; ++i) {
-            /* modulo 2^32, so that a counter may wrap around */
-            const uint32_t forward = (uint32_t)counts[i] - (uint32_t)memory->wheel_counts[i];
-            const uint32_t backward = (uint32_t)memory->wheel_counts[i] - (uint32_t)counts[i];
-            turn += record->ball_turn[k][i] * ((forward < backward) ? (float)forward : -(float)backward);
+    float turns[3] = {0.0f, 0.0f, 0.0f};
+    for (int32_t i = 0; i < wheel_count; ++i) {
+        /* modulo 2^32, so that a counter may wrap around */
+        const uint32_t forward = (uint32_t)counts[i] - (uint32_t)memory->wheel_counts[i];
+        const uint32_t backward = (uint32_t)memory->wheel_counts[i] - (uint32_t)counts[i];
+        const float turn = (forward < backward) ? (float)forward : -(float)backward;
+        for (int32_t k = 0; k < 3; ++k) {
+            turns[k] += record->ball_turn[k][i] * turn;
         }
-        ball_rate[k] = turn / time;
+    }
+    for (int32_t k = 0; k < 3; ++k) {
+        ball_rate[k] = turns[k] / time;
     }
 }
 
@@ -601,7 +726,7 @@ static void sample(const struct ballbot_kalman_record *record, struct ballbot_ka
     struct transition f;
     struct seen seen;
     float velocity[2];
-    linearize(record, memory->x, w, &f);
+    linearize(record, memory, w, &f);
     advance(record, memory, gyro, velocity);
     propagate(record, &f, memory->P);
     if (reading->encoders_valid != 0) {
@@ -630,9 +755,8 @@ static void sample(const struct ballbot_kalman_record *record, struct ballbot_ka
     absorb(memory, &seen);
 }
 
-/* Give the state (10) that the robot is controlled by. */
-static void give(const struct ballbot_kalman_record *record, const struct ballbot_kalman_memory *memory,
-                 float state[10])
+/* Give the state (10) that the robot is controlled by, and remember the heading's sine and cosine for the next sample. */
+static void give(const struct ballbot_kalman_record *record, struct ballbot_kalman_memory *memory, float state[10])
 {
     const float *const x = memory->x;
     float w[3];
@@ -648,6 +772,8 @@ static void give(const struct ballbot_kalman_record *record, const struct ballbo
     float s;
     float c;
     ballbot_sine_cosine(x[PSI], &s, &c);
+    memory->sine = s;
+    memory->cosine = c;
     /* of R = Rz(psi_s) M: its last column is (s2, -s1 c2, c1 c2), its first row (c2 c3, -c2 s3, s2) */
     const float s1_c2 = s * g_x + c * g_y;
     const float s2 = s * g_y - c * g_x;
@@ -679,13 +805,15 @@ int32_t ballbot_kalman_update(const struct ballbot_kalman_record *record, struct
 {
     const int32_t leans = ballbot_all_known(reading->attitude, 3);
     const int32_t turned = (reading->encoders_valid != 0) ? 1 : 0;
-    const int32_t whole = leans & turned & ballbot_all_known(reading->gyro, 3);
+    int32_t whole = leans & turned;
+    float gyro[3];
+    for (int32_t k = 0; k < 3; ++k) {
+        const int32_t known = ballbot_known(reading->gyro[k]);
+        gyro[k] = (known != 0) ? reading->gyro[k] : memory->gyro[k];
+        whole &= known;
+    }
     if ((memory->started == RUNNING) || ((memory->started == NOT_STARTED) && (whole != 0))) {
-        float gyro[3];
         struct shown shown = {.known = leans};
-        for (int32_t k = 0; k < 3; ++k) {
-            gyro[k] = (ballbot_known(reading->gyro[k]) != 0) ? reading->gyro[k] : memory->gyro[k];
-        }
         if (leans != 0) {
             shown.psi = lean_and_heading(reading->attitude, shown.lean);
         }

@@ -24,9 +24,10 @@
  *
  *     H P H^T + R = L D L^T    V = P H^T L^-T    P+ = P - V D^-1 V^T    x+ = x + V D^-1 L^-1 (seen - expected)
  *
- * No matrix is inverted. P is symmetric to the bit. A variance is never let below the part of
- * it that the numbers must leave by the inequality of Cauchy and Schwarz, so that rounding makes none negative. Once
- * heading or place is unknown by 0.2 rad or 0.2 m, without a fix, that grows no more: it would outgrow a float.
+ * No matrix is inverted. P is symmetric to the bit; of x and y, what lies below its diagonal is not kept. A variance is
+ * never let below the part of it that the numbers must leave by the inequality of Cauchy and Schwarz, so that rounding
+ * makes none negative. Once heading or place is unknown by 0.2 rad or 0.2 m, without a fix, that grows no more: it would
+ * outgrow a float.
  */
 #ifndef BALLBOT_ESTIMATION_KALMAN_H
 #define BALLBOT_ESTIMATION_KALMAN_H
