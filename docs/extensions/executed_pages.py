@@ -20,6 +20,7 @@ from sphinx.application import Sphinx
 
 #: the folder of the pages that run, and the name of the magic that runs commands
 FOLDER, MAGIC = "tutorials/", "%%commands"
+_COLOURS = ("CLICOLOR", "CLICOLOR_FORCE", "FORCE_COLOR")
 _FRONT = "---\nfile_format: mystnb\nkernelspec:\n  name: python3\n---\n"
 _BLOCK = re.compile(r"^```(sh|python)\n(.*?)^```$", flags=re.DOTALL | re.MULTILINE)
 _PAGE = re.compile(r"^<!-- page: (\S+) -->$", flags=re.MULTILINE)
@@ -33,7 +34,7 @@ def work_folder(page: str) -> Path:
 @cache
 def source_hash(root: Path) -> str:
     """Return what changes when Ballbot's source, examples or dependencies do."""
-    total = hashlib.sha256((root / "pyproject.toml").read_bytes())
+    total = hashlib.sha256((root / "pyproject.toml").read_bytes() + Path(__file__).read_bytes())
     for folder in ("src", "examples"):
         for path in sorted((root / folder).rglob("*")):
             if path.is_file() and "__pycache__" not in path.parts and ".egg-info" not in str(path):
@@ -80,10 +81,13 @@ def start(page: str) -> None:
 
 def _run(_: str, commands: str) -> None:
     """Run commands as a shell does, show their output, and fail if one fails."""
+    # a notebook's kernel asks programs for colours, which makes them draw as on a terminal
+    environment = {name: value for name, value in os.environ.items() if name not in _COLOURS}
     done = subprocess.run(
         ["bash", "-euo", "pipefail", "-c", commands],
         check=False,
         stdin=subprocess.DEVNULL,
+        env={**environment, "TERM": "dumb"},
         capture_output=True,
         text=True,
     )
