@@ -52,7 +52,7 @@ napoleon_use_rtype = False
 html_theme = "furo"
 html_title = f"Ballbot {version}"
 html_copy_source = False
-html_show_sphinx = False
+html_show_sphinx = html_show_copyright = False
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_theme_options = {"footer_icons": []}
