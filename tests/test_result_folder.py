@@ -2,9 +2,6 @@
 
 import os
 import re
-import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -12,6 +9,7 @@ import pytest
 from ballbot import InputError
 from ballbot.files import write_text
 from ballbot.result_folder import CHECKPOINT, MANIFEST, READY, STAGED, read_manifest, result_folder
+from tests.support.processes import Child
 
 NAMES = ("report.html", "results.json", "robot.toml", "figures/one.svg", "figures/two.svg")
 OLD = {"report.html": "old", "results.json": "old", "figures/one.svg": "old"}
@@ -167,19 +165,18 @@ import sys, time
 from ballbot.result_folder import result_folder
 with result_folder(sys.argv[1], command="study", names=()):
     print("held", flush=True)
-    time.sleep(60.0)
+    time.sleep(600.0)
 """
 
 
 def test_folder_is_locked_by_one_process(tmp_path):
-    holder = subprocess.Popen([sys.executable, "-c", HOLD, str(tmp_path)], stdout=subprocess.PIPE, text=True)
-    assert holder.stdout is not None
-    assert holder.stdout.readline() == "held\n"
-    with pytest.raises(InputError, match=rf"Another ballbot \(process {holder.pid}\) is writing into"):
-        leave(tmp_path, NEW)
-    os.kill(holder.pid, signal.SIGKILL)
-    holder.wait()
-    holder.stdout.close()
+    with Child("-c", HOLD, str(tmp_path)) as holder:
+        assert holder.line() == "held"
+        with pytest.raises(
+            InputError, match=rf"Another ballbot \(process {holder.process.pid}\) is writing into"
+        ):
+            leave(tmp_path, NEW)
+        holder.kill()
     leave(tmp_path, NEW)
     assert shown(tmp_path) == NEW
 

@@ -7,7 +7,7 @@ import pytest
 
 from ballbot.errors import InputError
 from ballbot.firmware import build
-from ballbot.firmware.build import kept_build
+from ballbot.firmware.build import kept_build, run_tool
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the cache folder is set by XDG_CACHE_HOME")
 
@@ -72,6 +72,21 @@ def test_user_without_a_place_for_caches_is_no_error(home, tmp_path, monkeypatch
     builder = Builder()
     assert kept_build("robot.so", ["gcc"], builder).read_text() == "build 1"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_zig_has_a_cache_that_it_can_write(tmp_path, monkeypatch):
+    (tmp_path / "cache").write_text("")  # a file in its place
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.delenv("ZIG_GLOBAL_CACHE_DIR", raising=False)
+    found = build._zig_cache.__wrapped__()  # without what it remembers
+    assert os.access(found, os.W_OK)
+    assert not found.startswith(str(tmp_path))
+
+
+def test_compiler_that_does_not_end_is_given_up(monkeypatch):
+    monkeypatch.setattr(build, "_PATIENCE", 0.1)
+    with pytest.raises(InputError, match=r"The compiler has not ended after 0\.1 s"):
+        run_tool(sys.executable, "-c", "import time; time.sleep(600.0)")
 
 
 def test_failed_build_leaves_nothing(folder):

@@ -1,8 +1,6 @@
 """The context of a run: the time left, from shares done and a clock that the test moves; and its processes."""
 
-import os
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -12,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ballbot.progress import EtaEstimator, Progress, ProgressReporter, Stage, as_clock, part_of
+from tests.support.processes import PATIENCE, Child
 
 
 class Clock:
@@ -157,15 +156,13 @@ def alive(pid: int) -> bool:
 @pytest.mark.skipif(sys.platform != "linux", reason="looks processes up in /proc")
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
 def test_workers_end_when_their_parent_is_killed(how):
-    parent = subprocess.Popen([sys.executable, "-c", WORK], stdout=subprocess.PIPE, text=True)
-    assert parent.stdout is not None
-    workers = [int(pid) for pid in parent.stdout.readline().split()]
-    assert len(workers) == 2
-    assert all(map(alive, workers))
-    os.kill(parent.pid, how)
-    parent.wait()
-    parent.stdout.close()
-    deadline = time.monotonic() + 10.0
+    with Child("-c", WORK) as parent:
+        workers = [int(pid) for pid in parent.line().split()]
+        assert len(workers) == 2
+        assert all(map(alive, workers))
+        parent.send(how)
+        parent.end()
+    deadline = time.monotonic() + PATIENCE
     while any(map(alive, workers)) and time.monotonic() < deadline:
         time.sleep(0.02)
     assert not any(map(alive, workers))

@@ -22,6 +22,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from functools import cache
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
@@ -51,6 +52,8 @@ RUNTIME = Path(__file__).parent / "emulator_runtime.c"
 #: Clang and LLD from a wheel of pip, for every processor
 ZIG = (sys.executable, "-m", "ziglang")
 _SHARED = ("-O2", "-fPIC", "-shared")
+#: for a compiler [s]; the slowest takes some seconds
+_PATIENCE = 300.0
 #: builds that are kept; the least recently used ones go
 _KEPT = 16
 
@@ -101,10 +104,35 @@ def chosen_tool(
 
 
 def run_tool(*command: str | Path, name: str = "The compiler") -> None:
-    """Run a compiler or a linker; raise InputError with what it prints if it fails."""
-    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False)
+    """Run a compiler or a linker; raise InputError with what it prints if it fails or does not end."""
+    words = [str(word) for word in command]
+    environment = os.environ | (
+        {"ZIG_GLOBAL_CACHE_DIR": _zig_cache()} if tuple(words[: len(ZIG)]) == ZIG else {}
+    )
+    try:
+        done = subprocess.run(
+            words, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False,
+            timeout=_PATIENCE,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        raise InputError(f"{name} has not ended after {_PATIENCE:g} s.") from None
     if done.returncode:
         raise InputError(f"{name} refuses the sources: {done.stderr.strip()}")
+
+
+@cache
+def _zig_cache() -> str:
+    """Return where zig keeps what it compiles once; in a place that it cannot write, it would wait for ever."""
+    given = os.environ.get("ZIG_GLOBAL_CACHE_DIR")
+    try:
+        folder = Path(given) if given else _cache_folder().with_name("zig")  # its own place
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return str(folder)
+    except OSError:
+        folder = Path(tempfile.mkdtemp(prefix="ballbot-zig-"))
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        return str(folder)
 
 
 def source_files(folder: Path = SOURCES) -> list[Path]:
