@@ -16,6 +16,8 @@ from ballbot.errors import InputError
 from ballbot.findings import texts
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.model import Model
+from ballbot.report.validation import validation_results
+from ballbot.results import plain
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.run import simulate
 from ballbot.validation import (
@@ -347,3 +349,16 @@ def _log_of(states: np.ndarray, torques: np.ndarray) -> Log:
     columns |= {name: states[:, i] for i, name in enumerate(STATE_NAMES)}
     columns |= {name: np.zeros(len(states)) for name in ("ref_x", "ref_y", "ref_psi")}
     return Log(columns)
+
+
+@pytest.mark.slow
+def test_several_logs_are_validated_as_each_by_itself_and_joined(tmp_path):
+    whole = noisy_log().without_truth()
+    logs = {"first": whole.between(0.0, 6.0), "second": whole.between(6.0, 12.0)}
+    whole.between(6.0, 12.0).write(tmp_path / "second.csv")
+    held = {"second": [(8.0, 12.0)]}
+    parts = [validate(true_robot(), log, holdout=held.get(name), longest=1.0) for name, log in logs.items()]
+    joined = join_validations(parts)
+    both = validate(true_robot(), {**logs, "second": tmp_path / "second.csv"}, holdout=held, longest=1.0)
+    assert both.duration == joined.duration == pytest.approx(10.0, abs=0.1)
+    assert plain(validation_results(both)) == plain(validation_results(joined))
