@@ -4,14 +4,16 @@ import doctest
 import importlib
 import importlib.util
 import re
+import shlex
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
 import pytest
+from cyclopts import App
 
-from ballbot.cli.app import COMMANDS
+from ballbot.cli.app import COMMANDS, OUTPUT_OPTIONS, build_app
 from ballbot.cli.main import main
 from ballbot.log import Log
 from ballbot.log.mapping_file import read_mapping
@@ -56,6 +58,33 @@ def test_every_page_is_once_in_the_contents_of_the_site():
     listed = [line for block in blocks for line in block.splitlines() if line and not line.startswith(":")]
     pages = [path.relative_to(ROOT / "docs").with_suffix("").as_posix() for path in DOCUMENTS[1:]]
     assert sorted(listed) == sorted(page for page in pages if page != "index")
+
+
+def commands_of(document: Path) -> list[list[str]]:
+    """Return the command lines in a document's code, each up to a pipe or the shell's next operator."""
+    found, fence = [], False
+    for line in document.read_text(encoding="utf-8").replace("\\\n", " ").splitlines():
+        fence ^= line.startswith("```")
+        code = line.strip().removeprefix("$ ")
+        if (fence or line.startswith("    ")) and code.startswith("ballbot "):
+            words = shlex.split(code, comments=True)[1:]
+            end = next((place for place, word in enumerate(words) if word[0] in "|<>"), len(words))
+            found.append([word for word in words[:end] if word not in OUTPUT_OPTIONS])
+    return found
+
+
+@pytest.mark.slow
+def test_every_command_in_the_documents_has_these_options():
+    pytest.importorskip("serial")
+    apps: dict[str, App] = {}
+    for document in DOCUMENTS:
+        for words in commands_of(document):
+            if words[0] == "studdy":  # misspelt in the page that shows how such a command is answered
+                continue
+            if words[0] not in apps:
+                apps[words[0]] = build_app(words[:1])
+            apps[words[0]].parse_args(words, exit_on_error=False, print_error=False)
+    assert len(apps) > 20
 
 
 def resolved(name: str) -> bool:
