@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from ballbot.cli.context import WholeNumber
 from ballbot.cli.output import notice_output
 from ballbot.errors import InputError
 from ballbot.robot import Robot
@@ -40,7 +41,7 @@ class LiveOptions:
     host: str = "127.0.0.1"
     """The address to listen on. Any but this computer's own lets others in who have the link with its token."""
 
-    port: int = 0
+    port: WholeNumber = 0
     """The port to listen on; a free one by default."""
 
     key: Path | None = None
