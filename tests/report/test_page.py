@@ -16,13 +16,13 @@ from hypothesis import strategies as st
 from ballbot.findings import Finding, Place
 from ballbot.report.blocks import Bullets, Cell, Paragraph, Picture, Report, Sheet, Verbatim, section
 from ballbot.report.console import table
-from ballbot.report.page import LARGEST_PAGE, page_of
+from ballbot.report.page import page_of
 from ballbot.report.palette import BLUE, INK, themed
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries, together, true_spans
 from ballbot.report.words import signed_with_error
 from ballbot.viewer.packing import unpacked
-from tests.support.report_pages import shown_text
+from tests.support.report_pages import LARGEST_PAGE, shown_text
 
 MADE = Provenance(command="ballbot try", files=(), seed=3, versions={"python": "3"})
 
@@ -142,6 +142,21 @@ def test_a_cell_spans_wheels_and_has_a_second_line():
     assert '<span class="below">speed</span>' in shown
 
 
+def test_a_table_that_ends_in_sentences_can_be_rearranged_on_a_narrow_page():
+    rows = [("mass", "20.1", "kg", "of ball and body together, without payload")]
+    sheet = Sheet(headings=("quantity", "value", "unit", "meaning"), rows=rows)
+    assert sheet.wordy
+    assert '<table class="wordy" style="--others: 2">' in page(sheet)
+    short = Sheet(headings=("quantity", "value", "unit"), rows=[("mass", "20.1", "kg")])
+    assert not short.wordy
+    assert "<table>" in shown_text(page(short))
+
+
+def test_an_interval_without_a_limit_counts_as_a_number():
+    rows = [("b1", "0 .. 0.0254"), ("v_s", "open .. 4.13"), ("s1", "0.02 .. open"), ("b2", "")]
+    assert Sheet(headings=("parameter", "95 %"), rows=rows).numeric == [False, True]
+
+
 def test_a_printed_table_becomes_one_of_the_page():
     made = table("Errors", ("state", "error"), [("x", "1.5")], framed=False)
     sheet = Sheet.of(made)
@@ -213,6 +228,7 @@ def test_a_page_of_ten_long_plots_stays_small():
     ("value", "error", "text"),
     [
         (3.5, 12.0, "+4 ± 12"),
+        (-0.2, 12.0, "+0 ± 12"),
         (-0.021, 0.0034, "-0.0210 ± 0.0034"),
         (0.5, np.nan, "+0.500 (no standard error)"),
     ],

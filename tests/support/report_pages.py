@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import re
 
+#: what a page with ten long plots, or with two replays and a dozen figures, may have [characters]
+LARGEST_PAGE = 2_500_000
+
 
 def shown_text(page: str) -> str:
     """Return a page without its figures, scripts and styles."""

@@ -23,7 +23,7 @@ from ballbot.fitting.run import Run
 from ballbot.identification import identify
 from ballbot.identification.stages import IdentificationOptions, holdout_intervals
 from ballbot.log import STATE_NAMES, Log
-from ballbot.report.page import LARGEST_PAGE, page_of
+from ballbot.report.page import page_of
 from ballbot.report.provenance import provenance
 from ballbot.report.study import controller_sentence
 from ballbot.report.study_files import study_results, write_study
@@ -40,7 +40,7 @@ from ballbot.workflows.controller_prediction import (
 )
 from ballbot.workflows.study import Study, StudyOptions, study
 from tests.support.control_examples import FRICTION
-from tests.support.report_pages import figure_count, shown_text
+from tests.support.report_pages import LARGEST_PAGE, figure_count, shown_text
 from tests.support.screen import assert_fits_a_screen
 from tests.support.validation_examples import noisy_log
 

@@ -101,6 +101,18 @@ def log_series(studied: StudiedLog) -> TimeSeries:
     )
 
 
+#: logs drawn over time: a page has about 0.1 MB for each
+MOST_LOGS = 8
+
+
+def log_blocks(logs: Sequence[StudiedLog]) -> Iterator[Block]:
+    """Yield the time series of logs, of the first if there are many."""
+    yield from (log_series(one) for one in logs[:MOST_LOGS])
+    if len(logs) > MOST_LOGS:
+        names = ", ".join(one.name for one in logs[MOST_LOGS:])
+        yield Paragraph(text=f"Not drawn, as the page would be too large: {names}.", quiet=True)
+
+
 def friction_figure(found: Identification, logs: Sequence[StudiedLog]) -> Figure:
     """Return each wheel's friction over its speed with a 95 % band, above how often the logs have such a speed."""
     n = found.robot.wheel_count

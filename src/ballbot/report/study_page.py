@@ -18,7 +18,7 @@ from ballbot.log import STATE_NAMES
 from ballbot.mechanics.model import Model
 from ballbot.report.blocks import Bullets, Film, Paragraph, Report, Section, Sheet, Subheading, section
 from ballbot.report.comparison import RUN_LABELS, paths_figure, position_error_series
-from ballbot.report.friction import INTERVALS, friction_figure, interval_figure, log_series, search_blocks
+from ballbot.report.friction import INTERVALS, friction_figure, interval_figure, log_blocks, search_blocks
 from ballbot.report.loop import poles_figure
 from ballbot.report.prediction import predicted_rows
 from ballbot.report.provenance import Provenance
@@ -94,7 +94,7 @@ def _robot_section(study: Study) -> Section:
         Paragraph(text=robot_words(study.robot)),
         drawn_picture("robot", partial(robot_figure, study.robot), drawing),
         Paragraph(text=_log_words(study)),
-        *(log_series(one) for one in study.logs),
+        *log_blocks(study.logs),
     )
 
 
