@@ -430,7 +430,7 @@ class Live extends View {
       if (input.show) input.show();
     }
     if (!this.button) return;
-    this.button.textContent = this.settings.paused ? "Go on" : "Pause";
+    this.button.textContent = this.settings.paused ? "Resume" : "Pause";
     this.button.dataset.state = this.settings.paused ? "paused" : "running";
   }
 
