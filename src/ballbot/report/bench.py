@@ -27,7 +27,7 @@ from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Look, Panel, TimeSeries
 from ballbot.report.style import MEASURED, REFERENCE, WITH_FRICTION, WITHOUT_FRICTION, thinned
 from ballbot.robot import Friction, Robot
-from ballbot.rounding import digits
+from ballbot.rounding import digits, value_and_error
 from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
 from ballbot.workflows.ball_movement import BallMovement
 
@@ -166,7 +166,7 @@ def _parameter_table(found: UpsideDown, described: Robot, *, framed: bool) -> Te
         errors = error if isinstance(error, list) else [error]
         for i, (one, its_error, old) in enumerate(zip(values, errors, before[symbol], strict=True), start=1):
             name = f"{symbol}{i}" if isinstance(value, list) else symbol
-            rows.append((name, digits(one), digits(its_error, 2), digits(old), _UNITS[symbol]))
+            rows.append((name, *value_and_error(one, its_error), digits(old), _UNITS[symbol]))
     headings = ("parameter", "upside down", "standard error", "robot file", "unit")
     return table("Friction of drivelines and ball-wheel contacts", headings, rows, framed=framed)
 
@@ -183,7 +183,7 @@ def _error_table(found: UpsideDown, *, framed: bool) -> TextTable:
 def geometry_parts(found: Geometry, findings: Sequence[Finding], *, framed: bool) -> Iterator[RenderableType]:
     """Yield the table of quantities and the findings."""
     rows = [_row(one) for one in _measured(found)]
-    headings = ("quantity", "from the logs", "+-", "in the file", "unit", "difference", "from")
+    headings = ("quantity", "from the logs", "standard error", "in the file", "unit", "difference", "from")
     yield table("Geometry", headings, rows, framed=framed)
     for finding in findings:
         yield Text(finding.text)
@@ -195,7 +195,11 @@ def _row(one: Measured) -> list[str]:
     off = f"{one.deviation:+.1f} s.e."
     error = scale * one.standard_error
     decimals = max(0, 1 - math.floor(math.log10(error)))
-    numbers = (f"{scale * one.value:.{decimals}f}", f"{error:.2g}", f"{scale * one.in_file:.{decimals}f}")
+    numbers = (
+        f"{scale * one.value:.{decimals}f}",
+        f"{error:.{decimals}f}",
+        f"{scale * one.in_file:.{decimals}f}",
+    )
     return [
         one.name.replace("ball.radius / wheels.radius, wheel", "r_b / r_w of wheel"),
         *numbers,
@@ -334,27 +338,17 @@ def geometry_report(
     log_findings: Sequence[Finding],
 ) -> Report:
     """Return the page of a geometry identified from logs."""
-    measured = _measured(found)
-    far = [one for one in measured if abs(one.deviation) > _FAR]
-    text = f"{len(measured)} quantities were identified. "
-    if far:
-        worst = max(far, key=lambda one: abs(one.deviation))
-        text += (
-            f"{len(far)} of them differ from the robot file by more than {_FAR:g} standard errors, most {worst.name} "
-            f"by {abs(worst.deviation):.1f}."
-        )
-    else:
-        text += f"All agree with the robot file within {_FAR:g} standard errors."
+    first, *others = texts(findings) or [""]
     (table_of,) = (one for one in geometry_parts(found, (), framed=False) if isinstance(one, TextTable))
     return Report(
         title=f"{robot.name}: geometry and mounting from logs",
         lead="By kinematics alone: what wheels, gyro, camera and motion capture measure of the same motion.",
-        verdict=[("", text)],
+        verdict=[("", f"{len(_measured(found))} quantities were identified. {first}".rstrip())],
         sections=[
             section(
                 "Geometry",
                 Sheet.of(table_of, caption="From the logs with standard errors, beside the robot file."),
-                Bullets(items=texts(findings)) if findings else None,
+                Bullets(items=others) if others else None,
             )
         ],
         undecided=[
@@ -364,10 +358,6 @@ def geometry_report(
         made=made,
         findings=log_findings,
     )
-
-
-#: standard errors beyond which a quantity differs from the file: one in twenty does by chance
-_FAR = 2.0
 
 
 def _measured(found: Geometry) -> list[Measured]:
