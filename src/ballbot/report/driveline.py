@@ -196,7 +196,7 @@ def _sentence(fit: DrivelineFit) -> str:
     ratio = (
         ""
         if fit.rmse <= 0.0
-        else f" Without friction the error of the speed is {fit.rmse_without / fit.rmse:.2g} times"
+        else f" Without friction the error of the speed is {digits(fit.rmse_without / fit.rmse, 2)} times"
     )
     larger = f"{ratio} as large." if ratio else ""
     return f"The break-away torque {start}; in motion the friction is {words[0]} plus {words[1]}.{larger}"
