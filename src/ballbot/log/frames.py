@@ -83,7 +83,7 @@ def foreign_columns_of(frame: DataFrame) -> Columns:
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise InputError(f"The frame has several columns called {twice[0]!r}; give each its own name.")
-    found = {name: _numbers(name, frame[name]) for name in names}
+    found = {str(name): _numbers(str(name), column) for name, column in frame.items()}
     of_time = frame.index.dtype.kind in "mM"
     key = "t" if of_time and "t" not in found else frame.index.name
     if isinstance(key, str) and key not in found:

@@ -108,8 +108,9 @@ class BodyForce:
     def add(self, force: ArrayLike, height: float) -> None:
         """Add a force (3,) [N], world frame, at a height along the body's axis [m]."""
         arm = self._pose[:3] + height * _up(self._pose[3:]) - self._center_of_mass
-        self._wrench[:3] += force
-        self._wrench[3:] += np.cross(arm, force)
+        newtons = np.asarray(force, dtype=np.float64)
+        self._wrench[:3] += newtons
+        self._wrench[3:] += np.cross(arm, newtons)
 
 
 class Pushes:
