@@ -182,7 +182,7 @@ def label_of(name: str) -> str:
 
 def _width_on_page(size: re.Match[str]) -> str:
     width = f"{float(size[1]) * _POINTS_ON_PAGE:.0f}pt"
-    return f' style="width:{width};--natural:{width}"'
+    return f' width="{width}" style="--natural:{width}"'  # the attribute for viewers of the file alone
 
 
 def thinned(*columns: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from functools import partial
@@ -159,9 +158,7 @@ def write_reproduction(
         progress(Progress(stage=f"drawing {item.name}", done=done, total=len(shown)))
         svg = drawn(partial(DRAWINGS[item.key], made.bench), name=item.key.replace("_", "-"))
         figures[item.key] = svg
-        # a file of its own is as wide as an attribute says; a style counts within a page only
-        own = re.sub(r' style="width:(\d+pt)"', r' width="\1"', svg, count=1)
-        write_text(folder / "figures" / f"{item.key}.svg", own)
+        write_text(folder / "figures" / f"{item.key}.svg", svg)
     results = reproduction_results(made) | {"provenance": to_results(provenance)}
     write_text(folder / "results.json", results_text(results))
     write_text(folder / "reproduce.md", reproduction_markdown(made))
