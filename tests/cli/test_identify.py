@@ -52,7 +52,7 @@ def test_identify_writes_its_files_and_tables_and_exits_zero(tmp_path, log_file,
     assert "held-out windows" in shown
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_more_than_friction_the_best_law_and_another_log(tmp_path, log_file, capsys):
     other = tmp_path / "other.csv"
     noisy(balancing_log(), seed=7).between(10.0, 13.0).write(other)

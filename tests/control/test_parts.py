@@ -40,6 +40,7 @@ def four_lags(t: np.ndarray, frequency: float) -> np.ndarray:
     return 1.0 - np.exp(-g) * sum(g**k / factorial(k) for k in range(4))
 
 
+@pytest.mark.slow
 def test_a_step_within_the_limits_passes_four_lags():
     quick = ReferenceShaping(frequency=4.0, yaw_frequency=2.0, speed_limit=1e3, yaw_rate_limit=1e3)
     found = shaped(hold(x=0.3, y=-0.2, psi=1.0), quick, 3.0)
@@ -218,6 +219,7 @@ def friction_of(size: float):
     return replace(FRICTION, viscous=(size,) * 3, coulomb=(size,) * 3, stribeck=(size,) * 3, rolling=0.0)
 
 
+@pytest.mark.slow
 def test_each_lane_keeps_its_own_controller_state():
     robot = alten(FRICTION)
     controllers = [

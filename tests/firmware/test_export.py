@@ -60,6 +60,7 @@ def test_files_are_whole_and_the_same_each_time(given, tmp_path, capsys):
     assert results["estimator"] == "kalman"
 
 
+@pytest.mark.slow
 def test_load_of_the_processor_is_reported_or_what_it_needs(given, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(processor_load, "_NEEDED", ("no_such_package",))
     assert export(given, tmp_path / "without") == 0

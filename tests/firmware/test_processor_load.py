@@ -41,6 +41,7 @@ def test_rehearsal_has_the_bits_of_this_computer():
     assert all(same for _, same in firmware_runs(controllers()["everything"], samples=60))
 
 
+@pytest.mark.slow
 def test_load_is_the_rehearsal_s():
     controller = controllers()["precise, kalman"]
     exported = export_controller(controller)
@@ -59,6 +60,7 @@ def test_load_is_the_rehearsal_s():
     assert load.ram > 2 * exported.parameter_bytes + exported.state_bytes
 
 
+@pytest.mark.slow
 def test_estimator_without_fixes_has_no_row_for_them():
     controller = controllers()["nominal none, onboard"]
     load = measure_load(controller, export_controller(controller))

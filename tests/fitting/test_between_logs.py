@@ -111,7 +111,7 @@ def test_the_prior_of_many_robots_is_recovered() -> None:
     assert found.degrees > 3.0
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_estimates_at_a_bound_do_not_narrow_the_prior() -> None:
     """Of 400 robots with a bound that half of the estimates exceed: the scale as it was drawn, to 20 %.
 
@@ -130,7 +130,7 @@ def test_estimates_at_a_bound_do_not_narrow_the_prior() -> None:
     assert fit_prior(taken, most_degrees=60.0).scale < 0.3
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_errors_that_differ_from_log_to_log_widen_the_prior() -> None:
     """A log predicts the next one by its own error; what the next one's exceeds it by belongs to the prior."""
     random = np.random.default_rng(4)

@@ -38,6 +38,7 @@ def sweep() -> Sweep:
     return Sweep(wheel=1, t=t, torque=torque, speed=speed + noise, limit=27.7, inertia=0.003)
 
 
+@pytest.mark.slow
 def test_pieces_leave_out_where_the_supply_limits(sweep):
     pieces = sweep.pieces()
     assert len(pieces) == 4  # up; down through zero, twice; and the rest

@@ -130,6 +130,7 @@ def test_the_command_stops_before_it_works(tmp_path, capsys) -> None:
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_undetermined_sweep_parameter_has_no_number() -> None:
     """A wheel that never slows down to where s, v_s and delta act."""
     t = np.arange(4000) * SAMPLE_TIME

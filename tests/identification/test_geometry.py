@@ -218,7 +218,7 @@ class TestKnownRobots:
         ).all()
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_intervals_cover_the_truth():
     """Of 200 logs, 95 % intervals must hold each true value 190 times, to three binomial deviations (3.1)."""
     truth = np.array([0.1115 / 0.0612, TRUE.wheels.tilt, *TRUE.wheels.azimuths])

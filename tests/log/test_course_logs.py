@@ -30,6 +30,7 @@ def proposal_of(shared_data, robot) -> Callable[[str], Proposal]:
     return cache(lambda name: propose(shared_data / "rob311" / f"{name}.txt", robot))
 
 
+@pytest.mark.sample
 @pytest.mark.parametrize("name", FIRST_WHEEL)
 def test_handedness_phase_and_timing(proposal_of, robot, name):
     proposal = proposal_of(name)
@@ -96,6 +97,7 @@ def test_glitches_in_logged_speeds_are_found(proposal_of):
     assert [f for f in found if isinstance(f, Finding) and f.code == "glitch"]
 
 
+@pytest.mark.sample
 def test_the_command_writes_a_log_that_identification_can_use(shared_data, tmp_path, capsys):
     check_log(shared_data / "rob311" / "main_control_1.txt", robot="rob311", dead_band=0.06, out=tmp_path)
     shown = capsys.readouterr().out

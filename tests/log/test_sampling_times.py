@@ -68,6 +68,7 @@ def test_a_message_logged_twice_is_fresh_once():
     ]
 
 
+@pytest.mark.sample
 @pytest.mark.parametrize(
     ("name", "columns", "scale"),
     [

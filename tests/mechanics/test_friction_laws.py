@@ -122,6 +122,7 @@ class TestArmstrong:
         # 50 ms is 50 whole samples, so nothing is interpolated
         np.testing.assert_allclose(friction[200:], expected[200:], rtol=1e-12)
 
+    @pytest.mark.slow
     def test_a_mass_swings_on_the_spring_and_breaks_away_at_the_limit(self):
         law = Armstrong(viscous=0.0, coulomb=1.0, stribeck=0.5, stribeck_speed=0.01, stiffness=1e4)
         held = push(law, np.full(3000, 0.7), 1e-3)

@@ -77,6 +77,7 @@ def rows_like(model: Model, count: int, rng: np.random.Generator) -> np.ndarray:
     return rows
 
 
+@pytest.mark.slow
 @kinds
 def test_the_stages_of_a_block_are_the_step_in_one_piece(kind: str) -> None:
     rng = np.random.default_rng(5)

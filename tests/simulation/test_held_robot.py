@@ -96,6 +96,7 @@ def test_tilted_body_turns_the_wheels_the_other_way(axis, angle):
     np.testing.assert_allclose(measured.truth[2:5], target, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_self_test_on_the_ball_passes():
     plant = held("on_ball")
     test = SelfTest(plant.robot)

@@ -84,7 +84,7 @@ def test_balances_a_minute_on_wide_rows(gain: NDArray[np.float64]) -> None:
     assert measured[-1].ended is None
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_stands_while_the_ahrs_s_frame_turns_away(gain: NDArray[np.float64]) -> None:
     """A drift twenty times the nominal, 53 degrees in 30 s: the lean keeps to the wheels, the heading goes along."""
     sensors = replace(ALTEN.sensors, heading_drift=20 * ALTEN.sensors.heading_drift)

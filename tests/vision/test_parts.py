@@ -134,6 +134,7 @@ def test_a_motions_orientation_has_its_velocity():
     assert np.linalg.norm(motion.omega, axis=1).max() == pytest.approx(10.0)
 
 
+@pytest.mark.slow
 def test_a_frame_shows_the_seam_where_the_curve_projects_to():
     scene = Scene(camera=SMALL)
     motion = motion_of(np.linspace(-0.1, 0.2, 301), np.tile([2.0, -3.0, 1.0], (301, 1)))

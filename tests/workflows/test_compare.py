@@ -39,6 +39,7 @@ def test_empty_comparison_is_refused():
         compare(lambda: Model(alten()), {}, square(), duration=1.0, seeds=[1])
 
 
+@pytest.mark.slow
 def test_design_simulate_compare_from_the_command_line(tmp_path, capsys):
     robot = str(tmp_path / "found.toml")
     write_robot(alten(FRICTION), robot)

@@ -100,6 +100,7 @@ def test_four_wheels():
     assert np.isfinite(made.errors).all()
 
 
+@pytest.mark.slow
 def test_the_reference_begins_and_ends_at_the_origin(designed):
     assert np.abs(designed.poses[[0, -1]]).max() < 1e-12
 
@@ -238,7 +239,7 @@ def test_design_worse_than_a_square_is_reported():
     assert "some parameters cannot be identified" in gain_sentence(math.inf)
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_the_command_tries_it_on_the_twin(tmp_path, capsys):
     pytest.importorskip("mujoco")
     words = [

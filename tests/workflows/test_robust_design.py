@@ -46,6 +46,7 @@ def written(robot_file, tmp_path_factory):
     return out
 
 
+@pytest.mark.slow
 def test_the_worst_tenth_of_fresh_robots_is_better_than_with_nominal_and_plain_weights(written):
     results = json.loads((written / "results.json").read_text())
     robust, nominal, plain = (results["on_fresh_robots"][name] for name in ("robust", "nominal", "plain"))
