@@ -128,7 +128,7 @@ def test_board_of_a_process_that_is_killed_is_gone(echo):
 
 
 def test_missing_toolchain_and_qemu_are_named(monkeypatch, tmp_path):
-    with pytest.raises(InputError, match="no other toolchain"):
+    with pytest.raises(InputError, match="no toolchain for the board's processor 'other'"):
         compile_board(tmp_path / "none.elf", [], toolchain="other")
     (tmp_path / "wrong.c").write_text("int main(void) { return missing(); }\n")
     with pytest.raises(InputError, match="compiler refuses"):
