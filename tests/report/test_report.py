@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -20,9 +21,11 @@ from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import Layout
 from ballbot.identification.result import Identification, WindowErrors
 from ballbot.identification.variation import Variation
+from ballbot.identification.windows import Span
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.driveline import driveline_findings
 from ballbot.report.friction import friction_curve, interval_figure
+from ballbot.report.identification_page import _rows_within
 from ballbot.report.style import drawn, thinned, with_peaks
 from ballbot.report.words import state_mark, with_error, with_symbols
 from ballbot.results import as_json
@@ -255,3 +258,17 @@ def test_a_shortened_line_keeps_a_peak_of_one_sample_and_a_gap(count):
     shown, kept = with_peaks(t, gap)
     assert np.isnan(kept[(shown > 0.45 * count) & (shown < 0.55 * count)]).all()
     assert np.isfinite(kept[(shown < 0.35 * count) | (shown > 0.65 * count)]).all()
+
+
+def test_windows_shown_lie_within_the_held_out_ones_even_if_they_begin_later():
+    """As where a delay is estimated, whose longest value the windows of the fit keep room for."""
+    held = [Span(log=1, start=start, end=start + 0.5) for start in (2.0, 2.5, 3.0, 9.0)]
+
+    def rows(first: float) -> list[int]:
+        spans = [Span(log=0, start=start, end=start + 0.5) for start in np.arange(first, 12.0, 0.5)]
+        windows = SimpleNamespace(sample_time=0.005, spans=spans)
+        return _rows_within(windows, held).tolist()  # pyright: ignore[reportArgumentType]
+
+    assert rows(0.0) == [4, 5, 6, 18]
+    assert rows(0.02) == [4, 5]
+    assert rows(11.0) == []

@@ -14,7 +14,7 @@ from ballbot.identification import HoldoutResult, Identification
 from ballbot.identification.coulomb import coulomb_sentence
 from ballbot.identification.result import represents_sentence
 from ballbot.identification.stages import windows_for
-from ballbot.identification.windows import Windows, standstill_torques
+from ballbot.identification.windows import Span, Windows, standstill_torques
 from ballbot.log import STATE_NAMES, Log
 from ballbot.report.blocks import Block, Paragraph, Picture, Report, Section, Sheet, section
 from ballbot.report.friction import (
@@ -131,13 +131,15 @@ def _predictions(found: Identification, logs: Mapping[str, Log]) -> TimeSeries |
     if not found.held_out_windows:
         return None
     place = found.held_out_windows[0].log
-    spans = [one for one in found.held_out_windows if one.log == place][:_MOST_WINDOWS]
+    spans = [one for one in found.held_out_windows if one.log == place]
     name, log = list(logs.items())[place]
     predictor = found.predictor
     supplied = standstill_torques(log, predictor.robot, predictor.back_emf)
     windows = windows_for(predictor, found.values, [supplied], duration=found.window)
-    starts = {one.start: row for row, one in enumerate(windows.spans)}
-    windows = windows.take(np.array([starts[one.start] for one in spans if one.start in starts]))
+    rows = _rows_within(windows, spans)[:_MOST_WINDOWS]
+    if not len(rows):
+        return None
+    windows = windows.take(rows)
     both = np.stack([found.values, predictor.layout.without_friction(found.values)])
     ours, without = predictor.residuals(both, windows, every=1) + windows.measured
     t, measured = _in_a_row(windows, windows.measured)
@@ -155,6 +157,26 @@ def _predictions(found: Identification, logs: Mapping[str, Log]) -> TimeSeries |
         "its start and with the torques of the log."
     )
     return TimeSeries(t=t, panels=panels, caption=caption, across="time of the log [s]")
+
+
+def _rows_within(windows: Windows, spans: Sequence[Span]) -> NDArray[np.intp]:
+    """Return which windows lie within spans of one log, adjacent ones joined.
+
+    The windows of the fit begin later where a delay was estimated: they keep room for the longest that it may be.
+    """
+    joined: list[list[float]] = []
+    for one in sorted(spans, key=lambda span: span.start):
+        if joined and one.start <= joined[-1][1] + 1.5 * windows.sample_time:
+            joined[-1][1] = max(joined[-1][1], one.end)
+        else:
+            joined.append([one.start, one.end])
+    slack = 0.5 * windows.sample_time
+    rows = [
+        row
+        for row, one in enumerate(windows.spans)
+        if any(start - slack <= one.start and one.end <= end + slack for start, end in joined)
+    ]
+    return np.array(rows, dtype=np.intp)
 
 
 def _in_a_row(
