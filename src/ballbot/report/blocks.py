@@ -165,16 +165,14 @@ class Report:
 
     title: str
     lead: str  #: what was examined, in a sentence
-    verdict: Sequence[
-        tuple[str, str]
-    ]  #: heading, which may be empty, and sentences; the most important first
+    #: heading, which may be empty, and sentences; the most important first
+    verdict: Sequence[tuple[str, str]]
     sections: Sequence[Section]
     undecided: Sequence[str]  #: what the data cannot decide
     made: Provenance
     findings: Sequence[Finding] | None = None  #: of the checks of the inputs; None if nothing was checked
-    accepted: bool = (
-        True  #: whether the errors among them were accepted, so that results follow in spite of them
-    )
+    #: whether the errors among them were accepted, so that results follow in spite of them
+    accepted: bool = True
 
 
 def section(heading: str, *blocks: Block | None) -> Section:

@@ -36,6 +36,7 @@ from ballbot.report.console import TextTable, table
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.report.style import drawn_picture
+from ballbot.report.validation_figures import correlation_figure
 from ballbot.report.words import interval_text
 from ballbot.rounding import digits, value_and_error
 from ballbot.workflows.study import StudiedLog
@@ -113,6 +114,33 @@ def log_blocks(logs: Sequence[StudiedLog]) -> Iterator[Block]:
         yield Paragraph(text=f"Not drawn, as the page would be too large: {names}.", quiet=True)
 
 
+def parameter_blocks(found: Identification, logs: Sequence[StudiedLog]) -> Iterator[Block]:
+    """Yield the figures of the parameters: their intervals, each wheel's friction, their errors' correlation."""
+    intervals = (
+        "Each parameter as found, its 95 % intervals under the conditions of these logs and for another log of this "
+        "robot, and its value in the robot file. An interval that reaches the border has no limit on that side."
+    )
+    yield drawn_picture("intervals", partial(interval_figure, found), intervals)
+    curve = (
+        "Friction of each wheel over its speed, with the 95 % band that the standard errors leave, and how often the "
+        "logs have such a speed."
+    )
+    yield drawn_picture("friction", partial(friction_figure, found, logs), curve)
+    if np.isfinite(found.correlation).any():
+        pairs = (
+            "Correlation of the parameters' errors. A dark cell is a pair of which the data determine a combination "
+            "better than each. Parameters without a standard error are left out."
+        )
+        draw = partial(correlation_figure, _symbols(found.labels), found.correlation)
+        yield drawn_picture("parameters", draw, pairs)
+
+
+def _symbols(labels: Sequence[str]) -> list[str]:
+    """Return labels of parameters as the symbols of figures."""
+    special = {"v_s": "$v_s$", "delta": r"$\delta$", "C_rr": "$C_{rr}$"}
+    return [special.get(label, f"${label[0]}_{{{label[1:]}}}$") for label in labels]
+
+
 def friction_figure(found: Identification, logs: Sequence[StudiedLog]) -> Figure:
     """Return each wheel's friction over its speed with a 95 % band, above how often the logs have such a speed."""
     n = found.robot.wheel_count
@@ -150,11 +178,6 @@ def interval_figure(found: Identification) -> Figure:
     return figure
 
 
-#: what the figure shows
-INTERVALS = (
-    "Each parameter as found, its 95 % intervals under the conditions of these logs and for another log of this robot, "
-    "and its value in the robot file. An interval that reaches the border has no limit on that side."
-)
 #: panels in a row
 _ACROSS = 3
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,16 +13,14 @@ from ballbot.identification import HoldoutResult, Identification
 from ballbot.identification.coulomb import coulomb_sentence
 from ballbot.identification.result import represents_sentence
 from ballbot.identification.stages import windows_for
-from ballbot.identification.windows import Span, Windows, standstill_torques
+from ballbot.identification.windows import Windows, standstill_torques
 from ballbot.log import STATE_NAMES, Log
 from ballbot.report.blocks import Block, Paragraph, Picture, Report, Section, Sheet, section
 from ballbot.report.friction import (
-    INTERVALS,
     error_table,
-    friction_figure,
     horizon_table,
-    interval_figure,
     log_blocks,
+    parameter_blocks,
     parameter_table,
     search_blocks,
     selection_table,
@@ -31,9 +28,7 @@ from ballbot.report.friction import (
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.study import friction_sentence
-from ballbot.report.study_page import parameter_symbols
-from ballbot.report.style import STATE_UNITS, drawn_picture
-from ballbot.report.validation_figures import correlation_figure
+from ballbot.report.style import STATE_UNITS
 from ballbot.report.words import state_mark
 from ballbot.rounding import digits
 from ballbot.workflows.study import StudiedLog
@@ -60,7 +55,9 @@ def identification_report(
         sections=[
             _parameter_section(found, studied),
             *([_law_section(selection, ladder_svg)] if selection and ladder_svg else []),
-            section("Errors on held-out windows", *_error_blocks(found, holdouts), _predictions(found, logs)),
+            section(
+                "Errors on held-out windows", *_error_blocks(found, holdouts), _predictions(found, studied)
+            ),
             section("The logs", *log_blocks(studied)),
             section("How the search went", *search_blocks(found)),
         ],
@@ -90,24 +87,11 @@ def _prediction_sentence(found: Identification) -> str:
 
 
 def _parameter_section(found: Identification, logs: Sequence[StudiedLog]) -> Section:
-    caption = (
-        "Friction of each wheel over its speed, with the 95 % band that the standard errors leave, and how often the "
-        "logs have such a speed."
-    )
-    correlation = (
-        "Correlation of the parameters' errors. A dark cell is a pair of which the data determine a combination "
-        "better than each. Parameters without a standard error are left out."
-    )
-    symbols = parameter_symbols(found.labels)
     return section(
         "Parameters",
         _parameter_sheet(found),
-        drawn_picture("intervals", partial(interval_figure, found), INTERVALS),
         Paragraph(text=f"{represents_sentence(found.layout)} {coulomb_sentence(found.coulomb)}"),
-        drawn_picture("friction", partial(friction_figure, found, logs), caption),
-        drawn_picture("parameters", partial(correlation_figure, symbols, found.correlation), correlation)
-        if np.isfinite(found.correlation).any()
-        else None,
+        *parameter_blocks(found, logs),
     )
 
 
@@ -126,17 +110,15 @@ _MOST_WINDOWS = 40
 _SHOWN = ("theta", "phi", "x_dot", "y_dot", "theta_dot", "phi_dot", "psi_dot")
 
 
-def _predictions(found: Identification, logs: Mapping[str, Log]) -> TimeSeries | None:
+def _predictions(found: Identification, logs: Sequence[StudiedLog]) -> TimeSeries | None:
     """Return measured and predicted states over held-out windows of the first log that has some."""
-    if not found.held_out_windows:
+    studied = next((one for one in logs if one.held_out), None)
+    if studied is None:
         return None
-    place = found.held_out_windows[0].log
-    spans = [one for one in found.held_out_windows if one.log == place]
-    name, log = list(logs.items())[place]
     predictor = found.predictor
-    supplied = standstill_torques(log, predictor.robot, predictor.back_emf)
+    supplied = standstill_torques(studied.log, predictor.robot, predictor.back_emf)
     windows = windows_for(predictor, found.values, [supplied], duration=found.window)
-    rows = _rows_within(windows, spans)[:_MOST_WINDOWS]
+    rows = _rows_within(windows, studied.held_out)[:_MOST_WINDOWS]
     if not len(rows):
         return None
     windows = windows.take(rows)
@@ -153,30 +135,23 @@ def _predictions(found: Identification, logs: Mapping[str, Log]) -> TimeSeries |
         )
         panels.append(Panel(label=f"{state_mark(state)} [{STATE_UNITS[state]}]", lines=lines))
     caption = (
-        f"Predictions of {len(windows)} windows of {name} that the fit did not see, each from the state measured at "
-        "its start and with the torques of the log."
+        f"Predictions of {len(windows)} windows of {studied.name} that the fit did not see, each from the state "
+        "measured at its start and with the torques of the log."
     )
     return TimeSeries(t=t, panels=panels, caption=caption, across="time of the log [s]")
 
 
-def _rows_within(windows: Windows, spans: Sequence[Span]) -> NDArray[np.intp]:
-    """Return which windows lie within spans of one log, adjacent ones joined.
+def _rows_within(windows: Windows, intervals: Sequence[tuple[float, float]]) -> NDArray[np.intp]:
+    """Return which windows of a log lie within intervals (start, end) [s].
 
     The windows of the fit begin later where a delay was estimated: they keep room for the longest that it may be.
     """
-    joined: list[list[float]] = []
-    for one in sorted(spans, key=lambda span: span.start):
-        if joined and one.start <= joined[-1][1] + 1.5 * windows.sample_time:
-            joined[-1][1] = max(joined[-1][1], one.end)
-        else:
-            joined.append([one.start, one.end])
-    slack = 0.5 * windows.sample_time
-    rows = [
-        row
-        for row, one in enumerate(windows.spans)
-        if any(start - slack <= one.start and one.end <= end + slack for start, end in joined)
+    slack = 0.5 * windows.sample_time  # times are rounded
+    inside = [
+        any(start - slack <= one.start and one.end <= end + slack for start, end in intervals)
+        for one in windows.spans
     ]
-    return np.array(rows, dtype=np.intp)
+    return np.flatnonzero(inside)
 
 
 def _in_a_row(

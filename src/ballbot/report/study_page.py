@@ -18,7 +18,7 @@ from ballbot.log import STATE_NAMES
 from ballbot.mechanics.model import Model
 from ballbot.report.blocks import Bullets, Film, Paragraph, Report, Section, Sheet, Subheading, section
 from ballbot.report.comparison import RUN_LABELS, paths_figure, position_error_series
-from ballbot.report.friction import INTERVALS, friction_figure, interval_figure, log_blocks, search_blocks
+from ballbot.report.friction import log_blocks, parameter_blocks, search_blocks
 from ballbot.report.loop import poles_figure
 from ballbot.report.prediction import predicted_rows
 from ballbot.report.provenance import Provenance
@@ -37,7 +37,6 @@ from ballbot.report.tables import (
     candidate_rows,
     parameter_sheet,
 )
-from ballbot.report.validation_figures import correlation_figure
 from ballbot.report.validation_page import undecided_by, validation_sections
 from ballbot.report.words import state_mark, with_symbols
 from ballbot.robot import Robot
@@ -106,24 +105,11 @@ def _friction_section(study: Study) -> Section:
         "these logs, the second for the estimate from another log of this robot. "
         f"{represents_sentence(found.layout)} {coulomb_sentence(found.coulomb)}"
     )
-    curve = (
-        "Friction of each wheel over its speed, with the 95 % band that the standard errors leave, and how often the "
-        "logs have such a speed."
-    )
-    correlation = (
-        "Correlation of the parameters' errors. A dark cell is a pair of which the data determine a combination "
-        "better than each. Parameters without a standard error are left out."
-    )
-    symbols = parameter_symbols(found.labels)
     return section(
         "Friction found",
         Paragraph(text=words),
         parameter_sheet(found),
-        drawn_picture("intervals", partial(interval_figure, found), INTERVALS),
-        drawn_picture("friction", partial(friction_figure, found, study.logs), curve),
-        drawn_picture("parameters", partial(correlation_figure, symbols, found.correlation), correlation)
-        if np.isfinite(found.correlation).any()
-        else None,
+        *parameter_blocks(found, study.logs),
         Subheading(text="How the search went"),
         *search_blocks(found),
     )
@@ -260,12 +246,6 @@ def robot_words(robot: Robot) -> str:
         f"the centre of mass {1e3 * body.center_of_mass:.0f} mm above the ball's centre. Left alone it falls at "
         f"{pole:.2f} rad/s, twice as far every {1e3 * np.log(2.0) / pole:.0f} ms."
     )
-
-
-def parameter_symbols(labels: tuple[str, ...]) -> list[str]:
-    """Return labels of parameters as the symbols of figures."""
-    special = {"v_s": "$v_s$", "delta": r"$\delta$", "C_rr": "$C_{rr}$"}
-    return [special.get(label, f"${label[0]}_{{{label[1:]}}}$") for label in labels]
 
 
 def _lead(study: Study) -> str:
