@@ -270,9 +270,8 @@ class Task:
     reference: Reference
     duration: float  #: [s]
     seeds: range
-    off: bool = (
-        False  #: whether the twin's mass, height and friction are each 20 % above or below the robot file's
-    )
+    #: whether the twin's mass, height and friction are each 20 % above or below the robot file's
+    off: bool = False
     precise: bool = True  #: or the nominal gain, uncompensated, with the thesis's state
 
 

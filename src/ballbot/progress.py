@@ -20,9 +20,8 @@ class Progress:
     total: float  #: steps that the stage takes at most
     cost: float = math.nan  #: the best cost so far, where the work minimises one
     share: float = math.nan  #: fraction of the whole work, 0 to 1; that of the stage if it is not given
-    skipped: float = (
-        0.0  #: how much the share grew since the last report without work, as a stage ended early
-    )
+    #: how much the share grew since the last report without work, as a stage ended early
+    skipped: float = 0.0
     seconds_left: float | None = None  #: at most, at the present pace; None if that is not known yet
     note: str = ""  #: a few words to show beside it
 

@@ -56,9 +56,8 @@ class LqrDesign:
     """An optimal gain and what it promises."""
 
     gain: NDArray[np.float64]  #: K (n, m) of u = -K x
-    poles: NDArray[
-        np.complex128
-    ]  #: (m,) of the closed loop [rad/s], the slowest first; sampled ones as log(z)/T
+    #: (m,) of the closed loop [rad/s], the slowest first; sampled ones as log(z)/T
+    poles: NDArray[np.complex128]
     cost: NDArray[np.float64]  #: P (m, m): x' P x is the cost still to come from x
     sample_time: float | None  #: [s]; None where the gain is for continuous control
 

@@ -77,9 +77,8 @@ class SafetyLimits:
     """
 
     max_missing: int = 2  #: samples in a row without a valid measurement that are bridged
-    lean: float = (
-        _MAX_LEAN  #: largest |theta| and |phi| [rad]; on a robot choose the lean it can recover from
-    )
+    #: largest |theta| and |phi| [rad]; on a robot choose the lean it can recover from
+    lean: float = _MAX_LEAN
     max_interval: float = math.inf  #: longest time between two samples [s]
     #: samples in a row in which a sensor may repeat itself; 0: any number, as perfect sensors at rest do
     max_unchanged: int = 0

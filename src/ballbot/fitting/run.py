@@ -87,9 +87,8 @@ class Run:
     seed: int = 0  #: of all random numbers; the same seed gives the same result
     executor: Executor = field(default_factory=lambda: Threads())  #: where the work is done
     checkpoint: Memory | None = None  #: keeps what a killed run has computed
-    progress: ProgressCallback = (
-        in_notebook  #: is called after each step; by default it shows a line in a notebook
-    )
+    #: is called after each step; by default it shows a line in a notebook
+    progress: ProgressCallback = in_notebook
 
     def __post_init__(self) -> None:
         check_seed(self.seed)

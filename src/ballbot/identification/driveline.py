@@ -155,9 +155,8 @@ class DrivelineFit:
     intervals: dict[str, Interval]  #: of 95 %, by symbol; none for a parameter without effect
     delay: float  #: of the torque [s]
     innovation: float  #: root mean square error of the speed predicted a sample ahead [rad/s]
-    unknown: NDArray[
-        np.bool_
-    ]  #: (5,) parameters that the sweep does not determine; their values are arbitrary
+    #: (5,) parameters that the sweep does not determine; their values are arbitrary
+    unknown: NDArray[np.bool_]
     cost: float  #: (3.5) over the samples compared [rad/s]
     samples: int
     rmse: float  #: [rad/s]

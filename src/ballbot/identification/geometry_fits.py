@@ -403,9 +403,8 @@ class UpsideDownGeometry:
 
     #: [r_b / r_w, tilt, azimuths.., camera's tilt about x and y, camera's delay [s]] (n + 5,)
     fit: ClusteredFit
-    ratios: NDArray[
-        np.float64
-    ]  #: (n,), r_b / r_w of each wheel by itself, where nothing is assumed of its direction
+    #: (n,), r_b / r_w of each wheel by itself, where nothing is assumed of its direction
+    ratios: NDArray[np.float64]
     ratio_errors: NDArray[np.float64]  #: (n,)
 
 

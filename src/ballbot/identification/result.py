@@ -44,9 +44,8 @@ class WindowErrors:
     """Errors of open-loop predictions over windows, all samples of all windows together."""
 
     window_samples: int  #: compared in each window
-    squares_with: NDArray[
-        np.float64
-    ]  #: (w, 10), sums of squared errors in each window with the friction found
+    #: (w, 10), sums of squared errors in each window with the friction found
+    squares_with: NDArray[np.float64]
     squares_without: NDArray[np.float64]  #: (w, 10), without friction
 
     @property
@@ -113,9 +112,8 @@ class Identification:
     predictor: Predictor  #: predicts windows with any such parameters
     values: NDArray[np.float64]  #: (p,), those of the predictions on held-out windows, SI units
     bootstrap_errors: ParameterTable  #: alike, from a bootstrap of blocks of windows
-    intervals: dict[
-        str, Interval
-    ]  #: of 95 %, by label; none for a parameter without influence, held or refused
+    #: of 95 %, by label; none for a parameter without influence, held or refused
+    intervals: dict[str, Interval]
     variation: Variation  #: between logs: intervals for the estimate from another one
     correlation: NDArray[np.float64]  #: (p, p); NaN for parameters without standard error
     coulomb: CoulombEquivalent  #: to compare logs and robots; see `ballbot.identification.coulomb`
@@ -125,9 +123,8 @@ class Identification:
     held_out_windows: tuple[Span, ...]
     window: float  #: length of the windows [s]
     excluded_states: tuple[str, ...]  #: states whose errors did not count in the fit
-    evolution_cost: tuple[
-        float, ...
-    ]  #: best cost after each generation, on the windows drawn for the evolution
+    #: best cost after each generation, on the windows drawn for the evolution
+    evolution_cost: tuple[float, ...]
     gauss_newton_cost: tuple[float, ...]  #: cost after each step, on all windows fitted
     warnings: tuple[Finding, ...]  #: of the numbers
     log_findings: tuple[Finding, ...] = ()  #: of the checks of the logs

@@ -80,9 +80,8 @@ class IdentificationOptions:
     excluded_states: tuple[str, ...] = ()  #: whose errors do not count, as the heading where the ball pivots
     #: b_e of a motor driven by voltage [N m s/rad], if the logs' torques contain its back-EMF
     back_emf: float = 0.0
-    warm_start: Identification | None = (
-        None  #: Gauss-Newton begins from its numbers where they predict better
-    )
+    #: Gauss-Newton begins from its numbers where they predict better
+    warm_start: Identification | None = None
     sweep: SweepFriction | None = None  #: friction from a sweep of the free wheels, to combine with the logs'
     generations: int = 150  #: of the evolution, at most
     population: int = 24  #: sets of parameters in each generation

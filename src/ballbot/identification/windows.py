@@ -180,9 +180,8 @@ class Windows:
     torques: NDArray[np.float64]  #: (w, m, n) [N m]
     measured: NDArray[np.float64]  #: (w, m, 10), states after each sample
     earlier: NDArray[np.float64]  #: (w, h, n), torques of the h rows before the starts
-    spin: NDArray[
-        np.float64
-    ]  #: (w,), the ball's spin about the vertical at the starts [rad/s]; NaN if not measured
+    #: (w,), the ball's spin about the vertical at the starts [rad/s]; NaN if not measured
+    spin: NDArray[np.float64]
     spans: tuple[Span, ...]  #: (w,)
     sample_time: float  #: [s]
 

@@ -129,9 +129,8 @@ class Attitude:
 class Timing:
     """[time] of a mapping file: the times of the log's rows."""
 
-    repair: bool = (
-        False  #: whether the times of sampling are estimated from the encoders; see `sampling_times`
-    )
+    #: whether the times of sampling are estimated from the encoders; see `sampling_times`
+    repair: bool = False
     sample_time: PositiveFloat | None = None  #: of rows at even intervals [s]; None keeps the file's rows
     #: intervals of the file's clock to keep [s]; None keeps all
     keep: tuple[tuple[FiniteFloat, FiniteFloat], ...] | None = None

@@ -134,9 +134,8 @@ class Propagated:
 
     value: NDArray[np.float64]
     deviation: NDArray[np.float64]  #: standard deviation, of the value's shape
-    parts: dict[
-        str, NDArray[np.float64]
-    ]  #: of each uncertain number alone, by its label; signed, for one deviation
+    #: of each uncertain number alone, by its label; signed, for one deviation
+    parts: dict[str, NDArray[np.float64]]
 
     def largest(self, count: int = 3) -> list[tuple[str, float]]:
         """Return the numbers that matter most: label and fraction of the variance, summed over the result.

@@ -154,14 +154,12 @@ class ClosedLoopBatch:
     states: NDArray[np.float64]  #: (lanes, records, 10); a lane that ended or settled stays where it was
     torques: NDArray[np.float64]  #: (lanes, records, n) held over the sample that ends at t [N m]
     ended: NDArray[np.float64]  #: (lanes,) time [s] at which a lane ended; infinity where it did not
-    settled: NDArray[
-        np.float64
-    ]  #: (lanes,) time [s] at which a `Verdict` saw it settled; infinity where none did
+    #: (lanes,) time [s] at which a `Verdict` saw it settled; infinity where none did
+    settled: NDArray[np.float64]
     lifted: NDArray[np.bool_]  #: (lanes,) whether it ended because the floor would have had to pull
     slipped: NDArray[np.bool_]  #: (lanes,) whether it ended because a wheel would have slipped on the ball
-    torque_change: NDArray[
-        np.float64
-    ]  #: (lanes,) root mean square from sample to sample, of all wheels [N m]
+    #: (lanes,) root mean square from sample to sample, of all wheels [N m]
+    torque_change: NDArray[np.float64]
 
     @property
     def finals(self) -> NDArray[np.float64]:

@@ -319,9 +319,8 @@ class BallRun:
     """A ball under control."""
 
     t: NDArray[np.float64]  #: (N,) [s]
-    rotations: NDArray[
-        np.float64
-    ]  #: (N, 3), rotation vector from where the ball started [rad], robot's frame
+    #: (N, 3), rotation vector from where the ball started [rad], robot's frame
+    rotations: NDArray[np.float64]
     omegas: NDArray[np.float64]  #: (N, 3) [rad/s]
     torques: NDArray[np.float64]  #: (N, n) [N m]
 

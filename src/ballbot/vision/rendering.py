@@ -99,9 +99,8 @@ class Light:
 
     uneven: float = 0.0  #: how much darker the far corner is, as a fraction of the light
     highlight: float = 0.0  #: height of the lamp's reflection on the ball, as a fraction of full white
-    shadow: float = (
-        0.0  #: fraction of the light that a shadow with a sharp edge takes; it moves over the ball and back
-    )
+    #: fraction of the light that a shadow with a sharp edge takes; it moves over the ball and back
+    shadow: float = 0.0
     shadow_period: float = 7.0  #: of that [s]
 
 

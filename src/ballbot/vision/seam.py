@@ -228,9 +228,8 @@ class Fit:
     """A rotation, and how well the points fit it."""
 
     R: NDArray[np.float64]  #: (3, 3) ball frame to camera frame
-    information: NDArray[
-        np.float64
-    ]  #: (3, 3) sum of w (q x n)(q x n)^T, camera frame, as if each point erred by 1 rad
+    #: (3, 3) sum of w (q x n)(q x n)^T, camera frame, as if each point erred by 1 rad
+    information: NDArray[np.float64]
     bias: NDArray[np.float64]  #: (3, 3) covariance by how pieces of the seam disagree, camera frame [rad^2]
     inliers: float  #: fraction of the weight that is within reach of the curve
     spread: float  #: rms distance of those from the curve [rad]

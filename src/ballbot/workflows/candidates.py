@@ -275,9 +275,8 @@ class Candidate:
 
     name: str  #: in tables and figures
     source: str  #: one of `NAMED`, a controller file, or FILE.py:NAME
-    estimator: EstimatorName | None = (
-        None  #: the on-board state it is given; by default the one it is made for
-    )
+    #: the on-board state it is given; by default the one it is made for
+    estimator: EstimatorName | None = None
 
     def controller(self, robot: Robot) -> Feedback:
         """Return it, new.

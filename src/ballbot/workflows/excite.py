@@ -102,9 +102,8 @@ class Trial:
 
     log: Log  #: with its truth
     peaks: RunPeaks  #: true lean and place, torques as commanded
-    errors: NDArray[
-        np.float64
-    ]  #: (f,), scaled standard errors of the estimated parameters; NaN if undetermined
+    #: (f,), scaled standard errors of the estimated parameters; NaN if undetermined
+    errors: NDArray[np.float64]
     found: Identification
 
 
@@ -273,9 +272,8 @@ class Excitation:
 class ExcitationOptions:
     """How an experiment is designed and tried."""
 
-    deviations: NDArray[np.float64] | None = (
-        None  #: (10,) see `task`; by default those of the twin around the square
-    )
+    #: (10,) see `task`; by default those of the twin around the square
+    deviations: NDArray[np.float64] | None = None
     on_twin: bool = True  #: whether design and square are tried on the twin and identified from
     law: Law = "stribeck"  #: identification's
     bounds: Bounds | None = None  #: identification's

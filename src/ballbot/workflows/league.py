@@ -68,9 +68,8 @@ class League:
     courses: tuple[Course, ...]
     controllers: tuple[str, ...]  #: by name; the others are compared with the first
     seeds: tuple[int, ...]
-    scores: Mapping[
-        tuple[str, str], tuple[Score, ...]
-    ]  #: by course and controller, in the order of the seeds
+    #: by course and controller, in the order of the seeds
+    scores: Mapping[tuple[str, str], tuple[Score, ...]]
     tracks: Mapping[tuple[str, str], Track]  #: of the first seed
 
 

@@ -130,9 +130,8 @@ class PerturbedRobots:
 
     robots: tuple[Robot, ...]
     conditions: tuple[Conditions, ...]
-    starts: NDArray[
-        np.float64
-    ]  #: (robots, 10), the ball `START` away from the origin in any direction, upright at rest
+    #: (robots, 10), the ball `START` away from the origin in any direction, upright at rest
+    starts: NDArray[np.float64]
 
     def __len__(self) -> int:
         """Return how many robots there are."""
@@ -201,9 +200,8 @@ _EVERY = 10  # samples between two that are looked at for the error
 class RunMeasures:
     """How controllers did, on each of the robots."""
 
-    error: NDArray[
-        np.float64
-    ]  #: (controllers, robots), root mean square once settled [m]; NaN of one that fell
+    #: (controllers, robots), root mean square once settled [m]; NaN of one that fell
+    error: NDArray[np.float64]
     roughness: NDArray[np.float64]  #: (controllers, robots), torque's change from sample to sample [N m]
     ended: NDArray[np.float64]  #: (controllers, robots), when it fell [s]; infinity where it stood
 

@@ -213,9 +213,8 @@ class Followed:
 class ReferenceMargins:
     """How much of the robot's limits a reference uses."""
 
-    jumps: tuple[
-        tuple[float, float], ...
-    ]  #: when [s] and by how much [m or rad]; a path with jumps has no demand
+    #: when [s] and by how much [m or rad]; a path with jumps has no demand
+    jumps: tuple[tuple[float, float], ...]
     uses: tuple[Use, ...] = field(
         metadata=key("followed_exactly")
     )  #: of the path followed exactly; empty if it jumps

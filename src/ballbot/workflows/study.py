@@ -88,17 +88,15 @@ class StudyOptions:
 
     accept: Collection[str] = ()  #: codes of errors found in the logs to ignore; see `ballbot.findings.CODES`
     bounds: Bounds | None = None  #: of the friction that is estimated
-    excluded_states: Sequence[
-        str
-    ] = ()  #: whose errors do not count in the fit; they are validated all the same
+    #: whose errors do not count in the fit; they are validated all the same
+    excluded_states: Sequence[str] = ()
     #: b_e of a motor driven by voltage [N m s/rad], if the logs' torques contain its back-EMF
     back_emf: float = 0.0
     generations: int = 150  #: of the identification's evolution, at most
     duration: float = SQUARE.duration  #: of each run of a candidate [s]
     draws: int = 20  #: plants on which the candidates are compared
-    ablation_draws: int = (
-        10  #: of them, plants on which the parts of the precise controller are removed by turns
-    )
+    #: of them, plants on which the parts of the precise controller are removed by turns
+    ablation_draws: int = 10
 
 
 #: suits most logs

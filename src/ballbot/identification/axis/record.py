@@ -94,12 +94,10 @@ class AxisRecord:
     unit: Literal["m", "rad"] = "m"
     added: NDArray[np.float64] | None = None  #: (N,) the part of `force` that is not the loop's [N]
     times: NDArray[np.float64] | None = None  #: (N,) [s] of uneven rows; none of rows `sample_time` apart
-    temperature: NDArray[np.float64] | None = (
-        None  #: (N,), of any unit; residuals are tested for a dependence on it
-    )
-    load: NDArray[np.float64] | None = (
-        None  #: (N,), of the bearings, of any unit; residuals are tested for a dependence on it
-    )
+    #: (N,), of any unit; residuals are tested for a dependence on it
+    temperature: NDArray[np.float64] | None = None
+    #: (N,), of the bearings, of any unit; residuals are tested for a dependence on it
+    load: NDArray[np.float64] | None = None
     known_load: KnownLoad = NO_LOAD
 
     def __post_init__(self) -> None:

@@ -87,9 +87,8 @@ class Driving:
     torque: NDArray[np.float64]  #: (N, n) u as logged, filtered [N m]
     needed: NDArray[np.float64]  #: (N, n) n, the torque that the motion needs of each wheel [N m]
     friction: NDArray[np.float64]  #: (N, n, 3) sign, speed and falling sign of each wheel's speed, filtered
-    turning: NDArray[
-        np.float64
-    ]  #: (N, n) fraction of the filter's time in which the wheel turned for certain
+    #: (N, n) fraction of the filter's time in which the wheel turned for certain
+    turning: NDArray[np.float64]
     block: NDArray[np.intp]  #: (N,)
 
 

@@ -94,9 +94,8 @@ class Frame:
     turn: float  #: of the IMU's x axis from the robot's [rad], rounded to `GRID` if it is near
     measured_turn: float  #: [rad], as the log has it
     axis_signs: tuple[int, int, int] = (1, 1, 1)  #: of roll, pitch and yaw
-    signs_by_heading: bool = (
-        False  #: whether heading shows in which direction all wheels count, or it is assumed
-    )
+    #: whether heading shows in which direction all wheels count, or it is assumed
+    signs_by_heading: bool = False
     handedness: float = 1.0  #: confidence that no other axis of the IMU is reversed
 
 

@@ -96,9 +96,8 @@ class Proposal:
     keep: tuple[tuple[float, float], ...] | None  #: spans of balancing [s]; None keeps all
     sample_time: float  #: of even rows [s]
     signals: Signals
-    given_dead_band: float | None = (
-        None  #: duty that the firmware adds, as the user says; None if it is not known
-    )
+    #: duty that the firmware adds, as the user says; None if it is not known
+    given_dead_band: float | None = None
 
     @property
     def sensor_delay(self) -> float:

@@ -38,9 +38,8 @@ class Roles:
     angles: tuple[str, ...]  #: a wheel each
     speeds: tuple[str, ...]
     commands: tuple[str, ...]
-    body_commands: tuple[
-        str, ...
-    ]  #: Tx, Ty, Tz: commands about the body's axes, before they go to the wheels
+    #: Tx, Ty, Tz: commands about the body's axes, before they go to the wheels
+    body_commands: tuple[str, ...]
     gyro: tuple[str, ...] = ()  #: about x, y and z
     confidence: float = 1.0  #: that these are the columns
 

@@ -34,9 +34,8 @@ _THREADS = 128  # a block of the GPU's; a whole number of warps
 class GpuBatch:
     """What `simulate_on_gpu` returns."""
 
-    finals: NDArray[
-        np.float64
-    ]  #: (robots, 10), states after the last sample, or where the lean passed its limit
+    #: (robots, 10), states after the last sample, or where the lean passed its limit
+    finals: NDArray[np.float64]
     unsettled: NDArray[np.int64]  #: (robots,), steps in which five Newton rounds did not find the minimiser
 
 

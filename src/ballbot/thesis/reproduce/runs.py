@@ -111,9 +111,8 @@ class Validated:
     #: (2, 2, 10) mean errors in open loop of friction and one model without, until the first of the two is past
     #: recovery
     open_loop: NDArray[np.float64]
-    example: dict[
-        str, Log
-    ]  #: an open-loop run, "measured" and each model until its own lean is past recovery
+    #: an open-loop run, "measured" and each model until its own lean is past recovery
+    example: dict[str, Log]
     correlations: Correlations  #: of the residuals of the model with friction
 
 
