@@ -18,6 +18,11 @@ class OldFileFormat(UserWarning):
     """A file that an earlier version wrote was read; the text says what changed."""
 
 
+def missing_package(what: str, package: str, *, extra: str) -> InputError:
+    """Return the error of something that needs a package of one of Ballbot's extras: it says how to install it."""
+    return InputError(f"{what} needs {package}; install it with: pip install 'ballbot[{extra}]'.")
+
+
 def nearest(word: str, choices: Iterable[str], *, count: int = 1, likeness: float = 0.6) -> list[str]:
     """Return the choices that are most like a misspelt word, the best first.
 

@@ -142,7 +142,7 @@ def test_missing_package_of_the_link_is_named_with_its_extra():
     with Child("-c", WITHOUT) as child:
         assert child.end() == 0, child.errors()
         assert child.errors().splitlines() == [
-            f"ballbot: This needs {package}; install it with: pip install 'ballbot[link]'"
+            f"ballbot: This needs {package}; install it with: pip install 'ballbot[link]'."
             for package in ("serial", "cobs", "fastcrc")
         ]
 

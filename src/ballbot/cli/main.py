@@ -20,7 +20,7 @@ from ballbot.cli.app import (
     START,
     build_app,
 )
-from ballbot.errors import InputError, nearest, suggest
+from ballbot.errors import InputError, missing_package, nearest, suggest
 from ballbot.printable import printable_line
 
 #: characters of a refusal
@@ -73,9 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ModuleNotFoundError as error:
         if error.name not in _EXTRAS:
             raise
-        return _refuse(
-            f"This needs {error.name}; install it with: pip install 'ballbot[{_EXTRAS[error.name]}]'"
-        )
+        return _refuse(str(missing_package("This", error.name, extra=_EXTRAS[error.name])))
     except KeyboardInterrupt as interrupt:
         _say(str(interrupt) or "interrupted; files written so far are complete.")
         return 130

@@ -35,7 +35,7 @@ from scipy.linalg import block_diag
 from ballbot.control.controller import Controller
 from ballbot.control.lqr import held
 from ballbot.control.presets import frictionless_model
-from ballbot.errors import InputError
+from ballbot.errors import missing_package
 from ballbot.state import STATE_NAMES, torque_names
 
 if TYPE_CHECKING:
@@ -235,9 +235,7 @@ class RobotLoop:
         try:
             from control import StateSpace
         except ImportError:
-            raise InputError(
-                "python-control is not installed; install it with: pip install 'ballbot[interop]'."
-            ) from None
+            raise missing_package("A StateSpace", "python-control", extra="interop") from None
         A, B, C = self.broken()
         outputs = [f"{name}_asked" for name in self.wheels]
         return StateSpace(

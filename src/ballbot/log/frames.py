@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, missing_package
 from ballbot.log.columns import Columns, factor_to, unit_of
 
 if TYPE_CHECKING:
@@ -120,7 +120,5 @@ def _pandas() -> ModuleType:
     try:
         import pandas  # pyright: ignore[reportMissingImports]
     except ImportError:
-        raise InputError(
-            "pandas is not installed; install it with: pip install 'ballbot[interop]'."
-        ) from None
+        raise missing_package("A data frame", "pandas", extra="interop") from None
     return pandas

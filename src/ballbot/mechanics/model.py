@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import positive_number, real_array
-from ballbot.errors import InputError
+from ballbot.errors import InputError, missing_package
 from ballbot.mechanics.engine.arrays import (
     evaluate_acceleration,
     evaluate_energy,
@@ -64,9 +64,7 @@ class LinearModel:
         try:
             from control import StateSpace
         except ImportError:
-            raise InputError(
-                "python-control is not installed; install it with: pip install 'ballbot[interop]'."
-            ) from None
+            raise missing_package("A StateSpace", "python-control", extra="interop") from None
         names = [*STATE_NAMES]
         return StateSpace(
             self.A,

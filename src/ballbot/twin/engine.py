@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, missing_package
 from ballbot.mechanics.geometry import body_rates_matrix, rotation
 
 
@@ -112,7 +112,7 @@ def _mujoco():  # the module has no types
     try:
         import mujoco
     except ImportError:
-        raise InputError("The twin needs MuJoCo; install it with: pip install 'ballbot[twin]'.") from None
+        raise missing_package("The twin", "MuJoCo", extra="twin") from None
     return mujoco
 
 

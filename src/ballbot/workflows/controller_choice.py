@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Controller
 from ballbot.control.overcompensation import cautious_friction
 from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
-from ballbot.errors import InputError
+from ballbot.errors import InputError, missing_package
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import EstimatorName
 from ballbot.fitting.run import DEFAULT_RUN, Run
@@ -75,7 +75,7 @@ def available_plant(name: PlantName | None) -> PlantName:
     if name not in get_args(PlantName):
         raise InputError(f"The plant is {name!r}; it must be 'model' or 'twin'.")
     if name == "twin" and not installed:
-        raise InputError("The twin needs MuJoCo, which is not installed: pip install 'ballbot[twin]'.")
+        raise missing_package("The twin", "MuJoCo", extra="twin")
     return name
 
 
