@@ -20,7 +20,7 @@ from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.fitting.checkpoint import open_checkpoint
 from ballbot.fitting.run import Run
-from ballbot.identification import identify
+from ballbot.identification import Bounds, identify
 from ballbot.identification.stages import IdentificationOptions, holdout_intervals
 from ballbot.log import STATE_NAMES, Log
 from ballbot.report.page import page_of
@@ -44,7 +44,17 @@ from tests.support.report_pages import LARGEST_PAGE, figure_count, shown_text
 from tests.support.screen import assert_fits_a_screen
 from tests.support.validation_examples import noisy_log
 
-SMALL = StudyOptions(generations=12, duration=8.0, draws=2, ablation_draws=1)
+#: v_s and delta are held: the search follows their long valley in half of its steps
+SMALL = StudyOptions(
+    generations=8,
+    duration=8.0,
+    draws=2,
+    ablation_draws=1,
+    bounds=Bounds({"stribeck_speed": (0.6, 0.6), "stribeck_exponent": (1.1, 1.1)}),
+)
+#: an inner step of 2.5 ms: a cost differs by 1e-4, and the work by 2.5; profiles have tests of their own
+#: (tests/fitting/test_intervals.py)
+BRIEF = partial(IdentificationOptions, population=16, evolution_windows=32, step=2.5e-3, most_profiles=0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,10 +76,11 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module", autouse=True)
-def coarse_step() -> Iterator[None]:
-    """Identify with an inner step of 2.5 ms: a cost differs by 1e-4, and the work by 2.5."""
+def little_effort() -> Iterator[None]:
+    """Identify with little effort, and compare in this process: others change nothing (test_league.py)."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(study_workflow, "IdentificationOptions", partial(IdentificationOptions, step=2.5e-3))
+        patch.setattr(study_workflow, "IdentificationOptions", BRIEF)
+        patch.setattr("ballbot.workflows.comparison.os.cpu_count", lambda: 1)
         yield
 
 
@@ -129,7 +140,7 @@ def test_study_and_identify_report_the_same_numbers_and_doubts(small: Study):
         studied.log,
         seed=small.seed,
         bounds=small.options.bounds,
-        options=IdentificationOptions(generations=small.options.generations, step=2.5e-3),
+        options=BRIEF(generations=small.options.generations),
     )
     ours, theirs = found.to_dict(), small.found.to_dict()
     for results in (ours, theirs):
