@@ -115,7 +115,7 @@ def run(folder: Path, *, resume: bool) -> Identification:
     return Identification(folder=folder, resume=resume, options=OPTIONS)
 
 
-@pytest.mark.slow
+@pytest.mark.sample  # a second way to end a run, at full effort
 def test_run_killed_twice_ends_in_the_same_bytes(tmp_path):
     undisturbed = run(folder_with_log(tmp_path / "undisturbed"), resume=False).finish()
     killed = folder_with_log(tmp_path / "killed")

@@ -95,9 +95,9 @@ def ladder() -> ModelSelection[Identification]:
             seed=3,
             options=IdentificationOptions(
                 warm_start=start,
-                generations=15,
+                generations=6,
                 population=12,
-                evolution_windows=24,
+                evolution_windows=16,
                 gauss_newton_steps=6,
                 most_profiles=0,
                 step=2.5e-3,

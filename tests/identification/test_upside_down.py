@@ -190,7 +190,7 @@ def camera_log(*, duration: float, seed: int) -> Log:
     """Return a run of the plant with `FRICTION`, watched by a camera with noise of 0.03 rad/s."""
     samples, random = round(duration / 0.005), np.random.default_rng(seed)
     torques = multisine(samples, seed=seed)
-    omega = np.vstack([np.zeros(3), run(BALL, ROW, np.zeros(3), torques, step=2.5e-4)[:-1]])
+    omega = np.vstack([np.zeros(3), run(BALL, ROW, np.zeros(3), torques, step=5e-4)[:-1]])
     seen = omega + 0.03 * random.standard_normal(omega.shape)
     columns = {"t": 0.005 * np.arange(samples)} | {f"u{i + 1}": torques[:, i] for i in range(3)}
     return Log(columns | {f"ball_omega_{axis}": seen[:, i] for i, axis in enumerate("xyz")})
@@ -213,7 +213,7 @@ class TestIdentification:
     @pytest.mark.slow
     def test_known_friction_is_found(self):
         log = camera_log(duration=32.0, seed=5)
-        found = identify_upside_down(ALTEN, log, generations=60, population=14, evolution_windows=12)
+        found = identify_upside_down(ALTEN, log, generations=12, population=12, evolution_windows=8)
         truth = {
             "b": FRICTION.viscous,
             "c": FRICTION.coulomb,
