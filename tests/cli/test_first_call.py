@@ -4,6 +4,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pytest
 
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
@@ -23,6 +24,7 @@ for name, module in list(sys.modules.items()):
 """
 
 
+@pytest.mark.slow
 def test_check_needs_one_compiled_function() -> None:
     # compiling it takes 2.4 s of processor time, and the general ones for any state and formulation 5 s more
     done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True)

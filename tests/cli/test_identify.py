@@ -28,6 +28,7 @@ def log_file(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_identify_writes_its_files_and_tables_and_exits_zero(tmp_path, log_file, capsys):
     bounds = tmp_path / "bounds.toml"
     bounds.write_text("rolling = [0.007, 0.007]\n")

@@ -237,6 +237,7 @@ def test_help_lists_the_commands_without_loading_them(capsys: pytest.CaptureFixt
     assert done.returncode == 0
 
 
+@pytest.mark.slow
 def test_a_reader_that_leaves_early_is_no_error() -> None:
     script = "import sys; from ballbot.cli.main import main; sys.exit(main(['check', 'alten']))"
     with subprocess.Popen(
@@ -248,6 +249,7 @@ def test_a_reader_that_leaves_early_is_no_error() -> None:
         assert process.stderr.read() == ""
 
 
+@pytest.mark.slow
 def test_a_narrow_terminal_gets_question_marks_instead_of_an_error() -> None:
     script = "import sys; from ballbot.cli.main import main; sys.exit(main(['check', 'alten']))"
     done = subprocess.run(

@@ -63,6 +63,7 @@ def test_controller_on_the_host_and_ramp(tmp_path):
     assert largest.max() > 0.0
 
 
+@pytest.mark.slow
 def test_sweep_and_upside_down_are_read_by_their_identification(tmp_path):
     assert run("sweep --duration 1", tmp_path / "sweep") == 0
     sweep = Log.read(tmp_path / "sweep" / "log.csv")

@@ -153,7 +153,7 @@ def test_invalid_seed_is_refused(tmp_path, monkeypatch, capsys, command):
 
 
 @given(st.binary(max_size=400))
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_any_bytes_are_read_or_refused(tmp_path, capsys, content):
     """No content of a file makes a traceback, as robot, as log or as mapping."""
     log = tmp_path / "good.csv"

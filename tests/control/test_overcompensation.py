@@ -101,6 +101,7 @@ def test_energy_of_a_swing_equals_the_closed_forms():
     assert shares[-1] > 0.95
 
 
+@pytest.mark.slow
 def test_design_refuses_overcompensation_without_a_flag_and_gives_the_margin(tmp_path, capsys):
     robot = tmp_path / "robot.toml"
     write_robot(ROBOT, robot)

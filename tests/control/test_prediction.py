@@ -205,6 +205,7 @@ def test_negligible_delay_equals_no_delay():
     np.testing.assert_allclose(predicting(robot, 1e-12).update(0.0, state, np.zeros(10)), wanted, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_design_writes_the_requested_prediction(tmp_path):
     path = tmp_path / "robot.toml"
     write_robot(alten(FRICTION), path)

@@ -387,6 +387,7 @@ def test_self_test_is_stopped_by_what_stops_a_balance(changed):
     assert not made.arm()
 
 
+@pytest.mark.slow
 def test_library_calls_nobody_and_has_no_variables(tmp_path):
     if not shutil.which("nm"):
         pytest.skip("nm is missing")

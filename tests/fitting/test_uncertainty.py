@@ -103,6 +103,7 @@ def test_resampled_means_are_those_of_the_rows_drawn():
     )
 
 
+@pytest.mark.slow
 def test_discrepancy_of_a_right_model_is_as_rare_as_its_level_and_a_wrong_one_is_seen():
     """Scores of windows that are alike: p is uniform. Groups of which one is pulled the other way: p is least."""
     random = np.random.default_rng(3)

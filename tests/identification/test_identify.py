@@ -119,6 +119,7 @@ def test_result_does_not_depend_on_the_number_of_threads():
     assert json.dumps(one.to_dict()) == json.dumps(three.to_dict())
 
 
+@pytest.mark.slow
 def test_a_parameter_without_influence_gets_no_number():
     # without break-away friction nothing depends on where and how it fades
     log = noisy(balancing_log(), seed=4).between(6.0, 12.0)
@@ -143,6 +144,7 @@ def test_active_bounds_are_kept_and_reported():
     assert all(0.0 <= b <= 0.03 for b in found.parameters["b"])
 
 
+@pytest.mark.slow
 def test_progress_rises_and_the_cost_falls():
     told: list[Progress] = []
     identify(

@@ -96,6 +96,7 @@ def follow(reference):
     return FollowReference(CourseReference(reference), sample_time=STEP)
 
 
+@pytest.mark.slow
 def test_controller_on_the_robot_follows_as_in_simulation():
     live = Connected()
     log = live.run(follow(square(period=16.0)), duration=12.0)
@@ -238,13 +239,19 @@ _QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     ("fault", "codes", "words"),
     [
         ({"imu": _QUARTER}, {"imu"}, "instead of"),
-        ({"imu": np.diag([-1.0, 1.0, 1.0])}, {"imu"}, "tilted to the left"),
-        ({"imu": np.diag([1.0, 1.0, -1.0])}, {"imu"}, "turned to the left"),
+        pytest.param(
+            {"imu": np.diag([-1.0, 1.0, 1.0])}, {"imu"}, "tilted to the left", marks=pytest.mark.slow
+        ),
+        pytest.param(
+            {"imu": np.diag([1.0, 1.0, -1.0])}, {"imu"}, "turned to the left", marks=pytest.mark.slow
+        ),
         # motors and encoders exchanged together, which the self-test cannot find
         ({"motors": (1, 0, 2), "encoders": (1, 0, 2)}, {"encoders"}, "turned as wheel 2 must"),
         ({"signs": (1, 1, -1)}, {"encoders"}, "Encoder 3 counts backward"),
-        ({"signs": (1, 2, 1)}, {"encoders"}, "Encoder 2 turned 2 times as far"),
-        ({"signs": (0, 1, 1)}, {"encoders"}, "Encoder 1 did not count"),
+        pytest.param(
+            {"signs": (1, 2, 1)}, {"encoders"}, "Encoder 2 turned 2 times as far", marks=pytest.mark.slow
+        ),
+        pytest.param({"signs": (0, 1, 1)}, {"encoders"}, "Encoder 1 did not count", marks=pytest.mark.slow),
     ],
 )
 def test_wiring_check_names_what_is_wrong(fault, codes, words):
@@ -298,6 +305,7 @@ class NewRobot(Connected):
         self.emulated.hand.step = changed
 
 
+@pytest.mark.slow
 def test_new_robot_is_moved_by_hand_before_it_arms():
     live = NewRobot()
     with pytest.raises(InputError, match="upright and still"):

@@ -56,7 +56,13 @@ def test_handedness_phase_and_timing(proposal_of, robot, name):
     assert {"disturbance", "fall", "timing"} <= kinds
 
 
-@pytest.mark.parametrize("name", FIRST_WHEEL)
+@pytest.mark.parametrize(
+    "name",
+    [
+        "main_control_autotune_1",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("main_control_1", "lab10_data_trial_408")),
+    ],
+)
 def test_the_controllers_own_mixing_agrees(proposal_of, robot, name):
     """A robot that balances pushes its ball after the lean; so its own commands show where its wheels are.
 

@@ -38,7 +38,9 @@ from tests.support.control_examples import FRICTION, alten, four_wheeled
 TOLERANCE = 1e-10
 
 each_shape = pytest.mark.parametrize(
-    ("wheel_count", "pivoting"), [(3, False), (3, True), (4, False), (4, True)]
+    ("wheel_count", "pivoting"),
+    # what four wheels need takes 5 s to compile
+    [(3, False), (3, True), *(pytest.param(4, one, marks=pytest.mark.slow) for one in (False, True))],
 )
 shapes = st.tuples(st.sampled_from([3, 4]), st.booleans())
 

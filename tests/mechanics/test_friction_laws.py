@@ -25,6 +25,7 @@ from tests.support.friction_examples import LAWS, push
 SPEEDS = st.floats(0.02, 30.0) | st.floats(-30.0, -0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 @given(speed=SPEEDS)
 @settings(deadline=None, max_examples=40)

@@ -101,6 +101,7 @@ def test_python_gets_the_value_of_inner_functions() -> None:
     assert norm_of(3.0, 4.0) == 5.0
 
 
+@pytest.mark.slow
 def test_a_shared_function_is_read_from_disk_by_the_next_that_needs_it(tmp_path: Path, monkeypatch) -> None:
     (tmp_path / "doubling.py").write_text(SOURCE)
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))

@@ -170,6 +170,7 @@ class TestLuGreOfThePaper:
         assert 1.4 < peaks[0] < 1.5
         assert 1.0 < peaks[-1] < 1.1
 
+    @pytest.mark.slow
     def test_stick_slip(self):
         """Pulled at 0.1 m/s by 2 N/m, the mass stands until the spring holds nearly F_s, then jumps (Figures 5, 6)."""
         h, duration = 1e-4, 40.0

@@ -108,6 +108,7 @@ def _rest_is_held(M, free, C, limits, rolling, h):
     return rest_is_held(M, free, C, limits, rolling, h)
 
 
+@pytest.mark.slow
 @given(st.floats(0.5, 2.0), st.floats(0.0, 2 * np.pi), st.floats(-3.0, 3.0))
 @settings(max_examples=50, deadline=None)
 def test_rest_is_held_up_to_the_limit_and_not_beyond(scale, direction, psi):
@@ -134,6 +135,7 @@ def test_break_away_at_exactly_c_plus_s(excess):
     assert moved == (excess > 0)
 
 
+@pytest.mark.slow
 def test_a_robot_held_by_friction_does_not_move_by_one_bit_in_an_hour():
     model = Model(robot_with(FRICTION))
     start = np.array([0.3, -0.2, 0.0015, -0.001, 2.0, 0, 0, 0, 0, 0])

@@ -270,6 +270,7 @@ class TestPredictions:
 
 
 class TestCommands:
+    @pytest.mark.slow
     def test_check_and_design_carry_it_through(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
         robot, log = tmp_path / "mine.toml", tmp_path / "log.csv"
         write_robot(known_to(SOME), robot)
@@ -288,6 +289,7 @@ class TestCommands:
         gain = json.loads((tmp_path / "soft" / "results.json").read_text())
         assert np.shape(gain["gain_standard_deviation"]) == (3, 10)
 
+    @pytest.mark.slow
     def test_without_any_nothing_is_claimed(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
         assert main(["check", "alten", "--out", str(tmp_path)]) == 0
         assert "No value in the file has a standard_deviation" in capsys.readouterr().out

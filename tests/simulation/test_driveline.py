@@ -159,6 +159,7 @@ class TestOrder:
         # the mean over doublings: errors of several starts cancel at one step and not at the next
         assert np.mean(orders(law, [8, 16, 32, 64, 128])) == pytest.approx(order, abs=0.3)
 
+    @pytest.mark.slow
     @pytest.mark.parametrize(
         ("law", "order"),
         [
@@ -288,6 +289,7 @@ class TestThesisClamp:
 
 
 class TestMany:
+    @pytest.mark.slow
     @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
     def test_a_lane_is_a_run_of_its_own(self, law):
         rng = np.random.default_rng(5)

@@ -142,6 +142,7 @@ def test_printed_geometry_of_the_thesis_comes_out() -> None:
     assert alten.geometry_difference(ALTEN) <= 5e-5  # half of a last digit
 
 
+@pytest.mark.slow
 def test_the_exact_models_gain_tracks_the_exact_model_better() -> None:
     gains = [alten.nominal_lqr(ALTEN, Model(ALTEN, name).linearize()).gain for name in ("thesis", "exact")]
     by_thesis, by_exact = track(Model(ALTEN), [Controller(ALTEN, gain) for gain in gains])

@@ -69,6 +69,7 @@ def test_without_friction_it_hardly_wanders(gain: NDArray[np.float64]) -> None:
     assert np.abs([m.truth[:2] for m in measured]).max() < 0.02
 
 
+@pytest.mark.slow
 def test_turns_past_half_a_turn_without_a_jump(gain: NDArray[np.float64]) -> None:
     measured = balance(Twin(ALTEN), gain, 8.0, seed=2, at=4.0)
     psi = np.array([m.truth[4] for m in measured])

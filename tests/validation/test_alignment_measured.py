@@ -63,6 +63,7 @@ def untouched(trial) -> Alignment:
     )
 
 
+@pytest.mark.slow
 def test_broads_own_lag_is_found(untouched: Alignment):
     clock = untouched.motion.clock
     # to a fifth of a sample; the cameras' clock is the recorder's, and its markers were aligned before
@@ -75,6 +76,7 @@ def test_broads_own_lag_is_found(untouched: Alignment):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("offset", "rate", "world", "marker"),
     [
@@ -95,6 +97,7 @@ def test_errors_injected_into_broad_are_recovered(trial, untouched, offset, rate
     assert (found.motion.body_marker.inv() * true).magnitude() < TENTH_OF_A_DEGREE
 
 
+@pytest.mark.slow
 def test_frame_injected_into_broad_is_recovered(trial):
     log, wxyz, moving = trial
     # the log's own attitude: the optical one while the body moves, as late as the gyro is

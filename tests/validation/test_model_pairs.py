@@ -62,6 +62,7 @@ def test_the_formulation_that_made_the_log_is_found_in_closed_loop():
     assert np.median(validation.horizon.errors.ratio[0]) == pytest.approx(1.0, abs=0.02)
 
 
+@pytest.mark.slow
 def test_results_stand_under_the_models_names():
     results = validation_results(validate(true_robot(), noisy_log()))
     assert [one["name"] for one in results["models"]] == ["with friction", "without friction"]  # pyright: ignore
@@ -86,6 +87,7 @@ def test_models_that_cannot_be_compared_are_refused():
         ModelPair.of_two(model, Model(Robot.load("cmu")))
 
 
+@pytest.mark.slow
 def test_pushed_log_gets_no_open_loop_verdict():
     log = swaying_log()
     push = 0.03 * np.sin(2.0 * np.pi * 1.5 * log.t)

@@ -208,6 +208,7 @@ def found_file(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_the_command_writes_what_can_be_followed(tmp_path, capsys):
     words = ["excite", "alten", "--no-try", "--found", str(found_file(tmp_path)), "--duration", "10"]
     words += ["--generations", "1", "--population", "4", "--out", str(tmp_path / "out")]

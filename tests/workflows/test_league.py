@@ -171,6 +171,7 @@ def test_killed_league_resumes(folder, tmp_path, monkeypatch, capsys):
     assert "0 of 2" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_push_on_the_twin_is_a_course(tmp_path):
     pytest.importorskip("mujoco")
     robot = alten()
