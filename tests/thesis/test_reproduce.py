@@ -402,7 +402,11 @@ def test_page_has_figures_beside_words(bench: Bench, tmp_path: Path) -> None:
     assert not re.findall(r'(?:src|href)="(?!#)', page)
     assert "&lt;b&gt;" in page
     assert "Ours does not agree" in page
-    assert "Of 4 figures and tables,\n1 agree, 1 do not agree, 2 are drawings." in page
+    assert "Of 4, 1 agree, 1 do not agree, 2 are drawings." in page
+    headings = re.findall(r"<h2[^>]*>(.*?)</h2>", page)
+    assert headings[0] == items[0].title
+    assert not any("Figure" in one or "Table" in one for one in headings)
+    assert "Ours of the thesis&#39;s Figure 5.2." in page
     for name in ("figure_2_1", "figure_5_2", "figure_i_1"):
         svg = (tmp_path / "figures" / f"{name}.svg").read_text(encoding="utf-8")
         assert svg.startswith("<svg")

@@ -16,7 +16,7 @@ _MEASURED = 0.9
 def reproduce(*, out: Path, seed: WholeNumber = 0) -> None:
     """Reproduce every figure and table of the thesis from the twin and the models, and show its mistakes.
 
-    Writes index.html, results.json, reproduce.md and figures/*.svg, and keeps its recordings in runs/. Run the
+    Writes report.html, results.json, reproduce.md and figures/*.svg, and keeps its recordings in runs/. Run the
     command again to continue an interrupted run. The same seed gives the same result.
 
     Example: ballbot reproduce --out thesis
@@ -54,4 +54,4 @@ def reproduce(*, out: Path, seed: WholeNumber = 0) -> None:
     console.print(table("The thesis reproduced", ("", "title", "verdict"), rows, framed=console.is_terminal))
     proven = sum(mistake.proven for mistake in found.mistakes)
     console.print(f"{proven} of {len(found.mistakes)} misprints and mistakes are confirmed by numbers.")
-    result.show_file("index.html")
+    result.show_file("report.html")

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
+from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from ballbot.file_formats import results_text
 from ballbot.files import write_text
 from ballbot.progress import Progress, ProgressCallback
-from ballbot.report.page import render
+from ballbot.report.blocks import Paragraph, Picture, Report, Section, Sheet, section
+from ballbot.report.page import page_of
 from ballbot.report.provenance import Provenance
 from ballbot.report.style import drawn
 from ballbot.report.words import with_symbols
@@ -33,7 +35,7 @@ DRAWINGS: Mapping[str, Drawing] = MappingProxyType(
 )
 
 
-_HEADINGS = ("claim", "quantity", "value", "criterion", "")
+_HEADINGS = ("claim", "quantity", "value", "criterion", "agrees")
 
 _HEAD = """\
 # The thesis reproduced
@@ -47,7 +49,7 @@ run.
 
 | file | what is in it |
 | :-- | :-- |
-| `thesis/index.html` | one self-contained page: each figure beside what the thesis shows and the numbers that decide |
+| `thesis/report.html` | one self-contained page: each figure beside what the thesis shows and the numbers that decide |
 | `thesis/figures/*.svg` | the figures, as vectors |
 | `thesis/results.json` | all numbers, with their bounds and intervals |
 | `thesis/reproduce.md` | this page |
@@ -60,7 +62,7 @@ drawing in `ballbot.thesis.reproduce.figures`.
 
 Friction is identified from two of the twin's logs. Models and compensation know that friction and nothing else of the
 twin, and the twin's scenario was frozen before. Whether our result agrees is decided by numeric criteria, which
-`index.html` and `results.json` list.
+`report.html` and `results.json` list.
 
 - The loop is chaotic: a rolling friction larger by one part in 10^12 moves a peak by centimetres. So no verdict
 depends on one run. A random quantity is given as the median of several runs with
@@ -132,7 +134,7 @@ def _check_cells(check: Check) -> tuple[str, ...]:
 
 
 REPRODUCTION_FILES = (
-    "index.html",
+    "report.html",
     "reproduce.md",
     "results.json",
     *(f"figures/{key}.svg" for key in DRAWINGS),
@@ -142,7 +144,7 @@ REPRODUCTION_FILES = (
 def write_reproduction(
     made: Reproduction, folder: Path, *, provenance: Provenance, progress: ProgressCallback
 ) -> Path:
-    """Write figures/*.svg, results.json, reproduce.md and index.html into a folder and return the index's path.
+    """Write figures/*.svg, results.json, reproduce.md and report.html into a folder and return the page's path.
 
     Parameters
     ----------
@@ -162,24 +164,83 @@ def write_reproduction(
     results = reproduction_results(made) | {"provenance": to_results(provenance)}
     write_text(folder / "results.json", results_text(results))
     write_text(folder / "reproduce.md", reproduction_markdown(made))
-    index = folder / "index.html"
-    write_text(index, reproduction_page(made, provenance, figures))
-    return index
+    page = folder / "report.html"
+    write_text(page, page_of(reproduction_report(made, provenance, figures)))
+    return page
 
 
-def reproduction_page(made: Reproduction, provenance: Provenance, figures: Mapping[str, str]) -> str:
-    """Return the page with its figures in it, SVG by `Item.key`."""
-    values: dict[str, object] = {
-        "title": "The thesis reproduced",
-        "lead": "Every figure and table of the thesis on ALTEN's ball-balancing robot, from the twin and the models.",
-        "counts": [(VERDICTS[verdict], count) for verdict, count in made.counts.items()],
-        "items": made.items,
-        "figures": figures,
-        "mistakes": made.mistakes,
-        "proven": sum(mistake.proven for mistake in made.mistakes),
-        "made": provenance,
-    }
-    return render("reproduce", values)
+def reproduction_report(made: Reproduction, provenance: Provenance, figures: Mapping[str, str]) -> Report:
+    """Return what the page shows, with the figures as SVG by `Item.key`."""
+    counts = ", ".join(f"{count} {VERDICTS[verdict]}" for verdict, count in made.counts.items())
+    proven = sum(mistake.proven for mistake in made.mistakes)
+    return Report(
+        title="The thesis reproduced",
+        lead="Every figure and table of the thesis on ALTEN's ball-balancing robot, from the twin and the models.",
+        verdict=(
+            ("figures and tables", f"Of {len(made.items)}, {counts}."),
+            ("misprints and mistakes", f"Of {len(made.mistakes)}, {proven} are confirmed by numbers."),
+        ),
+        sections=(
+            *(_item_section(item, figures.get(item.key)) for item in made.items),
+            section(
+                "The thesis's misprints and mistakes",
+                Paragraph(text="Each with computed numbers that would differ if the thesis were right."),
+                *(_mistake_sheet(mistake) for mistake in made.mistakes),
+            ),
+        ),
+        undecided=(
+            "Whether a robot behaves so. The robot here is the nominal twin: rollers, play, friction, noise and drift, "
+            "frozen before any of these figures was made. Friction is identified from two of its logs; models and "
+            "compensation know that friction and nothing else of the twin.",
+            "More than the intervals show. The loop is chaotic: a random quantity is the median of several runs with "
+            "the 95 % interval of the median, as in 0.34 (0.31 to 0.38). It agrees if the whole interval is within the "
+            "criterion, and is undecided if only part of it is.",
+            "Sizes that depend on the thesis's gain and friction, which it does not print: shapes and ratios must "
+            "agree, and such sizes only roughly.",
+        ),
+        made=provenance,
+    )
+
+
+def _item_section(item: Item, figure: str | None) -> Section:
+    """Return a figure's or table's section; the thesis's number of it stands in the caption."""
+    caption = f"Ours of the thesis's {item.name}."
+    table = item.table
+    return section(
+        item.title,
+        _labelled("The thesis", item.thesis),
+        _labelled("Ours", item.ours),
+        _labelled("Verdict", item.sentence),
+        None
+        if table is None
+        else Sheet(
+            headings=table.headings,
+            rows=[[with_symbols(cell) for cell in row] for row in table.rows],
+            caption=caption,
+        ),
+        None if figure is None else Picture(markup=figure, caption=caption),
+        _checks_sheet("What decides it: the thesis shows that", item.checks) if item.checks else None,
+    )
+
+
+def _labelled(label: str, text: str) -> Paragraph:
+    return Paragraph(text=Markup("<strong>{}:</strong> {}").format(label, with_symbols(text)))
+
+
+def _checks_sheet(caption: str, checks: Sequence[Check]) -> Sheet:
+    return Sheet(
+        headings=_HEADINGS,
+        rows=[[with_symbols(cell) for cell in _check_cells(check)] for check in checks],
+        caption=with_symbols(caption),
+        shaded=frozenset(place for place, check in enumerate(checks) if not check.agrees),
+    )
+
+
+def _mistake_sheet(mistake: Mistake) -> Sheet:
+    caption = (
+        f"{mistake.number}. {mistake.where}. The thesis prints: {mistake.thesis} Right is: {mistake.right}"
+    )
+    return _checks_sheet(caption, mistake.shown_by)
 
 
 def reproduction_results(made: Reproduction) -> dict[str, object]:
