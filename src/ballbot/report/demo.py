@@ -1,7 +1,8 @@
 """`ballbot demo`: a page with two recorded runs at once, and beside it what the log of the first one shows.
 
-The friction is identified from that log while the reader looks at the runs. The settings of the search are small, so
-that its result is there soon after a first start, in which everything is compiled; `ballbot study` takes the full ones.
+The friction is identified from that log while the reader looks at the runs. The law is the one that this short log can
+determine, and the settings of the search are small, so that its result is there soon after a first start, in which
+everything is compiled (`python -m benchmarks.first_use`); `ballbot study` takes the full ones.
 """
 
 from __future__ import annotations
@@ -21,10 +22,10 @@ from ballbot.rounding import digits
 from ballbot.twin.scenario import Scenario
 from ballbot.viewer.page import ResultState
 
-#: part of the first run that is identified [s], and the settings of the search
-LOG_END = 20.0
+#: part of the first run that is identified [s], the law, and the settings of the search
+LOG_END, LAW = 20.0, "coulomb"
 OPTIONS = IdentificationOptions(
-    generations=25, population=16, evolution_windows=24, gauss_newton_steps=8, most_profiles=0
+    generations=25, population=16, evolution_windows=24, gauss_newton_steps=4, most_profiles=0
 )
 #: speed at which the friction found is compared with the twin's [rad/s]
 SPEED = 1.0
@@ -34,7 +35,7 @@ def identified(log: Log, run: Run) -> Identification:
     """Return the friction of the demo's robot from the log of its first run."""
     robot = Robot.load(ROBOT)
     part = CheckedLogs.simulated(log.without_truth().between(0.0, LOG_END))
-    return identify(robot, part, options=OPTIONS, run=run)
+    return identify(robot, part, law=LAW, options=OPTIONS, run=run)
 
 
 def state_found(found: Identification) -> ResultState:
@@ -54,7 +55,8 @@ def state_found(found: Identification) -> ResultState:
         heading="The friction in the first run's log",
         sentences=(
             f"Identified on this computer from the first {LOG_END:g} s of “{SOFT}”, as from a real robot's log: the "
-            "true values were not used. The precise controller compensates friction that was identified in this way.",
+            "true values were not used. The law is viscous and Coulomb friction, which so short a log determines. The "
+            "precise controller compensates friction identified from the whole log, by the full law.",
             error_sentence(found),
         ),
         columns=("friction [N m]", "identified", "95 % interval", "simulated robot's own"),
