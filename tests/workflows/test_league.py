@@ -9,17 +9,22 @@ from scipy import stats
 
 from ballbot import Robot
 from ballbot.cli.main import main
+from ballbot.errors import InputError
 from ballbot.report.comparison import league_report
 from ballbot.report.page import page_of
 from ballbot.report.provenance import provenance
 from ballbot.results import as_json
 from ballbot.robot.file import write_robot
+from ballbot.twin.scenario import Scenario
 from ballbot.workflows import comparison
 from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.comparison import Paired, fraction_with_interval, mean_with_interval
 from ballbot.workflows.courses import choose_courses
+from ballbot.workflows.excitation_task import RunLimits
+from ballbot.workflows.excite import excite
 from ballbot.workflows.league import League, league_results, overall, run_league, standing
 from ballbot.workflows.metrics import score_results
+from ballbot.workflows.recovery_region import Loop
 from campaigns.league import section
 from tests.support.control_examples import FRICTION, alten
 from tests.support.league_examples import OWN
@@ -39,6 +44,25 @@ reference = { name = "change_pose", x = 0.2, y = 0.0, psi = 0.0, at = 0.5, ramp 
 duration = 4.0
 settle = 2.0
 """
+
+
+def test_robot_is_taken_by_its_name() -> None:
+    robot = Robot.load("alten")
+    assert choose_courses("square", "alten", "model") == choose_courses("square", robot, "model")
+    (candidate,) = parse_candidates(["none"])
+    controller = candidate.controller("alten")
+    np.testing.assert_array_equal(controller.gain, candidate.controller(robot).gain)
+    assert Loop.of("alten", controller).robot == robot
+    with pytest.raises(InputError, match="alten"):
+        run_league("altn", {"none": controller}, (), seeds=(1,))
+    with pytest.raises(InputError, match="alten"):
+        excite(
+            "altn",
+            controller,
+            limits=RunLimits(lean=0.1, floor=2.0, torque=2.0),
+            duration=8.0,
+            scenario=Scenario.nominal(robot),
+        )
 
 
 @pytest.fixture(scope="module")

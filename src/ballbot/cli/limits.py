@@ -102,7 +102,7 @@ def limits(
                 def report(now: Progress, place: int = place, name: str = one.name) -> None:
                     bar.show((place + now.share) / len(chosen), note=name)
 
-                loop = Loop(robot=described, controller=controller, grip=grip)
+                loop = Loop.of(described, controller, grip=grip)
                 found.model[one.name] = find_limits(loop, refinements=refinements, run=Run(progress=report))
                 if truth is not None:
                     bar.show((place + 1) / len(chosen), note=f"{one.name}, on the twin")

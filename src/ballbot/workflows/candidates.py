@@ -42,7 +42,7 @@ from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.errors import InputError, suggest
 from ballbot.estimation.interface import EstimatorName, checked_name
 from ballbot.printable import shell_line
-from ballbot.robot import Robot
+from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.workflows.user_files import (
     Checksums,
     changed_file,
@@ -278,7 +278,7 @@ class Candidate:
     #: the on-board state it is given; by default the one it is made for
     estimator: EstimatorName | None = None
 
-    def controller(self, robot: Robot) -> Feedback:
+    def controller(self, robot: RobotLike) -> Feedback:
         """Return it, new.
 
         Raises
@@ -286,7 +286,7 @@ class Candidate:
         InputError
             If there is no such controller, or a user's file does not make one.
         """
-        made = self._made(robot)
+        made = self._made(as_robot(robot))
         return made if self.estimator is None else made.with_estimator(self.estimator)
 
     def _made(self, robot: Robot) -> Controller | UserController:

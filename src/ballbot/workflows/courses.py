@@ -20,7 +20,7 @@ from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import EstimatorName
 from ballbot.files import parse_toml, read_toml
 from ballbot.mechanics.model import Model
-from ballbot.robot import Robot
+from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.schema import validate_table
 from ballbot.simulation.plant import Plant
@@ -148,14 +148,14 @@ class CourseTable(_Table):
     scenario: dict[str, object] = {}
 
 
-def choose_courses(words: str, robot: Robot, plant: PlantName) -> tuple[Course, ...]:
+def choose_courses(words: str, robot: RobotLike, plant: PlantName) -> tuple[Course, ...]:
     """Return the courses that a text names, each once.
 
     Parameters
     ----------
     words : str
         Names of built-in sets and courses, and paths of course files, with commas between.
-    robot : Robot
+    robot : Robot, preset or robot file
         That will run them.
     plant : {"model", "twin"}
         On which; a course whose scenario differs from the nominal one is for the twin only.
@@ -165,7 +165,7 @@ def choose_courses(words: str, robot: Robot, plant: PlantName) -> tuple[Course, 
     InputError
         If there is no such set, course or file, a file describes no courses, or two courses have one name.
     """
-    sets = built_in_sets()
+    robot, sets = as_robot(robot), built_in_sets()
     found: dict[str, Course] = {}
     for word in (one.strip() for one in words.split(",")):
         for course in _of_word(word, sets, robot, plant):

@@ -30,7 +30,7 @@ from ballbot.identification.windows import cut_windows
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks import CheckedLogs
 from ballbot.progress import Progress, ProgressCallback, ignore_progress, part_of
-from ballbot.robot import Robot
+from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.simulation.run import simulate
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.twin import Twin
@@ -282,7 +282,7 @@ class ExcitationOptions:
 
 
 def excite(
-    robot: Robot,
+    robot: RobotLike,
     controller: Controller,
     *,
     limits: RunLimits,
@@ -295,7 +295,7 @@ def excite(
 
     Parameters
     ----------
-    robot : Robot
+    robot : Robot, preset or robot file
         With the friction believed, or none.
     controller : Controller
     limits : RunLimits
@@ -313,7 +313,7 @@ def excite(
     InputError
         If no reference keeps within the limits, none within them identifies every parameter, or a run cannot be made.
     """
-    options = options or ExcitationOptions()
+    robot, options = as_robot(robot), options or ExcitationOptions()
     law, bounds, window = options.law, options.bounds, options.window
     deviations, on_twin = options.deviations, options.on_twin
     of_stage = {name: part_of(run.progress, *part, stage=name) for name, part in _STAGES.items()}

@@ -24,7 +24,7 @@ from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
 from ballbot.results import left_out, to_results
-from ballbot.robot import Robot
+from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.simulation.plant import Plant
 from ballbot.workflows.candidates import Candidate, UserController
 from ballbot.workflows.comparison import (
@@ -74,7 +74,7 @@ class League:
 
 
 def run_league(
-    robot: Robot,
+    robot: RobotLike,
     controllers: Mapping[str, Feedback],
     courses: Sequence[Course],
     *,
@@ -88,7 +88,7 @@ def run_league(
 
     Parameters
     ----------
-    robot : Robot
+    robot : Robot, preset or robot file
         As it is described; courses may differ from it. Its friction is true of the model and nothing to the twin.
     controllers : mapping of str to Feedback
         By name; every run gets a copy, and on the twin the on-board state that it is made for. They are pickled if
@@ -105,6 +105,7 @@ def run_league(
     InputError
         If there is nothing to run, a controller fails, or a run cannot be scored.
     """
+    robot = as_robot(robot)
     runs = [
         ComparedRun(
             candidate=name,

@@ -24,7 +24,7 @@ from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress
 from ballbot.results import left_out, reported
-from ballbot.robot import Robot
+from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import Push
@@ -243,7 +243,7 @@ _HALVINGS = 5
 
 
 def twin_limits(
-    robot: Robot,
+    robot: RobotLike,
     controller: Controller,
     scenario: Scenario,
     found: RobotLimits,
@@ -255,7 +255,7 @@ def twin_limits(
 
     Parameters
     ----------
-    robot : Robot
+    robot : Robot, preset or robot file
     controller : Controller
     scenario : Scenario
         Of the twin; its lean of a fall is replaced by the model's.
@@ -266,7 +266,7 @@ def twin_limits(
     run : Run, optional
         Its seed is that of every simulated run; its progress is reported after each direction.
     """
-    lenient = replace(scenario, fallen_lean=LARGEST_LEAN)
+    robot, lenient = as_robot(robot), replace(scenario, fallen_lean=LARGEST_LEAN)
     state = named_estimator(controller.estimator, robot, sample_time=scenario.sensors.sample_time)
     leaning = Twin(robot, lenient, estimator=state)
     limits = []

@@ -35,7 +35,7 @@ from ballbot.control.references import hold
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.geometry import wheel_load
 from ballbot.mechanics.model import Model
-from ballbot.robot import Robot
+from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.derived import wheel_speed_limit
 from ballbot.simulation.batch import Verdict, simulate_batch
 from ballbot.simulation.conditions import Conditions
@@ -61,6 +61,11 @@ class Loop:
     controller: Controller
     grip: float = 1.0  #: friction coefficient of the wheels on the ball; a run in which a wheel slips is lost
     step: float = 0.005  #: inner step [s]
+
+    @classmethod
+    def of(cls, robot: RobotLike, controller: Controller, *, grip: float = 1.0) -> Loop:
+        """Return the loop of a robot, a preset or a robot file."""
+        return cls(robot=as_robot(robot), controller=controller, grip=grip)
 
     @cached_property
     def model(self) -> Model:
