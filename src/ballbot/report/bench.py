@@ -150,6 +150,13 @@ def _comparison(described: Robot) -> list[str]:
     ]
 
 
+#: the parameters' symbols, for the page
+_SYMBOLS = (
+    "Friction of drivelines and ball-wheel contacts, for each wheel: b viscous, c dry, s what rest adds to c, which "
+    "fades around the speed v_s with the exponent delta. A dash: held at a bound, or the log does not show it."
+)
+
+
 def _parameter_table(found: UpsideDown, described: Robot, *, framed: bool) -> TextTable:
     friction = described.friction
     before = {
@@ -225,7 +232,7 @@ def upside_down_report(
         for name, errors in found.held_out.items()
         if name != _FOUND
     }
-    others = {"none": "without friction", "robot file": "with the friction of the robot file"}
+    others = {"none": "without friction it is", "robot file": "with the friction of the robot file"}
     better = ", ".join(f"{others[name]} {digits(one, 2)} times as large" for name, one in ratio.items())
     dry = np.atleast_1d(np.asarray(values["c"]))
     verdict = [
@@ -237,7 +244,10 @@ def upside_down_report(
     ]
     if better:
         verdict.append(
-            ("Prediction", f"The error of the others on held-out windows, in the median: {better}.")
+            (
+                "Prediction",
+                f"Of the error with the friction found, on held-out windows: {better} (median of the axes).",
+            )
         )
     return Report(
         title=f"{described.name}: friction with the ball on its wheels",
@@ -246,7 +256,7 @@ def upside_down_report(
         sections=[
             section(
                 "Friction found",
-                Sheet.of(_parameter_table(found, described, framed=False)),
+                Sheet.of(_parameter_table(found, described, framed=False), caption=_SYMBOLS),
                 Bullets(items=_comparison(described)) if _comparison(described) else None,
             ),
             section(

@@ -117,8 +117,9 @@ def log_blocks(logs: Sequence[StudiedLog]) -> Iterator[Block]:
 def parameter_blocks(found: Identification, logs: Sequence[StudiedLog]) -> Iterator[Block]:
     """Yield the figures of the parameters: their intervals, each wheel's friction, their errors' correlation."""
     intervals = (
-        "Each parameter as found, its 95 % intervals under the conditions of these logs and for another log of this "
-        "robot, and its value in the robot file. An interval that reaches the border has no limit on that side."
+        "Each parameter with an interval: as found, its 95 % intervals under the conditions of these logs and for "
+        "another log of this robot, and its value in the robot file. An interval that reaches the border has no limit "
+        "on that side."
     )
     yield drawn_picture("intervals", partial(interval_figure, found), intervals)
     curve = (
@@ -157,16 +158,20 @@ def friction_figure(found: Identification, logs: Sequence[StudiedLog]) -> Figure
 
 
 def interval_figure(found: Identification) -> Figure:
-    """Return each parameter with its 95 % intervals, beside the value in the robot file; a panel for each quantity."""
+    """Return the parameters' 95 % intervals beside the robot file's values; a panel for each quantity with some."""
     layout = found.layout
     before = layout.by_symbol(layout.nominal(found.predictor.robot))
-    figure = Figure(figsize=(7.4, 2.5 * -(-len(before) // _ACROSS)), layout="constrained")
-    panels = figure.subplots(-(-len(before) // _ACROSS), _ACROSS, squeeze=False).ravel()
-    for axes in panels[len(before) :]:
+    limited = found.intervals.keys() | found.variation.predictions.keys()
+    shown = [
+        (symbol, BY_NAME[name].unit, labels, value)
+        for name, (symbol, value) in zip(layout.names, found.parameters.items(), strict=True)
+        if not limited.isdisjoint(labels := BY_NAME[name].labels(layout.wheel_count)) or not limited
+    ]
+    figure = Figure(figsize=(7.4, 2.5 * -(-len(shown) // _ACROSS)), layout="constrained")
+    panels = figure.subplots(-(-len(shown) // _ACROSS), _ACROSS, squeeze=False).ravel()
+    for axes in panels[len(shown) :]:
         axes.remove()
-    for axes, name, (symbol, value) in zip(panels, layout.names, found.parameters.items(), strict=False):
-        labels = BY_NAME[name].labels(layout.wheel_count)
-        unit = BY_NAME[name].unit
+    for axes, (symbol, unit, labels, value) in zip(panels, shown, strict=False):
         axes.set_title(symbol + (f" [{unit}]" if unit not in ("", "1") else ""))
         _draw_intervals(axes, found, labels, np.atleast_1d(value), np.atleast_1d(before[symbol]))
     entries = {
@@ -314,6 +319,7 @@ def search_figure(found: Identification) -> Figure:
         )
         axes.set_xlabel(across)
         axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=6))
+        axes.yaxis.get_major_formatter().set_useOffset(False)
     panels[0].set_ylabel("error / no friction")
     return figure
 

@@ -101,7 +101,14 @@ def _parameter_sheet(found: Identification) -> Sheet:
     before = found.layout.nominal(found.predictor.robot)
     rows = [(row[0], digits(value), *row[1:]) for row, value in zip(made.cells, before, strict=True)]
     headings = (made.headings[0], "in the robot file", "found", *made.headings[2:])
-    return Sheet(headings=headings, rows=rows, caption="Standard errors are clustered by window.")
+    together = any(one.method == "with sweep" for one in found.intervals.values())
+    caption = (
+        "b viscous, c dry, s what rest adds to c, which fades around the speed v_s with the exponent delta, for each "
+        "wheel; C_rr the ball's rolling friction over its load. Standard errors are clustered by window; a dash: held "
+        "at a bound, or the logs do not show it."
+    )
+    with_sweep = " Numbers and errors are those of the logs and the sweep together."
+    return Sheet(headings=headings, rows=rows, caption=caption + with_sweep * together)
 
 
 #: windows in a time series: more would be a hand's breadth each
@@ -178,7 +185,11 @@ def _law_section(selection: ModelSelection[Identification], ladder_svg: str) -> 
 
 
 def _error_blocks(found: Identification, holdouts: Sequence[HoldoutResult]) -> Iterator[Block]:
-    yield Sheet.of(error_table(found, holdouts, framed=False))
+    made = error_table(found, holdouts, framed=False)
+    yield Sheet.of(
+        made,
+        caption=f"{made.heading}. (4.1) is the thesis's |x − x̂| / n over n samples, in each state's unit.",
+    )
     for one in holdouts:
         if one.horizons:
             yield Sheet.of(horizon_table(one, framed=False))

@@ -225,7 +225,7 @@ def alternation_parts(found: Alternation, *, framed: bool) -> Iterator[Renderabl
             f"{gain.factor:.2f}",
             f"{gain.low:.2f} to {gain.high:.2f}",
             gain.verdict,
-            f"{100.0 * (gain.drift - 1.0):+.0f} %",
+            f"{round(100.0 * (gain.drift - 1.0)):+d} %",
         )
         for name, gain in found.gains.items()
     ]

@@ -121,22 +121,25 @@ def _millimetres(metres: float | None) -> str:
     return "–" if metres is None else digits(1e3 * metres)
 
 
+#: the robot that the others are compared with
+_NOMINAL = "nominal: hard ball"
+
+
 def recommendations_report(robot: Robot, found: Mapping[str, Comparison], made: Provenance) -> Report:
     """Return the page of the thesis's recommendations."""
-    nominal = found["nominal: hard ball"].summary(COMPENSATIONS[0]).rms_position_error
-    best = min(found, key=lambda name: found[name].summary(COMPENSATIONS[0]).rms_position_error)
-    least = found[best].summary(COMPENSATIONS[0]).rms_position_error
+    sentences = []
+    for compensation, words in zip(COMPENSATIONS, ("Without compensation", "With it"), strict=True):
+        errors = {name: one.summary(compensation).rms_position_error for name, one in found.items()}
+        best = min(errors, key=lambda name: errors[name])
+        sentences.append(
+            f"{words} the smallest RMS error is that of “{best}”, {digits(1e3 * errors[best], 2)} mm; the nominal "
+            f"robot has {digits(1e3 * errors[_NOMINAL], 2)} mm."
+        )
     caption = "Means over the seeds, once settled; torque noise is the RMS change from sample to sample."
     return Report(
         title=f"{robot.name}: the thesis's recommendations, tried on the twin",
         lead="Single-row wheels, a stiffer ball, less play and sensor fusion, singly and together, on the same seeds.",
-        verdict=[
-            (
-                "",
-                f"Without compensation the smallest RMS error is that of “{best}”: {digits(1e3 * least, 2)} mm, "
-                f"where the nominal robot has {digits(1e3 * nominal, 2)} mm.",
-            )
-        ],
+        verdict=[("", " ".join(sentences))],
         sections=[section("Before and after", Sheet(headings=HEADINGS, rows=rows(found), caption=caption))],
         undecided=[
             _NOT_A_ROBOT,

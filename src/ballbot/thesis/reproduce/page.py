@@ -219,7 +219,9 @@ def _item_section(item: Item, figure: str | None) -> Section:
             caption=caption,
         ),
         None if figure is None else Picture(markup=figure, caption=caption),
-        _checks_sheet("What decides it: the thesis shows that", item.checks) if item.checks else None,
+        _checks_sheet("What the thesis shows, and the numbers that decide whether ours does", item.checks)
+        if item.checks
+        else None,
     )
 
 
