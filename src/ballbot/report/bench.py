@@ -180,7 +180,7 @@ def _parameter_table(found: UpsideDown, described: Robot, *, framed: bool) -> Te
 
 def _error_table(found: UpsideDown, *, framed: bool) -> TextTable:
     rows = [
-        (f"Omega_{axis}", *(digits(float(errors[i])) for errors in found.held_out.values()))
+        (f"Ω_{axis}", *(digits(float(errors[i])) for errors in found.held_out.values()))
         for i, axis in enumerate("xyz")
     ]
     title = f"Open-loop RMSE in rad/s on {len(found.held_out_windows)} held-out windows of {found.window:g} s"

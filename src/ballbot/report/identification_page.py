@@ -186,8 +186,9 @@ def _law_section(selection: ModelSelection[Identification], ladder_svg: str) -> 
 
 def _error_blocks(found: Identification, holdouts: Sequence[HoldoutResult]) -> Iterator[Block]:
     made = error_table(found, holdouts, framed=False)
-    yield Sheet.of(
-        made,
+    yield Sheet(
+        headings=made.headings,
+        rows=[(state_mark(row[0]), *row[1:]) for row in made.cells],
         caption=f"{made.heading}. (4.1) is the thesis's |x − x̂| / n over n samples, in each state's unit.",
     )
     for one in holdouts:
