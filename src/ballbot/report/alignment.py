@@ -66,13 +66,13 @@ def _orientation(alignment: Alignment, sensors: SensorErrors) -> list[Block]:
         TimeSeries(
             t=log.t,
             panels=seen,
-            caption="The angles on board and by the cameras (as the thesis's Figure IV.1).",
+            caption="The angles on board and by the cameras.",
             across=_ACROSS,
         ),
         TimeSeries(
             t=log.t,
             panels=errors,
-            caption="On board less cameras (as the thesis's Figure IV.2). A drift is the line fitted to the error.",
+            caption="On board less cameras. A drift is the line fitted to the error.",
             across=_ACROSS,
         ),
     ]
@@ -92,15 +92,14 @@ def _position(alignment: Alignment, sensors: SensorErrors, place: PositionError)
         TimeSeries(
             t=log.t,
             panels=seen,
-            caption="The ball's center on board and by the cameras (as the thesis's Figure IV.3).",
+            caption="The ball's center on board and by the cameras.",
             across=_ACROSS,
         ),
         TimeSeries(
             t=log.t,
             panels=errors,
             caption=(
-                "On board less cameras, and the error that a position has which is summed up along the wrong heading "
-                "(as the thesis's Figure IV.4)."
+                "On board less cameras, and the error that a position has which is summed up along the wrong heading."
             ),
             across=_ACROSS,
         ),

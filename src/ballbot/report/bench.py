@@ -1,6 +1,6 @@
 """What is identified on the bench: friction upside down (figures and tables), geometry (table), a free swing (figure).
 
-Upside down: the ball's measured and predicted velocity, and the thesis's Figure 3.4. Swing: the record, the pendulum
+Upside down: the ball's measured and predicted velocity, and a commanded turn. Swing: the record, the pendulum
 fitted to it, and the residual.
 """
 
@@ -80,7 +80,7 @@ def _predicted_windows(found: UpsideDown, log: Log) -> tuple[BallWindows, NDArra
 
 
 def movement_figure(movement: BallMovement) -> Figure:
-    """Return the thesis's Figure 3.4: the ball's rotation about each axis, with friction and without."""
+    """Return the ball's rotation about each axis, with friction and without."""
     figure = Figure(figsize=(7.4, 4.2), layout="constrained")
     panels = figure.subplots(3, 1, sharex=True, sharey=True)
     for axis, panel in enumerate(panels):
@@ -332,10 +332,7 @@ def movement_series(movement: BallMovement) -> TimeSeries:
     return TimeSeries(
         t=movement.without_friction.t,
         panels=panels,
-        caption=(
-            "Simulated with the friction found and without any, under the same controller (as the thesis's Figure "
-            "3.4)."
-        ),
+        caption="Simulated with the friction found and without any, under the same controller.",
     )
 
 

@@ -1,4 +1,4 @@
-"""Comparisons of controllers: runs side by side as in the thesis's Figures 5.7 and 5.8, and the league.
+"""Comparisons of controllers: runs side by side, and the league.
 
 Of a league: tables as texts, for the page and the terminal; an overview with intervals, and each course as it was run
 with the first seed; and the page.
@@ -55,7 +55,7 @@ RUN_LABELS: Mapping[str, str] = {
 
 
 def paths_figure(runs: Mapping[str, Log]) -> Figure:
-    """Return each controller's path over the floor beside the reference (Figure 5.7)."""
+    """Return each controller's path over the floor beside the reference."""
     figure = Figure(figsize=(7.4, 2.8), layout="constrained")
     panels = figure.subplots(1, len(runs), sharex=True, sharey=True, squeeze=False)[0]
     for axes, (name, log) in zip(panels, runs.items(), strict=True):
@@ -76,7 +76,7 @@ _RUN_LOOKS: Mapping[str, Look] = {"none": "second", "full": "fourth", "partial":
 
 
 def position_error_series(runs: Mapping[str, Log], caption: str) -> TimeSeries:
-    """Return the distance from the reference over time, with the reference below (Figure 5.8)."""
+    """Return the distance from the reference over time, with the reference below."""
     longest = max(runs.values(), key=len)
     t, errors = together([(log.t, 1e3 * position_error(log)) for log in runs.values()])
     lines = [

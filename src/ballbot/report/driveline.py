@@ -59,7 +59,7 @@ def comparison_series(sweep: Sweep, fit: DrivelineFit, printed: PrintedFit) -> T
             Panel(label="with friction less measured [rad/s]", lines=error),
         ),
         caption=(
-            f"Wheel {sweep.wheel} over time (as the thesis's Figure 3.2), and the error of the model with friction. "
+            f"Wheel {sweep.wheel} over time, and the error of the model with friction. "
             "Where the supply limits the speed, the torque recorded is not the one that acts, and the model starts "
             "anew from the measured speed."
         ),
@@ -127,8 +127,8 @@ def driveline_report(
     largest = max(float(np.abs(sweep.torque).max()) for sweep in sweeps)
     words = (
         "A driveline resists with b ω + (c + s exp(−|ω/v_s|^δ)) sgn ω. The five parameters of each are those whose "
-        'simulated speed comes closest to the measured one, by the thesis\'s cost (3.5). "Unknown" means that the '
-        "sweep cannot identify it."
+        'simulated speed comes closest to the measured one, by the norm of its error, the cost. "Unknown" means that '
+        "the sweep cannot identify it."
     )
     headings = ("parameter", "unit", *(f"wheel {fit.wheel}" for fit in fits))
     parameters = Sheet(headings=headings, rows=parameter_rows(fits), caption="With 95 % intervals.")
@@ -152,7 +152,7 @@ def driveline_report(
                 drawn_picture(
                     "measured",
                     partial(measured_figure, sweeps),
-                    "Torque over the speed of each wheel, free of the ball (as the thesis's Figure 3.1). The "
+                    "Torque over the speed of each wheel, free of the ball. The "
                     "vertical ends are the supply's speed limit.",
                 ),
             ),
@@ -168,18 +168,18 @@ def _modelled(
     sweeps: Sequence[Sweep], fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit]
 ) -> Iterator[Block]:
     caption = (
-        "Errors of the simulated speed. The last two columns are for the clamp of the supply's limit as the thesis "
-        "prints it in (3.2): with five parameters fitted to that model, and with the friction found here."
+        "Errors of the simulated speed. The last two columns are for the clamp of the supply's limit whose "
+        "integrated speed winds up: with five parameters fitted to that model, and with the friction found here."
     )
     headings = (
-        *("wheel", "cost (3.5) [rad/s]", "RMS error [rad/s]", "without friction"),
+        *("wheel", "cost [rad/s]", "RMS error [rad/s]", "without friction"),
         *("clamp (3.2), its own best", "clamp (3.2), this friction"),
     )
     yield Sheet(headings=headings, rows=error_rows(fits, printed), caption=caption)
     yield drawn_picture(
         "torque-speed",
         partial(torque_speed_figure, sweeps[0], fits[0]),
-        f"The characteristic of wheel {sweeps[0].wheel} (as the thesis's Figure 3.2). Without friction a wheel is at "
+        f"The characteristic of wheel {sweeps[0].wheel}. Without friction a wheel is at "
         "the limit, or on its way between the two, all the time.",
     )
     for row in zip(sweeps, fits, printed, strict=True):

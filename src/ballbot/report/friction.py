@@ -397,7 +397,7 @@ def error_table(found: Identification, holdouts: Sequence[HoldoutResult], *, fra
         )
         for state, ratio in ours.ratios.items()
     ]
-    title = f"Open-loop error (4.1) on {ours.windows} held-out windows" + (
+    title = f"Open-loop error |x − x̂| / n on {ours.windows} held-out windows" + (
         "; ratio on other logs" * bool(holdouts)
     )
     headings = ("state", "with friction", "without", "ratio", *(one.name for one in holdouts))

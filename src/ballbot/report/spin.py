@@ -241,7 +241,7 @@ def _velocity_series(spin: Spin, comparison: WheelComparison | None) -> TimeSeri
         if comparison is not None:
             lines.append(Line(name="wheel speeds by T_obw", values=comparison.wheels[:, axis], look="second"))
         panels.append(Panel(label=f"Ω about {name} [rad/s]", lines=lines))
-    source = " and by the wheels (as the thesis's Figure V.2)" if comparison else ""
+    source = " and by the wheels" if comparison else ""
     return TimeSeries(
         t=spin.t,
         panels=panels,

@@ -156,7 +156,7 @@ def _comparison_sections(study: Study) -> Iterator[Section]:
         )
         for one in candidate_rows(study.choice)
     ]
-    over_time = "Distance from the reference over time on the first plant (as the thesis's Figure 5.8)."
+    over_time = "Distance from the reference over time on the first plant."
     yield section(
         "Why this controller",
         Paragraph(text=controller_sentence(study)),
@@ -166,7 +166,7 @@ def _comparison_sections(study: Study) -> Iterator[Section]:
         drawn_picture(
             "paths",
             partial(paths_figure, runs),
-            "Path over the floor on the first plant (as the thesis's Figure 5.7). Dot: start. Broad: the reference.",
+            "Path over the floor on the first plant. Dot: start. Broad: the reference.",
         ),
         position_error_series(runs, over_time),
     )

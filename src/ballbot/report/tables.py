@@ -33,8 +33,8 @@ CANDIDATE_NAMES = {
     "partial": "nominal, partial compensation",
     "precise": "precise",
 }
-STATE_WORDS = {"onboard": "the thesis's on-board state", "kalman": "the Kalman filter's state"}
-ESTIMATOR_NAMES = {"onboard": "the thesis's", "kalman": "Kalman filter"}
+STATE_WORDS = {"onboard": "the on-board state by integration", "kalman": "the Kalman filter's state"}
+ESTIMATOR_NAMES = {"onboard": "integration", "kalman": "Kalman filter"}
 _SYMBOLS = {"v_s": Markup("v<sub>s</sub>"), "delta": "δ", "C_rr": Markup("C<sub>rr</sub>")}
 
 
@@ -44,7 +44,7 @@ class ErrorRow:
 
     state: str
     unit: str
-    first: str  #: 1000 times (4.1), of the first model
+    first: str  #: 1000 times the norm over the samples, of the first model
     second: str
     ratio: str
     interval: str
@@ -117,7 +117,7 @@ def parameter_sheet(found: Identification) -> Sheet:
 
 
 def error_rows(pair: ErrorPair, units: dict[str, str]) -> list[ErrorRow]:
-    """Return the errors of each state: (4.1), their ratio with a 95 % interval and its meaning, and RMSE."""
+    """Return the errors of each state: norm over samples, their ratio with a 95 % interval and its meaning, and RMSE."""
     lower, upper = pair.ratio_interval()
     normalised, verdicts = pair.normalised_rmse, pair.verdicts()
     rows = []

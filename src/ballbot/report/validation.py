@@ -211,6 +211,6 @@ def _error_table(what: str, pair: ErrorPair, models: ModelPair, *, framed: bool)
         )
         for i, name in enumerate(STATE_NAMES)
     ]
-    headings = ("state", "(4.1) A", "B", "B/A", "95 %", "A is", "RMSE A", "B")
+    headings = ("state", "|e|/n A", "B", "B/A", "95 %", "A is", "RMSE A", "B")
     title = f"{what}, {pair.runs} runs; A {models.first.name}, B {models.second.name}"
     return table(title, headings, rows, framed=framed)

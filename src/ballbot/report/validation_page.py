@@ -122,14 +122,12 @@ def _open_loop_section(validation: Validation, example_of: str) -> Section:
         "compared over the same samples."
     )
     caption = (
-        "Open-loop errors (as the thesis's Table 4.2). Error: (4.1), |x − x̂| / n, the mean over "
+        "Open-loop errors. Error: |x − x̂| / n, the mean over "
         f"{loop.errors.runs} runs. It shrinks with a run's length n, where RMSE does not. Normalised: RMSE over the "
         f"standard deviation of what was measured. Better or worse: the model {first}, where the interval is wholly "
         "above or below one. A shaded line: not shown to be better."
     )
-    example = (
-        f"One open-loop run of {example_of}, the one with the median error (as the thesis's Figure 4.2)."
-    )
+    example = f"One open-loop run of {example_of}, the one with the median error."
     return section(
         "Open loop",
         Paragraph(text=words),
@@ -149,10 +147,8 @@ def _closed_loop_section(validation: Validation, example_of: str) -> Section:
         f"limit cycle that friction causes, so the first table restarts them from the measured state every {every} "
         "s; the second is without restarts."
     )
-    restarted = f"Closed-loop errors (as the thesis's Table 4.1), restarted every {every} s, the mean over "
-    example = (
-        f"The first seconds of {example_of} in closed loop, without a restart (as the thesis's Figure 4.1)."
-    )
+    restarted = f"Closed-loop errors, restarted every {every} s, the mean over "
+    example = f"The first seconds of {example_of} in closed loop, without a restart."
     return section(
         "Closed loop",
         Paragraph(text=words),
@@ -186,7 +182,7 @@ def _residual_section(validation: Validation) -> Section:
         "the predicted one is the residual ε."
     )
     correlation = (
-        "Correlation of residuals and torques (as the thesis's Figure 4.3); cells below 0.1 carry no number. Framed "
+        "Correlation of residuals and torques; cells below 0.1 carry no number. Framed "
         "cells are significant: the memory of both series counted, and the chance of any false frame 5 %."
     )
     peaks = " Arrows and numbers: peaks [Hz]." if found.peaks else ""
@@ -232,7 +228,7 @@ def error_sheet(validation: Validation, pair: ErrorPair, caption: str) -> Sheet:
     return Sheet(
         groups=(
             ("", 1),
-            ("1000 × error (4.1)", 2),
+            ("1000 × |x − x̂| / n", 2),
             ("ratio, 95 % interval", 3),
             ("RMSE", 2),
             ("normalised RMSE", 2),
