@@ -117,7 +117,7 @@ def parameter_sheet(found: Identification) -> Sheet:
 
 
 def error_rows(pair: ErrorPair, units: dict[str, str]) -> list[ErrorRow]:
-    """Return the errors of each state: norm over samples, their ratio with a 95 % interval and its meaning, and RMSE."""
+    """Return the errors of each state: norm over samples, their ratio with a 95 % interval and its meaning, RMSE."""
     lower, upper = pair.ratio_interval()
     normalised, verdicts = pair.normalised_rmse, pair.verdicts()
     rows = []
