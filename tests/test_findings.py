@@ -1,6 +1,6 @@
 """Findings: ordered by severity, errors stop a command unless accepted, and every code is in the one registry.
 
-The registry is what the documents show and `--accept` knows.
+The registry is what `--accept` knows.
 """
 
 import ast
@@ -11,7 +11,6 @@ import pytest
 
 from ballbot.errors import InputError
 from ballbot.findings import CODES, Finding, Place, as_argument, by_severity, check_codes, stop_on_errors
-from tests.support.paths import ROOT
 from tests.support.source import modules, nodes_of
 
 SIGN = Finding(
@@ -96,15 +95,6 @@ def test_every_code_made_in_the_source_is_registered_and_every_registered_one_is
 def test_codes_are_kebab_case_and_in_alphabetical_order():
     assert all(re.fullmatch(r"[a-z]+(-[a-z]+)*", code) for code in CODES)
     assert list(CODES) == sorted(CODES)
-
-
-def test_the_documents_show_every_code_with_its_meaning():
-    text = (ROOT / "docs/logs.md").read_text(encoding="utf-8")
-    shown = re.findall(
-        r"^\| `([a-z-]+)` \| ([^|]+) \|$", text.partition("## What checks find")[2], flags=re.M
-    )
-    wanted = "\n".join(f"| `{code}` | {meaning} |" for code, meaning in CODES.items())
-    assert dict(shown) == dict(CODES), f"the table in docs/logs.md should be:\n{wanted}"
 
 
 def test_an_unknown_code_is_refused_with_the_nearest():

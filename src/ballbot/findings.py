@@ -18,7 +18,7 @@ Severity = Literal["error", "warning", "note"]
 
 _ORDER = ("error", "warning", "note")
 
-#: every code with its meaning, in alphabetical order; docs/logs.md shows the same table
+#: every code with its meaning, in alphabetical order
 CODES: Mapping[str, str] = MappingProxyType(
     {
         "alignment": "comparison of a log's sensors with motion capture",

@@ -26,7 +26,7 @@ Accept = Annotated[
         name="--accept",
         negative="",
         help="Continue despite an error with this code, such as torque-sign. May be given more than once. "
-        "docs/logs.md lists the codes.",
+        "The error names its code.",
     ),
 ]
 

@@ -164,35 +164,6 @@ def build(kind: Callable[..., T], values: Mapping[str, object], *, place: str = 
     return kind(**arguments)
 
 
-def markdown_table(kind: type, *, si_only: bool = False) -> str:
-    """Return the parameters of a dataclass as the documentation's table; `si_only` of a file without other units."""
-    lines = ["| key | meaning | unit | allowed | default |", "|---|---|---|---|---|"]
-    for one in parameters_of(kind):
-        unit = "" if one.unit == DIMENSIONLESS else one.unit
-        if not si_only and one.written_in != one.unit:
-            unit = f"{unit}; written in {one.written_in}"
-        default = "" if one.default is None else _shown(one.default)
-        meaning = one.meaning.replace("|", "\\|")
-        lines.append(f"| `{one.name}` | {meaning} | {unit} | {_allowed(one)} | {default} |")
-    return "\n".join(lines) + "\n"
-
-
-def _shown(default: Value | str) -> str:
-    if isinstance(default, tuple):
-        return f"`[{', '.join(f'{one:g}' for one in default)}]`" if default else "zeros"
-    return f"`{str(default).lower()}`" if isinstance(default, bool | str) else f"`{default:g}`"
-
-
-def _allowed(one: Parameter) -> str:
-    if one.shape in ("text", "truth value"):
-        return one.shape
-    if one.least < 0.0:
-        return "any" if math.isinf(one.most) else f"-{one.most:.4g} to {one.most:.4g}"
-    if math.isinf(one.most):
-        return f"{one.least:g} or more" if one.least_is_allowed else "above 0"
-    return f"{one.least:g} to {one.most:g}" if one.least_is_allowed else f"above 0, at most {one.most:.4g}"
-
-
 def _fields(kind: type) -> tuple[Field[object], ...]:
     assert is_dataclass(kind)
     return fields(kind)
