@@ -153,18 +153,31 @@ static void check_torques(void)
     }
 }
 
+/* Return whether the IMU repeats itself once too often, after the samples that the safety layer had watched before. */
+static bool is_stuck(const struct ballbot_safety_state *before)
+{
+    const int32_t most = robot.parameters.safety.max_unchanged;
+    bool repeated = imu_valid && before->watched != 0;
+
+    for (int i = 0; i < 3; ++i) {
+        repeated = repeated && gyro[i] == before->imu[i] && attitude[i] == before->imu[3 + i];
+    }
+    return repeated && most > 0 && before->imu_unchanged + 1 >= most;
+}
+
 /* Return whether this sample has a fault that must stop an active robot. */
-static bool is_faulty(uint32_t passed, bool started, int32_t missing)
+static bool is_faulty(uint32_t passed, bool started, const struct ballbot_safety_state *before)
 {
     const struct ballbot_safety_record *limits = &robot.parameters.safety;
     const float *estimate = robot.state.run.estimate;
+    const int32_t missing = (imu_valid && encoders_valid) ? 0 : before->missing + 1;
     bool known = true;
 
     for (int i = 0; i < 10; ++i) {
         known = known && fabsf(estimate[i]) <= 1e6f;
     }
     return (started && 1e-6f * (float)passed > limits->max_interval) || missing > limits->max_missing ||
-           (known && fmaxf(fabsf(estimate[2]), fabsf(estimate[3])) > limits->lean);
+           is_stuck(before) || (known && fmaxf(fabsf(estimate[2]), fabsf(estimate[3])) > limits->lean);
 }
 
 static void sample(struct input *input)
@@ -174,7 +187,7 @@ static void sample(struct input *input)
     const struct ballbot_run_state before = robot.state.run;
     const enum ballbot_stop stop_before = ballbot_stop_of(&robot.state);
     const bool was_active = ballbot_is_active(&robot.state);
-    const int32_t missing = robot.state.safety.missing;
+    const struct ballbot_safety_state watched = robot.state.safety;
 
     now += (kind & 0x80u) ? take(input, 4) : steps[kind & 7u];
     imu_valid = (kind & 0x08u) == 0u;
@@ -193,7 +206,6 @@ static void sample(struct input *input)
     robot_step(&robot);
     check_torques();
     const enum ballbot_stop stop = ballbot_stop_of(&robot.state);
-    const bool gone = !imu_valid && !encoders_valid;
 
     /* only arming again, the self-test and new parameters forget a stop; these disarm */
     if (stop_before != BALLBOT_STOP_NONE && stop == BALLBOT_STOP_NONE && robot.state.run.armed != 0 &&
@@ -202,7 +214,7 @@ static void sample(struct input *input)
     }
     /* active before and not disarmed by the host: what was wrong must have stopped it */
     if (was_active && robot.state.run.armed != 0 && before.armed != 0 && stop == BALLBOT_STOP_NONE &&
-        (is_faulty(now - (uint32_t)before.time, before.started != 0, gone ? missing + 1 : 0))) {
+        is_faulty(now - (uint32_t)before.time, before.started != 0, &watched)) {
         fail("a fault did not stop the robot");
     }
 }
