@@ -23,6 +23,7 @@ from ballbot import Robot
 from ballbot.control.records import fill_record, schema_of
 from ballbot.estimation.interface import EstimatorName, Reading
 from ballbot.estimation.kalman import KalmanFilter
+from ballbot.estimation.kalman_model import STATES
 from ballbot.firmware.build import compile_sources
 from ballbot.firmware.estimators import (
     KalmanMemory,
@@ -80,6 +81,42 @@ class Compiled:
         given = (address(self.record), address(self.memory), self.robot.wheel_count, address(record))
         whole = self._update(*given, address(state))
         return state.astype(np.float64), bool(whole)
+
+
+#: relative rounding of one operation in single precision
+ULP = 2.0**-24
+#: roundings that an element of the covariance goes through in a sample of `kalman.c`, at most: twice six products and
+#: six sums in F P F^T, five of each in its column of V, six products, six sums and a gain in V D^-1 V^T
+ROUNDINGS = 2 * 12 + 10 + 13
+
+
+class Rounded(KalmanFilter):
+    """Python's filter with errors as large as those that single precision can make; how far it strays is a bound.
+
+    In each sample every element of the covariance of the firmware's states changes by up to `ROUNDINGS` times `ULP` of
+    both standard deviations, at random. Every state changes by up to as much of the step that it made: a state is a
+    compensated sum, so that only its step is rounded.
+    """
+
+    def __init__(self, robot: Robot, *, sample_time: float = H, seed: int = 1) -> None:
+        super().__init__(robot, sample_time=sample_time)
+        self._random, self._to = np.random.default_rng(seed), firmware_states()
+        self._back = np.linalg.inv(self._to)
+
+    def update(self, reading: Reading) -> NDArray[np.float64]:
+        """Take one sample and return the state (10,)."""
+        before, started = self._to @ self._x, self._angles is not None
+        state = super().update(reading)
+        if not started:
+            return state
+        after, P = self._to @ self._x, self._to @ self._P @ self._to.T
+        deviation = np.sqrt(np.diagonal(P))
+        errors = np.triu(self._random.uniform(-1.0, 1.0, P.shape))
+        errors = ROUNDINGS * ULP * (errors + np.triu(errors, 1).T) * np.outer(deviation, deviation)
+        steps = ROUNDINGS * ULP * self._random.uniform(-1.0, 1.0, STATES) * np.abs(after - before)
+        self._P = self._back @ (P + errors) @ self._back.T
+        self._x = self._back @ (after + steps)
+        return self._state()
 
 
 def covariances(compiled: Compiled, exact: KalmanFilter) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
