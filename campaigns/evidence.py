@@ -72,6 +72,7 @@ CAMPAIGNS = {
     "firmware_timing": "campaigns.firmware_timing",
     "firmware_numbers": "campaigns.firmware_numbers",
     "firmware_loop": "campaigns.firmware_loop",
+    "firmware_beside": "campaigns.firmware_loop:beside_campaign",
     "link_fuzz": "campaigns.link_fuzz",
     "link_timing": "campaigns.link_timing",
     "board": "campaigns.board",

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ballbot import Controller, Model, simulate
+from ballbot import Model, simulate
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.records import schema_of
 from ballbot.control.references import circle
@@ -22,7 +22,8 @@ from ballbot.firmware.build import compile_sources, compilers, source_files
 from ballbot.firmware.estimators import reading_record
 from ballbot.firmware.host import CompiledController, Firmware, SelfTestOutcome, library
 from ballbot.firmware.records import SafetyRecord, SafetyState, parameter_record
-from ballbot.simulation.sensed_plant import Imperfections, SensedPlant
+from campaigns.firmware_estimators import ULP
+from campaigns.firmware_loop import beside, without_sums
 from tests.support.control_examples import FRICTION, alten
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
@@ -260,51 +261,28 @@ def test_safety_layer_decides_as_python_s(most_missing, most_unchanged, run):
         assert stop.decode() == (python.stop.reason if python.stop else "")
 
 
-class InTheLoop:
-    """The firmware as a controller of a plant with sensors: it reads these, and Python's controller sees the same."""
-
-    def __init__(self, plant: SensedPlant, controller: Controller) -> None:
-        self.controller, self.sample_time, self.estimator = controller, H, controller.estimator
-        self.firmware = Firmware(parameter_record(controller, LIMITS))
-        self.firmware.skip_self_test()
-        self.differences: list[float] = []
-        self.paths: list[float] = []
-        read = plant._sensors.read
-
-        def remembered(*given, **named) -> Reading:
-            self.reading = read(*given, **named)
-            return self.reading
-
-        plant._sensors.read = remembered
-
-    def reset(self) -> None:
-        self.controller.reset()
-        self.firmware.arm()
-
-    def update(self, t, state, reference):
-        record = reading_record(self.reading, robot=ROBOT)
-        torques = self.firmware.update(record, round(1e6 * t), reference).astype(np.float64)
-        of_python = self.controller.update(
-            t, state, reference.astype(np.float32)
-        )  # shaping differentiates it
-        self.differences.append(float(np.abs(torques - of_python).max()) / self.controller.torque_limit)
-        self.paths.append(float(np.abs(self.firmware.estimate - state).max()))
-        return torques
-
-
 @pytest.mark.parametrize("kind", [nominal_controller, precise_controller])
 def test_firmware_balances_a_robot_with_the_torques_of_python(kind):
     """Sensors in, torques out, in a loop with noise, encoder counts and play; each has its own estimator and memory."""
-    controller = kind(ROBOT, compensation="partial")
-    imperfections = Imperfections(sensors=ROBOT.sensors, backlash=0.017)
-    plant = SensedPlant(Model(ROBOT), imperfections, estimator=controller.estimator)
-    loop = InTheLoop(plant, controller)
-    log = simulate(plant, loop, circle(radius=0.5, period=8.0), duration=4.0, seed=1)
-    assert log.ended is None
-    assert loop.firmware.stop is None
+    loop = beside(kind(ROBOT, compensation="partial"), duration=4.0)
     # precise: the shaping's lags, whose last bits lie w^4 times in the torque; 9e-6 measured
-    assert max(loop.differences) < (1e-6 if controller.parts.shaping is None else 5e-5)
-    assert max(loop.paths) < 1e-6  # 1e-7 measured
+    assert loop.torques.max() < (1e-6 if kind is nominal_controller else 5e-5)
+    if kind is precise_controller:
+        error, bound = loop.states
+        assert (
+            error <= bound + 4.0 * ULP
+        ).all()  # what is given is computed from the filter's states, and below 1
+
+
+@pytest.mark.sample
+def test_difference_over_a_whole_log_is_that_of_sums_that_nothing_sets_right_and_of_branches():
+    """With the firmware's memory, only its estimate's rounding is left, and now and then another sign of a torque."""
+    precise = precise_controller(ROBOT, compensation="partial")
+    loop = beside(precise, duration=30.0, taken="memory")
+    switched = loop.torques > 1e-4  # 2.5e-5 measured otherwise
+    assert switched.mean() <= 1e-3  # 2 of 6000
+    assert loop.torques.max() < 0.2  # the friction of a wheel
+    assert beside(without_sums(precise), duration=30.0).torques.max() < 1e-4
 
 
 def test_law_in_c_drives_a_model_as_python_s_does():
