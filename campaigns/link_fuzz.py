@@ -8,11 +8,11 @@ from how many of the possible values are right:
 
     framing     random nonzero bytes are COBS if the lengths in them lead exactly to their end: a renewal process,
                 summed over all lengths of a frame
-    length      those of them that are 13 to 205 bytes long
+    length      those of them whose payload is 12 to 208 bytes long
     checksum    1 of 2^32; for more numbers, 1 of 2^16 in the low half of the CRC-32
     version     1 of 256
     type        11 of 256
-    body        1 of 193 lengths
+    body        1 of 197 lengths
     session     1 of 2^32
     sequence    32767 of 65536: it keeps late and repeated frames out, and is no protection against chance
 

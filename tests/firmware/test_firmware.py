@@ -3,6 +3,7 @@
 import copy
 import ctypes
 import math
+import re
 import shutil
 import subprocess
 
@@ -20,6 +21,7 @@ from ballbot.errors import InputError
 from ballbot.estimation.interface import Reading
 from ballbot.firmware.build import compile_sources, compilers, source_files
 from ballbot.firmware.estimators import reading_record
+from ballbot.firmware.export import PROJECT
 from ballbot.firmware.host import CompiledController, Firmware, SelfTestOutcome, library
 from ballbot.firmware.records import SafetyRecord, SafetyState, parameter_record
 from campaigns.firmware_estimators import ULP
@@ -381,3 +383,21 @@ def test_library_calls_nobody_and_has_no_variables(tmp_path):
     }
     assert [name for kind, name in symbols if kind in "bBdDC"] == []
     assert {name for kind, name in symbols if kind == "T" and not name.startswith("ballbot_")} == set()
+
+
+#: conditions of the loops that do not count, and what ends them
+_OTHER_LOOPS = {
+    "at + 3u <= imu->length": "every content of a message is three bytes or more",
+    "from < *count": "a block has a byte or more; one of none is refused",
+    "sha->filled != LENGTH": "a byte is added, and a block has 64",
+}
+
+
+def test_every_loop_counts_to_a_bound_and_every_call_is_known():
+    """Calls of functions by name are all there are, so that `Image.stack_bound` finds each circle of calls."""
+    text = "".join(path.read_text() for path in (*source_files(), PROJECT / "robot.c"))
+    text = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
+    counting = r"for \(\w+ (\w+) = [^;]+; [^;]*\b\1 (?:<|<=|>) [^;]+; (?:\+\+\1|--\1|\1 \+= \d+)\)"
+    assert len(re.findall(counting, text)) == len(re.findall(r"\bfor\b", text)) > 100
+    assert re.findall(r"\bwhile \((.*)\)", text) == list(_OTHER_LOOPS)
+    assert not re.search(r"\bdo\b|\bgoto\b|\bsetjmp\b|\(\*\s*\w+\)\s*\(", text)

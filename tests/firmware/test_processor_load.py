@@ -11,6 +11,7 @@ pytest.importorskip("unicorn", reason="unicorn, of the extra `test`, is not inst
 
 from ballbot import Controller, InputError
 from ballbot.firmware import processor_load
+from ballbot.firmware.cortex_m4 import CLOCK
 from ballbot.firmware.emulator import Board
 from ballbot.firmware.export import export_controller
 from ballbot.firmware.processor_load import SAMPLES, measure_load, rehearse, what_to_install
@@ -54,6 +55,8 @@ def test_load_is_the_rehearsal_s():
     assert load.worst_cycles == pytest.approx(max(run.cycles for run in plain), rel=1e-3)
     assert load.typical_cycles <= load.worst_cycles < (load.fix_cycles or 0)
     assert load.worst_share == load.worst_cycles / (36e6 * 0.005)
+    assert load.fix_cycles is not None
+    assert load.fix_cycles < 0.2 * CLOCK * controller.sample_time  # 200 Hz in a fifth of the time at 72 MHz
     assert max(update.run.stack for update in updates) <= load.stack
     assert load.flash > exported.parameter_bytes + 30_000
     # a robot has parameters twice, in use and as a host writes them, and the state

@@ -11,7 +11,6 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from types import TracebackType
 from typing import Self
 
 #: longest wait [s]; a computer that is busy with other tests takes a small part of it
@@ -90,9 +89,7 @@ class Child:
         """Return the process."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Kill the process if it still runs, and close its files."""
         self.kill()
         for pipe in (self.process.stdin, self.process.stdout, self._errors):
