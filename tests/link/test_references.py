@@ -22,6 +22,7 @@ from ballbot.link.references import (
     in_start_frame,
     live_reference,
 )
+from ballbot.log import Log
 from ballbot.mechanics.geometry import rotation
 
 pytestmark = pytest.mark.skipif(
@@ -167,6 +168,17 @@ def test_course_is_the_reference_of_that_name():
     reference = live_reference("square")
     for t in (0.0, 7.995, 8.0, 30.0):
         np.testing.assert_array_equal(reference.update(t), square()(t))
+
+
+def test_file_is_followed_from_the_start_of_the_run_on(tmp_path):
+    t = 0.1 * np.arange(11)
+    Log({"t": t, "ref_x": t, "ref_y": -2.0 * t, "ref_psi": 0.5 * t}).write(tmp_path / "course.csv")
+    reference = live_reference(str(tmp_path / "course.csv"))
+    for seconds in (0.0, 0.5, 1.0):
+        np.testing.assert_allclose(
+            pose_of(reference, seconds), seconds * np.array([1.0, -2.0, 0.5]), atol=1e-12
+        )
+    assert not reference.ended
 
 
 @pytest.mark.parametrize(("source", "words"), [("sqare", "square"), ("/dev/input/js99", "cannot be opened")])

@@ -10,13 +10,14 @@
 #include "law.h"
 #include "parts/part.h"
 
-/* From one tick of the clock to a second [s]. */
+/* Allowed sample times: from one tick of the clock to a second [s]. */
 #define SHORTEST_SAMPLE_TIME 1e-6f
 #define LONGEST_SAMPLE_TIME 1.0f
-/* Lean beyond which no wheel holds the ball [rad]; with a larger limit the robot is held, and does not balance. */
+/* Lean from which no robot recovers [rad]. With a larger limit the robot is held: it does not balance, and the IMU's axes are not
+ * checked. */
 #define LARGEST_LEAN 1.2f
 
-/* Return whether each number that bounds a torque or the time is one that can; a NaN cannot. */
+/* Return whether every limit of a torque or a time is valid; a NaN is not. */
 static bool are_bounds(const struct ballbot_parameters *parameters)
 {
     const struct ballbot_safety_record *safety = &parameters->safety;
@@ -183,7 +184,7 @@ static bool estimate(struct ballbot_state *state, const struct ballbot_parameter
     return ballbot_onboard_update(&parameters->onboard, &state->onboard, n, reading, found) != 0;
 }
 
-/* Return whether the safety layer lets torques follow from this sample. */
+/* Return whether the safety layer allows torques from this sample. */
 static bool admitted(struct ballbot_state *state, const struct ballbot_parameters *parameters,
                      const struct ballbot_reading_record *reading, float interval, bool measured)
 {

@@ -23,10 +23,10 @@
 /* Numbers of `estimator` in the parameters. */
 enum ballbot_estimator { BALLBOT_ONBOARD = 0, BALLBOT_KALMAN = 1 };
 
-/* Return whether the parameters are those of this library, of a robot that it knows, and with limits that limit. */
+/* Return whether the parameters have this library's schema, a number of wheels that it knows, and valid limits. */
 bool ballbot_are_allowed(const struct ballbot_parameters *parameters);
 
-/* Start disarmed, at x = y = 0, and return whether the parameters are those of this library and their limits are valid.
+/* Start disarmed, at x = y = 0, and return ballbot_are_allowed of the parameters.
  *
  * If not, every update gives zero torques.
  */
@@ -60,21 +60,21 @@ void ballbot_disarm(struct ballbot_state *state);
 /* Return whether torques may come: armed without a stop, or a self-test runs. */
 bool ballbot_is_active(const struct ballbot_state *state);
 
-/* Stop for a reason outside the library, latched as any other, if the robot is active. */
+/* Stop for a reason outside the library if the robot is active. The stop is latched as any other. */
 void ballbot_halt(struct ballbot_state *state, enum ballbot_stop reason);
 
 /* Take one sample; fill the torques of all wheels [N m].
  *
- * reading: what the sensors gave; NaN for a value that is missing. time: of the sample [us]. reference: the state (10) that
- * is asked for; x, y and psi may differ from zero. One that is refused is ignored, and the last one holds; NULL is that too.
+ * reading: of the sensors; NaN for a value that is missing. time: of the sample [us]. reference: the state (10) to go to, of
+ * which x, y and psi may differ from zero. A reference that is refused is ignored, and so is NULL; the last one then holds.
  * Returns whether torques may be given: armed, not stopped, and with a state to give them for.
  */
 bool ballbot_update(struct ballbot_state *state, const struct ballbot_parameters *parameters,
                     const struct ballbot_reading_record *reading, uint32_t time, const float reference[10],
                     float torques[BALLBOT_MAX_WHEELS]);
 
-/* Take one sample as ballbot_update does, with torques that another controller gives in place of the law's. They are limited,
- * and the safety layer watches as ever.
+/* Take one sample as ballbot_update does, with the torques of another controller in place of the law's. They are limited, and
+ * the safety layer checks the same.
  */
 bool ballbot_relay(struct ballbot_state *state, const struct ballbot_parameters *parameters,
                    const struct ballbot_reading_record *reading, uint32_t time, const float given[BALLBOT_MAX_WHEELS],

@@ -5,7 +5,7 @@
 /* In place of a speed that is missing: a value beyond any sensor's. */
 #define MISSING_SPEED 1e30f
 
-/* Samples that are counted; beyond it a float skips whole numbers. */
+/* Largest count of missed samples; beyond it a float skips whole numbers. */
 #define MOST_MISSED 0x1000000
 
 /* Return how far a count went; the counter wraps around. */

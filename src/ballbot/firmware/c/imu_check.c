@@ -5,18 +5,18 @@
 #include "ballbot_math.h"
 #include "law.h"
 
-/* Time for which a position is held [s]. */
+/* How long each position is held [s]. */
 #define STILL_TIME 0.5f
-/* Angular velocity that counts as still, by hand [rad/s]. */
+/* Below this angular velocity a robot in somebody's hands is still [rad/s]. */
 #define STILL 0.08f
 /* Largest theta and phi that count as upright [rad]. */
 #define LEVEL 0.0873f
-/* Sine of half the smallest turn that counts as a movement, 6 degrees, and of half of that. */
+/* Sine of half a turn: of 6 degrees, the smallest movement, and of 3, below which there is no turn at all. */
 #define LEAST_TURN 0.0523f
 #define NO_TURN 0.0262f
 /* Share of a turn that must be about its axis. */
 #define ABOUT_AXIS 0.8f
-/* Of the gyro's turn over the attitude's. */
+/* Allowed ratio of the gyro's turn to the attitude's. */
 #define LEAST_SCALE 0.75f
 #define LARGEST_SCALE 1.33f
 

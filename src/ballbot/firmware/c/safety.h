@@ -6,10 +6,10 @@
  *     late sample                           stops, if more than `max_interval` has passed since the last
  *     stuck sensor                          stops after `max_unchanged` samples: an IMU that repeats itself, or an
  *                                           encoder that does not count while its wheel must turn
- *     silent host                           the link stops after BALLBOT_LINK_WATCHDOG, by ballbot_halt
+ *     silent host                           the link calls ballbot_halt after BALLBOT_LINK_WATCHDOG
  *
  * A stop is latched: nothing but ballbot_safety_reset ends it. `stop` of the state has the reason, and `stop_wheel` the
- * wheel that it is about, from 1; 0 for none. A state of zeros is a start.
+ * number of its wheel, from 1; 0 if it concerns no wheel. A state of zeros is the start.
  */
 #ifndef BALLBOT_SAFETY_H
 #define BALLBOT_SAFETY_H

@@ -1,12 +1,12 @@
 #include "self_test.h"
 
-/* Of the whole test [s]. */
+/* Duration of the whole test [s]. */
 #define DURATION 0.5f
-/* Part of a wheel's turn at the test in which it is pushed forward, and then back. */
+/* Fraction of a wheel's time in which it is pushed forward; then it is pushed back for as long. */
 #define PUSH_FRACTION 0.2f
 /* A wheel that turns by fewer counts than this has not moved. */
 #define LEAST_COUNTS 20
-/* Of a sample's place, in turns, for the rounding of the time. */
+/* Added to the time in wheels' turns, so that rounding does not put a sample before its turn. */
 #define ROUNDING 1e-5f
 
 void ballbot_self_test_start(struct ballbot_self_test_state *test)

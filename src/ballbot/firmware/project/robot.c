@@ -4,11 +4,11 @@
 
 /* In place of a value that the IMU did not give: beyond any sensor's. */
 #define MISSING 1e30f
-/* Bytes that are read at a time, and how often in a sample. */
+/* Bytes that are read at a time, and how often in a sample at most. */
 #define CHUNK 128
 #define CHUNKS 8
 
-/* Enable the motors, or command no torques, so that none is held when they are enabled again, and disable them. */
+/* Enable the motors, or disable them after a command of no torques, so that they hold none when they are enabled again. */
 static void enable_motors(struct robot *robot, bool enabled)
 {
     static const float none[BALLBOT_MAX_WHEELS] = { 0.0f };

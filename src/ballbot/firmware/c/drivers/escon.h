@@ -3,7 +3,7 @@
  *     current = torque / torque_per_ampere      duty = 0.5 + 0.4 current / current_range
  *
  * The driver is configured for current control, a set value by PWM, 10 % for -current_range and 90 % for +current_range.
- * Outside 10 to 90 % it takes the set value for a fault, so that a broken wire does not drive a wheel.
+ * It reports a fault outside 10 to 90 %, so that a broken wire does not drive a wheel.
  */
 #ifndef BALLBOT_DRIVERS_ESCON_H
 #define BALLBOT_DRIVERS_ESCON_H

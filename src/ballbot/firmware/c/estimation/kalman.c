@@ -30,23 +30,23 @@ enum {
     HEADING_END = X
 };
 
-/* What `started` says. */
+/* Values of `started`. */
 enum { LOST = -1, NOT_STARTED = 0, RUNNING = 1 };
 
-/* States and variances whose sum is beyond this are none. */
+/* Largest sum of the magnitudes of all states and variances; beyond it the filter is lost. */
 #define LARGEST 1.0e12f
 
-/* What a sample leaves of a variance, at least: numbers that no sensor shows would leave nothing */
+/* Smallest fraction of a variance that a sample leaves; readings that no sensor gives could leave less */
 #define LEAST_KEPT 1.0e-6f
 
-/* Variance of psi [rad^2], x or y [m^2] above which all three are forgotten, and what a sample then keeps of them */
+/* Variance of psi [rad^2], x or y [m^2] above which all three no longer grow, and the factor by which a sample then reduces them */
 #define FORGOTTEN_ABOVE 0.04f
 #define REMEMBERED (1.0f - 0x1p-18f)
 
 /* Numbers that are taken in at a time: three of the wheels and three of the AHRS, or those of a fix. */
 enum { FROM_WHEELS = 0, FROM_AHRS = 3, SEEN = 6 };
 
-/* Before a short loop: without its counting and branching it takes half as long. Other compilers decide by themselves. */
+/* Before a short loop: unrolled, it takes half as long. Other compilers decide by themselves. */
 #if defined(__GNUC__)
 #define UNROLLED _Pragma("GCC unroll 6")
 #else
@@ -75,7 +75,7 @@ struct pair {
     float y;
 };
 
-/* Return the cosine with this square; a lean that noise has taken past level counts as nearly level. */
+/* Return the cosine with this square; beyond 90 degrees, where only noise can take the lean, it is nearly zero. */
 static float root_of(float square)
 {
     return ballbot_square_root((square > LEAST_UPRIGHT_SQUARED) ? square : LEAST_UPRIGHT_SQUARED);
@@ -467,7 +467,7 @@ static void absorb(struct ballbot_kalman_memory *memory, struct seen *seen)
             memory->P[j][i] = after.x;
             memory->P[j][i + 1] = after.y;
         }
-        for (int32_t j = HEADING_END; (i < HEADING_END) && (j < STATES); ++j) { /* nobody asks for what lies below */
+        for (int32_t j = HEADING_END; (i < HEADING_END) && (j < STATES); ++j) { /* what lies below is not used */
             (void)changed(&row[0][j], &row[1][j], gain[0], gain[1], seen->Ph[j]);
         }
         for (int32_t k = 0; k < 2; ++k) {

@@ -17,8 +17,8 @@
  *     the wheels    Omega = M(g) (T_obw wheel_speed + w)      the ball's angular velocity, heading frame [rad/s]
  *                   v = r_b (Omega_y, -Omega_x)    Omega_z = 0
  *
- * ballbot/estimation/kalman_model.py has the reasons. There, d and a are states; here, what the AHRS shows is. Each
- * of its values is then a state, and the difference of two large and nearly equal covariances never needs to be taken.
+ * ballbot/estimation/kalman_model.py has the reasons. There, d and a are states; here, the values that the AHRS shows are.
+ * So each of its values is a state, and no difference of two large and nearly equal covariances is taken.
  *
  * Numbers that are seen at the same time are taken in together, as rows of H with variances R:
  *
