@@ -70,7 +70,6 @@ class Result(IntEnum):
     CHECKSUM = 7  #: the parameters that were written have another CRC-32; `value` is that CRC-32
     PARAMETERS = 8  #: the robot does not accept these parameters
     VALUES = 9  #: a value is not finite or out of range
-    DISARMED = 10  #: only while armed
 
 
 class ControllerPlace(IntEnum):

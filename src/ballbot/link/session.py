@@ -89,7 +89,6 @@ _REASONS = {
     Result.CHECKSUM: "the parameters that it received are not those that were sent",
     Result.PARAMETERS: "the parameters are not allowed",
     Result.VALUES: "a value is not finite or out of range",
-    Result.DISARMED: "it is not armed",
 }
 
 

@@ -80,8 +80,7 @@ enum ballbot_result {
     BALLBOT_RESULT_RANGE = 6,
     BALLBOT_RESULT_CHECKSUM = 7,
     BALLBOT_RESULT_PARAMETERS = 8,
-    BALLBOT_RESULT_VALUES = 9,
-    BALLBOT_RESULT_DISARMED = 10
+    BALLBOT_RESULT_VALUES = 9
 };
 
 /* Where the controller runs that an armed robot obeys. */
