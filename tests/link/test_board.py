@@ -33,7 +33,9 @@ from ballbot.link.transport import LinkError, Transport
 from ballbot.simulation.sensed_plant import Imperfections, SensedPlant
 from ballbot.twin import Twin
 from campaigns.board import board_log, courses, pairs_needed, python_log
+from tests.link.test_faults import FAULTS, Recording, drive
 from tests.support.control_examples import FRICTION, alten
+from tests.support.faulty_transport import FaultyTransport
 from tests.support.processes import PATIENCE
 
 pytestmark = [
@@ -107,14 +109,34 @@ def test_board_answers_with_the_bytes_of_this_computer(images, toolchain):
         assert session.state is not None
         assert session.state.armed
         assert session.state.stop == 0
+    assert len(line.read_bytes) > 10_000
+    assert of_this_computer(line.written)[: len(line.read_bytes)] == line.read_bytes
+
+
+def of_this_computer(written: bytes) -> bytes:
+    """Return what the precise controller's firmware, compiled for this computer, answers to the same bytes."""
     parameters = parameter_record(controller_of("precise"), SafetyLimits.on_robot(ROBOT, sample_time=H))
     here = CompiledRobot(parameters, capabilities=Capability.EMULATED)
     answers = b""
-    for place in range(0, len(line.written), 50):
-        here.write(line.written[place : place + 50])
+    for place in range(0, len(written), 50):
+        here.write(written[place : place + 50])
         answers += here.read(0.0)
+    return answers
+
+
+@pytest.mark.parametrize("kind", ["corrupted", "all"])
+def test_board_on_a_faulty_link_does_what_this_computer_does_and_ends_safe(images, kind):
+    """On this computer no frame that fails a layer is acted on (`test_faults.py`)."""
+    plant = SensedPlant(Model(ROBOT), Imperfections(sensors=ROBOT.sensors), estimator="kalman")
+    with QemuBoard(images("precise", self_test=True)) as board:
+        line = Recorded(BoardLine(board))
+        robot = Recording(EmulatedRobot(plant, line, sample_time=H))
+        drive(FaultyTransport(robot, FAULTS[kind], seed=1), robot, seed=1)
+    assert any(enabled for _, enabled, _, _ in robot.motors)
+    assert robot.motors[-1][1:3] == (0, 0)
+    assert not any(robot.motors[-1][3])
     assert len(line.read_bytes) > 10_000
-    assert answers[: len(line.read_bytes)] == line.read_bytes
+    assert of_this_computer(line.written)[: len(line.read_bytes)] == line.read_bytes
 
 
 def reading_of(state: State) -> np.ndarray:
