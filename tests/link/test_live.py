@@ -115,6 +115,25 @@ def test_controller_on_the_robot_follows_as_in_simulation():
     assert not live.emulated.motors.armed
 
 
+def test_reference_that_is_lost_is_sent_again():
+    live = Connected()
+    sent, send = [], live.session.set_reference
+
+    def lossy(reference):
+        sent.append(np.array(reference))
+        if len(sent) > 2:
+            send(reference)
+
+    live.session.set_reference = lossy
+    jump = np.array([0.05, *np.zeros(9)])
+    log = live.run(follow(lambda t: jump if t > 0.1 else np.zeros(10)), duration=0.4)
+    # the first asks for the pose that the robot holds anyway; the second, the jump, is lost and sent again
+    assert np.ptp(log["ref_x"]) == pytest.approx(0.05, abs=1e-6)
+    arrived = log.t[np.argmax(log["ref_x"] > 0.04)]
+    assert 0.15 <= arrived <= 0.17
+    assert len(sent) == 3
+
+
 def _sensed():
     scenario = load_scenario("nominal", ROBOT)
     return true_model(ROBOT, scenario), imperfections_of(scenario)

@@ -41,6 +41,8 @@ from ballbot.log.columns import STATE_NAMES, torque_names, wheel_angle_names, wh
 _PATIENCE = 0.1
 #: for which a robot that has taken the arming may take to show it [s]
 _ARMING_TIME = 0.5
+#: after which a reference that the robot does not show is sent again [s]
+_REFERENCE_TIME = 0.05
 
 #: what each stop of the robot's safety layer means and what to do
 STOPS: dict[StopReason, str] = {
@@ -143,11 +145,13 @@ class Commander(Protocol):
 
 
 class FollowReference:
-    """Gives references to the controller on the robot."""
+    """Gives references to the controller on the robot; one that does not arrive is sent again."""
 
     def __init__(self, reference: LiveReference, *, sample_time: float) -> None:
         self._source, self._step = reference, sample_time
-        self._sent: NDArray[np.float64] | None = None
+        self._asked: NDArray[np.float64] | None = None
+        self._sent = np.zeros(10, np.float32)  # the same in the robot's frame
+        self._sent_at = 0.0  # time of the sample [s]
 
     @property
     def ended(self) -> bool:
@@ -155,11 +159,18 @@ class FollowReference:
         return self._source.ended
 
     def command(self, session: Session, sample: Sample) -> None:
-        """Send the reference of the next sample if it is another one."""
+        """Send the reference of the next sample if it is another one, or if the robot still lacks the last one."""
         wanted = self._source.update(sample.t + self._step)
-        if self._sent is None or not np.array_equal(wanted, self._sent):
-            session.set_reference(in_robot_frame(wanted, sample.start))
-            self._sent = wanted.copy()
+        if self._asked is None or not np.array_equal(wanted, self._asked):
+            self._asked = wanted.copy()
+            self._sent = in_robot_frame(wanted, sample.start).astype(np.float32)
+        elif sample.t - self._sent_at < _REFERENCE_TIME or self._has_arrived(session):
+            return
+        session.set_reference(self._sent)
+        self._sent_at = sample.t
+
+    def _has_arrived(self, session: Session) -> bool:
+        return session.state is None or np.array_equal(session.state.reference, self._sent)
 
 
 class ControlFromHost:
