@@ -103,7 +103,12 @@ def quick(log: Log, *, bounds: Bounds | None = None, run: Run = DEFAULT_RUN) -> 
         window=0.1,
         seed=3,
         options=IdentificationOptions(
-            generations=12, population=12, evolution_windows=24, gauss_newton_steps=4, step=2.5e-3
+            generations=12,
+            population=12,
+            evolution_windows=24,
+            gauss_newton_steps=4,
+            step=2.5e-3,
+            most_profiles=0,
         ),
         run=run,
     )

@@ -143,7 +143,9 @@ def test_errors_expected_are_those_that_identification_finds():
     log = balancing_log()
     question = asked(duration=25.0, deviations=NOISE, robot=alten(FRICTION)).question
     expected = question.in_units(expected_errors(question, [log]))
-    options = IdentificationOptions(generations=20, population=16, step=2.5e-3)
+    options = IdentificationOptions(
+        generations=10, population=12, evolution_windows=24, step=2.5e-3, most_profiles=0
+    )
     found = identify(alten(), noisy(log, seed=2), options=options)
     errors = np.concatenate([np.atleast_1d(one) for one in found.standard_errors.values()])
     known = np.isfinite(errors)
