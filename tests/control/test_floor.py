@@ -30,7 +30,13 @@ def errors(robot: Robot, controller: Controller, reference: Reference, *, durati
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])
+@pytest.mark.parametrize(
+    "robot",
+    [
+        pytest.param(alten(FRICTION), id="three"),
+        pytest.param(four_wheeled(friction=True), id="four", marks=pytest.mark.sample),
+    ],
+)
 def test_floor_adaptation_removes_most_of_the_error_on_carpet(robot: Robot):
     reference, cost = circle(period=32.0), {}
     for name, made in (("fixed", precise_controller), ("adaptive", adaptive)):

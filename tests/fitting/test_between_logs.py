@@ -38,7 +38,7 @@ def test_without_errors_within_logs_it_is_students_t(count: int, degrees: float)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("count", [1, 3])
+@pytest.mark.parametrize("count", [pytest.param(1, marks=pytest.mark.sample), 3])
 def test_coverage_over_robots_drawn_from_the_prior_is_exact(count: int) -> None:
     """Both intervals contain what they are for in 95 % of robots whose tau is drawn from the prior."""
     random = np.random.default_rng(1)

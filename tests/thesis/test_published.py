@@ -88,7 +88,7 @@ def test_mixtures_know_every_correction() -> None:
     [
         ((), 3.62499),
         (("inertia_about_center_of_mass",), 5.268),
-        (("reflected_rotors",), 3.603),
+        pytest.param(("reflected_rotors",), 3.603, marks=pytest.mark.sample),
         (alten.AT_REST, 5.2015),
     ],
 )
@@ -99,7 +99,14 @@ def test_pole_of_a_mixture(corrected: tuple[str, ...], pole: float) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in alten.APPROXIMATIONS if name not in alten.AT_REST])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.sample if name == "nonholonomic_wheels" else ())
+        for name in alten.APPROXIMATIONS
+        if name not in alten.AT_REST
+    ],
+)
 def test_some_corrections_change_nothing_at_rest_but_something_in_motion(name: str) -> None:
     without, having = (mixture_model(ALTEN, alten.corrections_with(names)) for names in ((), (name,)))
     assert pytest.approx(without.A, abs=1e-12) == having.A
