@@ -237,7 +237,7 @@ class TestStandIn:
             for name in ("square_soft", "hold_soft")
         ]
         found = survey_geometry(ALTEN, upside_down=[Log.read(folder / "upside_down.csv")], balancing=pairs)
-        # slip, a soft ball and two rows of rollers leave half a percent and a third of a degree, see docs/geometry.md
+        # slip, a soft ball and two rows of rollers leave half a percent and a third of a degree
         assert found.find("wheels.radius").value == pytest.approx(0.063, rel=5e-3)
         assert found.find("ball.radius").value == pytest.approx(0.11, rel=5e-3)
         for one in found.measured:

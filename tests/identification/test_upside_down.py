@@ -308,7 +308,7 @@ def test_the_stand_in_robot_by_the_command(shared_data, tmp_path, capsys):
     path = tmp_path / "log.csv"
     Log.read(shared_data / "bbr" / "upside_down.csv").between(10.0, 34.0).write(path)
     bounds = tmp_path / "bounds.toml"
-    # for time's sake few parameters, and Stribeck's are not what decides here; docs/upside_down.md has the whole log
+    # for time's sake few parameters, and Stribeck's are not what decides here
     bounds.write_text("stribeck = [0.0, 0.0]\nstribeck_speed = [0.6, 0.6]\nstribeck_exponent = [1.0, 1.0]\n")
     command = ["identify-upside-down", "alten", str(path), "--out", str(tmp_path), "--bounds", str(bounds)]
     assert main(command) == 0

@@ -38,7 +38,7 @@ from ballbot.robot import Robot
 from ballbot.robot.parameters import Value
 
 #: share of a radius, and angle [rad], that slip, dents and rollers may feign: on logs of a physics engine with two rows
-#: of rollers and known geometry 0.42 % and 0.25 degrees were seen (docs/geometry.md)
+#: of rollers and known geometry 0.42 % and 0.25 degrees were seen (the commands of docs/geometry.md)
 SLIP = 0.006
 SLIP_ANGLE = math.radians(0.4)
 
