@@ -28,6 +28,7 @@ from ballbot.findings import Finding, finding_results
 from ballbot.fitting.run import Run, check_seed
 from ballbot.log.formats import is_log_file
 from ballbot.mechanics.parameters import Formulation
+from ballbot.report.blocks import Block
 from ballbot.report.prediction import (
     StudyFolder,
     next_steps,
@@ -35,6 +36,7 @@ from ballbot.report.prediction import (
     prediction_results,
     verdict_parts,
 )
+from ballbot.report.run import over_time
 from ballbot.report.validation import validation_parts, validation_results
 from ballbot.report.validation_page import validation_report
 from ballbot.robot import Robot
@@ -101,7 +103,7 @@ def validate_prediction(
     emit({"prediction": prediction_results(verdict, prediction, steps), "findings": finding_results(found)})
     if out is not None:
         used = [results, files.controller, log_path, *([mapping] if mapping else [])]
-        _write_verdict(out, verdict, prediction, steps, found, files=used)
+        _write_verdict(out, verdict, prediction, steps, found, series=over_time(log, robot), files=used)
 
 
 def _robot_and_log(results: Path, inputs: Sequence[str]) -> tuple[str, Path]:
@@ -138,12 +140,13 @@ def _write_verdict(
     steps: Sequence[str],
     found: Sequence[Finding],
     *,
+    series: Sequence[Block],
     files: Sequence[Path],
 ) -> None:
     title = f"{files[2]}: the controller against its prediction"
     with open_result(out, command="validate", writes=_WRITTEN, inputs=files) as result:
         page = prediction_report(
-            verdict, prediction, title=title, steps=steps, findings=found, made=result.origin
+            verdict, prediction, title=title, steps=steps, series=series, findings=found, made=result.origin
         )
         with result.replaced() as new:
             verdict_results = prediction_results(verdict, prediction, steps)

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from ballbot.findings import Finding, finding_results, texts
 from ballbot.printable import shell_line
-from ballbot.report.blocks import Bullets, Report, Section, Sheet, section
+from ballbot.report.blocks import Block, Bullets, Report, Section, Sheet, section
 from ballbot.report.console import table
 from ballbot.report.provenance import Provenance
 from ballbot.results import to_results
@@ -76,10 +76,11 @@ def prediction_report(
     *,
     title: str,
     steps: Sequence[str],
+    series: Sequence[Block],
     findings: Sequence[Finding],
     made: Provenance,
 ) -> Report:
-    """Return the page of a verdict."""
+    """Return the page of a verdict; `series` shows the run over time."""
     course = prediction.course
     rows = quantity_rows(verdict)
     notice = frozenset(place for place, row in enumerate(rows) if "worse" in row[4] or "early" in row[4])
@@ -92,7 +93,13 @@ def prediction_report(
     quantities = Sheet(headings=headings, rows=rows, caption=caption, shaded=notice)
     undecided = [
         "Whether another run of the same controller would be inside: one log is one run.",
-        "The causes of what differs, for sure: they are ranked by likeness, and several may act at once.",
+        *(
+            [
+                "The causes of what differs, for sure: they are ranked by likeness, and several may act at once."
+            ]
+            if verdict.causes
+            else []
+        ),
     ]
     if not verdict.causes and (verdict.outside or verdict.ended is not None):
         undecided.insert(
@@ -114,6 +121,7 @@ def prediction_report(
             ),
             *([_cause_section(verdict)] if verdict.causes else []),
             section("What to do next", Bullets(items=steps)),
+            section("The run", *series),
         ],
         undecided=undecided,
         made=made,
