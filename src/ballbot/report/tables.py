@@ -107,8 +107,9 @@ def parameter_sheet(found: Identification) -> Sheet:
             ("95 %, these logs", found.intervals),
             ("95 %, another log", found.variation.predictions),
         ):
-            ends = (interval_text(intervals.get(label)) for label in labels)
-            rows.append([Cell(text="", below=which), "", *(Cell(text=text, span=span) for text in ends)])
+            ends = [interval_text(intervals.get(label)) for label in labels]
+            if any(ends):
+                rows.append([Cell(text="", below=which), "", *(Cell(text=text, span=span) for text in ends)])
         stated = (digits(float(one)) for one in np.atleast_1d(before[symbol]))
         rows.append(
             [Cell(text="", below="in the robot file"), "", *(Cell(text=one, span=span) for one in stated)]

@@ -90,7 +90,7 @@ def _draw_side(axes: Axes, robot: Robot, window: tuple[float, float, float, floa
     _panel(axes, window)
     r_b, l = robot.ball.radius, robot.body.center_of_mass  # noqa: E741 (the thesis's symbol)
     shape = body_shape(robot.body)
-    axes.axhspan(window[2], -r_b, color="#eef1f3", zorder=0)
+    axes.axhspan(window[2], -r_b, color="#e9edf0", zorder=0)
     axes.axhline(-r_b, color=_INK, linewidth=1.0, zorder=1)
     wheels = wheel_shapes(robot)
     order = back_to_front(wheels, "side")

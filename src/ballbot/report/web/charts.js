@@ -155,7 +155,7 @@ class Chart {
         scales: { x: { time: false }, y: { range: (_, low, high) => this.span(panel, low, high) } },
         axes: [
           { ...axis(), size: last ? 44 : 10, values: last ? number : () => [], label: last ? this.data.across : undefined, labelFont: FONT, labelSize: 18, space: 60 },
-          { ...axis(), size: (_, shown) => this.gutterFor(shown), space: 28, values: number },
+          { ...axis(), size: (_, shown) => this.gutterFor(shown), space: 18, values: number },
         ],
         series: [{}, ...panel.lines.map((line) => this.series(line))],
         cursor: {
