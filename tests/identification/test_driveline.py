@@ -104,7 +104,7 @@ def test_noise_of_the_torque_and_play_do_not_bias_the_friction():
         assert fit.delay < 2.0 * SAMPLE_TIME
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_the_same_seed_gives_the_same_bits(sweep):
     short = {"generations": 5, "population": 8, "run": Run(seed=3)}
     one, other = fit_driveline(sweep, **short), fit_driveline(sweep, **short)

@@ -101,7 +101,7 @@ def test_the_equations_are_the_gradient_of_the_cost_with_starts_that_follow(prob
     assert normal.scores.sum(axis=0)[3] == pytest.approx(expected, rel=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_one_step_of_a_resample_is_nearly_its_full_fit(problem, finished):
     free, count = problem.coordinates.free, len(problem.windows)
     errors = bootstrap(finished.equations, free, seed=1).errors

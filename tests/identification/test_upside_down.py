@@ -233,7 +233,7 @@ class TestIdentification:
         assert list(found.robot.friction.coulomb) == found.parameters["c"]
         assert found.robot.sources["friction.coulomb"].startswith("identified")
 
-    @pytest.mark.slow
+    @pytest.mark.sample
     def test_the_robot_files_friction_is_judged_and_a_killed_run_goes_on_on_other_threads(
         self, log: Log, tmp_path
     ):

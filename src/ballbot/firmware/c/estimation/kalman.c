@@ -43,6 +43,9 @@ enum { LOST = -1, NOT_STARTED = 0, RUNNING = 1 };
 #define FORGOTTEN_ABOVE 0.04f
 #define REMEMBERED (1.0f - 0x1p-18f)
 
+/* Largest count of samples without encoders; beyond it a float skips whole numbers */
+#define MOST_MISSED 0x1000000
+
 /* Numbers that are taken in at a time: three of the wheels and three of the AHRS, or those of a fix. */
 enum { FROM_WHEELS = 0, FROM_AHRS = 3, SEEN = 6 };
 
@@ -822,7 +825,7 @@ int32_t ballbot_kalman_update(const struct ballbot_kalman_record *record, struct
         } else {
             start(record, memory, gyro, shown.lean, shown.psi);
         }
-        memory->missed = (turned != 0) ? 0 : (memory->missed + 1);
+        memory->missed = (turned != 0) ? 0 : (memory->missed + ((memory->missed < MOST_MISSED) ? 1 : 0));
         for (int32_t k = 0; k < 3; ++k) {
             memory->gyro[k] = gyro[k];
         }

@@ -346,10 +346,12 @@ bool ballbot_link_update(struct ballbot_link *link, struct ballbot_state *state,
     raise_limit(link, state, parameters, time, torques);
     link->reference_new = false;
     link->sample += 1u;
-    link->state_due -= 1;
-    if (link->session != 0u && link->state_due <= 0) {
-        link->state_due = link->state_every;
-        report(link, state, parameters, reading, time);
+    if (link->session != 0u) {
+        link->state_due -= 1;
+        if (link->state_due <= 0) {
+            link->state_due = link->state_every;
+            report(link, state, parameters, reading, time);
+        }
     }
     return may;
 }
