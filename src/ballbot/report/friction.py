@@ -385,7 +385,7 @@ def parameter_table(found: Identification, *, framed: bool) -> TextTable:
 
 
 def error_table(found: Identification, holdouts: Sequence[HoldoutResult], *, framed: bool) -> TextTable:
-    """Return the open-loop errors of each state: on windows held out, and their ratios on other logs."""
+    """Return the open-loop errors |x - x_hat| / n of each state, and their ratios on other logs."""
     ours = found.held_out
     rows = [
         (
@@ -397,9 +397,7 @@ def error_table(found: Identification, holdouts: Sequence[HoldoutResult], *, fra
         )
         for state, ratio in ours.ratios.items()
     ]
-    title = f"Open-loop error |x − x̂| / n on {ours.windows} held-out windows" + (
-        "; ratio on other logs" * bool(holdouts)
-    )
+    title = f"Open-loop error on {ours.windows} held-out windows" + ("; ratio on other logs" * bool(holdouts))
     headings = ("state", "with friction", "without", "ratio", *(one.name for one in holdouts))
     return table(title, headings, rows, framed=framed)
 
