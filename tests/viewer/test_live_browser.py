@@ -6,8 +6,6 @@ import math
 import queue
 import re
 import signal
-import subprocess
-import sys
 import threading
 from contextlib import contextmanager
 
@@ -18,6 +16,7 @@ from ballbot.viewer.monitor import RobotMonitor, monitor_page
 from ballbot.viewer.server import Access, serve_live
 from tests.support.browser import headless_browser, keep, new_tab
 from tests.support.monitored_link import Link, state
+from tests.support.processes import Child
 
 pytestmark = pytest.mark.browser
 
@@ -41,18 +40,13 @@ def browser(tmp_path_factory):
 @contextmanager
 def live_view(*words):
     """Run `ballbot view` and yield the address that it shows."""
-    command = [sys.executable, "-m", "ballbot", "view", *words, "--no-browser"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            line = process.stdout.readline()
-            found = re.search(r"http://127\.0\.0\.1:\d+/\?token=\S+", line)
-            assert found, line
-            yield found[0]
-            process.send_signal(signal.SIGINT)  # Ctrl-C
-            assert process.wait(PATIENCE) == 0
-        finally:
-            process.kill()
+    with Child("-m", "ballbot", "view", *words, "--no-browser") as child:
+        line = child.line(within=COMPILING)
+        found = re.search(r"http://127\.0\.0\.1:\d+/\?token=\S+", line)
+        assert found, line
+        yield found[0]
+        child.send(signal.SIGINT)  # Ctrl-C
+        assert child.end(within=PATIENCE) == 0, child.errors()
 
 
 @pytest.fixture(scope="module")
