@@ -178,7 +178,7 @@ def page(
 
 `python -m benchmarks.first_use` writes this page: seconds by the clock in fresh environments with nothing compiled on
 disk, the wheel installed without extras; the median of {len(runs)} environments, with the least and the most.
-{processor()}, {os.cpu_count()} cores, on which {busy:.0f} processes ran or waited (load average). The targets are 5 s
+{processor()}, {os.cpu_count()} cores, load average {busy:.0f}. The targets are 5 s
 for the picture and 30 s for the report.
 
 | | install | first picture | first report | processor time |

@@ -83,8 +83,8 @@ class Compiled:
         return state.astype(np.float64), bool(whole)
 
 
-#: relative rounding of one operation in single precision
-ULP = 2.0**-24
+#: greatest relative rounding error of one operation in single precision
+ROUNDOFF = 2.0**-24
 #: roundings that an element of the covariance goes through in a sample of `kalman.c`, at most: twice six products and
 #: six sums in F P F^T, five of each in its column of V, six products, six sums and a gain in V D^-1 V^T
 ROUNDINGS = 2 * 12 + 10 + 13
@@ -93,9 +93,9 @@ ROUNDINGS = 2 * 12 + 10 + 13
 class Rounded(KalmanFilter):
     """Python's filter with errors as large as those that single precision can make; how far it strays is a bound.
 
-    In each sample every element of the covariance of the firmware's states changes by up to `ROUNDINGS` times `ULP` of
-    both standard deviations, at random. Every state changes by up to as much of the step that it made: a state is a
-    compensated sum, so that only its step is rounded.
+    In each sample every element of the covariance of the firmware's states changes by up to `ROUNDINGS` times
+    `ROUNDOFF` of both standard deviations, at random. Every state changes by up to as much of the step that it made: a
+    state is a compensated sum, so that only its step is rounded.
     """
 
     def __init__(self, robot: Robot, *, sample_time: float = H, seed: int = 1) -> None:
@@ -112,8 +112,8 @@ class Rounded(KalmanFilter):
         after, P = self._to @ self._x, self._to @ self._P @ self._to.T
         deviation = np.sqrt(np.diagonal(P))
         errors = np.triu(self._random.uniform(-1.0, 1.0, P.shape))
-        errors = ROUNDINGS * ULP * (errors + np.triu(errors, 1).T) * np.outer(deviation, deviation)
-        steps = ROUNDINGS * ULP * self._random.uniform(-1.0, 1.0, STATES) * np.abs(after - before)
+        errors = ROUNDINGS * ROUNDOFF * (errors + np.triu(errors, 1).T) * np.outer(deviation, deviation)
+        steps = ROUNDINGS * ROUNDOFF * self._random.uniform(-1.0, 1.0, STATES) * np.abs(after - before)
         self._P = self._back @ (P + errors) @ self._back.T
         self._x = self._back @ (after + steps)
         return self._state()

@@ -23,6 +23,7 @@ from ballbot.control.interface import Feedback
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import circle
 from ballbot.control.safety import SafetyLimits
+from ballbot.estimation import named_estimator
 from ballbot.firmware.estimators import reading_record
 from ballbot.firmware.host import CompiledController, Firmware
 from ballbot.firmware.records import parameter_record
@@ -90,19 +91,19 @@ class Beside:
     Parameters
     ----------
     controller : Controller
-    plant : SensedPlant
-        Its estimator is Python's.
+    readings : ReadingTap
+        The plant's estimator, Python's.
     taken : {"nothing", "state", "memory"}
         What Python's law takes from the firmware in each sample in place of its own.
     """
 
-    def __init__(self, controller: Controller, plant: SensedPlant, *, taken: Taken = "nothing") -> None:
+    def __init__(self, controller: Controller, readings: ReadingTap, *, taken: Taken = "nothing") -> None:
         self.controller, self.sample_time = controller, controller.sample_time
         self.estimator = controller.estimator
         limits = SafetyLimits.on_robot(controller.robot, sample_time=controller.sample_time)
         self.firmware = Firmware(parameter_record(controller, limits))
         self.firmware.skip_self_test()
-        self._tap = plant._estimator = ReadingTap(plant._estimator)
+        self._readings = readings
         self._rounded = Rounded(controller.robot, sample_time=controller.sample_time)
         self._taken: Taken = taken
         self._torques: list[NDArray[np.float64]] = []
@@ -116,7 +117,7 @@ class Beside:
 
     def update(self, t: float, state: ArrayLike, reference: ArrayLike) -> NDArray[np.float64]:
         """Return the firmware's torques (n,) [N m], and keep Python's."""
-        reading, exact = self._tap.reading, np.asarray(state)
+        reading, exact = self._readings.reading, np.asarray(state)
         wanted = np.asarray(reference, dtype=np.float32).astype(np.float64)  # the shaping differentiates it
         assert reading is not None
         memory = self.firmware.state["memory"].copy()
@@ -149,8 +150,11 @@ def beside(controller: Controller, *, duration: float, taken: Taken = "nothing",
         If the robot does not stay upright.
     """
     imperfections = Imperfections(sensors=controller.robot.sensors, backlash=0.017)
-    plant = SensedPlant(Model(controller.robot), imperfections, estimator=controller.estimator)
-    loop = Beside(controller, plant, taken=taken)
+    readings = ReadingTap(
+        named_estimator(controller.estimator, controller.robot, sample_time=imperfections.sensors.sample_time)
+    )
+    plant = SensedPlant(Model(controller.robot), imperfections, estimator=readings)
+    loop = Beside(controller, readings, taken=taken)
     log = simulate(plant, loop, circle(radius=0.5, period=8.0), duration=duration, seed=seed)
     if log.ended or loop.firmware.stop:
         raise RuntimeError(f"The robot has fallen: {log.ended or loop.firmware.stop}.")

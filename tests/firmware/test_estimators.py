@@ -20,7 +20,7 @@ from ballbot.firmware.processor_load import readings
 from ballbot.mechanics.geometry import transforms
 from campaigns.firmware_estimators import (
     MEMORIES,
-    ULP,
+    ROUNDOFF,
     Compiled,
     H,
     Rounded,
@@ -56,12 +56,15 @@ def test_onboard_state_is_python_s_but_for_rounding(preset, missing):
     )  # wheels turn by up to 60 rad/s
     # a velocity is a sum of some 20 products, each rounded, of numbers up to that size; angles only pass through, or
     # grow by a rate for a sample
-    bound = 20.0 * ULP * speed
+    bound = 20.0 * ROUNDOFF * speed
     assert np.nanmax(np.abs(found - exact)[:, 5:7]) <= bound
-    assert np.nanmax(np.abs(found - exact)[:, 2:5]) <= 4.0 * ULP * np.nanmax(np.abs(exact[:, 2:5]))
-    assert np.nanmax(np.abs(found - exact)[:, 7:]) <= 20.0 * ULP * np.nanmax(np.abs(exact[:, 7:])) + ULP
+    assert np.nanmax(np.abs(found - exact)[:, 2:5]) <= 4.0 * ROUNDOFF * np.nanmax(np.abs(exact[:, 2:5]))
+    assert (
+        np.nanmax(np.abs(found - exact)[:, 7:])
+        <= 20.0 * ROUNDOFF * np.nanmax(np.abs(exact[:, 7:])) + ROUNDOFF
+    )
     # a position's sum is compensated: errors of the velocity remain, which have either sign
-    assert np.nanmax(np.abs(found - exact)[:, :2]) <= bound * H * np.sqrt(1500.0) * 4.0 + 2.0 * ULP
+    assert np.nanmax(np.abs(found - exact)[:, :2]) <= bound * H * np.sqrt(1500.0) * 4.0 + 2.0 * ROUNDOFF
 
 
 @pytest.mark.parametrize("preset", ["alten", "cmu"])
@@ -76,7 +79,8 @@ def test_kalman_state_is_python_s_but_for_rounding(preset, missing, fixes):
     strayed = np.array([rounded.update(reading) for reading in given])
     error, bound = (np.nanmax(np.abs(one - exact), axis=0) for one in (found, strayed))
     # a state that is given is computed from those of the filter by a few operations more
-    assert (error <= bound + 4.0 * ULP * np.nanmax(np.abs(exact), axis=0)).all()  # 0.01 to 0.6 of it measured
+    # 0.01 to 0.6 of it measured
+    assert (error <= bound + 4.0 * ROUNDOFF * np.nanmax(np.abs(exact), axis=0)).all()
     kept, P = covariances(of_c, of_python)
     memory = of_c.memory["P"][0][:12, :12]  # of x and y, what lies below the diagonal is not kept
     assert (memory == memory.T).all()

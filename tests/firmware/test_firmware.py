@@ -24,7 +24,7 @@ from ballbot.firmware.estimators import reading_record
 from ballbot.firmware.export import PROJECT
 from ballbot.firmware.host import CompiledController, Firmware, SelfTestOutcome, library
 from ballbot.firmware.records import SafetyRecord, SafetyState, parameter_record
-from campaigns.firmware_estimators import ULP
+from campaigns.firmware_estimators import ROUNDOFF
 from campaigns.firmware_loop import beside, without_sums
 from tests.support.control_examples import FRICTION, alten
 
@@ -271,9 +271,8 @@ def test_firmware_balances_a_robot_with_the_torques_of_python(kind):
     assert loop.torques.max() < (1e-6 if kind is nominal_controller else 5e-5)
     if kind is precise_controller:
         error, bound = loop.states
-        assert (
-            error <= bound + 4.0 * ULP
-        ).all()  # what is given is computed from the filter's states, and below 1
+        # what is given is computed from the filter's states, and below 1
+        assert (error <= bound + 4.0 * ROUNDOFF).all()
 
 
 @pytest.mark.sample

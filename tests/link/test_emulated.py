@@ -70,7 +70,9 @@ def test_emulated_robot_compiles_without_a_warning(compiler, tmp_path):
         pytest.skip(f"{compiler} is missing")
     for source in [PROJECT / "robot.c", *sorted(HARDWARE.glob("*.c"))]:
         flags = ("-c", f"-I{PROJECT}", f"-I{HARDWARE}")
-        compile_sources(tmp_path / "one.o", [source], flags=flags, compiler=compiler)
+        made = tmp_path / f"{source.stem}.o"
+        compile_sources(made, [source], flags=flags, compiler=compiler)
+        assert made.stat().st_size > 0
 
 
 def test_robot_balances_and_follows_a_reference():

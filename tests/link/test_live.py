@@ -11,6 +11,7 @@ from ballbot.control.references import square
 from ballbot.errors import InputError
 from ballbot.firmware.build import compilers
 from ballbot.firmware.export import export_controller
+from ballbot.firmware.host import SelfTestOutcome
 from ballbot.link.emulated import CompiledRobot, EmulatedRobot
 from ballbot.link.frames import FrameReader, message_of
 from ballbot.link.live import ControlFromHost, FollowReference, LiveRobot, TorqueProgram, log_columns
@@ -283,6 +284,7 @@ def test_wiring_check_names_what_is_wrong(fault, codes, words):
 def test_exchanged_pairs_pass_the_self_test():
     live = Connected(Miswired(hand_of(), motors=(1, 0, 2), encoders=(1, 0, 2)))
     live.robot.test()
+    assert live.session.state.self_test == SelfTestOutcome.PASSED
 
 
 def test_silent_robot_ends_the_run_in_one_sentence():

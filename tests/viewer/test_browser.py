@@ -124,6 +124,7 @@ def test_plot_moves_the_time_cursor(tab, replay):
     tab.click("button.play")
     tab.press(x + 46 + 0.5 * (width - 56), y + 40)  # the middle of the plot within its margins
     tab.wait(f"Math.abs({CLOCK} - 5.0) < 0.1")
+    assert tab.complaints() == []
 
 
 def test_orbit_follow_and_ghosts_change_the_picture(tab, replay):

@@ -102,6 +102,7 @@ def test_arrow_key_pushes(tab):
     tab.key("ArrowRight")
     tab.wait(f"{LEAN} > 0.7")
     tab.wait(f"{LEAN} < 0.5")
+    assert tab.complaints() == []
 
 
 def test_dragged_reference_is_followed(tab):
@@ -110,6 +111,7 @@ def test_dragged_reference_is_followed(tab):
     tab.wait(f"{OFF} > 100")
     keep(tab.screenshot(), "live_reference")
     tab.wait(f"{OFF} < 60")
+    assert tab.complaints() == []
 
 
 def test_robot_without_motors_falls_and_is_put_up_again(tab):

@@ -92,7 +92,7 @@ def _position(alignment: Alignment, sensors: SensorErrors, place: PositionError)
         TimeSeries(
             t=log.t,
             panels=seen,
-            caption="The ball's center on board and by the cameras.",
+            caption="The ball's centre on board and by the cameras.",
             across=_ACROSS,
         ),
         TimeSeries(

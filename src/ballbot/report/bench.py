@@ -26,6 +26,7 @@ from ballbot.report.palette import SHADE
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Look, Panel, TimeSeries
 from ballbot.report.style import MEASURED, REFERENCE, WITH_FRICTION, WITHOUT_FRICTION, thinned
+from ballbot.report.words import DRIVELINE_SYMBOLS
 from ballbot.robot import Friction, Robot
 from ballbot.rounding import digits, value_and_error
 from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
@@ -150,13 +151,6 @@ def _comparison(described: Robot) -> list[str]:
     ]
 
 
-#: the parameters' symbols, for the page
-_SYMBOLS = (
-    "Friction of drivelines and ball-wheel contacts, for each wheel: b viscous, c dry, s what rest adds to c, which "
-    "fades around the speed v_s with the exponent delta. A dash: held at a bound, or the log does not show it."
-)
-
-
 def _parameter_table(found: UpsideDown, described: Robot, *, framed: bool) -> TextTable:
     friction = described.friction
     before = {
@@ -256,7 +250,11 @@ def upside_down_report(
         sections=[
             section(
                 "Friction found",
-                Sheet.of(_parameter_table(found, described, framed=False), caption=_SYMBOLS),
+                Sheet.of(
+                    _parameter_table(found, described, framed=False),
+                    caption=f"Friction of drivelines and ball-wheel contacts. {DRIVELINE_SYMBOLS} A dash: held at a "
+                    "bound, or the log does not show it.",
+                ),
                 Bullets(items=_comparison(described)) if _comparison(described) else None,
             ),
             section(

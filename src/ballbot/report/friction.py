@@ -162,11 +162,11 @@ def interval_figure(found: Identification) -> Figure:
     layout = found.layout
     before = layout.by_symbol(layout.nominal(found.predictor.robot))
     limited = found.intervals.keys() | found.variation.predictions.keys()
-    shown = [
-        (symbol, BY_NAME[name].unit, labels, value)
-        for name, (symbol, value) in zip(layout.names, found.parameters.items(), strict=True)
-        if not limited.isdisjoint(labels := BY_NAME[name].labels(layout.wheel_count)) or not limited
-    ]
+    shown = []
+    for name, (symbol, value) in zip(layout.names, found.parameters.items(), strict=True):
+        labels = BY_NAME[name].labels(layout.wheel_count)
+        if not limited or limited.intersection(labels):
+            shown.append((symbol, BY_NAME[name].unit, labels, value))
     figure = Figure(figsize=(7.4, 2.5 * -(-len(shown) // _ACROSS)), layout="constrained")
     panels = figure.subplots(-(-len(shown) // _ACROSS), _ACROSS, squeeze=False).ravel()
     for axes in panels[len(shown) :]:

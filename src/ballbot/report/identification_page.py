@@ -29,7 +29,7 @@ from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.study import friction_sentence
 from ballbot.report.style import STATE_UNITS
-from ballbot.report.words import state_mark
+from ballbot.report.words import DRIVELINE_SYMBOLS, state_mark
 from ballbot.rounding import digits
 from ballbot.workflows.study import StudiedLog
 
@@ -103,9 +103,8 @@ def _parameter_sheet(found: Identification) -> Sheet:
     headings = (made.headings[0], "in the robot file", "found", *made.headings[2:])
     together = any(one.method == "with sweep" for one in found.intervals.values())
     caption = (
-        "b viscous, c dry, s what rest adds to c, which fades around the speed v_s with the exponent delta, for each "
-        "wheel; C_rr the ball's rolling friction over its load. Standard errors are clustered by window; a dash: held "
-        "at a bound, or the logs do not show it."
+        f"{DRIVELINE_SYMBOLS} C_rr: the ball's rolling friction over its load. Standard errors are clustered by "
+        "window. A dash: held at a bound, or the logs do not show it."
     )
     with_sweep = " Numbers and errors are those of the logs and the sweep together."
     return Sheet(headings=headings, rows=rows, caption=caption + with_sweep * together)
@@ -189,7 +188,7 @@ def _error_blocks(found: Identification, holdouts: Sequence[HoldoutResult]) -> I
     yield Sheet(
         headings=made.headings,
         rows=[(state_mark(row[0]), *row[1:]) for row in made.cells],
-        caption=f"{made.heading}. (4.1) is the thesis's |x − x̂| / n over n samples, in each state's unit.",
+        caption=f"{made.heading}: |x − x̂| / n over n samples, in each state's unit.",
     )
     for one in holdouts:
         if one.horizons:

@@ -19,7 +19,7 @@ from ballbot.rounding import digits
 from ballbot.twin.recording import Recording
 from ballbot.workflows.comparison import Comparison
 from ballbot.workflows.record import RecordJob, RecordOutcome, settings
-from ballbot.workflows.twin_recommendations import COMPENSATIONS, HEADINGS, rows
+from ballbot.workflows.twin_recommendations import COMPENSATIONS, HEADINGS, NOMINAL, rows
 
 _HELD = {"driveline_sweep": "the wheels in the air", "upside_down": "upside down with the ball on its wheels"}
 _NOT_A_ROBOT = (
@@ -121,10 +121,6 @@ def _millimetres(metres: float | None) -> str:
     return "–" if metres is None else digits(1e3 * metres)
 
 
-#: the robot that the others are compared with
-_NOMINAL = "nominal: hard ball"
-
-
 def recommendations_report(robot: Robot, found: Mapping[str, Comparison], made: Provenance) -> Report:
     """Return the page of the thesis's recommendations."""
     sentences = []
@@ -133,7 +129,7 @@ def recommendations_report(robot: Robot, found: Mapping[str, Comparison], made: 
         best = min(errors, key=lambda name: errors[name])
         sentences.append(
             f"{words} the smallest RMS error is that of “{best}”, {digits(1e3 * errors[best], 2)} mm; the nominal "
-            f"robot has {digits(1e3 * errors[_NOMINAL], 2)} mm."
+            f"robot has {digits(1e3 * errors[NOMINAL], 2)} mm."
         )
     caption = "Means over the seeds, once settled; torque noise is the RMS change from sample to sample."
     return Report(

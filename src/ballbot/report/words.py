@@ -21,6 +21,12 @@ STATE_MARKS = {
     "psi": "ψ",
 }
 
+#: the meaning of the driveline's parameters, below a table that has them
+DRIVELINE_SYMBOLS = (
+    "b: viscous friction. c: Coulomb friction. s: static friction above c, which fades with speed at a rate set by v_s "
+    "and delta (the Stribeck effect). b, c and s have one value per wheel."
+)
+
 
 def interval_text(interval: Interval | None) -> str:
     """Return an interval's ends; "open" for a side that the logs do not limit, empty without an interval."""

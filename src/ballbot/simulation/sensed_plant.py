@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arrays import SHORTEST_SAMPLE, positive_number, real_array, real_number, whole_number
 from ballbot.errors import InputError
 from ballbot.estimation import named_estimator
-from ballbot.estimation.interface import EstimatorName, Reading
+from ballbot.estimation.interface import Estimator, EstimatorName, Reading
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.mechanics.model import Model
@@ -91,7 +91,8 @@ class SensedPlant:
     imperfections : Imperfections
     known : Robot, optional
         The robot that the estimator knows; the model's by default.
-    estimator : {"onboard", "kalman"}
+    estimator : {"onboard", "kalman"} or Estimator
+        A name makes a new one for the known robot; another estimator is reset and updated by the plant.
 
     Raises
     ------
@@ -106,7 +107,7 @@ class SensedPlant:
         imperfections: Imperfections,
         *,
         known: Robot | None = None,
-        estimator: EstimatorName = "onboard",
+        estimator: EstimatorName | Estimator = "onboard",
     ) -> None:
         if model.formulation != "exact":
             raise InputError(
@@ -132,7 +133,11 @@ class SensedPlant:
             accelerometer=imperfections.accelerometer,
             fix=imperfections.fix,
         )
-        self._estimator = named_estimator(estimator, assumed, sample_time=imperfections.sensors.sample_time)
+        self._estimator = (
+            named_estimator(estimator, assumed, sample_time=imperfections.sensors.sample_time)
+            if isinstance(estimator, str)
+            else estimator
+        )
         self._drive = DriveLimits(robot)
         self._slope = _Slope(robot, imperfections.slope)
         self._upright_cosine = math.cos(imperfections.fallen_lean)

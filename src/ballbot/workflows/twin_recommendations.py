@@ -26,6 +26,9 @@ from ballbot.workflows.comparison import Comparison, compare
 #: the controllers: without compensation, and with the better of the thesis's two, of the true friction
 COMPENSATIONS: tuple[Compensation, ...] = ("none", "partial")
 
+#: the name of the robot that the others are compared with
+NOMINAL = "nominal: hard ball"
+
 _LESS_PLAY = math.radians(0.1)  # of a precision gearbox
 _FIX = FixSource(rate=10.0)
 
@@ -51,7 +54,7 @@ def variants(robot: Robot) -> list[Variant]:
     single_row = Scenario.single_row(robot)
     return [
         Variant(name="softer ball, 30 kN/m", scenario=Scenario.soft_ball(robot)),
-        Variant(name="nominal: hard ball", scenario=nominal),
+        Variant(name=NOMINAL, scenario=nominal),
         Variant(name="single-row wheels", scenario=single_row),
         Variant(name="play 0.1 degrees", scenario=replace(nominal, backlash=_LESS_PLAY)),
         Variant(name="fix at 10 Hz, fused", scenario=replace(nominal, fix=_FIX), estimator="kalman"),

@@ -91,7 +91,10 @@ def warn_that_code_is_not_kept() -> None:
 
 
 class _RarerCollections(event.Listener):
-    """Fewer searches for garbage while Numba compiles: what it makes stays, and looking through it took a tenth."""
+    """Fewer searches for garbage while Numba compiles.
+
+    What Numba makes stays, and looking through it took 9 % of a cold start (median of five, benchmarks.paired_trees).
+    """
 
     def __init__(self) -> None:
         self._depth, self._before = 0, gc.get_threshold()

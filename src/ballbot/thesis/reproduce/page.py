@@ -42,10 +42,8 @@ _HEAD = """\
 
     ballbot reproduce --out thesis
 
-reproduces every figure and table of the thesis from the nominal twin and the models, and shows its misprints
-and
-mistakes by numbers. It takes about ten minutes on two cores. Run the command again to continue an interrupted
-run.
+reproduces every figure and table of the thesis from the nominal twin and the models, and shows its misprints and
+mistakes by numbers. It takes about ten minutes on two cores. Run the command again to continue an interrupted run.
 
 | file | what is in it |
 | :-- | :-- |
@@ -203,7 +201,7 @@ def reproduction_report(made: Reproduction, provenance: Provenance, figures: Map
 
 
 def _item_section(item: Item, figure: str | None) -> Section:
-    """Return a figure's or table's section; the thesis's number of it stands in the caption."""
+    """Return the section of a figure or table; its number in the thesis stands in the caption."""
     caption = f"Ours of the thesis's {item.name}."
     table = item.table
     return section(
