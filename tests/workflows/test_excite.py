@@ -138,21 +138,22 @@ def test_information_adds_and_noise_reduces_it():
 
 
 @pytest.mark.slow
-def test_errors_expected_are_those_that_identification_finds():
-    """With independent noise on the states, and nothing unmodelled, the two are one but for sampling."""
+@pytest.mark.parametrize("seed", [2, *(pytest.param(seed, marks=pytest.mark.sample) for seed in (3, 9))])
+def test_errors_expected_are_the_least_that_identification_finds(seed):
+    """With independent noise on the states, and nothing unmodelled; the linear bound neglects the curved valley."""
     log = balancing_log()
     question = asked(duration=25.0, deviations=NOISE, robot=alten(FRICTION)).question
     expected = question.in_units(expected_errors(question, [log]))
     options = IdentificationOptions(
         generations=10, population=12, evolution_windows=24, step=2.5e-3, most_profiles=0
     )
-    found = identify(alten(), noisy(log, seed=2), options=options)
+    found = identify(alten(), noisy(log, seed=seed), options=options)
     errors = np.concatenate([np.atleast_1d(one) for one in found.standard_errors.values()])
     known = np.isfinite(errors)
     assert known.sum() >= 9
-    # the fit has three quarters of the windows; errors of errors from 75 windows and 12 parameters are tens of percent
-    ratio = errors[known] / (expected[known] / math.sqrt(0.75))
-    assert 0.6 < np.exp(np.median(np.log(ratio))) < 1.6
+    ratio = errors[known] / (expected[known] / math.sqrt(1.0 - options.held_out))
+    # 1.05 to 1.89 in 14 seeds; the estimates themselves scatter by 0.97 to 2.0 times what is expected
+    assert 0.95 < np.exp(np.median(np.log(ratio))) < 2.0
 
 
 def test_robot_without_friction_uses_the_search_start():

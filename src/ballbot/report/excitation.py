@@ -259,7 +259,8 @@ def excitation_report(result: Excitation, robot: Robot, *, errors_svg: str, made
                 Sheet.of(_errors_table(result, framed=False)),
                 Picture(
                     markup=errors_svg,
-                    caption="Standard errors in percent of the bounds' width, of a square and of the design.",
+                    caption="Standard errors in percent of the bounds' width, of a square and of the design. Those "
+                    "expected are the least that are possible with the noise assumed: they compare runs.",
                 ),
             ),
         ],
