@@ -4,6 +4,7 @@ An example with everything in it::
 
     [file]                        # the text table; may be left out for CSV with a header
     separator = "blanks"          # comma (default), semicolon, tab, blanks
+    decimal = "comma"             # 0,5 is a half; "point" (default)
     missing = ["NA"]              # marks of a missing value, beside an empty cell and nan
     header_lines = 1              # lines before the first row, the last of them with the names
     names = ["i", "t_now"]        # the columns' names, if the header has none or wrong ones
