@@ -415,9 +415,17 @@ def compare(
         with result.replaced() as new:
             for name, log in zip(names, logs, strict=True):
                 log.write(new / f"{name}.csv")
-            write_text(new / "results.json", results_text(alternation_results(found) | {"provenance": about}))
-            words = about_words(connection, link)
-            result.write_page(alternation_report(found, logs, about=words, made=result.origin), new)
+            compared = {"before": str(files[0]), "after": str(files[1])}
+            found_results = alternation_results(found) | {"controllers": compared, "provenance": about}
+            write_text(new / "results.json", results_text(found_results))
+            page = alternation_report(
+                found,
+                logs,
+                controllers=(compared["before"], compared["after"]),
+                about=about_words(connection, link),
+                made=result.origin,
+            )
+            result.write_page(page, new)
         for name in names:
             (out / f"{name}{SUFFIX}").unlink(missing_ok=True)
     result.show(alternation_parts(found, framed=result.console.is_terminal))

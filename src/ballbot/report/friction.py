@@ -129,8 +129,8 @@ def parameter_blocks(found: Identification, logs: Sequence[StudiedLog]) -> Itera
     yield drawn_picture("friction", partial(friction_figure, found, logs), curve)
     if np.isfinite(found.correlation).any():
         pairs = (
-            "Correlation of the parameters' errors. A dark cell is a pair of which the data determine a combination "
-            "better than each. Parameters without a standard error are left out."
+            "Correlation of the parameters' errors. A strong color marks a pair of which the data determine a "
+            "combination better than each. Parameters without a standard error are left out."
         )
         draw = partial(correlation_figure, _symbols(found.labels), found.correlation)
         yield drawn_picture("parameters", draw, pairs)

@@ -63,8 +63,11 @@ def wiring_report(check: WiringCheck, *, about: str, made: Provenance) -> Report
     )
 
 
-def alternation_report(found: Alternation, logs: Sequence[Log], *, about: str, made: Provenance) -> Report:
-    """Return the page of two controllers in turn."""
+def alternation_report(
+    found: Alternation, logs: Sequence[Log], *, controllers: tuple[str, str], about: str, made: Provenance
+) -> Report:
+    """Return the page of two controllers in turn; `controllers` names the files of the one before and the one after."""
+    before, after = controllers
     tables = [one for one in alternation_parts(found, framed=False) if isinstance(one, TextTable)]
     verdicts = [
         f"Run {2 * k} against the prediction: {one.recommendation}. {one.reason}"
@@ -85,7 +88,7 @@ def alternation_report(found: Alternation, logs: Sequence[Log], *, about: str, m
     panel = Panel(label="distance from the reference [mm]", lines=lines, from_zero=True)
     return Report(
         title="Two controllers in turn on a live robot",
-        lead=about,
+        lead=f"{about} Before: {before}. After: {after}.",
         verdict=[("", conclusion(found))],
         sections=[
             section("Compared", *(Sheet.of(one) for one in tables), Bullets(items=verdicts)),

@@ -9,8 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
@@ -127,34 +128,34 @@ def correlation_figure(
         inches = max(_SMALLEST, inches * len(known) / len(labels))
         labels, correlation = [labels[place] for place in known], correlation[among]
         marked = None if marked is None else marked[among]
-    figure = Figure(figsize=(inches, 0.92 * inches), layout="constrained")
+    figure = Figure(figsize=(inches, inches), layout="constrained")
     axes = figure.subplots()
-    image = axes.pcolormesh(
-        correlation[::-1], cmap="PuOr_r", vmin=-1.0, vmax=1.0, edgecolor="white", linewidth=0.6
-    )
-    places = np.arange(len(labels)) + 0.5
-    axes.set_xticks(places, labels, rotation=90)
-    axes.set_yticks(places, labels[::-1])
-    axes.grid(visible=False)
-    axes.tick_params(length=0, labelsize=7.5, labelcolor=INK)
-    axes.set_aspect("equal")
-    for spine in axes.spines.values():
-        spine.set_visible(False)
     for (row, column), value in np.ndenumerate(correlation[::-1]):
-        if np.isfinite(value) and abs(value) >= 0.095:
-            strong = abs(value) > 0.6
-            axes.text(column + 0.5, row + 0.5, _two_digits(value), ha="center", va="center", fontsize=6.3,
-                      color=_ON_DARK if strong else _ON_LIGHT)  # fmt: skip
+        if not np.isfinite(value):
+            continue
+        # the page shows through a color, so that a small number is pale in either theme
+        fill = to_rgba(ORANGE if value > 0.0 else BLUE, alpha=min(abs(value), 1.0))
+        axes.add_patch(Rectangle((column, row), 1.0, 1.0, facecolor=fill, edgecolor="white", linewidth=0.6))
+        if abs(value) >= 0.095:
+            color = "white" if abs(value) > 0.6 else INK
+            at = (column + 0.5, row + 0.5)
+            axes.text(*at, _two_digits(value), ha="center", va="center", fontsize=6.3, color=color)
     if marked is not None:
         for row, column in np.argwhere(marked[::-1]):
-            frame = Rectangle(
-                (column + 0.06, row + 0.06), 0.88, 0.88, fill=False, edgecolor=_ON_LIGHT, linewidth=0.8
-            )
-            axes.add_patch(frame)
-    bar = figure.colorbar(image, ax=axes, shrink=0.6, ticks=[-1, -0.5, 0, 0.5, 1])
-    bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
-    bar.ax.tick_params(labelsize=7)
-    bar.set_label("correlation" if marked is None else "correlation; framed: significant")
+            place = (column + 0.06, row + 0.06)
+            axes.add_patch(Rectangle(place, 0.88, 0.88, fill=False, edgecolor=INK, linewidth=0.8))
+    count = len(labels)
+    axes.set(xlim=(0.0, count), ylim=(0.0, count), aspect="equal")
+    axes.set_xticks(np.arange(count) + 0.5, labels, rotation=90)
+    axes.set_yticks(np.arange(count) + 0.5, labels[::-1])
+    axes.grid(visible=False)
+    axes.tick_params(length=0, labelsize=7.5, labelcolor=INK)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    legend = [Patch(color=ORANGE, label="positive"), Patch(color=BLUE, label="negative")]
+    if marked is not None:
+        legend.append(Patch(facecolor="none", edgecolor=INK, label="significant"))
+    figure.legend(handles=legend, loc="outside upper left", ncols=len(legend))
     return figure
 
 
@@ -170,9 +171,6 @@ def symbols(labels: Sequence[str]) -> list[str]:
         for label in labels
     ]
 
-
-#: numbers in cells of a map, whose colors are the same in every theme
-_ON_LIGHT, _ON_DARK = "#1b2733", "#fdfdfd"
 
 #: styles of the wheels, distinct in grey too
 _WHEELS = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "^"), (INK, "D"))
