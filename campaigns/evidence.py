@@ -80,6 +80,12 @@ CAMPAIGNS = {
     "reproduce": "campaigns.reproduce",
 }
 
+#: campaigns whose section the page does not have, and why
+NOT_ON_THE_PAGE = {
+    "firmware_math": "not run yet over every float; tests/firmware/test_math.py measures a sample of them",
+    "reproduce": "compares docs/generated/reproduce.md, which `ballbot reproduce` writes, with a fresh run",
+}
+
 _HEAD = """# Evidence
 
 The results of long campaigns, of which the tests run samples. `make evidence` writes this page; the command under a

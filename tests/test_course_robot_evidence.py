@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import tomllib
+from pathlib import Path
+
+import pytest
 
 from ballbot.fitting.intervals import Interval
+from campaigns import course_robot
 from campaigns.course_robot import Found, pair_row, with_duties
+from campaigns.evidence import written_sections
 
 PROPOSED = """# proposed
 complete = false  # fill in the lines with cannot determine
@@ -49,3 +54,16 @@ def test_a_row_counts_what_each_interval_holds() -> None:
     assert counts == [3, 2, 2]
     # widths 0.4 over 0.2; and 1 over 0.2 + 40 * 0.3. An interval that is open has no score
     assert cells == ["1, 2 of 2", "0, 0 of 0", "1, 0 of 1", f"{(2.0 + 1.0 / 12.2) / 2.0:.2f}"]
+
+
+def test_the_pages_text_is_the_campaigns(monkeypatch: pytest.MonkeyPatch) -> None:
+    certain = Interval(lower=0.9, upper=1.1, method="clustered")
+    found = Found(values={"b1": 1.0}, conditional={"b1": certain}, prediction={"b1": certain})
+    monkeypatch.setattr(course_robot, "log_file", Path)
+    monkeypatch.setattr(course_robot, "found_in", lambda *_: found)
+    section = course_robot.campaign()
+    page = written_sections()["course_robot"]
+    assert f"## {section.title}\n\n{section.before}\n\n| {' | '.join(section.columns)} |\n" in page
+    assert [line.split(" | ")[0] for line in page.splitlines() if " for " in line and line[0] == "|"][1:] == [
+        f"| {row[0]}" for row in section.rows
+    ]
