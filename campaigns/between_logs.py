@@ -67,7 +67,7 @@ from ballbot.twin.faults import (
     Timing,
 )
 from campaigns.coverage import BEGIN
-from campaigns.section import Section
+from campaigns.section import Section, is_kept
 
 T = TypeVar("T")
 
@@ -175,7 +175,7 @@ def nominal_log(seed: int, scenario: Scenario = NOMINAL, *, duration: float = 48
 
 def _kept(name: str, make: Callable[[], T]) -> T:
     path = KEPT / f"{name}.pickle"
-    if path.exists():
+    if is_kept(path):
         return pickle.loads(read_sealed(path))
     made = make()
     path.parent.mkdir(parents=True, exist_ok=True)

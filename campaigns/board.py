@@ -39,7 +39,7 @@ from ballbot.workflows.comparison import CONFIDENCE, Estimate, Paired, initial_s
 from ballbot.workflows.courses import LEAGUE, Course, choose_courses
 from ballbot.workflows.league import METRIC_BY_KEY
 from ballbot.workflows.metrics import score
-from campaigns.section import Section
+from campaigns.section import Section, is_kept
 
 #: of the square, by controller. The nominal one's wandering scatters so much that no campaign would reach the target.
 SEEDS = {"nominal, partial": range(300, 306), "precise": range(300, 320)}
@@ -182,7 +182,7 @@ class _Kept:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+        lines = path.read_text(encoding="utf-8").splitlines() if is_kept(path) else []
         rows = [json.loads(line) for line in lines]
         self.runs: dict[Key, BoardRun] = {
             (course, name, side, seed): BoardRun(**values) for (course, name, side, seed), values in rows

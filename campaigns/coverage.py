@@ -42,7 +42,7 @@ from ballbot.simulation.plant import Measurement
 from ballbot.simulation.run import simulate
 from ballbot.thesis.reproduce.recordings import sources_of
 from benchmarks.workloads import nominal_robot
-from campaigns.section import Section
+from campaigns.section import Section, is_kept
 
 KEPT = Path(__file__).parents[1] / "build" / "coverage.json"
 DURATION = 32.0  # [s] of each log, twice around the square
@@ -150,7 +150,7 @@ def repeat(truth: Friction, *, seed: int) -> Repeat:
 def repeats(name: str, *, count: int, kept: Path | None = None, processes: int = 1) -> Iterator[Repeat]:
     """Yield repeats of the truth of that name, those first that are in the file kept; the others go into it."""
     code = sources_of("fitting", "identification", "mechanics", "simulation", "control", "robot", "log")
-    known = json.loads(read_sealed(kept, of=code)) if kept is not None and kept.exists() else {}
+    known = json.loads(read_sealed(kept, of=code)) if kept is not None and is_kept(kept) else {}
     keys = [f"{name} {seed}" for seed in range(count)]
     yield from (_from_plain(known[key]) for key in keys if key in known)
     missing = [seed for seed, key in enumerate(keys) if key not in known]

@@ -23,7 +23,7 @@ from ballbot.robot import Robot
 from ballbot.thesis.reproduce.recordings import sources_of
 from ballbot.twin.bench import run_bench, sweep_torques
 from ballbot.twin.scenario import Scenario
-from campaigns.section import Section
+from campaigns.section import Section, is_kept
 
 KEPT = Path(__file__).parents[1] / "build" / "driveline_coverage.json"
 #: not those that the method was developed on, which began at 0
@@ -73,7 +73,7 @@ def covered(done: Sequence[Numbers], truths: Sequence[Sequence[float]], place: i
 def campaign() -> Section:
     """Run what is not yet done and return the section of docs/generated/evidence.md."""
     code = sources_of("fitting", "identification", "mechanics", "simulation", "robot", "log", "twin")
-    known: dict[str, list[Numbers]] = json.loads(read_sealed(KEPT, of=code)) if KEPT.exists() else {}
+    known: dict[str, list[Numbers]] = json.loads(read_sealed(KEPT, of=code)) if is_kept(KEPT) else {}
     for seed in SEEDS:
         if str(seed) not in known:
             known[str(seed)] = [numbers_of(fit) for fit in fits_of(seed)]

@@ -35,7 +35,7 @@ from ballbot.simulation.run import simulate
 from ballbot.simulation.sensors import SensorFaults
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import Push, Softness, Timing
-from campaigns.section import Section
+from campaigns.section import Section, is_kept
 
 PRESETS = ("alten", "cmu", "kugle", "rezero", "rob311")
 REFERENCES = ("hold", "square", "circle", "figure_eight", "change_pose")
@@ -237,6 +237,8 @@ def outcomes(seeds: Sequence[int], *, kept: Path | None = None, processes: int =
 
 def campaign() -> Section:
     """Check all logs and return the section of docs/generated/evidence.md."""
+    for path in KEPT.glob("*.parquet"):
+        is_kept(path)  # other processes read them
     return section(sorted(_followed(range(LOGS)), key=lambda one: one.seed))
 
 

@@ -50,6 +50,7 @@ from ballbot.workflows.controller_choice import (
     choose_controller,
     draw_plants,
 )
+from campaigns.section import is_kept
 
 KEPT = Path(__file__).parents[1] / "build" / "controller_prediction"
 ROBOT = Robot.load("alten")
@@ -341,7 +342,7 @@ def recorded(twins: Sequence[FaultyTwin], *, of: str) -> list[dict[str, Log]]:
         Name of the folder within `KEPT`.
     """
     jobs = [(twin, name) for twin in twins for name in CONTROLLERS]
-    missing = [job for job in jobs if not _log_path(of, *job).exists()]
+    missing = [job for job in jobs if not is_kept(_log_path(of, *job))]
     if missing:
         with worker_pool(PROCESSES) as pool:
             studied()  # on file before processes look for it
@@ -367,7 +368,7 @@ def _read(path: Path) -> Log:
 
 def _kept(name: str, make: Callable[[], T]) -> T:
     path = KEPT / name
-    if path.exists():
+    if is_kept(path):
         return pickle.loads(read_sealed(path))
     path.parent.mkdir(parents=True, exist_ok=True)
     made = make()

@@ -54,7 +54,7 @@ from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.imperfections import imperfections_of, true_model
 from campaigns.foreign_logs import Habits, columns_of, commands, draw, row_times, write
-from campaigns.section import Section
+from campaigns.section import Section, is_kept
 
 Half = Literal["development", "second_development", "test"]
 
@@ -167,7 +167,7 @@ OWN_ROBOTS = {"column": _column, "pocket": _pocket, "broad_four_wheels": _broad}
 def recording(half: Half, robot: str, motion: str) -> Log:
     """Return the log of a robot's own sensors, from `KEPT` if it was recorded before."""
     path = KEPT / f"{half}_{robot}_{motion}.parquet"
-    if not path.exists():
+    if not is_kept(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         _recorded(half, robot, motion).write(path)
     return Log.read(path)

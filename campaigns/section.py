@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +31,20 @@ class Section:
         lines += [f"| {' | '.join(self.columns)} |", f"|---|{'---:|' * (len(self.columns) - 1)}"]
         lines += [f"| {' | '.join(row)} |" for row in self.rows]
         return "\n".join([*lines, "", *([self.after, ""] if self.after else [])])
+
+
+_BEGUN = time.time()
+#: files of results that this run reads and an earlier one made
+EARLIER: set[Path] = set()
+
+
+def is_kept(path: Path) -> bool:
+    """Return whether a file of results exists; enter it in `EARLIER` if an earlier run made it."""
+    if not path.exists():
+        return False
+    if path.stat().st_mtime < _BEGUN:
+        EARLIER.add(path)
+    return True
 
 
 class DataMissingError(Exception):

@@ -1,8 +1,17 @@
-"""The page of the campaigns: its sections."""
+"""The page of the campaigns: its sections and the times under them."""
 
 from __future__ import annotations
 
+import os
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from campaigns import evidence
 from campaigns.evidence import CAMPAIGNS, NOT_ON_THE_PAGE, written_sections
+from campaigns.section import Section, is_kept
 
 
 def test_every_campaign_has_its_section_or_a_reason_for_none() -> None:
@@ -11,3 +20,24 @@ def test_every_campaign_has_its_section_or_a_reason_for_none() -> None:
     assert set(NOT_ON_THE_PAGE) <= set(CAMPAIGNS)
     for name, section in written.items():
         assert f"`python -m campaigns.evidence {name}`" in section.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("age", "stated"), [(-3600.0, "from results that an earlier run kept"), (3600.0, "0 s")]
+)
+def test_time_is_stated_only_of_a_run_that_made_its_results(
+    age: float, stated: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def campaign() -> Section:
+        assert is_kept(file)
+        return Section(title="A sample", before="Text.", columns=["a"], rows=[["1"]])
+
+    file = tmp_path / "kept.json"
+    file.touch()
+    moment = time.time() + age
+    os.utime(file, (moment, moment))
+    monkeypatch.setattr(evidence, "PAGE", tmp_path / "evidence.md")
+    monkeypatch.setattr(evidence, "CAMPAIGNS", {"sample": __name__})
+    monkeypatch.setattr(sys.modules[__name__], "campaign", campaign, raising=False)
+    evidence.main(["sample"])
+    assert f"`python -m campaigns.evidence sample`, {stated}" in written_sections()["sample"]
