@@ -12,11 +12,12 @@ from matplotlib.figure import Figure
 
 from ballbot.control.controller import Controller
 from ballbot.control.lqr import LqrDesign
-from ballbot.control.presets import IntegralDesign
+from ballbot.control.presets import IntegralDesign, nominal_controller
 from ballbot.fitting.checkpoint import digest
 from ballbot.log import Log
 from ballbot.robot import Robot
 from ballbot.summary import HEIGHT, WIDTH, Summary
+from ballbot.workflows.controller_design import design_controller
 from ballbot.workflows.perturbed_robots import CostUnits, PerturbationRanges
 from ballbot.workflows.robust_design import ComparedDesign, RobustDesign
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
@@ -65,13 +66,15 @@ RESULTS = {
     "robot of four wheels": lambda: four_wheeled(friction=True),
     "log": lambda: with_wheels(smooth_log(rows=40), alten()),
     "log of one row": lambda: Log({"t": [0.0], "other": [np.nan]}, ended="fallen: a lean of 0.9 rad"),
-    "controller": lambda: Controller(alten(), GAIN),
+    "controller": lambda: nominal_controller("alten"),
+    "controller of an unstable loop": lambda: Controller(alten(), GAIN),
     "controller with every part": lambda: everything(alten(FRICTION)),
     "gain": lambda: LQR,
     "gain with integral": lambda: IntegralDesign(
         gain=GAIN, integral_gain=GAIN[:, :3], poles=np.linspace(-1, -9, 13) + 0j, sample_time=5e-3
     ),
     "robust design": robust,
+    "controller design": lambda: design_controller(alten(FRICTION)),
 }
 
 
@@ -80,11 +83,23 @@ def test_result_fits_a_screen(name):
     assert_fits_a_screen(RESULTS[name]())
 
 
-@pytest.mark.parametrize("name", ["robot", "log", "gain", "gain with integral", "robust design"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "robot", "log", "controller", "controller with every part", "gain", "gain with integral", "robust design",
+        "controller design",
+    ],
+)  # fmt: skip
 def test_plot_returns_a_figure_that_a_notebook_shows(name):
     figure = RESULTS[name]().plot()
     assert isinstance(figure, Figure)
     assert "<svg" in figure._repr_svg_()  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_plot_of_a_controller_whose_loop_is_unstable_shows_its_poles():
+    figure = RESULTS["controller of an unstable loop"]().plot()
+    assert figure.axes[0].get_xlabel() == "real part [rad/s]"
+    assert RESULTS["controller"]().plot().axes[0].get_ylabel() == "gain [dB]"
 
 
 def test_log_without_known_columns_is_plotted():

@@ -30,6 +30,8 @@ WIDTH, HEIGHT = 80, 24
 _LONGEST_NAME = 22
 #: the module and the function that draw a value, by its class
 _FIGURES = {
+    "Controller": ("ballbot.report.plots", "controller_figure"),
+    "ControllerDesign": ("ballbot.report.plots", "controller_design_figure"),
     "Identification": ("ballbot.report.friction", "wheel_friction_figure"),
     "IntegralDesign": ("ballbot.report.plots", "design_figure"),
     "Log": ("ballbot.report.plots", "log_figure"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +18,10 @@ from ballbot.estimation.interface import EstimatorName, checked_name
 from ballbot.log.columns import STATE_NAMES
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.derived import encoder_step
-from ballbot.summary import Summary, summarized
+from ballbot.summary import Summary, plotted, summarized
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Compensation = Literal["none", "full", "partial"]
 
@@ -143,6 +146,10 @@ class Controller:
         )
         title = f"Controller of the robot {self.robot.name}, {sampling_words(self.sample_time)}"
         return Summary(title=title, rows=(*rows, *gain_rows(self.gain)))
+
+    def plot(self) -> Figure:
+        """Return the Bode diagram of the loop and its step response; an unstable loop has only its poles drawn."""
+        return plotted(self)
 
     def with_compensation(self, compensation: Compensation) -> Controller:
         """Return a copy that compensates friction in another way."""

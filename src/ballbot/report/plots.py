@@ -1,23 +1,28 @@
-"""Figures of results by themselves, as `.plot()` of a log, a design, a validation or a study returns them."""
+"""Figures of results by themselves, as `.plot()` of a log, a controller, a design or a study returns them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ballbot.control.controller import Controller
+from ballbot.control.linear import robot_loop
 from ballbot.control.lqr import LqrDesign
+from ballbot.control.margins import loop_margins
 from ballbot.control.presets import IntegralDesign
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.columns import unit_of
 from ballbot.report.comparison import paths_figure
-from ballbot.report.loop import poles_figure
+from ballbot.report.loop import margins_figure, poles_figure
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
 from ballbot.report.style import label_of, thinned
 from ballbot.report.validation_figures import horizon_figure
 from ballbot.validation import Validation
+from ballbot.workflows.controller_design import ControllerDesign
 from ballbot.workflows.study import Study
 
 #: panels of a log over time: columns drawn together, with what they are
@@ -31,6 +36,8 @@ _PANELS = (
 _LOOKS = ((BLUE, "-"), (ORANGE, "--"), (INK, ":"), (MUTED, "-."))
 #: columns of a log that has none of the above
 _MOST_COLUMNS = 6
+#: absolute value below which a sampled pole has no continuous one: it settles within a sample
+_DEADBEAT = 1e-6
 
 
 def log_figure(log: Log) -> Figure:
@@ -67,6 +74,22 @@ def _draw_columns(axes: Axes, log: Log, names: Sequence[str]) -> None:
 def design_figure(design: LqrDesign | IntegralDesign) -> Figure:
     """Return the poles of the closed loop in the complex plane."""
     return poles_figure(closed_loop=design.poles)
+
+
+def controller_figure(controller: Controller) -> Figure:
+    """Return the Bode diagram of the loop and its step response, or the poles of an unstable loop."""
+    loop = robot_loop(controller)
+    try:
+        return margins_figure(loop_margins(loop))
+    except InputError:
+        poles = np.asarray(np.linalg.eigvals(loop.closed()), dtype=np.complex128)
+        slow = poles[np.abs(poles) > _DEADBEAT]
+        return poles_figure(closed_loop=np.asarray(np.log(slow) / loop.sample_time, dtype=np.complex128))
+
+
+def controller_design_figure(design: ControllerDesign) -> Figure:
+    """Return the Bode diagram of the loop and its step response."""
+    return margins_figure(design.loop_margins)
 
 
 def validation_figure(validation: Validation) -> Figure:

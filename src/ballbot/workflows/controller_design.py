@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.lqr import LqrDesign, gain_rows
@@ -37,8 +37,11 @@ from ballbot.errors import InputError
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_friction
 from ballbot.robot.variations import Propagated, propagate
-from ballbot.summary import Summary, pole_words, summarized
+from ballbot.summary import Summary, plotted, pole_words, summarized
 from ballbot.workflows.robot_check import linearization_results
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Kind = Literal["nominal", "precise"]
 
@@ -119,6 +122,10 @@ class ControllerDesign:
             ("margins", self.loop_margins.sentence()),
         )
         return Summary(title=f"Controller designed for the robot {self.controller.robot.name}", rows=rows)
+
+    def plot(self) -> Figure:
+        """Return a figure of the loop's Bode diagram and of its step response."""
+        return plotted(self)
 
     def results(self) -> dict[str, object]:
         """Return the design's entries of results.json."""
