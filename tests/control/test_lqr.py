@@ -130,3 +130,11 @@ def test_unstabilisable_systems_are_refused(model):
     unreached = Matrices(block_diag(space.A, [[2.5]]), np.vstack([space.B, np.zeros(3)]))
     with pytest.raises(InputError, match=r"2\.5 rad/s"):
         lqr(unreached, np.append(Q, 1.0), R)
+
+
+def test_a_robot_is_given_by_value_or_name(model):
+    expected = lqr(model, Q, R, sample_time=0.005).gain
+    np.testing.assert_array_equal(lqr("alten", Q, R, sample_time=0.005).gain, expected)
+    np.testing.assert_array_equal(lqr(alten(), Q, R, sample_time=0.005).gain, expected)
+    with pytest.raises(InputError, match="did you mean the preset 'alten'"):
+        lqr("altn", Q, R)

@@ -294,3 +294,9 @@ def test_step_response_is_that_of_the_law_that_runs(name):
         x = F @ x + G @ u
     assert step.states[-1, 1] == pytest.approx(1e-4, rel=0.02)
     assert step.t[-1] == pytest.approx(loop.sample_time * (len(step.t) - 1))
+
+
+@pytest.mark.parametrize(("given", "named"), [("nominal", "'nominal'"), (alten(), "an object of type Robot")])
+def test_margins_without_a_robot_are_refused_in_a_sentence(given, named):
+    with pytest.raises(InputError, match=f"{named}; they need a Controller, which knows its robot"):
+        loop_margins(given)

@@ -121,7 +121,7 @@ def test_inconsistent_batches_are_refused():
 
 def test_names_are_taken_for_controllers_references_and_robots():
     model = Model("alten")
-    by_name = simulate_batch(model, "nominal", "hold", duration=0.1, robots=["alten"])
+    by_name = simulate_batch("alten", "nominal", "hold", duration=0.1, robots=["alten"])
     by_value = simulate_batch(model, nominal_controller("alten"), hold(), duration=0.1)
     np.testing.assert_array_equal(by_name.states, by_value.states)
     with pytest.raises(InputError, match="did you mean 'nominal'"):

@@ -155,3 +155,11 @@ def test_progress_is_reported(model):
     controller = nominal_controller(model.robot)
     simulate(model, controller, hold(), duration=2.0, progress=lambda now: shares.append(now.share))
     assert shares == [0.25, 0.5, 0.75, 1.0]
+
+
+def test_a_robot_is_given_by_value_or_name():
+    by_name = simulate("alten", "nominal", "hold", duration=0.1)
+    by_value = simulate(Model("alten"), "nominal", "hold", duration=0.1)
+    np.testing.assert_array_equal(by_name.states, by_value.states)
+    with pytest.raises(InputError, match="did you mean the preset 'alten'"):
+        simulate("altn", "nominal", "hold", duration=0.1)

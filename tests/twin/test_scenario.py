@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from ballbot.errors import InputError, OldFileFormat
 from ballbot.mechanics.friction_laws import Armstrong, Dahl, LuGre, Smoothed
 from ballbot.robot import Friction, Robot
-from ballbot.twin import Scenario, mjcf
+from ballbot.twin import Scenario, Twin, mjcf
 from ballbot.twin.faults import (
     Compliance,
     CurrentLoop,
@@ -207,3 +207,12 @@ def test_keys_of_earlier_versions_are_read_with_a_hint(tmp_path: Path) -> None:
 def test_an_old_file_is_read_without_a_hint_if_its_keys_have_not_changed() -> None:
     found = load_scenario(ROOT / "tests" / "golden" / "files" / "scenario.toml", ALTEN)
     assert found == Scenario.resonant(ALTEN)
+
+
+def test_a_robot_and_a_scenario_are_given_by_value_or_name() -> None:
+    assert Scenario.nominal("alten") == NOMINAL
+    assert Scenario.named("ideal", "alten") == Scenario.ideal(ALTEN) == load_scenario("ideal", "alten")
+    assert Twin("alten", "ideal").scenario == Scenario.ideal(ALTEN)
+    assert Twin("alten").scenario == NOMINAL
+    with pytest.raises(InputError, match="did you mean the preset 'alten'"):
+        Twin("altn")

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
@@ -22,6 +23,8 @@ from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
 from ballbot.errors import InputError
 from ballbot.log.columns import STATE_NAMES
+from ballbot.mechanics.model import Model
+from ballbot.robot import Robot, RobotLike
 from ballbot.summary import Summary, plotted, pole_words, summarized
 
 if TYPE_CHECKING:
@@ -91,7 +94,7 @@ def gain_rows(gain: NDArray[np.float64]) -> tuple[tuple[str, str], ...]:
 
 
 def lqr(
-    model: Linearizable | StateSpace,
+    model: Linearizable | StateSpace | RobotLike,
     Q: ArrayLike,
     R: ArrayLike,
     sample_time: float | None = None,
@@ -101,7 +104,7 @@ def lqr(
 
     Parameters
     ----------
-    model : Model or state space
+    model : Model, robot, preset, robot file or state space
         Linearised about upright where it can be; a robot's states are ordered as everywhere, and psi = 0.
     Q : array_like (m,) or (m, m)
         Weight of the states, or its diagonal; positive semidefinite.
@@ -122,6 +125,8 @@ def lqr(
         If a weight is not what it must be, an unstable pole is out of the inputs' reach, or no gain is both
         stabilising and optimal because a pole on the border of stability costs nothing.
     """
+    if isinstance(model, Robot | str | Path):
+        model = Model(model)
     space = model if isinstance(model, StateSpace) else model.linearize()
     A, B = np.asarray(space.A, float), np.asarray(space.B, float)
     m, n = B.shape

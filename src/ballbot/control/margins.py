@@ -176,9 +176,16 @@ def loop_margins(loop: RobotLoop | Controller) -> Margins:
     Raises
     ------
     InputError
-        If the loop is unstable as it is.
+        If the loop is unstable as it is, or it is not a loop or a controller of Ballbot.
     """
-    loop = robot_loop(loop) if isinstance(loop, Controller) else loop
+    if isinstance(loop, Controller):
+        loop = robot_loop(loop)
+    elif not isinstance(loop, RobotLoop):
+        given = repr(loop) if isinstance(loop, str) else f"an object of type {type(loop).__name__}"
+        raise InputError(
+            f"The margins are asked of {given}; they need a Controller, which knows its robot, such as "
+            "ballbot.control.presets.nominal_controller('alten')."
+        )
     radius = _radius(loop.closed()[None])[0]
     if not radius < 1.0:
         raise InputError(

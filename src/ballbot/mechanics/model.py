@@ -304,6 +304,21 @@ class Model:
         return max(1, int(wanted))
 
 
+#: a model, or the robot of an exact one: a robot, the name of a preset, or the path of a robot file
+ModelLike = Model | RobotLike
+
+
+def as_model(source: ModelLike) -> Model:
+    """Return the model itself, or the exact one of a robot, of the preset of that name or of that file.
+
+    Raises
+    ------
+    InputError
+        If it is none of these.
+    """
+    return source if isinstance(source, Model) else Model(source)
+
+
 def _rows(arguments: list[tuple[ArrayLike, int, str]]) -> tuple[list[NDArray[np.float64]], tuple[int, ...]]:
     """Return the arguments as rows of one common count, and the shape that they are rows of."""
     arrays = [real_array(value, ("...", size), name) for value, size, name in arguments]

@@ -36,7 +36,7 @@ from ballbot.mechanics.engine.run import (
 from ballbot.mechanics.engine.smooth import pose
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.friction import wheel_law
-from ballbot.mechanics.model import Model
+from ballbot.mechanics.model import Model, ModelLike, as_model
 from ballbot.mechanics.parameters import pack, selector
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.simulation.conditions import FALLING_PART, Conditions, pack_conditions
@@ -172,18 +172,22 @@ class ClosedLoopBatch:
         return np.isinf(self.ended)
 
 
-def _compiled_controller(source: ControllerLike, robot: Robot) -> Controller:
-    """Return a controller whose law is compiled into the lanes."""
+def _compiled_controllers(
+    source: ControllerLike | Sequence[ControllerLike], robot: Robot
+) -> list[Controller]:
+    """Return the controllers, whose laws are compiled into the lanes."""
+    if isinstance(source, Sequence) and not isinstance(source, str):
+        return [one for each in source for one in _compiled_controllers(each, robot)]
     controller = as_controller(source, robot)
     if not isinstance(controller, Controller):
         raise InputError(
             f"A batch runs controllers of Ballbot, not one of type {type(controller).__name__}; run it with `simulate`."
         )
-    return controller
+    return [controller]
 
 
 def simulate_batch(
-    model: Model,
+    model: ModelLike,
     controller: Controller | str | Path | Sequence[Controller | str | Path],
     reference: ReferenceLike,
     *,
@@ -199,7 +203,7 @@ def simulate_batch(
 
     Parameters
     ----------
-    model : Model
+    model : Model, robot, preset or robot file
         Gives the formulation, the inner step and the pivoting friction, and the robot where `robots` does not.
         A ball that pivots starts without spin.
     controller : Controller, "nominal", "precise" or controller file, or a sequence of them
@@ -230,12 +234,8 @@ def simulate_batch(
     InputError
         If lanes, wheels or sample times disagree, or the reference asks for a lean or a rate.
     """
-    given = (
-        list(controller)
-        if isinstance(controller, Sequence) and not isinstance(controller, str)
-        else [controller]
-    )
-    controllers = [_compiled_controller(one, model.robot) for one in given]
+    model = as_model(model)
+    controllers = _compiled_controllers(controller, model.robot)
     bodies = [model.robot] if robots is None else [as_robot(one) for one in robots]
     initial = checked_states(np.zeros(10) if initial_states is None else initial_states)
     borne = [Conditions()] if conditions is None else list(conditions)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -12,9 +14,10 @@ from ballbot.control.safety import SafeController
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, torque_names, wheel_angle_names, wheel_speed_names
-from ballbot.mechanics.model import Model
+from ballbot.mechanics.model import Model, ModelLike, as_model
 from ballbot.notebook import in_notebook
 from ballbot.progress import Progress, ProgressCallback
+from ballbot.robot import Robot
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement, Plant
 
@@ -25,7 +28,7 @@ _MOST = MOST_CELLS // 45
 
 
 def simulate(
-    plant: Plant | Model,
+    plant: Plant | ModelLike,
     controller: ControllerLike,
     reference: ReferenceLike,
     *,
@@ -38,8 +41,8 @@ def simulate(
 
     Parameters
     ----------
-    plant : Plant or Model
-        A model is run with perfect sensors (`ModelPlant`).
+    plant : Plant, Model, robot, preset or robot file
+        A model, or the exact one of a robot, is run with perfect sensors (`ModelPlant`).
     controller : Feedback, "nominal", "precise" or controller file
         A `Controller`, or any object with `sample_time`, `reset()` and `update(t, state, reference)`. It is run
         behind the safety layer, with the default limits unless it is a `SafeController` with its own.
@@ -66,7 +69,8 @@ def simulate(
     InputError
         If the duration or the initial state is invalid, or the controller returns anything but n numbers.
     """
-    active = ModelPlant(plant) if isinstance(plant, Model) else plant
+    modelled = isinstance(plant, Model | Robot | str | Path)
+    active = ModelPlant(as_model(plant)) if modelled else plant
     controller, wanted_at = as_controller(controller, active.robot), as_reference(reference)
     samples = sample_count(duration, controller.sample_time)
     guarded = (

@@ -34,7 +34,7 @@ from ballbot.arrays import SHORTEST_STEP
 from ballbot.errors import InputError, OldFileFormat, suggest
 from ballbot.file_formats import format_line, take_format
 from ballbot.files import read_toml, write_text
-from ballbot.robot import Friction, Robot, Rollers, Sensors
+from ballbot.robot import Friction, Robot, RobotLike, Rollers, Sensors, as_robot
 from ballbot.robot.checks import check_number
 from ballbot.robot.parameters import DIMENSIONLESS, parameter, parameters_of, table
 from ballbot.schema import renamed_keys, toml_line, validate_table
@@ -205,17 +205,17 @@ class Scenario:
     )
 
     @staticmethod
-    def nominal(robot: Robot) -> Scenario:
+    def nominal(robot: RobotLike) -> Scenario:
         """Return the scenario that reproduces the robot of the thesis.
 
         Its values are frozen: tuning them to suit a result would make the result worthless. They are those of a
         three-wheeled robot; with another number of wheels they repeat. Rollers and sensors are those of the robot file.
         """
-        count = robot.wheel_count
+        robot = as_robot(robot)
         friction = Friction(
-            viscous=_repeated((0.014, 0.016, 0.013), count),
-            coulomb=_repeated((0.11, 0.09, 0.12), count),
-            stribeck=_repeated((0.05, 0.04, 0.06), count),
+            viscous=_repeated((0.014, 0.016, 0.013), robot),
+            coulomb=_repeated((0.11, 0.09, 0.12), robot),
+            stribeck=_repeated((0.05, 0.04, 0.06), robot),
             stribeck_speed=0.6,
             stribeck_exponent=1.1,
             rolling=0.007,
@@ -231,33 +231,33 @@ class Scenario:
         )
 
     @staticmethod
-    def ideal(robot: Robot) -> Scenario:
+    def ideal(robot: RobotLike) -> Scenario:
         """Return `nominal` without friction, play or noise; the ball still does not pivot, as in the exact model."""
-        nominal, friction = Scenario.nominal(robot), Friction.none(robot.wheel_count)
+        nominal, friction = Scenario.nominal(robot), Friction.none(as_robot(robot).wheel_count)
         sensors = replace(nominal.sensors, gyro_noise=0.0, attitude_noise=0.0, heading_drift=0.0)
         quiet = replace(nominal, backlash=0.0, torque_noise=0.0, sensors=sensors)
         return replace(quiet, name="ideal", friction=friction)
 
     @staticmethod
-    def wide_rows(robot: Robot) -> Scenario:
+    def wide_rows(robot: RobotLike) -> Scenario:
         """Return `nominal` with the rows of rollers 22 mm apart, as on the wheels of a cheap robot."""
         nominal = Scenario.nominal(robot)
         return replace(nominal, name="wide_rows", rollers=replace(nominal.rollers, row_spacing=0.022))
 
     @staticmethod
-    def single_row(robot: Robot) -> Scenario:
+    def single_row(robot: RobotLike) -> Scenario:
         """Return `nominal` with single-row wheels of twice as many rollers, as the thesis recommends."""
         nominal = Scenario.nominal(robot)
         rollers = replace(nominal.rollers, rows=1, per_row=2 * nominal.rollers.per_row)
         return replace(nominal, name="single_row", rollers=rollers)
 
     @staticmethod
-    def single_point(robot: Robot) -> Scenario:
+    def single_point(robot: RobotLike) -> Scenario:
         """Return `nominal` with wheels that touch the ball in a single point, as in the equations of motion."""
         return replace(Scenario.nominal(robot), name="single_point", wheel_contact="point")
 
     @staticmethod
-    def resonant(robot: Robot) -> Scenario:
+    def resonant(robot: RobotLike) -> Scenario:
         """Return `nominal` with drivelines that twist: a lightly damped resonance at 40 Hz.
 
         The nominal gain still balances it; at 30 Hz or with half the damping it oscillates until it falls.
@@ -266,7 +266,7 @@ class Scenario:
         return replace(Scenario.nominal(robot), name="resonant", compliance=compliance)
 
     @staticmethod
-    def soft_ball(robot: Robot) -> Scenario:
+    def soft_ball(robot: RobotLike) -> Scenario:
         """Return `nominal` with a ball that deforms by 30 um for each newton of a wheel, like an inflated one."""
         softness = Softness(stiffness=3e4, damping=200.0)
         return replace(Scenario.nominal(robot), name="soft_ball", softness=softness)
@@ -277,7 +277,7 @@ class Scenario:
         return list(_NAMED)
 
     @staticmethod
-    def named(name: str, robot: Robot) -> Scenario:
+    def named(name: str, robot: RobotLike) -> Scenario:
         """Return the scenario of that name for a robot; raise InputError if the name is unknown."""
         if name not in _NAMED:
             hint = suggest(name, _NAMED, otherwise="there are")
@@ -285,11 +285,11 @@ class Scenario:
         return _NAMED[name](robot)
 
 
-def _repeated(values: tuple[float, ...], count: int) -> tuple[float, ...]:
-    return tuple(values[i % len(values)] for i in range(count))
+def _repeated(values: tuple[float, ...], robot: Robot) -> tuple[float, ...]:
+    return tuple(values[i % len(values)] for i in range(robot.wheel_count))
 
 
-_NAMED: dict[str, Callable[[Robot], Scenario]] = {
+_NAMED: dict[str, Callable[[RobotLike], Scenario]] = {
     "nominal": Scenario.nominal,
     "ideal": Scenario.ideal,
     "wide_rows": Scenario.wide_rows,
@@ -385,7 +385,7 @@ base = "nominal"
 """
 
 
-def load_scenario(source: str | Path, robot: Robot) -> Scenario:
+def load_scenario(source: str | Path, robot: RobotLike) -> Scenario:
     """Return the scenario of that name, or the one in that TOML file, for a robot.
 
     Warns with `OldFileFormat` if an earlier version wrote the file.
@@ -409,7 +409,7 @@ def load_scenario(source: str | Path, robot: Robot) -> Scenario:
 
 
 def scenario_of(
-    tree: Mapping[str, object], robot: Robot, *, default_name: str, source: str = "The scenario"
+    tree: Mapping[str, object], robot: RobotLike, *, default_name: str, source: str = "The scenario"
 ) -> Scenario:
     """Return the scenario that the tables of a scenario file describe, for a robot.
 
@@ -437,7 +437,7 @@ def scenario_of(
     values = _merged(asdict(replace(start, driveline_laws=())), {"name": default_name, **changes})
     scenario = validate_table(Scenario, values, of="a scenario file")
     scenario = replace(scenario, driveline_laws=start.driveline_laws if laws is None else read_laws(laws))
-    check_scenario(scenario, robot)
+    check_scenario(scenario, as_robot(robot))
     if hints:
         warnings.warn(
             f"{source} was written by an earlier version: {'; '.join(hints)}.", OldFileFormat, stacklevel=2

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -19,14 +20,14 @@ from ballbot.arrays import positive_number, real_array
 from ballbot.estimation.interface import Estimator
 from ballbot.estimation.onboard import OnboardState
 from ballbot.mechanics.geometry import angle_rates, quaternion_of, transforms
-from ballbot.robot import Robot
+from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.sensors import SensorSuite, sensor_samples
 from ballbot.twin.driveline import Driveline, Shafts
 from ballbot.twin.engine import Engine, attitude_of, ball_rate, body_rate, encoder_speeds
 from ballbot.twin.faults import Push, Roughness, Timing
 from ballbot.twin.mjcf import floor_normal, twin_mjcf
-from ballbot.twin.scenario import Scenario
+from ballbot.twin.scenario import Scenario, load_scenario
 
 
 class TimingModel:
@@ -176,9 +177,9 @@ class Twin:
 
     Parameters
     ----------
-    robot : Robot
+    robot : Robot, preset or robot file
         Gives the rigid body, the drive and the geometry; its friction is not used.
-    scenario : Scenario, optional
+    scenario : Scenario, name or scenario file, optional
         All other true properties; `Scenario.nominal(robot)` if not given.
     estimator : Estimator, optional
         Estimates the state from the sensors' readings; the thesis's `OnboardState` if not given. The twin resets and
@@ -191,10 +192,16 @@ class Twin:
     """
 
     def __init__(
-        self, robot: Robot, scenario: Scenario | None = None, *, estimator: Estimator | None = None
+        self,
+        robot: RobotLike,
+        scenario: Scenario | str | Path | None = None,
+        *,
+        estimator: Estimator | None = None,
     ) -> None:
-        self.robot = robot
-        self.scenario = scenario if scenario is not None else Scenario.nominal(robot)
+        self.robot = robot = as_robot(robot)
+        if not isinstance(scenario, Scenario):
+            scenario = load_scenario(scenario or "nominal", robot)
+        self.scenario = scenario
         self.engine = Engine(twin_mjcf(robot, self.scenario))
         sensors = self.scenario.sensors
         self._substeps = round(sensors.sample_time / self.scenario.timestep)
