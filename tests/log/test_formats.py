@@ -79,6 +79,23 @@ def test_decimal_commas_come_back_to_the_bit(tmp_path, log):
     assert "." not in path.read_text(encoding="utf-8").partition("\n")[2]
 
 
+@pytest.mark.parametrize(
+    ("names", "foreign"),
+    [
+        ("t,u1,u2,u3,wheel1,wheel2,wheel3", False),
+        ("t,u1,u2,u3,theta,phi,gyro_x,battery_V", False),
+        ("t,roll,pitch,yaw,gyro_x,gyro_y,gyro_z,enc1,enc2,enc3,torque1_Nm,torque2_Nm,torque3_Nm", True),
+        ("t,roll,pitch,yaw,wx,wheel1,wheel2,wheel3,cmd_1,cmd_2,cmd_3", True),
+        ("t,theta,phi,psi,enc1,enc2,enc3,pwm1,pwm2,pwm3", True),
+        ("time,u1,u2,u3", True),
+    ],
+)
+def test_a_log_is_foreign_unless_most_names_are_ballbots(tmp_path, names, foreign):
+    path = tmp_path / "log.csv"
+    path.write_text(f"{names}\n" + "\n".join(",".join(["0.5"] * len(names.split(","))) for _ in range(3)))
+    assert is_foreign(path) is foreign
+
+
 def test_a_spreadsheet_with_semicolons_or_tabs_is_a_log_without_a_mapping(tmp_path):
     path = tmp_path / "log.csv"
     for mark in (";", "\t"):

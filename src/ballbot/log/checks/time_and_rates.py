@@ -100,6 +100,8 @@ COMPARED_TIME = 0.5  #: [s] over which an angle's change and its rate's integral
 #: rows to compare at intervals longer than this [s], since the unit of time may be wrong
 SLOW_ROWS, SLOW = 100, 0.2
 FEWEST_ROWS = 40  #: for a comparison
+#: columns that a robot's own sensors and motors give, at the rate of its control
+_OF_A_RUN = {"u1", "theta", "gyro_x", "wheel1"}
 CLEAR_CORRELATION = 0.8  #: below which a comparison is not conclusive
 #: columns are swapped if each agrees with the other's rate by this much, and more than with its own by the margin
 SWAPPED_CORRELATION, SWAPPED_MARGIN = 0.7, 0.3
@@ -155,7 +157,8 @@ def check_rates(log: Log) -> list[Finding]:
     factor = _time_factor(found)
     if factor is not None:
         return [_time_finding(log, factor)]
-    if log.sample_time >= SLOW and "u1" in log and not any(one.clear for one in found.values()):
+    balances = not _OF_A_RUN.isdisjoint(log.names)
+    if log.sample_time >= SLOW and balances and not any(one.clear for one in found.values()):
         return [_slow_finding(log)]
     findings = []
     for name, one in found.items():

@@ -40,6 +40,8 @@ _HEADING, _TURN = "psi", 2.0 * math.pi
 _NOT_EXAMINED = ("ref_", "acc_", TRUE_PREFIX)
 #: references and true states, which no sensor measures
 _NOT_MEASURED = ("ref_", TRUE_PREFIX)
+#: what the reference is of
+_REFERENCES = {"ref_x": " of x", "ref_y": " of y", "ref_psi": " of the heading"}
 #: with fewer rows the usual range is unknown
 _LEAST_ROWS = 50
 
@@ -139,7 +141,9 @@ def check_constant(log: Log) -> list[Finding]:
         if name == "t" or len(log) < 2 or not np.all(values == values[0]):
             continue
         if name.startswith("ref_"):
-            sentence = f"{name} is {values[0]:g} throughout: the reference is constant."
+            sentence = (
+                f"{name} is {values[0]:g} throughout: the reference{_REFERENCES.get(name, '')} is constant."
+            )
             findings.append(
                 Finding(severity="note", code="constant", text=sentence, where=Place(columns=(name,)))
             )

@@ -103,7 +103,7 @@ def is_log_file(path: str | Path) -> bool:
 
 
 def is_foreign(path: str | Path) -> bool:
-    """Return whether a file can be read and is no log with Ballbot's own column names: t, and another of them.
+    """Return whether a file can be read and is no log with Ballbot's own column names: t, and most of the others.
 
     A file that Ballbot's own reader refuses, but whose header has these names, is a damaged log and not foreign.
     """
@@ -269,5 +269,7 @@ def _table(one: LogFormat, path: Path) -> Columns:
 
 
 def _own(names: Iterable[str]) -> bool:
-    present = set(names)
-    return "t" in present and len(present & set(KNOWN_NAMES)) > 1
+    """Return whether these are Ballbot's names: a foreign log may have t and a few others by chance."""
+    others = set(names) - {"t"}
+    known = len(others & set(KNOWN_NAMES))
+    return "t" in names and known > len(others) - known
