@@ -88,12 +88,12 @@ def log_file(name: str) -> Path:
 def with_duties(mapping: str) -> str:
     """Return a proposed mapping with its lines for duties in place of those for torques, as its comments say."""
     before, section = mapping.split("[input]\n")
-    section = re.sub(r"^(kind|scale) = .*\n", "", section, flags=re.MULTILINE)
-    head, duties = section.split("# if it is a duty, these lines instead:\n")
-    kept = "".join(line for line in head.splitlines(keepends=True) if not line.startswith("#"))
-    chosen = re.sub(r"^#   ", "", duties, flags=re.MULTILINE)
+    header = re.escape("# if it is a duty, these lines in place of those above in [input]:")
+    duties = re.search(header + r"\n((?:#   .*\n)+)", section)
+    assert duties
+    kept = "".join(re.findall(r"^(?:from|sign|delay) = .*\n", section, flags=re.MULTILINE))
     before = re.sub(r"^complete = .*\n", "", before, flags=re.MULTILINE)
-    return f"{before}[input]\n{kept}{chosen}"
+    return f"{before}[input]\n{re.sub(r'^#   ', '', duties[1], flags=re.MULTILINE)}{kept}"
 
 
 def found_in(name: str, folder: Path) -> Found:

@@ -76,11 +76,11 @@ def filled(folder, refused):
     """Return the mapping, filled in as the document shows."""
     assert refused == 2
     text = (folder / "checked" / "mapping.toml").read_text()
-    alternative = re.search(r"# if it is a current, these lines instead:\n((?:#   .*\n)+)", text)
-    assert alternative
-    lines = re.sub(r"^#   ", "", alternative[1], flags=re.MULTILINE).replace("scale = 1.0\n", "")
-    text = text.replace(alternative[0], lines)
-    text = re.sub(r"^kind = \"torque\".*\n", "", text, flags=re.MULTILINE)
+    above = r"(?<=\[input\]\n)(?:.+\n)*"
+    alternative = r"# if it is a current, these lines in place of those above in \[input\]:\n((?:#   .*\n)+)"
+    found = re.search(above + alternative, text)
+    assert found
+    text = text.replace(found[0], re.sub(r"^#   ", "", found[1], flags=re.MULTILINE))
     text = re.sub(r"^complete = false.*\n", "", text, flags=re.MULTILINE)
     path = folder / "filled.toml"
     path.write_text(text)

@@ -21,14 +21,14 @@ keep = [[1.0, 2.0]]
 [input]
 # cannot determine: kind of the command
 kind = "torque"  # 74 %: torque in N m
-# if it is a current, these lines instead:
+scale = 1.0
+# if it is a current, these lines in place of those above in [input]:
 #   kind = "current"  # 24 %
 #   torque_constant = 0.0069
-# if it is a duty, these lines instead:
+# if it is a duty, these lines in place of those above in [input]:
 #   kind = "pwm"  # 2 %
 #   dead_band = 0.031
 from = ["T1", "T2", "T3"]
-scale = 1.0
 delay = 0.008
 """
 

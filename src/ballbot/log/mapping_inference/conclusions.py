@@ -10,7 +10,7 @@ from ballbot.log.mapping_inference.evidence import MOST, Conclusion, advantage_c
 from ballbot.log.mapping_inference.names import read_name
 from ballbot.log.mapping_inference.placement import LeanTest
 from ballbot.log.mapping_inference.proposal import Proposal
-from ballbot.log.mapping_inference.tolerances import command_delay_confidence, turn_confidence
+from ballbot.log.mapping_inference.tolerances import TURN, command_delay_confidence, turn_confidence
 from ballbot.log.mapping_inference.units import Scale, time_conclusion
 
 #: prior probability that columns are about the world's axes, chosen and not measured: theta and phi, as papers on ball
@@ -172,7 +172,8 @@ def _turn_and_delay(proposal: Proposal) -> list[Conclusion]:
             name="turn of the IMU",
             value=f"{math.degrees(frame.turn):.1f} deg",
             confidence=turn_confidence(tested),
-            evidence=f"measured {math.degrees(frame.measured_turn):.1f} deg",
+            evidence=f"measured {math.degrees(frame.measured_turn):.1f} deg; the confidence is that it is right to "
+            f"{math.degrees(TURN):.0f} deg",
             error=None if tested.phase_error is None else math.degrees(tested.phase_error),
             unit="deg",
             key="[attitude] turn",

@@ -46,8 +46,8 @@ class Conclusion:
 
     @property
     def percent(self) -> str:
-        """The confidence in percent, rounded down: no log makes a conclusion certain."""
-        return "> 99" if self.confidence > 0.99 else f"{math.floor(100.0 * self.confidence + 1e-9)}"
+        """The confidence in percent."""
+        return in_percent(self.confidence)
 
     @property
     def error_text(self) -> str:
@@ -59,6 +59,11 @@ class Conclusion:
         """What cannot be determined, with the alternatives: "kind of the command (torque or duty)"."""
         answers = [self.value, *self.alternatives][:4]
         return f"{self.name} ({' or '.join(answers)})" if len(answers) > 1 else self.name
+
+
+def in_percent(confidence: float) -> str:
+    """Return a confidence in percent, rounded down: no log makes a conclusion certain."""
+    return "> 99" if confidence > 0.99 else f"{math.floor(100.0 * confidence + 1e-9)}"
 
 
 def probabilities(log_weights: Mapping[Candidate, float]) -> dict[Candidate, float]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ballbot.file_formats import format_line
 from ballbot.log.mapping_inference.commands import Unit
 from ballbot.log.mapping_inference.conclusions import conclusions_of
-from ballbot.log.mapping_inference.evidence import Conclusion
+from ballbot.log.mapping_inference.evidence import Conclusion, in_percent
 from ballbot.log.mapping_inference.proposal import Proposal, rates_delay, rates_signs
 from ballbot.printable import printable_line
 from ballbot.robot import Robot
@@ -23,7 +23,8 @@ def mapping_text(proposal: Proposal, robot: Robot, *, file: Path) -> str:
         "# Assumptions that were not measured are marked: check them before you rely on the results.",
     ]
     header.append(format_line("mapping"))
-    questions = [one for one in conclusions_of(proposal) if not one.determined]
+    concluded = {one.key: one for one in conclusions_of(proposal)}
+    questions = [one for one in concluded.values() if not one.determined]
     if questions:
         lines = [f"#   {one.key}: {one.question}; {one.evidence}" for one in questions]
         header += ["# cannot determine:", *[printable_line(line) for line in lines]]
@@ -35,9 +36,9 @@ def mapping_text(proposal: Proposal, robot: Robot, *, file: Path) -> str:
         _file_lines(proposal),
         _time_lines(proposal),
         _column_lines(proposal),
-        _attitude_lines(proposal),
+        _attitude_lines(proposal, concluded),
         _wheel_lines(proposal),
-        _input_lines(proposal, robot),
+        _input_lines(proposal, robot, concluded),
     ]
     asked = {one.key: one for one in questions}
     return "\n\n".join("\n".join(_with_questions(part, asked)) for part in parts if part) + "\n"
@@ -103,7 +104,15 @@ def _column_lines(proposal: Proposal) -> list[str]:
     return lines
 
 
-def _attitude_lines(proposal: Proposal) -> list[str]:
+def _reason(one: Conclusion | None) -> str:
+    """Return why a number is what it is, with its standard error."""
+    if one is None:
+        return "assumed"
+    reason = one.evidence.partition(";")[0]
+    return f"{reason}; standard error {one.error_text}" if one.error is not None else reason
+
+
+def _attitude_lines(proposal: Proposal, concluded: Mapping[str, Conclusion]) -> list[str]:
     if not (proposal.roles.attitude and proposal.lean):
         return []
     lines = [
@@ -119,13 +128,10 @@ def _attitude_lines(proposal: Proposal) -> list[str]:
             )
         )
     if tested is not None:
-        measured = math.degrees(frame.measured_turn)
-        error = "unknown" if tested.phase_error is None else f"{math.degrees(tested.phase_error):.1f}"
         turn = round(math.degrees(frame.turn), 1)
-        lag = f"measured: {1e3 * tested.lag:.1f} ms behind the wheels, standard error {1e3 * tested.lag_error:.1f} ms"
         lines += [
-            toml_line("turn", turn, f"measured: {measured:.1f}, standard error {error}"),
-            toml_line("delay", proposal.sensor_delay, lag),
+            toml_line("turn", turn, _reason(concluded.get("[attitude] turn"))),
+            toml_line("delay", proposal.sensor_delay, _reason(concluded.get("[attitude] delay"))),
         ]
     if gyro is not None:
         rates = {
@@ -173,8 +179,8 @@ def _angle_table(proposal: Proposal) -> dict[str, object]:
     return angle
 
 
-def _input_lines(proposal: Proposal, robot: Robot) -> list[str]:
-    names, tested, evidence = proposal.roles.commands, proposal.commands, proposal.drive
+def _input_lines(proposal: Proposal, robot: Robot, concluded: Mapping[str, Conclusion]) -> list[str]:
+    names, evidence = proposal.roles.commands, proposal.drive
     if not names or evidence is None:
         return []
     unit, assigned = evidence.unit, evidence.assigned
@@ -187,44 +193,41 @@ def _input_lines(proposal: Proposal, robot: Robot) -> list[str]:
     # [wheels] order applies to these lists, too
     listed = {wheel: place for place, wheel in enumerate(order)}
     places = [listed[k] for k in range(1, len(names) + 1)]
-    delay, error = (tested.delay, tested.delay_error) if tested else (0.0, math.nan)
-    measured = f"measured: {1e3 * delay:.1f} ms, standard error {1e3 * error:.1f} ms" if tested else "assumed"
     return [
         "[input]",
-        _kind_line(proposal, unit),
-        *_other_kinds(proposal, robot),
+        *_kind_lines(proposal, unit, robot),
+        *_other_kinds(proposal, robot, concluded),
         toml_line("from", [by_wheel[place] for place in places]),
         toml_line("sign", [signs[place] for place in places]),
-        toml_line("scale", _scale(unit, robot)),
-        toml_line("delay", proposal.command_delay.applied, measured),
+        toml_line("delay", proposal.command_delay.applied, _reason(concluded.get("[input] delay"))),
+    ]
+
+
+def _kind_lines(proposal: Proposal, unit: Unit, robot: Robot) -> list[str]:
+    """Return the lines that depend on the kind of the command: these stand together, to be replaced together."""
+    kind = {"torque": "torque", "current": "current", "duty": "pwm", "voltage": "pwm"}[unit.kind]
+    share = proposal.drive.units[unit] if proposal.drive else 0.0
+    scale = unit.scale / robot.drive.supply_voltage if unit.kind == "voltage" else unit.scale
+    return [
+        toml_line("kind", kind, f"{in_percent(share)} %: {unit.description}"),
+        toml_line("scale", scale),
         *_motor_lines(proposal, unit, robot),
     ]
 
 
-def _kind_line(proposal: Proposal, unit: Unit) -> str:
-    kind = {"torque": "torque", "current": "current", "duty": "pwm", "voltage": "pwm"}[unit.kind]
-    share = proposal.drive.units[unit] if proposal.drive else 0.0
-    return toml_line("kind", kind, f"{100 * share:.0f} %: {unit.description}")
-
-
-def _scale(unit: Unit, robot: Robot) -> float:
-    return unit.scale / robot.drive.supply_voltage if unit.kind == "voltage" else unit.scale
-
-
-def _other_kinds(proposal: Proposal, robot: Robot) -> list[str]:
+def _other_kinds(proposal: Proposal, robot: Robot, concluded: Mapping[str, Conclusion]) -> list[str]:
     """Return comments with the lines that each kind which is not excluded needs; nothing if the kind is determined."""
-    asked = [one for one in conclusions_of(proposal) if one.key == "[input] kind" and not one.determined]
-    if not asked or proposal.drive is None:
+    asked = concluded.get("[input] kind")
+    if asked is None or asked.determined or proposal.drive is None:
         return []
     lines = []
-    for kind in asked[0].alternatives:
+    for kind in asked.alternatives:
         unit = next(unit for unit in proposal.drive.units if unit.kind == kind)  # the likeliest comes first
-        needed = [
-            _kind_line(proposal, unit),
-            toml_line("scale", _scale(unit, robot)),
-            *_motor_lines(proposal, unit, robot),
+        needed = _kind_lines(proposal, unit, robot)
+        lines += [
+            f"# if it is a {kind}, these lines in place of those above in [input]:",
+            *(f"#   {line}" for line in needed),
         ]
-        lines += [f"# if it is a {kind}, these lines instead:", *(f"#   {line}" for line in needed)]
     return lines
 
 
