@@ -20,6 +20,7 @@ from ballbot.rounding import digits
 from ballbot.workflows.reference_check import MARGIN_HEADINGS
 from ballbot.workflows.robot_check import (
     MATRICES,
+    MATRIX_EQUATIONS,
     MISTAKEN_MATRICES,
     CheckedLoop,
     CheckedReference,
@@ -44,9 +45,8 @@ def robot_check_parts(checked: CheckedRobot, *, framed: bool) -> list[Renderable
     ]
     for name, meaning in MATRICES.items():
         mistake = MISTAKEN_MATRICES.get(name)
-        heading = f"\n{meaning}" + (
-            f"\nFor comparison only, no fault of the robot: {mistake}" if mistake else ""
-        )
+        heading = f"\n{meaning} {MATRIX_EQUATIONS.get(name, '')}".rstrip()
+        heading += f"\nFor comparison only, no fault of the robot: {mistake}" if mistake else ""
         parts += [Text(heading), Text(matrix_text(name, checked.matrices[name]))]
     parts += [
         *_linear_lines(checked),

@@ -35,6 +35,7 @@ from ballbot.rounding import digits
 from ballbot.workflows.reference_check import MARGIN_HEADINGS
 from ballbot.workflows.robot_check import (
     MATRICES,
+    MATRIX_EQUATIONS,
     MISTAKEN_MATRICES,
     CheckedLoop,
     CheckedReference,
@@ -138,8 +139,11 @@ def _loop_section(loop: CheckedLoop) -> Section:
 def _matrices(checked: CheckedRobot) -> Iterator[Block]:
     for name, meaning in MATRICES.items():
         yield Subheading(text=f"{meaning[0].upper()}{meaning[1:]}")
-        if mistake := MISTAKEN_MATRICES.get(name):
-            yield Paragraph(text=f"For comparison only, no fault of the robot: {mistake}.", quiet=True)
+        equation, mistake = MATRIX_EQUATIONS.get(name), MISTAKEN_MATRICES.get(name)
+        notes = [f"In the thesis: {equation}."] if equation else []
+        notes += [f"For comparison only, no fault of the robot: {mistake}."] if mistake else []
+        if notes:
+            yield Paragraph(text=" ".join(notes), quiet=True)
         yield Verbatim(text=matrix_text(name, checked.matrices[name]))
 
 

@@ -221,14 +221,24 @@ def _by_state(values: NDArray[np.float64]) -> dict[str, float]:
 
 #: the thesis's names of the matrices, with what each does
 MATRICES = {
-    "T_tbw": "torque on the ball from torque on the wheels (II.10)",
-    "T_trw": "torque on the body from torque on the wheels (II.11)",
-    "T_tbg": "torque on the ball from force on the ground (II.12)",
+    "T_tbw": "torque on the ball from torque on the wheels",
+    "T_trw": "torque on the body from torque on the wheels",
+    "T_tbg": "torque on the ball from force on the ground",
     "T_fgb": "force on the ground from torque on the ball",
-    "T_owb": "wheel speed from the ball's angular velocity (II.13, V.2)",
-    "T_obw": "the ball's angular velocity from wheel speed (V.3)",
-    "T_owr": "wheel speed from the body's angular velocity (II.14)",
-    "T_vgb": "velocity over ground from the ball's angular velocity (II.15)",
+    "T_owb": "wheel speed from the ball's angular velocity",
+    "T_obw": "the ball's angular velocity from wheel speed",
+    "T_owr": "wheel speed from the body's angular velocity",
+    "T_vgb": "velocity over ground from the ball's angular velocity",
+}
+#: the thesis's equations of these matrices
+MATRIX_EQUATIONS = {
+    "T_tbw": "(II.10)",
+    "T_trw": "(II.11)",
+    "T_tbg": "(II.12)",
+    "T_owb": "(II.13), (V.2)",
+    "T_obw": "(V.3)",
+    "T_owr": "(II.14)",
+    "T_vgb": "(II.15)",
 }
 
 #: what is wrong with each matrix that the thesis's mistakes are in; numbers: docs/generated/reproduce.md
