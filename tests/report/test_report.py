@@ -93,6 +93,7 @@ def _found() -> Identification:
         },
         predictor=Predictor(robot=true_robot(), formulation="exact", step=1e-3),
         values=Layout(wheel_count=3).nominal(true_robot()),
+        bounds=np.tile([0.0, 10.0], (12, 1)),
         bootstrap_errors={},
         intervals={},
         variation=Variation(

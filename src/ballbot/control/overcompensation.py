@@ -309,8 +309,7 @@ def overcompensation_warning(controller: Controller, robot: Robot) -> str | None
     robot : Robot
         As described. A robot without friction in its file has unknown friction.
     """
-    known = robot.friction
-    if not any((*known.viscous, *known.coulomb, *known.stribeck, known.rolling)):
+    if not has_friction(robot.friction):
         return None
     margin = compensation_margin(controller, certain_friction(robot))
     return (
@@ -318,6 +317,11 @@ def overcompensation_warning(controller: Controller, robot: Robot) -> str | None
         if margin.overcompensates
         else None
     )
+
+
+def has_friction(friction: Friction) -> bool:
+    """Return whether there is any; a robot file without friction has unknown friction."""
+    return any((*friction.viscous, *friction.coulomb, *friction.stribeck, friction.rolling))
 
 
 def _swing(controller: Controller, friction: Friction, amplitude: float) -> Swing:

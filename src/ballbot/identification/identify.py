@@ -269,6 +269,7 @@ def _result(
         ),
         predictor=predictor,
         values=values,
+        bounds=np.stack([prepared.problem.coordinates.lower, prepared.problem.coordinates.upper], axis=1),
         parameters=layout.by_symbol(np.where(estimate.unknown, np.nan, values)),
         standard_errors=layout.by_symbol(uncertainty.standard_errors),
         bootstrap_errors=layout.by_symbol(uncertainty.bootstrap_errors),

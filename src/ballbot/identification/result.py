@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING
@@ -111,6 +111,9 @@ class Identification:
     standard_errors: ParameterTable  #: alike; NaN if a parameter has none: no influence, at a bound, or held
     predictor: Predictor  #: predicts windows with any such parameters
     values: NDArray[np.float64]  #: (p,), those of the predictions on held-out windows, SI units
+    bounds: NDArray[
+        np.float64
+    ]  #: (p, 2), the least and the greatest value allowed, equal where held; SI units
     bootstrap_errors: ParameterTable  #: alike, from a bootstrap of blocks of windows
     #: of 95 %, by label; none for a parameter without influence, held or refused
     intervals: dict[str, Interval]
@@ -138,6 +141,14 @@ class Identification:
     def labels(self) -> tuple[str, ...]:
         """Of the correlation's rows (p,): b1 .. bn, c1 .. cn, s1 .. sn, v_s, delta, C_rr, then the other quantities."""
         return self.layout.labels
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The quantities of the layout without those of friction that the law does not have: held at zero."""
+        zero = {name for name in FRICTION if not self.bounds[self.layout.columns(name)].any()}
+        if "stribeck" in zero:
+            zero |= {"stribeck_speed", "stribeck_exponent"}
+        return tuple(name for name in self.layout.names if name not in zero)
 
     @property
     def covariance(self) -> NDArray[np.float64]:
@@ -223,10 +234,10 @@ def _with_error(value: float, error: float) -> str:
     return plus_minus(value, error) if np.isfinite(error) else f"{digits(value)} (no error)"
 
 
-def represents_sentence(layout: Layout) -> str:
-    """Return which parameters stand for other effects than their own; empty if nobody looked."""
+def represents_sentence(names: Sequence[str]) -> str:
+    """Return which quantities stand for other effects than their own; empty if nobody looked."""
     by_effect: dict[str, list[str]] = {}
-    for name in layout.names:
+    for name in names:
         if also := BY_NAME[name].stands_for:
             by_effect.setdefault(also, []).append(BY_NAME[name].symbol)
     parts = [f"{', '.join(symbols)} ({also})" for also, symbols in by_effect.items()]

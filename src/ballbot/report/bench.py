@@ -26,7 +26,7 @@ from ballbot.report.palette import SHADE
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Look, Panel, TimeSeries
 from ballbot.report.style import MEASURED, REFERENCE, WITH_FRICTION, WITHOUT_FRICTION, thinned
-from ballbot.report.words import DRIVELINE_SYMBOLS
+from ballbot.report.words import driveline_symbols
 from ballbot.robot import Friction, Robot
 from ballbot.rounding import digits, value_and_error
 from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
@@ -252,7 +252,7 @@ def upside_down_report(
                 "Friction found",
                 Sheet.of(
                     _parameter_table(found, described, framed=False),
-                    caption=f"Friction of drivelines and ball-wheel contacts. {DRIVELINE_SYMBOLS} A dash: held at a "
+                    caption=f"Friction of drivelines and ball-wheel contacts. {driveline_symbols()} A dash: held at a "
                     "bound, or the log does not show it.",
                 ),
                 Bullets(items=_comparison(described)) if _comparison(described) else None,

@@ -13,7 +13,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from ballbot.control.margins import MEANING
-from ballbot.control.overcompensation import CompensationMargin
+from ballbot.control.overcompensation import CompensationMargin, has_friction
 from ballbot.control.presets import frictionless_model
 from ballbot.findings import Finding
 from ballbot.log import STATE_NAMES
@@ -125,7 +125,16 @@ def controller_design_parts(found: ControllerDesign, *, framed: bool) -> Iterato
     if found.certain is not found.stated:
         yield Text(_certain_fractions(found.stated, found.certain))
     if found.controller.compensation != "none":
-        yield Text(_margin(found.margin))
+        yield Text(_nothing_compensated(found) or _margin(found.margin))
+
+
+def _nothing_compensated(found: ControllerDesign) -> str:
+    """Return why a controller that compensates friction has none to compensate; empty if it has some."""
+    if has_friction(found.certain):
+        return ""
+    if has_friction(found.stated):
+        return "No part of the friction in the robot file is certain, so none is compensated."
+    return "The robot file has no friction, so none is compensated; `ballbot identify` finds it from logs."
 
 
 def _certain_fractions(stated: Friction, certain: Friction) -> str:
@@ -179,7 +188,7 @@ def controller_design_report(
         ("Margins", _capital(found.loop_margins.sentence())),
     ]
     if controller.compensation != "none":
-        verdict.append(("Compensation", _capital(found.margin.sentence)))
+        verdict.append(("Compensation", _nothing_compensated(found) or _capital(found.margin.sentence)))
     poles = [(f"{pole.real:.4f}", f"{pole.imag:.4f}") for pole in found.gain.poles]
     figure = "Poles of the model without friction, by itself and with this gain. Shaded: unstable."
     undecided = [
@@ -230,6 +239,9 @@ def _linear_blocks(robot: Robot) -> Iterator[Block]:
 def _compensation_blocks(found: ControllerDesign) -> Iterator[Block]:
     if found.controller.compensation == "none":
         yield Paragraph(text="No friction is compensated.")
+        return
+    if nothing := _nothing_compensated(found):
+        yield Paragraph(text=nothing)
         return
     margin = found.margin
     rows = [

@@ -351,7 +351,7 @@ def identification_parts(
     if selection:
         yield selection_table(selection, framed=framed)
     yield parameter_table(found, framed=framed)
-    yield Text(represents_sentence(found.layout))
+    yield Text(represents_sentence(found.names))
     yield Text(coulomb_sentence(found.coulomb))
     yield error_table(found, holdouts, framed=framed)
     for one in holdouts:
@@ -362,12 +362,9 @@ def identification_parts(
 
 
 def parameter_table(found: Identification, *, framed: bool) -> TextTable:
-    """Return each parameter with its standard error, both 95 % intervals and unit."""
-    units = [
-        BY_NAME[name].unit
-        for name in found.layout.names
-        for _ in BY_NAME[name].labels(found.layout.wheel_count)
-    ]
+    """Return each parameter that the law has with its standard error, both 95 % intervals and unit."""
+    wheels = found.layout.wheel_count
+    kinds = [BY_NAME[name] for name in found.layout.names for _ in range(len(BY_NAME[name].labels(wheels)))]
     values, errors = _flat(found.parameters), _flat(found.standard_errors)
     rows = [
         (
@@ -375,9 +372,10 @@ def parameter_table(found: Identification, *, framed: bool) -> TextTable:
             *value_and_error(value, error),
             interval_text(found.intervals.get(label)),
             interval_text(found.variation.predictions.get(label)),
-            unit,
+            kind.unit,
         )
-        for label, value, error, unit in zip(found.labels, values, errors, units, strict=True)
+        for label, value, error, kind in zip(found.labels, values, errors, kinds, strict=True)
+        if kind.name in found.names
     ]
     logs = "this log" if found.variation.logs == 1 else "these logs"
     headings = ("parameter", "value", "standard error", f"95 %, {logs}", "95 %, another log", "unit")

@@ -29,7 +29,7 @@ from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.study import friction_sentence
 from ballbot.report.style import STATE_UNITS
-from ballbot.report.words import DRIVELINE_SYMBOLS, state_mark
+from ballbot.report.words import driveline_symbols, state_mark
 from ballbot.rounding import digits
 from ballbot.workflows.study import StudiedLog
 
@@ -90,7 +90,7 @@ def _parameter_section(found: Identification, logs: Sequence[StudiedLog]) -> Sec
     return section(
         "Parameters",
         _parameter_sheet(found),
-        Paragraph(text=f"{represents_sentence(found.layout)} {coulomb_sentence(found.coulomb)}"),
+        Paragraph(text=f"{represents_sentence(found.names)} {coulomb_sentence(found.coulomb)}"),
         *parameter_blocks(found, logs),
     )
 
@@ -98,13 +98,14 @@ def _parameter_section(found: Identification, logs: Sequence[StudiedLog]) -> Sec
 def _parameter_sheet(found: Identification) -> Sheet:
     """Return the table that the command prints, with the robot file's values beside those found."""
     made = parameter_table(found, framed=False)
-    before = found.layout.nominal(found.predictor.robot)
-    rows = [(row[0], digits(value), *row[1:]) for row, value in zip(made.cells, before, strict=True)]
+    before = dict(zip(found.labels, found.layout.nominal(found.predictor.robot), strict=True))
+    rows = [(label, digits(before[label]), *others) for label, *others in made.cells]
     headings = (made.headings[0], "in the robot file", "found", *made.headings[2:])
     together = any(one.method == "with sweep" for one in found.intervals.values())
+    rolling = " C_rr: the ball's rolling friction over its load." * ("rolling" in found.names)
     caption = (
-        f"{DRIVELINE_SYMBOLS} C_rr: the ball's rolling friction over its load. Standard errors are clustered by "
-        "window. A dash: held at a bound, or the logs do not show it."
+        f"{driveline_symbols(found.names)}{rolling} Standard errors are clustered by window. A dash: held at a bound, "
+        "or the logs do not show it."
     )
     with_sweep = " Numbers and errors are those of the logs and the sweep together."
     return Sheet(headings=headings, rows=rows, caption=caption + with_sweep * together)

@@ -18,6 +18,7 @@ from ballbot.report.palette import BLUE, GREEN, INK, LOWER, MUTED, ORANGE, UPPER
 from ballbot.report.provenance import Provenance
 from ballbot.report.style import label_of
 from ballbot.robot import Robot
+from ballbot.summary import counted
 from ballbot.workflows.limits import Bounds, Kind, RobotLimits, TwinLimit
 from ballbot.workflows.recovery_region import Region
 
@@ -199,7 +200,7 @@ def limits_report(
     tables = limit_parts(found, on_twin, framed=False)
     return Report(
         title=f"{robot.name}: the largest tilts and impulses that it recovers from",
-        lead=f"{len(found)} controllers, friction coefficient of the wheels on the ball {grip:g}.",
+        lead=f"{counted(len(found), 'controller')}, friction coefficient of the wheels on the ball {grip:g}.",
         verdict=verdict,
         sections=[
             section("Limits", *(Sheet.of(one) for one in tables)),

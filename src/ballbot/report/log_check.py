@@ -24,6 +24,7 @@ from ballbot.report.console import TextTable, finding_line, table
 from ballbot.report.provenance import Provenance
 from ballbot.report.run import over_time
 from ballbot.robot import Robot
+from ballbot.summary import counted
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -150,17 +151,22 @@ def _log_verdict(findings: Sequence[Finding]) -> str:
     errors = [one for one in findings if one.severity == "error"]
     warnings = sum(one.severity == "warning" for one in findings)
     if errors:
-        more = f" {len(errors) - 1} more errors are listed below." if len(errors) > 1 else ""
+        others = len(errors) - 1
+        more = (
+            f" {counted(others, 'more error')} {'is' if others == 1 else 'are'} listed below."
+            if others
+            else ""
+        )
         return f"This log must not be used as it is: {errors[0].text}{more}"
     if warnings:
-        return f"The log can be used; {warnings} warnings below must be known first."
+        return f"The log can be used; {counted(warnings, 'warning')} below must be known first."
     return "No problems were found."
 
 
 def proposal_report(file: Path, found: Evaluation, robot: Robot, made: Provenance) -> Report:
     """Return the page of a mapping proposed for a foreign file."""
     verdict = found.refusal or "Every entry of the mapping was determined, and its log agrees with the robot."
-    open_ones = [f"{one.name}: {one.question}" for one in found.undetermined]
+    open_ones = [f"{one.question[0].upper()}{one.question[1:]}." for one in found.undetermined]
     certain = "Entries of less than full confidence, which the table lists with their evidence."
     return Report(
         title=f"{file.name}: proposed mapping",
@@ -198,7 +204,7 @@ def _conclusion_table(found: Evaluation, *, framed: bool) -> TextTable:
     rows = [
         (
             one.name,
-            one.value if one.determined else f"cannot determine: {one.question}",
+            one.value if one.determined else f"cannot determine: {one.answers}",
             one.percent,
             one.evidence + (f"; standard error {one.error_text}" if one.error_text else ""),
         )

@@ -35,12 +35,12 @@ from ballbot.workflows.robot_check import (
 def robot_check_parts(checked: CheckedRobot, *, framed: bool) -> list[RenderableType]:
     """Return what `ballbot check` prints of a robot, top to bottom."""
     robot = checked.robot
-    rows = [[one.name, f"{one.value:.5g}", _unit(one), one.meaning] for one in checked.derived]
+    rows = [[one.meaning, f"{one.value:.5g}", _unit(one)] for one in checked.derived]
     parts: list[RenderableType] = [
         Text(f"{robot.name}: a robot with {robot.wheel_count} wheels. {sources_sentence(robot)}"),
         *(finding_line(one, accepted=one.severity == "error") for one in checked.findings),
         Text(""),
-        table("Derived quantities", ("quantity", "value", "unit", "meaning"), rows, framed=framed),
+        table("Derived quantities", ("quantity", "value", "unit"), rows, framed=framed),
         Text("\nTransformation matrices", style="bold"),
     ]
     for name, meaning in MATRICES.items():

@@ -32,6 +32,7 @@ from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import drawn_picture
 from ballbot.robot.figure import robot_figure
 from ballbot.rounding import digits
+from ballbot.summary import counted
 from ballbot.workflows.reference_check import MARGIN_HEADINGS
 from ballbot.workflows.robot_check import (
     MATRICES,
@@ -70,7 +71,9 @@ def _verdict(checked: CheckedRobot) -> list[tuple[str, str]]:
     plausible = (
         "Its numbers fit together."
         if not errors + warnings
-        else (f"{errors} errors and {warnings} warnings: see the checks of the inputs below.")
+        else (
+            f"{counted(errors, 'error')} and {counted(warnings, 'warning')}: see the checks of the inputs below."
+        )
     )
     verdict = [("Plausible", plausible), ("Poles", _capital(pole_sentence(checked.poles)))]
     if checked.spread:
@@ -88,14 +91,13 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
         "To scale, from its right and from above. The body appears as two discs with its mass and inertia."
     )
     rows = [
-        (one.name, digits(one.value, 4), "" if one.unit == "1" else one.unit, one.meaning)
-        for one in checked.derived
+        (one.meaning, digits(one.value, 4), "" if one.unit == "1" else one.unit) for one in checked.derived
     ]
     yield section(
         "The robot",
         drawn_picture("robot", partial(robot_figure, checked.robot), drawing),
         Sheet(
-            headings=("quantity", "value", "unit", "meaning"),
+            headings=("quantity", "value", "unit"),
             rows=rows,
             caption="Quantities that follow from the parameters.",
         ),

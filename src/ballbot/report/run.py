@@ -34,6 +34,10 @@ from ballbot.workflows.metrics import (
 
 _DEGREES = math.degrees(1.0)
 _REFERENCES = ("ref_x", "ref_y", "ref_psi")
+#: names of lines
+_TRUE, _ON_BOARD = "true", "on board"
+#: of lengths [mm] and angles [deg] in words: what rounds to zero is zero
+_RESOLUTION = 1e-3
 
 
 def simulation_report(
@@ -81,7 +85,7 @@ def run_verdict(log: Log) -> list[tuple[str, str]]:
     verdict = [
         (
             "Run",
-            f"The robot balances for {length:.1f} s and leans by {digits(_largest_lean(log), 2)}° at most.",
+            f"The robot balances for {length:.1f} s and leans by {_rounded(_largest_lean(log))}° at most.",
         )
     ]
     if not _has_reference(log):
@@ -119,8 +123,9 @@ def over_time(log: Log, robot: Robot | None) -> list[Block]:
     caption = "Drag across a plot to zoom in on a time, double-click to see all of it; point at a plot to read values."
     if any(panel.levels for panel in panels):
         caption += " Dashed across: the torque limit."
-    truth = " The true values are the simulation's own; the controller has the on-board ones."
-    caption += truth if _has_truth(log) else ""
+    names = {line.name for panel in panels for line in panel.lines}
+    if {_TRUE, _ON_BOARD} <= names:
+        caption += " The true values are the simulation's own; the controller has the on-board ones."
     return [TimeSeries(t=log.t, panels=panels, caption=caption)]
 
 
@@ -134,9 +139,9 @@ def _pose_panels(log: Log) -> list[Panel]:
             else []
         )
         if true in log:
-            lines.append(Line(name="true", values=unit * log[true], look="measured"))
+            lines.append(Line(name=_TRUE, values=unit * log[true], look="measured"))
         if name in log and not (true in log and np.array_equal(log[name], log[true])):  # perfect sensors
-            line = Line(name="on board", values=unit * log[name], look="second" if true in log else "first")
+            line = Line(name=_ON_BOARD, values=unit * log[name], look="second" if true in log else "first")
             lines.append(line)
         if lines:
             panels.append(Panel(label=label, lines=lines))
@@ -172,7 +177,7 @@ def _numbers(log: Log, robot: Robot | None) -> list[Block]:
         rows += [
             ("largest distance from the reference", f"{_mm(error.max())} mm", "once settled"),
             ("distance from the reference, RMS", f"{_mm(rms(error))} mm", "once settled"),
-            ("largest error of the heading", f"{digits(float(heading.max()), 2)}°", "once settled"),
+            ("largest error of the heading", f"{_rounded(float(heading.max()))}°", "once settled"),
             (
                 "settling time",
                 f"{'' if always else '≥ '}{arriving:.2f} s",
@@ -180,7 +185,7 @@ def _numbers(log: Log, robot: Robot | None) -> list[Block]:
             ),
         ]
     if _has_lean(log):
-        rows.append(("largest lean", f"{digits(_largest_lean(log), 2)}°", "whole run"))
+        rows.append(("largest lean", f"{_rounded(_largest_lean(log))}°", "whole run"))
     if torques := _columns(log, torque_names(MAX_WHEELS)):
         largest = _largest(torques)
         share = (
@@ -234,4 +239,8 @@ def _has_truth(log: Log) -> bool:
 
 
 def _mm(metres: float) -> str:
-    return digits(1e3 * float(metres), 2)
+    return _rounded(1e3 * float(metres))
+
+
+def _rounded(value: float) -> str:
+    return "0" if abs(value) < 0.5 * _RESOLUTION else digits(value, 2)

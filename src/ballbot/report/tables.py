@@ -91,6 +91,8 @@ def parameter_sheet(found: Identification) -> Sheet:
     before = found.layout.by_symbol(found.layout.nominal(found.predictor.robot))
     rows: list[list[str | Cell]] = []
     for name, (symbol, value) in zip(found.layout.names, found.parameters.items(), strict=True):
+        if name not in found.names:
+            continue
         meaning, unit = _MEANINGS[symbol]
         values, errors = np.atleast_1d(value), np.atleast_1d(found.standard_errors[symbol])
         labels = BY_NAME[name].labels(wheels)

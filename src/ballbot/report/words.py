@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Collection
 from typing import TYPE_CHECKING
 
+from ballbot.identification.quantities import FRICTION
 from ballbot.rounding import digits, plus_minus
 
 if TYPE_CHECKING:
@@ -21,12 +23,6 @@ STATE_MARKS = {
     "psi": "ψ",
 }
 
-#: the meaning of the driveline's parameters, below a table that has them
-DRIVELINE_SYMBOLS = (
-    "b: viscous friction. c: Coulomb friction. s: static friction above c, which fades with speed at a rate set by v_s "
-    "and delta (the Stribeck effect). b, c and s have one value per wheel."
-)
-
 
 def interval_text(interval: Interval | None) -> str:
     """Return an interval's ends; "open" for a side that the logs do not limit, empty without an interval."""
@@ -34,6 +30,16 @@ def interval_text(interval: Interval | None) -> str:
         return ""
     lower, upper = (digits(end) if math.isfinite(end) else "open" for end in (interval.lower, interval.upper))
     return f"{lower} .. {upper}"
+
+
+def driveline_symbols(names: Collection[str] = FRICTION) -> str:
+    """Return the meaning of a driveline's parameters, for the caption of a table that has these quantities."""
+    meanings = ["b: viscous friction."]
+    meanings += ["c: Coulomb friction."] if "coulomb" in names else []
+    if "stribeck" in names:
+        fades = "which fades with speed at a rate set by v_s and delta (the Stribeck effect)"
+        meanings.append(f"s: static friction above c, {fades}.")
+    return f"{' '.join(meanings)} Numbers of symbols are those of wheels."
 
 
 def millimetres(metres: float) -> str:

@@ -131,10 +131,10 @@ def encoder_step(*, encoder_counts: int, gear_ratio: float) -> float:
 class Derived:
     """A quantity that follows from a robot's parameters."""
 
-    name: str
+    name: str  #: in results.json
     value: float
     unit: str
-    meaning: str
+    meaning: str  #: the quantity in words
 
 
 def derived_quantities(robot: Robot) -> list[Derived]:
@@ -148,32 +148,42 @@ def _of_ball_and_body(robot: Robot) -> list[Derived]:
     pivot = np.diag(body.inertia_about_ball_center())
     names = ("xx", "yy", "zz")
     return [
-        _derived("total_mass", ball.mass + body.mass, "kg", "ball and body"),
+        _derived("total_mass", ball.mass + body.mass, "kg", "mass of ball and body"),
         _derived(
             "ball_inertia_thin_shell",
             thin_shell_inertia(mass=ball.mass, radius=ball.radius),
             "kg m^2",
-            "if the ball were a thin shell",
+            "inertia of the ball, were it a thin shell",
         ),
         _derived(
             "ball_inertia_solid",
             solid_sphere_inertia(mass=ball.mass, radius=ball.radius),
             "kg m^2",
-            "if the ball were solid",
+            "inertia of the ball, were it solid",
         ),
         *(
-            _derived(f"body_inertia_pivot_{axis}", value, "kg m^2", "about the ball's centre")
+            _derived(
+                f"body_inertia_pivot_{axis}",
+                value,
+                "kg m^2",
+                f"inertia {axis} of the body about the ball's centre",
+            )
             for axis, value in zip(names, pivot, strict=True)
         ),
         *(
-            _derived(f"body_inertia_central_{axis}", value, "kg m^2", "about the centre of mass")
+            _derived(
+                f"body_inertia_central_{axis}",
+                value,
+                "kg m^2",
+                f"inertia {axis} of the body about its centre of mass",
+            )
             for axis, value in zip(names, central, strict=True)
         ),
         _derived(
             "swing_frequency",
             math.sqrt(body.mass * robot.gravity * body.center_of_mass / float(pivot[0])),
             "rad/s",
-            "of the body hung upside down at the ball's centre",
+            "frequency at which the body swings, hung upside down at the ball's centre",
         ),
     ]
 
@@ -189,12 +199,19 @@ def _of_drive(robot: Robot) -> list[Derived]:
     step = encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=drive.gear_ratio)
     break_away = max(friction.breakaway)
     return [
-        _derived("speed_ratio", robot.ball.radius / wheels.radius, "1", "r_b / r_w"),
-        _derived("reflected_rotor_inertia", reflected, "kg m^2", "n^2 (j_m + j_g), at a wheel"),
-        _derived("wheel_speed_limit", speed_limit, "rad/s", "at full supply without load"),
-        _derived("encoder_step", step, "rad", "wheel angle of one count"),
-        _derived("break_away_torque", break_away, "N m", "largest c + s of a wheel"),
-        _derived("rolling_resistance", robot.rolling_force, "N", "C_rr N on level ground"),
+        _derived(
+            "speed_ratio", robot.ball.radius / wheels.radius, "1", "radius of the ball over that of a wheel"
+        ),
+        _derived(
+            "reflected_rotor_inertia",
+            reflected,
+            "kg m^2",
+            "inertia of motor and gear at a wheel, n^2 (j_m + j_g)",
+        ),
+        _derived("wheel_speed_limit", speed_limit, "rad/s", "wheel speed at full supply without load"),
+        _derived("encoder_step", step, "rad", "wheel angle of one count of the encoder"),
+        _derived("break_away_torque", break_away, "N m", "largest break-away torque of a wheel, c + s"),
+        _derived("rolling_resistance", robot.rolling_force, "N", "rolling resistance on level ground"),
     ]
 
 

@@ -57,8 +57,12 @@ class Conclusion:
     @property
     def question(self) -> str:
         """What cannot be determined, with the alternatives: "kind of the command (torque or duty)"."""
-        answers = [self.value, *self.alternatives][:4]
-        return f"{self.name} ({' or '.join(answers)})" if len(answers) > 1 else self.name
+        return f"{self.name} ({self.answers})" if self.alternatives else self.name
+
+    @property
+    def answers(self) -> str:
+        """The likeliest answers: "torque or duty"."""
+        return " or ".join([self.value, *self.alternatives][:4])
 
 
 def in_percent(confidence: float) -> str:
