@@ -41,6 +41,7 @@ from ballbot.control.presets import nominal_controller
 from ballbot.control.references import Reference, change_pose, circle, figure_eight, hold, square
 from ballbot.errors import InputError
 from ballbot.log import Log
+from ballbot.log.formats import is_foreign
 from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.proposal import propose
 from ballbot.log.mapping_inference.report import Evaluation, evaluate
@@ -330,6 +331,8 @@ def judged(truth: Log, robot: Robot, habits: Habits, *, dead_band: float) -> Jud
     with tempfile.TemporaryDirectory() as folder:
         table = columns_of(truth, habits, robot, dead_band=dead_band)
         path, given = write(Path(folder) / "log", table, habits)
+        if given is None and not is_foreign(path):  # the command would take it for a log of Ballbot's
+            return Judgement(result="wrong", answered="wrong", reason="not taken for foreign", confidence=1.0)
         try:
             proposal = propose(path, robot, columns=given)
             found = evaluate(proposal, robot, file=path)

@@ -139,9 +139,9 @@ def identify(
     checked = _checked(robot, described, named, others, accept)
     back_emf = common_back_emf(mappings)
     depends_on = {
-        "free": fit.estimate,
+        "estimate": fit.estimate,
         "law": fit.law,
-        "leave_out": fit.exclude_states,
+        "exclude-states": fit.exclude_states,
         "back_emf": back_emf,
         "seed": fit.seed,
         "window": fit.window,

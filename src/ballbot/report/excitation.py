@@ -173,7 +173,7 @@ def _errors_table(result: Excitation, *, framed: bool) -> TextTable:
         for i, label in enumerate(question.labels)
     ]
     rows.append(("worst, % of bounds", "", *(_worst(errors) for errors in scaled.values())))
-    headings = ("parameter", "believed", *columns)
+    headings = ("parameter", "assumed", *columns)
     return table("Standard errors: expected, and from the twin's logs", headings, rows, framed=framed)
 
 
@@ -229,7 +229,7 @@ def excitation_report(result: Excitation, robot: Robot, *, errors_svg: str, made
     """Return the page; `errors_svg` is the figure of the command's file."""
     limits, shown = result.task.limits, followed_run(result)
     undecided = [
-        "How much the real robot's friction differs from the one believed: the design is best for the friction of "
+        "How much the real robot's friction differs from the assumed one: the design is best for the friction of "
         "the file.",
         "Whether the real robot stays within the limits: the model and the twin are not the robot. Have a hand near "
         "it.",
