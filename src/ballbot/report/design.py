@@ -156,7 +156,7 @@ def _margin(margin: CompensationMargin) -> str:
     amplitudes = ", ".join(f"{one.amplitude:g}" for one in margin.swings)
     returned = ", ".join(f"{100.0 * one.fraction:.0f} %" for one in margin.swings)
     text = (
-        f"Largest compensated fraction of each wheel's friction and of the rolling friction: {fractions}\n"
+        f"Largest compensated fraction of the certain friction of each wheel and of the floor: {fractions}\n"
         "Largest fraction of the energy dissipated by friction that compensation returns to a wheel oscillating "
         f"by {amplitudes} rad/s: {returned}"
     )
