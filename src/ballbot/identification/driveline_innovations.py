@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 
 from ballbot.arrays import real_array
 from ballbot.mechanics.engine.compiled import compiled, inlined
+from ballbot.mechanics.friction import dry_friction
 from ballbot.mechanics.friction_laws.classical import ClassicalNumbers
 from ballbot.mechanics.friction_laws.interface import UNLIMITED, Inertia, move
 
@@ -130,8 +131,7 @@ def _with_noise(law, torque, start, end, deviation, inertia, h):
     mean = direction * end
     if not mean > 0.0:
         speed = abs(start)
-        fading = law.s * math.exp(-((speed * law.inv_vs) ** law.delta))
-        mean = speed + h / inertia * (direction * torque - law.b * speed - law.c - fading)
+        mean = speed + h / inertia * (direction * torque - law.b * speed - dry_friction(law, speed))
     if abs(mean) < _REACH * deviation:
         return direction * _expected(mean, deviation)
     return end
