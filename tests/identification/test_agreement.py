@@ -50,7 +50,8 @@ def test_chance_is_reported_as_rarely_as_it_should_be():
         (SWEEP * [1.9, 1.9, 0.8, 0.8], "More b and less c by the balancing logs is what losses of rollers"),
         (SWEEP * [1.9, 1.9, 0.8, 0.8], "b also represents losses of the rollers and their slip"),
         (SWEEP * [1.9, 1.9, 0.8, 0.8], "c also represents dry friction less what slip"),
-        (SWEEP * [0.5, 0.5, 1.4, 1.4], "do not explain it"),
+        (SWEEP * [0.5, 0.5, 1.4, 1.4], "More b and less c by the sweep is what losses of rollers"),
+        (SWEEP * [1.9, 1.9, 1.4, 1.4], "do not explain it"),
     ],
 )
 def test_a_difference_names_the_effect_that_it_shows(values, says):

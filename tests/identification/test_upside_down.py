@@ -251,6 +251,18 @@ class TestIdentification:
         assert found.held_out["robot file"].max() < 1.3 * 0.03
         assert found.to_dict() == again.to_dict()
         assert found.robot.friction.rolling == FRICTION.rolling
+        assert all(one.code != "methods-differ" for one in found.warnings)
+        stated = {"friction.viscous": (1e-4,) * 3, "friction.coulomb": (1e-3,) * 3}
+        other = replace(
+            FRICTION,
+            viscous=tuple(1.9 * one for one in FRICTION.viscous),
+            coulomb=tuple(0.8 * one for one in FRICTION.coulomb),
+        )
+        balanced = robot.replace(friction=other).annotated(standard_deviations=stated)
+        compared = identify_upside_down(balanced, log, run=Run(executor=Threads(count=2)), **options)
+        (differs,) = (one for one in compared.warnings if one.code == "methods-differ")
+        assert "The robot file and the logs upside down differ" in differs.text
+        assert "More b and less c by the robot file" in differs.text
 
     @pytest.mark.slow
     def test_held_and_useless_parameters_get_no_error(self, log: Log):

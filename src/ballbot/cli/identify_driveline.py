@@ -12,6 +12,7 @@ from ballbot.file_formats import results_text
 from ballbot.files import write_text
 from ballbot.findings import Finding, by_severity
 from ballbot.fitting.run import Run
+from ballbot.identification.agreement import file_findings
 from ballbot.identification.driveline import (
     LOWER,
     UPPER,
@@ -21,7 +22,7 @@ from ballbot.identification.driveline import (
     sweeps_of,
 )
 from ballbot.identification.driveline_checks import sweep_findings
-from ballbot.identification.driveline_robot import file_findings, robot_of_sweep
+from ballbot.identification.driveline_robot import robot_of_sweep, sweep_estimate
 from ballbot.identification.windows import back_emf_of
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
@@ -85,7 +86,7 @@ def identify_driveline(
     with open_result(out, command="identify-driveline", writes=_WRITTEN, inputs=inputs, seed=seed) as result:
         with result.progress("sweep") as bar:
             fits, printed = fit_drivelines(sweeps, space=space, run=Run(seed=seed, progress=bar.report))
-        findings = by_severity([*findings, *file_findings(described, fits)])
+        findings = by_severity([*findings, *file_findings(described, sweep_estimate(fits))])
         identified = robot_of_sweep(described, fits, log=log.name)
         made = result.origin
         page = driveline_report(described.name, sweeps, fits, printed, made, findings)

@@ -168,12 +168,20 @@ def _effect(found: Agreement) -> str:
         )
     signs = found.signs
     differing = [symbol for symbol, sign in signs.items() if sign]
-    if differing and all(signs[symbol] == _ROLLERS[symbol] for symbol in differing):
-        groups = {word: [one for one in differing if signs[one] == sign] for word, sign in _WORDS.items()}
+    directions = {signs[symbol] * _ROLLERS[symbol] for symbol in differing}
+    against = [
+        deviation * _ROLLERS[label.rstrip("0123456789")] * direction < -_DIRECTION
+        for label, deviation in zip(found.first.labels, found.deviations, strict=True)
+        for direction in directions
+    ]
+    if len(directions) == 1 and not any(against):
+        # the stage that has these losses is the second, or the first if the second has less of them
+        rolls = found.second if directions == {1} else found.first
+        groups = {word: [one for one in differing if _ROLLERS[one] == sign] for word, sign in _WORDS.items()}
         shown = " and ".join(f"{word} {' and '.join(group)}" for word, group in groups.items() if group)
         also = "; ".join(f"{symbol} also represents {_stands_for(symbol)}" for symbol in differing)
         return (
-            f"{shown[0].upper()}{shown[1:]} by {found.second.source} is what losses of rollers, ball and floor cause, "
+            f"{shown[0].upper()}{shown[1:]} by {rolls.source} is what losses of rollers, ball and floor cause, "
             f"which the model lacks: {also}. Use the numbers of the stage that is nearest to the use: balancing for "
             "control, free wheels for motors and gears."
         )
@@ -200,3 +208,9 @@ def of_robot_file(robot: Robot) -> StageEstimate | None:
         values=layout.nominal(robot),
         covariance=covariance[:count, :count],
     )
+
+
+def file_findings(robot: Robot, found: StageEstimate) -> list[Finding]:
+    """Return a warning if a stage and the friction in the robot's file differ by more than their errors."""
+    stated = of_robot_file(robot)
+    return [] if stated is None else agreement_findings(stated, found)

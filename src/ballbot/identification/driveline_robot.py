@@ -11,8 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.findings import Finding
-from ballbot.identification.agreement import StageEstimate, agreement_findings, of_robot_file
+from ballbot.identification.agreement import StageEstimate
 from ballbot.identification.driveline import NAMES, DrivelineFit
 from ballbot.identification.stated_uncertainty import with_uncertainty
 from ballbot.robot import Friction, Robot
@@ -116,9 +115,3 @@ def sweep_estimate(fits: Sequence[DrivelineFit]) -> StageEstimate:
         errors = fit.standard_errors[:2]
         covariance[np.ix_(places, places)] = np.nan_to_num(fit.correlation[:2, :2] * np.outer(errors, errors))
     return StageEstimate(source="the sweep", labels=tuple(labels), values=values, covariance=covariance)
-
-
-def file_findings(robot: Robot, fits: Sequence[DrivelineFit]) -> list[Finding]:
-    """Return a warning if the sweep differs from the friction in the robot's file by more than their errors."""
-    stated = of_robot_file(robot)
-    return [] if stated is None else agreement_findings(sweep_estimate(fits), stated)

@@ -21,13 +21,13 @@ from ballbot.fitting.model_selection import ModelSelection
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import SearchResult, at_bound
 from ballbot.fitting.uncertainty import Discrepancy, discrepancy
-from ballbot.identification.agreement import StageEstimate, agreement_findings, of_robot_file
+from ballbot.identification.agreement import StageEstimate, file_findings
 from ballbot.identification.coulomb import coulomb_equivalent
 from ballbot.identification.excitation import chatter, chatter_finding, heading_findings, share_shown
 from ballbot.identification.laws import LAWS, LawName, bounds_of, law_named, select_law
 from ballbot.identification.parameters import Bounds, BoundsLike, Coordinates, as_bounds, scale_between
 from ballbot.identification.prediction import Predictor
-from ballbot.identification.quantities import FRICTION, Layout, names_in
+from ballbot.identification.quantities import FRICTION, names_in
 from ballbot.identification.result import (
     Identification,
     WindowErrors,
@@ -297,7 +297,12 @@ def _result(
             *final.remarks,
             *discrepancy_finding(apart),
             *variation_findings(varied),
-            *_agreement(predictor.robot, layout, values, covariance),
+            *file_findings(
+                predictor.robot,
+                StageEstimate(
+                    source="the balancing logs", labels=layout.labels, values=values, covariance=covariance
+                ),
+            ),
         ),
         log_findings=findings,
     )
@@ -347,19 +352,6 @@ def wheel_speeds(robot: Robot, windows: Windows) -> NDArray[np.float64]:
     """Return the speeds of the wheels (w, 1 + m, n) [rad/s] in windows."""
     states = np.concatenate([windows.initial[:, None], windows.measured], axis=1)
     return Model(robot).wheel_speed(states[..., :5], states[..., 5:])
-
-
-def _agreement(
-    robot: Robot, layout: Layout, values: NDArray[np.float64], covariance: NDArray[np.float64]
-) -> list[Finding]:
-    """Return a warning if the logs and the friction in the robot's file differ by more than their errors."""
-    stated = of_robot_file(robot)
-    if stated is None:
-        return []
-    found = StageEstimate(
-        source="the balancing logs", labels=layout.labels, values=values, covariance=covariance
-    )
-    return agreement_findings(stated, found)
 
 
 def _findings(

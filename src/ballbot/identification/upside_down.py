@@ -28,6 +28,7 @@ from ballbot.fitting.least_squares import Stopping, minimize_squares
 from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.fitting.search import evolve
 from ballbot.fitting.uncertainty import NormalEquations, correlation, covariance, without_influence
+from ballbot.identification.agreement import StageEstimate, file_findings
 from ballbot.identification.excitation import WINDOWS_PER_PARAMETER
 from ballbot.identification.parameters import Bounds, BoundsLike, Coordinates, as_bounds, scale_between
 from ballbot.identification.prediction import DIFFERENCE
@@ -443,13 +444,20 @@ def _result(
     scaled = covariance(equations, free & ~stands & ~no_influence)
     errors, correlations = np.sqrt(scaled.diagonal()), correlation(scaled)
     physical_errors = errors * coordinates.slopes(point)
+    physical_covariance = parameter_covariance(physical_errors, physical_errors, correlations)
     found = found_robot(
         robot,
         coordinates.layout,
         values,
         physical_errors,
-        covariance=parameter_covariance(physical_errors, physical_errors, correlations),
+        covariance=physical_covariance,
         log_count=log_count,
+    )
+    own = StageEstimate(
+        source="the logs upside down",
+        labels=coordinates.labels,
+        values=values,
+        covariance=physical_covariance,
     )
     rolling = robot.sources.get("friction.rolling", "assumed")
     windows = problem.windows
@@ -471,6 +479,7 @@ def _result(
             *bound_findings(coordinates, values, stands),
             *error_findings(coordinates, errors),
             *correlation_findings(coordinates.labels, correlations),
+            *file_findings(robot, own),
         ),
     )
 
