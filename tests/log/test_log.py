@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 
 from ballbot.errors import InputError
 from ballbot.log import STATE_NAMES, Log
+from ballbot.log.pose import with_position
+from ballbot.robot import Robot
 from tests.support.log_examples import smooth_log
 
 
@@ -92,6 +94,21 @@ def test_require_names_every_missing_column_and_the_nearest_there():
         log.require("thetaa", "x", "ref_x")
     with pytest.raises(InputError, match="no column wheel1_dot"):
         _ = log.wheel_speeds
+
+
+def test_misspelt_column_is_named_beside_the_one_that_is_missing():
+    named = {
+        name: values
+        for name, values in ((one, smooth_log(rows=3)[one]) for one in smooth_log(rows=3).names)
+        if name != "x"
+    }
+    log = Log({"thta" if name == "theta" else name: values for name, values in named.items()})
+    with pytest.raises(InputError, match=r"no column theta \(it has thta\)"):
+        log.require("t", "theta")
+    with pytest.raises(InputError, match=r"lacks theta, .*wheel3_dot \(it has thta\), from which x"):
+        with_position(log, Robot.load("alten"))
+    with pytest.raises(InputError, match=r"no column psi\. Add"):  # psi_dot is a rate, and no misspelt psi
+        Log({name: values for name, values in named.items() if name != "psi"}).require("psi")
 
 
 def test_truth_takes_the_sensors_place():

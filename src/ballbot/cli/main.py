@@ -149,14 +149,20 @@ def _close_standard_output() -> None:
 def _unknown_command(error: UnknownCommandError) -> str:
     """Return the sentence on a word that is no command of a group of commands, such as `ballbot twin`."""
     group, word = " ".join(error.command_chain or ()), (error.unused_tokens or [""])[0]
+    if word.startswith("-"):
+        return _no_option(word, ["--help", "--version", *OUTPUT_OPTIONS])
     names = [name for name in error.app or () if not name.startswith("-")]
-    return f"There is no command '{group} {word}'; {suggest(word, names, otherwise='the commands are')}"
+    return f"There is no command {f'{group} {word}'.strip()!r}; {suggest(word, names, otherwise='the commands are')}"
 
 
 def _unknown_option(error: UnknownOptionError) -> str:
     option = (error.token.keyword or error.token.value).partition("=")[0]
     names = [name for one in error.argument_collection if one.parse for name in one.names]
-    near = nearest(option, [*names, *OUTPUT_OPTIONS, "--help"])
+    return _no_option(option, [*names, *OUTPUT_OPTIONS, "--help"])
+
+
+def _no_option(option: str, names: Sequence[str]) -> str:
+    near = nearest(option, names)
     hint = f"; did you mean {near[0]}?" if near else "."
     return f"There is no option {option}{hint}"
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from ballbot.cli.context import ROBOT_BESIDE, robot_beside
 from ballbot.cli.live_view import LiveOptions, has_live_view, open_page, simulate_live, watch_robot
 from ballbot.cli.output import notice_output, progress_bar, show_written, standard_output
-from ballbot.errors import InputError
+from ballbot.errors import InputError, nearest
 from ballbot.files import check_file, write_text
 from ballbot.log import Log
 from ballbot.log.collection import named_files
@@ -133,6 +133,8 @@ def _sorted_out(shown: tuple[str, ...]) -> tuple[list[str], dict[str, Path]]:
     plain = []
     for one in (one for one in shown if one not in robots):
         label, equals, path = one.partition("=")
+        if not (equals or Path(one).suffix or Path(one).exists()) and nearest(one, Robot.presets()):
+            Robot.load(one)  # refuses the misspelt preset, and names the nearest
         if not equals or Path(one).exists():
             plain.append(Path(one))
         elif label in labels:

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, nearest
 from ballbot.state import POSITION_NAMES as POSITION_NAMES
 from ballbot.state import STATE_NAMES as STATE_NAMES
 from ballbot.state import torque_names as torque_names
@@ -110,6 +110,18 @@ def numbered_names(names: Iterable[str], *, prefix: str, suffix: str = "") -> tu
     if not found:
         raise InputError(f"The log has no column {prefix}1{suffix}, which this use needs.")
     return tuple(found)
+
+
+def similar_column(missing: Iterable[str], present: Iterable[str]) -> str:
+    """Return " (it has thta)" if one of the missing columns is perhaps there under a misspelt name, else nothing."""
+    present = list(present)
+    for name in missing:
+        # one that Ballbot knows is what it says, however near its name is
+        others = present if unit_of(name) is None else [one for one in present if unit_of(one) is None]
+        near = nearest(name, others)
+        if near:
+            return f" (it has {near[0]})"
+    return ""
 
 
 #: by Ballbot's unit, the factors that turn others of the same kind into it

@@ -22,8 +22,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import format_duration
-from ballbot.errors import InputError, nearest
-from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, mark_missing, numbered_names, unit_of
+from ballbot.errors import InputError
+from ballbot.log.columns import (
+    STATE_NAMES,
+    TRUE_PREFIX,
+    mark_missing,
+    numbered_names,
+    similar_column,
+    unit_of,
+)
 from ballbot.summary import Summary, counted, plotted, range_words, summarized
 
 if TYPE_CHECKING:
@@ -426,10 +433,8 @@ def _why_long(t: NDArray[np.float64]) -> str:
 
 
 def _missing_sentence(missing: list[str], present: tuple[str, ...]) -> str:
-    near = nearest(missing[0], present)
-    hint = f" (it has {near[0]})" if near else ""
     plural = "columns" if len(missing) > 1 else "column"
-    columns = f"{plural} {', '.join(missing)}{hint}"
+    columns = f"{plural} {', '.join(missing)}{similar_column(missing, present)}"
     return f"The log has no {columns}. Add or rename columns, in the file or by a mapping file."
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
-from ballbot.log.columns import STATE_NAMES, wheel_speed_names
+from ballbot.log.columns import STATE_NAMES, similar_column, wheel_speed_names
 from ballbot.log.formats import read_columns
 from ballbot.log.log import Log
 from ballbot.log.mapping import LogMapping, apply_mapping, row_times, sensor_delay
@@ -74,7 +74,10 @@ def with_position(log: Log, robot: Robot) -> Log:
         return log
     missing = [name for name in (*_NEEDED, *wheel_speed_names(robot.wheel_count)) if name not in log]
     if missing:
-        raise InputError(f"The log has no x, and lacks {', '.join(missing)}, from which x could be computed.")
+        near = similar_column(missing, log.names)
+        raise InputError(
+            f"The log has no x, and lacks {', '.join(missing)}{near}, from which x could be computed."
+        )
     return with_odometry(log, robot)
 
 

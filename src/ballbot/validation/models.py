@@ -18,12 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, suggest
 from ballbot.fitting.comparison import LEAST_RUNS, Verdict, ratio_interval, verdicts
 from ballbot.log import Log
 from ballbot.mechanics.engine.run import simulate_lanes
@@ -145,6 +146,10 @@ class ModelPair:
                     "itself. Choose the other one with --formulation or --against."
                 )
             return ModelPair.by_formulation(model)
+        if against not in Robot.presets() and not Path(against).exists():
+            choices = [*get_args(Formulation), *Robot.presets()]
+            hint = suggest(against, choices, otherwise="there are")
+            raise InputError(f"--against {against} is no formulation, preset or robot file; {hint}")
         other = Model(Robot.load(against), formulation=formulation)
         return ModelPair.of_two(model, other, files=(robot, against))
 

@@ -53,7 +53,7 @@ from ballbot.log.checks.values import (
     check_wrap,
 )
 from ballbot.log.collection import LogsLike, as_logs
-from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, torque_names, wheel_speed_names
+from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, similar_column, torque_names, wheel_speed_names
 from ballbot.log.log import Log
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.plausibility import named_robot_findings
@@ -230,11 +230,12 @@ def needed_columns(wheel_count: int) -> Mapping[str, tuple[str, ...]]:
 def check_uses(log: Log, *, wheel_count: int) -> list[Finding]:
     """Return a note for each use that the log lacks columns for."""
     findings = []
-    for use, names in needed_columns(wheel_count).items():
-        missing = tuple(name for name in names if name not in log)
+    for use, needed in needed_columns(wheel_count).items():
+        missing = tuple(name for name in needed if name not in log)
         if missing:
             plural = "columns" if len(missing) > 1 else "column"
-            sentence = f"Not enough for {use}: the log lacks the {plural} {', '.join(missing)}."
+            names = f"{plural} {', '.join(missing)}{similar_column(missing, log.names)}"
+            sentence = f"Not enough for {use}: the log lacks the {names}."
             findings.append(Finding(severity="note", code="use", text=sentence, where=Place(columns=missing)))
     return findings
 
