@@ -16,8 +16,7 @@ from ballbot.errors import InputError
 from ballbot.files import check_folder, write_text
 from ballbot.log import Log
 from ballbot.progress import Progress
-from ballbot.report.demo_runs import PRECISE, ROBOT, SOFT, read_runs
-from ballbot.robot import Robot
+from ballbot.report.demo_runs import PRECISE, ROBOT, SOFT, read_runs, robot_of_runs
 from ballbot.viewer.page import ResultState, replay_page, result_text
 from ballbot.workflows.metrics import SETTLE, position_error, settled
 
@@ -57,7 +56,7 @@ def demo(
     runs = read_runs()
     title = "One robot, two controllers, the same square"
     write_text(folder / _RESULT, result_text(_state_before(0.0, "compiling the model")))
-    page = replay_page(runs, Robot.load(ROBOT), title=title, lead=_lead(runs), result_beside=_RESULT)
+    page = replay_page(runs, robot_of_runs(), title=title, lead=_lead(runs), result_beside=_RESULT)
     write_text(folder / _PAGE, page)
     show_written(folder / _PAGE)
     if browser and not webbrowser.open((folder / _PAGE).resolve().as_uri()):

@@ -15,11 +15,10 @@ from ballbot.identification.stages import IdentificationOptions
 from ballbot.log import Log
 from ballbot.log.checks import CheckedLogs
 from ballbot.mechanics.friction import wheel_friction
-from ballbot.report.demo_runs import ROBOT, SOFT
+from ballbot.report.demo_runs import ROBOT, SOFT, robot_of_runs
 from ballbot.report.friction import friction_curve
 from ballbot.robot import Robot
 from ballbot.rounding import digits
-from ballbot.twin.scenario import Scenario
 from ballbot.viewer.page import ResultState
 
 #: part of the first run that is identified [s], the law, and the settings of the search
@@ -41,7 +40,7 @@ def identified(log: Log, run: Run) -> Identification:
 def state_found(found: Identification) -> ResultState:
     """Return what the page shows of the friction found."""
     robot = found.robot
-    truth = Scenario.nominal(Robot.load(ROBOT)).friction
+    truth = robot_of_runs().friction
     speeds = np.full(robot.wheel_count, SPEED)
     true = wheel_friction(speeds, truth)
     rows = []

@@ -22,6 +22,7 @@ from ballbot.log.columns import POSITION_NAMES, TRUE_PREFIX, Columns, torque_nam
 from ballbot.log.pose import with_odometry
 from ballbot.robot import Robot
 from ballbot.robot.derived import encoder_step
+from ballbot.twin.scenario import Scenario
 
 #: the runs, in the order in which they are shown
 SOFT, PRECISE = "Soft gain, as in the thesis", "Precise controller"
@@ -43,6 +44,12 @@ def _steps() -> Mapping[str, float]:
     robot = Robot.load(ROBOT)
     turn = encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio)
     return {**_STEPS, **dict.fromkeys(wheel_speed_names(3), turn / SAMPLE_TIME)}
+
+
+def robot_of_runs() -> Robot:
+    """Return the robot of the runs, with the friction that the twin has in them."""
+    robot = Robot.load(ROBOT)
+    return robot.replace(friction=Scenario.nominal(robot).friction)
 
 
 def runs_file(runs: Mapping[str, Log]) -> bytes:
