@@ -1,9 +1,11 @@
 """The document "From a CSV file to a report": its file and messages are those of the commands."""
 
+import io
 import json
 import re
 import subprocess
 import sys
+from contextlib import redirect_stdout
 
 import pytest
 
@@ -87,11 +89,61 @@ def filled(folder, refused):
     return path
 
 
-@pytest.mark.sample
-def test_rolling_friction_of_the_log_is_about_twice_the_floors(folder, filled):
+@pytest.fixture(scope="module")
+def identified(folder, filled):
+    """Return the folder of the identification, with what the command prints in printed.txt."""
     words = ["identify", "alten", str(folder / "balance.csv"), "--mapping", str(filled)]
-    assert main([*words, "--out", str(folder / "found")]) == 0
-    found = Robot.load(folder / "found" / "robot.toml").friction.rolling
+    printed = io.StringIO()
+    with redirect_stdout(printed):
+        assert main([*words, "--out", str(folder / "found")]) == 0
+    (folder / "found" / "printed.txt").write_text(printed.getvalue())
+    return folder / "found"
+
+
+def explained(section):
+    """Yield code and message of each row of a section's tables of codes."""
+    text = DOCUMENT.split(f"\n## {section}")[1].split("\n## ")[0]
+    return re.findall(r"^\| `([\w-]+)` \| `([^`]+)` \|", text, flags=re.MULTILINE)
+
+
+def fixed_words(text):
+    """Return a message without numbers and parameters, which differ in the last digits between processors."""
+    return re.sub(r"(?:[bcs]\d|v_s|delta|C_rr|-?\d[\d.]*|,| and )\s*", "", text)
+
+
+def assert_explained(findings, section):
+    """Assert that a section explains every finding, and nothing that is not found."""
+    rows = explained(section)
+    for one in findings:
+        meant = [message for code, message in rows if code == one["code"]]
+        assert any(fixed_words(message) in fixed_words(one["text"]) for message in meant), one
+    for code, message in rows:
+        assert any(
+            code == one["code"] and fixed_words(message) in fixed_words(one["text"]) for one in findings
+        )
+
+
+@pytest.mark.usefixtures("refused")
+def test_every_finding_of_the_first_check_is_explained(folder):
+    results = json.loads((folder / "checked" / "results.json").read_text())
+    assert_explained(results["findings"], "1.")
+
+
+def test_every_warning_of_the_identification_is_explained(identified):
+    results = json.loads((identified / "results.json").read_text())
+    printed = " ".join((identified / "printed.txt").read_text().split())
+    assert all(one["text"] in printed for one in results["warnings"])
+    assert_explained(results["warnings"], "3.")
+    for words in ("Effective parameters, and what else they stand for", "Coulomb equivalent of each wheel"):
+        assert f"| `{words}` |" in DOCUMENT
+        assert words in printed
+    for column in ("95 %, this log", "95 %, another log"):
+        assert f"`{column}`" in DOCUMENT
+        assert column in printed
+
+
+def test_rolling_friction_of_the_log_is_about_twice_the_floors(identified):
+    found = Robot.load(identified / "robot.toml").friction.rolling
     floor = Scenario.named("nominal", Robot.load("alten")).friction.rolling
     assert f"the floor of this twin has {floor:g}, and the log gives about twice as much" in DOCUMENT
     assert 1.5 < found / floor < 2.5
@@ -99,11 +151,8 @@ def test_rolling_friction_of_the_log_is_about_twice_the_floors(folder, filled):
 
 def test_filled_in_as_the_document_says_the_log_is_the_recording(folder, filled, capsys):
     words = ["check-log", str(folder / "balance.csv"), "--robot", "alten", "--mapping", str(filled)]
-    assert main(words) == 0
+    assert main([*words, "--out", str(folder / "again")]) == 0
     shown = capsys.readouterr().out
-    for message in (
-        "The wheels give x, y, x_dot, y_dot, which the file does not have",
-        "Not enough for closed-loop validation: the log lacks the columns ref_x, ref_y, ref_psi",
-    ):
-        assert f"`{message}`" in DOCUMENT
+    assert_explained(json.loads((folder / "again" / "results.json").read_text())["findings"], "2.")
+    for _, message in explained("2."):
         assert message in shown
