@@ -1,34 +1,49 @@
 """The versions of Ballbot's files: files without a number are read; newer ones and other kinds are refused."""
 
 import json
+import tomllib
 import warnings
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
 
 import ballbot
-from ballbot import InputError
+from ballbot import InputError, file_formats
 from ballbot.cli.main import main
 from ballbot.control.file import controller_text, read_controller
+from ballbot.control.presets import nominal_controller
+from ballbot.errors import OldFileFormat
 from ballbot.file_formats import NEWEST, Kind, format_line, format_name, read_results, without_format
 from ballbot.link.recorder import read_recording
 from ballbot.log.mapping_file import parse_mapping, read_mapping
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
-from ballbot.twin.scenario import load_scenario, scenario_text
+from ballbot.twin.scenario import Scenario, load_scenario, scenario_text
+from ballbot.viewer import replay_page
 from ballbot.workflows.controller_prediction import checksum_of
+from ballbot.workflows.courses import built_in_sets, read_courses
+from ballbot.workflows.record import RecordJob, settings
 from tests.support.log_examples import smooth_log
 
+VERSION = ballbot.__version__
 #: files of before formats had numbers
 OLD = Path(__file__).parent / "golden" / "files"
 ALTEN = Robot.load("alten")
+COURSES = """
+[mine.one]
+reference = "hold"
+duration = 9.0
+mismatch = { mass = 1.1 }
+"""
 #: by the kind of a file: how it is read
 READERS: dict[Kind, Callable[[Path], object]] = {
     "robot": Robot.load,
     "controller": lambda path: controller_text(read_controller(path, ALTEN)),
     "scenario": lambda path: load_scenario(path, ALTEN),
     "mapping": read_mapping,
+    "courses": lambda path: read_courses(path, ALTEN, "model"),
     "results": read_results,
     "recording": read_recording,
 }
@@ -38,6 +53,7 @@ TEXTS: dict[Kind, str] = {
     "controller": controller_text(read_controller(OLD / "controller_full.toml", ALTEN)),
     "scenario": scenario_text(load_scenario("nominal", ALTEN)),
     "mapping": f"{format_line('mapping')}\n{(OLD / 'mapping.toml').read_text(encoding='utf-8')}",
+    "courses": f"{format_line('courses')}{COURSES}",
     "results": json.dumps({"format": format_name("results")}),
     "recording": '{"format": "ballbot recording 1", "columns": ["t", "u1"], "about": {"robot": "alten"}}\n'
     "0.005,0.1\n0.01,-2e-3\n",
@@ -101,6 +117,77 @@ def test_newer_format_is_refused_with_what_to_do(kind: Kind, tmp_path: Path) -> 
         InputError, match=rf"newer_{kind}: format is '{newer}'.*pip install --upgrade ballbot"
     ):
         READERS[kind](path)
+
+
+#: by the kind: a key of an earlier file, and its present name
+RENAMED: dict[Kind, tuple[str, str]] = {
+    "controller": ("[lean_bound]", "[lean_limit]"),
+    "scenario": ("share = ", "fraction = "),
+    "courses": ("unlike = ", "mismatch = "),
+}
+RENAMED_TEXTS: dict[Kind, str] = {
+    "controller": f"{TEXTS['controller']}\n[lean_limit]\nlean = 0.1\nturn = 0.5\n",
+    "scenario": f"{TEXTS['scenario']}\n[load_dependence]\nfraction = 0.5\n",
+    "courses": TEXTS["courses"],
+}
+
+
+@pytest.mark.parametrize("kind", RENAMED)
+def test_file_of_the_format_before_is_migrated_with_a_hint(
+    kind: Kind, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A key is renamed, so the number rises: files of the number before are read, and written with the new one."""
+    before, now = tmp_path / "files", tmp_path / "now" / "files"
+    now.parent.mkdir()
+    (old, new), text, first = RENAMED[kind], RENAMED_TEXTS[kind], format_name(kind)
+    assert new in text
+    before.write_text(text.replace(new, old), encoding="utf-8")
+    monkeypatch.setitem(file_formats.NEWEST, kind, NEWEST[kind] + 1)
+    assert format_name(kind) != first
+    now.write_text(text.replace(first, format_name(kind)), encoding="utf-8")
+    with pytest.warns(OldFileFormat, match=rf"{before} was written by an earlier version: .* is now called"):
+        migrated = READERS[kind](before)
+    with warnings.catch_warnings(action="error"):
+        assert READERS[kind](now) == migrated
+    if kind == "controller":
+        assert format_line(kind) in str(migrated).splitlines()
+    later = now.read_text(encoding="utf-8").replace(format_name(kind), f"ballbot {kind} {NEWEST[kind] + 1}")
+    now.write_text(later, encoding="utf-8")
+    with pytest.raises(InputError, match="which a newer Ballbot wrote"):
+        READERS[kind](now)
+
+
+def test_built_in_courses_state_the_newest_format_of_course_files() -> None:
+    text = (Path(ballbot.__file__).parent / "workflows" / "courses.toml").read_text(encoding="utf-8")
+    assert f'format = "{format_name("courses")}"' in text
+    assert "format" not in built_in_sets()
+
+
+@pytest.mark.parametrize("kind", ["robot", "controller", "scenario"])
+def test_written_file_names_the_version(kind: Kind) -> None:
+    (line,) = (one for one in TEXTS[kind].splitlines() if one.startswith("format"))
+    assert (
+        line == f'format = "ballbot {kind} 1"  # of this file, written by Ballbot {VERSION}; may be left out'
+    )
+
+
+def test_recorded_run_states_the_version_and_is_the_same_run_without_it() -> None:
+    scenario, controller = Scenario.nominal(ALTEN), nominal_controller(ALTEN)
+    job = RecordJob(robot=ALTEN, scenario=scenario, experiment="balance", duration=1.0, controller=controller)
+    text = settings(job, 1)["record.toml"]
+    assert tomllib.loads(text)["run"]["ballbot"] == VERSION
+    other = text.replace(f'ballbot = "{VERSION}"', 'ballbot = "0.0.9"')
+    assert without_format(text) == without_format(other)
+    assert without_format(other) == other.replace('ballbot = "0.0.9"\n', "")
+
+
+def test_replay_page_and_mcap_file_state_the_version(tmp_path: Path) -> None:
+    log = smooth_log(rows=40)
+    page = replay_page({"run": log}, ALTEN, title="run")
+    assert f'<meta name="generator" content="Ballbot {VERSION}">' in page
+    log.write(tmp_path / "log.mcap")
+    with (tmp_path / "log.mcap").open("rb") as stream:
+        assert make_reader(stream).get_header().library == f"ballbot {VERSION}"
 
 
 @pytest.mark.parametrize("kind", NEWEST)

@@ -1,9 +1,9 @@
 """The versions of the formats of Ballbot's own files.
 
-Robot, controller, scenario and mapping files have a key `format`, such as "ballbot robot 1", and results.json has it
-beside the version of Ballbot that wrote it; a recording of a live run begins with it. A file without the key was
-written before formats had numbers, or by hand, and is read as before. Each reader turns the keys of earlier formats
-into the present ones.
+Robot, controller, scenario, mapping and course files have a key `format`, such as "ballbot robot 1", and in its comment
+the version of Ballbot that wrote them; results.json has both as keys, and a recording of a live run begins with the
+format. A file without the key was written before formats had numbers, or by hand, and is read as before. Each reader
+turns the keys of earlier formats into the present ones.
 
 A number rises when an earlier Ballbot would misread the new file: a key is renamed, removed, or means something else. A
 new key that may be left out changes nothing.
@@ -22,7 +22,7 @@ from ballbot.files import read_json
 from ballbot.results import as_json
 from ballbot.schema import toml_line
 
-Kind = Literal["robot", "controller", "scenario", "mapping", "results", "recording"]
+Kind = Literal["robot", "controller", "scenario", "mapping", "courses", "results", "recording"]
 
 #: the number of the format that is written now
 NEWEST: Mapping[Kind, int] = {
@@ -30,12 +30,13 @@ NEWEST: Mapping[Kind, int] = {
     "controller": 1,
     "scenario": 1,
     "mapping": 1,
+    "courses": 1,
     "results": 1,
     "recording": 1,
 }
 
 _NAME = re.compile(r"ballbot (\w+) (\d{1,9})")
-_LINE = re.compile(r'^format = "ballbot \w+ \d+".*\n', re.MULTILINE)
+_LINE = re.compile(r'^(format = "ballbot \w+ \d+".*|ballbot = "[^"]*")\n', re.MULTILINE)
 
 
 def format_name(kind: Kind) -> str:
@@ -44,12 +45,14 @@ def format_name(kind: Kind) -> str:
 
 
 def format_line(kind: Kind) -> str:
-    """Return the line of a TOML file that states its format, without a line end."""
-    return toml_line("format", format_name(kind), "of this file; may be left out")
+    """Return the line of a TOML file that states its format and who wrote it, without a line end."""
+    return toml_line(
+        "format", format_name(kind), f"of this file, written by Ballbot {version('ballbot')}; may be left out"
+    )
 
 
 def without_format(text: str) -> str:
-    """Return the text of a TOML file without that line: what an earlier Ballbot wrote for the same content."""
+    """Return the text of a TOML file without its format and version: what every Ballbot writes for the same content."""
     return _LINE.sub("", text, count=1)
 
 

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ballbot.errors import InputError
+from ballbot.file_formats import without_format
 from ballbot.robot import Ball, Body, Drive, Friction, Robot, Rollers, Sensors, Wheels
 from ballbot.robot import file as file_module
 from ballbot.robot import robot as robot_module
@@ -122,7 +123,8 @@ def test_what_is_written_reads_back_as_the_same_floats(
 
 
 def test_the_preset_is_written_as_any_robot_is() -> None:
-    assert robot_text(Robot.load("alten")) == TEXT
+    # a preset states its format, and no version that wrote it
+    assert without_format(robot_text(Robot.load("alten"))) == without_format(TEXT)
 
 
 def test_files_are_written_in_the_units_of_data_sheets() -> None:

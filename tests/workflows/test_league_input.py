@@ -149,7 +149,7 @@ def test_a_controller_that_fails_during_a_run_is_reported(folder, own, sentence)
             "lenght is not a key of a course; the keys there are about, reference, duration",
         ),
         (COURSE + "mismatch = { mass = 0.0 }", "mismatch.mass is 0.0; it must be above 0"),
-        (COURSE + "unlike = { mass = 1.1 }", "The key unlike is now called mismatch; rename it."),
+        ("format = 3\n" + COURSE, "format is 3; it must be 'ballbot courses 1', or be left out."),
         (COURSE + "[mine.one.scenario]\nbacklsh = 0.1", "did you mean 'backlash'?"),
         (COURSE + '[mine.one.scenario]\npivoting = "much"', "pivoting is 'much'; it must be a number."),
         (COURSE + COURSE.replace("mine", "yours").replace("9.0", "8.0"), "There are two courses 'one'"),

@@ -21,6 +21,7 @@ from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text, read_controller, write_controller
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import write_reference
+from ballbot.file_formats import without_format
 from ballbot.files import write_text
 from ballbot.fitting.checkpoint import digest, identity
 from ballbot.identification import read_bounds
@@ -161,8 +162,8 @@ def excite(
         "window": identification.window,
         "effort": effort,
         "seed": search.seed,
-        "controller": digest(controller_text(chosen)).hex(),
-        "scenario": digest(scenario_text(scenario)).hex(),
+        "controller": digest(without_format(controller_text(chosen))).hex(),
+        "scenario": digest(without_format(scenario_text(scenario))).hex(),
         "deviations": digest(deviations).hex(),
         "bounds": bounds,
     }

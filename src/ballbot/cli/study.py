@@ -18,6 +18,7 @@ from ballbot.cli.context import (
 )
 from ballbot.cli.findings import Accept, check_input
 from ballbot.cli.output import print_verdict
+from ballbot.file_formats import without_format
 from ballbot.fitting.checkpoint import identity
 from ballbot.identification import read_bounds
 from ballbot.identification.windows import back_emf_of
@@ -113,7 +114,7 @@ def study(
     back_emf, excluded = back_emf_of(fit.mapping), names_listed(fit.exclude_states)
     scenario, plant = load_scenario(trial.scenario, described), available_plant(trial.plant)
     depends_on = {"bounds": within, "left_out": excluded, "back_emf": back_emf, "seed": seed}
-    depends_on |= {"plant": plant, "scenario": scenario_text(scenario), "draws": trial.draws}
+    depends_on |= {"plant": plant, "scenario": without_format(scenario_text(scenario)), "draws": trial.draws}
     with (
         open_long_result(
             out,

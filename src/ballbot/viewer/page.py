@@ -13,6 +13,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
+from importlib.metadata import version
 from importlib.resources import files
 from typing import Literal
 
@@ -213,6 +214,7 @@ def _document(title: str, *, lead: str, body: str, style: str, script: str, poli
 <meta charset="utf-8">
 {given}{icon}<meta name="viewport" content="width=device-width, initial-scale=1">
 <meta name="color-scheme" content="light dark">
+<meta name="generator" content="Ballbot {version("ballbot")}">
 <title>{shown}</title>
 <style>{style}</style>
 </head>

@@ -6,6 +6,7 @@ The built-in courses are in courses.toml beside this file, in sets; a user's own
 from __future__ import annotations
 
 import inspect
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib.resources import files
@@ -15,14 +16,15 @@ from typing import Literal, cast
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, NonNegativeFloat, PositiveFloat
 
 from ballbot.control.references import REFERENCES, Reference, is_reference_file, read_reference
-from ballbot.errors import InputError, suggest
+from ballbot.errors import InputError, OldFileFormat, suggest
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import EstimatorName
+from ballbot.file_formats import take_format
 from ballbot.files import parse_toml, read_toml
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_body, scaled_friction
-from ballbot.schema import validate_table
+from ballbot.schema import renamed_keys, validate_table
 from ballbot.simulation.plant import Plant
 from ballbot.twin.scenario import Scenario, scenario_of
 from ballbot.twin.twin import Twin
@@ -122,6 +124,9 @@ _IN_LEAGUE = ("motions", "disturbances")
 #: a course lasts at most a day [s]: the log of a longer one would not fit into memory
 _MAX_DURATION = 86400.0
 
+#: keys of courses that have another name now
+_RENAMED = {"course": {"unlike": "mismatch"}}
+
 _Tables = Mapping[str, Mapping[str, object]]
 
 
@@ -177,12 +182,14 @@ def choose_courses(words: str, robot: RobotLike, plant: PlantName) -> tuple[Cour
 def built_in_sets() -> dict[str, _Tables]:
     """Return the tables of courses.toml, sets of courses by name; the first is `league`."""
     text = files("ballbot.workflows").joinpath("courses.toml").read_text(encoding="utf-8")
-    sets = cast("dict[str, _Tables]", parse_toml(text, source="courses.toml"))
+    sets = cast("dict[str, _Tables]", take_format(parse_toml(text, source="courses.toml"), "courses"))
     return {LEAGUE: {name: table for part in _IN_LEAGUE for name, table in sets[part].items()}} | sets
 
 
 def read_courses(path: str | Path, robot: Robot, plant: PlantName) -> list[Course]:
     """Return the courses of all sets of a course file.
+
+    Warns with `OldFileFormat` if the file has a key by its earlier name.
 
     Raises
     ------
@@ -190,17 +197,27 @@ def read_courses(path: str | Path, robot: Robot, plant: PlantName) -> list[Cours
         If the file cannot be read, is no TOML, or describes no courses.
     """
     path = Path(path)
-    sets = read_toml(path)
-    courses = []
+    tree = read_toml(path)
+    try:
+        sets = take_format(tree, "courses")
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    courses, hints = [], dict[str, None]()
     for group, tables in sets.items():
         if not (isinstance(tables, dict) and all(isinstance(one, dict) for one in tables.values())):
             raise InputError(f"{path}: {group} holds no courses; write each under a line [{group}.NAME].")
         for name, table in tables.items():
-            courses.append(
-                _course(name, table, robot, plant, place=f"{path}: [{group}.{name}]", beside=path.parent)
-            )
+            present, renamed = renamed_keys({"course": table}, _RENAMED)
+            hints |= dict.fromkeys(renamed)
+            place = f"{path}: [{group}.{name}]"
+            table = cast("Mapping[str, object]", present["course"])
+            courses.append(_course(name, table, robot, plant, place=place, beside=path.parent))
     if not courses:
         raise InputError(f"{path} holds no courses; write each under a line [SET.NAME].")
+    if hints:
+        warnings.warn(
+            f"{path} was written by an earlier version: {'; '.join(hints)}.", OldFileFormat, stacklevel=2
+        )
     return courses
 
 
@@ -226,8 +243,6 @@ def _course(
     name: str, table: Mapping[str, object], robot: Robot, plant: PlantName, *, place: str, beside: Path
 ) -> Course:
     try:
-        if "unlike" in table:
-            raise InputError("The key unlike is now called mismatch; rename it.")
         given = validate_table(CourseTable, table, of="a course")
         spec = _reference_spec(given.reference, beside)
         spec.reference()  # refused before anything is run

@@ -4,7 +4,7 @@ log, truth, motion_capture   see `ballbot.twin.recording`; in a format that `bal
 results.json                 the run in numbers
 report.html                  the run to look at; of several seeds one page beside their folders
 robot.toml, scenario.toml, controller.toml
-record.toml                  seed, experiment, the cameras' frame and clock
+record.toml                  version of Ballbot, seed, experiment, the cameras' frame and clock
 
 The files appear together (`ballbot.result_folder`), so that a folder that has them is whole, and a batch that was
 stopped goes on where it was: what is there is held against its checksums.
@@ -18,6 +18,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass
+from importlib.metadata import version
 from pathlib import Path
 
 import tomli_w
@@ -221,6 +222,7 @@ def settings(job: RecordJob, seed: int) -> dict[str, str]:
     """Return the texts of the files that describe a run, by name; record.toml comes last."""
     texts = {"robot.toml": robot_text(job.robot), "scenario.toml": scenario_text(job.scenario)}
     run: dict[str, object] = {
+        "ballbot": version("ballbot"),
         "seed": seed,
         "experiment": job.experiment,
         "duration": job.duration,

@@ -17,6 +17,7 @@ import json
 import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -100,7 +101,7 @@ def write_mcap(
 
     stream = io.BytesIO()
     writer = Writer(stream)
-    writer.start(library="ballbot")
+    writer.start(library=f"ballbot {version('ballbot')}")
     origin = first_time(columns)
     messages: list[tuple[int, int, bytes]] = []
     for channel in (*_channels(columns), *replay):
