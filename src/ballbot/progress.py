@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import os
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from time import monotonic
 
 from ballbot.printable import printable_line
@@ -20,8 +22,10 @@ class Progress:
     total: float  #: steps that the stage takes at most
     cost: float = math.nan  #: the best cost so far, where the work minimises one
     share: float = math.nan  #: fraction of the whole work, 0 to 1; that of the stage if it is not given
-    #: how much the share grew since the last report without work, as a stage ended early
+    #: how much the share grew since the last report without work, as a stage ended early; negative if a stage took
+    #: more steps than usual
     skipped: float = 0.0
+    planned: float = math.nan  #: time that the whole work usually takes [s]; NaN if that is not known
     seconds_left: float | None = None  #: at most, at the present pace; None if that is not known yet
     note: str = ""  #: a few words to show beside it
 
@@ -37,7 +41,9 @@ def ignore_progress(progress: Progress) -> None:
     """Do nothing: the callback of work that nobody watches."""
 
 
-def part_of(callback: ProgressCallback, first: float, last: float, *, stage: str = "") -> ProgressCallback:
+def part_of(
+    callback: ProgressCallback, first: float, last: float, *, stage: str = "", planned: float = math.nan
+) -> ProgressCallback:
     """Return a callback for a part of the work, which maps the part's share onto `first` to `last` of the whole.
 
     Parameters
@@ -48,16 +54,42 @@ def part_of(callback: ProgressCallback, first: float, last: float, *, stage: str
         Shares of the whole work at which the part begins and ends.
     stage : str, optional
         Replaces the stage of what the part reports.
+    planned : float, optional
+        Time that the whole work usually takes [s]; by default what the part's own takes, in proportion.
     """
+    part = last - first
 
     def report(progress: Progress) -> None:
-        part = last - first
-        share, skipped = first + part * progress.share, part * progress.skipped
         callback(
-            replace(progress, stage=stage or progress.stage, share=share, skipped=skipped, seconds_left=None)
+            replace(
+                progress,
+                stage=stage or progress.stage,
+                share=first + part * progress.share,
+                skipped=part * progress.skipped,
+                planned=progress.planned / part if math.isnan(planned) and part > 0.0 else planned,
+                seconds_left=None,
+            )
         )
 
     return report
+
+
+def in_parts(callback: ProgressCallback, seconds: Sequence[float]) -> tuple[ProgressCallback, ...]:
+    """Return a callback for each part of the work, which follow one another and usually take so many seconds each."""
+    ends = [sum(seconds[:count]) for count in range(len(seconds) + 1)]
+    whole = ends[-1]
+    return tuple(
+        part_of(callback, first / whole, last / whole, planned=whole) for first, last in pairwise(ends)
+    )
+
+
+def on_all_cores(seconds: float) -> float:
+    """Return how long work takes that all cores share, from its processor time [s]."""
+    return seconds / (os.cpu_count() or 1)
+
+
+#: a stage that ends by itself is expected to take at least this share of the steps so far once more
+_ALWAYS_LEFT = 1 / 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,13 +98,29 @@ class Stage:
 
     name: str
     steps: int  #: at most
-    work: float  #: of a step; in any unit, the same for all stages
+    work: float  #: usual time of a step [s]; the ratios between stages are what counts
+    #: steps until it ends by itself, as a search that converges; None: it takes all steps
+    usual: float | None = None
+
+    @property
+    def seconds(self) -> float:
+        """The time that the stage usually takes."""
+        return self.steps_left(0) * self.work
+
+    def steps_left(self, done: float) -> float:
+        """Return how many more steps are to be expected after so many."""
+        if self.usual is None:
+            return max(self.steps - done, 0.0)
+        expected = max(self.usual - done, _ALWAYS_LEFT * done)
+        return min(expected, self.steps - done) if done <= self.steps else expected
 
 
 class ProgressReporter:
     """Turns the progress of single stages into that of the whole work, whose share never falls.
 
-    A stage that ends before its last step counts as done when the next one begins, and that part as skipped.
+    The share is one less the share of what is still to be expected. A stage that ends before its usual number of steps counts as
+    done when the next one begins, and that part as skipped. If a stage begins again at its first step, all its steps
+    count.
 
     Parameters
     ----------
@@ -84,45 +132,63 @@ class ProgressReporter:
 
     def __init__(self, callback: ProgressCallback, stages: Sequence[Stage]) -> None:
         self._callback, self._eta = callback, EtaEstimator()
+        self._stages: dict[str, tuple[Stage, float]] = {}  # each with the work after it
+        after = 0.0
+        for stage in reversed(stages):
+            self._stages[stage.name] = (stage, after)
+            after += stage.seconds
+        self._whole, self._last = after, stages[-1]
         self._share, self._stage = 0.0, ""
-        self._stages: dict[str, tuple[Stage, float]] = {}
-        before = 0.0
-        for stage in stages:
-            self._stages[stage.name] = (stage, before)
-            before += stage.steps * stage.work
-        self._whole = before
+        # of the stage: the step that was reported last, and steps done
+        self._reported, self._steps = 0.0, 0.0
 
     def __call__(self, progress: Progress) -> None:
         """Report a step of a stage."""
-        stage, before = self._stages[progress.stage]
-        done = progress.done * stage.work
-        share = max(self._share, (before + done) / self._whole)
-        grown, self._share = share - self._share, share
-        worked = grown if self._stage == stage.name else min(grown, done / self._whole)
-        self._stage = stage.name
-        skipped = grown - worked
-        left = self._eta.seconds_left(share, skipped=skipped)
-        self._callback(replace(progress, total=stage.steps, share=share, skipped=skipped, seconds_left=left))
+        stage, after = self._stages[progress.stage]
+        if self._stage != stage.name:
+            self._stage, self._reported, self._steps = stage.name, 0.0, 0.0
+        begins_again = progress.done <= self._reported
+        steps = progress.done - (0.0 if begins_again else self._reported)
+        self._reported, self._steps = progress.done, self._steps + steps
+        left = (after + stage.steps_left(self._steps) * stage.work) / self._whole
+        share = max(self._share, 1.0 - left)
+        skipped = share - self._share - steps * stage.work / self._whole
+        self._share = share
+        now = replace(progress, total=stage.steps, share=share, skipped=skipped, planned=self._whole)
+        self._callback(replace(now, seconds_left=self._eta.seconds_left(now)))
 
     def end(self) -> None:
         """Report that the work is done, whatever its stages left out."""
-        stage = list(self._stages)[-1]
         skipped, self._share = 1.0 - self._share, 1.0
-        steps = self._stages[stage][0].steps
-        self._callback(Progress(stage=stage, done=steps, total=steps, share=1.0, skipped=skipped))
+        steps = self._last.steps
+        self._callback(
+            Progress(
+                stage=self._last.name,
+                done=steps,
+                total=steps,
+                share=1.0,
+                skipped=skipped,
+                planned=self._whole,
+            )
+        )
 
 
-#: no estimate from less than this [s]: parallel work ends in bursts
+#: no pace is taken from less time than this [s]: parallel work ends in bursts
 _SHORTEST = 1.0
+#: the plan counts as much as this much of it [s] that has been timed
+_PRIOR = 0.3
+#: the first step of a stage counts as at most so many times as long as the pace before it gives
+_SLOWEST_FIRST_STEP = 2.0
 
 
 class EtaEstimator:
-    """Estimates the time left from a share that grows from 0 to 1.
+    """Estimates the time left from shares that grow from 0 to 1.
 
     It is right within a factor of two from a tenth of the run on if the shares are, stage by stage, those of the time.
-    The estimate is the average over the later half of the time since the first step. The first step itself does
-    not count, because it compiles; steps read from a checkpoint or of another stage are forgotten as time goes by,
-    and steps that end together, on many threads, count as one.
+    The estimate is what was planned, if anything was, and after a second the average over the later half of the time
+    since the first step. The first step itself does not count, because it compiles, and of the first step of a later
+    stage no more than twice what the pace gives. Steps read from a checkpoint or of another stage are forgotten as
+    time goes by, and steps that end together, on many threads, count as one.
 
     Parameters
     ----------
@@ -135,33 +201,44 @@ class EtaEstimator:
         self._skipped, self._share = 0.0, 0.0
         self._times: list[float] = []  # [s], when work was done
         self._worked: list[float] = []  # which share of the whole until then
+        self._not_counted, self._stage = 0.0, ""  # [s] of the first steps of stages, and the last stage
 
-    def seconds_left(self, share: float, *, skipped: float = 0.0) -> float | None:
-        """Note that a share is done now, and return how long the rest takes [s]; None if that is not known yet.
-
-        Parameters
-        ----------
-        share : float
-            Of the whole work, 0 to 1.
-        skipped : float
-            How much the share grew since the last call without work.
-        """
-        now = self._clock()
-        self._skipped += skipped
-        self._share = max(self._share, share)
+    def seconds_left(self, progress: Progress) -> float | None:
+        """Note what is done now, and return how long the rest takes [s]; None if that is not known yet."""
+        now = self._clock() - self._not_counted
+        self._skipped += progress.skipped
+        self._share = max(self._share, progress.share)
         worked = self._share - self._skipped
+        begun, self._stage = progress.stage != self._stage, progress.stage
         if worked > (self._worked[-1] if self._worked else 0.0):
+            if begun and self._times:
+                longest = self._longest_first_step(worked - self._worked[-1], progress.planned)
+                excess = max(now - self._times[-1] - longest, 0.0)
+                self._not_counted += excess
+                now -= excess
             self._times.append(now)
             self._worked.append(worked)
-        if len(self._times) < 2 or now - self._times[0] < _SHORTEST:
-            return None
+        pace = self._pace(now, progress.planned)
+        return None if pace is None else pace * (1.0 - self._share)
+
+    def _longest_first_step(self, work: float, planned: float) -> float:
+        """Return how long a stage's first step is counted at most [s]."""
+        pace = self._pace(self._times[-1], planned)
+        return math.inf if pace is None else _SLOWEST_FIRST_STEP * pace * work
+
+    def _pace(self, now: float, planned: float) -> float | None:
+        """Return the time of the whole work at the present pace [s]; None if that is not known."""
+        is_planned = planned > 0.0
+        if not self._times or now - self._times[0] < _SHORTEST or (len(self._times) < 2 and not is_planned):
+            return planned if is_planned else None
         middle = 0.5 * (self._times[0] + now)
-        since, done = (
+        since, before = (
             (middle, self._worked_at(middle))
             if middle < self._times[-1]
             else (self._times[0], self._worked[0])
         )
-        return (now - since) / (self._worked[-1] - done) * (1.0 - self._share)
+        timed, worked = now - since, self._worked[-1] - before
+        return (_PRIOR + timed) / (_PRIOR / planned + worked) if is_planned else timed / worked
 
     def _worked_at(self, time: float) -> float:
         """Return the work until a time between the first and the last step, as if it grew evenly between steps."""
@@ -173,7 +250,7 @@ class EtaEstimator:
 
 def time_left(progress: Progress, pace: EtaEstimator) -> str:
     """Return the time left in words, by the pace so far; empty if it is not known or nothing is left."""
-    seconds = pace.seconds_left(progress.share, skipped=progress.skipped)
+    seconds = pace.seconds_left(progress)
     return "" if seconds is None or progress.share >= 1.0 else f"about {as_clock(seconds)} left"
 
 

@@ -16,6 +16,7 @@ from ballbot.cli.context import CHECKPOINT, RunOptions, long_run
 from ballbot.cli.output import progress_bar
 from ballbot.files import write_text
 from ballbot.fitting.run import ExecutorError, Run
+from ballbot.progress import Progress
 
 ANSWER = np.ones(2)
 
@@ -108,6 +109,19 @@ def test_long_work_prints_its_stages_on_standard_error(piped, capsys, monkeypatc
         "ballbot: reading",
         "ballbot: evolution, 20 %, error 2",
         "ballbot: polish, 40 %, error 2",
+    ]
+
+
+def test_writing_the_report_is_the_last_stage_of_planned_work(piped, capsys, monkeypatch):
+    monkeypatch.setattr(output, "_BEFORE_LINES", 0.05)
+    with progress_bar(piped, "fitting", writing=10.0) as bar:
+        time.sleep(0.2)
+        bar.report(Progress(stage="descent", done=1, total=2, planned=30.0))
+        bar.begin_writing()
+    assert capsys.readouterr().err.splitlines() == [
+        "ballbot: fitting",
+        "ballbot: descent, 38 %, about 0:25 left",
+        "ballbot: writing the report, 75 %, about 0:10 left",
     ]
 
 

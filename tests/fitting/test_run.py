@@ -5,11 +5,12 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot.progress import EtaEstimator, Progress, ProgressReporter, Stage, as_clock, part_of
+from ballbot.progress import EtaEstimator, Progress, ProgressReporter, Stage, as_clock, in_parts, part_of
 from tests.support.processes import PATIENCE, Child
 
 
@@ -30,8 +31,12 @@ def watched(steps: list[tuple[float, float]]) -> tuple[EtaEstimator, Clock, list
     left = []
     for seconds, share in steps:
         clock.now += seconds
-        left.append(pace.seconds_left(share))
+        left.append(pace.seconds_left(at(share)))
     return pace, clock, left
+
+
+def at(share: float) -> Progress:
+    return Progress(stage="", done=share, total=1.0)
 
 
 @given(step=st.floats(1.0, 1e4), count=st.integers(2, 50), first=st.floats(0.0, 1e5))
@@ -64,7 +69,7 @@ def test_time_left_grows_while_no_step_finishes():
     pace, clock, left = watched([(1.0, 0.1), (1.0, 0.2), (1.0, 0.3), (1.0, 0.4)])
     assert left[-1] == pytest.approx(6.0)
     clock.now += 60.0
-    assert pace.seconds_left(0.4) == pytest.approx(63.0 / 0.3 * 0.6)
+    assert pace.seconds_left(at(0.4)) == pytest.approx(63.0 / 0.3 * 0.6)
 
 
 def test_no_time_left_before_the_first_step():
@@ -75,6 +80,69 @@ def test_no_time_left_before_the_first_step():
 def test_time_left_is_never_negative(shares, seconds):
     left = watched([(seconds, share) for share in shares])[2]
     assert all(one is None or one >= 0.0 for one in left)
+
+
+def test_plan_gives_the_time_left_until_there_is_a_pace():
+    clock = Clock()
+    pace = EtaEstimator(clock)
+    clock.now += 50.0  # compiling
+    first = pace.seconds_left(Progress(stage="a", done=1, total=10, planned=20.0))
+    assert first == pytest.approx(18.0)
+    clock.now += 40.0
+    later = pace.seconds_left(Progress(stage="a", done=2, total=10, planned=20.0))
+    assert later == pytest.approx(8 * 40.0, rel=0.25)
+
+
+def test_slow_first_step_of_a_later_stage_does_not_set_the_pace():
+    clock = Clock()
+    pace = EtaEstimator(clock)
+    left = None
+    for step in range(1, 41):
+        stage = "a" if step <= 20 else "b"
+        clock.now += 100.0 if step == 21 else 1.0
+        left = pace.seconds_left(Progress(stage=stage, done=step, total=40))
+        if step > 2:
+            assert left is not None
+            assert 0.99 * (40 - step) <= left <= 1.2 * (40 - step)
+    assert left == 0.0
+
+
+def test_stage_that_takes_more_steps_than_usual_does_not_speed_up_the_pace():
+    shown: list[Progress] = []
+    stages = [
+        Stage(name="search", steps=100, work=1.0, usual=20),
+        Stage(name="rest", steps=10, work=2.0),
+    ]
+    reporter = ProgressReporter(shown.append, stages)
+    for step in range(1, 41):
+        reporter(Progress(stage="search", done=step, total=100))
+    for step in range(1, 11):
+        reporter(Progress(stage="rest", done=step, total=10))
+    reporter.end()
+    shares = [one.share for one in shown]
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    worked = np.cumsum([*np.diff([0.0, *shares])] - np.array([one.skipped for one in shown]))
+    assert worked[39] == pytest.approx(40 / 40)  # of 20 usual steps and 20 of the rest
+    assert worked[-1] == pytest.approx(60 / 40)
+
+
+def test_stage_that_begins_again_counts_all_its_steps():
+    shown: list[Progress] = []
+    reporter = ProgressReporter(shown.append, [Stage(name="descent", steps=40, work=1.0, usual=20)])
+    for step in (1, 2, 3, 1, 2):
+        reporter(Progress(stage="descent", done=step, total=40))
+    assert shown[-1].share == pytest.approx(5 / 20)
+    assert [one.skipped for one in shown] == pytest.approx([0.0] * 5)
+
+
+def test_parts_share_the_time_as_planned():
+    shown: list[Progress] = []
+    first, second = in_parts(shown.append, [30.0, 10.0])
+    first(Progress(stage="a", done=1, total=2))
+    second(Progress(stage="b", done=1, total=2))
+    assert [one.share for one in shown] == [0.375, 0.875]
+    assert [one.planned for one in shown] == [40.0, 40.0]
 
 
 @st.composite
@@ -99,7 +167,7 @@ def test_time_left_is_within_a_factor_of_two_from_a_tenth_of_the_run_on(work, co
     shown: list[tuple[int, float, float | None]] = []
 
     def show(progress: Progress) -> None:
-        left = pace.seconds_left(progress.share, skipped=progress.skipped)
+        left = pace.seconds_left(progress)
         shown.append((int(progress.stage[-1]), clock.now, left))
 
     # as part of longer work, of which nothing else takes time

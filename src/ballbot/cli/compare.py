@@ -19,6 +19,7 @@ from ballbot.workflows.courses import Course, PlantName, choose_courses
 from ballbot.workflows.league import league_identity, league_results, run_league, user_files
 
 _WRITTEN = (PAGE, "results.json")
+_WRITING = 0.5  #: processor time of the page [s]
 
 
 def compare(
@@ -89,7 +90,9 @@ def compare(
             seed=seeds,
             run=RunOptions(resume=resume),
         ) as result,
-        result.progress(f"{len(made) * len(courses) * len(numbers)} runs on the {plant}") as bar,
+        result.progress(
+            f"{len(made) * len(courses) * len(numbers)} runs on the {plant}", writing=_WRITING
+        ) as bar,
     ):
         league = run_league(
             described,
@@ -99,6 +102,7 @@ def compare(
             processes=processes,
             run=result.run_with(bar.report),
         )
+        bar.begin_writing()
         with result.replaced() as new:
             result.write_json(league_results(league), new)
             result.write_page(league_report(league, result.origin), new)

@@ -121,9 +121,9 @@ class CommandResult:
     origin: Provenance
     console: Console
 
-    def progress(self, doing: str) -> AbstractContextManager[Bar]:
+    def progress(self, doing: str, *, writing: float = 0.0) -> AbstractContextManager[Bar]:
         """Show progress while a block runs; see `ballbot.cli.output.progress_bar`."""
-        return progress_bar(self.console, doing)
+        return progress_bar(self.console, doing, writing=writing)
 
     @contextmanager
     def replaced(self) -> Iterator[Path]:

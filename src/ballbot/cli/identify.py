@@ -49,6 +49,7 @@ from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
 
 _WRITTEN = (PAGE, "robot.toml", "results.json", "ladder.svg")
+_WRITING = 1.7  #: processor time of the page [s]
 
 
 @Parameter(name="*")
@@ -148,28 +149,31 @@ def identify(
         "bounds": bounds,
         "sweep": None if sweep is None else sweep.digest,
     }
-    with open_long_result(
-        out,
-        command="identify",
-        writes=_WRITTEN,
-        inputs=input_files(robot, logs, reading.holdout, mappings, fit.bounds, fit.sweep),
-        belongs_to=identity(described, [one.log for one in named.values()], depends_on),
-        seed=fit.seed,
-        run=run,
-    ) as result:
-        with result.progress("identifying") as bar:
-            found, selection = identify_by_law(
-                described,
-                checked,
-                free=names_listed(fit.estimate),
-                law=fit.law,
-                bounds=bounds,
-                window=fit.window,
-                options=IdentificationOptions(
-                    excluded_states=names_listed(fit.exclude_states), back_emf=back_emf, sweep=sweep
-                ),
-                run=result.run_with(bar.report),
-            )
+    with (
+        open_long_result(
+            out,
+            command="identify",
+            writes=_WRITTEN,
+            inputs=input_files(robot, logs, reading.holdout, mappings, fit.bounds, fit.sweep),
+            belongs_to=identity(described, [one.log for one in named.values()], depends_on),
+            seed=fit.seed,
+            run=run,
+        ) as result,
+        result.progress("identifying", writing=_WRITING) as bar,
+    ):
+        found, selection = identify_by_law(
+            described,
+            checked,
+            free=names_listed(fit.estimate),
+            law=fit.law,
+            bounds=bounds,
+            window=fit.window,
+            options=IdentificationOptions(
+                excluded_states=names_listed(fit.exclude_states), back_emf=back_emf, sweep=sweep
+            ),
+            run=result.run_with(bar.report),
+        )
+        bar.begin_writing()
         holdouts = [
             cross_validate(found, one.log, name=name, starts=one.starts(described))
             for name, one in others.items()

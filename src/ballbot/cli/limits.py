@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +13,7 @@ from ballbot.control.controller import Controller
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.fitting.run import Run, check_seed
-from ballbot.progress import Progress
+from ballbot.progress import ProgressCallback, in_parts
 from ballbot.report.limits import (
     MOST_CONTROLLERS,
     directions_figure,
@@ -26,7 +26,7 @@ from ballbot.report.style import drawn
 from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.workflows.candidates import parse_candidates
-from ballbot.workflows.limits import RobotLimits, TwinLimit, find_limits
+from ballbot.workflows.limits import RobotLimits, TwinLimit, find_limits, limit_stages, twin_stage
 from ballbot.workflows.recovery_region import Loop
 
 if TYPE_CHECKING:  # MuJoCo is an extra
@@ -36,6 +36,7 @@ if TYPE_CHECKING:  # MuJoCo is an extra
 _ON_TWIN = (0, 9, 18, 27)
 _WRITTEN = (PAGE, "results.json", "planes.svg", "directions.svg", "heights.svg")
 _MOST_REFINEMENTS = 6  # four million points a plane
+_WRITING = 0.5  # processor time of the page [s]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,18 +96,26 @@ def limits(
     truth = _truth(scenario, described) if twin else None
     found = _Found()
     inputs = input_files(robot, [one.file for one in candidates if one.file], scenario if twin else None)
-    with open_result(out, command="limits", writes=_WRITTEN, inputs=inputs, seed=seed) as result:
-        with result.progress("limits") as bar:
-            for place, (one, controller) in enumerate(zip(candidates, chosen.values(), strict=True)):
+    with (
+        open_result(out, command="limits", writes=_WRITTEN, inputs=inputs, seed=seed) as result,
+        result.progress("limits", writing=_WRITING) as bar,
+    ):
+        seconds = [sum(one.seconds for one in limit_stages(refinements))]
+        seconds += [twin_stage(len(_ON_TWIN)).seconds] if truth else []
+        parts = iter(in_parts(bar.report, seconds * len(chosen)))
+        for name, controller in chosen.items():
 
-                def report(now: Progress, place: int = place, name: str = one.name) -> None:
-                    bar.show((place + now.share) / len(chosen), note=name)
+            def of_controller(name: str = name) -> ProgressCallback:
+                part = next(parts)
+                return lambda now: part(replace(now, note=name))
 
-                loop = Loop.of(described, controller, grip=grip)
-                found.model[one.name] = find_limits(loop, refinements=refinements, run=Run(progress=report))
-                if truth is not None:
-                    bar.show((place + 1) / len(chosen), note=f"{one.name}, on the twin")
-                    found.twin[one.name] = _on_twin(loop, truth, found.model[one.name], seed)
+            loop = Loop.of(described, controller, grip=grip)
+            run = Run(seed=seed, progress=of_controller())
+            found.model[name] = find_limits(loop, refinements=refinements, run=run)
+            if truth is not None:
+                run = Run(seed=seed, progress=of_controller())
+                found.twin[name] = _on_twin(loop, truth, found.model[name], run)
+        bar.begin_writing()
         with result.replaced() as new:
             _write(found, described, grip, result, new)
     result.show(limit_parts(found.model, found.twin, framed=result.console.is_terminal))
@@ -140,10 +149,10 @@ def _truth(scenario: str, robot: Robot) -> Scenario:
     return load_scenario(scenario, robot)
 
 
-def _on_twin(loop: Loop, truth: Scenario, found: RobotLimits, seed: int) -> Sequence[TwinLimit]:
+def _on_twin(loop: Loop, truth: Scenario, found: RobotLimits, run: Run) -> Sequence[TwinLimit]:
     from ballbot.workflows.limits import twin_limits
 
-    return twin_limits(loop.robot, loop.controller, truth, found, directions=_ON_TWIN, run=Run(seed=seed))
+    return twin_limits(loop.robot, loop.controller, truth, found, directions=_ON_TWIN, run=run)
 
 
 def _write(found: _Found, robot: Robot, grip: float, result: CommandResult, folder: Path) -> None:

@@ -7,6 +7,7 @@ error, and with --json the results (`emit`) are all that standard output gets.
 from __future__ import annotations
 
 import io
+import math
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -24,7 +25,7 @@ from rich.text import Text
 from ballbot.cli import OUTPUT
 from ballbot.file_formats import results_text
 from ballbot.printable import printable_line
-from ballbot.progress import EtaEstimator, Progress, progress_line, stage_words, time_left
+from ballbot.progress import EtaEstimator, Progress, part_of, progress_line, stage_words, time_left
 from ballbot.report.console import PLAIN_WIDTH, PlainConsole
 
 _BEFORE_LINES = 3.0  #: [s] before the first line of progress, if no bar can be drawn
@@ -75,7 +76,17 @@ def print_verdict(verdict: Iterable[tuple[str, str]], console: Console) -> None:
 
 
 class Bar:
-    """Shows how far work has come; made by `progress_bar`. This one, of --quiet, shows nothing."""
+    """Shows how far work has come; made by `progress_bar`. This one, of --quiet, shows nothing.
+
+    Parameters
+    ----------
+    writing : float
+        How long writing the result after the work usually takes [s].
+    """
+
+    def __init__(self, writing: float = 0.0) -> None:
+        self._writing, self._planned = writing, math.nan  # [s], the latter of all
+        self._work, self._share = 1.0, 0.0  # shares of the whole: of the work, and what is done
 
     def show(self, share: float, *, doing: str = "", note: str = "") -> None:
         """Show that a share of the work, 0 to 1, is done, what is being done now if that is new, and a short note."""
@@ -83,15 +94,38 @@ class Bar:
 
     def report(self, progress: Progress) -> None:
         """Show the progress of work, its stage and its note; a `ballbot.progress.ProgressCallback`."""
+        if math.isnan(self._planned) and progress.planned > 0.0:
+            self._planned = progress.planned + self._writing
+            self._work = progress.planned / self._planned
+        part_of(self._show, 0.0, self._work, planned=self._planned)(progress)
+        self._share = self._work * progress.share
+
+    def begin_writing(self) -> None:
+        """Show that the work is done and its result is being written."""
+        skipped, self._share = self._work - self._share, self._work
+        self._show(
+            Progress(
+                stage="writing the report",
+                done=0.0,
+                total=1.0,
+                share=self._share,
+                skipped=skipped,
+                planned=self._planned,
+            )
+        )
+
+    def _show(self, progress: Progress) -> None:
+        """Show the progress of work and writing together."""
 
 
 class _DrawnBar(Bar):
     """A bar that moves, on a terminal."""
 
-    def __init__(self, progress: RichProgress, task: TaskID) -> None:
+    def __init__(self, progress: RichProgress, task: TaskID, writing: float) -> None:
+        super().__init__(writing)
         self._progress, self._task, self._pace = progress, task, EtaEstimator()
 
-    def report(self, progress: Progress) -> None:
+    def _show(self, progress: Progress) -> None:
         left = time_left(progress, self._pace)
         self._progress.update(
             self._task,
@@ -108,7 +142,8 @@ class _WrittenLines(Bar):
     Nothing is written in the first seconds, so that input that is refused is answered by one sentence alone.
     """
 
-    def __init__(self, doing: str) -> None:
+    def __init__(self, doing: str, writing: float) -> None:
+        super().__init__(writing)
         self._doing, self._line, self._pace = doing, doing, EtaEstimator()
         self._written_of = ""  # the stage of the last line
         self._next = monotonic() + _BEFORE_LINES
@@ -116,7 +151,7 @@ class _WrittenLines(Bar):
         self._first.daemon = True
         self._first.start()
 
-    def report(self, progress: Progress) -> None:
+    def _show(self, progress: Progress) -> None:
         self._line = progress_line(progress, time_left(progress, self._pace), doing=self._doing)
         self._doing = stage_words(progress) or self._doing
         stage_is_new = bool(self._written_of) and self._doing != self._written_of
@@ -135,7 +170,7 @@ class _WrittenLines(Bar):
 
 
 @contextmanager
-def progress_bar(console: Console, doing: str) -> Iterator[Bar]:
+def progress_bar(console: Console, doing: str, *, writing: float = 0.0) -> Iterator[Bar]:
     """Show a bar with the elapsed and the remaining time while the block runs; lines on standard error if piped.
 
     Parameters
@@ -144,12 +179,14 @@ def progress_bar(console: Console, doing: str) -> Iterator[Bar]:
         From `standard_output`.
     doing : str
         What is being done.
+    writing : float, optional
+        How long writing the result within the block usually takes [s], after `Bar.begin_writing`.
     """
     if OUTPUT.get().quiet:
-        yield Bar()
+        yield Bar(writing)
         return
     if not console.is_terminal:
-        lines = _WrittenLines(doing)
+        lines = _WrittenLines(doing, writing)
         try:
             yield lines
         finally:
@@ -164,4 +201,5 @@ def progress_bar(console: Console, doing: str) -> Iterator[Bar]:
         TextColumn("{task.fields[left]}"),
     )
     with RichProgress(*columns, console=console, transient=True) as progress:
-        yield _DrawnBar(progress, progress.add_task(printable_line(doing), total=1.0, note="", left=""))
+        task = progress.add_task(printable_line(doing), total=1.0, note="", left="")
+        yield _DrawnBar(progress, task, writing)

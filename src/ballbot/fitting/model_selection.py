@@ -21,7 +21,7 @@ quantile of as many parameters as the fit with s has more.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Generic, Literal, TypeVar
 
 import numpy as np
@@ -31,7 +31,6 @@ from numpy.typing import NDArray
 from ballbot.fitting.intervals import RepeatableFit
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.uncertainty import covariance, resamples
-from ballbot.progress import ignore_progress
 
 Model = TypeVar("Model")
 
@@ -266,7 +265,7 @@ def _has_effect(
         moved=-amounts,
         free=free & ~through & ~dependent,
         most_steps=most_steps,
-        run=replace(run, progress=ignore_progress),
+        run=run,
     )
     rise = 2.0 * fit.residual_count * (without.cost - fit.cost)
     return rise > limit * _dependence(fit, moved, through, spread)

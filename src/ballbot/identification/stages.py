@@ -34,7 +34,7 @@ from ballbot.identification.sweep import SweepFriction
 from ballbot.identification.windows import Span, Windows, ball_spin, cut_windows, samples_before
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.parameters import Formulation
-from ballbot.progress import Stage
+from ballbot.progress import Stage, on_all_cores
 
 #: inner step of the evolution's simulations [s], which find the basin only; the cost differs by 1e-4
 EVOLUTION_STEP = 2.5e-3
@@ -258,33 +258,57 @@ def _problem(
 
 
 #: of the descent with initial states, in the profile of one parameter
-_STEPS_OF_A_PROFILE = 12
+_STEPS_OF_A_PROFILE = 18
+#: processor time [s] of an inner step of a predicted window, and of a generation besides its predictions; this and the
+#: usual numbers are from identifications by 14 s, 24 s and 48 s of log
+_INNER_STEP, _GENERATION = 1.7e-7, 9e-3
+#: usual numbers of generations for each parameter, of steps of Gauss-Newton, of steps with initial states for each
+#: window, as windows settle one after another, and of profiles
+_USUAL_GENERATIONS, _USUAL_STEPS, _USUAL_STEPS_OF_A_WINDOW, _USUAL_PROFILES = 8, 6, 0.8, 1
+
+#: the stages of `refine`
+REFINING = ("gauss_newton", "initial_states")
 
 
 def stages_of(prepared: Prepared, options: IdentificationOptions) -> tuple[Stage, ...]:
-    """Return the stages and their work, in simulations of a window by a set of parameters times inner steps."""
+    """Return the stages, with how often their steps usually repeat and how long one takes."""
     free = int(prepared.problem.coordinates.free.sum())
     per_step = CANDIDATES + 2 * free + 2  # candidates, then differences, the point itself and its variances
     finishing = TRIALS + 2 * free + 2 + WORK_OF_STARTS
-    search = options.population * _work(prepared.coarse)
+    with_starts = STEPS_WITH_STARTS * options.gauss_newton_steps
     return (
-        Stage(name="evolution", steps=options.generations, work=search),
-        Stage(name="gauss_newton", steps=options.gauss_newton_steps, work=per_step * _work(prepared.problem)),
+        Stage(
+            name="evolution",
+            steps=options.generations,
+            work=_GENERATION + _predicted(prepared.coarse, options.population),
+            usual=min(_USUAL_GENERATIONS * free, options.generations),
+        ),
+        Stage(
+            name="gauss_newton",
+            steps=options.gauss_newton_steps,
+            work=_predicted(prepared.problem, per_step),
+            usual=min(_USUAL_STEPS, options.gauss_newton_steps),
+        ),
         Stage(
             name="initial_states",
-            steps=STEPS_WITH_STARTS * options.gauss_newton_steps,
-            work=finishing * _work(prepared.problem),
+            steps=with_starts,
+            work=_predicted(prepared.problem, finishing),
+            usual=min(_USUAL_STEPS_OF_A_WINDOW * len(prepared.fit), with_starts),
         ),
         Stage(
             name="intervals",
             steps=options.most_profiles,
-            work=_STEPS_OF_A_PROFILE * finishing * _work(prepared.problem),
+            work=_predicted(prepared.problem, _STEPS_OF_A_PROFILE * finishing),
+            usual=min(_USUAL_PROFILES, options.most_profiles),
         ),
     )
 
 
-def _work(problem: Problem) -> float:
-    return len(problem.windows) / problem.predictor.step
+def _predicted(problem: Problem, sets: int) -> float:
+    """Return how long all cores take for predictions of every window by so many sets of parameters [s]."""
+    windows = problem.windows
+    duration = windows.samples * windows.sample_time
+    return on_all_cores(_INNER_STEP * sets * len(windows) * duration / problem.predictor.step)
 
 
 def inputs_of(prepared: Prepared, *, options: IdentificationOptions, seed: int) -> NDArray[np.float64]:

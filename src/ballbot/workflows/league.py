@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -23,11 +23,13 @@ from ballbot.fitting.checkpoint import identity_of
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
+from ballbot.progress import part_of
 from ballbot.results import left_out, to_results
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.simulation.plant import Plant
 from ballbot.workflows.candidates import Candidate, UserController
 from ballbot.workflows.comparison import (
+    SIMULATING,
     ComparedRun,
     Estimate,
     Paired,
@@ -36,7 +38,7 @@ from ballbot.workflows.comparison import (
     mean_with_interval,
     run_comparison,
 )
-from ballbot.workflows.courses import Course
+from ballbot.workflows.courses import Course, PlantName
 from ballbot.workflows.metrics import Score, score_results, true_place
 
 #: points of a track in a second, and the decimals they are kept with [m, rad]
@@ -123,7 +125,11 @@ def run_league(
         for course in courses
         for name, controller in controllers.items()
     ]
-    found = run_comparison(runs, processes=processes, run=run)
+    plants: dict[str, PlantName] = {one.name: "model" if one.scenario is None else "twin" for one in courses}
+    planned = sum(SIMULATING[plants[one.course]] * one.duration for one in runs)
+    planned /= processes or os.cpu_count() or 1
+    watched = replace(run, progress=part_of(run.progress, 0.0, 1.0, planned=planned))
+    found = run_comparison(runs, processes=processes, run=watched)
     return League(
         robot=robot.name,
         courses=tuple(courses),

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import count
 from typing import Literal
 
 import numpy as np
@@ -20,15 +21,16 @@ from ballbot.control.controller import Controller
 from ballbot.control.references import hold
 from ballbot.estimation import named_estimator
 from ballbot.fitting.run import DEFAULT_RUN, Run
+from ballbot.log import Log
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
-from ballbot.progress import Progress
+from ballbot.progress import Progress, ProgressReporter, Stage, on_all_cores
 from ballbot.results import left_out, reported
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import Push
-from ballbot.workflows.recovery_region import Loop, Reach, Region, map_region, reach
+from ballbot.workflows.recovery_region import COARSE, Loop, Reach, Region, map_region, reach
 
 
 def leaning_state(direction: ArrayLike, lean: ArrayLike, rate: ArrayLike = 0.0) -> NDArray[np.float64]:
@@ -170,6 +172,25 @@ class TwinLimit:
         return 0.95 * self.lower <= self.twin <= 1.05 * self.upper
 
 
+#: processor time [s] of the tilts and the impulses, of each plane for each interval a side, and of a run on the twin;
+#: with the nominal gain of the preset alten, without friction
+_TILTS, _IMPULSES, _TWIN_RUN = 0.3, 1.7, 0.43
+_REGIONS = {"region without slip": 5e-4, "region with unlimited grip": 8.2e-3}
+
+
+def limit_stages(refinements: int) -> tuple[Stage, ...]:
+    """Return the stages of `find_limits`."""
+    intervals = COARSE << refinements
+    return (
+        Stage(name="tilts", steps=1, work=on_all_cores(_TILTS)),
+        Stage(name="impulses", steps=1, work=on_all_cores(_IMPULSES)),
+        *(
+            Stage(name=name, steps=intervals, work=on_all_cores(seconds))
+            for name, seconds in _REGIONS.items()
+        ),
+    )
+
+
 def find_limits(loop: Loop, *, refinements: int = 5, run: Run = DEFAULT_RUN) -> RobotLimits:
     """Return the largest tilts and impulses from which a robot recovers.
 
@@ -180,29 +201,37 @@ def find_limits(loop: Loop, *, refinements: int = 5, run: Run = DEFAULT_RUN) -> 
     refinements : int
         Of the planes' grid; 5 make a million points each.
     run : Run, optional
-        Its progress is reported after each stage; nothing is random, and nothing is kept.
+        Its progress is reported after each grid; nothing is random, and nothing is kept.
     """
+    reporter = ProgressReporter(run.progress, limit_stages(refinements))
     unlimited = replace(loop, grip=np.inf)
     directions = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False)
     lean = _bounds(_lean_reach(loop, directions), _lean_reach(unlimited, directions))
-    run.progress(Progress(stage="limits", done=0.05, total=1.0))
+    reporter(Progress(stage="tilts", done=1, total=1))
     heights = loop.robot.body.center_of_mass * np.array(HEIGHTS)
     impulse = _bounds(
         _impulse_reach(loop, directions, heights), _impulse_reach(unlimited, directions, heights)
     )
-    run.progress(Progress(stage="limits", done=0.2, total=1.0))
+    reporter(Progress(stage="impulses", done=1, total=1))
     worst = float(directions[lean.lower.argmin()])
     widest = float(lean.upper[lean.lower.argmin()])
     growth = float(loop.model.linearize().poles().real.max())
     ends = (min(1.6 * widest, LARGEST_LEAN), 2.2 * growth * widest)
     planes = []
-    for done, one in ((0.6, loop), (1.0, unlimited)):
+    for stage, one in zip(_REGIONS, (loop, unlimited), strict=True):
+
+        def report(intervals: int, stage: str = stage) -> None:
+            reporter(Progress(stage=stage, done=intervals, total=COARSE << refinements))
+
         planes.append(
             map_region(
-                one.recovers, lambda a, b: leaning_state(worst, a, b), ends=ends, refinements=refinements
+                one.recovers,
+                lambda a, b: leaning_state(worst, a, b),
+                ends=ends,
+                refinements=refinements,
+                progress=report,
             )
         )
-        run.progress(Progress(stage="limits", done=done, total=1.0))
     return RobotLimits(
         directions=directions,
         heights=heights,
@@ -235,6 +264,11 @@ def _impulse_reach(loop: Loop, directions: NDArray[np.float64], heights: NDArray
     )
 
 
+def twin_stage(directions: int) -> Stage:
+    """Return the stage of `twin_limits` in so many directions."""
+    return Stage(name="limits on the twin", steps=2 * _HALVINGS * directions, work=_TWIN_RUN)
+
+
 #: an impulse on the twin is a force of this duration [s], four samples of the nominal scenario
 PUSH_DURATION = 0.02
 _PUSH_TIME = 0.5  # when it begins [s]
@@ -264,13 +298,19 @@ def twin_limits(
     directions : sequence of int
         Places among its directions.
     run : Run, optional
-        Its seed is that of every simulated run; its progress is reported after each direction.
+        Its seed is that of every simulated run; its progress is reported after each.
     """
     robot, lenient = as_robot(robot), replace(scenario, fallen_lean=LARGEST_LEAN)
     state = named_estimator(controller.estimator, robot, sample_time=scenario.sensors.sample_time)
     leaning = Twin(robot, lenient, estimator=state)
+    reporter, runs = ProgressReporter(run.progress, [twin_stage(len(directions))]), count(1)
+
+    def survived(log: Log) -> bool:
+        reporter(Progress(stage="limits on the twin", done=next(runs), total=1))
+        return log.ended is None
+
     limits = []
-    for done, place in enumerate(directions, start=1):
+    for place in directions:
         direction = float(found.directions[place])
 
         def recovers_from_lean(size: float, direction: float = direction) -> bool:
@@ -278,18 +318,17 @@ def twin_limits(
             log = simulate(
                 leaning, controller, hold(), duration=_RECOVERY_TIME, initial_state=start, seed=run.seed
             )
-            return log.ended is None
+            return survived(log)
 
         def recovers_from_impulse(size: float, direction: float = direction) -> bool:
             pushed = Twin(robot, replace(lenient, pushes=(_push(robot, direction, size),)), estimator=state)
             log = simulate(pushed, controller, hold(), duration=_PUSH_TIME + _RECOVERY_TIME, seed=run.seed)
-            return log.ended is None
+            return survived(log)
 
         limits += [
             _twin_limit("lean", direction, found.lean, place, recovers_from_lean),
             _twin_limit("impulse", direction, found.central_impulse, place, recovers_from_impulse),
         ]
-        run.progress(Progress(stage="limits on the twin", done=done, total=len(directions)))
     return limits
 
 

@@ -183,8 +183,8 @@ def _outward(model: Model, lean: float, direction: float) -> float:
 LOOKS = 24
 #: of each ray, each to half the interval left: 1/24 of the ray becomes 1/12288
 _HALVINGS = 9
-#: a map's intervals a side: `_COARSE` at first, then halved so many times
-_COARSE, _REFINEMENTS = 32, 5
+#: a map's intervals a side: `COARSE` at first, then halved so many times
+COARSE, _REFINEMENTS = 32, 5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -254,6 +254,7 @@ def map_region(
     *,
     ends: tuple[float, float],
     refinements: int = _REFINEMENTS,
+    progress: Callable[[int], None] = lambda _: None,
 ) -> Region:
     """Return from which starts of a rectangle about the origin a robot recovers, refined at the edge.
 
@@ -267,8 +268,10 @@ def map_region(
         The rectangle reaches from minus to plus this in each coordinate.
     refinements : int
         Times that the coarse grid of 33 x 33 is halved; 5 make 1025 x 1025 points.
+    progress : callable, optional
+        Called with the grid's intervals a side after each grid.
     """
-    intervals = _COARSE << refinements
+    intervals = COARSE << refinements
     across, along = (np.linspace(-end, end, intervals + 1) for end in ends)
     kept = np.zeros((intervals + 1, intervals + 1), np.bool_)
     known = np.zeros_like(kept)
@@ -281,6 +284,7 @@ def map_region(
         kept[places] = recovers(start_of(across[places[0]], along[places[1]]))
         known[places] = True
         runs += len(places[0])
+        progress(intervals // stride)
         if stride == 1:
             return Region(across=across, along=along, kept=kept, runs=runs)
         wanted = _between(kept, stride)

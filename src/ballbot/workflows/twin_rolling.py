@@ -30,6 +30,7 @@ from ballbot.identification.parameters import scale_between
 from ballbot.identification.quantities import FRICTION
 from ballbot.identification.stages import (
     EVOLUTION_STEP,
+    REFINING,
     IdentificationOptions,
     prepare,
     refine,
@@ -102,7 +103,8 @@ def _added(found: Identification, scenario: Scenario, run: Run) -> NDArray[np.fl
     begin = coordinates.scaled(
         np.clip(coordinates.layout.nominal(robot), coordinates.lower, coordinates.upper)
     )
-    reporter = ProgressReporter(run.progress, stages_of(prepared, options))
+    refining = [one for one in stages_of(prepared, options) if one.name in REFINING]
+    reporter = ProgressReporter(run.progress, refining)
     estimate = refine(prepared, begin, options=options, run=replace(own, progress=reporter))
     reporter.end()
     place = coordinates.labels.index("C_rr")
