@@ -5,7 +5,7 @@
 .venv/bin/python -m campaigns.evidence axis_machines
 
 The record DATA_EMPS.mat is the training record of A. Janot, M. Gautier, M. Brunot, Data set and reference models of
-EMPS, 2019. It is not part of Ballbot: put it into the folder emps of DIR.
+EMPS, 2019. It is not part of Ballbot: put it into the folder emps of DIR. docs/axis.md says where it is.
 """
 
 from __future__ import annotations
@@ -27,6 +27,10 @@ from campaigns.section import DataMissingError, Section, data_folder, print_sect
 
 #: of the record
 SHA_256 = "6cf6814ae14618795da0101aae2bb97ff0c6351b0501b5492751b02b07facf7e"
+SOURCE = (
+    "DATA_EMPS.mat of A. Janot, M. Gautier, M. Brunot, Data set and reference models of EMPS, Workshop on Nonlinear "
+    f"System Identification Benchmarks, Eindhoven, 2019 (https://www.nonlinearbenchmark.org; SHA-256 {SHA_256})"
+)
 #: published values and standard deviations
 PUBLISHED = {
     "mass": (95.1089, 0.1085),
@@ -84,9 +88,10 @@ def campaign() -> Section:
     ]
     return Section(
         title="One axis: the EMPS benchmark",
-        before="24.84 s at 1 kHz of an electro-mechanical positioning system, its position and its motor's voltage. In "
-        "the first two rows the standard errors treat samples as independent, as published; below they are clustered "
-        "in time. Open loop: RMS position error over the whole record [mm]; closed loop: relative force error [%].",
+        before=f"The training record {SOURCE}: 24.84 s at 1 kHz of an electro-mechanical positioning system, its "
+        "position and its motor's voltage. In the first two rows the standard errors treat samples as independent, as "
+        "published; below they are clustered in time. Open loop: RMS position error over the whole record [mm]; "
+        "closed loop: relative force error [%].",
         columns=["law and method", "M [kg]", "b [N s/m]", "c [N]", "offset [N]", "open loop", "closed loop"],
         rows=rows,
         after=_after(found),
@@ -120,7 +125,7 @@ def _after(found: AxisIdentification) -> str:
     remarks = " ".join(texts(found.remarks))
     return (
         f"The windows last {found.horizon.chosen:g} s. Less error on held-out blocks, with 95 % intervals: {gains}. "
-        f"{remarks}"
+        f"{remarks} `python -m campaigns.one_axis --data DIR` prints this section."
     )
 
 
