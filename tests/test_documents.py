@@ -3,6 +3,8 @@
 import doctest
 import importlib
 import importlib.util
+import json
+import math
 import re
 import shlex
 import subprocess
@@ -165,6 +167,36 @@ def test_examples_run(example):
         [sys.executable, ROOT / "examples" / example], check=True, capture_output=True, text=True
     )
     assert done.stdout.count("\n") >= 3
+
+
+@pytest.mark.sample
+def test_the_sample_records_of_the_pages_are_what_their_commands_read(tmp_path, monkeypatch):
+    pytest.importorskip("cv2")
+    monkeypatch.chdir(tmp_path)
+    made = [
+        line.strip().partition("#")[0].split()
+        for page in ("axis", "swing", "spin")
+        for line in (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8").splitlines()
+        if "examples/07_sample_records.py" in line
+    ]
+    assert len(made) == 3
+    assert main(["record", "nominal", "--experiment", "upside_down", "--out", "upside_down"]) == 0
+    for words in made:
+        subprocess.run([sys.executable, ROOT / words[1], *words[2:]], check=True)
+    read = [
+        words
+        for page in ("axis", "swing", "spin")
+        for words in commands_of(ROOT / "docs" / f"{page}.md")
+        if {"axis.csv", "hanging.csv", "upside_down.mp4"} & set(words)
+    ]
+    assert [words[0] for words in read] == ["identify-axis", "check", "spin", "spin"]
+    for number, words in enumerate(read):
+        words[words.index("--out") + 1] = str(number)
+        assert main(words) == 0
+    found = [json.loads((tmp_path / f"{number}/results.json").read_text()) for number in range(4)]
+    assert found[0]["parameters"]["mass"] == pytest.approx(95.0, rel=0.01)
+    assert found[1]["swing"]["inertia_about_pivot"]["value"] == pytest.approx(4.37, rel=1e-3)
+    assert found[3]["wheels"]["forward"] == pytest.approx(math.radians(30.0), abs=0.02)
 
 
 def test_the_examples_of_the_python_page_run(tmp_path, monkeypatch):

@@ -73,7 +73,7 @@ def identify_axis(
     the friction law are selected by the prediction of held-out blocks of time. Writes report.html and results.json.
     For a robot's own drivelines use `ballbot identify-driveline`.
 
-    Example: ballbot identify-axis DATA_EMPS.mat --position qm --force vir --force-scale gtau --out found
+    Example: ballbot identify-axis axis.csv --reference reference --position-gain 160 --velocity-gain 8505 --out found
 
     Parameters
     ----------

@@ -56,7 +56,7 @@ def identify_driveline(
     results.json and robot.toml (with each wheel's b, c and s, the means of v_s and delta, and
     their standard deviations and correlations). Friction in the robot file that states standard deviations is compared.
 
-    Example: ballbot identify-driveline alten driveline_sweep.csv --out found
+    Example: ballbot identify-driveline alten sweep/log.csv --out found
 
     Parameters
     ----------

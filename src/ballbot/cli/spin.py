@@ -82,7 +82,7 @@ def spin(
     _y, _z, their standard errors, tracked), results.json, velocity.svg and overlay.png; with a log also difference.svg
     and log.csv, the log with ball_omega.
 
-    Example: ballbot spin upside_down.mp4 --log upside_down.csv --robot alten --out spin
+    Example: ballbot spin upside_down.mp4 --log upside_down/log.csv --robot alten --out spin
 
     Parameters
     ----------
