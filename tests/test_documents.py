@@ -113,8 +113,9 @@ def test_modules_that_a_document_names_exist(document):
     assert [name for name in names if not resolved(name)] == []
 
 
-def test_files_that_the_architecture_names_exist():
-    text = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
+@pytest.mark.parametrize("document", ["architecture", "mechanics"])
+def test_files_that_say_where_to_change_what_exist(document):
+    text = (ROOT / f"docs/{document}.md").read_text(encoding="utf-8")
     source = ROOT / "src" / "ballbot"
     named = []  # each with the folders that it may be in
     for line in text.splitlines():
@@ -126,6 +127,11 @@ def test_files_that_the_architecture_names_exist():
     missing = [name for name, places in named if not any((place / name).exists() for place in places)]
     assert named
     assert not missing
+
+
+def test_the_architecture_is_one_page():
+    text = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
+    assert len(re.findall(r"[\w`][^\s|]*", text)) <= 700
 
 
 def test_the_mapping_in_the_documents_is_valid(tmp_path):
