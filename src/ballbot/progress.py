@@ -118,9 +118,9 @@ class Stage:
 class ProgressReporter:
     """Turns the progress of single stages into that of the whole work, whose share never falls.
 
-    The share is one less the share of what is still to be expected. A stage that ends before its usual number of steps counts as
-    done when the next one begins, and that part as skipped. If a stage begins again at its first step, all its steps
-    count.
+    The share is one less that of the work still to be expected. A stage that ends before its usual number of steps
+    counts as done when the next one begins, and that part as skipped. If a stage begins again at its first step, all
+    its steps count.
 
     Parameters
     ----------
