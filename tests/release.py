@@ -23,6 +23,7 @@ EXTRAS = "twin,formats,view,interop,symbolic,cluster,vision,link"
 #: tests of each package that Ballbot depends on, without long compilation
 TESTS = (
     "tests/cli/test_output_options.py",  # cyclopts, rich
+    "tests/mechanics/test_inner_code.py",  # numba
     "tests/robot/test_file.py",  # pydantic, tomli-w
     "tests/log/test_formats.py",  # pyarrow
     "tests/log/test_frames.py",  # pandas
