@@ -124,7 +124,7 @@ def file_of_every_part() -> str:
             "gain has 4 rows; .* has 3 wheels",
         ),
         ("gain = [\n", 'gain = [\n  ["much"],\n', r"gain\[1\]"),
-        ("viscous = [0.014", "viscous = [-0.014", r"friction.viscous\[1\] is -0.014"),
+        ("viscous = [0.014", "viscous = [-0.014", r"friction.viscous\[0\] is -0.014"),
         ("rolling = 0.007", "rolling = 0.007\nstatic = 3", "friction.static is not a key"),
         ("robot =", "robot ==", "not valid TOML"),
         ("frequency = 4.0", "frequency = 0.0", r"shaping.frequency is 0.0; it must be at least 1e-12"),

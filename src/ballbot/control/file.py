@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field, FiniteFloat, NonNegativeFloat, PositiveFloat
+from pydantic import Field, FiniteFloat, PositiveFloat
 
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.parts import KINDS, Parts
@@ -27,24 +27,10 @@ from ballbot.file_formats import format_line, take_format
 from ballbot.files import read_toml, write_text
 from ballbot.printable import toml_string
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
-from ballbot.schema import validate_table
+from ballbot.robot.parameters import parameters_of, value_of
+from ballbot.schema import toml_value, validate_table
 
 _GainRow = Annotated[tuple[FiniteFloat, ...], Field(min_length=10, max_length=10)]
-_WheelValues = Annotated[tuple[NonNegativeFloat, ...], Field(min_length=3, max_length=4)]
-
-
-class FrictionTable(Table):
-    """[friction]: as in a robot file, in SI units."""
-
-    viscous: _WheelValues
-    coulomb: _WheelValues
-    stribeck: _WheelValues
-    stribeck_speed: PositiveFloat
-    stribeck_exponent: PositiveFloat
-    rolling: NonNegativeFloat
-    coulomb_asymmetry: tuple[FiniteFloat, ...] = ()
-    stribeck_asymmetry: tuple[FiniteFloat, ...] = ()
-    load: tuple[NonNegativeFloat, ...] = ()
 
 
 class FeedbackTable(Table):
@@ -58,7 +44,7 @@ class FeedbackTable(Table):
     #: files written before the controller named its estimator were made for the thesis's state
     estimator: EstimatorName = "onboard"
     gain: Annotated[tuple[_GainRow, ...], Field(min_length=3, max_length=4)]
-    friction: FrictionTable
+    friction: Friction  #: as in a robot file, in SI units
 
 
 #: a whole controller file: `FeedbackTable` and a table for each part
@@ -177,33 +163,16 @@ gain = [
 
 # The friction that is compensated: b w + (c + s exp(-|w/v_s|^delta)) sgn(w), and rolling friction N C_rr.
 [friction]
-# b [N m s/rad]
-viscous = {_row(friction.viscous)}
-# c [N m]
-coulomb = {_row(friction.coulomb)}
-# s [N m]
-stribeck = {_row(friction.stribeck)}
-# v_s [rad/s]
-stribeck_speed = {friction.stribeck_speed!r}
-# delta [-]
-stribeck_exponent = {friction.stribeck_exponent!r}
-# C_rr [-]
-rolling = {friction.rolling!r}
-{_friction_terms_text(friction)}{_parts_text(controller.parts)}"""
+{_friction_text(friction)}{_parts_text(controller.parts)}"""
 
 
-def _friction_terms_text(friction: Friction) -> str:
-    """Return the lines of the terms that a friction has beyond those of every file."""
-    terms = {
-        "coulomb_asymmetry": "c forward less the mean of both directions [N m]",
-        "stribeck_asymmetry": "s forward less the mean of both directions [N m]",
-        "load": "mu, dry friction for each N m of the motor's torque [-]",
-    }
-    lines = [
-        f"# {text}\n{key} = {_row(getattr(friction, key))}\n"
-        for key, text in terms.items()
-        if getattr(friction, key)
-    ]
+def _friction_text(friction: Friction) -> str:
+    """Return a line for each term, with its meaning and unit above; terms that a friction lacks are left out."""
+    lines = []
+    for one in parameters_of(Friction):
+        value = value_of(friction, one)
+        if value != ():
+            lines.append(f"# {one.meaning} [{one.unit}]\n{one.key} = {toml_value(value)}\n")
     return "".join(lines)
 
 
@@ -236,7 +205,7 @@ def _controller(table: FeedbackTable, robot: Robot) -> Controller:
             f"gain has {len(table.gain)} rows; the robot {robot.name!r} has {robot.wheel_count} wheels."
         )
     return Controller(
-        robot.replace(friction=Friction(**table.friction.model_dump())),
+        robot.replace(friction=table.friction),
         table.gain,
         sample_time=table.sample_time,
         compensation=table.compensation,
