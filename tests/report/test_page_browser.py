@@ -66,6 +66,18 @@ def path(tmp_path_factory):
                     rows=rows,
                     caption="A caption of some length. " * 4,
                 ),
+                Sheet(
+                    headings=(
+                        "parameter",
+                        "unit",
+                        "found",
+                        "95 %, these logs",
+                        "95 %, another log",
+                        "allowed",
+                    ),
+                    rows=[("c1", "", "0.1292", "0.119 .. 0.140", "0.0657 .. 0.193", "0 .. 0.500")],
+                    stacked=True,
+                ),
                 drawn_picture(
                     "one", figure, "A figure, with a caption that is longer than a line of a telephone."
                 ),
@@ -112,6 +124,13 @@ def test_nothing_is_wider_than_a_phone_and_plots_can_be_read(browser, path, dark
         tab.wait("document.querySelectorAll('.uplot').length === 2")
         assert tab.run("document.documentElement.scrollWidth") == 390
         assert tab.run(TOO_WIDE) == []
+        stacked = "document.querySelector('table.stacked')"
+        assert tab.run(f"{stacked}.parentElement.scrollWidth <= {stacked}.parentElement.clientWidth")
+        assert "95 %, another log" in tab.run(
+            f"getComputedStyle({stacked}.querySelectorAll('td')[4], '::before').content"
+        )
+        without_unit = tab.run(f"getComputedStyle({stacked}.querySelectorAll('td')[1]).display")
+        assert without_unit == "none"
         ground = tab.run("getComputedStyle(document.body).backgroundColor")
         assert ground == ("rgb(20, 25, 30)" if dark else "rgb(255, 255, 255)")
         keep(tab, f"report-phone-{'dark' if dark else 'light'}")

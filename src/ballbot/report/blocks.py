@@ -57,12 +57,16 @@ class Sheet:
     caption: str = ""
     groups: Sequence[tuple[str, int]] = ()  #: a row above the headings: text and number of columns
     shaded: frozenset[int] = frozenset()  #: rows to notice
+    stacked: bool = False  #: whether a narrow page shows each row as a block, headings beside values
 
     @staticmethod
-    def of(made: TextTable, *, caption: str | None = None) -> Sheet:
+    def of(made: TextTable, *, caption: str | None = None, stacked: bool = False) -> Sheet:
         """Return the table that a command prints; the caption is the table's title if none is given."""
         return Sheet(
-            headings=made.headings, rows=made.cells, caption=made.heading if caption is None else caption
+            headings=made.headings,
+            rows=made.cells,
+            caption=made.heading if caption is None else caption,
+            stacked=stacked,
         )
 
     @property
@@ -73,7 +77,7 @@ class Sheet:
     @property
     def wordy(self) -> bool:
         """Whether the last column holds sentences: a narrow page shows each below its row."""
-        if not 3 <= len(self.headings) <= _MOST_BESIDE or self.groups:
+        if not 3 <= len(self.headings) <= _MOST_BESIDE or self.groups or self.stacked:
             return False
         last = [row[-1] for row in self.cells if row]
         return any(len(str(one.text)) > _WORDY for one in last) and not any(

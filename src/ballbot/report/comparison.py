@@ -189,7 +189,7 @@ _SHOWN_METRICS = ("peak_position_error", "high_frequency_torque")
 def overview_figure(league: League) -> Figure:
     """Draw peak position error and rough torque of each controller on each course, with 95 % intervals."""
     rows = len(league.courses)
-    height = 0.9 + rows * (0.16 + 0.1 * len(league.controllers))
+    height = 0.7 + rows * (0.16 + 0.1 * len(league.controllers)) + 0.17 * -(-len(league.controllers) // 2)
     figure = Figure(figsize=(7.4, height), layout="constrained")
     panels = figure.subplots(1, len(_SHOWN_METRICS), sharey=True, squeeze=False)[0]
     for axes, key in zip(panels, _SHOWN_METRICS, strict=True):
@@ -204,11 +204,7 @@ def overview_figure(league: League) -> Figure:
         axes.grid(visible=False, axis="y")
     panels[0].set_yticks(range(rows), [label_of(course.name.replace("_", " ")) for course in league.courses])
     panels[0].set_ylim(rows - 0.5, -0.5)
-    figure.legend(
-        *panels[0].get_legend_handles_labels(),
-        loc="outside upper center",
-        ncols=min(6, len(league.controllers)),
-    )
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper left", ncols=2)
     return figure
 
 
@@ -224,9 +220,7 @@ def course_figure(league: League, course: Course) -> Figure:
         floor.plot(track.x, track.y, label=label, **line_of(index))
     floor.set_aspect("equal", adjustable="datalim")
     floor.set(xlabel="$x$ [m]", ylabel="$y$ [m]")
-    figure.legend(
-        *floor.get_legend_handles_labels(), loc="outside upper center", ncols=min(4, len(league.controllers))
-    )
+    figure.legend(*floor.get_legend_handles_labels(), loc="outside upper left", ncols=2)
     return figure
 
 
@@ -340,7 +334,7 @@ def league_report(league: League, made: Provenance) -> Report:
         sections=[
             section(
                 "Over all courses",
-                Sheet(headings=OVERALL_HEADINGS, rows=overall_rows(league), caption=caption),
+                Sheet(headings=OVERALL_HEADINGS, rows=overall_rows(league), caption=caption, stacked=True),
                 drawn_picture("overview", partial(overview_figure, league), overview),
             ),
             *(_course_section(league, course, place) for place, course in enumerate(league.courses)),

@@ -22,7 +22,7 @@ from ballbot.report.console import matrix_text, table
 from ballbot.report.loop import loop_section, margins_table, poles_figure
 from ballbot.report.palette import BLUE, GREEN, ORANGE, SHADE
 from ballbot.report.provenance import Provenance
-from ballbot.report.style import LineStyle, drawn_picture
+from ballbot.report.style import STATE_UNITS, LineStyle, drawn_picture
 from ballbot.report.words import state_mark
 from ballbot.robot import Friction, Robot
 from ballbot.workflows.controller_design import ControllerDesign
@@ -221,7 +221,7 @@ def controller_design_report(
 
 
 def _gain_blocks(found: ControllerDesign) -> Iterator[Block]:
-    yield _gain_sheet(found.gain.gain, "Gain K of u = K S(ψ) (r − x) [N m per m, rad, m/s, rad/s].")
+    yield _gain_sheet(found.gain.gain, "Gain K of u = K S(ψ) (r − x), in N m per unit of each state.")
     spread = found.uncertainty
     if spread.parts:
         causes = ", ".join(f"{100.0 * share:.0f} % from {label}" for label, share in spread.largest())
@@ -263,13 +263,16 @@ def _compensation_blocks(found: ControllerDesign) -> Iterator[Block]:
 
 
 def _gain_sheet(gain: NDArray[np.float64], caption: str) -> Sheet:
-    rows = [
-        (str(k), *(f"{value:.4f}" for value in row)) for k, row in enumerate(np.round(gain, 4) + 0.0, start=1)
-    ]
+    """Return a gain (n, k) with a row for each state, so that it fits a narrow page."""
     # an integral action adds states of its own
-    names = [state_mark(name) for name in STATE_NAMES]
-    more = [f"∫ {k}" for k in range(1, gain.shape[1] - len(names) + 1)]
-    return Sheet(headings=("wheel", *names, *more), rows=rows, caption=caption)
+    names = [f"{state_mark(name)} [{STATE_UNITS[name]}]" for name in STATE_NAMES]
+    names += [f"∫ {k}" for k in range(1, gain.shape[1] - len(names) + 1)]
+    rows = [
+        (name, *(f"{value:.4f}" for value in column))
+        for name, column in zip(names, (np.round(gain, 4) + 0.0).T, strict=True)
+    ]
+    wheels = (f"wheel {k}" for k in range(1, len(gain) + 1))
+    return Sheet(headings=("state", *wheels), rows=rows, caption=caption)
 
 
 def _capital(sentence: str) -> str:
@@ -312,7 +315,7 @@ def robust_design_report(found: RobustDesign, made: Provenance, findings: Sequen
             section(
                 "Gain",
                 _gain_sheet(
-                    found.controller.gain, "Gain K of u = K S(ψ) (r − x) [N m per m, rad, m/s, rad/s]."
+                    found.controller.gain, "Gain K of u = K S(ψ) (r − x), in N m per unit of each state."
                 ),
                 Paragraph(text=_weights(found)),
             ),

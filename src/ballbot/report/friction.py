@@ -179,7 +179,7 @@ def interval_figure(found: Identification) -> Figure:
         for axes in figure.axes
         for handle, words in zip(*axes.get_legend_handles_labels(), strict=True)
     }
-    figure.legend(entries.values(), entries.keys(), loc="outside upper center", ncols=len(entries))
+    figure.legend(entries.values(), entries.keys(), loc="outside upper left", ncols=2)
     return figure
 
 

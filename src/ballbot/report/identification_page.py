@@ -99,8 +99,13 @@ def _parameter_sheet(found: Identification) -> Sheet:
     """Return the table that the command prints, with the robot file's values beside those found."""
     made = parameter_table(found, framed=False)
     before = dict(zip(found.labels, found.layout.nominal(found.predictor.robot), strict=True))
-    rows = [(label, digits(before[label]), *others) for label, *others in made.cells]
-    headings = (made.headings[0], "in the robot file", "found", *made.headings[2:])
+    allowed = dict(zip(found.labels, found.bounds.tolist(), strict=True))
+    rows = [
+        (label, unit, digits(before[label]), *numbers, _range(*allowed[label]))
+        for label, *numbers, unit in made.cells
+    ]
+    name, _, *others, unit = made.headings
+    headings = (name, unit, "in the robot file", "found", *others, "allowed")
     together = any(one.method == "with sweep" for one in found.intervals.values())
     rolling = " C_rr: the ball's rolling friction over its load." * ("rolling" in found.names)
     caption = (
@@ -108,7 +113,11 @@ def _parameter_sheet(found: Identification) -> Sheet:
         "or the logs do not show it."
     )
     with_sweep = " Numbers and errors are those of the logs and the sweep together."
-    return Sheet(headings=headings, rows=rows, caption=caption + with_sweep * together)
+    return Sheet(headings=headings, rows=rows, caption=caption + with_sweep * together, stacked=True)
+
+
+def _range(lower: float, upper: float) -> str:
+    return f"{digits(lower)} .. {digits(upper)}" if upper > lower else f"held at {digits(lower)}"
 
 
 #: windows in a time series: more would be a hand's breadth each

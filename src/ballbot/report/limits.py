@@ -35,7 +35,7 @@ _LOOKS = (
 MOST_CONTROLLERS = len(_LOOKS)
 #: a plane is drawn by so many intervals a side where it has more
 _DRAWN = 256
-#: largest number of planes, and of entries of a legend, in a row
+#: largest number of planes in a row
 _IN_ROW = 3
 
 
@@ -43,7 +43,7 @@ def planes_figure(found: Mapping[str, RobotLimits]) -> Figure:
     """Draw the leans and lean rates that each controller recovers from, in its worst direction."""
     columns = min(_IN_ROW, len(found))
     rows = -(-len(found) // columns)
-    figure = Figure(figsize=(7.4, 0.6 + 2.5 * rows), layout="constrained")
+    figure = Figure(figsize=(7.4, 0.8 + 2.5 * rows), layout="constrained")
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     for axes in panels.flat[len(found) :]:
         axes.set_visible(False)
@@ -62,15 +62,15 @@ def planes_figure(found: Mapping[str, RobotLimits]) -> Figure:
             Patch(facecolor=LOWER, edgecolor=INK, label="recovers, and no wheel slips"),
             Patch(facecolor=UPPER, edgecolor=INK, linestyle="--", label="recovers if wheels never slip"),
         ],
-        loc="outside lower center",
-        ncols=2,
+        loc="outside lower left",
+        ncols=1,
     )
     return figure
 
 
 def directions_figure(found: Mapping[str, RobotLimits], on_twin: Mapping[str, Sequence[TwinLimit]]) -> Figure:
     """Draw the largest tilt at rest and the largest impulse at the centre of mass over all directions."""
-    figure = Figure(figsize=(7.4, 4.6), layout="constrained")
+    figure = Figure(figsize=(7.4, 4.8), layout="constrained")
     left, right = figure.subplots(1, 2, subplot_kw={"projection": "polar"})
     leans = {name: _degrees(one.lean) for name, one in found.items()}
     impulses = {name: (one.central_impulse.lower, one.central_impulse.upper) for name, one in found.items()}
@@ -87,7 +87,7 @@ def directions_figure(found: Mapping[str, RobotLimits], on_twin: Mapping[str, Se
     ]
     if on_twin:
         handles.append(Line2D([], [], color=INK, marker="o", linestyle="none", label="marks: on the twin"))
-    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 2 * _IN_ROW))
+    figure.legend(handles=handles, loc="outside lower left", ncols=2)
     return figure
 
 
@@ -106,7 +106,7 @@ def heights_figure(found: Mapping[str, RobotLimits]) -> Figure:
         "largest impulse from every direction [N s] (solid: no wheel slips; dashed: wheels never slip)"
     )
     axes.set_ylabel("height above the\nball's centre [m]")
-    axes.legend(loc="upper right")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper left", ncols=2)
     return figure
 
 

@@ -81,7 +81,7 @@ def loop_section(margins: Margins, *, of: str = "") -> Section:
     )
     return section(
         f"Stability margins{f' with {of}' if of else ''}",
-        Sheet.of(margins_table(margins, framed=False), caption=MEANING),
+        Sheet.of(margins_table(margins, framed=False), caption=MEANING, stacked=True),
         drawn_picture("bode", partial(bode_figure, margins), bode),
         *(step_series(loop, name) for name in STEPS),
     )
@@ -162,7 +162,7 @@ def _draw_bode(gain: Axes, phase: Axes, margins: Margins) -> None:
         axes.set_xscale("log")
         axes.margins(x=0.0)
     gain.set_ylabel("gain [dB]")
-    gain.legend(loc="upper right", ncols=2)
+    gain.legend(loc="lower left", ncols=2)
     phase.set_ylabel("phase [deg]")
     phase.yaxis.set_major_locator(MultipleLocator(90.0))
     phase.set_xlabel("frequency [rad/s]")

@@ -93,7 +93,7 @@ def _spans(flags: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]
 
 def _finish(figure: Figure, top: Axes, bottom: Axes) -> None:
     handles, labels = top.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+    figure.legend(handles, labels, loc="outside upper left", ncols=2)
     bottom.set_xlabel("time of the video [s]")
 
 

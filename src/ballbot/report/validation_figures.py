@@ -54,7 +54,7 @@ def ratio_figure(
     axes.annotate(better, (places[-1] + 0.5, 1.0), (0, -3), textcoords="offset points",
                   ha="right", va="top", fontsize=7, color=MUTED)  # fmt: skip
     axes.tick_params(axis="x", length=0, pad=5, labelcolor=INK)
-    figure.legend(loc="outside upper center", ncols=2)
+    figure.legend(loc="outside upper left", ncols=2)
     axes.grid(axis="x", visible=False)
     return figure
 
@@ -103,7 +103,7 @@ def horizon_figure(horizon: HorizonComparison, names: tuple[str, str]) -> Figure
     for axes in panels[:, 0]:
         axes.set_ylabel("RMSE")
     handles, labels = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    figure.legend(handles, labels, loc="outside upper left", ncols=2)
     return figure
 
 
@@ -215,7 +215,7 @@ def wheels_figure(found: ResidualAnalysis) -> Figure:
     if found.by_position is not None:
         _draw_by_position(others.pop(0), found.by_position)
     handles, labels = first.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+    figure.legend(handles, labels, loc="outside upper left", ncols=len(labels))
     return figure
 
 
