@@ -27,8 +27,7 @@ from ballbot.file_formats import format_line, take_format
 from ballbot.files import read_toml, write_text
 from ballbot.printable import toml_string
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
-from ballbot.robot.parameters import parameters_of, value_of
-from ballbot.schema import toml_value, validate_table
+from ballbot.schema import validate_table
 
 _GainRow = Annotated[tuple[FiniteFloat, ...], Field(min_length=10, max_length=10)]
 
@@ -137,6 +136,7 @@ def write_controller(controller: Controller, path: str | Path) -> None:
 
 def controller_text(controller: Controller) -> str:
     """Return the text that `write_controller` writes."""
+    # the words count in the checksum by which a prediction knows its controller, those of comments, too
     friction = controller.robot.friction
     rows = "\n".join(f"  {_row(row)}," for row in controller.gain.tolist())
     return f"""\
@@ -163,16 +163,33 @@ gain = [
 
 # The friction that is compensated: b w + (c + s exp(-|w/v_s|^delta)) sgn(w), and rolling friction N C_rr.
 [friction]
-{_friction_text(friction)}{_parts_text(controller.parts)}"""
+# b [N m s/rad]
+viscous = {_row(friction.viscous)}
+# c [N m]
+coulomb = {_row(friction.coulomb)}
+# s [N m]
+stribeck = {_row(friction.stribeck)}
+# v_s [rad/s]
+stribeck_speed = {friction.stribeck_speed!r}
+# delta [-]
+stribeck_exponent = {friction.stribeck_exponent!r}
+# C_rr [-]
+rolling = {friction.rolling!r}
+{_friction_terms_text(friction)}{_parts_text(controller.parts)}"""
 
 
-def _friction_text(friction: Friction) -> str:
-    """Return a line for each term, with its meaning and unit above; terms that a friction lacks are left out."""
-    lines = []
-    for one in parameters_of(Friction):
-        value = value_of(friction, one)
-        if value != ():
-            lines.append(f"# {one.meaning} [{one.unit}]\n{one.key} = {toml_value(value)}\n")
+def _friction_terms_text(friction: Friction) -> str:
+    """Return the lines of the terms that a friction has beyond those of every file."""
+    terms = {
+        "coulomb_asymmetry": "c forward less the mean of both directions [N m]",
+        "stribeck_asymmetry": "s forward less the mean of both directions [N m]",
+        "load": "mu, dry friction for each N m of the motor's torque [-]",
+    }
+    lines = [
+        f"# {text}\n{key} = {_row(getattr(friction, key))}\n"
+        for key, text in terms.items()
+        if getattr(friction, key)
+    ]
     return "".join(lines)
 
 
