@@ -9,21 +9,10 @@ import math
 from dataclasses import dataclass, field, fields
 
 from ballbot.errors import InputError, suggest
-from ballbot.mechanics.friction_laws import Armstrong, Dahl, LuGre, Smoothed
+from ballbot.mechanics.friction_laws import BRISTLE_LAWS, BristleLaw
 from ballbot.robot.parameters import parameter
 from ballbot.schema import validate_table
 from ballbot.simulation.conditions import MAX_DELAY
-
-#: driveline friction whose force is a function of its own state, in place of the classical law
-BristleLaw = Armstrong | Dahl | LuGre | Smoothed
-
-#: the names of the laws in scenario files
-LAW_NAMES: dict[str, type[BristleLaw]] = {
-    "armstrong": Armstrong,
-    "dahl": Dahl,
-    "lugre": LuGre,
-    "smoothed": Smoothed,
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,9 +137,9 @@ def read_laws(tables: object) -> tuple[BristleLaw, ...]:
 
 def _law(table: dict[str, object]) -> BristleLaw:
     name = table.pop("law", None)
-    if not (isinstance(name, str) and name in LAW_NAMES):
-        raise InputError(f"driveline_laws.law is {name!r}; it must be one of {', '.join(LAW_NAMES)}.")
-    kind = LAW_NAMES[name]
+    if not (isinstance(name, str) and name in BRISTLE_LAWS):
+        raise InputError(f"driveline_laws.law is {name!r}; it must be one of {', '.join(BRISTLE_LAWS)}.")
+    kind = BRISTLE_LAWS[name]
     known = [field.name for field in fields(kind)]
     for key in table:
         if key not in known:

@@ -34,14 +34,13 @@ from ballbot.arrays import SHORTEST_STEP
 from ballbot.errors import InputError, OldFileFormat, suggest
 from ballbot.file_formats import format_line, take_format
 from ballbot.files import read_toml, write_text
+from ballbot.mechanics.friction_laws import BRISTLE_LAWS, BristleLaw
 from ballbot.robot import Friction, Robot, RobotLike, Rollers, Sensors, as_robot
 from ballbot.robot.checks import check_number
 from ballbot.robot.parameters import DIMENSIONLESS, parameter, parameters_of, table
 from ballbot.schema import renamed_keys, toml_line, validate_table
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
 from ballbot.twin.faults import (
-    LAW_NAMES,
-    BristleLaw,
     Compliance,
     CurrentLoop,
     LoadDependence,
@@ -482,7 +481,7 @@ def scenario_text(scenario: Scenario) -> str:
 def _table(name: str, content: object) -> list[str]:
     """Return the lines of a table, in double brackets if there may be several."""
     assert is_dataclass(content)
-    law = next((law for law, kind in LAW_NAMES.items() if isinstance(content, kind)), None)
+    law = next((law for law, kind in BRISTLE_LAWS.items() if isinstance(content, kind)), None)
     return [
         f"[[{name}]]" if name in ("pushes", "driveline_laws") else f"[{name}]",
         *([toml_line("law", law)] if law else []),
