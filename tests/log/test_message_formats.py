@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 import sqlite3
 import sys
 from contextlib import closing
@@ -18,12 +19,15 @@ from rosbags.rosbag2 import Writer as BagWriter
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
+from ballbot.cli.main import main
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.columns import unit_of
+from ballbot.log.formats import bag as bag_folder
 from ballbot.log.formats import mcap as mcap_file
 from ballbot.log.formats import read_columns
 from ballbot.log.mapping_inference.names import read_name
+from ballbot.report.provenance import provenance
 from tests.support.log_examples import smooth_log
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
@@ -159,9 +163,11 @@ def test_a_ros_bag_of_others_is_read_from_its_standard_messages(tmp_path, log):
         for one, time, data in reader.messages():
             if one.topic in kept:
                 writer.write(kept[one.topic], time, data)
-    with pytest.raises(InputError, match=r"bag is a folder, .* give a file in it: .*bag\.mcap"):
-        read_columns(tmp_path / "bag")
     columns = read_columns(tmp_path / "bag" / "bag.mcap")
+    whole = read_columns(tmp_path / "bag")
+    assert list(whole) == list(columns)
+    for name, values in columns.items():
+        np.testing.assert_array_equal(whole[name], values)
     np.testing.assert_allclose(columns["t"], log.t - log.t[0], atol=1e-9)
     np.testing.assert_array_equal(columns["joint_states.effort.wheel2"], log["u2"])
     np.testing.assert_array_equal(columns["imu.angular_velocity.y"], log["gyro_y"])
@@ -176,6 +182,113 @@ def test_a_ros_bag_of_others_is_read_from_its_standard_messages(tmp_path, log):
         "accelerometer",
     }  # as `check-log` reads them
     np.testing.assert_allclose(angles, turns.as_euler("ZYX"), atol=1e-12)
+
+
+def split_bag(
+    folder: Path, log: Log, plugin: StoragePlugin, *, packed: bool = False, own: bool = False
+) -> Path:
+    """Write a log as a bag of two files, the names of which are not in their order; with own columns if `own`."""
+    log.write(folder / "own.db3")
+    bag, suffix = folder / "bag", ".mcap" if plugin is StoragePlugin.MCAP else ".db3"
+    bag.mkdir()
+    halves = [np.flatnonzero(log.t < log.t[2]), np.flatnonzero(log.t >= log.t[2])]
+    names = []
+    for number, rows in enumerate(halves):
+        times = {round(1e9 * time) for time in log.t[rows]}
+        part = folder / f"part_{number}"
+        with (
+            Reader(folder / "own.db3") as reader,
+            BagWriter(part, version=9, storage_plugin=plugin) as writer,
+        ):
+            kept = {
+                one.topic: writer.add_connection(one.topic, one.msgtype, typestore=STORE)
+                for one in reader.connections
+                if own or "/ballbot" not in one.topic
+            }
+            for one, time, data in reader.messages():
+                if one.topic in kept and time in times:
+                    writer.write(kept[one.topic], time, data)
+        name = f"bag_{1 - number}{suffix}"
+        content = (part / f"part_{number}{suffix}").read_bytes()
+        names.append(f"{name}.zstd" if packed else name)
+        (bag / names[-1]).write_bytes(zstandard.compress(content) if packed else content)
+    text = (folder / "part_0" / "metadata.yaml").read_text()
+    listed = "".join(f"\n  - bag/{name}" for name in names)  # as before version 4: with the folder's name
+    text = re.sub(r"relative_file_paths:\n\s+- \S+", f"relative_file_paths:{listed}", text)
+    (bag / "metadata.yaml").write_text(text)
+    return bag
+
+
+@pytest.mark.parametrize(
+    ("plugin", "packed"),
+    [(StoragePlugin.SQLITE3, False), (StoragePlugin.MCAP, False), (StoragePlugin.SQLITE3, True)],
+    ids=["db3", "mcap", "db3.zstd"],
+)
+def test_a_split_bag_is_read_as_one_table(tmp_path, log, plugin, packed):
+    columns = read_columns(split_bag(tmp_path, log, plugin, packed=packed))
+    np.testing.assert_allclose(columns["t"], log.t - log.t[0], atol=1e-9)
+    np.testing.assert_array_equal(columns["joint_states.effort.wheel2"], log["u2"])
+    np.testing.assert_array_equal(columns["imu.angular_velocity.y"], log["gyro_y"])
+
+
+def test_a_bag_that_lacks_something_is_refused_in_a_sentence(tmp_path, log, monkeypatch):
+    bag = split_bag(tmp_path, log, StoragePlugin.SQLITE3)
+    text = (bag / "metadata.yaml").read_text()
+    cases = {
+        "metadata.yaml is not valid YAML": "a: [",
+        "it has an alias (*)": "a: &name [b]\nc: *name",
+        "it has more than 32 lists or tables": "[" * 100_000,
+        "is not of a ROS 2 bag: it has no rosbag2_bagfile_information": "other: 1",
+        "names no files in relative_file_paths": "rosbag2_bagfile_information:\n  version: 9",
+        "names notes.txt; files of a bag end in .db3 or .mcap": text.replace("bag/bag_1.db3", "../notes.txt"),
+        "names a file twice": text.replace("bag/bag_1.db3", "bag/bag_0.db3"),
+        "bag_7.db3 is missing": text.replace("bag/bag_1.db3", "/etc/bag_7.db3"),
+        "compressed one by one": re.sub("compression_mode: .*", "compression_mode: MESSAGE", text),
+    }
+    for sentence, wrong in cases.items():
+        (bag / "metadata.yaml").write_text(wrong)
+        with pytest.raises(InputError, match=re.escape(sentence)):
+            read_columns(bag)
+    (bag / "metadata.yaml").write_text(text)
+    monkeypatch.setattr(bag_folder, "LARGEST_TABLE", (bag / "bag_0.db3").stat().st_size + 1000)
+    with pytest.raises(InputError, match=r"bag has more than .* in its files"):
+        read_columns(bag)
+    monkeypatch.undo()
+    (bag / "bag_0.db3").write_bytes((bag / "bag_0.db3").read_bytes()[:3000])
+    with pytest.raises(
+        InputError, match=r"bag_0\.db3 cannot be read: it is not a complete file of a ROS 2 bag"
+    ):
+        read_columns(bag)
+    (bag / "metadata.yaml").unlink()
+    with pytest.raises(InputError, match=r"without metadata\.yaml, .* ros2 bag reindex .*: .*bag_0\.db3"):
+        read_columns(bag)
+
+
+def test_a_packed_bag_is_not_unpacked_beyond_the_limit(tmp_path, log, monkeypatch):
+    bag = split_bag(tmp_path, log, StoragePlugin.SQLITE3, packed=True)
+    for path in bag.glob("*.zstd"):
+        path.write_bytes(zstandard.compress(bytes(30_000_000)))
+    monkeypatch.setattr(bag_folder, "LARGEST_TABLE", 1_000_000)
+    with pytest.raises(InputError, match="bag has more than 1 MB in its files"):
+        read_columns(bag)
+
+
+def test_commands_take_a_bag_for_a_log(tmp_path):
+    log = smooth_log(rows=600)
+    bag = str(split_bag(tmp_path, log, StoragePlugin.MCAP, own=True))
+    assert main(["check-log", bag, "--out", str(tmp_path / "checked")]) == 0
+    results = json.loads((tmp_path / "checked" / "results.json").read_text())
+    assert next(Path(one["name"]).name for one in results["provenance"]["files"]) == "metadata.yaml"
+    assert main(["convert", bag, str(tmp_path / "back.csv")]) == 0
+    for name, values in Log.read(tmp_path / "back.csv").columns.items():
+        np.testing.assert_array_equal(values, log[name])
+    assert main(["view", f"swing={bag}", "--robot", "alten", "--save", str(tmp_path / "replay.html")]) == 0
+
+
+def test_result_of_a_bag_names_the_files_that_it_was_made_from(tmp_path, log):
+    bag = split_bag(tmp_path, log, StoragePlugin.MCAP)
+    made = provenance(command="ballbot check-log bag", files=[bag], seed=1)
+    assert [Path(one.name).name for one in made.files] == ["metadata.yaml", "bag_1.mcap", "bag_0.mcap"]
 
 
 def bomb(compression: str, data: bytes) -> bytes:

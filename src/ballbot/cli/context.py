@@ -34,6 +34,7 @@ from ballbot.findings import Finding, finding_results
 from ballbot.fitting.run import Executor, ExecutorError, Run, Threads
 from ballbot.log.collection import named_files
 from ballbot.log.formats import WRITTEN_FORMATS
+from ballbot.log.formats.bag import is_bag_folder
 from ballbot.printable import shell_line
 from ballbot.progress import ProgressCallback
 from ballbot.report.provenance import Provenance, provenance
@@ -108,7 +109,8 @@ def input_files(*given: str | Path | Sequence[str | Path] | None) -> list[Path]:
     paths: dict[Path, None] = {}
     for one in given:
         for name in [one] if isinstance(one, str | Path) else one or ():
-            if isinstance(name, Path) or (name not in Robot.presets() and Path(name).is_file()):
+            is_there = Path(name).is_file() or is_bag_folder(name)
+            if isinstance(name, Path) or (name not in Robot.presets() and is_there):
                 paths[Path(name)] = None
     return list(paths)
 

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import hashlib
 import platform
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
 from ballbot.errors import InputError
+from ballbot.log.formats.bag import bag_files
 
 _PACKAGES = ("ballbot", "numpy", "scipy", "numba", "cmaes")
 
@@ -45,10 +46,16 @@ def provenance(*, command: str, files: Sequence[Path], seed: int | str) -> Prove
     """
     return Provenance(
         command=command,
-        files=tuple(SourceFile(name=str(path), sha256=_sha256(path)) for path in files),
+        files=tuple(SourceFile(name=str(path), sha256=_sha256(path)) for path in _single_files(files)),
         seed=seed,
         versions={"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
     )
+
+
+def _single_files(paths: Sequence[Path]) -> Iterator[Path]:
+    """Yield the files, and in place of a ROS 2 bag's folder those that it consists of."""
+    for path in paths:
+        yield from bag_files(path) if path.is_dir() else (path,)
 
 
 def _sha256(path: Path) -> str:

@@ -7,7 +7,8 @@ npz       NumPy archives
 mat       MATLAB files of version 4 to 7, their numeric variables
 mcap      MCAP: JSON messages for Foxglove and PlotJuggler, with units and a scene
 ros       ROS 2 bags in one file
-messages  topics with times of their own as one table, for the last two
+bag       ROS 2 bags as folders, of one file or several
+messages  topics with times of their own as one table, for the last three
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from numpy.typing import NDArray
 from ballbot.arrays import check_table
 from ballbot.errors import InputError, either, nearest, suggest
 from ballbot.log.columns import KNOWN_NAMES, Columns, check_column_names, mark_missing
+from ballbot.log.formats.bag import is_bag_folder, read_bag_folder
 from ballbot.log.formats.json import read_json_table
 from ballbot.log.formats.mat import read_mat, write_mat
 from ballbot.log.formats.mcap import read_mcap, write_mcap
@@ -91,6 +93,8 @@ FORMATS: tuple[LogFormat, ...] = (
     LogFormat(name="MCAP", suffixes=(".mcap",), read=read_mcap, write=write_mcap, extra="formats"),
     LogFormat(name="ROS 2 bag", suffixes=(".db3",), read=read_ros_bag, write=write_ros_bag, extra="formats"),
 )
+#: how a folder is read, whatever its name
+_FOLDER = LogFormat(name="ROS 2 bag", suffixes=(), read=read_bag_folder, extra="formats")
 #: suffixes of the files that are written, the default first
 WRITTEN_SUFFIXES = tuple(one.suffixes[0] for one in FORMATS if one.write)
 #: what `--format` may be: these suffixes without their dots
@@ -98,8 +102,8 @@ WRITTEN_FORMATS = tuple(suffix.removeprefix(".") for suffix in WRITTEN_SUFFIXES)
 
 
 def is_log_file(path: str | Path) -> bool:
-    """Return whether a file's name has the suffix of a log."""
-    return Path(path).suffix.lower() in _suffixes()
+    """Return whether a file's name has the suffix of a log, or it is the folder of a ROS 2 bag."""
+    return Path(path).suffix.lower() in _suffixes() or is_bag_folder(path)
 
 
 def is_foreign(path: str | Path) -> bool:
@@ -108,7 +112,7 @@ def is_foreign(path: str | Path) -> bool:
     A file that Ballbot's own reader refuses, but whose header has these names, is a damaged log and not foreign.
     """
     path = Path(path)
-    if not path.is_file():
+    if not (path.is_file() or path.is_dir()):
         return False
     one = _format_of(path)
     if one is None or one.is_text:
@@ -217,16 +221,14 @@ def _suffixes() -> list[str]:
 
 
 def _format_of(path: str | Path) -> LogFormat | None:
+    if Path(path).is_dir():
+        return _FOLDER
     suffix = Path(path).suffix.lower()
     return next((one for one in FORMATS if suffix in one.suffixes), None)
 
 
 def _known_format(path: str | Path) -> LogFormat:
     path = Path(path)
-    if path.is_dir():
-        parts = sorted(one.name for one in path.iterdir() if one.suffix in (".mcap", ".db3"))
-        if parts:
-            raise InputError(f"{path} is a folder, as of a ROS 2 bag; give a file in it: {path / parts[0]}.")
     one = _format_of(path)
     if one is not None:
         return one

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,11 +158,23 @@ def _rows(fields: Mapping[str, NDArray[np.float64]]) -> list[dict[str, object]]:
     ]
 
 
-def _columns(content: bytes) -> Columns:
+class McapContent(NamedTuple):
+    """The messages of a file."""
+
+    own: list[str] | None  #: the columns of a log that `write_mcap` wrote
+    topics: dict[str, Topic]  #: messages in JSON
+    ros: list[RosMessage]  #: messages in ROS's encoding
+    others: set[str]  #: other encodings, whose messages are left out
+    size: int  #: of all messages, unpacked [bytes]
+
+
+def mcap_messages(content: bytes) -> McapContent:
+    """Return the messages of a file; an exception of Python or of the library mcap if it is damaged."""
     topics: dict[str, Topic] = {}
     ros: list[RosMessage] = []
     own: list[str] | None = None
     others: set[str] = set()
+    size = 0
     schemas: dict[int, str] = {}
     channels: dict[int, tuple[str, str, int]] = {}
     from mcap.records import Channel as ChannelRecord
@@ -177,6 +189,7 @@ def _columns(content: bytes) -> Columns:
             own = [str(name) for name in json.loads(record.metadata["columns"])]
         elif isinstance(record, Message):
             topic, encoding, schema = channels[record.channel_id]
+            size += len(record.data)
             if encoding == "json":
                 fields = json.loads(record.data)
                 here = topics.setdefault(topic, Topic(name=topic))
@@ -186,11 +199,16 @@ def _columns(content: bytes) -> Columns:
                 ros.append(RosMessage(topic, schemas.get(schema, ""), record.log_time, record.data))
             else:
                 others.add(encoding)
-    if own is not None:
-        return _own_columns(own, topics.values())
-    columns = ros_columns(ros, [one for one in topics.values() if one.messages])
-    if not columns and others:
-        raise InputError(f"its messages are in {' and '.join(sorted(others))}, and JSON or cdr is read")
+    return McapContent(own, topics, ros, others, size)
+
+
+def _columns(content: bytes) -> Columns:
+    found = mcap_messages(content)
+    if found.own is not None:
+        return _own_columns(found.own, found.topics.values())
+    columns = ros_columns(found.ros, [one for one in found.topics.values() if one.messages])
+    if not columns and found.others:
+        raise InputError(f"its messages are in {' and '.join(sorted(found.others))}, and JSON or cdr is read")
     return columns
 
 

@@ -72,7 +72,7 @@ def read_ros_bag(path: str | Path) -> Columns:
     content = read_bytes(path)
     _store()  # whose absence has its own sentence
     try:
-        return ros_columns(list(_stored_messages(content)), [])
+        return ros_columns(list(stored_messages(content)), [])
     except (sqlite3.Error, struct.error, ArithmeticError, AssertionError, AttributeError, LookupError, MemoryError,
             RecursionError, TypeError, ValueError) as error:  # fmt: skip
         reason = f": {error}" if isinstance(error, InputError) else ""
@@ -127,7 +127,7 @@ def _data_of(store: Typestore, message: bytes, kind: str):  # the class of a mes
     return getattr(store.deserialize_cdr(message, kind), "data")  # noqa: B009
 
 
-def _stored_messages(content: bytes) -> Iterator[RosMessage]:
+def stored_messages(content: bytes) -> Iterator[RosMessage]:
     """Yield the messages of a SQLite file, which is neither trusted nor written to."""
     if not content.startswith(b"SQLite format 3\0"):
         raise InputError("it is not a SQLite file")
