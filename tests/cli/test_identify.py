@@ -12,6 +12,7 @@ from ballbot.cli.main import main
 from ballbot.identification.laws import LAWS
 from ballbot.identification.stages import IdentificationOptions
 from tests.support.identification_examples import balancing_log, noisy
+from tests.support.report_pages import LARGEST_PAGE
 
 
 @pytest.fixture(autouse=True)
@@ -51,6 +52,10 @@ def test_identify_writes_its_files_and_tables_and_exits_zero(tmp_path, log_file,
     shown = capsys.readouterr().out
     assert "standard error" in shown
     assert "held-out windows" in shown
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "held at 0.00700" in page
+    assert page.count('data-ballbot-replay="') == 1  # of the second that the fit did not see
+    assert len(page) < LARGEST_PAGE
 
 
 @pytest.mark.sample

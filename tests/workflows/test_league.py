@@ -28,7 +28,7 @@ from ballbot.workflows.recovery_region import Loop
 from campaigns.league import section
 from tests.support.control_examples import FRICTION, alten
 from tests.support.league_examples import OWN
-from tests.support.report_pages import figure_count
+from tests.support.report_pages import LARGEST_PAGE, figure_count
 
 #: two short courses on the model, so that a league takes seconds
 COURSES = """\
@@ -135,8 +135,12 @@ def test_compensation_helps_on_the_model(league):
 
 
 def test_page_names_falls_and_the_better_controller(league):
-    page = page_of(league_report(league, provenance(command="ballbot compare", files=[], seed="4,5")))
+    page = page_of(
+        league_report(league, alten(), provenance(command="ballbot compare", files=[], seed="4,5"))
+    )
     assert figure_count(page) == 5  # the overview, and path and error of each course
+    assert page.count('data-ballbot-replay="') == 1  # of the first course
+    assert len(page) < LARGEST_PAGE
     assert "4 of 4 runs ended in a fall." in page
     assert re.search(r"Peak position error 0\.\d+ times that of none", page)
     assert "A step of 0.2 m. 4 s." in page
@@ -155,7 +159,7 @@ def test_a_league_in_which_all_fall_has_a_page(folder):
     courses = choose_courses(str(folder / "courses.toml"), robot, "model")
     controllers = {"limp": parse_candidates([f"{folder}/own.py:Limp"])[0].controller(robot)}
     found = run_league(robot, controllers, courses[:1], seeds=[1], processes=1)
-    page = page_of(league_report(found, provenance(command="ballbot compare", files=[], seed="1")))
+    page = page_of(league_report(found, robot, provenance(command="ballbot compare", files=[], seed="1")))
     assert "1 of 1 runs ended in a fall." in page
 
 

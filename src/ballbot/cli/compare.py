@@ -105,7 +105,7 @@ def compare(
         bar.begin_writing()
         with result.replaced() as new:
             result.write_json(league_results(league), new)
-            result.write_page(league_report(league, result.origin), new)
+            result.write_page(league_report(league, described, result.origin), new)
     result.show(league_parts(league, framed=console.is_terminal))
     result.show_file(PAGE)
 

@@ -17,14 +17,17 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 from rich.console import RenderableType
 
+from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.report.blocks import Bullets, Cell, Paragraph, Report, Section, Sheet, section
+from ballbot.report.blocks import Bullets, Cell, Film, Paragraph, Report, Section, Sheet, section
 from ballbot.report.console import table
 from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE, SHADE, VIOLET, YELLOW
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together, true_spans
 from ballbot.report.style import REFERENCE, LineStyle, drawn_picture, label_of, thinned
+from ballbot.robot import Robot
 from ballbot.rounding import digits
+from ballbot.viewer.page import MOST_RUNS, replay_part
 from ballbot.workflows.comparison import Estimate
 from ballbot.workflows.courses import Course
 from ballbot.workflows.league import (
@@ -314,8 +317,8 @@ def _asked(course: Course, t: NDArray[np.float64]) -> NDArray[np.float64]:
 _PEAK, _ROUGH = "peak_position_error", "high_frequency_torque"
 
 
-def league_report(league: League, made: Provenance) -> Report:
-    """Return the page."""
+def league_report(league: League, robot: Robot, made: Provenance) -> Report:
+    """Return the page of a league of that robot."""
     plant = "the exact model with perfect sensors" if league.courses[0].scenario is None else "the twin"
     first = league.controllers[0]
     caption = (
@@ -337,7 +340,7 @@ def league_report(league: League, made: Provenance) -> Report:
                 Sheet(headings=OVERALL_HEADINGS, rows=overall_rows(league), caption=caption, stacked=True),
                 drawn_picture("overview", partial(overview_figure, league), overview),
             ),
-            *(_course_section(league, course, place) for place, course in enumerate(league.courses)),
+            *(_course_section(league, robot, course, place) for place, course in enumerate(league.courses)),
             section("How to read this", Bullets(items=_reading(first))),
         ],
         undecided=[*(words for words in undecided if words), _beyond(league)],
@@ -345,7 +348,7 @@ def league_report(league: League, made: Provenance) -> Report:
     )
 
 
-def _course_section(league: League, course: Course, place: int) -> Section:
+def _course_section(league: League, robot: Robot, course: Course, place: int) -> Section:
     first = league.controllers[0]
     caption = (
         f"Means over the runs that did not fall. Below them, how much more or less than {first}'s, seed by seed, "
@@ -360,7 +363,33 @@ def _course_section(league: League, course: Course, place: int) -> Section:
         Sheet(headings=("", *league.controllers), rows=metric_rows(league, course.name), caption=caption),
         drawn_picture(f"course-{place}", partial(course_figure, league, course), floor),
         course_series(league, course),
+        _replay(league, robot, course) if place == 0 else None,
     )
+
+
+def _replay(league: League, robot: Robot, course: Course) -> Film | None:
+    """Return the runs of a course with the first seed in one place, if they can be shown."""
+    shown = league.controllers[:MOST_RUNS]
+    try:
+        part = replay_part(
+            {name: _pose(league, course, name) for name in shown}, robot, layout="ghosts", name="course"
+        )
+    except InputError:  # a course that is too long for a page
+        return None
+    others = f" of the first {len(shown)} controllers" if len(shown) < len(league.controllers) else ""
+    caption = (
+        f"The same runs{others} in three dimensions, from ten poses a second: {shown[0]} with the others as ghosts, or "
+        "side by side."
+    )
+    return Film(part=part, caption=caption)
+
+
+def _pose(league: League, course: Course, name: str) -> Log:
+    """Return where a controller's robot stood and where it was asked to be."""
+    track = league.tracks[course.name, name]
+    wanted = _asked(course, track.t)
+    pose = {key: getattr(track, key) for key in ("t", "x", "y", "theta", "phi", "psi")}
+    return Log({**pose, "ref_x": wanted[:, 0], "ref_y": wanted[:, 1]})
 
 
 def _reading(first: str) -> list[str]:

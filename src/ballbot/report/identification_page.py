@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.errors import InputError
 from ballbot.findings import Finding, texts
 from ballbot.fitting.model_selection import ModelSelection
 from ballbot.identification import HoldoutResult, Identification
@@ -15,7 +16,7 @@ from ballbot.identification.result import represents_sentence
 from ballbot.identification.stages import windows_for
 from ballbot.identification.windows import Windows, standstill_torques
 from ballbot.log import STATE_NAMES, Log
-from ballbot.report.blocks import Block, Paragraph, Picture, Report, Section, Sheet, section
+from ballbot.report.blocks import Block, Film, Paragraph, Picture, Report, Section, Sheet, section
 from ballbot.report.friction import (
     error_table,
     horizon_table,
@@ -31,6 +32,7 @@ from ballbot.report.study import friction_sentence
 from ballbot.report.style import STATE_UNITS
 from ballbot.report.words import driveline_symbols, state_mark
 from ballbot.rounding import digits
+from ballbot.viewer.page import replay_part
 from ballbot.workflows.study import StudiedLog
 
 
@@ -56,7 +58,10 @@ def identification_report(
             _parameter_section(found, studied),
             *([_law_section(selection, ladder_svg)] if selection and ladder_svg else []),
             section(
-                "Errors on held-out windows", *_error_blocks(found, holdouts), _predictions(found, studied)
+                "Errors on held-out windows",
+                *_error_blocks(found, holdouts),
+                _predictions(found, studied),
+                _replay(found, studied),
             ),
             section("The logs", *log_blocks(studied)),
             section("How the search went", *search_blocks(found)),
@@ -124,6 +129,8 @@ def _range(lower: float, upper: float) -> str:
 _MOST_WINDOWS = 40
 #: the states that a prediction shows
 _SHOWN = ("theta", "phi", "x_dot", "y_dot", "theta_dot", "phi_dot", "psi_dot")
+#: the models of predictions
+_FOUND, _WITHOUT = "with the friction found", "without friction"
 
 
 def _predictions(found: Identification, logs: Sequence[StudiedLog]) -> TimeSeries | None:
@@ -138,16 +145,15 @@ def _predictions(found: Identification, logs: Sequence[StudiedLog]) -> TimeSerie
     if not len(rows):
         return None
     windows = windows.take(rows)
-    both = np.stack([found.values, predictor.layout.without_friction(found.values)])
-    ours, without = predictor.residuals(both, windows, every=1) + windows.measured
+    ours, without = _predicted(found, windows)
     t, measured = _in_a_row(windows, windows.measured)
     panels = []
     for state in _SHOWN:
         column = STATE_NAMES.index(state)
         lines = (
             Line(name="measured", values=measured[:, column], look="measured"),
-            Line(name="with the friction found", values=_in_a_row(windows, ours)[1][:, column], look="first"),
-            Line(name="without friction", values=_in_a_row(windows, without)[1][:, column], look="second"),
+            Line(name=_FOUND, values=_in_a_row(windows, ours)[1][:, column], look="first"),
+            Line(name=_WITHOUT, values=_in_a_row(windows, without)[1][:, column], look="second"),
         )
         panels.append(Panel(label=f"{state_mark(state)} [{STATE_UNITS[state]}]", lines=lines))
     caption = (
@@ -155,6 +161,64 @@ def _predictions(found: Identification, logs: Sequence[StudiedLog]) -> TimeSerie
         "measured at its start and with the torques of the log."
     )
     return TimeSeries(t=t, panels=panels, caption=caption, across="time of the log [s]")
+
+
+def _predicted(found: Identification, windows: Windows) -> NDArray[np.float64]:
+    """Return the states (2, w, m, 10) that the models with the friction found and without friction predict."""
+    predictor = found.predictor
+    both = np.stack([found.values, predictor.layout.without_friction(found.values)])
+    return predictor.residuals(both, windows, every=1) + windows.measured
+
+
+#: time after which the models of a replay start again from the measured state, and its longest duration [s]
+_RESTART, _LONGEST = 1.0, 10.0
+
+
+def _replay(found: Identification, logs: Sequence[StudiedLog]) -> Film | None:
+    """Return the longest stretch of a log that the fit did not see, measured and predicted, if it can be shown."""
+    stretches = [(end - start, place) for place, one in enumerate(logs) for start, end in one.held_out]
+    if not stretches:
+        return None
+    studied, predictor = logs[max(stretches)[1]], found.predictor
+    start, end = max(studied.held_out, key=lambda one: one[1] - one[0])
+    part = standstill_torques(studied.log, predictor.robot, predictor.back_emf).between(
+        start, min(end, start + _LONGEST)
+    )
+    try:
+        windows = _without_gap(windows_for(predictor, found.values, [part], duration=_RESTART))
+        runs = {
+            "measured": windows.measured,
+            **dict(zip((_FOUND, _WITHOUT), _predicted(found, windows), strict=True)),
+        }
+        shown = {name: _on_end(windows, states) for name, states in runs.items()}
+        film = replay_part(shown, found.robot, layout="ghosts")
+    except InputError:  # a stretch without a whole run, or a model whose run has no value
+        return None
+    caption = (
+        f"{len(windows) * windows.samples * windows.sample_time:.0f} s of {studied.name} that the fit did not see, in "
+        "three dimensions, with both models as ghosts of the measured robot. The models have the torques of the log "
+        f"and start again from the measured state every {_RESTART:g} s: left alone, either falls in time."
+    )
+    return Film(part=film, caption=caption)
+
+
+def _without_gap(windows: Windows) -> Windows:
+    """Return the first windows that lie end to end."""
+    starts = np.array([one.start for one in windows.spans])
+    gaps = np.flatnonzero(np.diff(starts) > (windows.samples + 0.5) * windows.sample_time)
+    return windows.take(np.arange(gaps[0] + 1 if len(gaps) else len(windows)))
+
+
+def _on_end(windows: Windows, states: NDArray[np.float64]) -> Log:
+    """Return states (w, m, 10) of windows that lie end to end as a log, each window from its measured start."""
+    whole = np.concatenate([windows.initial[:, None], states[:, :-1]], axis=1).reshape(-1, len(STATE_NAMES))
+    columns = dict(zip(STATE_NAMES, whole.T, strict=True))
+    return Log(
+        {
+            "t": windows.spans[0].start + windows.sample_time * np.arange(len(whole), dtype=np.float64),
+            **columns,
+        }
+    )
 
 
 def _rows_within(windows: Windows, intervals: Sequence[tuple[float, float]]) -> NDArray[np.intp]:

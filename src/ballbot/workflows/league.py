@@ -41,25 +41,27 @@ from ballbot.workflows.comparison import (
 from ballbot.workflows.courses import Course, PlantName
 from ballbot.workflows.metrics import Score, score_results, true_place
 
-#: points of a track in a second, and the decimals they are kept with [m, rad]
+#: what a track has, its points in a second, and the decimals they are kept with [m, rad]
+_TRACKED = ("t", "x", "y", "theta", "phi", "psi")
 _TRACK_RATE, _TRACK_DECIMALS = 10.0, 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Track:
-    """Where the robot really was in a run, ten times a second, to a tenth of a millimetre and of a milliradian."""
+    """How the robot really stood in a run, ten times a second, to a tenth of a millimetre and of a milliradian."""
 
     t: NDArray[np.float64]  #: (N,) [s]
     x: NDArray[np.float64]  #: (N,) [m]
     y: NDArray[np.float64]  #: (N,) [m]
+    theta: NDArray[np.float64]  #: (N,) [rad]
+    phi: NDArray[np.float64]  #: (N,) [rad]
     psi: NDArray[np.float64]  #: (N,) [rad]
     ended: str | None  #: why the run stopped early
 
     @staticmethod
     def of(result: RunResult) -> Track:
         """Return the track that a run's `_track` measured."""
-        t, x, y, psi = result.measured
-        return Track(t=t, x=x, y=y, psi=psi, ended=result.score.ended)
+        return Track(**dict(zip(_TRACKED, result.measured, strict=True)), ended=result.score.ended)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -145,10 +147,10 @@ def _plant(course: Course, robot: Robot, estimator: EstimatorName) -> Plant | Mo
 
 
 def _track(log: Log) -> NDArray[np.float64]:
-    """Return t, x, y and psi (4, N) of where the robot really was, as a `Track` has them."""
+    """Return how the robot really stood (6, N), as a `Track` has it."""
     step = max(1, round(1.0 / (_TRACK_RATE * log.sample_time))) if len(log) > 1 else 1
     place = true_place(log)
-    return np.round(np.array([place[name][::step] for name in ("t", "x", "y", "psi")]), _TRACK_DECIMALS)
+    return np.round(np.array([place[name][::step] for name in _TRACKED]), _TRACK_DECIMALS)
 
 
 @dataclass(frozen=True)
@@ -315,4 +317,4 @@ def league_identity(
         mujoco = version("mujoco")
     except PackageNotFoundError:  # the model needs none
         mujoco = "not installed"
-    return identity_of(inputs, {"mujoco": mujoco})
+    return identity_of(inputs, {"mujoco": mujoco, "track": " ".join(_TRACKED)})
