@@ -164,3 +164,15 @@ def test_convert_refuses_and_explains(tmp_path, capsys, log):
         assert main(["convert", str(path), str(tmp_path / "a.mcap"), "--force", *options]) == 0
         assert f"The file has no 3-D scene{',' if not options else '.'}" in (out := capsys.readouterr().out)
         assert reason in out
+
+
+def test_recordings_of_a_balancing_robot_show_it(tmp_path):
+    words = ["record", "nominal", "--format", "mcap", "--out"]
+    assert main([*words, str(tmp_path / "one"), "--duration", "0.2"]) == 0
+    assert main([*words, str(tmp_path / "two"), "--duration", "0.2", "--seeds", "1,2"]) == 0
+    for folder in ("one", "two/seed_0001", "two/seed_0002"):
+        for name in ("log", "truth"):
+            assert {"/scene", "/tf"} <= set(topics(tmp_path / folder / f"{name}.mcap"))
+    bench = ["--experiment", "upside_down", "--duration", "0.2"]
+    assert main([*words, str(tmp_path / "bench"), *bench]) == 0
+    assert not {"/scene", "/tf"} & set(topics(tmp_path / "bench" / "log.mcap"))

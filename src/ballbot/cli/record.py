@@ -29,6 +29,7 @@ from ballbot.robot import Robot
 from ballbot.simulation.run import sample_count
 from ballbot.twin.recording import DURATIONS, Experiment, Recording
 from ballbot.twin.scenario import load_scenario
+from ballbot.viewer.foxglove import write_with_scene
 from ballbot.workflows.record import (
     RecordJob,
     RecordOutcome,
@@ -166,6 +167,7 @@ def _one(job: RecordJob, seed: int, out: Path, console: Console, *, resume: bool
                 job,
                 seed,
                 out,
+                write_log=write_with_scene,
                 page=page,
                 progress=lambda now: bar.show(now.share),
             )
@@ -186,6 +188,7 @@ def _many(job: RecordJob, seeds: list[int], out: Path, console: Console) -> None
             job,
             seeds,
             out,
+            write_log=write_with_scene,
             page=lambda runs: page_of(seeds_report(job, runs, _made(seeds))),
             progress=lambda now: bar.show(now.share),
         )

@@ -30,6 +30,7 @@ from ballbot.errors import InputError
 from ballbot.estimation import named_estimator
 from ballbot.file_formats import results_text, without_format
 from ballbot.files import read_text, write_text
+from ballbot.log import Log
 from ballbot.log.formats import WRITTEN_SUFFIXES
 from ballbot.processes import uninterrupted, worker_pool
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
@@ -84,11 +85,21 @@ class RecordOutcome:
     was_there: bool = False  #: whole on disk from before
 
 
+#: writes a robot's log into a file
+LogWriter = Callable[[Path, Log, Robot], object]
+
+
+def write_plainly(path: Path, log: Log, _: Robot) -> None:
+    """Write a log as `Log.write` does."""
+    log.write(path)
+
+
 def record_run(
     job: RecordJob,
     seed: int,
     folder: Path,
     *,
+    write_log: LogWriter = write_plainly,
     page: Callable[[Recording], str] | None = None,
     progress: ProgressCallback = ignore_progress,
 ) -> RecordOutcome:
@@ -101,6 +112,8 @@ def record_run(
         Of all that is random.
     folder : Path
         Made if it is not there; a run that is in it is replaced.
+    write_log : callable, optional
+        Writes each log.
     page : callable, optional
         Makes the page of the run, which is written if this is given.
     progress : callable, optional
@@ -117,7 +130,7 @@ def record_run(
         recording = _record(job, seed, progress)
         with held.replaced() as new:
             for name, log in recording.logs.items():
-                log.write(new / f"{name}.{job.log_format}")
+                write_log(new / f"{name}.{job.log_format}", log, job.robot)
             write_text(new / "results.json", results_text(recording.results))
             if page is not None:
                 write_text(new / PAGE, page(recording))
@@ -132,6 +145,7 @@ def record_runs(
     folder: Path,
     *,
     processes: int | None = None,
+    write_log: LogWriter = write_plainly,
     page: Callable[[list[RecordOutcome]], str] | None = None,
     progress: ProgressCallback = ignore_progress,
 ) -> list[RecordOutcome]:
@@ -144,7 +158,9 @@ def record_runs(
     folder : Path
         Runs that are whole in it are kept.
     processes : int, optional
-        One for each core where not given.
+        One for each core if not given.
+    write_log : callable, optional
+        Writes each log; a function of a module, for the processes.
     page : callable, optional
         Makes the page of all runs, which is written if this is given.
     progress : callable, optional
@@ -162,7 +178,9 @@ def record_runs(
     """
     # the folder has no file of its own but the page, and the seeds' folders
     with result_folder(folder, command="record --seeds", names=(PAGE,)) as held:
-        outcomes = _record_missing(job, seeds, folder, processes=processes, progress=progress)
+        outcomes = _record_missing(
+            job, seeds, folder, processes=processes, write_log=write_log, progress=progress
+        )
         if page is not None:
             with held.replaced() as new:
                 write_text(new / PAGE, page(outcomes))
@@ -175,6 +193,7 @@ def _record_missing(
     folder: Path,
     *,
     processes: int | None,
+    write_log: LogWriter,
     progress: ProgressCallback,
 ) -> list[RecordOutcome]:
     """Record the runs that are not whole in the folder."""
@@ -190,7 +209,10 @@ def _record_missing(
         workers = min(processes or os.cpu_count() or 1, len(missing))
         with worker_pool(workers) as pool:
             with uninterrupted():
-                runs = [pool.submit(record_run, job, seed, seed_folder(folder, seed)) for seed in missing]
+                runs = [
+                    pool.submit(record_run, job, seed, seed_folder(folder, seed), write_log=write_log)
+                    for seed in missing
+                ]
             try:
                 for run in as_completed(runs):
                     outcomes[run.result().seed] = run.result()
