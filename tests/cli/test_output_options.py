@@ -222,3 +222,13 @@ def test_completion_works_without_the_packages_of_extras(
     assert isinstance(script, str)
     assert "spin" in script
     assert "--frame-rate" not in script
+
+
+@pytest.mark.parametrize("words", [("check", "alten"), ("check-log", "log.csv")])
+def test_command_that_leaves_no_page_says_how_to_get_one(
+    words: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    hint = "--out FOLDER also writes report.html.\n"
+    for options, expected in (((), hint), (("--quiet",), ""), (("--json",), ""), (("--out", "out"), "")):
+        assert main([*words, *options]) == 0
+        assert capsys.readouterr().err == expected

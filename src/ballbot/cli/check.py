@@ -16,7 +16,7 @@ from cyclopts import Parameter
 from ballbot.cli import OUTPUT
 from ballbot.cli.context import PAGE, CommandResult, input_files, open_result
 from ballbot.cli.findings import Accept, check_input, show_findings
-from ballbot.cli.output import emit, standard_output
+from ballbot.cli.output import emit, standard_output, suggest_page
 from ballbot.errors import InputError
 from ballbot.files import check_file, write_text
 from ballbot.findings import Finding, by_severity, check_codes, stop_on_errors
@@ -122,9 +122,11 @@ def check(
         if figure is not None:
             _save_figure(checked.robot, figure)
             console.print(f"Wrote {figure}.", soft_wrap=True)
-        if result is not None:
-            for path in _write(checked, result):
-                console.print(f"Wrote {path}.", soft_wrap=True)
+        if result is None:
+            suggest_page()
+            return
+        for path in _write(checked, result):
+            console.print(f"Wrote {path}.", soft_wrap=True)
 
 
 def _write(checked: CheckedRobot, result: CommandResult) -> list[Path]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.text import Text
 
 from ballbot.cli.context import PAGE, CommandResult, input_files, open_result
-from ballbot.cli.output import emit, print_parts, standard_output
+from ballbot.cli.output import emit, print_parts, standard_output, suggest_page
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.log import Log
@@ -82,6 +82,8 @@ def check_log(
             _show(file, described, proposal, source=robot, result=result)
         else:
             _check(file, described, mapping, result)
+        if result is None:
+            suggest_page()
 
 
 def _column_names(columns: str | None) -> list[str] | None:

@@ -62,6 +62,12 @@ def show_written(*paths: Path, results: Mapping[str, object] = MappingProxyType(
     emit({"files": paths, **results})
 
 
+def suggest_page() -> None:
+    """Print on standard error, unless --json or --quiet is given, that a command without --out could write a page."""
+    if not _is_silent():
+        PlainConsole(file=sys.stderr).print("--out FOLDER also writes report.html.", soft_wrap=True)
+
+
 def print_parts(parts: Iterable[RenderableType], console: Console) -> None:
     """Print tables, which keep to the width, and lines, which are not broken."""
     for part in parts:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ballbot.cli.context import PAGE, WholeNumber, input_files, open_result
 from ballbot.cli.live_run import WRITTEN, Plan, about_run, about_words, finish, make_run, record_run
-from ballbot.cli.output import emit, print_parts, standard_output
+from ballbot.cli.output import emit, print_parts, standard_output, suggest_page
 from ballbot.cli.robot_link import Connection, ControllerOnRobot, LinkOptions, Monitor, connected
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
@@ -133,6 +133,7 @@ def _balance(
         made = make_run(connection, plan)
         emit({"ended": made.ending.kind, "reason": made.ending.text})
         finish(connection, made)
+        suggest_page()
         return
 
     def performance(log: Log) -> dict[str, object]:
@@ -215,6 +216,8 @@ def wiring(port: str | None = None, /, *, link: LinkOptions = _LINK, out: Path |
         result.show_file(PAGE)
     if not check.passed:
         raise InputError(f"{check.findings[0].text} Correct it, and repeat the check.")
+    if out is None:
+        suggest_page()
 
 
 @run.command
