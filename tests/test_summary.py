@@ -13,12 +13,19 @@ from matplotlib.figure import Figure
 from ballbot.control.controller import Controller
 from ballbot.control.lqr import LqrDesign
 from ballbot.control.presets import IntegralDesign, nominal_controller
+from ballbot.findings import warning
 from ballbot.fitting.checkpoint import digest
+from ballbot.identification.driveline import DrivelineFit
+from ballbot.identification.upside_down import UpsideDown
+from ballbot.identification.windows import Span
 from ballbot.log import Log
+from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.summary import HEIGHT, WIDTH, Summary
 from ballbot.workflows.controller_design import design_controller
+from ballbot.workflows.limits import Bounds, Plane, RobotLimits
 from ballbot.workflows.perturbed_robots import CostUnits, PerturbationRanges
+from ballbot.workflows.recovery_region import Region
 from ballbot.workflows.robust_design import ComparedDesign, RobustDesign
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
 from tests.support.log_examples import smooth_log, with_wheels
@@ -61,6 +68,56 @@ def robust() -> RobustDesign:
     )
 
 
+def upside_down() -> UpsideDown:
+    errors = np.array([0.1, 0.2, 0.3])
+    spans = (Span(log=0, start=0.0, end=1.0),)
+    return UpsideDown(
+        robot=alten(FRICTION),
+        parameters={"b": [0.01, 0.02, 0.03], "c": [0.1] * 3, "s": [0.05] * 3, "v_s": 0.6, "delta": np.nan},
+        standard_errors={"b": [0.001] * 3, "c": [0.01] * 3, "s": [np.nan] * 3, "v_s": 0.1, "delta": np.nan},
+        labels=("b1",),
+        correlation=np.eye(1),
+        held_out={"found": errors, "none": 10.0 * errors},
+        fit={"found": errors, "none": 10.0 * errors},
+        fit_windows=spans,
+        held_out_windows=spans,
+        evolution_cost=(1.0,),
+        window=1.0,
+        warnings=tuple(warning("bound", f"Warning {number}.") for number in range(5)),
+    )
+
+
+def driveline() -> DrivelineFit:
+    return DrivelineFit(
+        wheel=1,
+        values=np.array([0.014, 0.1, 0.05, 0.6, 1.1]),
+        standard_errors=np.array([0.001, 0.01, np.nan, 0.1, 0.1]),
+        correlation=np.eye(5),
+        intervals={},
+        delay=0.01,
+        innovation=0.02,
+        unknown=np.array([False, False, False, False, True]),
+        cost=0.1,
+        samples=10,
+        rmse=0.1,
+        rmse_without=1.0,
+        predicted=np.linspace(-20.0, 20.0, 10),
+        without=np.zeros(10),
+    )
+
+
+def limits() -> RobotLimits:
+    edge = np.linspace(-1.0, 1.0, 33)
+    region = Region(across=edge, along=edge, kept=edge[:, None] ** 2 + edge**2 < 0.5, runs=10)
+    return RobotLimits(
+        directions=np.arange(3.0),
+        heights=np.arange(9.0),
+        lean=Bounds(lower=np.full(3, 0.2), upper=np.full(3, 0.3), runs=5),
+        impulse=Bounds(lower=np.ones((9, 3)), upper=np.full((9, 3), 2.0), runs=5),
+        plane=Plane(direction=0.0, lower=region, upper=region),
+    )
+
+
 RESULTS = {
     "robot": lambda: alten(FRICTION),
     "robot of four wheels": lambda: four_wheeled(friction=True),
@@ -75,6 +132,9 @@ RESULTS = {
     ),
     "robust design": robust,
     "controller design": lambda: design_controller(alten(FRICTION)),
+    "upside down": upside_down,
+    "driveline": driveline,
+    "limits": limits,
 }
 
 
@@ -87,7 +147,7 @@ def test_result_fits_a_screen(name):
     "name",
     [
         "robot", "log", "controller", "controller with every part", "gain", "gain with integral", "robust design",
-        "controller design",
+        "controller design", "upside down", "driveline", "limits",
     ],
 )  # fmt: skip
 def test_plot_returns_a_figure_that_a_notebook_shows(name):
@@ -100,6 +160,12 @@ def test_plot_of_a_controller_whose_loop_is_unstable_shows_its_poles():
     figure = RESULTS["controller of an unstable loop"]().plot()
     assert figure.axes[0].get_xlabel() == "real part [rad/s]"
     assert RESULTS["controller"]().plot().axes[0].get_ylabel() == "gain [dB]"
+
+
+def test_linear_model_shows_its_matrices_on_a_screen():
+    lines = repr(Model("alten").linearize()).splitlines()
+    assert len(lines) <= HEIGHT
+    assert max(map(len, lines)) <= 100
 
 
 def test_log_without_known_columns_is_plotted():

@@ -19,7 +19,9 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.findings import Finding, texts
 from ballbot.printable import printable_line
+from ballbot.rounding import digits, plus_minus
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,16 +32,21 @@ WIDTH, HEIGHT = 80, 24
 _LONGEST_NAME = 22
 #: the module and the function that draw a value, by its class
 _FIGURES = {
+    "AxisIdentification": ("ballbot.report.axis", "laws_figure"),
     "Controller": ("ballbot.report.plots", "controller_figure"),
     "ControllerDesign": ("ballbot.report.plots", "controller_design_figure"),
+    "DrivelineFit": ("ballbot.report.plots", "driveline_figure"),
     "Identification": ("ballbot.report.friction", "wheel_friction_figure"),
     "IntegralDesign": ("ballbot.report.plots", "design_figure"),
+    "League": ("ballbot.report.comparison", "overview_figure"),
     "Log": ("ballbot.report.plots", "log_figure"),
     "LqrDesign": ("ballbot.report.plots", "design_figure"),
-    "Robot": ("ballbot.robot.figure", "robot_figure"),
     "Margins": ("ballbot.report.loop", "margins_figure"),
+    "Robot": ("ballbot.robot.figure", "robot_figure"),
+    "RobotLimits": ("ballbot.report.plots", "limits_figure"),
     "RobustDesign": ("ballbot.report.design", "robust_figure"),
     "Study": ("ballbot.report.plots", "study_figure"),
+    "UpsideDown": ("ballbot.report.plots", "upside_down_figure"),
     "Validation": ("ballbot.report.plots", "validation_figure"),
 }
 
@@ -152,6 +159,24 @@ def listed(values: Sequence[float] | NDArray[np.float64], unit: str = "", *, dig
     """Return numbers with that many significant digits, and their unit: 0.014, 0.016, 0.013 N m."""
     numbers = ", ".join(f"{value + 0.0:.{digits}g}" for value in np.atleast_1d(values).tolist())
     return f"{numbers} {unit}".rstrip()
+
+
+def estimated(values: float | Sequence[float], errors: float | Sequence[float], unit: str = "") -> str:
+    """Return estimates with their standard errors, and their unit: 0.133 ± 0.0085 N m; NaN is "no influence"."""
+    pairs = zip(np.atleast_1d(values).tolist(), np.atleast_1d(errors).tolist(), strict=True)
+    return f"{', '.join(_with_error(one, error) for one, error in pairs)} {unit}".rstrip()
+
+
+def _with_error(value: float, error: float) -> str:
+    if not np.isfinite(value):
+        return "no influence"
+    return plus_minus(value, error) if np.isfinite(error) else f"{digits(value)} (no error)"
+
+
+def first_texts(findings: Sequence[Finding], *, most: int = 3) -> tuple[str, ...]:
+    """Return the sentences of the first findings, and how many more there are."""
+    more = len(findings) - most
+    return (*texts(findings[:most]), *([counted(more, "more finding")] if more > 0 else []))
 
 
 def counted(number: int, what: str) -> str:

@@ -10,6 +10,7 @@ from ballbot.fitting.model_selection import Gain
 from ballbot.identification.axis import AxisIdentification, AxisOptions, AxisRecord, identify_axis
 from ballbot.identification.axis.model import AXIS_LAWS, Axis
 from ballbot.report.axis import axis_friction_figure, error_table, laws_figure, parameter_rows
+from tests.support.screen import assert_fits_a_screen
 
 VALUES = {"mass": 1.0, "viscous": 2.0, "coulomb": 1.5, "offset": 0.2}
 
@@ -32,6 +33,12 @@ def found() -> AxisIdentification:
 @cache
 def records() -> tuple[AxisRecord, AxisRecord]:
     return moved("a.csv", 0.3, viscous=2.0), moved("b.csv", 1.1, viscous=2.6)
+
+
+@pytest.mark.slow
+def test_identification_fits_a_screen_and_is_drawn(found: AxisIdentification) -> None:
+    assert_fits_a_screen(found)
+    assert "<svg" in found.plot()._repr_svg_()  # pyright: ignore[reportAttributeAccessIssue]
 
 
 @pytest.mark.slow

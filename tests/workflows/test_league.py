@@ -29,6 +29,7 @@ from campaigns.league import section
 from tests.support.control_examples import FRICTION, alten
 from tests.support.league_examples import OWN
 from tests.support.report_pages import LARGEST_PAGE, figure_count
+from tests.support.screen import assert_fits_a_screen
 
 #: two short courses on the model, so that a league takes seconds
 COURSES = """\
@@ -109,6 +110,11 @@ def test_a_fall_is_counted_and_nothing_else_of_it(league):
 
 
 @pytest.mark.slow
+def test_league_fits_a_screen_and_is_drawn(league):
+    assert_fits_a_screen(league)
+    assert "<svg" in league.plot()._repr_svg_()
+
+
 def test_differences_are_seed_by_seed(league):
     for course in ("stand", "step"):
         peaks = [[one.rms_position_error for one in league.scores[course, name]] for name in ("full", "none")]

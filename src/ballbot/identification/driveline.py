@@ -24,6 +24,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +48,10 @@ from ballbot.mechanics.friction_laws.classical import Classical
 from ballbot.progress import Progress, part_of
 from ballbot.robot import Robot
 from ballbot.simulation.driveline import Driveline, SpeedClamp, simulate_drivelines
+from ballbot.summary import Summary, estimated, plotted, summarized
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: a body that is held still leans about its mean by less, beside sensor noise; one that balances, by half a degree
 #: and more (root mean square) [rad]
@@ -144,6 +149,7 @@ def driveline_parameters(*, lower: Five = LOWER, upper: Five = UPPER) -> Paramet
 DRIVELINE_PARAMETERS = driveline_parameters()
 
 
+@summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DrivelineFit:
     """One driveline's friction."""
@@ -168,6 +174,32 @@ class DrivelineFit:
     def law(self) -> Classical:
         """The friction found."""
         return classical(self.values)
+
+    def summary(self) -> Summary:
+        """Return each parameter with its standard error, and the error of the speed with friction and without."""
+        rows = []
+        for name, value, error, unknown in zip(
+            FRICTION, self.values, self.standard_errors, self.unknown, strict=False
+        ):
+            unit = BY_NAME[name].unit.removeprefix("1")
+            number = "not determined by the sweep" if unknown else estimated(value, error, unit)
+            rows.append((BY_NAME[name].symbol, number))
+        return Summary(
+            title=f"Friction of the driveline of wheel {self.wheel}: value ± standard error",
+            rows=(
+                *rows,
+                ("delay of the torque", f"{self.delay:.3g} s"),
+                (
+                    "error of the speed",
+                    f"{self.rmse:.3g} rad/s RMS; without friction {self.rmse_without:.3g}",
+                ),
+                ("samples", str(self.samples)),
+            ),
+        )
+
+    def plot(self) -> Figure:
+        """Return a figure of the friction over speed with its 95 % band."""
+        return plotted(self)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

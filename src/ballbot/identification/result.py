@@ -29,8 +29,7 @@ from ballbot.identification.variation import Variation
 from ballbot.identification.windows import Span
 from ballbot.log import STATE_NAMES
 from ballbot.robot import Robot
-from ballbot.rounding import digits, plus_minus
-from ballbot.summary import Summary, counted, plotted, summarized
+from ballbot.summary import Summary, estimated, first_texts, plotted, summarized
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -164,11 +163,8 @@ class Identification:
         """Return each parameter with its standard error, how well windows held out are predicted, and warnings."""
         rows = []
         for name, (symbol, value) in zip(self.layout.names, self.parameters.items(), strict=True):
-            pairs = zip(np.atleast_1d(value), np.atleast_1d(self.standard_errors[symbol]), strict=True)
-            unit = "" if BY_NAME[name].unit == "1" else f" {BY_NAME[name].unit}"
-            rows.append(
-                (symbol, ", ".join(_with_error(float(one), float(error)) for one, error in pairs) + unit)
-            )
+            unit = "" if BY_NAME[name].unit == "1" else BY_NAME[name].unit
+            rows.append((symbol, estimated(value, self.standard_errors[symbol], unit)))
         ratios = np.array(list(self.held_out.ratios.values()))
         share = f"{np.nanmedian(ratios):.3g}" if np.isfinite(ratios).any() else "unknown"
         rows.append(
@@ -177,12 +173,10 @@ class Identification:
         rows.append(
             ("windows", f"{self.fit.windows} fitted, {self.held_out.windows} held out, {self.window:g} s")
         )
-        found = [*self.log_findings, *self.warnings]
-        more = (counted(len(found) - _SHOWN, "more finding"),) if len(found) > _SHOWN else ()
         return Summary(
             title=f"Identification of the robot {self.robot.name}: value ± standard error",
             rows=tuple(rows),
-            remarks=(*(one.text for one in found[:_SHOWN]), *more),
+            remarks=first_texts([*self.log_findings, *self.warnings]),
         )
 
     def plot(self) -> Figure:
@@ -192,9 +186,9 @@ class Identification:
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds; NaN becomes None, JSON's null."""
         return {
-            "parameters": _without_nan(self.parameters),
-            "standard_errors": _without_nan(self.standard_errors),
-            "bootstrap_errors": _without_nan(self.bootstrap_errors),
+            "parameters": without_nan(self.parameters),
+            "standard_errors": without_nan(self.standard_errors),
+            "bootstrap_errors": without_nan(self.bootstrap_errors),
             "intervals": {label: interval.to_dict() for label, interval in self.intervals.items()},
             "between_logs": {
                 "logs": self.variation.logs,
@@ -203,7 +197,7 @@ class Identification:
                     dict(zip(self.labels, self.values.tolist(), strict=True))
                 ),
             },
-            "correlation": {"labels": list(self.labels), "matrix": _without_nan(self.correlation.tolist())},
+            "correlation": {"labels": list(self.labels), "matrix": without_nan(self.correlation.tolist())},
             "coulomb_equivalent": self.coulomb.to_dict(),
             "represents": {
                 BY_NAME[name].symbol: {"kind": "effective" if also else "physical", "also": also}
@@ -224,16 +218,6 @@ class Identification:
         }
 
 
-#: findings in a summary
-_SHOWN = 3
-
-
-def _with_error(value: float, error: float) -> str:
-    if not np.isfinite(value):
-        return "no influence"
-    return plus_minus(value, error) if np.isfinite(error) else f"{digits(value)} (no error)"
-
-
 def represents_sentence(names: Sequence[str]) -> str:
     """Return which quantities stand for other effects than their own; empty if nobody looked."""
     by_effect: dict[str, list[str]] = {}
@@ -244,12 +228,13 @@ def represents_sentence(names: Sequence[str]) -> str:
     return f"Effective parameters, and what else they stand for: {'; '.join(parts)}." if parts else ""
 
 
-def _without_nan(value: object) -> object:
+def without_nan(value: object) -> object:
+    """Return nested dicts and lists with None, JSON's null, in place of NaN."""
     match value:
         case dict():
-            return {key: _without_nan(one) for key, one in value.items()}
+            return {key: without_nan(one) for key, one in value.items()}
         case list():
-            return [_without_nan(one) for one in value]
+            return [without_nan(one) for one in value]
         case float() if not np.isfinite(value):
             return None
     return value

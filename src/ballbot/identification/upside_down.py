@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,7 @@ from ballbot.identification.result import (
     error_findings,
     found_robot,
     influence_findings,
+    without_nan,
 )
 from ballbot.identification.stated_uncertainty import parameter_covariance
 from ballbot.identification.windows import COMPARISONS, LARGEST_JITTER, Span, common_sample_time, split
@@ -50,6 +52,10 @@ from ballbot.mechanics.friction import FrictionTerms, friction_terms
 from ballbot.progress import Progress, ProgressReporter, Stage
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.simulation.upside_down import ClampedBall, simulate_balls
+from ballbot.summary import Summary, estimated, first_texts, listed, plotted, summarized
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 BALL_NAMES = ("ball_omega_x", "ball_omega_y", "ball_omega_z")
 
@@ -140,6 +146,7 @@ def _cut(
     return near.mean(axis=1), torques[held], omegas[held + 1], spans
 
 
+@summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
 class UpsideDown:
     """Driveline and ball-wheel friction of a robot without its weight on the ball; p = 3 n + 2 parameters."""
@@ -159,15 +166,30 @@ class UpsideDown:
     window: float  #: length of a window [s]
     warnings: tuple[Finding, ...]  #: of the numbers
 
+    def summary(self) -> Summary:
+        """Return each parameter with its standard error, the errors on windows held out, and warnings."""
+        units = {BY_NAME[name].symbol: BY_NAME[name].unit.removeprefix("1") for name in OF_WHEELS}
+        errors = self.standard_errors
+        rows = [(key, estimated(one, errors[key], units[key])) for key, one in self.parameters.items()]
+        held_out = {key: listed(one, "rad/s") for key, one in self.held_out.items()}
+        rows += [(f"error, {key}", f"{one}, held out") for key, one in held_out.items()]
+        windows = f"{len(self.fit_windows)} fitted, {len(self.held_out_windows)} held out, {self.window:g} s"
+        return Summary(
+            title=f"Friction of the robot {self.robot.name} upside down: value ± standard error",
+            rows=(*rows, ("windows", windows)),
+            remarks=first_texts(self.warnings),
+        )
+
+    def plot(self) -> Figure:
+        """Return a figure of each wheel's friction over its speed."""
+        return plotted(self)
+
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds; NaN becomes None, JSON's null."""
         return {
-            "parameters": _table(self.parameters),
-            "standard_errors": _table(self.standard_errors),
-            "correlation": {
-                "labels": list(self.labels),
-                "matrix": [[_number(one) for one in row] for row in self.correlation.tolist()],
-            },
+            "parameters": without_nan(self.parameters),
+            "standard_errors": without_nan(self.standard_errors),
+            "correlation": {"labels": list(self.labels), "matrix": without_nan(self.correlation.tolist())},
             "rmse": {
                 "columns": list(BALL_NAMES),
                 "held_out": {name: error.tolist() for name, error in self.held_out.items()},
@@ -181,17 +203,6 @@ class UpsideDown:
             },
             "warnings": finding_results(self.warnings),
         }
-
-
-def _table(table: ParameterTable) -> dict[str, object]:
-    return {
-        key: [_number(one) for one in value] if isinstance(value, list) else _number(value)
-        for key, value in table.items()
-    }
-
-
-def _number(value: float) -> float | None:
-    return value if np.isfinite(value) else None
 
 
 #: longest inner step [s] of the evolution, and of the rest

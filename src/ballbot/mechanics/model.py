@@ -46,6 +46,12 @@ class LinearModel:
     A: NDArray[np.float64]  #: (10, 10)
     B: NDArray[np.float64]  #: (10, n)
 
+    def __repr__(self) -> str:
+        """Return both matrices with four decimals, a row a line."""
+        with np.printoptions(precision=4, linewidth=200, suppress=True):
+            A, B = (matrix.round(4) + 0.0 for matrix in (self.A, self.B))
+            return f"LinearModel: x_dot = A x + B u\nA =\n{A}\nB =\n{B}"
+
     def poles(self) -> NDArray[np.complex128]:
         """Return the eigenvalues of A (10,) [rad/s], the largest real part first."""
         poles = np.asarray(np.linalg.eigvals(self.A), dtype=np.complex128)

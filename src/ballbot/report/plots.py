@@ -14,15 +14,21 @@ from ballbot.control.lqr import LqrDesign
 from ballbot.control.margins import loop_margins
 from ballbot.control.presets import IntegralDesign
 from ballbot.errors import InputError
+from ballbot.identification.driveline import DrivelineFit
+from ballbot.identification.upside_down import UpsideDown
 from ballbot.log import Log
 from ballbot.log.columns import unit_of
+from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.comparison import paths_figure
+from ballbot.report.driveline import curve_figure
+from ballbot.report.limits import planes_figure
 from ballbot.report.loop import margins_figure, poles_figure
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
 from ballbot.report.style import label_of, thinned
 from ballbot.report.validation_figures import horizon_figure
 from ballbot.validation import Validation
 from ballbot.workflows.controller_design import ControllerDesign
+from ballbot.workflows.limits import RobotLimits
 from ballbot.workflows.study import Study
 
 #: panels of a log over time: columns drawn together, with what they are
@@ -36,6 +42,8 @@ _PANELS = (
 _LOOKS = ((BLUE, "-"), (ORANGE, "--"), (INK, ":"), (MUTED, "-."))
 #: columns of a log that has none of the above
 _MOST_COLUMNS = 6
+#: wheel speeds shown reach this many Stribeck speeds
+_SHOWN_SPEEDS = 8.0
 #: absolute value below which a sampled pole has no continuous one: it settles within a sample
 _DEADBEAT = 1e-6
 
@@ -95,6 +103,32 @@ def controller_design_figure(design: ControllerDesign) -> Figure:
 def validation_figure(validation: Validation) -> Figure:
     """Return how the errors of both models grow with the horizon, state by state."""
     return horizon_figure(validation.horizon, validation.models.names)
+
+
+def driveline_figure(fit: DrivelineFit) -> Figure:
+    """Return the friction over speed with its 95 % band, up to the fastest of the sweep and at low speeds."""
+    return curve_figure([fit], float(np.nanmax(np.abs(fit.predicted), initial=1.0)))
+
+
+def upside_down_figure(found: UpsideDown) -> Figure:
+    """Return each wheel's friction over its speed."""
+    friction, n = found.robot.friction, found.robot.wheel_count
+    speed = np.geomspace(1e-3, 1.0, 160) * _SHOWN_SPEEDS * friction.stribeck_speed
+    torques = wheel_friction(np.repeat(speed[:, None], n, axis=1), friction)
+    figure = Figure(figsize=(7.4, 2.8), layout="constrained")
+    axes = figure.subplots()
+    for wheel, (torque, (color, dash)) in enumerate(zip(torques.T, _LOOKS, strict=False), start=1):
+        axes.plot(speed, torque, color=color, linestyle=dash, linewidth=1.3, label=f"wheel {wheel}")
+    axes.set_xlabel("wheel speed [rad/s]")
+    axes.set_ylabel("friction torque [N m]")
+    axes.set_ylim(bottom=0.0)
+    axes.legend(loc="lower right")
+    return figure
+
+
+def limits_figure(limits: RobotLimits) -> Figure:
+    """Return the tilts and tilt rates that the robot recovers from, in its worst direction."""
+    return planes_figure({"limits": limits})
 
 
 def study_figure(study: Study) -> Figure:

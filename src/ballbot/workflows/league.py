@@ -12,6 +12,7 @@ from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,7 @@ from ballbot.progress import part_of
 from ballbot.results import left_out, to_results
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.simulation.plant import Plant
+from ballbot.summary import Summary, counted, plotted, summarized
 from ballbot.workflows.candidates import Candidate, UserController
 from ballbot.workflows.comparison import (
     SIMULATING,
@@ -40,6 +42,9 @@ from ballbot.workflows.comparison import (
 )
 from ballbot.workflows.courses import Course, PlantName
 from ballbot.workflows.metrics import Score, score_results, true_place
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: what a track has, its points in a second, and the decimals they are kept with [m, rad]
 _TRACKED = ("t", "x", "y", "theta", "phi", "psi")
@@ -64,6 +69,7 @@ class Track:
         return Track(**dict(zip(_TRACKED, result.measured, strict=True)), ended=result.score.ended)
 
 
+@summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
 class League:
     """The results of every run."""
@@ -75,6 +81,31 @@ class League:
     #: by course and controller, in the order of the seeds
     scores: Mapping[tuple[str, str], tuple[Score, ...]]
     tracks: Mapping[tuple[str, str], Track]  #: of the first seed
+
+    def summary(self) -> Summary:
+        """Return for each controller its falls, and its error and torque over the first one's on the same seeds."""
+        rows = []
+        for name in self.controllers:
+            one = overall(self, name)
+            falls = f"{counted(one.falls, 'fall')} in {counted(one.runs, 'run')}"
+            ratios = [
+                f"{key.replace('_', ' ')} {ratio.mean:.3g} ({ratio.low:.3g} to {ratio.high:.3g})"
+                for key, ratio in one.ratios.items()
+            ]
+            rows.append((name, "; ".join([falls, *ratios])))
+        first = f"ratios to {self.controllers[0]}, with 95 % intervals"
+        return Summary(
+            title=f"League of {counted(len(self.controllers), 'controller')} of the robot {self.robot}: {first}",
+            rows=(
+                *rows,
+                ("courses", ", ".join(course.name for course in self.courses)),
+                ("seeds", str(len(self.seeds))),
+            ),
+        )
+
+    def plot(self) -> Figure:
+        """Return a figure of each controller's peak position error and rough torque on each course."""
+        return plotted(self)
 
 
 def run_league(

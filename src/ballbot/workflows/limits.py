@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,9 +28,13 @@ from ballbot.progress import Progress, ProgressReporter, Stage, on_all_cores
 from ballbot.results import left_out, reported
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.simulation.run import simulate
+from ballbot.summary import Summary, plotted, summarized
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import Push
 from ballbot.workflows.recovery_region import COARSE, Loop, Reach, Region, map_region, reach
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def leaning_state(direction: ArrayLike, lean: ArrayLike, rate: ArrayLike = 0.0) -> NDArray[np.float64]:
@@ -126,6 +130,7 @@ class Plane:
         return self.upper.area
 
 
+@summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobotLimits:
     """The limits of one closed loop."""
@@ -151,6 +156,30 @@ class RobotLimits:
         """The impulses (d,) [N s] at the height of the centre of mass."""
         one = self.impulse
         return Bounds(lower=one.lower[_CENTER], upper=one.upper[_CENTER], runs=one.runs)
+
+    def summary(self) -> Summary:
+        """Return the largest tilt and impulse that are recovered from in every direction."""
+        lean, impulse, plane = self.lean, self.central_impulse, self.plane
+        return Summary(
+            title="Limits of recovery in the worst direction, without slip (if wheels never slip)",
+            rows=(
+                ("tilt at rest", f"{lean.lower.min():.3g} ({lean.upper.min():.3g}) rad"),
+                (
+                    "impulse",
+                    f"{impulse.lower.min():.3g} ({impulse.upper.min():.3g}) N s, at the centre of mass",
+                ),
+                ("tilt and tilt rate", f"{plane.lower_area:.3g} ({plane.upper_area:.3g}) rad^2/s"),
+                (
+                    "directions",
+                    f"{len(self.directions)}; the least tilt is towards {np.degrees(plane.direction):.0f}°",
+                ),
+                ("runs", str(self.runs)),
+            ),
+        )
+
+    def plot(self) -> Figure:
+        """Return a figure of the tilts and tilt rates that are recovered from, in the worst direction."""
+        return plotted(self)
 
 
 Kind = Literal["lean", "impulse"]

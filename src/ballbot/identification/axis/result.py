@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +11,15 @@ from numpy.typing import NDArray
 from ballbot.findings import Finding, finding_results
 from ballbot.fitting.model_selection import Candidate, Gain, ModelSelection
 from ballbot.identification.axis.inverse import InverseFit
-from ballbot.identification.axis.model import Axis, AxisLaw
+from ballbot.identification.axis.model import Axis, AxisLaw, unit_for
 from ballbot.identification.axis.prediction import AxisErrors, PredictedError
 from ballbot.identification.axis.residuals import ResidualTest
 from ballbot.identification.axis.selection import HorizonChoice
 from ballbot.identification.axis.structure import AxisModel
+from ballbot.summary import Summary, estimated, first_texts, plotted, summarized
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,6 +59,7 @@ class Estimate:
         }
 
 
+@summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AxisIdentification:
     """An axis, identified."""
@@ -88,6 +94,30 @@ class AxisIdentification:
         """The estimate to simulate the axis with."""
         return self.estimate("open loop")
 
+    def summary(self) -> Summary:
+        """Return the law's parameters with their standard errors, the error to expect elsewhere, and remarks."""
+        best, one, unit = self.best, self.expected, f"m{self.unit}"
+        rows = [
+            (label, estimated(value, best.standard_errors[label], _unit(self, label)))
+            for label, value in best.values.items()
+        ]
+        rows.append(
+            (
+                "error elsewhere",
+                f"{1e3 * one.error:.3g} {unit} RMS over {one.horizon:g} s, 95 % interval {1e3 * one.lower:.3g} to "
+                f"{1e3 * one.upper:.3g} {unit}",
+            )
+        )
+        return Summary(
+            title=f"Axis of {', '.join(self.records)}, law {self.chosen.name}: value ± standard error",
+            rows=tuple(rows),
+            remarks=first_texts(self.remarks),
+        )
+
+    def plot(self) -> Figure:
+        """Return a figure of each law's gain on held-out blocks over the simpler law within it."""
+        return plotted(self)
+
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
         return {
@@ -113,6 +143,15 @@ class AxisIdentification:
             "expected_elsewhere": self.expected.to_dict(),
             "remarks": finding_results(self.remarks),
         }
+
+
+def _unit(found: AxisIdentification, label: str) -> str:
+    """Return the unit of a parameter; empty for one without, or of a drift's shape."""
+    return (
+        ""
+        if label.startswith("drift_")
+        else unit_for(found.model.parameter(label), found.unit).removeprefix("1")
+    )
 
 
 def _law_result(one: Candidate[AxisLaw]) -> dict[str, object]:
