@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,6 +17,7 @@ from ballbot.robot import Robot
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.metrics import position_error
 from tests.support.log_examples import smooth_log, with_wheels
+from tests.support.report_pages import LARGEST_PAGE
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +56,7 @@ def test_file_holds_a_run_within_half_a_step():
 
 
 @pytest.mark.sample
-def test_friction_found_is_near_the_simulated_robots(runs):
+def test_friction_found_is_near_the_simulated_robots_and_has_a_report(runs, tmp_path):
     found = demo.identified(runs[demo_runs.SOFT], Run())
     true = Scenario.nominal(Robot.load(demo_runs.ROBOT)).friction.coulomb
     # 20 s of log and play of 1 degree: rollers and play change what the wheels feel by some tenths
@@ -63,6 +65,12 @@ def test_friction_found_is_near_the_simulated_robots(runs):
     assert state.share is None
     assert [row[0] for row in state.rows] == ["wheel 1", "wheel 2", "wheel 3"]
     assert all(float(row[1]) > 0.0 and float(row[3]) > 0.0 for row in state.rows)
+    demo.write_report(found, runs[demo_runs.SOFT], tmp_path / "report.html")
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert page.count('data-ballbot-replay="') == 1
+    assert len(page) < LARGEST_PAGE
+    results = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
+    assert results["parameters"]["c"] == list(found.robot.friction.coulomb)
 
 
 def test_page_is_there_before_anything_is_compiled(tmp_path, monkeypatch, capsys):
@@ -87,6 +95,7 @@ def test_folder_that_cannot_be_written_is_no_error(tmp_path, monkeypatch, capsys
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(demo, "identified", lambda *_: SimpleNamespace(robot=Robot.load(demo_runs.ROBOT)))
     monkeypatch.setattr(demo, "state_found", lambda _: demo.ResultState(heading="found"))
+    monkeypatch.setattr(demo, "write_report", lambda *_: None)
     assert main(["demo", "--no-browser"]) == 0
     said = capsys.readouterr().out
     page = Path(said.splitlines()[0])
@@ -107,12 +116,19 @@ def test_page_links_to_the_robot_that_was_found_while_it_is_simulated(tmp_path, 
 
     monkeypatch.setattr(demo, "identified", lambda *_: found)
     monkeypatch.setattr(demo, "state_found", lambda _: demo.ResultState(heading="found"))
+    monkeypatch.setattr(demo, "write_report", lambda *_: None)
+    monkeypatch.setattr(
+        demo, "write_report", lambda *_: seen.update(shown=beside.read_text(encoding="utf-8"))
+    )
     monkeypatch.setattr("webbrowser.open", lambda _: True)
     monkeypatch.setattr("ballbot.cli.demo.simulate_live", simulate)
     monkeypatch.setattr("ballbot.cli.demo.has_live_view", lambda: True)
     monkeypatch.setattr("ballbot.report.console.PlainConsole.is_terminal", True)
     assert main(["demo", "--out", str(tmp_path)]) == 0
-    assert '"share": 1.0' in seen["before"]  # the page reads on
+    assert "found" in seen["shown"]  # before the report is written
+    assert '"share": 1.0' in seen["shown"]  # the page reads on
+    assert '"share": 1.0' in seen["before"]
+    assert "report.html" in seen["before"]
     assert "token=secret" in seen["linked"]
     assert '"share": null' in seen["linked"]
     assert seen["mode"] & 0o077 == 0  # the token is nobody else's

@@ -20,7 +20,7 @@ from ballbot.report.demo_runs import PRECISE, ROBOT, SOFT, read_runs, robot_of_r
 from ballbot.viewer.page import ResultState, replay_page, result_text
 from ballbot.workflows.metrics import SETTLE, position_error, settled
 
-_PAGE, _RESULT = "demo.html", "demo_result.js"
+_PAGE, _RESULT, _REPORT = "demo.html", "demo_result.js", "report.html"
 _HEADING = "Meanwhile: the friction in the first run's log"
 _DOING = "identifying the friction"
 _LIVE = LiveOptions(controller=("soft=none", "precise"))
@@ -39,16 +39,16 @@ def demo(
     """Show a robot that wanders beside the same robot under a precise controller, and identify its friction.
 
     A page with two recorded runs opens at once. Meanwhile the friction is identified from the log of the first one, and
-    the page shows it when it is found. If what `ballbot view` needs is installed, the page then links to the robot that
-    was found, simulated live, until Ctrl-C; --no-browser leaves it out.
+    the page shows it when it is found, with a link to its report. If what `ballbot view` needs is installed, the page
+    then links to the robot that was found, simulated live, until Ctrl-C; --no-browser leaves it out.
 
     Example: `ballbot demo --out look`
 
     Parameters
     ----------
     out
-        The folder for the page. If not given, ballbot-demo in the current folder, or a temporary one if that cannot be
-        written.
+        The folder for the page, report.html and results.json. If not given, ballbot-demo in the current folder, or a
+        temporary one if that cannot be written.
     browser
         Whether to open the page.
     """
@@ -76,19 +76,23 @@ def demo(
 
             # compiled code, once there is something to look at
             from ballbot.fitting.run import Run
-            from ballbot.report.demo import identified, state_found
+            from ballbot.report.demo import identified, state_found, write_report
 
             found = identified(runs[SOFT], Run(progress=report))
-            state = state_found(found)
-            # the page reads on while the share is a number: the address of the live view is yet to come
-            shown = replace(state, share=1.0) if live else state
+        shown = state_found(found)
+        # the page reads on while the share is a number: the report and the live view's address are yet to come
+        write_text(folder / _RESULT, result_text(replace(shown, share=1.0)))
+        for sentence in shown.sentences:
+            console.print(sentence, soft_wrap=True)
+        for row in (shown.columns, *shown.rows):
+            console.print("  ".join(f"{cell:>22}" for cell in row), soft_wrap=True)
+        write_report(found, runs[SOFT], folder / _REPORT)
+        state = replace(shown, links=((_REPORT, "The whole report on the friction found"),))
+        shown = replace(state, share=1.0) if live else state
     finally:
         write_text(folder / _RESULT, result_text(shown))
-    emit({"files": [folder / _PAGE], "friction": found.robot.friction})
-    for sentence in state.sentences:
-        console.print(sentence, soft_wrap=True)
-    for row in (state.columns, *state.rows):
-        console.print("  ".join(f"{cell:>22}" for cell in row), soft_wrap=True)
+    emit({"files": [folder / _PAGE, folder / _REPORT], "friction": found.robot.friction})
+    console.print(str(folder / _REPORT), markup=False, soft_wrap=True)
     console.print(_NEXT, markup=False, highlight=False, soft_wrap=True)
     if live:
         try:
@@ -106,9 +110,8 @@ def demo(
 
 def _link_live(folder: Path, state: ResultState, address: str) -> None:
     """Let the page link to the live view; its address has the token, which is nobody else's."""
-    linked = replace(
-        state, link=address, link_text="Push this robot: simulated live, with the friction found"
-    )
+    live = (address, "Push this robot: simulated live, with the friction found")
+    linked = replace(state, links=(*state.links, live))
     path = folder / _RESULT
     write_text(path, result_text(linked))
     path.chmod(0o600)

@@ -7,8 +7,12 @@ everything is compiled (`python -m benchmarks.first_use`); `ballbot study` takes
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
+from ballbot.file_formats import results_text
+from ballbot.files import write_text
 from ballbot.fitting.run import Run
 from ballbot.identification import Identification, identify
 from ballbot.identification.stages import IdentificationOptions
@@ -17,6 +21,9 @@ from ballbot.log.checks import CheckedLogs
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.demo_runs import ROBOT, SOFT, robot_of_runs
 from ballbot.report.friction import friction_curve
+from ballbot.report.identification_page import identification_report
+from ballbot.report.page import page_of
+from ballbot.report.provenance import provenance
 from ballbot.robot import Robot
 from ballbot.rounding import digits
 from ballbot.viewer.page import ResultState
@@ -32,9 +39,27 @@ SPEED = 1.0
 
 def identified(log: Log, run: Run) -> Identification:
     """Return the friction of the demo's robot from the log of its first run."""
-    robot = Robot.load(ROBOT)
-    part = CheckedLogs.simulated(log.without_truth().between(0.0, LOG_END))
-    return identify(robot, part, law=LAW, options=OPTIONS, run=run)
+    return identify(Robot.load(ROBOT), CheckedLogs.simulated(_part(log)), law=LAW, options=OPTIONS, run=run)
+
+
+def _part(log: Log) -> Log:
+    return log.without_truth().between(0.0, LOG_END)
+
+
+def write_report(found: Identification, log: Log, page: Path) -> None:
+    """Write the report on the friction found in the first run's log, and results.json beside it."""
+    made = provenance(command="ballbot demo", files=[], seed=0)
+    report = identification_report(
+        found,
+        {SOFT: _part(log)},
+        findings=(),
+        selection=None,
+        ladder_svg=None,
+        holdouts=(),
+        made=made,
+    )
+    write_text(page.with_name("results.json"), results_text(found.to_dict() | {"provenance": made}))
+    write_text(page, page_of(report))
 
 
 def state_found(found: Identification) -> ResultState:

@@ -241,8 +241,9 @@ class ResultState:
     columns: tuple[str, ...] = ()  #: heads of a table; empty without a table
     rows: tuple[tuple[str, ...], ...] = ()
     caption: str = ""  #: of the table
-    link: str = ""  #: name of a file in the page's folder with more
-    link_text: str = ""
+    links: tuple[
+        tuple[str, str], ...
+    ] = ()  #: to more: address, or name of a file in the page's folder, and text
 
 
 def result_text(state: ResultState) -> str:

@@ -28,7 +28,7 @@ class ResultBox {
     if (!this.done) element("progress", { value: state.share, max: 1, "aria-label": "Share that is done" }, this.box);
     for (const sentence of state.sentences) element("p", { text: sentence }, this.box);
     if (state.columns.length) this.table(state);
-    if (state.link) element("a", { href: state.link, text: state.link_text }, element("p", {}, this.box));
+    for (const [href, text] of state.links) element("a", { href, text }, element("p", {}, this.box));
   }
 
   table({ columns, rows, caption }) {
