@@ -16,6 +16,7 @@ extensions = [
     "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
+    "dataclass_fields",
     "executed_pages",
     "mathml",
 ]
