@@ -125,6 +125,19 @@ def test_writing_the_report_is_the_last_stage_of_planned_work(piped, capsys, mon
     ]
 
 
+def test_writing_the_report_after_work_without_a_plan_begins_at_the_last_share(piped, capsys, monkeypatch):
+    monkeypatch.setattr(output, "_BEFORE_LINES", 0.05)
+    with progress_bar(piped, "fitting") as bar:
+        time.sleep(0.2)
+        bar.show(0.6, doing="descent")
+        bar.begin_writing()
+    assert capsys.readouterr().err.splitlines() == [
+        "ballbot: fitting",
+        "ballbot: descent, 60 %",
+        "ballbot: writing the report, 60 %",
+    ]
+
+
 def test_nothing_is_written_after_work_that_was_refused(piped, capsys, monkeypatch):
     monkeypatch.setattr(output, "_BEFORE_LINES", 0.05)
     with pytest.raises(ValueError, match="refused"), progress_bar(piped, "reading"):

@@ -23,6 +23,7 @@ from ballbot.identification.geometry_fits import (
 from ballbot.log.checks.kinematics import wheel_speeds_of_states
 from ballbot.log.columns import STATE_NAMES
 from ballbot.mechanics.geometry import axles, body_rates_matrix, transforms
+from ballbot.progress import Progress
 from ballbot.twin.recording import MotionCapture
 
 ALTEN = Robot.load("alten")
@@ -131,10 +132,19 @@ class TestKnownRobots:
         assert found.leaning_seen.value == pytest.approx(1.0, abs=4.0 * found.leaning_seen.standard_error)
 
     def test_a_right_file_is_left_in_peace(self):
+        shown: list[Progress] = []
         found = survey_geometry(
-            TRUE, upside_down=[upside_down_log(TRUE, seed=4)], balancing=[balancing_run(TRUE, seed=5)]
+            TRUE,
+            upside_down=[upside_down_log(TRUE, seed=4)],
+            balancing=[balancing_run(TRUE, seed=5)],
+            progress=shown.append,
         )
         assert geometry_findings(found)[0].text.startswith("The file agrees")
+        assert [(one.stage, one.done) for one in shown] == [
+            ("fitting the logs upside down", 0),
+            ("aligning the motion capture", 1),
+            ("fitting the balancing logs", 2),
+        ]
 
     def test_upside_down_alone_says_what_it_cannot_tell(self):
         found = survey_geometry(other(radius=0.0605), upside_down=[upside_down_log(ALTEN, seed=6)])

@@ -23,6 +23,7 @@ from ballbot.fitting.run import Run
 from ballbot.identification import Bounds, identify
 from ballbot.identification.stages import IdentificationOptions, holdout_intervals
 from ballbot.log import STATE_NAMES, Log
+from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.report.page import page_of
 from ballbot.report.provenance import provenance
 from ballbot.report.study import controller_sentence
@@ -66,10 +67,10 @@ class Brief(StudyOptions):
     ablation_draws: int = 0
 
 
-def run(checkpoint: Path, *, resume: bool) -> Study:
+def run(checkpoint: Path, *, resume: bool, progress: ProgressCallback = ignore_progress) -> Study:
     kept = open_checkpoint(checkpoint, belongs_to={}, resume=resume)
-    logs = {"walk": noisy_log()}
-    return study(Robot.load("alten"), logs, plant="model", options=SMALL, run=Run(seed=3, checkpoint=kept))
+    watched = Run(seed=3, checkpoint=kept, progress=progress)
+    return study(Robot.load("alten"), {"walk": noisy_log()}, plant="model", options=SMALL, run=watched)
 
 
 pytestmark = pytest.mark.slow
@@ -90,8 +91,13 @@ def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def small(checkpoint: Path) -> Study:
-    return run(checkpoint, resume=False)
+def shown() -> list[Progress]:
+    return []
+
+
+@pytest.fixture(scope="module")
+def small(checkpoint: Path, shown: list[Progress]) -> Study:
+    return run(checkpoint, resume=False, progress=shown.append)
 
 
 @pytest.fixture(scope="module")
@@ -124,6 +130,16 @@ def test_study_and_what_it_holds_fit_a_screen_and_can_be_plotted(small: Study):
     for result in (small, small.found, small.validation):
         assert_fits_a_screen(result)
         assert result.plot().axes
+
+
+@pytest.mark.usefixtures("small")
+def test_progress_names_each_stage_and_its_share_never_falls(shown: list[Progress]):
+    stages = ["identifying friction", "validating on walk", "comparing controllers", "done"]
+    assert list(dict.fromkeys(one.stage for one in shown)) == stages
+    shares = [one.share for one in shown]
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    assert len({one.planned for one in shown[:-1]}) == 1
 
 
 def test_windows_of_the_fit_lie_outside_the_holdout_intervals(small: Study):

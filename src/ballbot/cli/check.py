@@ -16,7 +16,7 @@ from cyclopts import Parameter
 from ballbot.cli import OUTPUT
 from ballbot.cli.context import PAGE, CommandResult, input_files, open_result
 from ballbot.cli.findings import Accept, check_input, show_findings
-from ballbot.cli.output import emit, standard_output, suggest_page
+from ballbot.cli.output import emit, progress_bar, standard_output, suggest_page
 from ballbot.errors import InputError
 from ballbot.files import check_file, write_text
 from ballbot.findings import Finding, by_severity, check_codes, stop_on_errors
@@ -107,14 +107,15 @@ def check(
     inputs = input_files(robot, predict, reference, controller, swinging.swing)
     held = open_result(out, command="check", writes=_WRITTEN, inputs=inputs) if out else nullcontext()
     with held as result:
-        checked = check_robot(
-            hung,
-            findings,
-            controller=controller,
-            swing=_swing(hung, swinging, accept),
-            log=None if predict is None else _log(hung, robot, predict, accept),
-            following=_following(hung, reference, controller),
-        )
+        with progress_bar(console, "checking the robot"):
+            checked = check_robot(
+                hung,
+                findings,
+                controller=controller,
+                swing=_swing(hung, swinging, accept),
+                log=None if predict is None else _log(hung, robot, predict, accept),
+                following=_following(hung, reference, controller),
+            )
         if OUTPUT.get().json:  # the results compile the thesis's equations
             emit(checked.results())
         for part in robot_check_parts(checked, framed=console.is_terminal):

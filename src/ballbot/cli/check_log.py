@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.text import Text
 
 from ballbot.cli.context import PAGE, CommandResult, input_files, open_result
-from ballbot.cli.output import emit, print_parts, standard_output, suggest_page
+from ballbot.cli.output import emit, print_parts, progress_bar, standard_output, suggest_page
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.log import Log
@@ -120,7 +120,7 @@ def _check(file: Path, robot: Robot | None, mapping: Path | None, result: Comman
 
 def _proposed(file: Path, robot: Robot, *, names: list[str] | None, dead_band: float | None) -> Proposal:
     """Return the mapping proposed for a foreign file."""
-    with standard_output().status("comparing the columns with the robot"):
+    with progress_bar(standard_output(), "comparing the columns with the robot"):
         return propose(file, robot, columns=names, dead_band=dead_band)
 
 
@@ -133,7 +133,7 @@ def _show(file: Path, robot: Robot, proposal: Proposal, *, source: str, result: 
         If an entry cannot be determined; everything that was determined is shown and written first.
     """
     console = standard_output()
-    with console.status("checking the log that the mapping makes"):
+    with progress_bar(console, "checking the log that the mapping makes"):
         found = evaluate(proposal, robot, file=file, out=result.folder.path if result else None)
     print_parts(proposal_parts(file, found, framed=console.is_terminal), console)
     if result is None:

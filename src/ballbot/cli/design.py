@@ -43,6 +43,8 @@ from ballbot.workflows.robust_design import Effort, robust_design
 
 #: of a design with and without a search
 DESIGN_FILES = (PAGE, "controller.toml", "results.json", "robust.svg")
+#: processor time [s] of a design without a search, and of the report
+_DESIGNING, _WRITING = 1.0, 2.0
 
 
 @Parameter(name="*")
@@ -150,8 +152,13 @@ def design(
         torque_weight=weights.r,
         sample_time=weights.sample_time,
     )
-    with open_result(out, command="design", writes=DESIGN_FILES, inputs=inputs) as result:
+    with (
+        open_result(out, command="design", writes=DESIGN_FILES, inputs=inputs) as result,
+        result.progress("designing the controller", writing=_WRITING) as bar,
+    ):
+        bar.show(0.0, planned=_DESIGNING)
         found = design_controller(described, gain=gain, parts=parts)
+        bar.begin_writing()
         with result.replaced() as new:
             write_controller(found.controller, new / "controller.toml")
             result.write_json(found.results(), new)
@@ -189,7 +196,7 @@ def _search(
             seed=search.seed,
             run=RunOptions(resume=search.resume),
         ) as result,
-        result.progress("robust design") as bar,
+        result.progress("robust design", writing=_WRITING) as bar,
     ):
         found = robust_design(
             robot,
@@ -198,6 +205,7 @@ def _search(
             effort=effort,
             run=result.run_with(bar.report),
         )
+        bar.begin_writing()
         results = {
             "robot": robot.name,
             "sample_time": found.controller.sample_time,

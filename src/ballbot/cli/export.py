@@ -16,6 +16,8 @@ from ballbot.report.export import export_parts, export_report, load_section
 from ballbot.robot import Robot
 
 _README = "README.md"
+#: processor time [s] of compiling and emulating the firmware, and of the report
+_COUNTING, _WRITING = 4.0, 1.0
 
 
 def export(
@@ -60,10 +62,17 @@ def export(
     read = read_controller(controller, described)
     inputs = input_files(robot, controller)
     writes = [*exported_names(), PAGE, "results.json"]
-    with open_result(out, command="export", writes=writes, inputs=inputs) as result:
+    with (
+        open_result(out, command="export", writes=writes, inputs=inputs) as result,
+        result.progress("writing the firmware", writing=_WRITING) as bar,
+    ):
         exported = export_controller(read, lean=lean)
         to_install = what_to_install()
+        bar.show(
+            0.0, doing="writing the firmware" if to_install else "counting instructions", planned=_COUNTING
+        )
         load = None if to_install else measure_load(read, exported, clock=clock)
+        bar.begin_writing()
         section = load_section(load, to_install=to_install)
         with result.replaced() as new:
             for name, text in exported.files.items():

@@ -74,13 +74,18 @@ def identify_geometry(
     of_runs = dict(zip(runs, read_logs(tuple(runs), mapping).values() if runs else (), strict=True))
     findings = _checked(described, of_ball, of_runs, accept)
     inputs = input_files(on_wheels, runs, films, mapping, robot)
-    with open_result(out, command="identify-geometry", writes=_WRITTEN, inputs=inputs) as result:
+    with (
+        open_result(out, command="identify-geometry", writes=_WRITTEN, inputs=inputs) as result,
+        result.progress("identifying the geometry") as bar,
+    ):
         found = survey_geometry(
             described,
             upside_down=list(of_ball.values()),
             balancing=[(log, Log.read(film)) for log, film in zip(of_runs.values(), films, strict=True)],
+            progress=bar.report,
         )
         remarks = geometry_findings(found)
+        bar.begin_writing()
         with result.replaced() as new:
             try:
                 write_robot(robot_with_geometry(described, found), new / "robot.toml")

@@ -94,9 +94,12 @@ class Bar:
         self._writing, self._planned = writing, math.nan  # [s], the latter of all
         self._work, self._share = 1.0, 0.0  # shares of the whole: of the work, and what is done
 
-    def show(self, share: float, *, doing: str = "", note: str = "") -> None:
-        """Show that a share of the work, 0 to 1, is done, what is being done now if that is new, and a short note."""
-        self.report(Progress(stage=doing, done=share, total=1.0, note=note))
+    def show(self, share: float, *, doing: str = "", note: str = "", planned: float = math.nan) -> None:
+        """Show that a share of the work, 0 to 1, is done, what is being done now if that is new, and a short note.
+
+        `planned` is the time [s] that the whole work usually takes.
+        """
+        self.report(Progress(stage=doing, done=share, total=1.0, note=note, planned=planned))
 
     def report(self, progress: Progress) -> None:
         """Show the progress of work, its stage and its note; a `ballbot.progress.ProgressCallback`."""
@@ -108,7 +111,8 @@ class Bar:
 
     def begin_writing(self) -> None:
         """Show that the work is done and its result is being written."""
-        skipped, self._share = self._work - self._share, self._work
+        done = self._share if math.isnan(self._planned) else self._work
+        skipped, self._share = done - self._share, done
         self._show(
             Progress(
                 stage="writing the report",

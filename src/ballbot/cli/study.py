@@ -66,6 +66,7 @@ class FitOptions:
     """A TOML file with lower and upper bounds of the friction parameters."""
 
 
+_WRITING = 4.0  #: processor time of the report [s]
 _TRIAL, _FIT = TrialOptions(), FitOptions()
 
 
@@ -125,7 +126,7 @@ def study(
             seed=seed,
             run=run,
         ) as result,
-        result.progress("reading") as bar,
+        result.progress("reading", writing=_WRITING) as bar,
     ):
         found = run_study(
             described,
@@ -137,7 +138,7 @@ def study(
             ),
             run=result.run_with(bar.report),
         )
-        bar.show(1.0, doing="writing the report")
+        bar.begin_writing()
         with result.replaced() as new:
             write_study(found, new, made=result.origin, before=result.folder.path)
     print_verdict(summary(found), result.console)

@@ -34,6 +34,7 @@ from ballbot.identification.geometry_fits import (
     upside_down_geometry,
 )
 from ballbot.log import Log
+from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.robot import Robot
 from ballbot.robot.parameters import Value
 
@@ -107,7 +108,11 @@ def common_turn(azimuths: Sequence[Measured]) -> float:
 
 
 def survey_geometry(
-    robot: Robot, *, upside_down: Sequence[Log] = (), balancing: Sequence[tuple[Log, Log]] = ()
+    robot: Robot,
+    *,
+    upside_down: Sequence[Log] = (),
+    balancing: Sequence[tuple[Log, Log]] = (),
+    progress: ProgressCallback = ignore_progress,
 ) -> Geometry:
     """Find a robot's geometry by kinematics alone.
 
@@ -120,6 +125,8 @@ def survey_geometry(
     balancing : sequence of (Log, Log)
         A run's log, with wheel1 .. wheeln and gyro_x, _y, _z, and its motion capture: t, x y z of the ball's centre, qw
         qx qy qz of the body, on its own clock and in its own frame.
+    progress : callable, optional
+        Called before each stage.
 
     Raises
     ------
@@ -131,8 +138,17 @@ def survey_geometry(
             "No log is given; geometry needs a log of the robot upside "
             "down, or of the robot balancing with motion capture."
         )
+    total = (1 if upside_down else 0) + (len(balancing) + 1 if balancing else 0)
+    if upside_down:
+        progress(Progress(stage="fitting the logs upside down", done=0, total=total))
     on_wheels = upside_down_geometry(robot, upside_down) if upside_down else None
-    runs = [_run(log, film) for log, film in balancing]
+    runs = []
+    for log, film in balancing:
+        done = total - len(balancing) - 1 + len(runs)
+        progress(Progress(stage="aligning the motion capture", done=done, total=total))
+        runs.append(_run(log, film))
+    if runs:
+        progress(Progress(stage="fitting the balancing logs", done=total - 1, total=total))
     rolling = rolling_geometry(robot, runs, leaning=_leaning(robot, on_wheels)) if runs else None
     measured = [
         *(_of_upside_down(robot, on_wheels) if on_wheels else ()),

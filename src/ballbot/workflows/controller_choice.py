@@ -42,6 +42,7 @@ from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import estimated_robot
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
+from ballbot.progress import Progress, on_all_cores, part_of
 from ballbot.robot import Robot
 from ballbot.simulation.plant import Plant
 from ballbot.simulation.sensed_plant import SensedPlant
@@ -380,7 +381,13 @@ def choose_controller(
         for plant in plants[:ablation_plants]
         for part, controller in parts.items()
     ]
-    found = run_comparison(runs, processes=processes, run=run)
+    compared = on_all_cores(len(runs)) / (on_all_cores(len(runs)) + len(controllers))
+    comparing, logging = part_of(run.progress, 0.0, compared), part_of(run.progress, compared, 1.0)
+    found = run_comparison(runs, processes=processes, run=replace(run, progress=comparing))
+    logs: dict[str, Log] = {}
+    for name, one in controllers.items():
+        logs[name] = _run(name, one, plants[0], course).log()
+        logging(Progress(stage="simulating the first plant", done=len(logs), total=len(controllers)))
     made = {name: _trial(one, found.of(name)) for name, one in {**controllers, **parts}.items()}
     named = {name: made[name] for name in controllers}
     equals = equal_best(named)
@@ -391,7 +398,7 @@ def choose_controller(
         equals=equals,
         chosen=min(equals, key=lambda name: named[name].roughness.median, default=None),
         ablation={part: made[part] for part in parts},
-        runs={name: _run(name, one, plants[0], course).log() for name, one in controllers.items()},
+        runs=logs,
     )
 
 

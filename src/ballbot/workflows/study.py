@@ -32,7 +32,7 @@ from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import CheckedLogs, checked_logs
 from ballbot.log.columns import torque_names, wheel_speed_names
 from ballbot.mechanics.model import Model
-from ballbot.progress import Progress, part_of
+from ballbot.progress import Progress, in_parts, on_all_cores, part_of
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.summary import Summary, counted, listed, plotted, summarized
 from ballbot.twin.scenario import Scenario, load_scenario
@@ -50,17 +50,16 @@ from ballbot.workflows.controller_choice import (
 )
 from ballbot.workflows.controller_prediction import Prediction, predict
 from ballbot.workflows.courses import PlantName
-from ballbot.workflows.twin_rolling import TwinRolling, twin_rolling
+from ballbot.workflows.twin_rolling import TwinRolling, rolling_seconds, twin_rolling
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 #: plants that candidates can be compared on; a run of each takes a second or more
 MAX_DRAWS = 1000
-#: processor time of the stages [s]: identification and validation of a second of log, the twin's rolling friction, and
-#: a simulated second of a candidate. From a study of one log of 40 s and from single runs of the twin
-_IDENTIFYING, _VALIDATING, _ROLLING = 1.8, 0.2, 23.0
-_SIMULATING: Mapping[PlantName, float] = {"model": 0.05, "twin": 0.15}
+#: processor time [s] of identification and validation of a second of log, and of a simulated second on each plant
+_IDENTIFYING, _VALIDATING = 0.95, 0.04
+_SIMULATING: Mapping[PlantName, float] = {"model": 0.03, "twin": 0.2}
 #: candidates, and parts that the most precise one is also tried without
 _CANDIDATES, _PARTS = 4, 6
 
@@ -215,14 +214,13 @@ def study(
     given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario or "nominal", robot)
     tried = sampled_at(given, sample_time)
     _check_plant(robot, tried, chosen_plant)
-    identified, validated, rolled = _stage_ends(studied, chosen_plant, options)
-    identifying = part_of(run.progress, 0.0, identified, stage="identifying friction")
-    measuring = part_of(run.progress, validated, rolled, stage="measuring the twin's rolling friction")
-    choosing = part_of(run.progress, rolled, 1.0, stage="comparing controllers")
-    found = _identify(robot, checked, options, replace(run, progress=identifying))
-    validating = replace(run, progress=part_of(run.progress, identified, validated))
+    identifying, validating, measuring, choosing = (
+        replace(run, progress=part)
+        for part in in_parts(run.progress, _seconds(studied, chosen_plant, options))
+    )
+    found = _identify(robot, checked, options, _named(identifying, "identifying friction"))
     by_log = _validate(found.robot, studied, validating)
-    measured = replace(run, progress=measuring)
+    measured = _named(measuring, "measuring the twin's rolling friction")
     rolling = twin_rolling(found, tried, run=measured) if chosen_plant == "twin" else None
     choice = choose_controller(
         candidates(found, sample_time=sample_time),
@@ -231,7 +229,7 @@ def study(
         ),
         course=NamedCourse(name=SQUARE.name, duration=options.duration),
         ablation_plants=options.ablation_draws,
-        run=replace(run, progress=choosing),
+        run=_named(choosing, "comparing controllers"),
     )
     run.progress(Progress(stage="done", done=1, total=1))
     return Study(
@@ -251,20 +249,21 @@ def study(
     )
 
 
-def _stage_ends(
-    logs: Sequence[StudiedLog], plant: PlantName, options: StudyOptions
-) -> tuple[float, float, float]:
-    """Return the shares of the whole time after identification, after validation, and after the rolling friction."""
+def _seconds(logs: Sequence[StudiedLog], plant: PlantName, options: StudyOptions) -> tuple[float, ...]:
+    """Return how long identification, validation, rolling friction and comparison usually take [s]."""
     length = sum(float(one.log.t[-1] - one.log.t[0]) for one in logs)
     runs = _CANDIDATES * options.draws + _PARTS * min(options.ablation_draws, options.draws)
-    stages = (
-        _IDENTIFYING * length,
+    return (
+        on_all_cores(_IDENTIFYING * length),
         _VALIDATING * length,
-        _ROLLING if plant == "twin" else 0.0,
-        _SIMULATING[plant] * runs * options.duration,
+        sum(rolling_seconds()) if plant == "twin" else 0.0,
+        _SIMULATING[plant] * options.duration * (on_all_cores(runs) + _CANDIDATES),  # their paths once more
     )
-    ends = np.cumsum(stages) / sum(stages)
-    return float(ends[0]), float(ends[1]), float(ends[2])
+
+
+def _named(run: Run, stage: str) -> Run:
+    """Return the run with a name for all its stages."""
+    return replace(run, progress=part_of(run.progress, 0.0, 1.0, stage=stage))
 
 
 def sampled_at(scenario: Scenario, sample_time: float) -> Scenario:

@@ -36,7 +36,7 @@ from ballbot.identification.stages import (
     refine,
     stages_of,
 )
-from ballbot.progress import ProgressReporter
+from ballbot.progress import ProgressReporter, in_parts, on_all_cores
 from ballbot.robot import Friction
 from ballbot.simulation.run import simulate
 from ballbot.twin.scenario import Scenario
@@ -44,6 +44,8 @@ from ballbot.twin.twin import Twin
 
 #: of the twin's log [s]; with 24 s the share varies by a tenth between seeds
 _DURATION = 48.0
+#: processor time of the twin's log and of the fit to it [s]
+_SIMULATING, _REFINING = 9.5, 12.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +60,11 @@ class TwinRolling:
     def on_twin(self, friction: Friction) -> Friction:
         """Return a robot's friction with the rolling friction that the floor under its twin has."""
         return replace(friction, rolling=max(friction.rolling - np.nan_to_num(self.added), 0.0))
+
+
+def rolling_seconds() -> tuple[float, float]:
+    """Return how long the twin's log and the fit to it usually take [s]."""
+    return _SIMULATING, on_all_cores(_REFINING)
 
 
 def twin_rolling(found: Identification, scenario: Scenario, *, run: Run = DEFAULT_RUN) -> TwinRolling:
@@ -85,12 +92,14 @@ def _added(found: Identification, scenario: Scenario, run: Run) -> NDArray[np.fl
     robot, trial = found.robot, 0.5 * found.robot.friction.rolling
     friction = replace(robot.friction, rolling=trial)
     gain = design_gain(robot, sample_time=scenario.sensors.sample_time).gain
+    simulating, refining = in_parts(run.progress, rolling_seconds())
     log = simulate(
         Twin(robot, replace(scenario, friction=friction)),
         Controller(robot, gain, sample_time=scenario.sensors.sample_time),
         named_reference("square"),
         duration=_DURATION,
         seed=run.seed,
+        progress=simulating,
     ).without_truth()
     own = replace(run, checkpoint=None)
     options = IdentificationOptions(excluded_states=found.excluded_states)
@@ -103,8 +112,8 @@ def _added(found: Identification, scenario: Scenario, run: Run) -> NDArray[np.fl
     begin = coordinates.scaled(
         np.clip(coordinates.layout.nominal(robot), coordinates.lower, coordinates.upper)
     )
-    refining = [one for one in stages_of(prepared, options) if one.name in REFINING]
-    reporter = ProgressReporter(run.progress, refining)
+    stages = [one for one in stages_of(prepared, options) if one.name in REFINING]
+    reporter = ProgressReporter(refining, stages)
     estimate = refine(prepared, begin, options=options, run=replace(own, progress=reporter))
     reporter.end()
     place = coordinates.labels.index("C_rr")
