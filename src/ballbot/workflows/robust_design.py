@@ -24,7 +24,7 @@ from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT
 from ballbot.errors import InputError
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import evolve
-from ballbot.progress import Progress, part_of
+from ballbot.progress import Progress, ProgressReporter, Stage, on_all_cores
 from ballbot.results import key, left_out
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.summary import Summary, listed, plotted, summarized
@@ -47,6 +47,8 @@ GROUPS = ((0, 1), (2, 3), (4,), (5, 6), (7, 8), (9,))
 DECADES = 2.0
 #: inner step of the search, one a sample of 5 ms, and of the comparison on fresh robots [s]
 SEARCH_STEP, TEST_STEP = 5e-3, 1e-3
+#: processor time of a run [s] by its inner step, and designs compared
+_RUN, _DESIGNS = {SEARCH_STEP: 0.9e-3, TEST_STEP: 1.75e-3}, 3
 _NO_GAIN = 100.0  # the cost of weights that have none
 
 
@@ -187,8 +189,10 @@ def robust_design(
             costs[list(made)] = worst_tenth(units.costs(marks))
         return costs
 
+    reporter = ProgressReporter(run.progress, _stages(effort))
+
     def report(now: Progress) -> None:
-        part_of(run.progress, 0.0, 0.9)(replace(now, note=f"worst tenth {now.cost:.2f}"))
+        reporter(replace(now, note=f"worst tenth {now.cost:.2f}"))
 
     found = evolve(
         cost_of,
@@ -204,7 +208,7 @@ def robust_design(
         "plain": ((1.0,) * 10, 1.0),
     }
     compared = _compare(robot, designs, controller_of, units, spread, effort.fresh, run.seed, threads)
-    run.progress(Progress(stage="comparison", done=1, total=1, note="compared"))
+    reporter(Progress(stage="comparison", done=1, total=1, note="compared"))
     return RobustDesign(
         design=design_gain(robot, state_weights=weights),
         controller=controller_of(weights),
@@ -215,6 +219,16 @@ def robust_design(
         compared=compared,
         fresh=effort.fresh,
         spread=spread,
+    )
+
+
+def _stages(effort: Effort) -> tuple[Stage, ...]:
+    """Return the stages; the search usually takes all its generations."""
+    searching = _RUN[SEARCH_STEP] * effort.population * effort.robots
+    comparing = _RUN[TEST_STEP] * _DESIGNS * effort.fresh
+    return (
+        Stage(name="evolution", steps=effort.generations, work=on_all_cores(searching)),
+        Stage(name="comparison", steps=1, work=on_all_cores(comparing)),
     )
 
 
