@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ballbot import Robot
-from ballbot.control.overcompensation import stated_covariance
+from ballbot.control.overcompensation import certain_friction, stated_covariance
 from ballbot.identification.agreement import (
     LEAST_P_VALUE,
     StageEstimate,
@@ -13,9 +13,13 @@ from ballbot.identification.agreement import (
     of_robot_file,
 )
 from ballbot.identification.quantities import with_friction
-from ballbot.identification.stated_uncertainty import parameter_covariance, with_uncertainty
+from ballbot.identification.stated_uncertainty import (
+    joint_covariance,
+    parameter_covariance,
+    with_uncertainty,
+)
 from ballbot.robot.file import write_robot
-from ballbot.robot.variations import correlations, uncertain
+from ballbot.robot.variations import correlations, draw_robots, uncertain
 
 LABELS = ("b1", "b2", "c1", "c2")
 SWEEP = np.array([0.014, 0.016, 0.11, 0.09])
@@ -123,6 +127,52 @@ def test_the_robot_states_the_covariance_of_its_parameters():
     np.testing.assert_allclose(
         correlations(found)[labels.index("friction.rolling")], [0.05, 0.05, 0.05, 1.0], atol=1e-5
     )
+
+
+def test_numbers_that_make_up_for_one_another_between_logs_keep_their_friction(tmp_path):
+    """c and s vary by half between logs while their sum hardly does: each is stated so, and all are used together."""
+    robot, n = Robot.load("alten"), 3
+    p = np.array([0.014, 0.016, 0.013, 0.11, 0.09, 0.12, 0.05, 0.04, 0.06, 0.6, 1.1, 0.007])
+    errors, deviations = 0.05 * p, 0.5 * p
+    errors[10] = np.nan  # delta is at a bound
+    R = np.eye(12)
+    for wheel in range(n):
+        R[n + wheel, 2 * n + wheel] = R[2 * n + wheel, n + wheel] = -0.9
+    R[10] = R[:, 10] = np.nan
+    joint = joint_covariance(errors, R)
+    names = [f"friction.{name}" for name in ("viscous", "coulomb", "stribeck")]
+    names += [f"friction.{name}" for name in ("stribeck_speed", "stribeck_exponent", "rolling")]
+    found = with_uncertainty(
+        with_friction(robot, p),
+        lambda q: with_friction(robot, q),
+        p,
+        parameter_covariance(deviations, errors, R),
+        names=names,
+        joint=joint,
+    )
+    write_robot(found, tmp_path / "found.toml")
+    read = Robot.load(tmp_path / "found.toml")
+    assert read.standard_deviations["friction.coulomb"] == pytest.approx(deviations[3:6], rel=1e-3)
+    stated = stated_covariance(read)
+    assert stated is not None
+    # four digits of two errors, and five decimals of a correlation
+    tolerance = 1.1e-3 * np.outer(0.05 * p, 0.05 * p)
+    assert (np.abs(stated[:12, :12] - joint) <= tolerance).all()
+    labels = [one.label for one in uncertain(read)]
+    assert "friction.stribeck_exponent" not in labels
+    # compensation, and robots drawn, are as far off as the errors together, not as the numbers by themselves
+    fraction = np.array(certain_friction(read).coulomb) / np.array(read.friction.coulomb)
+    assert (fraction > 0.85).all()
+    breakaway = np.array(
+        [np.add(one.friction.coulomb, one.friction.stribeck) for one in draw_robots(read, 400, seed=0)]
+    )
+    g = np.eye(12)[3:6] + np.eye(12)[6:9]
+    # 400 draws give a standard deviation to 3.5 %; four of those
+    np.testing.assert_allclose(breakaway.std(axis=0), np.sqrt((g @ joint @ g.T).diagonal()), rtol=0.14)
+    # another log's b and c are compared one by one
+    by_number = of_robot_file(read)
+    assert by_number is not None
+    np.testing.assert_allclose(np.sqrt(by_number.covariance.diagonal()), deviations, rtol=1e-3)
 
 
 def test_a_robot_written_and_read_again_has_the_same_covariance(tmp_path):

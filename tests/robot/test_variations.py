@@ -64,10 +64,13 @@ class TestFile:
     ):
         deviations = {"friction.coulomb": sizes[:3], "friction.rolling": sizes[3]}
         labels = [*(f"friction.coulomb[{i}]" for i in range(3)), "friction.rolling"]
-        mixed = np.random.default_rng(seed).standard_normal((4, 4))
+        random = np.random.default_rng(seed)
+        mixed = random.standard_normal((4, 4))
         C = mixed @ mixed.T
         R = C / np.sqrt(np.outer(C.diagonal(), C.diagonal()))
-        robot = known_to(deviations).annotated(correlation=Correlation.of_matrix(labels, R))
+        errors = random.choice([0.0, 0.1, 1.0]) * np.array([*sizes[:3], sizes[3]])
+        together = Correlation.of_matrix(labels, R, errors.tolist() if errors.any() else ())
+        robot = known_to(deviations).annotated(correlation=together)
         path = tmp_path_factory.mktemp("robots") / "robot.toml"
         write_robot(robot, path)
         read = Robot.load(path)
@@ -83,6 +86,9 @@ class TestFile:
             ('["friction.rolling", "body.mass"]', "[[1.0], [0.1]]", "rows of 1 to 2"),
             ('["friction.rolling", "body.mass"]', "[[1.0], [1.2, 1.0]]", "numbers from -1 to 1"),
             ('"friction.rolling"', "[[1.0]]", "of is a list of names"),
+            ('["body.mass"]', "[[1.0]]\nstandard_errors = [0.1, 0.2]", "must have 1 finite numbers"),
+            ('["body.mass"]', "[[1.0]]\nstandard_errors = [-0.1]", "must have 1 finite numbers"),
+            ('["body.mass"]', '[[1.0]]\nstandard_errors = "no"', "standard_errors a list of numbers"),
         ],
     )
     def test_mistaken_correlations_end_in_one_sentence(self, of: str, lower: str, says: str, tmp_path: Path):

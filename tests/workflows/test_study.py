@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from ballbot.cli import study as study_command
 from ballbot.cli.main import main
 from ballbot.control.file import read_controller
+from ballbot.control.overcompensation import certain_friction
 from ballbot.errors import InputError
 from ballbot.fitting.checkpoint import open_checkpoint
 from ballbot.fitting.run import Run
@@ -31,8 +32,9 @@ from ballbot.report.study_files import study_results, write_study
 from ballbot.report.study_page import study_report
 from ballbot.results import as_json
 from ballbot.robot import Robot
+from ballbot.robot.file import write_robot
 from ballbot.workflows import study as study_workflow
-from ballbot.workflows.controller_choice import ABLATIONS, CANDIDATES, draw_plants
+from ballbot.workflows.controller_choice import ABLATIONS, CANDIDATES, compensated_robot, draw_plants
 from ballbot.workflows.controller_prediction import (
     DISCREPANCY,
     Prediction,
@@ -162,6 +164,15 @@ def test_study_and_identify_report_the_same_numbers_and_doubts(small: Study):
     for results in (ours, theirs):
         del results["findings"]  # of the logs, which have a name in the study alone
     assert as_json(ours) == as_json(theirs)
+
+
+def test_a_design_for_the_robot_found_compensates_what_the_study_does(small: Study, tmp_path):
+    write_robot(small.found.robot, tmp_path / "robot.toml")
+    designed = certain_friction(Robot.load(tmp_path / "robot.toml"))
+    studied = compensated_robot(small.found).friction
+    for name in ("viscous", "coulomb", "stribeck", "rolling"):
+        # the file's digits
+        np.testing.assert_allclose(getattr(designed, name), getattr(studied, name), rtol=2e-3)
 
 
 # --- end to end ---

@@ -89,9 +89,10 @@ def cautious_friction(friction: Friction, covariance: ArrayLike, *, confidence: 
 
 
 def stated_covariance(robot: Robot) -> NDArray[np.float64] | None:
-    """Return the covariance (6 n + 3, 6 n + 3) by the standard deviations in a robot's file, None if it has none.
+    """Return the covariance (6 n + 3, 6 n + 3) of the friction in a robot's file, None if it states no deviations.
 
-    Where the file states no correlations, b, c and s count as independent; the result is then more cautious.
+    It is of the joint errors if the file states them, else of its standard deviations. Where the file states no
+    correlations, b, c and s count as independent; the result is then more cautious.
     """
     n = robot.wheel_count
     spans = {
@@ -122,7 +123,8 @@ def stated_covariance(robot: Robot) -> NDArray[np.float64] | None:
     known = robot.correlation.among(places)
     if known.of:
         at = [places[label] for label in known.of]
-        covariance[np.ix_(at, at)] = known.matrix() * np.outer(sizes[at], sizes[at])
+        errors = np.asarray(known.standard_errors) if known.standard_errors else sizes[at]
+        covariance[np.ix_(at, at)] = known.matrix() * np.outer(errors, errors)
     return covariance
 
 

@@ -196,12 +196,22 @@ def _stands_for(symbol: str) -> str:
 
 
 def of_robot_file(robot: Robot) -> StageEstimate | None:
-    """Return the friction in a robot's file, None if it states no standard deviations of it."""
+    """Return the friction in a robot's file, None if it states no standard deviations of it.
+
+    Each number has its standard deviation, as the other stage has other logs: b or c varies more than the friction.
+    """
     covariance = stated_covariance(robot)
     if covariance is None:
         return None
     layout = Layout(wheel_count=robot.wheel_count)
     count = len(layout.labels)
+    stated = [
+        np.broadcast_to(robot.standard_deviations.get(f"friction.{name}", 0.0), part.stop - part.start)
+        for name in layout.names
+        if (part := layout.columns(name)) is not None
+    ]
+    more = np.maximum(np.concatenate(stated) ** 2 - covariance.diagonal()[:count], 0.0)
+    covariance[:count, :count] += np.diag(more)
     return StageEstimate(
         source="the robot file",
         labels=layout.labels,

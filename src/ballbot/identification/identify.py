@@ -53,7 +53,11 @@ from ballbot.identification.stages import (
     search,
     stages_of,
 )
-from ballbot.identification.stated_uncertainty import deviations_of, parameter_covariance
+from ballbot.identification.stated_uncertainty import (
+    deviations_of,
+    joint_covariance,
+    parameter_covariance,
+)
 from ballbot.identification.sweep import Estimate, with_sweep
 from ballbot.identification.variation import (
     Variation,
@@ -264,6 +268,7 @@ def _result(
             values,
             uncertainty.standard_errors,
             covariance=covariance,
+            joint=joint_covariance(uncertainty.standard_errors, uncertainty.correlation),
             log_count=len(logs),
             asymmetric=law in ("asymmetric", "directed") and "torque_offset" in layout.extra,
         ),

@@ -24,7 +24,7 @@ from ballbot.identification.quantities import (
     with_friction,
     with_rigid_body,
 )
-from ballbot.identification.stated_uncertainty import with_uncertainty
+from ballbot.identification.stated_uncertainty import joint_covariance, with_uncertainty
 from ballbot.identification.variation import Variation
 from ballbot.identification.windows import Span
 from ballbot.log import STATE_NAMES
@@ -151,13 +151,12 @@ class Identification:
 
     @property
     def covariance(self) -> NDArray[np.float64]:
-        """Of the estimates under these logs' conditions (p, p), SI units; zero for one without standard error.
+        """Of all estimates together (p, p), SI units; zero for one without standard error. The robot's file states it.
 
-        The standard deviations in the robot's file also contain the variation between logs; see
-        `ballbot.identification.stated_uncertainty`.
+        See `ballbot.identification.stated_uncertainty`.
         """
-        errors = np.nan_to_num(np.concatenate([np.atleast_1d(one) for one in self.standard_errors.values()]))
-        return errors[:, None] * np.nan_to_num(self.correlation) * errors
+        errors = np.concatenate([np.atleast_1d(one) for one in self.standard_errors.values()])
+        return joint_covariance(errors, self.correlation)
 
     def summary(self) -> Summary:
         """Return each parameter with its standard error, how well windows held out are predicted, and warnings."""
@@ -257,12 +256,14 @@ def found_robot(
     standard_errors: NDArray[np.float64],
     *,
     covariance: NDArray[np.float64],
+    joint: NDArray[np.float64] | None = None,
     log_count: int,
     asymmetric: bool = False,
 ) -> Robot:
     """Return the robot with friction and rigid body out of parameters (p,); its sources state the standard errors (p,).
 
-    Its standard deviations and their correlations are those of the `covariance` (p, p).
+    Its standard deviations are those of the `covariance` (p, p); the errors of all numbers together are those of
+    `joint` (p, p), or of the same.
     Gains, offsets, delays and biases belong to motors and sensors, of which a robot's description has no such
     numbers; they are in the result alone, and so is T_p. With the laws "asymmetric" and "directed" the offsets
     are friction.
@@ -288,6 +289,7 @@ def found_robot(
         values,
         covariance,
         names=sources,
+        joint=joint,
     )
 
 

@@ -1,12 +1,19 @@
 """The standard deviations and correlations that an identified robot's file states.
 
-The robot's numbers y follow from the parameters p that were estimated. With their covariance C and the derivatives
-G = dy/dp, the delta method gives the numbers' covariance G C G^T. The deviations are those of the robot's parameters,
-variation between logs included where it was estimated, so that a part D of them beside the errors under the logs'
-conditions has no correlation: C = E R E + D with the errors E and their correlation R.
+The robot's numbers y follow from the parameters p that were estimated. With a covariance C of these and the derivatives
+G = dy/dp, the delta method gives the numbers' covariance G C G^T. There are two of them:
 
-A robot that is written and read again has the same covariance within the digits of its file: deviations have four, and
-correlations five decimals.
+- *Of each number.* The standard deviations contain the variation between logs where it was estimated. With the errors E
+  under the logs' conditions, their correlation R and a part D for the variation, C = E R E + D. By itself, b, c or s
+  of another log will be that far away.
+- *Of all numbers together*, C = E R E: the standard errors and correlations. From log to log b, c, s, v_s and delta
+  move along directions in which they make up for one another, far beyond the range in which the friction is linear in
+  them. D would give the Coulomb equivalent a deviation of 20 to 60 %; over ten logs it varies by 3 to 5 %
+  (`python -m campaigns.evidence coulomb_variation`), and by E R E of one such log it has an error of 3 to 5 %. So
+  what uses the friction that the numbers give together uses this one: compensation, Monte Carlo, predictions.
+
+A robot that is written and read again has the same covariance within the digits of its file: deviations and errors have
+four, and correlations five decimals.
 """
 
 from __future__ import annotations
@@ -46,7 +53,7 @@ def deviations_of(
 def parameter_covariance(
     deviations: NDArray[np.float64], errors: NDArray[np.float64], correlation: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return C (p, p), zero for parameters without deviation; see the module's text.
+    """Return E R E + D (p, p), zero for parameters without deviation; see the module's text.
 
     Parameters
     ----------
@@ -64,6 +71,12 @@ def parameter_covariance(
     return common + np.diag(sizes**2 - common.diagonal())
 
 
+def joint_covariance(errors: NDArray[np.float64], correlation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return E R E (p, p) of errors (p,) and correlations (p, p); zero for parameters without error."""
+    known = np.nan_to_num(errors)
+    return known[:, None] * np.nan_to_num(correlation) * known
+
+
 def with_uncertainty(
     found: Robot,
     robot_of: Callable[[NDArray[np.float64]], Robot],
@@ -71,6 +84,7 @@ def with_uncertainty(
     covariance: NDArray[np.float64],
     *,
     names: Collection[str],
+    joint: NDArray[np.float64] | None = None,
 ) -> Robot:
     """Return a robot with the standard deviations and correlations of the numbers that parameters determine.
 
@@ -85,6 +99,8 @@ def with_uncertainty(
         Of them; zero for those without standard deviation.
     names : collection of str
         The robot's parameters to state it of, by dotted name. A list in which a number has no deviation states none.
+    joint : ndarray (p, p), optional
+        The covariance of all together, if it is another one; see the module's text.
     """
     names = [name for name in BY_NAME if name in set(names) and value_of(found, BY_NAME[name]) != ()]
     deviations = np.sqrt(covariance.diagonal())
@@ -107,11 +123,18 @@ def with_uncertainty(
             labels += [f"{name}[{i}]" for i in range(count)] if isinstance(value, tuple) else [name]
             kept += range(first, first + count)
         first += count
-    R = spread[np.ix_(kept, kept)] / np.outer(sizes[kept], sizes[kept])
-    related = [i for i in range(len(kept)) if np.any(np.abs(np.delete(R[i], i)) > 5e-6)]
+    together = (spread if joint is None else G @ joint @ G.T)[np.ix_(kept, kept)]
+    errors = np.sqrt(np.maximum(together.diagonal(), 0.0))
+    scale = np.where(errors > 0.0, errors, 1.0)
+    R = together / np.outer(scale, scale)
+    related = [i for i in range(len(kept)) if joint is not None or np.any(np.abs(np.delete(R[i], i)) > 5e-6)]
     return found.annotated(
         standard_deviations={**found.standard_deviations, **stated},
-        correlation=Correlation.of_matrix([labels[i] for i in related], R[np.ix_(related, related)]),
+        correlation=Correlation.of_matrix(
+            [labels[i] for i in related],
+            R[np.ix_(related, related)],
+            [] if joint is None else [float(f"{one:.4g}") for one in errors[related]],
+        ),
     )
 
 

@@ -101,10 +101,11 @@ def check_correlation(robot: RobotValues) -> None:
     ------
     InputError
         If a number has no standard deviation or is listed twice, a row has not one number for each column up to its
-        own, the diagonal is not 1, or no errors can have such correlations.
+        own, the diagonal is not 1, no errors can have such correlations, or the standard errors are not one finite
+        number of zero or more for each.
     """
     correlation = robot.correlation
-    if not correlation.of and not correlation.lower:
+    if not correlation.of and not correlation.lower and not correlation.standard_errors:
         return
     known = {label for label, *_ in deviation_labels(robot.standard_deviations)}
     for label in correlation.of:
@@ -128,6 +129,12 @@ def check_correlation(robot: RobotValues) -> None:
         raise InputError(
             "correlation.lower has correlations that no errors can have: the matrix has a negative "
             "eigenvalue. Remove the table [correlation], or identify again."
+        )
+    errors = correlation.standard_errors
+    if errors and (len(errors) != len(sizes) or not all(math.isfinite(one) and one >= 0.0 for one in errors)):
+        raise InputError(
+            f"correlation.standard_errors must have {len(sizes)} finite numbers of zero or more, one for each number "
+            "of correlation.of."
         )
 
 

@@ -247,10 +247,13 @@ class Friction:
 
 @dataclass(frozen=True, kw_only=True)
 class Correlation:
-    """Correlations of the errors of numbers that were identified together; all others count as independent."""
+    """The joint errors of numbers that were identified together; all others count as independent."""
 
     of: tuple[str, ...] = ()  #: the numbers: "friction.rolling", or "friction.viscous[0]" of a list
     lower: tuple[tuple[float, ...], ...] = ()  #: rows of the lower triangle, each to the diagonal's 1
+    #: sizes of the joint errors, SI units; zero if a number counts as known beside the others. Empty if they are the
+    #: standard deviations. Those are larger if they contain what varies between logs; it has no such correlations.
+    standard_errors: tuple[float, ...] = ()
 
     def matrix(self) -> NDArray[np.float64]:
         """Return the correlation matrix (k, k)."""
@@ -265,15 +268,19 @@ class Correlation:
         return Correlation(
             of=tuple(self.of[i] for i in kept),
             lower=tuple(tuple(self.lower[i][j] for j in kept if j <= i) for i in kept),
+            standard_errors=tuple(self.standard_errors[i] for i in kept) if self.standard_errors else (),
         )
 
     @staticmethod
-    def of_matrix(labels: Sequence[str], matrix: NDArray[np.float64]) -> Correlation:
+    def of_matrix(
+        labels: Sequence[str], matrix: NDArray[np.float64], standard_errors: Sequence[float] = ()
+    ) -> Correlation:
         """Return the correlations (k, k) of k numbers, rounded to five decimals."""
         rows = np.round(matrix, 5).tolist()
         return Correlation(
             of=tuple(labels),
             lower=tuple((*row[:i], 1.0) for i, row in enumerate(rows)),
+            standard_errors=tuple(standard_errors),
         )
 
 
@@ -303,7 +310,7 @@ class RobotValues:
     #: how well values are known, by dotted name, in SI units and of the value's shape ("ball.radius": 0.001); a
     #: parameter that is not named counts as known; not part of equality
     standard_deviations: Mapping[str, Value] = field(default_factory=dict[str, Value], compare=False)
-    #: of the errors that these are the sizes of; not part of equality
+    #: of numbers identified together; not part of equality
     correlation: Correlation = field(default=Correlation(), compare=False)
 
     @property

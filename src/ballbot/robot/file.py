@@ -64,6 +64,7 @@ class CorrelationTable(BaseModel):
 
     of: list[str] = []
     lower: list[list[int | float]] = []
+    standard_errors: list[int | float] = []
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,7 +190,7 @@ def _robot_of(tree: dict[str, object], kind: type[R], *, source: str) -> R:
     try:
         tree = take_format(tree, "robot")
         correlation = _correlation(tree.pop(_CORRELATION, {}))
-        of_correlation = {f"{_CORRELATION}.of": correlation.of, f"{_CORRELATION}.lower": correlation.lower}
+        of_correlation = {f"{_CORRELATION}.{key}": value for key, value in vars(correlation).items()}
         return build(kind, _fields(dict(_leaves(tree))) | of_correlation)
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
@@ -221,8 +222,14 @@ def robot_text(robot: RobotValues) -> str:
 
 def _correlation_lines(correlation: Correlation) -> Iterator[str]:
     if correlation.of:
-        yield from ("", "# Correlations of the errors of numbers identified together.", f"[{_CORRELATION}]")
+        yield from ("", "# Correlations of the errors of numbers identified together.")
+        if correlation.standard_errors:
+            yield "# standard_errors, in SI units, are of all numbers together. From log to log each varies more, by"
+            yield "# its standard_deviation, but one makes up for the others."
+        yield f"[{_CORRELATION}]"
         yield from ("of = [", *(f"    {toml_string(label)}," for label in correlation.of), "]")
+        if correlation.standard_errors:
+            yield f"standard_errors = [{', '.join(repr(float(one)) for one in correlation.standard_errors)}]"
         rows = (", ".join(repr(float(one)) for one in row) for row in correlation.lower)
         yield from ("lower = [", *(f"    [{row}]," for row in rows), "]")
 
@@ -233,7 +240,7 @@ def _correlation(table: object) -> Correlation:
     Raises
     ------
     InputError
-        If it is not a table of a list of names and a list of rows of numbers.
+        If it is not a table of a list of names, a list of rows of numbers and perhaps a list of numbers.
     """
     try:
         read = CorrelationTable.model_validate(table)
@@ -241,9 +248,13 @@ def _correlation(table: object) -> Correlation:
         key = ".".join(str(part) for part in error.errors()[0]["loc"])
         raise InputError(
             f"{f'{_CORRELATION}.{key}' if key else _CORRELATION} is not as it must be: of is a list of names in "
-            "quotes, lower a list of rows of numbers."
+            "quotes, lower a list of rows of numbers, standard_errors a list of numbers."
         ) from None
-    return Correlation(of=tuple(read.of), lower=tuple(tuple(map(float, row)) for row in read.lower))
+    return Correlation(
+        of=tuple(read.of),
+        lower=tuple(tuple(map(float, row)) for row in read.lower),
+        standard_errors=tuple(map(float, read.standard_errors)),
+    )
 
 
 def _lines(robot: RobotValues, table: str) -> Iterator[str]:

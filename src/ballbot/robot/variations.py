@@ -1,6 +1,8 @@
 """Robots near this one: drawn from its standard deviations, or with values meant in other units.
 
-Errors of different parameters count as independent, but for those whose correlations the robot states. Linear
+Errors of different parameters count as independent, but for those whose correlations the robot states. Numbers that
+were identified together have their joint standard errors, if the robot states those; its standard deviations, which
+contain what varies between logs, would be too large for the friction that the numbers give together. Linear
 propagation is the delta method: with the central differences d_i of a result over a tenth of each standard deviation
 s_i and the correlations r_ij, its variance is the sum of d_i s_i r_ij s_j d_j.
 
@@ -32,28 +34,31 @@ _LEAST_SHARE = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class Uncertain:
-    """One number of a robot that is known to a standard deviation above zero."""
+    """One number of a robot that is known to an error above zero."""
 
     label: str  #: "ball.radius" or "wheels.azimuths[1]"
     name: str
     place: int  #: within the parameter's numbers
-    deviation: float  #: SI units
+    deviation: float  #: its standard error beside other numbers, or its standard deviation, SI units
 
 
 def uncertain(robot: Robot) -> list[Uncertain]:
-    """Return the numbers that have a standard deviation, in the files' order."""
-    return [
-        Uncertain(label=label, name=name, place=place, deviation=deviation)
+    """Return the numbers that have a standard error above zero, in the files' order."""
+    joint = dict(zip(robot.correlation.of, robot.correlation.standard_errors, strict=False))
+    found = [
+        Uncertain(label=label, name=name, place=place, deviation=joint.get(label, deviation))
         for label, name, place, deviation in deviation_labels(robot.standard_deviations)
     ]
+    return [one for one in found if one.deviation > 0.0]
 
 
 def correlations(robot: Robot) -> NDArray[np.float64]:
     """Return the correlation matrix (k, k) of the errors of the numbers of `uncertain`."""
     labels = [one.label for one in uncertain(robot)]
     result = np.eye(len(labels))
-    places = [labels.index(label) for label in robot.correlation.of]
-    result[np.ix_(places, places)] = robot.correlation.matrix()
+    known = robot.correlation.among(labels)
+    places = [labels.index(label) for label in known.of]
+    result[np.ix_(places, places)] = known.matrix()
     return result
 
 
