@@ -14,6 +14,7 @@ from ballbot.identification.axis import AxisRecord, inverse_fit
 from ballbot.identification.axis.checks import record_findings
 from ballbot.identification.axis.inverse import free_inverse_fit
 from ballbot.identification.axis.model import AXIS_LAWS, Axis
+from ballbot.identification.axis.prediction import AxisErrors, failure_findings
 from ballbot.identification.axis.reading import AxisColumns, read_axis_record
 from ballbot.log import Log
 from tests.support.axis_examples import LOOP, SAMPLE_TIME, TRUTH, simulated_record
@@ -172,3 +173,83 @@ def test_the_command_stops_before_it_works(tmp_path: Path, capsys: pytest.Captur
     assert "the force, or the position, has the opposite sign" in printed
     assert printed.endswith("To continue despite this: --accept force-sign.\n")
     assert not out.exists()
+
+
+def swept_wheel(limit: float, *, duration: float = 60.0) -> AxisRecord:
+    """Return a wheel under a slow sine of torque whose supply limits its speed, by Euler's steps."""
+    h, inertia, b, c = 5e-3, 0.01, 0.014, 0.11
+    t = np.arange(round(duration / h)) * h
+    torque = np.sin(2.0 * np.pi * t / 30.0)
+    angle, angles, speed = 0.0, np.empty(len(t)), 0.0
+    for k, u in enumerate(torque):
+        angles[k] = angle
+        free = speed + h / inertia * (u - b * speed)
+        stopped = np.sign(free) * max(abs(free) - h / inertia * c, 0.0)
+        speed = float(np.clip(stopped, -limit, limit))
+        angle += h * speed
+    count = 2.0 * np.pi / 4096  # of the encoder
+    return AxisRecord(
+        name="sweep", sample_time=h, force=torque, position=count * np.round(angles / count), unit="rad"
+    )
+
+
+@cache
+def limited_wheel() -> AxisRecord:
+    return swept_wheel(27.0)
+
+
+def test_a_speed_at_the_supply_s_limit_is_stopped() -> None:
+    (found,) = record_findings(limited_wheel())
+    assert (found.code, found.severity) == ("speed-limit", "error")
+    assert "The speed stays at its maximum, 27 rad/s" in found.text
+    # it enters the limit with b w + c = 0.49 N m, and goes on to 1
+    assert "the force changes from 0.5" in found.text
+
+
+def test_a_record_without_the_rows_at_the_limit_passes() -> None:
+    wheel = limited_wheel()
+    free = np.abs(np.gradient(wheel.position, wheel.sample_time)) < 26.0
+    rest = replace(
+        wheel,
+        times=wheel.t[free],
+        force=wheel.force[free],
+        position=wheel.position[free],
+    )
+    assert {one.code for one in record_findings(rest)} <= {"gap"}
+
+
+def test_a_wheel_below_its_limit_passes() -> None:
+    assert record_findings(swept_wheel(100.0)) == ()
+
+
+@pytest.mark.parametrize("gravity", [0.0, 30.0])
+def test_a_constant_speed_under_a_loop_is_no_limit(gravity: float) -> None:
+    """A slide or an arm that goes to and fro at one speed most of the time; gravity changes its force meanwhile."""
+    t = np.arange(round(12.0 / SAMPLE_TIME)) * SAMPLE_TIME
+    speed = np.clip(20.0 * np.sin(2.0 * np.pi * t / 3.0), -2.0, 2.0)
+    wanted = np.cumsum(speed) * SAMPLE_TIME
+    empty = replace(closed_loop(), force=np.zeros(len(t)), position=wanted, reference=wanted, unit="rad")
+    values = TRUTH | ({"sin_1": gravity, "cos_1": 0.0} if gravity else {})
+    moved = Axis(law=AXIS_LAWS["coulomb"], values=values).closed_loop(empty, speed=0.0)
+    noisy = moved.forces + 2.0 * np.random.default_rng(1).standard_normal(len(t))
+    record = replace(empty, force=noisy, position=moved.positions, reference=None, loop=None)
+    assert "speed-limit" not in {one.code for one in record_findings(record)}
+
+
+def test_a_record_that_is_not_predicted_at_all_gives_a_warning() -> None:
+    record = open_loop()
+    good = AxisErrors(
+        record=record.name,
+        window_rmse=1e-4,
+        open_loop_rmse=1e-3,
+        inverse_force=0.1,
+        closed_loop_force=None,
+        closed_loop_position=None,
+    )
+    assert failure_findings([record], [good]) == []
+    (found,) = failure_findings([record], [replace(good, inverse_force=12.2)])
+    assert (found.code, found.severity) == ("not-predicted", "warning")
+    assert "differs by 1220 % from the recorded force" in found.text
+    for diverged in (np.inf, np.nan, 1e3):
+        (found,) = failure_findings([record], [replace(good, open_loop_rmse=diverged)])
+        assert "the simulation of the whole record diverges" in found.text

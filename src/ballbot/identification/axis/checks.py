@@ -6,6 +6,9 @@ force follows from the record,
     force = f k_v (k_p a_1 (reference - position) - a_2 velocity)        a_1 = a_2 = 1
 
 so that both factors show a wrong scale, a_2 alone a wrong time base, and the residual a wrong column or gain.
+
+At a speed limit of the supply or the driver the recorded force does not act: it pushes on, and varies by more than the
+inverse model of the other rows explains.
 """
 
 from __future__ import annotations
@@ -34,6 +37,12 @@ _TRACKING = 3.0
 _SAMPLING = (2e-6, 0.2)
 #: [m]; axes that travel further are rare, and their positions more likely in millimetres
 _LONGEST_TRAVEL = 50.0
+#: the speed counts as at its limit from this share of the largest (the 99 % quantile), if more than so many rows are
+_AT_LIMIT, _LIMIT_ROWS = 0.98, 0.1
+#: there the unexplained force varies by this share of the whole force, and by so many times its usual variation
+_FREE_FORCE, _FREE_TIMES = 0.1, 3.0
+#: fewer rows below the limit show no usual variation
+_LEAST_FREE_ROWS = 100
 _FACTORS = {1e-3: "1/1000", 1e3: "1000", 1e6: "1,000,000", 1e-6: "1/1,000,000"}
 
 
@@ -58,16 +67,42 @@ def record_findings(record: AxisRecord, *, bandwidth: float | None = None) -> tu
         findings += _of_loop(record, record.loop, record.reference)
     # a constant force is refused by the identification itself
     if moved and all(one.severity != "error" for one in findings):
-        fit = _fit_with_forces(record, bandwidth)
-        findings += [*_of_motion(record, fit), *_of_added(record, bandwidth)]
+        # with the forces over position that the record supports
+        model, _ = select_terms((record,), AxisModel(law=AXIS_LAWS["coulomb"]), bandwidth=bandwidth)
+        fit = free_inverse_fit(record, model=model, bandwidth=bandwidth)
+        findings += list(_of_speed(record, model, bandwidth)) or [
+            *_of_motion(record, fit),
+            *_of_added(record, bandwidth),
+        ]
     return by_severity(findings)
 
 
-def _fit_with_forces(record: AxisRecord, bandwidth: float | None) -> InverseFit:
-    """Return the inverse model with the forces over position that the record supports."""
-    plain = AxisModel(law=AXIS_LAWS["coulomb"])
-    model, _ = select_terms((record,), plain, bandwidth=bandwidth)
-    return free_inverse_fit(record, model=model, bandwidth=bandwidth)
+def _of_speed(record: AxisRecord, model: AxisModel, bandwidth: float | None) -> Iterator[Finding]:
+    """Find a speed that stays at its limit while a force pushes on that the motion does not explain."""
+    rows = regression_rows((record,), replace(model, drifts=0), bandwidth=bandwidth)
+    X, F = np.column_stack(list(rows.columns.values())), rows.force
+    speed = rows.columns["viscous"]
+    top = float(np.quantile(np.abs(speed), 0.99))
+    at_limit = np.abs(speed) >= _AT_LIMIT * top
+    share = float(at_limit.mean())
+    if share <= _LIMIT_ROWS or (~at_limit).sum() < _LEAST_FREE_ROWS:
+        return
+    values, *_ = np.linalg.lstsq(X[~at_limit], F[~at_limit], rcond=None)
+    unexplained = F - X @ values
+    excess = (np.sign(speed) * unexplained)[at_limit]
+    varies, usual = float(np.std(excess)), float(np.std(unexplained[~at_limit]))
+    size = float(np.sqrt(np.mean(F**2)))
+    if varies > max(_FREE_FORCE * size, _FREE_TIMES * usual) and np.mean(excess) > varies:
+        fastest = float(np.median(np.abs(rows.seen["speed"][at_limit])))  # decimation takes up to 1 % off
+        low, high = np.quantile((np.sign(speed) * F)[at_limit], [0.05, 0.95])
+        text = (
+            f"The speed stays at its maximum, {fastest:.3g} {record.unit}/s, in {100.0 * share:.0f} % of the rows "
+            f"while the force changes from {low:.3g} to {high:.3g} {record.force_unit}: the supply or the driver "
+            "limits the speed, and the recorded force does not act there. Remove these rows (gaps are allowed), or "
+            "record with less force. For a robot's drivelines use `ballbot identify-driveline`, which leaves such "
+            "rows out."
+        )
+        yield _finding("speed-limit", "error", text, "force", "position")
 
 
 def _of_added(record: AxisRecord, bandwidth: float | None) -> Iterator[Finding]:

@@ -38,6 +38,7 @@ from ballbot.identification.axis.prediction import (
     axis_errors,
     elsewhere_findings,
     error_elsewhere,
+    failure_findings,
     predicted_error,
 )
 from ballbot.identification.axis.record import AxisRecord
@@ -163,6 +164,7 @@ def identify_axis(
     expected = _expected(bench, drifting, fits[chosen.name], squares[chosen.name], blocks, horizon.chosen)
     run.progress(Progress(stage="done", done=1.0, total=1.0))
     remarks = (
+        *failure_findings((*bench.records, *bench.others), by_law[chosen.name].errors),
         *axis_findings(
             records[0], selection, by_law[chosen.name], estimates, asymmetry, by_user=wanted is not None
         ),

@@ -353,6 +353,7 @@ class OutputErrorFit:
         return {label: quantile * error for label, error in self.standard_errors.items()}
 
 
+@np.errstate(over="ignore")  # a trial step may diverge: its cost is infinite, and it is refused
 def fit_output_error(model: AxisModel, start: Values, problem: Problem) -> OutputErrorFit:
     """Descend from `start`."""
     space = model.space(start)
@@ -402,6 +403,7 @@ def fit_output_error(model: AxisModel, start: Values, problem: Problem) -> Outpu
     )
 
 
+@np.errstate(over="ignore")
 def search_output_error(model: AxisModel, start: Values, problem: Problem) -> OutputErrorFit:
     """Descend from the best of an evolution strategy around where a descent from `start` ends.
 

@@ -45,6 +45,8 @@ class AxisErrors:
 #: standard deviation of log e between records of one machine, beyond the variation of blocks; chosen, not calibrated
 BETWEEN = 0.25
 _DRAWS, _SEED = 2000, 0
+#: a simulation of a whole record diverges if its error exceeds so many times the travel; chosen
+_DIVERGED = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,6 +159,31 @@ def elsewhere_findings(
     return findings
 
 
+def failure_findings(records: Sequence[AxisRecord], errors: Sequence[AxisErrors]) -> list[Finding]:
+    """Return a warning for each record that a model with these errors does not predict at all."""
+    findings = []
+    for record, one in zip(records, errors, strict=True):
+        travel = float(np.ptp(record.position))
+        failures = []
+        if not one.inverse_force <= 1.0:
+            failures.append(
+                f"the force that the motion requires by the model differs by {100.0 * one.inverse_force:.0f} % from "
+                "the recorded force, more than a force of zero"
+            )
+        if len(record.segments) == 1 and not one.open_loop_rmse <= _DIVERGED * travel:
+            failures.append(
+                f"the simulation of the whole record diverges: its error exceeds {_DIVERGED:.0f} times the travel"
+            )
+        if failures:
+            text = (
+                f"{record.name}: {'; '.join(failures)}. Do not use these parameters. Check the columns, units and "
+                "signs of force and position, and whether the recorded force acts in all rows."
+            )
+            findings.append(warning("not-predicted", text))
+    return findings
+
+
+@np.errstate(over="ignore", invalid="ignore")  # a simulation that diverges has an infinite error
 def axis_errors(
     fit: OutputErrorFit, record: AxisRecord, number: int | None, *, bandwidth: float, horizon: float
 ) -> AxisErrors:
