@@ -5,6 +5,7 @@ import tomllib
 import warnings
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from mcap.reader import make_reader
@@ -155,6 +156,36 @@ def test_file_of_the_format_before_is_migrated_with_a_hint(
     now.write_text(later, encoding="utf-8")
     with pytest.raises(InputError, match="which a newer Ballbot wrote"):
         READERS[kind](now)
+
+
+def test_file_of_an_earlier_number_is_migrated_number_by_number(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A key keeps its name and means something else: only the number tells the two apart."""
+
+    def in_seconds(tree: dict[str, Any]) -> dict[str, object]:
+        tree["mine"]["one"]["duration"] *= 60.0  # format 1 has minutes
+        return tree
+
+    def without_half(tree: dict[str, Any]) -> dict[str, object]:
+        tree["mine"]["one"]["duration"] -= 0.5  # format 2 counts half a second more
+        return tree
+
+    monkeypatch.setitem(file_formats.NEWEST, "courses", 3)
+    monkeypatch.setattr(file_formats, "MIGRATIONS", {"courses": (in_seconds, without_half)})
+    found = []
+    for number, duration in ((1, "0.15"), (2, "9.0"), (3, "8.5")):
+        path = tmp_path / "courses.toml"
+        courses = COURSES.replace("duration = 9.0", f"duration = {duration}")
+        path.write_text(f'format = "ballbot courses {number}"\n{courses}', encoding="utf-8")
+        found.append(READERS["courses"](path))
+    assert "duration=8.5" in str(found[0])
+    assert found[0] == found[1] == found[2]
+
+
+@pytest.mark.parametrize("kind", NEWEST)
+def test_every_earlier_number_can_be_migrated(kind: Kind) -> None:
+    assert len(file_formats.MIGRATIONS.get(kind, ())) == NEWEST[kind] - 1
 
 
 def test_built_in_courses_state_the_newest_format_of_course_files() -> None:

@@ -3,7 +3,8 @@
 Robot, controller, scenario, mapping and course files have a key `format`, such as "ballbot robot 1", and in its comment
 the version of Ballbot that wrote them; results.json has both as keys, and a recording of a live run begins with the
 format. A file without the key was written before formats had numbers, or by hand, and is read as before. Each reader
-turns the keys of earlier formats into the present ones.
+turns the names of earlier keys into the present ones, whatever the number; what else differs between two numbers is in
+`MIGRATIONS`.
 
 A number rises when an earlier Ballbot would misread the new file: a key is renamed, removed, or means something else. A
 new key that may be left out changes nothing.
@@ -12,7 +13,7 @@ new key that may be left out changes nothing.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Literal
@@ -34,6 +35,11 @@ NEWEST: Mapping[Kind, int] = {
     "results": 1,
     "recording": 1,
 }
+
+Migration = Callable[[dict[str, object]], dict[str, object]]
+#: by kind: what turns the tables of format 1 into those of format 2, those of 2 into those of 3, and so on; `dict`, a
+#: plain copy, for a number that only renames keys
+MIGRATIONS: Mapping[Kind, Sequence[Migration]] = {}
 
 _NAME = re.compile(r"ballbot (\w+) (\d{1,9})")
 _LINE = re.compile(r'^(format = "ballbot \w+ \d+".*|ballbot = "[^"]*")\n', re.MULTILINE)
@@ -57,7 +63,7 @@ def without_format(text: str) -> str:
 
 
 def take_format(tree: Mapping[str, object], kind: Kind) -> dict[str, object]:
-    """Return a file's tables without the key `format`, once it is found to be readable.
+    """Return a file's tables in the newest format, without the key `format`, once it is found to be readable.
 
     Raises
     ------
@@ -78,6 +84,8 @@ def take_format(tree: Mapping[str, object], kind: Kind) -> dict[str, object]:
             f"format is {name!r}, which a newer Ballbot wrote; this one ({version('ballbot')}) reads up to "
             f"{format_name(kind)!r}. Update it: pip install --upgrade ballbot"
         )
+    for migrate in MIGRATIONS.get(kind, ())[max(int(found[2]) - 1, 0) :]:
+        rest = migrate(rest)
     return rest
 
 
