@@ -260,11 +260,13 @@ def _problem(
 #: of the descent with initial states, in the profile of one parameter, for each parameter
 _STEPS_OF_A_PROFILE = 1.2
 #: processor time [s] of an inner step of a predicted window, and of a generation besides its predictions; this and the
-#: usual numbers are from identifications by 14 s, 24 s and 48 s of log
+#: usual numbers are from identifications by 14 s to 80 s of log
 _INNER_STEP, _GENERATION = 1.7e-7, 9e-3
 #: usual numbers of generations for each parameter, of steps of Gauss-Newton, of steps with initial states for each
-#: window, as windows settle one after another, and of profiles for each parameter
-_USUAL_GENERATIONS, _USUAL_STEPS, _USUAL_STEPS_OF_A_WINDOW, _USUAL_PROFILES = 8, 6, 0.6, 1 / 6
+#: window, as windows settle one after another, and of profiles for each parameter and one window; more windows leave
+#: fewer errors in doubt, from `_FEW_WINDOWS` on
+_USUAL_GENERATIONS, _USUAL_STEPS, _USUAL_STEPS_OF_A_WINDOW, _USUAL_PROFILES = 8, 6, 0.6, 12
+_FEW_WINDOWS = 72
 
 #: the stages of `refine`
 REFINING = ("gauss_newton", "initial_states")
@@ -299,7 +301,7 @@ def stages_of(prepared: Prepared, options: IdentificationOptions) -> tuple[Stage
             name="intervals",
             steps=options.most_profiles,
             work=_predicted(prepared.problem, _STEPS_OF_A_PROFILE * free * finishing),
-            usual=min(_USUAL_PROFILES * free, options.most_profiles),
+            usual=min(_USUAL_PROFILES * free / max(len(prepared.fit), _FEW_WINDOWS), options.most_profiles),
         ),
     )
 
