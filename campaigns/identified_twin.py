@@ -25,12 +25,11 @@ from ballbot.control.presets import (
 from ballbot.control.references import named_reference
 from ballbot.findings import texts
 from ballbot.identification import Identification, cross_validate, identify
-from ballbot.identification.driveline import NAMES, fit_as_printed, fit_driveline, sweeps_of
+from ballbot.identification.driveline import fit_as_printed, fit_driveline, sweeps_of
 from ballbot.identification.upside_down import identify_upside_down
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.friction import wheel_friction
-from ballbot.report.driveline import UNITS, driveline_findings
-from ballbot.report.words import with_error
+from ballbot.report.driveline import driveline_findings, parameter_rows
 from ballbot.robot import Friction, Robot
 from ballbot.rounding import digits
 from ballbot.twin import Scenario, Twin
@@ -200,13 +199,7 @@ def drivelines() -> Section:
     sweeps = sweeps_of(ROBOT, bench_log("stand"))
     fits = [fit_driveline(sweep) for sweep in sweeps]
     printed = [fit_as_printed(sweep, fit) for sweep, fit in zip(sweeps, fits, strict=True)]
-    rows = [
-        [
-            f"{name} [{unit}]" if unit else name,
-            *(with_error(float(fit.values[i]), float(fit.standard_errors[i])) for fit in fits),
-        ]
-        for i, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True))
-    ]
+    rows = [[f"{name} [{unit}]" if unit else name, *cells] for name, unit, *cells in parameter_rows(fits)]
     rows.append(["RMS speed error [rad/s]", *(f"{fit.rmse:.3f}" for fit in fits)])
     rows.append(["clamp (3.2) as printed, its own best", *(f"{one.rmse:.2f}" for one in printed)])
     rows.append(
@@ -217,7 +210,7 @@ def drivelines() -> Section:
         title="Stage one: the drivelines, wheels free",
         before="The thesis's sweep on the nominal twin, wheels free: a sine of 1 N m and 62.83 s. The thesis's five "
         "parameters and cost (3.5), by an evolution strategy and Gauss-Newton steps; "
-        "standard errors clustered in time.",
+        "in brackets 95 % intervals.",
         columns=["", *(f"wheel {fit.wheel}" for fit in fits)],
         rows=rows,
         after=" ".join(texts(driveline_findings(fits, printed))),

@@ -32,3 +32,12 @@ def plus_minus(value: float, error: float) -> str:
     """Return a value with its error as "0.133 ± 0.0085", or the value alone if its error is not known."""
     shown, of_error = value_and_error(value, error)
     return shown if of_error == DASH else f"{shown} ± {of_error}"
+
+
+def between(value: float, lower: float, upper: float) -> str:
+    """Return a value and its interval as "0.7 (0.6 to 4.0)", to the second digit of its width; "open" for no end."""
+    known = [one for one in (lower, value, upper) if math.isfinite(one)]
+    width = max(known) - min(known)
+    places = max(0, 1 - math.floor(math.log10(width))) if width > 0.0 else 5
+    first, last = (f"{end:.{places}f}" if math.isfinite(end) else "open" for end in (lower, upper))
+    return f"{value:.{places}f} ({first} to {last})"

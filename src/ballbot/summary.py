@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib import import_module
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 
 from ballbot.findings import Finding, texts
 from ballbot.printable import printable_line
-from ballbot.rounding import digits, plus_minus
+from ballbot.rounding import between, digits, plus_minus
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -161,15 +162,27 @@ def listed(values: Sequence[float] | NDArray[np.float64], unit: str = "", *, dig
     return f"{numbers} {unit}".rstrip()
 
 
-def estimated(values: float | Sequence[float], errors: float | Sequence[float], unit: str = "") -> str:
-    """Return estimates with their standard errors, and their unit: 0.133 ± 0.0085 N m; NaN is "no influence"."""
+def estimated(
+    values: float | Sequence[float],
+    errors: float | Sequence[float],
+    unit: str = "",
+    *,
+    intervals: Sequence[tuple[float, float] | None] = (),
+) -> str:
+    """Return estimates with their standard errors, and their unit: 0.133 ± 0.0085 N m; NaN is "no influence".
+
+    An interval takes the place of the standard error.
+    """
     pairs = zip(np.atleast_1d(values).tolist(), np.atleast_1d(errors).tolist(), strict=True)
-    return f"{', '.join(_with_error(one, error) for one, error in pairs)} {unit}".rstrip()
+    each = zip_longest(pairs, intervals)
+    return f"{', '.join(_with_error(*pair, ends) for pair, ends in each)} {unit}".rstrip()
 
 
-def _with_error(value: float, error: float) -> str:
+def _with_error(value: float, error: float, ends: tuple[float, float] | None) -> str:
     if not np.isfinite(value):
         return "no influence"
+    if ends is not None:
+        return between(value, *ends)
     return plus_minus(value, error) if np.isfinite(error) else f"{digits(value)} (no error)"
 
 

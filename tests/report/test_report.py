@@ -23,14 +23,14 @@ from ballbot.identification.result import Identification, WindowErrors
 from ballbot.identification.variation import Variation
 from ballbot.identification.windows import Span
 from ballbot.mechanics.friction import wheel_friction
-from ballbot.report.driveline import driveline_findings
+from ballbot.report.driveline import driveline_findings, parameter_rows
 from ballbot.report.friction import friction_curve, interval_figure
 from ballbot.report.identification_page import _rows_within
 from ballbot.report.style import drawn, thinned, with_peaks
 from ballbot.report.words import state_mark, with_error, with_symbols
 from ballbot.results import as_json
 from ballbot.robot import Friction
-from ballbot.rounding import digits
+from ballbot.rounding import between, digits
 from tests.support.validation_examples import true_robot
 
 
@@ -60,6 +60,19 @@ def test_digits_keep_what_was_asked_for(value, text):
 )
 def test_a_value_is_printed_to_its_errors_second_digit(value, error, text):
     assert with_error(value, error) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "lower", "upper", "text"),
+    [
+        (0.694, 0.55, 3.96, "0.7 (0.6 to 4.0)"),
+        (0.0139916, 0.013947, 0.014036, "0.013992 (0.013947 to 0.014036)"),
+        (0.694, 0.552, np.inf, "0.69 (0.55 to open)"),
+        (0.0, 0.0, 0.0, "0.00000 (0.00000 to 0.00000)"),
+    ],
+)
+def test_a_value_is_printed_to_the_second_digit_of_its_interval(value, lower, upper, text):
+    assert between(value, lower, upper) == text
 
 
 def test_names_of_states_become_symbols_and_other_words_stay():
@@ -176,6 +189,27 @@ def test_a_parameter_without_a_standard_error_counts_as_known():
     assert not covariance[10].any()
 
 
+def _driveline(values, errors, intervals):
+    fit = DrivelineFit(
+        wheel=1,
+        values=np.array(values),
+        standard_errors=np.array(errors),
+        correlation=np.eye(5),
+        intervals=intervals,
+        delay=0.0,
+        innovation=0.02,
+        unknown=np.zeros(5, dtype=bool),
+        cost=0.1,
+        samples=10,
+        rmse=0.1,
+        rmse_without=1.0,
+        predicted=np.zeros(10),
+        without=np.zeros(10),
+    )
+    clamp = PrintedFit(values=np.array(values), rmse=0.1, predicted=np.zeros(10), rmse_restarted=0.1)
+    return fit, driveline_findings([fit], [clamp])[0].text
+
+
 @pytest.mark.parametrize(
     ("values", "errors", "words"),
     [
@@ -193,27 +227,24 @@ def test_a_parameter_without_a_standard_error_counts_as_known():
     ],
 )
 def test_parameter_at_a_bound_is_not_printed_as_a_number(values, errors, words):
-    fit = DrivelineFit(
-        wheel=1,
-        values=np.array(values),
-        standard_errors=np.array(errors),
-        correlation=np.eye(5),
-        intervals={},
-        delay=0.0,
-        innovation=0.02,
-        unknown=np.zeros(5, dtype=bool),
-        cost=0.1,
-        samples=10,
-        rmse=0.1,
-        rmse_without=1.0,
-        predicted=np.zeros(10),
-        without=np.zeros(10),
-    )
-    clamp = PrintedFit(values=np.array(values), rmse=0.1, predicted=np.zeros(10), rmse_restarted=0.1)
-    told = driveline_findings([fit], [clamp])[0].text
+    _, told = _driveline(values, errors, {})
     assert words in told
     assert "nan" not in told
     assert "inf" not in told
+
+
+@pytest.mark.parametrize(
+    ("upper", "cell", "words"),
+    [
+        (3.96, "0.7 (0.6 to 4.0)", "least sure is v_s, to 130 %."),
+        (np.inf, "0.69 (0.55 to open)", "least sure is v_s, with an open interval."),
+    ],
+)
+def test_a_profile_takes_the_place_of_a_standard_error(upper, cell, words):
+    interval = Interval(lower=0.55, upper=upper, method="profile")
+    fit, told = _driveline((0.02, 0.1, 0.05, 0.694, 1.0), (0.001,) * 5, {"v_s": interval})
+    assert words in told
+    assert parameter_rows([fit])[3] == ("v_s", "rad/s", cell)
 
 
 def _plot() -> Figure:

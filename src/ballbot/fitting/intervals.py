@@ -191,6 +191,11 @@ class Interval:
         width = self.upper - self.lower
         return width / (2.0 * _HALF_WIDTH) if math.isfinite(width) else math.nan
 
+    @property
+    def of_profile(self) -> tuple[float, float] | None:
+        """Its ends if it is a profile's, which takes the place of a standard error."""
+        return (self.lower, self.upper) if self.method == "profile" else None
+
     def __contains__(self, value: float) -> bool:
         """Return whether a value lies within."""
         return self.lower <= value <= self.upper

@@ -182,10 +182,14 @@ class DrivelineFit:
             FRICTION, self.values, self.standard_errors, self.unknown, strict=False
         ):
             unit = BY_NAME[name].unit.removeprefix("1")
-            number = "not determined by the sweep" if unknown else estimated(value, error, unit)
-            rows.append((BY_NAME[name].symbol, number))
+            symbol, found = BY_NAME[name].symbol, self.intervals.get(BY_NAME[name].symbol)
+            ends = None if found is None else found.of_profile
+            number = (
+                "not determined by the sweep" if unknown else estimated(value, error, unit, intervals=[ends])
+            )
+            rows.append((symbol, number))
         return Summary(
-            title=f"Friction of the driveline of wheel {self.wheel}: value ± standard error",
+            title=f"Friction of the driveline of wheel {self.wheel}: value ± standard error, or 95 % interval",
             rows=(
                 *rows,
                 ("delay of the torque", f"{self.delay:.3g} s"),

@@ -163,7 +163,9 @@ class Identification:
         rows = []
         for name, (symbol, value) in zip(self.layout.names, self.parameters.items(), strict=True):
             unit = "" if BY_NAME[name].unit == "1" else BY_NAME[name].unit
-            rows.append((symbol, estimated(value, self.standard_errors[symbol], unit)))
+            found = [self.intervals.get(label) for label in BY_NAME[name].labels(self.layout.wheel_count)]
+            ends = [None if one is None else one.of_profile for one in found]
+            rows.append((symbol, estimated(value, self.standard_errors[symbol], unit, intervals=ends)))
         ratios = np.array(list(self.held_out.ratios.values()))
         share = f"{np.nanmedian(ratios):.3g}" if np.isfinite(ratios).any() else "unknown"
         rows.append(
@@ -173,7 +175,7 @@ class Identification:
             ("windows", f"{self.fit.windows} fitted, {self.held_out.windows} held out, {self.window:g} s")
         )
         return Summary(
-            title=f"Identification of the robot {self.robot.name}: value ± standard error",
+            title=f"Identification of the robot {self.robot.name}: value ± standard error, or 95 % interval",
             rows=tuple(rows),
             remarks=first_texts([*self.log_findings, *self.warnings]),
         )

@@ -13,7 +13,6 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from ballbot.findings import Finding, finding_results, note, texts
-from ballbot.fitting.intervals import Interval
 from ballbot.identification.driveline import NAMES, DrivelineFit, PrintedFit, Sweep
 from ballbot.mechanics.friction import stribeck_gradient
 from ballbot.report.blocks import Block, Paragraph, Report, Sheet, section
@@ -23,7 +22,7 @@ from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import REFERENCE, WITH_FRICTION, WITHOUT_FRICTION, LineStyle, drawn_picture, thinned
 from ballbot.report.words import with_error
-from ballbot.rounding import digits
+from ballbot.rounding import between, digits
 
 _WHEELS = ((INK, "-"), (BLUE, "--"), (ORANGE, "-."), (GREEN, ":"))
 #: a broad pale line beneath, for the model's with friction lies on it
@@ -215,16 +214,9 @@ def _written(fit: DrivelineFit, place: int) -> str:
     if fit.unknown[place]:
         return "unknown"
     interval = fit.intervals.get(NAMES[place])
-    if interval is not None and math.isfinite(interval.lower) and math.isfinite(interval.upper):
-        return _between(float(fit.values[place]), interval)
+    if interval is not None:
+        return between(float(fit.values[place]), interval.lower, interval.upper)
     return with_error(float(fit.values[place]), float(fit.standard_errors[place]))
-
-
-def _between(value: float, interval: Interval) -> str:
-    """Return a value and its interval, to the second digit of the interval's width."""
-    width = interval.upper - interval.lower
-    places = max(0, 1 - math.floor(math.log10(width))) if width > 0.0 else 5
-    return f"{value:.{places}f} ({interval.lower:.{places}f} to {interval.upper:.{places}f})"
 
 
 def error_rows(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit]) -> list[tuple[str, ...]]:
@@ -282,13 +274,29 @@ def _sureness(fit: DrivelineFit) -> str:
     """Return how sure b and the least sure parameter are; at a bound there is no telling."""
     # delta and v_s are above zero, the others may have ended there
     known = (np.asarray(fit.values) > 0.0) & ~fit.unknown
-    shares = np.divide(fit.standard_errors, fit.values, out=np.full(len(NAMES), np.nan), where=known)
-    known = np.flatnonzero(np.isfinite(shares))
+    shares = np.divide(_deviations(fit), fit.values, out=np.full(len(NAMES), np.nan), where=known)
+    known = np.flatnonzero(~np.isnan(shares))
     if not known.size:
         return "no parameter has a standard error"
     worst = int(known[shares[known].argmax()])
-    viscous = f"b to {100 * shares[0]:.2g} %, " if 0 in known else ""
-    return f"{viscous}least sure is {NAMES[worst]}, to {100 * shares[worst]:.2g} %"
+    viscous = f"b to {_percent(shares[0])} %, " if 0 in known else ""
+    surely = f"to {_percent(shares[worst])} %" if np.isfinite(shares[worst]) else "with an open interval"
+    return f"{viscous}least sure is {NAMES[worst]}, {surely}"
+
+
+def _percent(share: float) -> str:
+    """Return a share in percent with two significant digits and no exponent."""
+    return f"{float(f'{100.0 * share:.2g}'):g}"
+
+
+def _deviations(fit: DrivelineFit) -> NDArray[np.float64]:
+    """Return the standard errors (5,), or what a profile's interval is worth; infinite if it is open."""
+    errors = np.array(fit.standard_errors, dtype=np.float64)
+    for place, name in enumerate(NAMES):
+        interval = fit.intervals.get(name)
+        if interval is not None and interval.method == "profile":
+            errors[place] = np.nan_to_num(interval.deviation, nan=np.inf)
+    return errors
 
 
 def _known(fit: DrivelineFit, numbers: NDArray[np.float64], place: int) -> float:

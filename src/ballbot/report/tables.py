@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
+from ballbot.fitting.intervals import Interval
 from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import Identification
 from ballbot.log import STATE_NAMES
@@ -97,7 +98,10 @@ def parameter_sheet(found: Identification) -> Sheet:
         values, errors = np.atleast_1d(value), np.atleast_1d(found.standard_errors[symbol])
         labels = BY_NAME[name].labels(wheels)
         span = wheels if len(values) == 1 else 1
-        written = (with_error(float(v), float(e)) for v, e in zip(values, errors, strict=True))
+        written = (
+            digits(float(v)) if _by_profile(found.intervals.get(label)) else with_error(float(v), float(e))
+            for label, v, e in zip(labels, values, errors, strict=True)
+        )
         rows.append(
             [
                 Cell(text=_SYMBOLS.get(symbol, symbol), below=meaning),
@@ -117,6 +121,11 @@ def parameter_sheet(found: Identification) -> Sheet:
             [Cell(text="", below="in the robot file"), "", *(Cell(text=one, span=span) for one in stated)]
         )
     return Sheet(headings=("parameter", "unit", *(f"wheel {i}" for i in range(1, wheels + 1))), rows=rows)
+
+
+def _by_profile(interval: Interval | None) -> bool:
+    """Return whether the interval, which stands below the value, takes the place of a standard error."""
+    return interval is not None and interval.method == "profile"
 
 
 def error_rows(pair: ErrorPair, units: dict[str, str]) -> list[ErrorRow]:
