@@ -191,11 +191,6 @@ class Interval:
         width = self.upper - self.lower
         return width / (2.0 * _HALF_WIDTH) if math.isfinite(width) else math.nan
 
-    @property
-    def of_profile(self) -> tuple[float, float] | None:
-        """Its ends if it is a profile's, which takes the place of a standard error."""
-        return (self.lower, self.upper) if self.method == "profile" else None
-
     def __contains__(self, value: float) -> bool:
         """Return whether a value lies within."""
         return self.lower <= value <= self.upper
@@ -207,6 +202,14 @@ class Interval:
             "upper": self.upper if math.isfinite(self.upper) else None,
             "from": self.method,
         }
+
+
+def profile_ends(
+    intervals: Mapping[str, Interval], labels: Sequence[str]
+) -> list[tuple[float, float] | None]:
+    """Return the ends of those that are a profile's, which take the place of standard errors; None for others."""
+    found = [intervals.get(label) for label in labels]
+    return [None if one is None or one.method != "profile" else (one.lower, one.upper) for one in found]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.fitting.intervals import Interval
+from ballbot.fitting.intervals import Interval, profile_ends
 from ballbot.fitting.parameter import Parameter, ParameterSpace
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import evolve
@@ -182,12 +182,9 @@ class DrivelineFit:
             FRICTION, self.values, self.standard_errors, self.unknown, strict=False
         ):
             unit = BY_NAME[name].unit.removeprefix("1")
-            symbol, found = BY_NAME[name].symbol, self.intervals.get(BY_NAME[name].symbol)
-            ends = None if found is None else found.of_profile
-            number = (
-                "not determined by the sweep" if unknown else estimated(value, error, unit, intervals=[ends])
-            )
-            rows.append((symbol, number))
+            ends = profile_ends(self.intervals, [BY_NAME[name].symbol])
+            number = estimated(value, error, unit, intervals=ends)
+            rows.append((BY_NAME[name].symbol, "not determined by the sweep" if unknown else number))
         return Summary(
             title=f"Friction of the driveline of wheel {self.wheel}: value ± standard error, or 95 % interval",
             rows=(

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.findings import Finding, finding_results, warning
-from ballbot.fitting.intervals import Interval
+from ballbot.fitting.intervals import Interval, profile_ends
 from ballbot.identification.coulomb import CoulombEquivalent
 from ballbot.identification.parameters import Coordinates
 from ballbot.identification.prediction import Predictor
@@ -163,8 +163,7 @@ class Identification:
         rows = []
         for name, (symbol, value) in zip(self.layout.names, self.parameters.items(), strict=True):
             unit = "" if BY_NAME[name].unit == "1" else BY_NAME[name].unit
-            found = [self.intervals.get(label) for label in BY_NAME[name].labels(self.layout.wheel_count)]
-            ends = [None if one is None else one.of_profile for one in found]
+            ends = profile_ends(self.intervals, BY_NAME[name].labels(self.layout.wheel_count))
             rows.append((symbol, estimated(value, self.standard_errors[symbol], unit, intervals=ends)))
         ratios = np.array(list(self.held_out.ratios.values()))
         share = f"{np.nanmedian(ratios):.3g}" if np.isfinite(ratios).any() else "unknown"

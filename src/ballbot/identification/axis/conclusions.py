@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ballbot.findings import Finding, note, warning
 from ballbot.fitting.model_selection import ModelSelection
 from ballbot.identification.axis.model import PARAMETERS, AxisLaw, unit_for
+from ballbot.identification.axis.prediction import failure_findings
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.result import Estimate
 from ballbot.identification.axis.selection import USEFUL_GAIN
@@ -24,7 +25,7 @@ _APART, _SHARE_APART = 3.0, 0.1
 
 
 def axis_findings(
-    record: AxisRecord,
+    records: Sequence[AxisRecord],
     laws: ModelSelection[AxisLaw],
     best: Estimate,
     estimates: Sequence[Estimate],
@@ -32,8 +33,10 @@ def axis_findings(
     *,
     by_user: bool,
 ) -> tuple[Finding, ...]:
-    """Return the findings; `by_user`: whether the user named the law."""
+    """Return the findings on all records, those that were fitted first; `by_user`: whether the user named the law."""
+    record = records[0]
     return (
+        *failure_findings(records, best.errors),
         _law_finding(laws, best.model.law, by_user=by_user),
         *_asymmetry_findings(record, laws, best.model.law, asymmetry),
         *_open_parameters(best),

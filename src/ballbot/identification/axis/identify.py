@@ -38,7 +38,6 @@ from ballbot.identification.axis.prediction import (
     axis_errors,
     elsewhere_findings,
     error_elsewhere,
-    failure_findings,
     predicted_error,
 )
 from ballbot.identification.axis.record import AxisRecord
@@ -164,9 +163,8 @@ def identify_axis(
     expected = _expected(bench, drifting, fits[chosen.name], squares[chosen.name], blocks, horizon.chosen)
     run.progress(Progress(stage="done", done=1.0, total=1.0))
     remarks = (
-        *failure_findings((*bench.records, *bench.others), by_law[chosen.name].errors),
         *axis_findings(
-            records[0], selection, by_law[chosen.name], estimates, asymmetry, by_user=wanted is not None
+            bench.all, selection, by_law[chosen.name], estimates, asymmetry, by_user=wanted is not None
         ),
         *residual_findings(tests, force_unit=records[0].force_unit),
         *_elsewhere(bench, fits[chosen.name], expected),
@@ -246,6 +244,11 @@ class _Bench:
     flat: bool = False  #: whether a drift is subtracted from the forces
 
     @property
+    def all(self) -> tuple[AxisRecord, ...]:
+        """The records that are fitted, then the others."""
+        return (*self.records, *self.others)
+
+    @property
     def sightings(self) -> list[Sighting]:
         """The records that are fitted, with their filtered motion."""
         return [sighting(one, self.band(one)) for one in self.records]
@@ -265,7 +268,7 @@ class _Bench:
             half_widths=fit.half_widths,
             errors=tuple(
                 axis_errors(fit, record, number, bandwidth=self.band(record), horizon=horizon)
-                for record, number in zip((*self.records, *self.others), numbers, strict=True)
+                for record, number in zip(self.all, numbers, strict=True)
             ),
         )
 
