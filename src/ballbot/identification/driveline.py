@@ -181,10 +181,9 @@ class DrivelineFit:
         for name, value, error, unknown in zip(
             FRICTION, self.values, self.standard_errors, self.unknown, strict=False
         ):
-            unit = BY_NAME[name].unit.removeprefix("1")
-            ends = profile_ends(self.intervals, [BY_NAME[name].symbol])
-            number = estimated(value, error, unit, intervals=ends)
-            rows.append((BY_NAME[name].symbol, "not determined by the sweep" if unknown else number))
+            symbol, unit = BY_NAME[name].symbol, BY_NAME[name].unit.removeprefix("1")
+            number = estimated(value, error, unit, intervals=profile_ends(self.intervals, [symbol]))
+            rows.append((symbol, "not determined by the sweep" if unknown else number))
         return Summary(
             title=f"Friction of the driveline of wheel {self.wheel}: value ± standard error, or 95 % interval",
             rows=(
