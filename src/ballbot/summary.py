@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib import import_module
-from itertools import zip_longest
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
@@ -173,9 +172,9 @@ def estimated(
 
     An interval takes the place of the standard error.
     """
-    pairs = zip(np.atleast_1d(values).tolist(), np.atleast_1d(errors).tolist(), strict=True)
-    each = zip_longest(pairs, intervals)
-    return f"{', '.join(_with_error(*pair, ends) for pair, ends in each)} {unit}".rstrip()
+    numbers, of_numbers = np.atleast_1d(values).tolist(), np.atleast_1d(errors).tolist()
+    each = zip(numbers, of_numbers, intervals or [None] * len(numbers), strict=True)
+    return f"{', '.join(_with_error(one, error, ends) for one, error, ends in each)} {unit}".rstrip()
 
 
 def _with_error(value: float, error: float, ends: tuple[float, float] | None) -> str:
