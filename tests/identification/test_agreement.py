@@ -12,9 +12,10 @@ from ballbot.identification.agreement import (
     compare,
     of_robot_file,
 )
-from ballbot.identification.quantities import with_friction
+from ballbot.identification.quantities import Layout, with_friction
 from ballbot.identification.stated_uncertainty import (
     joint_covariance,
+    joint_errors,
     parameter_covariance,
     with_uncertainty,
 )
@@ -127,6 +128,17 @@ def test_the_robot_states_the_covariance_of_its_parameters():
     np.testing.assert_allclose(
         correlations(found)[labels.index("friction.rolling")], [0.05, 0.05, 0.05, 1.0], atol=1e-5
     )
+
+
+def test_only_rolling_friction_has_its_variation_between_logs_in_the_joint_errors():
+    layout = Layout(wheel_count=3)
+    errors, deviations = np.full(12, 0.1), np.full(12, 0.3)
+    errors[0], deviations[3] = np.nan, np.nan
+    assert joint_errors(layout, errors, deviations)[-1] == 0.3
+    np.testing.assert_array_equal(joint_errors(layout, errors, deviations)[:-1], errors[:-1])
+    assert joint_errors(layout, errors, np.full(12, np.nan))[-1] == 0.1
+    errors[-1] = np.nan  # at a bound
+    assert np.isnan(joint_errors(layout, errors, deviations)[-1])
 
 
 def test_numbers_that_make_up_for_one_another_between_logs_keep_their_friction(tmp_path):

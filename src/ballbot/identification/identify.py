@@ -53,11 +53,7 @@ from ballbot.identification.stages import (
     search,
     stages_of,
 )
-from ballbot.identification.stated_uncertainty import (
-    deviations_of,
-    joint_covariance,
-    parameter_covariance,
-)
+from ballbot.identification.stated_uncertainty import stated_covariances
 from ballbot.identification.sweep import Estimate, with_sweep
 from ballbot.identification.variation import (
     Variation,
@@ -255,11 +251,7 @@ def _result(
     layout = predictor.layout
     final, apart, varied = _with_uncertainty(prepared, estimate, options=options, run=run)
     values, uncertainty = final.values, final.uncertainty
-    covariance = parameter_covariance(
-        deviations_of(layout.labels, uncertainty, of_robot=varied.deviations),
-        uncertainty.standard_errors,
-        uncertainty.correlation,
-    )
+    covariance, joint = stated_covariances(layout, uncertainty, of_robot=varied.deviations)
     held_out = errors(predictor, prepared.held_out, values)
     return Identification(
         robot=found_robot(
@@ -268,7 +260,7 @@ def _result(
             values,
             uncertainty.standard_errors,
             covariance=covariance,
-            joint=joint_covariance(uncertainty.standard_errors, uncertainty.correlation),
+            joint=joint,
             log_count=len(logs),
             asymmetric=law in ("asymmetric", "directed") and "torque_offset" in layout.extra,
         ),

@@ -24,7 +24,7 @@ from ballbot.identification.quantities import (
     with_friction,
     with_rigid_body,
 )
-from ballbot.identification.stated_uncertainty import joint_covariance, with_uncertainty
+from ballbot.identification.stated_uncertainty import joint_covariance, joint_errors, with_uncertainty
 from ballbot.identification.variation import Variation
 from ballbot.identification.windows import Span
 from ballbot.log import STATE_NAMES
@@ -110,9 +110,8 @@ class Identification:
     standard_errors: ParameterTable  #: alike; NaN if a parameter has none: no influence, at a bound, or held
     predictor: Predictor  #: predicts windows with any such parameters
     values: NDArray[np.float64]  #: (p,), those of the predictions on held-out windows, SI units
-    bounds: NDArray[
-        np.float64
-    ]  #: (p, 2), the least and the greatest value allowed, equal where held; SI units
+    #: (p, 2), the least and the greatest value allowed, equal where held; SI units
+    bounds: NDArray[np.float64]
     bootstrap_errors: ParameterTable  #: alike, from a bootstrap of blocks of windows
     #: of 95 %, by label; none for a parameter without influence, held or refused
     intervals: dict[str, Interval]
@@ -156,7 +155,9 @@ class Identification:
         See `ballbot.identification.stated_uncertainty`.
         """
         errors = np.concatenate([np.atleast_1d(one) for one in self.standard_errors.values()])
-        return joint_covariance(errors, self.correlation)
+        return joint_covariance(
+            joint_errors(self.layout, errors, self.variation.deviations), self.correlation
+        )
 
     def summary(self) -> Summary:
         """Return each parameter with its standard error, how well windows held out are predicted, and warnings."""

@@ -10,7 +10,8 @@ G = dy/dp, the delta method gives the numbers' covariance G C G^T. There are two
   move along directions in which they make up for one another, far beyond the range in which the friction is linear in
   them. D would give the Coulomb equivalent a deviation of 20 to 60 %; over ten logs it varies by 3 to 5 %
   (`python -m campaigns.evidence coulomb_variation`), and by E R E of one such log it has an error of 3 to 5 %. So
-  what uses the friction that the numbers give together uses this one: compensation, Monte Carlo, predictions.
+  what uses the friction that the numbers give together uses this one: compensation, Monte Carlo, predictions. For
+  C_rr no other number makes up, so that E has its deviation with the variation between logs.
 
 A robot that is written and read again has the same covariance within the digits of its file: deviations and errors have
 four, and correlations five decimals.
@@ -25,6 +26,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.fitting.intervals import Uncertainty
+from ballbot.identification.quantities import Layout
 from ballbot.robot import Robot
 from ballbot.robot.components import BY_NAME, Correlation
 from ballbot.robot.parameters import Value, value_of
@@ -33,6 +35,20 @@ from ballbot.robot.parameters import Value, value_of
 _STEP = 0.1
 #: a number that changes by less, relative to its size, does not depend on a parameter
 _UNCHANGED = 1e-12
+
+
+def stated_covariances(
+    layout: Layout, uncertainty: Uncertainty, *, of_robot: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the covariances (p, p) of each number by itself and of all together, SI units; see the module's text.
+
+    `of_robot` (p,) are the deviations of what all logs of the robot have in common, NaN where not estimated.
+    """
+    errors, R = uncertainty.standard_errors, uncertainty.correlation
+    deviations = deviations_of(layout.labels, uncertainty, of_robot=of_robot)
+    return parameter_covariance(deviations, errors, R), joint_covariance(
+        joint_errors(layout, errors, of_robot), R
+    )
 
 
 def deviations_of(
@@ -75,6 +91,20 @@ def joint_covariance(errors: NDArray[np.float64], correlation: NDArray[np.float6
     """Return E R E (p, p) of errors (p,) and correlations (p, p); zero for parameters without error."""
     known = np.nan_to_num(errors)
     return known[:, None] * np.nan_to_num(correlation) * known
+
+
+def joint_errors(
+    layout: Layout, errors: NDArray[np.float64], of_robot: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the errors (p,) of all numbers together out of those under the logs' conditions, SI units; NaN if unknown.
+
+    That of C_rr is its deviation of what all logs of the robot have in common, out of `of_robot` (p,), if that is more.
+    """
+    together = errors.copy()
+    rolling = layout.columns("rolling")
+    if rolling is not None:
+        together[rolling] = np.maximum(errors[rolling], np.nan_to_num(of_robot[rolling]))
+    return together
 
 
 def with_uncertainty(
