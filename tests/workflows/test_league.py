@@ -10,7 +10,7 @@ from scipy import stats
 from ballbot import Robot
 from ballbot.cli.main import main
 from ballbot.errors import InputError
-from ballbot.report.comparison import league_report
+from ballbot.report.comparison import league_report, standing_rows
 from ballbot.report.page import page_of
 from ballbot.report.provenance import provenance
 from ballbot.results import as_json
@@ -22,7 +22,7 @@ from ballbot.workflows.comparison import Paired, fraction_with_interval, mean_wi
 from ballbot.workflows.courses import choose_courses
 from ballbot.workflows.excitation_task import RunLimits
 from ballbot.workflows.excite import excite
-from ballbot.workflows.league import League, league_results, overall, run_league, standing
+from ballbot.workflows.league import METRICS, League, league_results, overall, run_league, standing
 from ballbot.workflows.metrics import score_results
 from ballbot.workflows.recovery_region import Loop
 from campaigns.league import section
@@ -138,6 +138,22 @@ def test_ratios_over_all_courses(league):
 def test_compensation_helps_on_the_model(league):
     """The known friction compensated in full: the step of 0.2 m ends nearer to its end."""
     assert overall(league, "full").ratios["rms_position_error"].mean < 0.9
+
+
+def test_tables_show_small_means_by_more_decimals_instead_of_zero(league):
+    small = 0
+    for course in league.courses:
+        rows = standing_rows(league, course.name)
+        for name, (_, *texts, _) in zip(league.controllers, rows, strict=True):
+            means = standing(league, course.name, name).means
+            for text, metric in zip(texts, METRICS, strict=True):
+                size = metric.scale * means[metric.key].mean
+                if size >= 10.0 ** -(metric.decimals + 2):
+                    assert float(text.removeprefix("≥ ")) == pytest.approx(
+                        size, rel=0.5
+                    )  # one digit at the least
+                    small += size < 0.5 * 10.0**-metric.decimals
+    assert small
 
 
 def test_page_names_falls_and_the_better_controller(league):

@@ -7,7 +7,8 @@ with the first seed; and the page.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -27,7 +28,7 @@ from ballbot.report.series import Line, Look, Panel, TimeSeries, together, true_
 from ballbot.report.style import REFERENCE, LineStyle, drawn_picture, label_of, thinned
 from ballbot.robot import Robot
 from ballbot.rounding import digits
-from ballbot.viewer.page import MOST_RUNS, replay_part
+from ballbot.viewer.page import MOST_RUNS, RunColor, replay_part
 from ballbot.workflows.comparison import Estimate
 from ballbot.workflows.courses import Course
 from ballbot.workflows.league import (
@@ -118,20 +119,31 @@ def overall_rows(league: League) -> list[list[str]]:
 
 def standing_rows(league: League, course: str) -> list[list[str]]:
     """Return a row for each controller on a course: means over the runs that stood, and falls."""
-    rows = []
-    for name in league.controllers:
-        found = standing(league, course, name)
-        rows.append([name, *(_mean(found, metric) for metric in METRICS), _falls(found)])
-    return rows
+    found = [standing(league, course, name) for name in league.controllers]
+    metrics = _with_decimals(found)
+    return [[one.controller, *(_mean(one, metric) for metric in metrics), _falls(one)] for one in found]
 
 
 def metric_rows(league: League, course: str) -> list[list[str | Cell]]:
     """Return a row for each metric on a course: its name and each controller's mean, below it the difference."""
     found = [standing(league, course, name) for name in league.controllers]
     rows: list[list[str | Cell]] = [
-        [f"{one.heading} ({one.unit})", *(_cell(each, one) for each in found)] for one in METRICS
+        [f"{one.heading} ({one.unit})", *(_cell(each, one) for each in found)]
+        for one in _with_decimals(found)
     ]
     return [*rows, ["falls", *(_falls(each) for each in found)]]
+
+
+def _with_decimals(found: Sequence[Standing]) -> list[Metric]:
+    """Return the metrics with up to two more decimals, so that small means are not written as zero."""
+    metrics = []
+    for metric in METRICS:
+        means = [metric.scale * one.means[metric.key].mean for one in found]
+        needed = (-math.floor(math.log10(mean)) for mean in means if 0.0 < mean < math.inf)
+        most = metric.decimals + 2
+        decimals = max([metric.decimals, *(one for one in needed if one <= most)])
+        metrics.append(replace(metric, decimals=decimals))
+    return metrics
 
 
 def _cell(found: Standing, metric: Metric) -> Cell:
@@ -180,6 +192,8 @@ def _signed(value: float, decimals: int) -> str:
 _COLORS = (ORANGE, BLUE, GREEN, INK, VIOLET, YELLOW)
 #: the same in time series
 _TRACK_LOOKS: tuple[Look, ...] = ("second", "first", "third", "sixth", "fourth", "fifth")
+#: and in the replay, where teal is nearest to green
+_REPLAY_COLORS: tuple[RunColor, ...] = ("orange", "blue", "teal", "ink")
 _DASHES = ("--", "-", "-.", ":")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
@@ -370,10 +384,9 @@ def _course_section(league: League, robot: Robot, course: Course, place: int) ->
 def _replay(league: League, robot: Robot, course: Course) -> Film | None:
     """Return the runs of a course with the first seed in one place, if they can be shown."""
     shown = league.controllers[:MOST_RUNS]
+    poses = {name: _pose(league, course, name) for name in shown}
     try:
-        part = replay_part(
-            {name: _pose(league, course, name) for name in shown}, robot, layout="ghosts", name="course"
-        )
+        part = replay_part(poses, robot, layout="ghosts", name="course", colors=_REPLAY_COLORS)
     except InputError:  # a course that is too long for a page
         return None
     others = f" of the first {len(shown)} controllers" if len(shown) < len(league.controllers) else ""

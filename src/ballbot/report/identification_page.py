@@ -191,7 +191,7 @@ def _replay(found: Identification, logs: Sequence[StudiedLog]) -> Film | None:
             **dict(zip((_FOUND, _WITHOUT), _predicted(found, windows), strict=True)),
         }
         shown = {name: _on_end(windows, states) for name, states in runs.items()}
-        film = replay_part(shown, found.robot, layout="ghosts")
+        film = replay_part(shown, found.robot, layout="ghosts", colors=("ink", "blue", "orange"))
     except InputError:  # a stretch without a whole run, or a model whose run has no value
         return None
     caption = (

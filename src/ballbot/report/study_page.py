@@ -216,7 +216,7 @@ def _replay(study: Study) -> Film | None:
     choice = study.choice
     shown = {RUN_LABELS[name]: choice.runs[name] for name in dict.fromkeys(("none", choice.chosen or "none"))}
     try:
-        part = replay_part(shown, study.found.robot)
+        part = replay_part(shown, study.found.robot, colors=("orange", "blue"))
     except InputError:  # a run that fell at once, or a course that is too long for a page
         return None
     which = " and with the chosen controller" if len(shown) > 1 else ""

@@ -277,7 +277,7 @@ def _replay(shown: Trajectories, models: ModelPair) -> Film | None:
     }
     robots = {name: one.model.robot for name, _, one in runs}
     try:
-        part = replay_part(logs, robots, name="validation")
+        part = replay_part(logs, robots, name="validation", colors=("ink", "blue", "orange"))
     except InputError:  # a model whose run has no value
         return None
     caption = "The same seconds in three dimensions; the models can be shown as ghosts of the measured run."

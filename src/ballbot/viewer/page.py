@@ -32,6 +32,9 @@ Layout = Literal["side", "ghosts"]
 
 #: logs in one replay
 MOST_RUNS = 4
+RunColor = Literal["blue", "orange", "violet", "teal", "ink"]
+#: of the runs, where no figures stand beside them
+RUN_COLORS: tuple[RunColor, ...] = ("blue", "orange", "violet", "teal")
 #: of every page, in the order in which they use one another; and of each kind
 _SCRIPTS = ("linear", "meshes", "renderer", "packing", "runs", "camera", "scene", "plots", "view")
 _REPLAY_SCRIPTS, _LIVE_SCRIPTS = ("replay", "result", "page"), ("live", "page")
@@ -55,6 +58,7 @@ def replay_part(
     layout: Layout = "side",
     autoplay: bool = False,
     name: str = "replay",
+    colors: Sequence[RunColor] = RUN_COLORS,
 ) -> ReplayPart:
     """Return a replay of logs as a part of a page.
 
@@ -70,13 +74,15 @@ def replay_part(
         Whether it plays at once.
     name : str
         Different for each replay of a page.
+    colors : sequence of {"blue", "orange", "violet", "teal", "ink"}
+        Of the runs, as they are drawn in the figures beside the replay.
 
     Raises
     ------
     InputError
         If there is no robot or there are too many logs, or one cannot be shown (`ballbot.viewer.motion.motion_of`).
     """
-    data = _replay_data(logs, robot, layout=layout, autoplay=autoplay)
+    data = _replay_data(logs, robot, layout=layout, autoplay=autoplay, colors=colors)
     return ReplayPart(
         element=_element("replay", name, data), style=web_file("replay.css"), script=_script(_REPLAY_SCRIPTS)
     )
@@ -171,6 +177,7 @@ def live_page(robots: Mapping[str, Robot], layout: LiveLayout, *, title: str) ->
     runs = [
         {
             "name": printable_line(name),
+            "color": color,
             "robot": robot_shape(robot),
             "interval": INTERVAL,
             "names": names,
@@ -178,7 +185,9 @@ def live_page(robots: Mapping[str, Robot], layout: LiveLayout, *, title: str) ->
             "mass": robot.ball.mass + robot.body.mass,
             "center": robot.body.center_of_mass,
         }
-        for (name, robot), names, home in zip(robots.items(), layout.robots, layout.homes, strict=True)
+        for (name, robot), names, home, color in zip(
+            robots.items(), layout.robots, layout.homes, RUN_COLORS[: len(robots)], strict=True
+        )
     ]
     data: dict[str, object] = {
         "world": layout.world,
@@ -270,7 +279,12 @@ def _script(own: tuple[str, ...]) -> str:
 
 
 def _replay_data(
-    given: LogsLike, robot: RobotLike | Mapping[str, RobotLike], *, layout: Layout, autoplay: bool
+    given: LogsLike,
+    robot: RobotLike | Mapping[str, RobotLike],
+    *,
+    layout: Layout,
+    autoplay: bool,
+    colors: Sequence[RunColor],
 ) -> dict[str, object]:
     at_rest = isinstance(given, Mapping) and not given
     logs = {} if at_rest else {name or "run": log for name, log in as_logs(given).items()}
@@ -291,7 +305,10 @@ def _replay_data(
         "layout": layout,
         "autoplay": autoplay,
         "arrow": _arrow([(motions[name], robots[name]) for name in names]),
-        "runs": [_run(name, motions[name], robots[name]) for name in names],
+        "runs": [
+            _run(name, motions[name], robots[name], color)
+            for name, color in zip(names, colors[: len(names)], strict=True)
+        ],
     }
 
 
@@ -302,9 +319,10 @@ def _check_number(count: int, what: str) -> None:
         raise InputError(f"{count} {what} are given; a view shows at most {MOST_RUNS}.")
 
 
-def _run(name: str, motion: Motion, robot: Robot) -> dict[str, object]:
+def _run(name: str, motion: Motion, robot: Robot, color: RunColor) -> dict[str, object]:
     return {
         "name": printable_line(name),
+        "color": color,
         "robot": robot_shape(robot),
         "interval": motion.interval,
         "rows": motion.rows,

@@ -25,7 +25,7 @@ class Panel {
     this.select = element("select", { "aria-label": "Signal of this panel" }, head);
     for (const name of names) element("option", { value: name, text: name }, this.select);
     this.select.value = chosen;
-    this.readings = runs.map((_, i) => element("output", { class: `reading run${i}` }, head));
+    this.readings = runs.map((run) => element("output", { class: `reading run-${run.color}` }, head));
     this.canvas = element("canvas", { class: "plot", "aria-label": "Time series; drag to move the time cursor" }, this.box);
     this.still = document.createElement("canvas");
     this.select.addEventListener("change", () => this.refresh());

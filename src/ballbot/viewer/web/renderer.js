@@ -203,6 +203,8 @@ class Renderer {
   drawMeshes(parts, opacity = 1) {
     const gl = this.gl;
     if (opacity < 1) {  // depth first, so that nothing within shows through
+      gl.enable(gl.POLYGON_OFFSET_FILL);  // behind a robot in the same place, instead of speckled with it
+      gl.polygonOffset(1, 8);
       gl.colorMask(false, false, false, false);
       this.drawEach(parts, 1);
       gl.colorMask(true, true, true, true);
@@ -211,6 +213,7 @@ class Renderer {
     }
     this.drawEach(parts, opacity);
     gl.disable(gl.BLEND);
+    gl.disable(gl.POLYGON_OFFSET_FILL);
     gl.depthFunc(gl.LESS);
   }
 

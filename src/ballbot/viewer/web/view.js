@@ -35,8 +35,8 @@ class View {
     this.stage = element("div", { class: "stage" }, this.root);
     this.canvas = element("canvas", { class: "picture", role: "img", tabindex: "0" }, this.stage);
     this.canvas.setAttribute("aria-label", "Robot in three dimensions; drag to orbit, wheel or pinch to zoom");
-    this.labels = this.runs.map((run, i) => {
-      const label = element("div", { class: `label run${i}` }, this.stage);
+    this.labels = this.runs.map((run) => {
+      const label = element("div", { class: `label run-${run.color}` }, this.stage);
       element("strong", { text: run.name }, label);
       label.live = element("span", { class: "live" }, label);
       return label;
@@ -98,12 +98,12 @@ class View {
   /** Take the colors of the theme, and draw everything again. */
   repaint() {
     const style = getComputedStyle(this.root);
-    const css = this.runs.map((_, i) => style.getPropertyValue(`--run${i % 4}`));
+    const css = this.runs.map((run) => style.getPropertyValue(`--run-${run.color}`));
     const plain = (name) => style.getPropertyValue(name);
     this.colors = { ink: plain("--ink"), muted: plain("--muted"), line: plain("--line"), css };
     if (this.scene) {
       const named = ["ground", "grid", "line", "reference", "drive", "friction", "push"].map((name) => [name, colorOf(style, `--${name}`)]);
-      const runs = this.runs.map((_, i) => colorOf(style, `--run${i % 4}`));
+      const runs = this.runs.map((run) => colorOf(style, `--run-${run.color}`));
       this.scene.paint({ ...Object.fromEntries(named), runs, shadow: Number(plain("--shadow")) });
     }
     for (const panel of this.panels) panel.refresh();
