@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import os
 from bisect import bisect_left
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from time import monotonic
 
@@ -28,6 +28,8 @@ class Progress:
     planned: float = math.nan  #: time that the whole work usually takes [s]; NaN if that is not known
     seconds_left: float | None = None  #: at most, at the present pace; None if that is not known yet
     note: str = ""  #: a few words to show beside it
+    #: steps still to be expected of this stage and of later ones, by name, if the work knows more than its plan
+    expected: Mapping[str, float] = field(default_factory=dict[str, float])
 
     def __post_init__(self) -> None:
         if math.isnan(self.share):
@@ -111,8 +113,13 @@ class Stage:
         """Return how many more steps are to be expected after so many."""
         if self.usual is None:
             return max(self.steps - done, 0.0)
-        expected = max(self.usual - done, _ALWAYS_LEFT * done)
-        return min(expected, self.steps - done) if done <= self.steps else expected
+        return steps_left(done, usual=self.usual, most=self.steps)
+
+
+def steps_left(done: float, *, usual: float, most: float) -> float:
+    """Return how many more steps are to be expected, after so many, of work that ends by itself or after the most."""
+    expected = max(usual - done, _ALWAYS_LEFT * done)
+    return min(expected, most - done) if done <= most else expected
 
 
 class ProgressReporter:
@@ -120,7 +127,7 @@ class ProgressReporter:
 
     The share is one less that of the work still to be expected. A stage that ends before its usual number of steps
     counts as done when the next one begins, and that part as skipped. If a stage begins again at its first step, all
-    its steps count.
+    its steps count. What a report expects of a later stage takes the place of the stage's usual number.
 
     Parameters
     ----------
@@ -132,26 +139,28 @@ class ProgressReporter:
 
     def __init__(self, callback: ProgressCallback, stages: Sequence[Stage]) -> None:
         self._callback, self._eta = callback, EtaEstimator()
-        self._stages: dict[str, tuple[Stage, float]] = {}  # each with the work after it
-        after = 0.0
-        for stage in reversed(stages):
-            self._stages[stage.name] = (stage, after)
-            after += stage.seconds
-        self._whole, self._last = after, stages[-1]
+        self._stages = {stage.name: stage for stage in stages}
+        self._to_come = {stage.name: stage.seconds for stage in stages}  # [s], of stages that have not begun
+        self._whole, self._last = sum(self._to_come.values()), stages[-1]
         self._share, self._stage = 0.0, ""
         # of the stage: the step that was reported last, and steps done
         self._reported, self._steps = 0.0, 0.0
 
     def __call__(self, progress: Progress) -> None:
         """Report a step of a stage."""
-        stage, after = self._stages[progress.stage]
+        stage = self._stages[progress.stage]
         if self._stage != stage.name:
             self._stage, self._reported, self._steps = stage.name, 0.0, 0.0
         begins_again = progress.done <= self._reported
         steps = progress.done - (0.0 if begins_again else self._reported)
         self._reported, self._steps = progress.done, self._steps + steps
-        left = (after + stage.steps_left(self._steps) * stage.work) / self._whole
-        share = max(self._share, 1.0 - left)
+        for name in self._stages.keys() & progress.expected:
+            self._to_come[name] = progress.expected[name] * self._stages[name].work
+        if stage.name not in progress.expected:
+            self._to_come[stage.name] = stage.steps_left(self._steps) * stage.work
+        names = list(self._stages)
+        left = sum(self._to_come[name] for name in names[names.index(stage.name) :])
+        share = max(self._share, 1.0 - left / self._whole)
         skipped = share - self._share - steps * stage.work / self._whole
         self._share = share
         now = replace(progress, total=stage.steps, share=share, skipped=skipped, planned=self._whole)

@@ -136,6 +136,21 @@ def test_stage_that_begins_again_counts_all_its_steps():
     assert [one.skipped for one in shown] == pytest.approx([0.0] * 5)
 
 
+def test_steps_that_the_work_expects_take_the_place_of_the_planned_ones():
+    shown: list[Progress] = []
+    stages = [
+        Stage(name="search", steps=100, work=1.0, usual=20),
+        Stage(name="rest", steps=10, work=2.0, usual=5),
+    ]
+    reporter = ProgressReporter(shown.append, stages)
+    reporter(Progress(stage="search", done=1, total=100))
+    reporter(Progress(stage="search", done=2, total=100, expected={"search": 6, "rest": 1, "other": 9}))
+    reporter(Progress(stage="search", done=3, total=100, expected={"search": 5}))
+    reporter(Progress(stage="rest", done=1, total=10, expected={"rest": 0}))
+    assert [1.0 - one.share for one in shown] == pytest.approx([29 / 30, 8 / 30, 7 / 30, 0.0])
+    assert [one.skipped for one in shown] == pytest.approx([0.0, 20 / 30, 0.0, 5 / 30])
+
+
 def test_parts_share_the_time_as_planned():
     shown: list[Progress] = []
     first, second = in_parts(shown.append, [30.0, 10.0])

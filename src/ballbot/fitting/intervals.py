@@ -332,21 +332,9 @@ def assess(
         Its seed is the bootstrap's; its checkpoint answers for each profile, and the stage "intervals" is reported
         after each.
     """
-    coordinates, point = fit.coordinates, fit.point
+    coordinates = fit.coordinates
     normal = fit.equations.normal
-    windows = fit.equations
-    corrected = leverage_corrected(windows.matrices, windows.scores, estimated)
-    clustered = widen**2 * covariance(corrected, estimated)
-    variances = clustered.diagonal()  # not positive if a short, ill-posed fit has no information
-    scaled_errors = np.sqrt(np.where(variances > 0.0, variances, np.nan))
-    resampled = widen * bootstrap(fit.equations, estimated, seed=run.seed).errors
-    errors = Errors(
-        point=point,
-        clustered=scaled_errors,
-        bootstrap=resampled,
-        quantile=_quantile(len(normal.scores), int(estimated.sum())),
-    )
-
+    clustered, errors = _errors(fit, estimated, widen=widen, seed=run.seed)
     profiled: list[int] = []
 
     def profile_of(place: int) -> Profile:
@@ -366,19 +354,44 @@ def assess(
 
         (limits,) = run.memoize("profile", np.array([float(place), float(rise)]), answer)
         profiled.append(place)
-        run.progress(Progress(stage="intervals", done=len(profiled), total=most_profiles))
+        left = min(len(errors.doubtful), most_profiles) - len(profiled)
+        run.progress(
+            Progress(stage="intervals", done=len(profiled), total=most_profiles, expected={"intervals": left})
+        )
         lower, upper = (float(one) if np.isfinite(one) else None for one in limits)
         return Profile(place=place, lower=lower, upper=upper)
 
     found = intervals(coordinates, errors, profile_of, most_profiles=most_profiles)
-    slopes = coordinates.slopes(point)
+    slopes = coordinates.slopes(fit.point)
     return Uncertainty(
-        scaled_errors=scaled_errors,
-        standard_errors=scaled_errors * slopes,
-        bootstrap_errors=resampled * slopes,
+        scaled_errors=errors.clustered,
+        standard_errors=errors.clustered * slopes,
+        bootstrap_errors=errors.bootstrap * slopes,
         correlation=correlation(clustered),
         intervals=found | _intervals_at_bounds(coordinates, fit, estimated, at_bound, widen),
     )
+
+
+def doubtful_errors(fit: RepeatableFit, *, estimated: NDArray[np.bool_], seed: int) -> int:
+    """Return how many parameters `assess` would profile, of those `estimated` (p,), if it may profile all."""
+    return len(_errors(fit, estimated, widen=1.0, seed=seed)[1].doubtful)
+
+
+def _errors(
+    fit: RepeatableFit, estimated: NDArray[np.bool_], *, widen: float, seed: int
+) -> tuple[NDArray[np.float64], Errors]:
+    """Return the clustered covariance (p, p), scaled, and the errors."""
+    windows = fit.equations
+    corrected = leverage_corrected(windows.matrices, windows.scores, estimated)
+    clustered = widen**2 * covariance(corrected, estimated)
+    variances = clustered.diagonal()  # not positive if a short, ill-posed fit has no information
+    errors = Errors(
+        point=fit.point,
+        clustered=np.sqrt(np.where(variances > 0.0, variances, np.nan)),
+        bootstrap=widen * bootstrap(windows, estimated, seed=seed).errors,
+        quantile=_quantile(len(windows.scores), int(estimated.sum())),
+    )
+    return clustered, errors
 
 
 def _quantile(windows: int, parameters: int) -> float:

@@ -234,15 +234,29 @@ def unidentifiable(
     run: Run = DEFAULT_RUN,
 ) -> Unidentifiable:
     """Return which free parameters act through others that do not differ from zero."""
-    coordinates = fit.coordinates
-    names = np.array(coordinates.names)
-    found, origin = np.zeros(len(names), dtype=bool), np.zeros(len(names), dtype=bool)
-    for one in dependences:
-        dependent = np.isin(names, one.dependent) & coordinates.free
-        through = (names == one.through) & coordinates.free
-        if dependent.any() and through.any() and not _has_effect(fit, through, dependent, most_steps, run):
+    found, origin = np.zeros(len(fit.point), dtype=bool), np.zeros(len(fit.point), dtype=bool)
+    for through, dependent in _free_dependences(fit, dependences):
+        if not _has_effect(fit, through, dependent, most_steps, run):
             found, origin = found | dependent, origin | through
     return Unidentifiable(dependent=found, through=origin)
+
+
+def fits_without(fit: RepeatableFit, dependences: Sequence[Dependence]) -> int:
+    """Return how many fits without an effect `unidentifiable` makes, as the errors alone do not decide."""
+    pairs = _free_dependences(fit, dependences)
+    return sum(
+        bool((fit.point * through).any()) and not _clearly_present(fit, through, dependent)
+        for through, dependent in pairs
+    )
+
+
+def _free_dependences(
+    fit: RepeatableFit, dependences: Sequence[Dependence]
+) -> list[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
+    """Return what is free of each dependence: what the others act through (p,), and these (p,)."""
+    free, names = fit.coordinates.free, np.array(fit.coordinates.names)
+    pairs = [((names == one.through) & free, np.isin(names, one.dependent) & free) for one in dependences]
+    return [(through, dependent) for through, dependent in pairs if through.any() and dependent.any()]
 
 
 def _has_effect(
@@ -252,23 +266,38 @@ def _has_effect(
     most_steps: int,
     run: Run,
 ) -> bool:
-    point, free = fit.point, fit.coordinates.free
-    amounts = point * through
+    amounts = fit.point * through
     if not amounts.any():
         return False
-    limit = float(scipy.stats.chi2.ppf(EFFECT_CONFIDENCE, int(through.sum() + dependent.sum())))
-    moved = through | (free & (point > 0.0))
-    spread = covariance(fit.equations.normal, moved)[np.ix_(through, through)]
-    if amounts[through] @ np.linalg.lstsq(spread, amounts[through], rcond=1e-13)[0] > CLEARLY_PRESENT * limit:
+    if _clearly_present(fit, through, dependent):
         return True
     without = fit.repeated(
         moved=-amounts,
-        free=free & ~through & ~dependent,
+        free=fit.coordinates.free & ~through & ~dependent,
         most_steps=most_steps,
         run=run,
     )
     rise = 2.0 * fit.residual_count * (without.cost - fit.cost)
-    return rise > limit * _dependence(fit, moved, through, spread)
+    moved, spread = _spread(fit, through)
+    return rise > _limit(through, dependent) * _dependence(fit, moved, through, spread)
+
+
+def _clearly_present(fit: RepeatableFit, through: NDArray[np.bool_], dependent: NDArray[np.bool_]) -> bool:
+    """Return whether the errors alone put the effect far past the limit."""
+    amounts, (_, spread) = fit.point[through], _spread(fit, through)
+    statistic = amounts @ np.linalg.lstsq(spread, amounts, rcond=1e-13)[0]
+    return bool(statistic > CLEARLY_PRESENT * _limit(through, dependent))
+
+
+def _limit(through: NDArray[np.bool_], dependent: NDArray[np.bool_]) -> float:
+    """Return the chi-squared quantile of as many parameters as the fit with the effect has more."""
+    return float(scipy.stats.chi2.ppf(EFFECT_CONFIDENCE, int(through.sum() + dependent.sum())))
+
+
+def _spread(fit: RepeatableFit, through: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Return the parameters (p,) that vary with those marked in `through` (p,), and the covariance of the latter."""
+    moved = through | (fit.coordinates.free & (fit.point > 0.0))
+    return moved, covariance(fit.equations.normal, moved)[np.ix_(through, through)]
 
 
 def _dependence(

@@ -16,7 +16,7 @@ and eliminating dx_w = -A_w^-1 (a_w + B_w dp) leaves, for the parameters alone, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -28,7 +28,7 @@ from ballbot.fitting.search import LEAST_GAIN, leaving
 from ballbot.fitting.uncertainty import WindowEquations
 from ballbot.identification.parameters import Coordinates
 from ballbot.identification.prediction import DIFFERENCE, Problem, Work
-from ballbot.progress import Progress
+from ballbot.progress import Progress, ProgressCallback, steps_left
 
 #: damping and length of the steps tried at once: short ones, as a wheel that begins to stick bends the cost sharply;
 #: long ones, for the bent and nearly level valley of b, c, s and v_s; the last only settles the starts
@@ -48,9 +48,11 @@ _SHARES = ((1.0, 1.0), (0.0, 1.0), (0.0, 0.0))
 _WIDER = (1.0, 3.0, 9.0)
 #: a start that has settled on one side of a wheel's sticking does not find the other: so the descent begins again, with
 #: the parameters found and the starts as measured
-_ROUNDS = 2
+ROUNDS = 2
 #: the descent ends where so many steps one after another gain little: windows that settle hold the others up
 _PATIENCE = 6
+#: steps that a descent usually takes for each window, as windows settle one after another
+_USUAL_STEPS = 0.3
 #: half the central difference of a start, in standard deviations of its state's residuals
 _START_DIFFERENCE = 0.5
 _STATES = 10
@@ -79,15 +81,25 @@ class Descended:
     point: NDArray[np.float64]  #: (p,), scaled
     starts: NDArray[np.float64]  #: (w, 10), estimated, as sensors without noise would see them
     cost: float  #: there, the starts' residuals among the others
+    steps: int  #: of the descent that led here, which another one from here may be expected to take
 
     def repeated(
         self, *, moved: NDArray[np.float64], free: NDArray[np.bool_], most_steps: int, run: Run = DEFAULT_RUN
     ) -> Descended:
         """Descend again from here; see `ballbot.fitting.intervals.Repeated`."""
         point, starts, history = descend(
-            self.problem, self.point, self.starts, free=free, most_steps=most_steps, moved=moved, run=run
+            self.problem,
+            self.point,
+            self.starts,
+            free=free,
+            most_steps=most_steps,
+            moved=moved,
+            usual=self.steps,
+            run=run,
         )
-        return Descended(problem=self.problem, point=point, starts=starts, cost=history[-1])
+        return Descended(
+            problem=self.problem, point=point, starts=starts, cost=history[-1], steps=len(history)
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,44 +120,75 @@ class InitialStatesFit(Descended):
         return compared(self.problem) * int(self.problem.cost.counted.sum())
 
 
+def usual_steps(windows: int) -> float:
+    """Return how many steps a descent usually takes."""
+    return _USUAL_STEPS * windows
+
+
 def fit_with_initial_states(
     problem: Problem,
     point: NDArray[np.float64],
     *,
     free: NDArray[np.bool_],
     most_steps: int,
+    following: Callable[[InitialStatesFit], Mapping[str, float]] | None = None,
     run: Run = DEFAULT_RUN,
 ) -> InitialStatesFit:
     """Descend from `point` (p,), scaled, in the parameters marked in `free` (p,) and all starts at once.
 
-    The run's checkpoint answers for each step; the stage "initial_states" is reported after each.
+    The run's checkpoint answers for each step; the stage "initial_states" is reported after each, with the steps to be
+    expected. Once there is a fit, they are also those `following` it, by stage.
     """
-    best, least, history = (point, problem.windows.initial), np.inf, []
-    for _ in range(_ROUNDS):
+    history: list[float] = []
+
+    def fitted(end: NDArray[np.float64], starts: NDArray[np.float64], steps: int) -> InitialStatesFit:
+        return InitialStatesFit(
+            problem=problem,
+            point=end,
+            starts=starts,
+            equations=linearize(problem, end, starts).equations,
+            cost=least,
+            steps=steps,
+            history=tuple(history),
+        )
+
+    best, least = None, np.inf
+    usual, after = usual_steps(len(problem.windows)), {"initial_states": 0.0}
+    for later in reversed(range(ROUNDS)):
         done = len(history)
         ended, starts, costs_after = descend(
             problem,
-            best[0],
+            point if best is None else best.point,
             problem.windows.initial,
             free=free,
             most_steps=most_steps - done,
-            run=replace(
-                run, progress=lambda one, done=done: run.progress(replace(one, done=done + one.done))
-            ),
+            usual=usual,
+            run=replace(run, progress=partial(_report_round, run.progress, done, later, most_steps, after)),
         )
         history += costs_after
         if not costs_after or costs_after[-1] >= least:
             break
-        best, least = (ended, starts), costs_after[-1]
-    ended, starts = best
-    return InitialStatesFit(
-        problem=problem,
-        point=ended,
-        starts=starts,
-        equations=linearize(problem, ended, starts).equations,
-        cost=least,
-        history=tuple(history),
-    )
+        least = costs_after[-1]
+        best = fitted(ended, starts, len(costs_after))
+        usual = len(costs_after)
+        if later and following:
+            after = following(best)
+    return replace(best or fitted(point, problem.windows.initial, 0), history=tuple(history))
+
+
+def _report_round(
+    callback: ProgressCallback,
+    done: int,
+    later: int,
+    most_steps: int,
+    after: Mapping[str, float],
+    progress: Progress,
+) -> None:
+    """Report a step of a round, before which so many were `done`: rounds `later` take as many steps as this one."""
+    own, steps = progress.expected["initial_states"], done + progress.done
+    left = min(own + later * (progress.done + own), most_steps - steps)
+    expected = {**after, "initial_states": left + after["initial_states"]}
+    callback(replace(progress, done=steps, expected=expected))
 
 
 def costs(problem: Problem, points: NDArray[np.float64], starts: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -199,6 +242,7 @@ def descend(
     free: NDArray[np.bool_],
     most_steps: int,
     moved: NDArray[np.float64] | None = None,
+    usual: float | None = None,
     run: Run = DEFAULT_RUN,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[float]]:
     """Descend from a point (p,) and starts (w, 10); return where it ended, likewise, and the cost after each step.
@@ -210,12 +254,16 @@ def descend(
     most_steps : int
     moved : ndarray (p,), optional
         By how much the first step moves those that are not free, whatever it costs.
+    usual : float, optional
+        Steps that the descent may be expected to take; by default `usual_steps`.
     run : Run, optional
-        Its checkpoint answers for each step; the stage "initial_states" is reported after each.
+        Its checkpoint answers for each step; the stage "initial_states" is reported after each, with the steps still
+        to be expected.
     """
     fixed = np.zeros(len(point)) if moved is None else moved
     least = np.inf if fixed.any() else float(costs(problem, point[None], starts[None])[0])
     history, short_steps, trail = [], 0, [point]
+    usual = usual_steps(len(problem.windows)) if usual is None else usual
     for step in range(1, most_steps + 1):
         trial, its_starts, cost = run.memoize(
             "starts",
@@ -237,11 +285,26 @@ def descend(
             point, starts, least = trial, its_starts, float(cost)
         fixed = np.zeros(len(point))
         history.append(least)
-        run.progress(Progress(stage="initial_states", done=step, total=most_steps, cost=least))
         short_steps = 0 if gain > LEAST_GAIN else short_steps + 1
+        left = _expected_steps(step, short_steps, usual=usual, most_steps=most_steps)
+        run.progress(
+            Progress(
+                stage="initial_states",
+                done=step,
+                total=most_steps,
+                cost=least,
+                expected={"initial_states": left},
+            )
+        )
         if short_steps == _PATIENCE:
             break
     return point, starts, history
+
+
+def _expected_steps(step: int, short_steps: int, *, usual: float, most_steps: int) -> float:
+    """Return how many more steps a descent may be expected to take: the fewer, the more short ones it has taken."""
+    left = steps_left(step, usual=usual, most=most_steps) * (1.0 - short_steps / _PATIENCE)
+    return min(max(left, _PATIENCE - short_steps), most_steps - step)
 
 
 def _best_trial(

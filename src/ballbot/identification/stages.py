@@ -7,25 +7,28 @@ references often repeat, the intervals do not always hold the same piece of the 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError, suggest
 from ballbot.fitting.checkpoint import digest
-from ballbot.fitting.intervals import MOST_PROFILES
-from ballbot.fitting.model_selection import Dependence, unidentifiable
+from ballbot.fitting.intervals import MOST_PROFILES, doubtful_errors
+from ballbot.fitting.model_selection import Dependence, fits_without, unidentifiable
 from ballbot.fitting.run import DEFAULT_RUN, Executor, Run
 from ballbot.fitting.search import CANDIDATES, GaussNewtonFit, SearchResult, at_bound, evolve, gauss_newton
 from ballbot.fitting.uncertainty import without_influence
 from ballbot.identification.excitation import Excitation, check_count, check_excitation, check_torques
 from ballbot.identification.initial_states import (
+    ROUNDS,
     TRIALS,
     WORK_OF_STARTS,
     InitialStatesFit,
     fit_with_initial_states,
+    usual_steps,
 )
 from ballbot.identification.parameters import Coordinates
 from ballbot.identification.prediction import Cost, Predictor, Problem, chunks
@@ -34,7 +37,7 @@ from ballbot.identification.sweep import SweepFriction
 from ballbot.identification.windows import Span, Windows, ball_spin, cut_windows, samples_before
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.parameters import Formulation
-from ballbot.progress import Stage, on_all_cores
+from ballbot.progress import ProgressCallback, Stage, on_all_cores
 
 #: inner step of the evolution's simulations [s], which find the basin only; the cost differs by 1e-4
 EVOLUTION_STEP = 2.5e-3
@@ -262,10 +265,9 @@ _STEPS_OF_A_PROFILE = 1.2
 #: processor time [s] of an inner step of a predicted window, and of a generation besides its predictions; this and the
 #: usual numbers are from identifications by 14 s to 80 s of log
 _INNER_STEP, _GENERATION = 1.7e-7, 9e-3
-#: usual numbers of generations for each parameter, of steps of Gauss-Newton, of steps with initial states for each
-#: window, as windows settle one after another, and of profiles for each parameter and one window; more windows leave
-#: fewer errors in doubt, from `_FEW_WINDOWS` on
-_USUAL_GENERATIONS, _USUAL_STEPS, _USUAL_STEPS_OF_A_WINDOW, _USUAL_PROFILES = 8, 6, 0.6, 12
+#: usual numbers of generations for each parameter, of steps of Gauss-Newton, and of profiles for each parameter and
+#: one window; more windows leave fewer errors in doubt, from `_FEW_WINDOWS` on
+_USUAL_GENERATIONS, _USUAL_STEPS, _USUAL_PROFILES = 8, 6, 12
 _FEW_WINDOWS = 72
 
 #: the stages of `refine`
@@ -295,7 +297,7 @@ def stages_of(prepared: Prepared, options: IdentificationOptions) -> tuple[Stage
             name="initial_states",
             steps=with_starts,
             work=_predicted(prepared.problem, finishing),
-            usual=min(_USUAL_STEPS_OF_A_WINDOW * len(prepared.fit), with_starts),
+            usual=min(ROUNDS * usual_steps(len(prepared.fit)), with_starts),
         ),
         Stage(
             name="intervals",
@@ -357,8 +359,12 @@ def refine(
     problem = prepared.problem
     free, steps = problem.coordinates.free, STEPS_WITH_STARTS * options.gauss_newton_steps
     first = gauss_newton(problem, start, free=free, most_steps=options.gauss_newton_steps, run=run)
-    finished = fit_with_initial_states(problem, first.point, free=free, most_steps=steps, run=run)
-    without_effect = unidentifiable(finished, DEPENDENCES, most_steps=steps, run=run)
+    following = partial(_steps_following, options=options, seed=run.seed)
+    finished = fit_with_initial_states(
+        problem, first.point, free=free, most_steps=steps, following=following, run=run
+    )
+    checking = replace(run, progress=_expecting(run.progress, "intervals", following(finished)))
+    without_effect = unidentifiable(finished, DEPENDENCES, most_steps=steps, run=checking)
     no_influence = free & (without_effect.dependent | without_influence(finished.equations.normal))
     if no_influence.any():
         again = _as_before(problem, finished.point, no_influence & ~without_effect.dependent)
@@ -375,6 +381,21 @@ def refine(
         refused=refused,
         estimated=free & ~no_influence & ~refused & ~at_bound(finished.point),
     )
+
+
+def _steps_following(fit: InitialStatesFit, *, options: IdentificationOptions, seed: int) -> dict[str, float]:
+    """Return how many steps follow a fit: of fits without an effect, and profiles of intervals."""
+    no_influence = without_influence(fit.equations.normal)
+    estimated = fit.coordinates.free & ~no_influence & ~at_bound(fit.point)
+    return {
+        "initial_states": fits_without(fit, DEPENDENCES) * fit.steps,
+        "intervals": min(doubtful_errors(fit, estimated=estimated, seed=seed), options.most_profiles),
+    }
+
+
+def _expecting(callback: ProgressCallback, stage: str, steps: Mapping[str, float]) -> ProgressCallback:
+    """Return a callback that also reports the steps to be expected of a later stage."""
+    return lambda one: callback(replace(one, expected={stage: steps[stage], **one.expected}))
 
 
 def better_start(
