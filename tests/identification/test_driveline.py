@@ -231,5 +231,7 @@ def test_the_shared_sweep(tmp_path, shared_data, capsys):
     assert min(results["clamp_as_printed"]["rmse"]) > 10.0 * max(results["rmse"])
     robot = Robot.load(tmp_path / "robot.toml")
     assert list(robot.friction.coulomb) == results["parameters"]["c"]
-    assert figure_count((tmp_path / "report.html").read_text()) == 6
+    page = (tmp_path / "report.html").read_text()
+    assert figure_count(page) == 6
+    assert "<code>ballbot identify --sweep results.json</code> takes b and c of each wheel" in page
     assert "delta" in capsys.readouterr().out

@@ -140,10 +140,11 @@ def driveline_report(
                 "Friction found",
                 Paragraph(text=words),
                 parameters,
+                Paragraph(text=_use(fits)),
                 drawn_picture(
                     "curve",
                     partial(curve_figure, fits, sweeps[0].limit),
-                    "Friction over speed with its 95 % band; on the right, low speeds.",
+                    "Friction over speed with its 95 % band, up to the speed limit and at low speeds.",
                 ),
             ),
             section(
@@ -160,6 +161,22 @@ def driveline_report(
         undecided=texts(driveline_findings(fits, printed)),
         made=made,
         findings=findings,
+    )
+
+
+def _use(fits: Sequence[DrivelineFit]) -> str:
+    """Return which of the numbers other commands read."""
+    needed = [
+        f"{name} of wheel {fit.wheel}"
+        for fit in fits
+        for name in ("b", "c")
+        if fit.unknown[NAMES.index(name)]
+    ]
+    lacking = f" It needs all of them; unknown here: {', '.join(needed)}." if needed else ""
+    return (
+        "`ballbot identify --sweep results.json` takes b and c of each wheel from here, with their standard errors and "
+        f"correlation, and finds s, v_s and δ from its logs alone.{lacking} `robot.toml` has b, c and s of each wheel "
+        "and the means of v_s and δ."
     )
 
 
