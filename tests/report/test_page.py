@@ -152,6 +152,41 @@ def test_a_table_that_ends_in_sentences_can_be_rearranged_on_a_narrow_page():
     assert "<table>" in shown_text(page(short))
 
 
+def test_a_table_wider_than_a_phone_is_shown_as_blocks_there():
+    wheels = [f"wheel {k}" for k in range(1, 4)]
+    rows = [
+        ("b", "N m s/rad", *["0.0120 (0.0110 .. 0.0130)"] * 3),
+        ("v_s", "rad/s", Cell(text="0.60", span=3)),
+    ]
+    sheet = Sheet(headings=("parameter", "unit", *wheels), rows=rows)
+    assert sheet.stacked
+    shown = page(sheet)
+    assert '<table class="stacked">' in shown
+    assert '<td data-heading="wheel 3">0.0120' in shown
+    assert '<td data-heading="wheel 1 to wheel 3" colspan="3"' in shown
+    numbered = Sheet(headings=("wheel", *"abcdefgh"), rows=[(str(k), *["−11.902"] * 8) for k in (1, 2)])
+    assert '<td data-heading="wheel">2</td>' in page(numbered).replace(' class="text"', "")
+    assert not Sheet(headings=("parameter", *wheels), rows=[("b", "0.012", "0.013", "0.014")]).stacked
+
+
+def test_second_lines_and_groups_count_in_the_form_for_a_phone():
+    cells = [Cell(text="341", below="−160 (−202, −118) *")] * 3
+    rows = [("peak (mm)", *cells)]
+    assert Sheet(headings=("", "none", "full", "partial"), rows=rows).stacked
+    grouped = Sheet(
+        headings=("state", "with", "without", ""),
+        groups=(("", 1), ("RMSE", 2), ("ratio", 1)),
+        rows=[("x", "1", "2", "2.0")],
+    )
+    row = grouped.cells[0]
+    assert [grouped.place_heading(row, place) for place in range(4)] == [
+        "state",
+        "RMSE, with",
+        "RMSE, without",
+        "ratio",
+    ]
+
+
 def test_an_interval_without_a_limit_counts_as_a_number():
     rows = [("b1", "0 .. 0.0254"), ("v_s", "open .. 4.13"), ("s1", "0.02 .. open"), ("b2", "")]
     assert Sheet(headings=("parameter", "95 %"), rows=rows).numeric == [False, True]

@@ -76,7 +76,6 @@ def path(tmp_path_factory):
                         "allowed",
                     ),
                     rows=[("c1", "", "0.1292", "0.119 .. 0.140", "0.0657 .. 0.193", "0 .. 0.500")],
-                    stacked=True,
                 ),
                 drawn_picture(
                     "one", figure, "A figure, with a caption that is longer than a line of a telephone."
@@ -124,13 +123,21 @@ def test_nothing_is_wider_than_a_phone_and_plots_can_be_read(browser, path, dark
         tab.wait("document.querySelectorAll('.uplot').length === 2")
         assert tab.run("document.documentElement.scrollWidth") == 390
         assert tab.run(TOO_WIDE) == []
-        stacked = "document.querySelector('table.stacked')"
+        assert tab.run("document.querySelectorAll('table.stacked').length") == 2
+        stacked = "document.querySelectorAll('table.stacked')[1]"
         assert tab.run(f"{stacked}.parentElement.scrollWidth <= {stacked}.parentElement.clientWidth")
         assert "95 %, another log" in tab.run(
             f"getComputedStyle({stacked}.querySelectorAll('td')[4], '::before').content"
         )
         without_unit = tab.run(f"getComputedStyle({stacked}.querySelectorAll('td')[1]).display")
         assert without_unit == "none"
+        # of the two forms of the figure the narrow one is shown, whole
+        shown = (
+            "[...document.querySelectorAll('.picture svg')].map((one) => one.getBoundingClientRect().width)"
+        )
+        wide, narrow = tab.run(shown)
+        assert wide == 0
+        assert 300 < narrow <= 358
         ground = tab.run("getComputedStyle(document.body).backgroundColor")
         assert ground == ("rgb(20, 25, 30)" if dark else "rgb(255, 255, 255)")
         keep(tab, f"report-phone-{'dark' if dark else 'light'}")
@@ -142,6 +149,8 @@ def test_plots_zoom_together_and_show_values(browser, path):
         tab.screen(1280, 900)
         tab.open(path)
         tab.wait("document.querySelectorAll('.uplot').length === 2")
+        forms = "[...document.querySelectorAll('.picture svg')].map((one) => getComputedStyle(one).display)"
+        assert tab.run(forms) == ["block", "none"]
         tab.run("document.querySelector('.u-over').scrollIntoView({block: 'center'})")
         x, y, width, height = tab.run(
             "(() => { const b = document.querySelector('.u-over').getBoundingClientRect(); "

@@ -15,4 +15,4 @@ def shown_text(page: str) -> str:
 
 def figure_count(page: str) -> int:
     """Return how many figures a page has: drawings, and time series, which a script draws."""
-    return page.count("<svg") + page.count('data-ballbot-chart="')
+    return page.count('<figure class="picture"') + page.count('data-ballbot-chart="')

@@ -44,7 +44,7 @@ from ballbot.workflows.robust_design import Effort, robust_design
 #: of a design with and without a search
 DESIGN_FILES = (PAGE, "controller.toml", "results.json", "robust.svg")
 #: processor time [s] of a design without a search, and of the report
-_DESIGNING, _WRITING = 1.0, 2.0
+_DESIGNING, _WRITING = 1.0, 2.2
 
 
 @Parameter(name="*")

@@ -26,7 +26,7 @@ from ballbot.files import write_text
 from ballbot.fitting.checkpoint import digest, identity
 from ballbot.identification import read_bounds
 from ballbot.report.excitation import (
-    errors_figure,
+    errors_picture,
     excitation_parts,
     excitation_report,
     followed_run,
@@ -205,9 +205,9 @@ def _write(found: Excitation, controller: Controller, result: CommandResult, fol
     write_controller(controller, folder / "controller.toml")
     shown = followed_run(found)
     run = drawn(lambda: run_figure(shown, limits), name="run")
-    errors = drawn(lambda: errors_figure(found), name="errors")
+    errors = errors_picture(found)
     write_text(folder / "run.svg", run)
-    write_text(folder / "errors.svg", errors)
+    write_text(folder / "errors.svg", errors.markup)
     result.write_json(found.results(), folder)
-    page = excitation_report(found, found.task.robot, errors_svg=errors, made=result.origin)
+    page = excitation_report(found, found.task.robot, errors=errors, made=result.origin)
     result.write_page(page, folder)

@@ -42,14 +42,13 @@ from ballbot.log import Log
 from ballbot.log.checks import CheckedLogs
 from ballbot.log.collection import named_files
 from ballbot.log.pose import causal_states
-from ballbot.report.friction import identification_parts, ladder_figure
-from ballbot.report.identification_page import identification_report
-from ballbot.report.style import drawn
+from ballbot.report.friction import identification_parts
+from ballbot.report.identification_page import identification_report, ladder_picture
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
 
 _WRITTEN = (PAGE, "robot.toml", "results.json", "ladder.svg")
-_WRITING = 1.7  #: processor time of the page [s]
+_WRITING = 2.2  #: processor time of the page [s]
 
 
 @Parameter(name="*")
@@ -258,18 +257,18 @@ def _write(
         results["judged_on"] = {one.name: one.to_dict() for one in holdouts}
     write_robot(found.robot, folder / "robot.toml")
     result.write_json(results, folder)
-    ladder = None if selection is None else drawn(lambda: ladder_figure(selection), name="ladder")
+    ladder = None if selection is None else ladder_picture(selection)
     page = identification_report(
         found,
         checked.logs,
         findings=checked.findings,
         selection=selection,
-        ladder_svg=ladder,
+        ladder=ladder,
         holdouts=holdouts,
         made=result.origin,
     )
     result.write_page(page, folder)
     if ladder is None:
         return [PAGE, "robot.toml"]
-    write_text(folder / "ladder.svg", ladder)
+    write_text(folder / "ladder.svg", ladder.markup)
     return [PAGE, "robot.toml", "ladder.svg"]

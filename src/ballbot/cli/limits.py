@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,13 +15,10 @@ from ballbot.fitting.run import Run, check_seed
 from ballbot.progress import ProgressCallback, in_parts
 from ballbot.report.limits import (
     MOST_CONTROLLERS,
-    directions_figure,
-    heights_figure,
     limit_parts,
+    limit_pictures,
     limits_report,
-    planes_figure,
 )
-from ballbot.report.style import drawn
 from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.workflows.candidates import parse_candidates
@@ -36,7 +32,7 @@ if TYPE_CHECKING:  # MuJoCo is an extra
 _ON_TWIN = (0, 9, 18, 27)
 _WRITTEN = (PAGE, "results.json", "planes.svg", "directions.svg", "heights.svg")
 _MOST_REFINEMENTS = 6  # four million points a plane
-_WRITING = 0.5  # processor time of the page [s]
+_WRITING = 0.9  # processor time of the page [s]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,13 +157,8 @@ def _write(found: _Found, robot: Robot, grip: float, result: CommandResult, fold
     }
     results = {"robot": robot.name, "grip": grip, "controllers": by_controller}
     result.write_json(results, folder)
-    draws = {
-        "planes": partial(planes_figure, found.model),
-        "directions": partial(directions_figure, found.model, found.twin),
-        "heights": partial(heights_figure, found.model),
-    }
-    figures = {name: drawn(draw, name=name) for name, draw in draws.items()}
-    for name, svg in figures.items():
-        write_text(folder / f"{name}.svg", svg)
-    page = limits_report(robot, found.model, found.twin, figures=figures, grip=grip, made=result.origin)
+    pictures = limit_pictures(found.model, found.twin)
+    for name, picture in pictures.items():
+        write_text(folder / f"{name}.svg", picture.markup)
+    page = limits_report(robot, found.model, found.twin, pictures=pictures, grip=grip, made=result.origin)
     result.write_page(page, folder)

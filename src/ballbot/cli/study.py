@@ -66,7 +66,7 @@ class FitOptions:
     """A TOML file with lower and upper bounds of the friction parameters."""
 
 
-_WRITING = 4.0  #: processor time of the report [s]
+_WRITING = 6.8  #: processor time of the report [s]
 _TRIAL, _FIT = TrialOptions(), FitOptions()
 
 

@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+import numpy as np
 from markupsafe import Markup
 
 from ballbot.findings import Finding
@@ -35,6 +36,8 @@ _NUMERIC = re.compile(r"[≥≈<>]?\s?[+\-−±]?[.\d].*|[–-]?|unknown|open( \
 
 #: characters from which on a cell is a sentence, and columns of a table that a narrow page can rearrange
 _WORDY, _MOST_BESIDE = 28, 5
+#: widths on a phone in characters of a table: the page's, of the first column at most, of columns of words, and between
+_PHONE, _WIDEST_FIRST, _SOME, _LONG, _GAP = 48, 20, 15, 25, 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,16 +60,12 @@ class Sheet:
     caption: str = ""
     groups: Sequence[tuple[str, int]] = ()  #: a row above the headings: text and number of columns
     shaded: frozenset[int] = frozenset()  #: rows to notice
-    stacked: bool = False  #: whether a narrow page shows each row as a block, headings beside values
 
     @staticmethod
-    def of(made: TextTable, *, caption: str | None = None, stacked: bool = False) -> Sheet:
+    def of(made: TextTable, *, caption: str | None = None) -> Sheet:
         """Return the table that a command prints; the caption is the table's title if none is given."""
         return Sheet(
-            headings=made.headings,
-            rows=made.cells,
-            caption=made.heading if caption is None else caption,
-            stacked=stacked,
+            headings=made.headings, rows=made.cells, caption=made.heading if caption is None else caption
         )
 
     @property
@@ -77,27 +76,67 @@ class Sheet:
     @property
     def wordy(self) -> bool:
         """Whether the last column holds sentences: a narrow page shows each below its row."""
-        if not 3 <= len(self.headings) <= _MOST_BESIDE or self.groups or self.stacked:
+        if not 3 <= len(self.headings) <= _MOST_BESIDE or self.groups:
             return False
         last = [row[-1] for row in self.cells if row]
-        return any(len(str(one.text)) > _WORDY for one in last) and not any(
-            one.span > 1 for row in self.cells for one in row
+        return (
+            not self.numeric[-1]
+            and any(len(str(one.text)) > _WORDY for one in last)
+            and not any(one.span > 1 for row in self.cells for one in row)
         )
+
+    @property
+    def stacked(self) -> bool:
+        """Whether a narrow page, too narrow for the table, shows each row as a block: headings beside values."""
+        if self.wordy:
+            return False
+        columns = zip(self.headings, self._columns, self.numeric, strict=True)
+        least = [_least_width(heading, cells, wraps=not numeric) for heading, cells, numeric in columns]
+        least[0] = min(least[0], _WIDEST_FIRST)
+        return sum(least) > _PHONE
+
+    @property
+    def numbered(self) -> bool:
+        """Whether the first column holds numbers, as of wheels, which say nothing without their heading."""
+        return all(str(row[0].text).isdigit() for row in self.cells if row)
+
+    def place_heading(self, row: Sequence[Cell], place: int) -> str:
+        """Return the heading of a row's cell for a page that shows it beside the cell."""
+        start = sum(cell.span for cell in row[:place])
+        first, last = self.headings[start], self.headings[start + row[place].span - 1]
+        ends = np.cumsum([span for _, span in self.groups])
+        group = self.groups[int(np.searchsorted(ends, start, side="right"))][0] if self.groups else ""
+        return ", ".join(filter(None, (group, first if first == last else f"{first} to {last}")))
 
     @property
     def numeric(self) -> list[bool]:
         """Whether each column holds numbers; the first holds names."""
-        columns: list[list[str]] = [[] for _ in self.headings]
+        return [
+            index > 0 and all(_NUMERIC.fullmatch(str(cell.text)) for cell in cells)
+            for index, cells in enumerate(self._columns)
+        ]
+
+    @property
+    def _columns(self) -> list[list[Cell]]:
+        """The cells of each column, without those that span several."""
+        columns: list[list[Cell]] = [[] for _ in self.headings]
         for row in self.cells:
             place = 0
             for cell in row:
                 if cell.span == 1 and place < len(columns):
-                    columns[place].append(str(cell.text))
+                    columns[place].append(cell)
                 place += cell.span
-        return [
-            index > 0 and all(_NUMERIC.fullmatch(text) for text in texts)
-            for index, texts in enumerate(columns)
-        ]
+        return columns
+
+
+def _least_width(heading: str, cells: Sequence[Cell], *, wraps: bool) -> int:
+    """Return how narrow a column can be on a phone [characters]; `wraps`: its lines break between words."""
+    lines = [Markup(text).striptags() for cell in cells for text in (cell.text, cell.below)]
+    longest = max(map(len, lines), default=0)
+    if wraps:
+        least = _LONG if longest > 60 else _SOME if longest > 18 else 0
+        longest = max([least, *(len(word) for line in lines for word in line.split())])
+    return _GAP + max([longest, *map(len, heading.split())])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,6 +180,7 @@ class Picture:
     kind: ClassVar[str] = "picture"
     markup: str
     caption: str
+    narrow: str = ""  #: the same figure for a narrow page, if it is drawn otherwise there
 
 
 @dataclass(frozen=True, kw_only=True)

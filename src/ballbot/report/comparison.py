@@ -351,7 +351,7 @@ def league_report(league: League, robot: Robot, made: Provenance) -> Report:
         sections=[
             section(
                 "Over all courses",
-                Sheet(headings=OVERALL_HEADINGS, rows=overall_rows(league), caption=caption, stacked=True),
+                Sheet(headings=OVERALL_HEADINGS, rows=overall_rows(league), caption=caption),
                 drawn_picture("overview", partial(overview_figure, league), overview),
             ),
             *(_course_section(league, robot, course, place) for place, course in enumerate(league.courses)),

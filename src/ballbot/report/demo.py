@@ -54,7 +54,7 @@ def write_report(found: Identification, log: Log, page: Path) -> None:
         {SOFT: _part(log)},
         findings=(),
         selection=None,
-        ladder_svg=None,
+        ladder=None,
         holdouts=(),
         made=made,
     )

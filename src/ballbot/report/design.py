@@ -17,7 +17,7 @@ from ballbot.control.overcompensation import CompensationMargin, has_friction
 from ballbot.control.presets import frictionless_model
 from ballbot.findings import Finding
 from ballbot.log import STATE_NAMES
-from ballbot.report.blocks import Block, Paragraph, Report, Sheet, Verbatim, section
+from ballbot.report.blocks import Block, Bullets, Paragraph, Report, Sheet, Verbatim, section
 from ballbot.report.console import matrix_text, table
 from ballbot.report.loop import loop_section, margins_table, poles_figure
 from ballbot.report.palette import BLUE, GREEN, ORANGE, SHADE
@@ -231,7 +231,8 @@ def _gain_blocks(found: ControllerDesign) -> Iterator[Block]:
 
 def _linear_blocks(robot: Robot) -> Iterator[Block]:
     linear = frictionless_model(robot).linearize()
-    yield Verbatim(text=state_order(robot.wheel_count), caption="Order and units of the states and inputs.")
+    yield Paragraph(text="Order and units of the states and inputs:")
+    yield Bullets(items=state_order(robot.wheel_count).splitlines())
     yield Verbatim(text=matrix_text("A", linear.A), caption="About upright, exact model without friction.")
     yield Verbatim(text=matrix_text("B", linear.B))
 
@@ -290,7 +291,7 @@ def robust_design_report(found: RobustDesign, made: Provenance, findings: Sequen
         "LQR with Q = I and R = I."
     )
     figure = (
-        "Left: the best worst tenth over the generations of the search. Right: the costs of each design on robots "
+        "First the best worst tenth over the generations of the search, then the costs of each design on robots "
         "that the search had not seen, in order of size."
     )
     ratio = nominal.worst_tenth / robust.worst_tenth

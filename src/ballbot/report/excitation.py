@@ -225,8 +225,17 @@ def _worst(errors: NDArray[np.float64]) -> str:
     return f"{text} ({none} not identified)" if none else text
 
 
-def excitation_report(result: Excitation, robot: Robot, *, errors_svg: str, made: Provenance) -> Report:
-    """Return the page; `errors_svg` is the figure of the command's file."""
+def errors_picture(result: Excitation) -> Picture:
+    """Return the figure of the standard errors."""
+    caption = (
+        "Standard errors in percent of the bounds' width, of a square and of the design. Those expected are the least "
+        "that are possible with the noise assumed: they compare runs."
+    )
+    return drawn_picture("errors", partial(errors_figure, result), caption)
+
+
+def excitation_report(result: Excitation, robot: Robot, *, errors: Picture, made: Provenance) -> Report:
+    """Return the page; `errors` is the `errors_picture`."""
     limits, shown = result.task.limits, followed_run(result)
     undecided = [
         "How much the real robot's friction differs from the assumed one: the design is best for the friction of "
@@ -257,11 +266,7 @@ def excitation_report(result: Excitation, robot: Robot, *, errors_svg: str, made
             section(
                 "Expected errors",
                 Sheet.of(_errors_table(result, framed=False)),
-                Picture(
-                    markup=errors_svg,
-                    caption="Standard errors in percent of the bounds' width, of a square and of the design. Those "
-                    "expected are the least that are possible with the noise assumed: they compare runs.",
-                ),
+                errors,
             ),
         ],
         undecided=undecided,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from ballbot.report.blocks import Block, Film, Paragraph, Picture, Report, Secti
 from ballbot.report.friction import (
     error_table,
     horizon_table,
+    ladder_figure,
     log_blocks,
     parameter_blocks,
     parameter_table,
@@ -29,7 +31,7 @@ from ballbot.report.friction import (
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.study import friction_sentence
-from ballbot.report.style import STATE_UNITS
+from ballbot.report.style import STATE_UNITS, drawn_picture
 from ballbot.report.words import driveline_symbols, state_mark
 from ballbot.rounding import digits
 from ballbot.viewer.page import replay_part
@@ -42,11 +44,11 @@ def identification_report(
     *,
     findings: Sequence[Finding],
     selection: ModelSelection[Identification] | None,
-    ladder_svg: str | None,
+    ladder: Picture | None,
     holdouts: Sequence[HoldoutResult],
     made: Provenance,
 ) -> Report:
-    """Return the page; `ladder_svg` is the figure of the compared laws."""
+    """Return the page; `ladder` is the `ladder_picture` of the compared laws."""
     studied = [_studied(found, name, place, log) for place, (name, log) in enumerate(logs.items())]
     names = ", ".join(logs)
     seconds = sum(float(log.t[-1] - log.t[0]) for log in logs.values())
@@ -56,7 +58,7 @@ def identification_report(
         verdict=[("Friction", friction_sentence(found.robot)), ("Prediction", _prediction_sentence(found))],
         sections=[
             _parameter_section(found, studied),
-            *([_law_section(selection, ladder_svg)] if selection and ladder_svg else []),
+            *([_law_section(selection, ladder)] if selection and ladder else []),
             section(
                 "Errors on held-out windows",
                 *_error_blocks(found, holdouts),
@@ -118,7 +120,7 @@ def _parameter_sheet(found: Identification) -> Sheet:
         "or the logs do not show it."
     )
     with_sweep = " Numbers and errors are those of the logs and the sweep together."
-    return Sheet(headings=headings, rows=rows, caption=caption + with_sweep * together, stacked=True)
+    return Sheet(headings=headings, rows=rows, caption=caption + with_sweep * together)
 
 
 def _range(lower: float, upper: float) -> str:
@@ -245,16 +247,17 @@ def _in_a_row(
     return t.ravel(), whole.reshape(-1, states.shape[2])
 
 
-def _law_section(selection: ModelSelection[Identification], ladder_svg: str) -> Section:
+def ladder_picture(selection: ModelSelection[Identification]) -> Picture:
+    """Return the figure of the compared laws."""
     caption = (
-        "Left: the error of each law on held-out windows, relative to no friction. Right: its gain over the law "
+        "First the error of each law on held-out windows, relative to no friction, then its gain over the law "
         "within it, with 95 % intervals; a cross: not accepted."
     )
-    return section(
-        "Friction laws",
-        Sheet.of(selection_table(selection, framed=False)),
-        Picture(markup=ladder_svg, caption=caption),
-    )
+    return drawn_picture("ladder", partial(ladder_figure, selection), caption)
+
+
+def _law_section(selection: ModelSelection[Identification], ladder: Picture) -> Section:
+    return section("Friction laws", Sheet.of(selection_table(selection, framed=False)), ladder)
 
 
 def _error_blocks(found: Identification, holdouts: Sequence[HoldoutResult]) -> Iterator[Block]:

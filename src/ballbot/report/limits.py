@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,7 +17,7 @@ from ballbot.report.blocks import Picture, Report, Sheet, section
 from ballbot.report.console import TextTable, table
 from ballbot.report.palette import BLUE, GREEN, INK, LOWER, MUTED, ORANGE, UPPER, VIOLET, YELLOW
 from ballbot.report.provenance import Provenance
-from ballbot.report.style import label_of
+from ballbot.report.style import drawn_picture, label_of
 from ballbot.robot import Robot
 from ballbot.summary import counted
 from ballbot.workflows.limits import Bounds, Kind, RobotLimits, TwinLimit
@@ -81,10 +82,7 @@ def directions_figure(found: Mapping[str, RobotLimits], on_twin: Mapping[str, Se
         Line2D([], [], color=color, marker=mark if on_twin else "", label=label_of(name), linewidth=width)
         for name, (color, mark, width) in zip(found, _LOOKS, strict=False)
     ]
-    handles += [
-        Line2D([], [], color=INK, linewidth=1.6, label="no wheel slips"),
-        Line2D([], [], color=INK, linewidth=1.2, linestyle="--", label="wheels never slip"),
-    ]
+    handles += _bound_handles()
     if on_twin:
         handles.append(Line2D([], [], color=INK, marker="o", linestyle="none", label="marks: on the twin"))
     figure.legend(handles=handles, loc="outside lower left", ncols=2)
@@ -102,12 +100,19 @@ def heights_figure(found: Mapping[str, RobotLimits]) -> Figure:
         upper = one.impulse.upper.min(axis=1)
         axes.plot(upper, one.heights, color=color, linewidth=min(width, 1.6), linestyle="--")
     axes.set_xlim(left=0.0)
-    axes.set_xlabel(
-        "largest impulse from every direction [N s] (solid: no wheel slips; dashed: wheels never slip)"
-    )
+    axes.set_xlabel("largest impulse from every direction [N s]")
     axes.set_ylabel("height above the\nball's centre [m]")
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper left", ncols=2)
+    lines, _ = axes.get_legend_handles_labels()
+    figure.legend(handles=[*lines, *_bound_handles()], loc="outside upper left", ncols=2)
     return figure
+
+
+def _bound_handles() -> list[Line2D]:
+    """Return the entries of legends for the two bounds of a limit."""
+    return [
+        Line2D([], [], color=INK, linewidth=1.6, label="no wheel slips"),
+        Line2D([], [], color=INK, linewidth=1.2, linestyle="--", label="wheels never slip"),
+    ]
 
 
 def _draw_region(axes: Axes, region: Region, color: str, style: str) -> None:
@@ -181,22 +186,48 @@ def _twin_rows(on_twin: Mapping[str, Sequence[TwinLimit]]) -> list[list[str]]:
     return rows
 
 
+def limit_pictures(
+    found: Mapping[str, RobotLimits], on_twin: Mapping[str, Sequence[TwinLimit]]
+) -> dict[str, Picture]:
+    """Return the figures of the page by name."""
+    marks = " Marks: found on the twin." if on_twin else ""
+    return {
+        "planes": drawn_picture(
+            "planes",
+            partial(planes_figure, found),
+            "The tilts and tilt rates that each controller recovers from, in its worst direction. Strong: no "
+            "wheel slips; faint: only if wheels never slip.",
+        ),
+        "directions": drawn_picture(
+            "directions",
+            partial(directions_figure, found, on_twin),
+            "The largest tilt at rest, and the largest impulse at the centre of mass, by direction on the floor. "
+            f"Solid: no wheel slips; dashed: wheels never slip.{marks}",
+        ),
+        "heights": drawn_picture(
+            "heights",
+            partial(heights_figure, found),
+            "The largest impulse from every direction against its height above the ball's centre. Solid: no wheel "
+            "slips; dashed: wheels never slip.",
+        ),
+    }
+
+
 def limits_report(
     robot: Robot,
     found: Mapping[str, RobotLimits],
     on_twin: Mapping[str, Sequence[TwinLimit]],
     *,
-    figures: Mapping[str, str],
+    pictures: Mapping[str, Picture],
     grip: float,
     made: Provenance,
 ) -> Report:
-    """Return the page; `figures` are the drawn ones by name: planes, directions, heights."""
+    """Return the page; `pictures` are those of `limit_pictures`."""
     verdict = []
     for name, tilt, impulse in _limit_rows(found):
         words = "up to the first number no wheel slips, up to the second if wheels never slip"
         text = f"Recovers in every direction from a tilt at rest of {tilt} degrees and an impulse of {impulse} N s"
         verdict.append((name, f"{text}: {words}." if not verdict else f"{text}."))
-    marks = " Marks: found on the twin." if on_twin else ""
     tables = limit_parts(found, on_twin, framed=False)
     return Report(
         title=f"{robot.name}: the largest tilts and impulses that it recovers from",
@@ -204,33 +235,9 @@ def limits_report(
         verdict=verdict,
         sections=[
             section("Limits", *(Sheet.of(one) for one in tables)),
-            section(
-                "Over all directions",
-                Picture(
-                    markup=figures["directions"],
-                    caption=(
-                        "The largest tilt at rest, and the largest impulse at the centre of mass, by direction on "
-                        f"the floor. Solid: no wheel slips; dashed: wheels never slip.{marks}"
-                    ),
-                ),
-            ),
-            section(
-                "Tilt and tilt rate",
-                Picture(
-                    markup=figures["planes"],
-                    caption=(
-                        "The tilts and tilt rates that each controller recovers from, in its worst direction. Dark: "
-                        "no wheel slips; pale: only if wheels never slip."
-                    ),
-                ),
-            ),
-            section(
-                "Height of an impulse",
-                Picture(
-                    markup=figures["heights"],
-                    caption="The largest impulse from every direction against its height above the ball's centre.",
-                ),
-            ),
+            section("Over all directions", pictures["directions"]),
+            section("Tilt and tilt rate", pictures["planes"]),
+            section("Height of an impulse", pictures["heights"]),
         ],
         undecided=_undecided(on_twin),
         made=made,

@@ -81,7 +81,7 @@ def loop_section(margins: Margins, *, of: str = "") -> Section:
     )
     return section(
         f"Stability margins{f' with {of}' if of else ''}",
-        Sheet.of(margins_table(margins, framed=False), caption=MEANING, stacked=True),
+        Sheet.of(margins_table(margins, framed=False), caption=MEANING),
         drawn_picture("bode", partial(bode_figure, margins), bode),
         *(step_series(loop, name) for name in STEPS),
     )

@@ -25,6 +25,9 @@ from ballbot.report.series import TimeSeries
 from ballbot.report.words import with_symbols
 from ballbot.viewer.page import hash_source, web_file
 
+#: of a letter in a figure, as Matplotlib writes it
+_OUTLINE = re.compile(r'<path id="(?P<name>[^"]+)"(?P<shape> d="[^"]+" transform="scale\(0\.015625\)")/>\n?')
+
 
 def page_of(report: Report) -> str:
     """Return the page of what a command found, as HTML."""
@@ -91,7 +94,7 @@ def render(
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.globals |= {"symbols": with_symbols, "themed": _themed_figure, "words": _with_code}
+    environment.globals |= {"symbols": with_symbols, "themed": _FigureMarkup(), "words": _with_code}
     own = _script(charts)
     allowed = " ".join(hash_source(one) for one in (own, *scripts))
     policy = (
@@ -117,8 +120,25 @@ def _with_code(text: str) -> Markup:
     return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(_printable_text(text)))))
 
 
-def _themed_figure(svg: str) -> Markup:
-    return Markup(themed(svg))
+class _FigureMarkup:
+    """Figures of one page, in its theme's colors; the outlines of letters stand in the first figure that has them."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, str] = {}  #: names of outlines, by outline
+
+    def __call__(self, svg: str) -> Markup:
+        moved: dict[str, str] = {}
+
+        def kept(outline: re.Match[str]) -> str:
+            name = self._known.setdefault(outline["shape"], outline["name"])
+            if name == outline["name"]:
+                return outline[0]
+            moved[outline["name"]] = name
+            return ""
+
+        svg = _OUTLINE.sub(kept, svg)
+        svg = re.sub(r'(?<=href="#)[^"]+', lambda found: moved.get(found[0], found[0]), svg)
+        return Markup(themed(svg))
 
 
 def _web(name: str) -> str:

@@ -104,7 +104,7 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
     )
     yield section(
         "How it falls",
-        Verbatim(text=poles_text(checked.poles), caption="Poles about upright, exact model [rad/s]."),
+        Paragraph(text=f"Poles about upright, exact model [rad/s]: {poles_text(checked.poles)}."),
         drawn_picture(
             "poles",
             partial(poles_figure, open_loop=checked.poles),
@@ -118,13 +118,12 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
         yield _swing_section(checked.swing)
     if checked.following:
         yield _reference_section(checked.following)
-    order = state_order(checked.robot.wheel_count)
     yield section(
         "Linear model",
         Paragraph(
-            text="x_dot = A x + B u about upright, exact model, with the viscous friction of the robot file."
+            text="x_dot = A x + B u about upright, exact model, with the viscous friction of the robot file:"
         ),
-        Verbatim(text=order, caption="Order and units of the states and inputs."),
+        Bullets(items=state_order(checked.robot.wheel_count).splitlines()),
         Verbatim(text=matrix_text("A", checked.linear.A)),
         Verbatim(text=matrix_text("B", checked.linear.B)),
     )

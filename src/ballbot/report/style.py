@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from ballbot.log import STATE_NAMES
 from ballbot.printable import printable, printable_line
 from ballbot.report.blocks import Picture
+from ballbot.report.narrow import NARROW, make_narrow
 from ballbot.report.palette import AXIS, BLUE, GRID, INK, MUTED, ORANGE, PALE
 
 if TYPE_CHECKING:  # of matplotlib 3.10
@@ -157,8 +158,22 @@ def plotted(draw: Callable[[T], Figure], value: T) -> Figure:
 
 
 def drawn_picture(name: str, draw: Callable[[], Figure], caption: str) -> Picture:
-    """Draw a figure for a page; see `drawn`."""
-    return Picture(markup=drawn(draw, name=name), caption=caption)
+    """Draw a figure for a page, once more for a narrow one if it is wider; see `drawn`."""
+    made: list[Figure] = []
+
+    def kept() -> Figure:
+        made.append(draw())
+        return made[0]
+
+    markup = drawn(kept, name=name)
+    if made[0].get_figwidth() <= NARROW:
+        return Picture(markup=markup, caption=caption)
+
+    def narrowed() -> Figure:
+        make_narrow(made[0])
+        return made[0]
+
+    return Picture(markup=markup, narrow=drawn(narrowed, name=f"{name}-narrow"), caption=caption)
 
 
 def _svg(figure: Figure) -> str:

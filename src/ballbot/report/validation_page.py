@@ -229,11 +229,11 @@ def error_sheet(validation: Validation, pair: ErrorPair, caption: str) -> Sheet:
         groups=(
             ("", 1),
             ("1000 × |x − x̂| / n", 2),
-            ("ratio, 95 % interval", 3),
+            ("ratio of the errors", 3),
             ("RMSE", 2),
             ("normalised RMSE", 2),
         ),
-        headings=("state", *both, "", "", "", *both, *both),
+        headings=("state", *both, "", "95 % interval", "verdict", *both, *both),
         rows=[
             (
                 f"{row.state} [{row.unit}]",

@@ -1,0 +1,120 @@
+"""Figures for a narrow page, as a phone's: the same axes, those side by side one below another.
+
+A figure of `NARROW` inches fits a phone with text that can be read, which one as wide as a printed page does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.gridspec import GridSpec
+
+#: [in]; on a page 358 px wide its text of 8.5 points is 9 px tall
+NARROW = 4.7
+#: height of panels as wide as the page, over that of panels beside others
+_LOWER = 0.8
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Place:
+    """A panel: where it was, and where it goes."""
+
+    axes: Axes
+    row: int
+    column: int
+    new_row: int
+    new_column: int
+
+
+def make_narrow(figure: Figure) -> None:
+    """Make a figure `NARROW` inches wide, its panels in one column, or in two if there were more than two."""
+    width, height = figure.get_size_inches()
+    for axes in [one for one in figure.axes if not one.get_visible()]:
+        axes.remove()
+    grid = _grid_of(figure.axes)
+    square = any(axes.get_aspect() != "auto" for axes in figure.axes)
+    if grid is None or figure.get_layout_engine() is None:
+        figure.set_size_inches(NARROW, height * NARROW / width)
+        return
+    if grid.ncols == 1:
+        figure.set_size_inches(NARROW, height * NARROW / width if square else height)
+        return
+    places = _places(figure.axes, grid)
+    rows = 1 + max(one.new_row for one in places)
+    columns = 1 + max(one.new_column for one in places)
+    old_ratios = np.array(grid.get_height_ratios(), dtype=np.float64)
+    ratios = np.ones(rows)
+    for one in places:
+        ratios[one.new_row] = old_ratios[one.row :][: _rows_of(one.axes)].sum()
+    made = figure.add_gridspec(rows, columns, height_ratios=ratios.tolist())
+    for one in places:
+        one.axes.set_subplotspec(made[one.new_row, one.new_column])
+    factor = _LOWER if columns == 1 else 1.0
+    figure.set_size_inches(NARROW, factor * height * ratios.sum() / old_ratios.sum())
+    _label(places)
+
+
+def _grid_of(panels: Sequence[Axes]) -> GridSpec | None:
+    """Return the grid that all panels are in, or None if they are in none or in several."""
+    specs = [axes.get_subplotspec() for axes in panels]
+    grids = {spec.get_gridspec() for spec in specs if spec is not None}
+    if len(grids) != 1 or None in specs:
+        return None
+    (grid,) = grids
+    return grid if isinstance(grid, GridSpec) else None
+
+
+def _rows_of(axes: Axes) -> int:
+    spec = axes.get_subplotspec()
+    return 1 if spec is None else len(spec.rowspan)
+
+
+def _places(panels: Sequence[Axes], grid: GridSpec) -> list[_Place]:
+    """Return where each panel goes."""
+    columns = 1 if grid.ncols == 2 else 2
+    pairs = bool(np.ptp(grid.get_height_ratios()))  # panels that belong to those above them
+    spans = any(_rows_of(axes) > 1 for axes in panels)
+    places = []
+    for axes in panels:
+        spec = axes.get_subplotspec()
+        assert spec is not None
+        row, column = spec.rowspan.start, spec.colspan.start
+        if spans:  # a panel beside several: above them
+            new = (column + row, 0)
+        elif pairs:
+            new = (column // columns * grid.nrows + row, column % columns)
+        elif columns == 2 and grid.nrows == 2:
+            new = (column, row)
+        else:
+            new = divmod(row * grid.ncols + column, columns)
+        places.append(_Place(axes=axes, row=row, column=column, new_row=new[0], new_column=new[1]))
+    return places
+
+
+def _label(places: Sequence[_Place]) -> None:
+    """Label the panels at the left and at the bottom as those were that stood there before."""
+    last = {
+        one.new_column: max(each.new_row for each in places if each.new_column == one.new_column)
+        for one in places
+    }
+    first_axes = places[0].axes
+    together = all(first_axes.get_shared_x_axes().joined(first_axes, one.axes) for one in places)
+    across = next((one.axes.get_xlabel() for one in places if one.axes.get_xlabel()), "")
+    along = {one.row: one.axes.get_ylabel() for one in places if one.column == 0}
+    for one in places:
+        axes = one.axes
+        if axes.name == "polar":
+            continue
+        if one.new_column == 0:
+            axes.tick_params(labelleft=True)
+            axes.set_ylabel(axes.get_ylabel() or along.get(one.row, ""))
+        elif one.column == 0:
+            axes.set_ylabel("")
+        if together:
+            at_bottom = one.new_row == last[one.new_column]
+            axes.tick_params(labelbottom=at_bottom)
+            axes.set_xlabel(across if at_bottom else "")
