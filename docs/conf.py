@@ -17,6 +17,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "dataclass_fields",
+    "executed_commands",
     "executed_pages",
     "mathml",
 ]
@@ -26,7 +27,8 @@ myst_enable_extensions = ["dollarmath", "deflist"]
 myst_heading_anchors = 4  # headings have the anchors that GitHub gives them
 highlight_language = "text"
 
-# commands and cells of the tutorials run when they or the source have changed; a failure ends the build
+# commands and cells of the tutorials, and commands of other pages, run when they or the source have changed; a failure
+# ends the build
 WORK = DOCS.parent / "build" / "site-work"
 nb_execution_mode = "cache"
 nb_execution_cache_path = str(WORK / "cache")
