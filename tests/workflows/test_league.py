@@ -91,10 +91,16 @@ def league(folder) -> League:
 
 @pytest.mark.slow  # a league again, by two processes
 def test_processes_change_nothing(folder, league):
+    # a process runs the edition of a compiled function that it loaded first, and editions differ in the last bits
     again = short_league(folder, processes=2)
-    assert as_json(league_results(again)) == as_json(league_results(league))
+    number = re.compile(r"-?\d+\.\d+(?:e[+-]?\d+)?")
+    texts = [as_json(league_results(one)) for one in (again, league)]
+    assert number.sub("#", texts[0]) == number.sub("#", texts[1])
+    np.testing.assert_allclose(
+        *(np.array(number.findall(one), float) for one in texts), rtol=1e-8, atol=1e-12
+    )
     for key, track in league.tracks.items():
-        np.testing.assert_array_equal(again.tracks[key].x, track.x)
+        np.testing.assert_allclose(again.tracks[key].x, track.x, rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.slow
