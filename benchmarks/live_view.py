@@ -118,6 +118,7 @@ def main() -> None:
         shown = (f"{one.frames:.1f}", f"{one.pace:.3f}", f"{one.server:.1%}", f"{one.simulation:.1%}")
         rows.append(f"| {name} | {' | '.join(shown)} |")
         print(rows[-1], flush=True)
+    table = "\n".join(rows)
     text = f"""# Live views
 
 `python -m benchmarks.live_view` writes this page: {SECONDS:.0f} s of each view after its start, with a web socket in
@@ -126,7 +127,7 @@ The targets are 50 frames a second and a quarter of a core for the server.
 
 | live view of | frames a second | simulated over real time | server, of a core | simulation, of a core |
 |---|---:|---:|---:|---:|
-{chr(10).join(rows)}
+{table}
 """
     write_text(PAGE, text)
 

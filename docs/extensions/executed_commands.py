@@ -13,11 +13,10 @@ import os
 import re
 import shutil
 import subprocess
-import sys
 import tomllib
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
@@ -32,6 +31,8 @@ _BLOCK = re.compile(r"^```([^\n]*)\n(.*?)^```$|^((?:    [^\n]+\n)+)", flags=re.D
 #: in a block of no language, lines that begin with these words are commands
 _FIRST = ("ballbot ", "python examples/")
 _PROMPT = ">>> "
+#: a file that a reason names
+_FILE = re.compile(r"[\w/]+\.(?:py|md)\b")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,8 +44,7 @@ class PageRun:
     #: files and folders of `Runs.start` that it begins with
     begins_with: tuple[str, ...]
     commands: int
-    #: commands that do not run, with the reasons
-    not_run: dict[str, str] = field(default_factory=dict)
+    left_out: int  #: commands
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,32 +65,30 @@ def runs(docs: Path) -> Runs:
 
     Raises
     ------
-    ValueError
-        If ``executed_commands.toml`` names a page, a word or a command that is not there.
+    ExtensionError
+        If ``executed_commands.toml`` names a page, a word, a command or, in a reason, a file that is not there.
     """
     with (docs / "executed_commands.toml").open("rb") as file:
         settings = tomllib.load(file)
     of_pages = settings["page"]
-    found = [
-        _page_run(path.stem, path.read_text(encoding="utf-8"), of_pages.get(path.stem, {}))
-        for path in sorted(docs.glob("*.md"))
-    ]
+    found = [_page_run(path, of_pages.get(path.stem, {})) for path in sorted(docs.glob("*.md"))]
     unknown = sorted(set(of_pages) - {one.page for one in found})
     if unknown:
-        raise ValueError(f"executed_commands.toml: no page {', '.join(unknown)}")
-    return Runs(start=settings["start"], pages=tuple(one for one in found if one.commands or one.not_run))
+        raise ExtensionError(f"executed_commands.toml: no page {', '.join(unknown)}")
+    return Runs(start=settings["start"], pages=tuple(one for one in found if one.commands or one.left_out))
 
 
-def _page_run(page: str, text: str, settings: dict) -> PageRun:
+def _page_run(path: Path, settings: dict) -> PageRun:
+    page = path.stem
     unknown = sorted(set(settings) - {"begins_with", "replaced", "not_run"})
     if unknown:
-        raise ValueError(f"executed_commands.toml, page.{page}: unknown {', '.join(unknown)}")
+        raise ExtensionError(f"executed_commands.toml, page.{page}: unknown {', '.join(unknown)}")
     replaced, reasons = settings.get("replaced", {}), settings.get("not_run", {})
-    steps, not_run, used = [], {}, set()
-    for step in _steps(text):
+    steps, left_out, used = [], 0, set()
+    for step in _steps(path.read_text(encoding="utf-8")):
         reason = next((begin for begin in reasons if step.startswith(begin)), None)
         if reason is not None:
-            not_run[step] = reasons[reason]
+            left_out += 1
             used.add(reason)
             continue
         for old, new in replaced.items():
@@ -100,13 +98,19 @@ def _page_run(page: str, text: str, settings: dict) -> PageRun:
         steps.append(step)
     missing = [words for words in (*replaced, *reasons) if words not in used]
     if missing:
-        raise ValueError(f"executed_commands.toml, page.{page}: the page's commands do not have {missing}")
+        raise ExtensionError(
+            f"executed_commands.toml, page.{page}: the page's commands do not have {missing}"
+        )
+    named = [name for reason in reasons.values() for name in _FILE.findall(reason)]
+    lost = [name for name in named if not any((folder / name).exists() for folder in path.parents[:2])]
+    if lost:
+        raise ExtensionError(f"executed_commands.toml, page.{page}: there is no file {', '.join(lost)}")
     return PageRun(
         page=page,
         script="\n".join(steps),
         begins_with=tuple(settings.get("begins_with", ())),
         commands=len(steps),
-        not_run=not_run,
+        left_out=left_out,
     )
 
 
@@ -145,6 +149,8 @@ def run_pages(app: Sphinx) -> None:
                 running.append(pool.submit(_page, one, work, f"{source} {found.start}", docs.parent))
         for page in running:
             page.result()
+    run, left_out = sum(one.commands for one in found.pages), sum(one.left_out for one in found.pages)
+    logging.getLogger(__name__).info("how-to pages: %d commands run, %d are left out", run, left_out)
 
 
 def _page(one: PageRun, work: Path, source: str, root: Path) -> None:
@@ -183,8 +189,3 @@ def setup(app: Sphinx) -> dict[str, bool]:
     """Run the pages before any of them is read."""
     app.connect("builder-inited", run_pages)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
-
-
-if __name__ == "__main__":
-    for one in runs(Path(sys.argv[1])).pages:
-        print(f"## {one.page}, begins with {one.begins_with}\n{one.script}\nnot run: {one.not_run}\n")

@@ -35,17 +35,28 @@ def figure() -> Figure:
     return made
 
 
+def sheets() -> tuple[Sheet, Sheet]:
+    """Return a table with a cell that spans the wheels, and one of many columns."""
+    wheels = tuple(f"wheel {k}" for k in range(1, 5))
+    rows = [
+        (Cell(text="c", below="Coulomb (dry, at speed)"), "N m", *("0.0912 ± 0.0034",) * 4),
+        (Cell(text="v_s", below="Stribeck speed"), "rad/s", Cell(text="0.60 ± 0.11", span=4)),
+    ]
+    headings = ("parameter", "unit", "found", "95 %, these logs", "95 %, another log", "allowed")
+    return (
+        Sheet(headings=("parameter", "unit", *wheels), rows=rows, caption="A caption of some length. " * 4),
+        Sheet(
+            headings=headings, rows=[("c1", "", "0.1292", "0.119 .. 0.140", "0.0657 .. 0.193", "0 .. 0.500")]
+        ),
+    )
+
+
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
     t = np.arange(2000) * 0.01
     lines = [
         Line(name="measured", values=np.sin(t), look="measured"),
         Line(name="a model with a name that is rather long for a telephone", values=np.cos(t), look="second"),
-    ]
-    wheels = tuple(f"wheel {k}" for k in range(1, 5))
-    rows = [
-        (Cell(text="c", below="Coulomb (dry, at speed)"), "N m", *("0.0912 ± 0.0034",) * 4),
-        (Cell(text="v_s", below="Stribeck speed"), "rad/s", Cell(text="0.60 ± 0.11", span=4)),
     ]
     made = Provenance(
         command="ballbot study " + "a/very/long/folder/" * 8 + "log.csv",
@@ -61,22 +72,7 @@ def path(tmp_path_factory):
             section(
                 "A section",
                 Paragraph(text="Some words."),
-                Sheet(
-                    headings=("parameter", "unit", *wheels),
-                    rows=rows,
-                    caption="A caption of some length. " * 4,
-                ),
-                Sheet(
-                    headings=(
-                        "parameter",
-                        "unit",
-                        "found",
-                        "95 %, these logs",
-                        "95 %, another log",
-                        "allowed",
-                    ),
-                    rows=[("c1", "", "0.1292", "0.119 .. 0.140", "0.0657 .. 0.193", "0 .. 0.500")],
-                ),
+                *sheets(),
                 drawn_picture(
                     "one", figure, "A figure, with a caption that is longer than a line of a telephone."
                 ),

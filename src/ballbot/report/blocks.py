@@ -36,8 +36,10 @@ _NUMERIC = re.compile(r"[≥≈<>]?\s?[+\-−±]?[.\d].*|[–-]?|unknown|open( \
 
 #: characters from which on a cell is a sentence, and columns of a table that a narrow page can rearrange
 _WORDY, _MOST_BESIDE = 28, 5
-#: widths on a phone in characters of a table: the page's, of the first column at most, of columns of words, and between
-_PHONE, _WIDEST_FIRST, _SOME, _LONG, _GAP = 48, 20, 15, 25, 2
+#: a phone's width in characters of a table, the most that the first column takes of it, and the gap between columns
+_PHONE, _WIDEST_FIRST, _GAP = 48, 20, 2
+#: classes of cells with words: more characters than these, and the least width of the column [characters]
+_CLASSES = {"long": (60, 25), "some": (18, 15)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +50,11 @@ class Cell:
     below: str = ""  #: a second line, in quiet ink
     strong: bool = False
     span: int = 1  #: columns
+
+    @property
+    def word_class(self) -> str:
+        """The class of a cell that holds so many words, of `_CLASSES`; empty if few."""
+        return next((name for name, (most, _) in _CLASSES.items() if len(self.text) > most), "")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +94,7 @@ class Sheet:
 
     @property
     def stacked(self) -> bool:
-        """Whether a narrow page, too narrow for the table, shows each row as a block: headings beside values."""
+        """Whether the table is too wide for a narrow page, which then shows each row as a block."""
         if self.wordy:
             return False
         columns = zip(self.headings, self._columns, self.numeric, strict=True)
@@ -97,7 +104,7 @@ class Sheet:
 
     @property
     def numbered(self) -> bool:
-        """Whether the first column holds numbers, as of wheels, which say nothing without their heading."""
+        """Whether the first column numbers the rows, as those of wheels: a block then begins with its heading."""
         return all(str(row[0].text).isdigit() for row in self.cells if row)
 
     def place_heading(self, row: Sequence[Cell], place: int) -> str:
@@ -134,7 +141,7 @@ def _least_width(heading: str, cells: Sequence[Cell], *, wraps: bool) -> int:
     lines = [Markup(text).striptags() for cell in cells for text in (cell.text, cell.below)]
     longest = max(map(len, lines), default=0)
     if wraps:
-        least = _LONG if longest > 60 else _SOME if longest > 18 else 0
+        least = next((width for most, width in _CLASSES.values() if longest > most), 0)
         longest = max([least, *(len(word) for line in lines for word in line.split())])
     return _GAP + max([longest, *map(len, heading.split())])
 

@@ -1,6 +1,7 @@
-"""Figures for a narrow page, as a phone's: the same axes, those side by side one below another.
+"""Figures for narrow pages, such as a phone's: panels that stand side by side are placed one below another.
 
-A figure of `NARROW` inches fits a phone with text that can be read, which one as wide as a printed page does not.
+On a phone the text of a figure that is `NARROW` inches wide can be read; that of a figure as wide as a printed page
+cannot.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from matplotlib.gridspec import GridSpec
 
 #: [in]; on a page 358 px wide its text of 8.5 points is 9 px tall
 NARROW = 4.7
-#: height of panels as wide as the page, over that of panels beside others
+#: height of a panel as wide as the page, relative to the height that it had beside another
 _LOWER = 0.8
 
 
@@ -31,7 +32,7 @@ class _Place:
 
 
 def make_narrow(figure: Figure) -> None:
-    """Make a figure `NARROW` inches wide, its panels in one column, or in two if there were more than two."""
+    """Make a figure `NARROW` inches wide: its panels in one column, or in two if it had more than two."""
     width, height = figure.get_size_inches()
     for axes in [one for one in figure.axes if not one.get_visible()]:
         axes.remove()
@@ -96,7 +97,7 @@ def _places(panels: Sequence[Axes], grid: GridSpec) -> list[_Place]:
 
 
 def _label(places: Sequence[_Place]) -> None:
-    """Label the panels at the left and at the bottom as those were that stood there before."""
+    """Move the labels of the axes to the panels that are now at the left and at the bottom."""
     last = {
         one.new_column: max(each.new_row for each in places if each.new_column == one.new_column)
         for one in places

@@ -119,7 +119,7 @@ _RC: dict[RcKeyType, object] = {
 
 
 def drawn(draw: Callable[[], Figure], *, name: str) -> str:
-    """Draw a figure in the report's style and return it as an SVG element to stand within a page.
+    """Draw a figure in the report's style and return it as an SVG element for a page.
 
     Parameters
     ----------
@@ -128,6 +128,11 @@ def drawn(draw: Callable[[], Figure], *, name: str) -> str:
     name : str
         Different for each figure of a page; it keeps the figures' inner names apart.
     """
+    return _drawn(draw, name)[1]
+
+
+def _drawn(draw: Callable[[], Figure], name: str) -> tuple[Figure, str]:
+    """Return the figure, and the element of `drawn`."""
     with mpl.rc_context(_RC), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing")  # of a name; a box stands for it
         figure = draw()
@@ -145,7 +150,7 @@ def drawn(draw: Callable[[], Figure], *, name: str) -> str:
     svg = re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", svg)
     # the width in the page's own measure; the view box keeps the proportions
     svg = re.sub(r' width="([\d.]+)pt" height="[\d.]+pt"', _width_on_page, svg, count=1)
-    return re.sub(r"\s*\n\s*", "\n", svg)
+    return figure, re.sub(r"\s*\n\s*", "\n", svg)
 
 
 def plotted(draw: Callable[[T], Figure], value: T) -> Figure:
@@ -158,20 +163,14 @@ def plotted(draw: Callable[[T], Figure], value: T) -> Figure:
 
 
 def drawn_picture(name: str, draw: Callable[[], Figure], caption: str) -> Picture:
-    """Draw a figure for a page, once more for a narrow one if it is wider; see `drawn`."""
-    made: list[Figure] = []
-
-    def kept() -> Figure:
-        made.append(draw())
-        return made[0]
-
-    markup = drawn(kept, name=name)
-    if made[0].get_figwidth() <= NARROW:
+    """Draw a figure for a page, and a second time for a phone if it is too wide for one; see `drawn`."""
+    figure, markup = _drawn(draw, name)
+    if figure.get_figwidth() <= NARROW:
         return Picture(markup=markup, caption=caption)
 
     def narrowed() -> Figure:
-        make_narrow(made[0])
-        return made[0]
+        make_narrow(figure)
+        return figure
 
     return Picture(markup=markup, narrow=drawn(narrowed, name=f"{name}-narrow"), caption=caption)
 
