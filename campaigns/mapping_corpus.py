@@ -41,10 +41,12 @@ from ballbot.control.presets import nominal_controller
 from ballbot.control.references import Reference, change_pose, circle, figure_eight, hold, square
 from ballbot.errors import InputError
 from ballbot.log import Log
+from ballbot.log.checks.torque_balance import SIGN
 from ballbot.log.formats import is_foreign
 from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.proposal import propose
 from ballbot.log.mapping_inference.report import Evaluation, evaluate
+from ballbot.log.signals import local_fit
 from ballbot.mechanics.model import Model
 from ballbot.processes import worker_pool
 from ballbot.robot import Robot
@@ -63,16 +65,16 @@ Half = Literal["development", "second_development", "test"]
 ROBOTS: dict[Half, tuple[str, ...]] = {
     "development": ("alten", "kugle", "rezero_four_wheels"),
     "second_development": ("rob311", "rezero", "cmu"),
-    "test": ("column", "pocket", "broad_four_wheels"),
+    "test": ("lantern", "barrel", "scout_four_wheels"),
 }
 MOTIONS: dict[Half, tuple[str, ...]] = {
     "development": ("hold", "square", "sway", "turn", "wander", "dead_band"),
     "second_development": ("circle", "figure_eight", "sway", "turn", "wander", "dead_band"),
-    "test": ("lissajous", "stops", "swing", "dead_band"),
+    "test": ("patrol", "orbit", "nudges", "dead_band"),
 }
 #: first seed of each half, of its recordings and of its teams' habits
-RECORDED_SEED: dict[Half, int] = {"development": 0, "second_development": 100, "test": 500}
-HABITS_SEED: dict[Half, int] = {"development": 0, "second_development": 1_000_000, "test": 5_000_000}
+RECORDED_SEED: dict[Half, int] = {"development": 0, "second_development": 100, "test": 700}
+HABITS_SEED: dict[Half, int] = {"development": 0, "second_development": 1_000_000, "test": 7_000_000}
 #: part of the wheels' dry friction that the firmware adds in the duty's direction, in the motion dead_band
 COMPENSATED = 0.6
 #: [s] of each recording
@@ -128,41 +130,40 @@ def _ball(robot: Robot, *, radius: float, mass: float) -> Ball:
     return replace(robot.ball, radius=radius, mass=mass, inertia=0.55 * mass * radius**2)
 
 
-def _column() -> Robot:
-    """Return a tall, slender robot, the first wheel at 50 degrees."""
-    robot = _with_body(Robot.load("alten"), mass=15.0, height=0.58, slenderness=1.25)
+def _lantern() -> Robot:
+    """Return a light robot with a high centre of mass, the first wheel at 20 degrees."""
+    robot = _with_body(Robot.load("alten"), mass=9.0, height=0.45, slenderness=1.3)
     robot = robot.replace(
-        ball=_ball(robot, radius=0.12, mass=3.0),
-        wheels=replace(robot.wheels, radius=0.05, tilt=float(np.radians(45.0)), inertia=8e-4),
-        drive=replace(robot.drive, torque_limit=5.0, gear_ratio=24.0),
+        ball=_ball(robot, radius=0.115, mass=2.2),
+        wheels=replace(robot.wheels, radius=0.045, tilt=float(np.radians(42.0)), inertia=6e-4),
+        drive=replace(robot.drive, torque_limit=3.5, gear_ratio=30.0),
     )
-    return _with_wheels(robot, count=3, first=float(np.radians(50.0)))
+    return _with_wheels(robot, count=3, first=float(np.radians(20.0)))
 
 
-def _pocket() -> Robot:
-    """Return a small robot with coarse encoders, the first wheel at 10 degrees."""
-    robot = _with_body(Robot.load("rob311"), mass=5.5, height=0.26, slenderness=1.3)
+def _barrel() -> Robot:
+    """Return a heavy robot on a large ball, the first wheel at -40 degrees."""
+    robot = _with_body(Robot.load("kugle"), mass=21.0, height=0.5, slenderness=1.2)
     robot = robot.replace(
-        ball=_ball(robot, radius=0.11, mass=1.3),
-        wheels=replace(robot.wheels, radius=0.04, tilt=float(np.radians(45.0)), inertia=7e-5),
-        drive=replace(robot.drive, torque_limit=2.5, gear_ratio=50.0),
-        sensors=replace(robot.sensors, encoder_counts=256),
+        ball=_ball(robot, radius=0.14, mass=4.0),
+        drive=replace(robot.drive, torque_limit=9.0, gear_ratio=21.0),
+        sensors=replace(robot.sensors, encoder_counts=1024),
     )
-    return _with_wheels(robot, count=3, first=float(np.radians(10.0)))
+    return _with_wheels(robot, count=3, first=float(np.radians(-40.0)))
 
 
-def _broad() -> Robot:
-    """Return a light robot with four wheels, the first at -15 degrees."""
-    robot = _with_body(Robot.load("rezero"), mass=13.0, height=0.42, slenderness=1.3)
+def _scout() -> Robot:
+    """Return a low robot with four wheels, the first at 30 degrees."""
+    robot = _with_body(Robot.load("rezero"), mass=11.0, height=0.36, slenderness=1.25)
     robot = robot.replace(
-        ball=_ball(robot, radius=0.125, mass=3.2),
-        drive=replace(robot.drive, torque_limit=5.5, gear_ratio=33.0),
+        ball=_ball(robot, radius=0.12, mass=2.8),
+        drive=replace(robot.drive, torque_limit=4.5, gear_ratio=29.0),
     )
-    return _with_wheels(robot, count=4, first=float(np.radians(-15.0)))
+    return _with_wheels(robot, count=4, first=float(np.radians(30.0)))
 
 
 #: robots that are no preset
-OWN_ROBOTS = {"column": _column, "pocket": _pocket, "broad_four_wheels": _broad}
+OWN_ROBOTS = {"lantern": _lantern, "barrel": _barrel, "scout_four_wheels": _scout}
 
 
 def recording(half: Half, robot: str, motion: str) -> Log:
@@ -236,27 +237,34 @@ def _reference(motion: str, seed: int) -> Reference:
     if motion == "turn":
         turn = random.uniform(0.5 * np.pi, np.pi)
         return change_pose(x=size, y=-0.5 * size, psi=turn, at=6.0, ramp=40.0)
-    if motion in ("lissajous", "stops", "swing"):
+    if motion in ("patrol", "orbit", "nudges"):
         return _path(motion, random, size)
     return _sway(random, heading=0.6 if motion == "sway" else 0.2)
 
 
 def _path(motion: str, random: np.random.Generator, size: float) -> Reference:
-    """Return a reference along a path of a size [m]; in `swing` the robot stands, and its heading turns to and fro."""
+    """Return a reference along a path of a size [m], which begins at rest."""
     slow, way, turn = random.uniform(0.25, 0.5), random.uniform(0.0, 2.0 * np.pi), random.uniform(0.4, 1.0)
+    places = size * random.uniform(-0.4, 0.4, (20, 2)) @ np.array([1.0, 1j])
 
     def reference(t: float) -> NDArray[np.float64]:
         pose, now, start = np.zeros(10), slow * t, min(t / 5.0, 1.0)
-        if motion == "lissajous":
-            place = 0.6 * size * (np.sin(2.0 * now) + 1j * np.sin(3.0 * now + 0.7))
-            pose[4] = 0.5 * turn * start * np.sin(0.8 * now)
-        elif motion == "stops":
-            # moves for half of each period and stands for the other half
-            place = 0.7 * size * np.exp(1j * np.pi * (np.floor(now) + np.clip(2.0 * (now % 1.0), 0.0, 1.0)))
+        if motion == "patrol":
+            # along a line, to and fro, and turned at its ends
+            place = 0.7 * size * np.sin(now) * np.exp(1j * way)
+            pose[4] = turn * start * np.tanh(3.0 * np.cos(now))
+        elif motion == "orbit":
+            # around a circle and back, which the heading follows
+            angle = 2.0 * np.sin(0.7 * now)
+            place = 0.5 * size * (np.exp(1j * angle) - 1.0) * np.exp(1j * way)
+            pose[4] = 0.5 * start * angle
         else:
-            place = 0j
-            pose[4] = turn * start * np.sin(2.0 * now)
-        place = start * place * np.exp(1j * way)
+            # stands, and is sent to another place near by every 6 s
+            last, part = int(t // 6.0), np.clip((t % 6.0) / 1.5, 0.0, 1.0)
+            smooth = part * part * (3.0 - 2.0 * part)
+            place = (1.0 - smooth) * places[last] + smooth * places[last + 1]
+            pose[4] = 0.3 * turn * start * np.sin(0.9 * now)
+        place = start * place
         pose[:2] = place.real, place.imag
         return pose
 
@@ -337,11 +345,11 @@ def judged(truth: Log, robot: Robot, habits: Habits, *, dead_band: float) -> Jud
             proposal = propose(path, robot, columns=given)
             found = evaluate(proposal, robot, file=path)
             asked = [one.name for one in found.undetermined]
-            result, reason, confidence = _worth(found, truth, robot, habits)
+            result, reason, confidence = _worth(found, truth, robot, habits, dead_band=dead_band)
             answered = result
             if asked == ["dead band"]:
-                known = evaluate(replace(proposal, given_dead_band=dead_band), robot, file=path)
-                answered, _, _ = _worth(known, truth, robot, habits)
+                known = evaluate(replace(proposal, dead_band=dead_band), robot, file=path)
+                answered, _, _ = _worth(known, truth, robot, habits, dead_band=dead_band)
         except InputError as error:
             result, answered, confidence = "undetermined", "undetermined", 0.0
             reason = str(error)[:160].replace(str(path), "")
@@ -350,18 +358,20 @@ def judged(truth: Log, robot: Robot, habits: Habits, *, dead_band: float) -> Jud
     return Judgement(result=result, answered=answered, reason=reason, confidence=confidence)
 
 
-def _worth(found: Evaluation, truth: Log, robot: Robot, habits: Habits) -> tuple[Result, str, float]:
+def _worth(
+    found: Evaluation, truth: Log, robot: Robot, habits: Habits, *, dead_band: float
+) -> tuple[Result, str, float]:
     """Return what an evaluation is worth, what is undetermined or wrong, and its least confidence."""
     confidence = min(one.confidence for one in found.conclusions)
     if found.log is None or found.refusal:
         return "undetermined", found.refusal[:200], confidence
-    wrong = differences(found, truth, robot, habits)
+    wrong = differences(found, truth, robot, habits, dead_band=dead_band)
     if not wrong:
         return "right", "", confidence
     return ("wrong" if confidence >= CONFIDENT else "doubtful"), wrong, confidence
 
 
-def differences(found: Evaluation, truth: Log, robot: Robot, habits: Habits) -> str:
+def differences(found: Evaluation, truth: Log, robot: Robot, habits: Habits, *, dead_band: float) -> str:
     """Return in what the mapped log differs from the truth under the best of the transformations; empty if in nothing.
 
     The transformations leave every measured signal and the robot's dynamics unchanged:
@@ -370,7 +380,10 @@ def differences(found: Evaluation, truth: Log, robot: Robot, habits: Habits) -> 
     - the robot mirrored in the plane of wheel 1: the lean mirrored, heading, wheels and torques negated, the wheels'
       order reversed;
     - another origin of the heading, and of each wheel's angle;
-    - if the file has no heading: all wheels and torques negated and the lean turned by half a turn.
+    - if the file has no heading: all wheels and torques negated and the lean turned by half a turn;
+    - a dead band that the firmware adds to a duty, and dry friction, or none and so much less dry friction: exact
+      while a wheel turns the way its duty drives it, or sticks. The torques are compared with the truth's in this form,
+      so that what wheels that turn against their duties make of it is an error.
     """
     log = found.log
     if log is None:
@@ -382,7 +395,9 @@ def differences(found: Evaluation, truth: Log, robot: Robot, habits: Habits) -> 
         return "no commands"
     mapped, real = _body_frame(log), _body_frame(truth)
     real = {name: np.array([np.interp(t, truth.t, row) for row in values]) for name, values in real.items()}
-    real["torques"] = _as_written(truth, habits, t)
+    missed = (habits.command == "duty") * (dead_band - (found.proposal.dead_band or 0.0))
+    less = _less_friction(truth, robot, missed) if missed else 0.0
+    real["torques"] = _as_written(truth, truth.torques - less, habits, t)
     equivalents = _equivalents(real, robot, half_turn=not habits.yaw)
     return min((_compared(mapped, one, habits.yaw, log.sample_time) for one in equivalents), key=len)
 
@@ -441,11 +456,24 @@ def _compared(mapped: Signals, real: Signals, heading: bool, interval: float) ->
     return ", ".join(wrong)
 
 
-def _as_written(truth: Log, habits: Habits, t: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the torques (n, N) at times t that a true mapping makes: rows far apart miss what is between them."""
+def _less_friction(truth: Log, robot: Robot, dead_band: float) -> NDArray[np.float64]:
+    """Return the torques (M, n) by which dry friction is less if nobody states a dead band, and it acts as friction."""
+    calm = local_fit(truth.t, truth.wheel_speeds, rows=max(2, round(0.015 / truth.sample_time)))[0]
+    duty = commands(robot, truth.torques, truth.wheel_speeds, "duty")
+    senses = np.where(np.abs(calm) > SIGN, np.sign(calm), np.sign(duty))
+    return dead_band * robot.drive.torque_limit * senses
+
+
+def _as_written(
+    truth: Log, torques: NDArray[np.float64], habits: Habits, t: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return torques (M, n) of the truth's rows as (n, N) at times t, as a true mapping makes them.
+
+    Rows far apart miss what is between them.
+    """
     written = row_times(truth.between(habits.start, habits.start + habits.duration), habits)
     last = np.clip(np.searchsorted(truth.t, written + habits.command_delay + 1e-9, side="right") - 1, 0, None)
-    held = truth.torques[last]
+    held = torques[last]
     # without an interval of its own the log has whole rows, and the delay, too
     late = habits.command_delay if habits.interval else 0.0
     start = written + late if habits.interval else truth.t[last]

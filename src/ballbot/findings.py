@@ -42,6 +42,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "copied": "an interval of rows appears twice",
         "correlated": "parameters that the data cannot separate",
         "corrupted": "rows with corrupted values are not used",
+        "dead-band": "the duty that the firmware adds to overcome friction",
         "dead-motor": "a torque is zero or constant though its wheel moves, or a wheel does not respond to its torque",
         "degrees": "angles or rates are in degrees, or mixed with radians",
         "discrepancy": "slow and fast windows of a log want different parameters",

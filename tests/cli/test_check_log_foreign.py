@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ballbot.cli.main import main
+from ballbot.log.mapping_file import dead_band_findings
 from ballbot.robot.file import robot_text
 from tests.support.foreign_log_examples import Habits, columns_of, small_robot, swaying_log, write_foreign
 
@@ -77,6 +78,21 @@ def test_dead_band_is_for_a_foreign_file_and_a_duty(folder, capsys):
     assert "--dead-band is for a foreign table" in capsys.readouterr().err
     assert main([*arguments, "3", "--robot", str(folder / "robot.toml")]) == 2
     assert "must be a duty from 0 to below 1" in capsys.readouterr().err
+
+
+def test_a_dead_band_that_is_not_given_counts_as_less_dry_friction(folder, capsys):
+    out = folder / "not_given"
+    words = ["check-log", str(folder / "run.txt"), "--robot", str(folder / "robot.toml"), "--out", str(out)]
+    assert main(words) == 0
+    found = {one["name"]: one for one in json.loads((out / "results.json").read_text())["conclusions"]}
+    assert found["dead band"]["value"] == "counted as less dry friction"
+    mapping = out / "mapping.toml"
+    assert "# dead_band = 0.0 " in mapping.read_text()
+    # with this mapping, commands say so, and no longer once it is stated
+    (finding,) = dead_band_findings([mapping, None])
+    assert (finding.code, finding.severity, finding.where.file) == ("dead-band", "warning", str(mapping))
+    mapping.write_text(mapping.read_text().replace("# dead_band = 0.0 ", "dead_band = 0.0 #"))
+    assert dead_band_findings([mapping]) == ()
 
 
 def test_a_given_dead_band_stands_in_the_mapping(folder):

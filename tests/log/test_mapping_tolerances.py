@@ -12,6 +12,7 @@ from ballbot.log.mapping_inference.commands import Response, unit_probabilities
 from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.file_signals import Signals
 from ballbot.log.mapping_inference.tolerances import (
+    LARGEST_DEAD_BAND,
     PLAY_DELAY,
     command_delay,
     dead_band_confidence,
@@ -108,11 +109,12 @@ def test_a_delay_at_the_edge_of_its_search_is_not_undone():
     ).applied == pytest.approx(0.0105)
 
 
-def test_an_estimated_dead_band_leaves_it_open():
-    assert dead_band_confidence(-0.02, 0.002, 0.06) < dead_band_confidence(0.0, 0.002, 0.06)
-    # no log of the development halves shows it well enough
-    assert dead_band_confidence(0.0, 0.002, 0.06) < 0.9
-    assert dead_band_confidence(0.0, math.nan, 0.06) < 0.9
+def test_a_dead_band_is_less_dry_friction_unless_wheels_turn_against_their_duties():
+    # by 0.12 of the size of what drives, of which torques may miss 0.2
+    assert dead_band_confidence(0.12 / (LARGEST_DEAD_BAND / math.sqrt(3.0))) == pytest.approx(0.904, abs=0.001)
+    assert dead_band_confidence(0.1) > 0.99
+    assert dead_band_confidence(0.7) < 0.6
+    assert dead_band_confidence(math.nan) < 0.9
 
 
 @pytest.mark.parametrize(("per_ampere", "determined"), [(0.75, True), (0.87, False)])
@@ -120,9 +122,7 @@ def test_a_torque_is_told_from_a_current_by_a_quarter_not_by_an_eighth(per_amper
     """The robot file's masses and torque constant are not known to an eighth, and a log gives no more than they do."""
     robot = Robot.load("alten")
     robot = robot.replace(drive=replace(robot.drive, gear_ratio=per_ampere / robot.drive.torque_constant))
-    seen = Response(
-        gain=1.07, gain_error=0.03, damping=0.03, damping_error=0.01, dead_band=0.0, dead_band_error=0.1
-    )
+    seen = Response(gain=1.07, gain_error=0.03, damping=0.03, damping_error=0.01)
     commands = 0.6 * np.sin(np.arange(300.0)).reshape(100, 3)
     found = unit_probabilities(robot, seen, commands, named_kind=None, named_unit=None)
     torque = sum(p for one, p in found.items() if one.kind == "torque")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from ballbot.cli.output import notice_output
-from ballbot.findings import Finding, as_options, check_codes, no_command, stop_on_errors
+from ballbot.findings import Finding, as_options, by_severity, check_codes, no_command, stop_on_errors
 from ballbot.printable import shell_line
 from ballbot.report.console import finding_line
 from ballbot.robot import Robot
@@ -63,6 +63,7 @@ def check_input(
         If a log has an error whose code is not accepted, or a code is unknown.
     """
     from ballbot.log.checks import checked_logs
+    from ballbot.log.mapping_file import dead_band_findings
 
     named = {str(path): log for path, log in logs.items()}
     used = {str(path): mapping for path, mapping in mappings.items()}
@@ -78,6 +79,7 @@ def check_input(
         return f"run `{shell_line(tokens)}`"
 
     findings = checked_logs(robot, named, accept=accept or (), going_on=as_options, more=listed_by).findings
+    findings = by_severity([*findings, *dead_band_findings(dict.fromkeys(mappings.values()))])
     if show:
         show_findings(findings)
     return findings

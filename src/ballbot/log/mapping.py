@@ -78,13 +78,15 @@ class DutyInput:
     back_emf_constant: PositiveFloat  #: k_e [V s/rad]
     resistance: PositiveFloat  #: R [ohm]
     gear_ratio: PositiveFloat  #: n [-]
-    #: duty that the firmware adds, in the duty's direction, to overcome friction
-    dead_band: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
+    #: duty that the firmware adds, in the duty's direction, to overcome friction; None if nobody knows, and the log is
+    #: read as if there were none: friction found with it is what the firmware leaves of it
+    dead_band: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
     duty_limit: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0  #: the largest duty that reaches the motor
 
     def acting(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the duty at the motor: d + dead_band sgn(d), within the limit."""
-        return np.clip(value + self.dead_band * np.sign(value), -self.duty_limit, self.duty_limit)
+        added = (self.dead_band or 0.0) * np.sign(value)
+        return np.clip(value + added, -self.duty_limit, self.duty_limit)
 
     def torque(self, value: NDArray[np.float64], wheel_speed: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return u [N m] = n k_t (d V - k_e n w) / R of the duty d at the motor."""

@@ -48,7 +48,7 @@ An example with everything in it::
     back_emf_constant = 0.01      # [V s/rad], motor side
     resistance = 2.0              # [ohm]
     gear_ratio = 70.0
-    dead_band = 0.0314            # duty that the firmware adds in the duty's direction; 0 by default
+    dead_band = 0.0314            # duty that the firmware adds in the duty's direction; not stated, less friction
     duty_limit = 1.0              # the largest duty that reaches the motor; 1 by default
 
 A current needs torque_constant, gear_ratio and, if it is not 1, efficiency.
@@ -57,7 +57,7 @@ A current needs torque_constant, gear_ratio and, if it is not 1, efficiency.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Literal
@@ -75,6 +75,7 @@ from pydantic import (
 from ballbot.errors import InputError, suggest
 from ballbot.file_formats import take_format
 from ballbot.files import LARGEST_SETTINGS, parse_toml, read_text
+from ballbot.findings import Finding, Place
 from ballbot.log.columns import KNOWN_NAMES, MAX_WHEELS, check_column_names, factor_to, unit_of
 from ballbot.log.formats.text import TextLayout
 from ballbot.log.mapping import (
@@ -247,6 +248,30 @@ def parse_mapping(text: str, *, source: str) -> LogMapping:
         return _mapping(validate_table(MappingTable, take_format(tree, "mapping"), of="a mapping file"))
     except InputError as error:
         raise InputError(f"{source}: {error}{'' if str(error).endswith(('.', '?')) else '.'}") from None
+
+
+def dead_band_findings(mappings: Iterable[str | Path | None]) -> tuple[Finding, ...]:
+    """Return a warning for each mapping file of duties that does not state the firmware's dead band.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read or is no mapping.
+    """
+    found = []
+    for mapping in mappings:
+        motors = read_mapping(mapping).motors if mapping else None
+        if motors is None or not isinstance(motors.drive, DutyInput) or motors.drive.dead_band is not None:
+            continue
+        sentence = (
+            "The commands are duties, and no dead band is stated: a duty that the firmware adds counts as less dry "
+            "friction. The friction found is then that of the robot with this firmware. For that of its wheels "
+            "alone, state dead_band in [input], 0 if the firmware adds none."
+        )
+        found.append(
+            Finding(code="dead-band", severity="warning", text=sentence, where=Place(file=str(mapping)))
+        )
+    return tuple(found)
 
 
 def _mapping(table: MappingTable) -> LogMapping:

@@ -15,13 +15,11 @@ n^2 k_t k_e / R. a comes from gravity's part of the need as an instrument: the n
 would make a too small. Names, sizes and whole numbers add to the evidence; every kind with every unit and full scale
 has a weight, and the weights together are the confidence.
 
-A dead band d_0 that the firmware adds, in the direction of the duty, is a jump of the torque at zero duty:
-
-    n_i = (d + d_0 sgn d - b w - ..) / a        by least squares, d_0 is the coefficient of sgn d over that of d
-
-It is hardly ever seen. A wheel that turns the way its duty drives it, or sticks, moves with a dead band d_0 and dry
-friction c exactly as with none and dry friction c - d_0: only rows in which a wheel turns against its duty tell the one
-from the other, and these are few, slow, and next to a reversal, where play and static friction act as well.
+A dead band d_0 that the firmware adds, in the direction of the duty, is counted as less dry friction. A wheel that
+turns the way its duty drives it, or sticks, moves with a dead band d_0 and dry friction c exactly as with none and dry
+friction c - d_0. Only rows in which a wheel turns against its duty tell the one from the other, and these are few,
+slow, and next to a reversal, where play and static friction act as well: an estimate from them (the torque's jump at
+zero duty) was off by up to the dead band itself, whether there was one or not. Where such rows are many, it is asked.
 """
 
 from __future__ import annotations
@@ -102,7 +100,7 @@ def assign(driving: Driving, expected: Sequence[tuple[int, int]]) -> Assignment:
 
 
 #: assignments whose torques differ by less than this part of their size are one
-SAME_TORQUES = 0.15
+SAME_TORQUES = 0.1
 
 
 def _probability(
@@ -189,14 +187,10 @@ class Response:
     gain_error: float  #: standard error of its logarithm
     damping: float  #: b / a [N m s/rad]
     damping_error: float  #: standard error
-    dead_band: float  #: d_0, in the command's unit
-    dead_band_error: float  #: standard error
 
 
-def response(
-    driving: Driving, assigned: Assignment, pulled: NDArray[np.float64], signs: NDArray[np.float64]
-) -> Response:
-    """Estimate gain, damping and dead band.
+def response(driving: Driving, assigned: Assignment, pulled: NDArray[np.float64]) -> Response:
+    """Estimate gain and damping.
 
     Parameters
     ----------
@@ -205,14 +199,11 @@ def response(
     assigned : Assignment
     pulled : ndarray (N, n)
         Gravity's part of the need, by wheel [N m].
-    signs : ndarray (N, n)
-        Sign of each command, filtered as the others.
     """
     n = driving.torque.shape[1]
     place = np.argsort(assigned.wheels)  # the command of each wheel
     s = np.asarray(assigned.signs, dtype=np.float64)
     u = (driving.torque * s)[:, place]
-    jump = (signs * s)[:, place]
     weight = driving.turning ** min(TURNED_POWER, 4)
     rows = np.arange(n)
     own = np.zeros((len(u), n, 3 * n))  # sign, falling sign and offset of each wheel
@@ -231,21 +222,12 @@ def response(
         a, b = solved(sums)[:2]
         return float(b / a)
 
-    R = np.concatenate([u[..., None], jump[..., None], speed[..., None], own], axis=-1)
-    back = _block_products(R, R, driving.needed, weight, driving.block)
-
-    def dead_band(sums: NDArray[np.float64]) -> float:
-        slope, step = solved(sums)[:2]
-        return float(step / slope)
-
     found = log_gain(forward.sum(axis=0))
     return Response(
         gain=math.exp(found) if math.isfinite(found) else math.nan,
         gain_error=jackknife_error(without_each_block(forward, log_gain)),
         damping=damping(forward.sum(axis=0)),
         damping_error=jackknife_error(without_each_block(forward, damping)),
-        dead_band=dead_band(back.sum(axis=0)),
-        dead_band_error=jackknife_error(without_each_block(back, dead_band)),
     )
 
 

@@ -6,11 +6,16 @@ import math
 from collections.abc import Iterable
 
 from ballbot.log.mapping_inference.commands import FULL_DUTIES, Unit
-from ballbot.log.mapping_inference.evidence import MOST, Conclusion, advantage_confidence
+from ballbot.log.mapping_inference.evidence import CONFIDENT, MOST, Conclusion, advantage_confidence
 from ballbot.log.mapping_inference.names import read_name
 from ballbot.log.mapping_inference.placement import LeanTest
 from ballbot.log.mapping_inference.proposal import Proposal
-from ballbot.log.mapping_inference.tolerances import TURN, command_delay_confidence, turn_confidence
+from ballbot.log.mapping_inference.tolerances import (
+    TURN,
+    command_delay_confidence,
+    dead_band_confidence,
+    turn_confidence,
+)
 from ballbot.log.mapping_inference.units import Scale, time_conclusion
 
 #: prior probability that columns are about the world's axes, chosen and not measured: theta and phi, as papers on ball
@@ -102,7 +107,8 @@ def _frame(proposal: Proposal) -> list[Conclusion]:
         Conclusion(
             name="direction in which all wheels count",
             value=f"signs {list(frame.signs)}",
-            confidence=_direction_confidence(proposal),
+            # it rests on the signs of the wheels among themselves
+            confidence=tested.confidence * (0.95 if heading is None else heading.confidence),
             evidence=f"the sum of the wheels' speeds and the heading's rate correlate by {heading.correlation:.2f}"
             if heading
             else "without a heading, wheels that count backwards and an IMU turned by half a turn are one",
@@ -117,11 +123,6 @@ def _frame(proposal: Proposal) -> list[Conclusion]:
     if tested.headings > STEADY_HEADING:
         found.append(_axes_of_lean(proposal, tested))
     return [*found, *_turn_and_delay(proposal)]
-
-
-def _direction_confidence(proposal: Proposal) -> float:
-    heading = proposal.heading
-    return 0.95 if heading is None else heading.confidence
 
 
 def _handedness(proposal: Proposal) -> Conclusion:
@@ -318,7 +319,7 @@ def _dead_band(proposal: Proposal) -> list[Conclusion]:
     drive = proposal.drive
     if drive is None or drive.unit.kind != "duty":
         return []
-    if proposal.given_dead_band is not None:
+    if proposal.dead_band is not None:
         return [
             Conclusion(
                 name="dead band",
@@ -330,16 +331,15 @@ def _dead_band(proposal: Proposal) -> list[Conclusion]:
         ]
     if drive.response is None:
         return []
-    found, scale = drive.response, drive.unit.scale
-    error = found.dead_band_error * scale
+    confidence = dead_band_confidence(drive.against)
     return [
         Conclusion(
             name="dead band",
-            value=f"{drive.dead_band:.4f}",
-            confidence=drive.dead_band_confidence,
-            alternatives=() if drive.dead_band_confidence > 0.9 else ("the duty that the firmware adds",),
-            evidence=f"the torque jumps at zero duty by that of a duty of {found.dead_band * scale:.4f}",
-            error=error if math.isfinite(error) else None,
+            value="counted as less dry friction",
+            confidence=confidence,
+            alternatives=() if confidence >= CONFIDENT else ("the duty that the firmware adds",),
+            evidence=f"by its size, {100.0 * drive.against:.0f} % of a dead band would not act as less dry friction: "
+            "only wheels that turn against their duties show it",
             key="[input] dead_band",
         )
     ]

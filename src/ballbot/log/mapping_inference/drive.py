@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.log.checks.lean import Rows, motion_of, usable_rows
+from ballbot.log.checks.lean import motion_of, usable_rows
 from ballbot.log.checks.torque_balance import (
     FALLING,
     SIGN,
@@ -22,6 +22,7 @@ from ballbot.log.checks.torque_balance import (
     Driving,
     driving_of,
     gravity_need,
+    smoothed_wheel_speeds,
 )
 from ballbot.log.columns import torque_names, wheel_speed_names
 from ballbot.log.log import Log
@@ -37,13 +38,10 @@ from ballbot.log.mapping_inference.commands import (
     units_of,
 )
 from ballbot.log.mapping_inference.names import Reading
-from ballbot.log.mapping_inference.tolerances import dead_band_confidence
 from ballbot.log.pose import with_odometry
 from ballbot.log.signals import MOVING_SPEED, even_rows, smooth
 from ballbot.robot import Robot
 
-#: a dead band is declared if it is this many of its standard errors, and at least this duty
-DEAD_BAND_ERRORS, LEAST_DEAD_BAND = 3.0, 0.005
 #: filter of wheels that turn free [s]
 FREE_WIDTH = 0.05
 
@@ -59,29 +57,24 @@ class DriveEvidence:
     #: standard deviation of the commands, and of what the back-EMF leaves of them if they are duties
     size: float = math.nan
     driving_size: float = math.nan
+    #: size (standard deviation) of what a dead band of one adds to a command beyond what dry friction takes, of the
+    #: wheel where it is largest
+    against: float = math.nan
 
     @property
     def unit(self) -> Unit:
         """The likeliest kind and unit."""
         return next(iter(self.units))
 
-    @property
-    def dead_band(self) -> float:
-        """Duty that the firmware adds; zero if none is seen, or the command is no duty."""
-        found, unit = self.response, self.unit
-        if found is None or unit.kind != "duty" or not np.isfinite(found.dead_band_error):
-            return 0.0
-        duty, error = found.dead_band * unit.scale, found.dead_band_error * unit.scale
-        return float(duty) if duty > max(DEAD_BAND_ERRORS * error, LEAST_DEAD_BAND) and duty < 0.5 else 0.0
 
-    @property
-    def dead_band_confidence(self) -> float:
-        """Confidence in that duty."""
-        found = self.response
-        if found is None:
-            return 0.5
-        left = 0.0 if self.dead_band else found.dead_band
-        return dead_band_confidence(left, found.dead_band_error, self.driving_size)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Compared:
+    """Commands beside the torques that the motion needs, at the rows of `driving`."""
+
+    driving: Driving  #: with the commands as its torques
+    pulled: NDArray[np.float64]  #: (N, n) gravity's part of the need, by wheel [N m]
+    senses: NDArray[np.float64]  #: (N, n) sense in which each wheel turns, filtered; zero while it does not
+    signs: NDArray[np.float64]  #: (N, wheels, commands) sign of each command while each wheel turns, filtered
 
 
 def drive_evidence(
@@ -115,10 +108,9 @@ def drive_evidence(
         compared = None
     assigned, found = None, None
     if compared is not None:
-        driving, pulled, signs = compared
-        assigned = assign(driving, expected)
+        assigned = assign(compared.driving, expected)
         if assigned.confidence > 0.5:
-            found = response(driving, assigned, pulled, signs)
+            found = response(compared.driving, assigned, compared.pulled)
     units = unit_probabilities(
         robot,
         found,
@@ -127,10 +119,11 @@ def drive_evidence(
         named_unit=reading.unit if reading else None,
         known_inertia=mapping.attitude is not None,
     )
-    size, driving_size = math.nan, math.nan
+    size, driving_size, against = math.nan, math.nan, math.nan
     if compared is not None and assigned and found:
         braking = back_emf_damping(robot) if next(iter(units)).kind in ("duty", "voltage") else 0.0
-        size, driving_size = (_size(compared[0], assigned, found.gain * one) for one in (0.0, braking))
+        size, driving_size = (_size(compared.driving, assigned, found.gain * one) for one in (0.0, braking))
+        against = _against(compared, assigned)
     return DriveEvidence(
         assigned=assigned,
         response=found,
@@ -138,6 +131,7 @@ def drive_evidence(
         standstill=units_of(robot),
         size=size,
         driving_size=driving_size,
+        against=against,
     )
 
 
@@ -149,11 +143,40 @@ def _size(driving: Driving, assigned: Assignment, braking: float) -> float:
     return float(np.sqrt(left.var(axis=0).mean()))
 
 
-Compared = tuple[Driving, NDArray[np.float64], NDArray[np.float64]]
+def _against(compared: Compared, assigned: Assignment) -> float:
+    """Return the largest size, of all wheels, of sgn d_i - sgn w_i while wheel i turns, of command d_i and speed w_i.
+
+    A dead band d_0 and dry friction c act as no dead band and dry friction c - d_0 but for d_0 times that, which is
+    zero unless a wheel turns against its command; friction takes what is added to the command of a wheel that sticks.
+    """
+    place = np.argsort(assigned.wheels)
+    signs = np.asarray(assigned.signs, dtype=np.float64)[place]
+    wheels = np.arange(len(place))
+    left = signs * compared.signs[:, wheels, place] - compared.senses
+    return float(left.std(axis=0).max())
+
+
+def _senses_and_signs(commands: NDArray[np.float64], speeds: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (M, n + n^2): the sense in which each wheel turns, and each command's sign while it does."""
+    turns = np.abs(speeds) > SIGN
+    senses = np.where(turns, np.sign(speeds), 0.0)
+    signs = np.where(turns[:, :, None], np.sign(commands)[:, None, :], 0.0)
+    return np.hstack([senses, signs.reshape(len(signs), -1)])
+
+
+def _compared(driving: Driving, pulled: NDArray[np.float64], filtered: NDArray[np.float64]) -> Compared:
+    """Return a comparison from the filtered columns of `_senses_and_signs`."""
+    n = driving.torque.shape[1]
+    return Compared(
+        driving=driving,
+        pulled=pulled,
+        senses=filtered[:, :n],
+        signs=filtered[:, n:].reshape(-1, n, n),
+    )
 
 
 def _balancing(log: Log, robot: Robot) -> Compared | None:
-    """Return commands and needs, gravity's part of these, and the commands' signs; None without enough balancing."""
+    """Return what a log of balancing has to compare; None without enough balancing."""
     log = with_odometry(log, robot)
     rows = usable_rows(log, robot)
     if rows is None:
@@ -162,12 +185,10 @@ def _balancing(log: Log, robot: Robot) -> Compared | None:
     driving = driving_of(log, rows, motion, robot)
     if driving is None:
         return None
-    return driving, gravity_need(motion, robot), _signs(log, rows, robot)
-
-
-def _signs(log: Log, rows: Rows, robot: Robot) -> NDArray[np.float64]:
     u = np.column_stack([log[name] for name in torque_names(robot.wheel_count)])
-    return rows.filtered(log, np.sign(u), late=0.5 * log.sample_time).value
+    signs = _senses_and_signs(u, smoothed_wheel_speeds(log, robot))
+    filtered = rows.filtered(log, signs, late=0.5 * log.sample_time).value
+    return _compared(driving, gravity_need(motion, robot), filtered)
 
 
 def _free(log: Log, robot: Robot) -> Compared | None:
@@ -185,7 +206,8 @@ def _free(log: Log, robot: Robot) -> Compared | None:
     sign = np.tanh(speeds / SIGN)
     parts = (sign, speeds, sign * np.exp(-np.abs(speeds) / FALLING), (np.abs(speeds) > TURNING).astype(float))
     features = smooth(rows, log.t, np.hstack(parts), width=FREE_WIDTH).value[turned]
-    filtered = smooth(rows, log.t + late, np.hstack([u, np.sign(u)]), width=FREE_WIDTH).value[turned]
+    held = np.hstack([u, _senses_and_signs(u, speeds)])
+    filtered = smooth(rows, log.t + late, held, width=FREE_WIDTH).value[turned]
     _, block = np.unique(np.floor(rows[turned] - rows[0]).astype(int), return_inverse=True)
     needed = inertia * moved.rate[turned]
     driving = Driving(
@@ -195,4 +217,4 @@ def _free(log: Log, robot: Robot) -> Compared | None:
         turning=np.clip(features[:, 3 * n :], 0.0, 1.0),
         block=block,
     )
-    return driving, needed, filtered[:, n:]
+    return _compared(driving, needed, filtered[:, n:])

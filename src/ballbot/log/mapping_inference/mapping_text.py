@@ -9,8 +9,9 @@ from pathlib import Path
 from ballbot.file_formats import format_line
 from ballbot.log.mapping_inference.commands import Unit
 from ballbot.log.mapping_inference.conclusions import conclusions_of
-from ballbot.log.mapping_inference.evidence import Conclusion, in_percent
+from ballbot.log.mapping_inference.evidence import CONFIDENT, Conclusion, in_percent
 from ballbot.log.mapping_inference.proposal import Proposal, rates_delay, rates_signs
+from ballbot.log.mapping_inference.tolerances import dead_band_confidence
 from ballbot.printable import printable_line
 from ballbot.robot import Robot
 from ballbot.schema import toml_line
@@ -241,15 +242,14 @@ def _motor_lines(proposal: Proposal, unit: Unit, robot: Robot) -> list[str]:
     if unit.kind == "current":
         return [constant, gear_ratio]
     evidence = proposal.drive
-    found = evidence.response if evidence else None
-    band = "assumed: the duty that the firmware adds; write it here"
-    if proposal.given_dead_band is not None:
-        band = "given: the duty that the firmware adds"
-    elif evidence and found is not None and math.isfinite(found.dead_band_error) and evidence.dead_band:
-        band = f"measured: the duty that the firmware adds, standard error {found.dead_band_error * unit.scale:.4f}"
+    band = "# dead_band = 0.0   the duty that the firmware adds; while it is not stated, it counts as less dry friction"
+    if proposal.dead_band is not None:
+        band = toml_line("dead_band", proposal.dead_band, "given: the duty that the firmware adds")
+    elif evidence is None or dead_band_confidence(evidence.against) < CONFIDENT:
+        band = toml_line("dead_band", 0.0, "assumed: the duty that the firmware adds; write it here")
     resistance = float(f"{stall_resistance(robot):.6g}")
     return [
-        toml_line("dead_band", round(proposal.dead_band, 4), band),
+        band,
         toml_line("supply_voltage", drive.supply_voltage, robot_file),
         constant,
         toml_line("back_emf_constant", 1.0 / drive.speed_constant, f"{robot_file}: 1 / speed constant"),

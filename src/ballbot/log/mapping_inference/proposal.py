@@ -97,19 +97,12 @@ class Proposal:
     sample_time: float  #: of even rows [s]
     signals: Signals
     #: duty that the firmware adds, as the user says; None if it is not known
-    given_dead_band: float | None = None
+    dead_band: float | None = None
 
     @property
     def sensor_delay(self) -> float:
         """Lean later than the wheels [s]; zero if it cannot be told from zero."""
         return 0.0 if self.lean_delay is None else self.lean_delay.applied
-
-    @property
-    def dead_band(self) -> float:
-        """Duty that the firmware adds: as the user says, or as measured; zero if neither."""
-        if self.given_dead_band is not None:
-            return self.given_dead_band
-        return self.drive.dead_band if self.drive else 0.0
 
 
 def propose(
@@ -126,7 +119,8 @@ def propose(
     columns : sequence of str, optional
         The columns' names, in place of the file's.
     dead_band : float, optional
-        Duty that the firmware adds to overcome friction, 0 if it adds none; a log hardly shows it.
+        Duty that the firmware adds to overcome friction, 0 if it adds none. A log hardly shows it; not given, it is
+        counted as less dry friction.
 
     Raises
     ------
@@ -175,7 +169,7 @@ def propose(
         keep=_keep(signals, tested),
         sample_time=_sample_time(raw.t),
         signals=signals,
-        given_dead_band=dead_band,
+        dead_band=dead_band,
     )
     if raw.commands is None:
         return proposal

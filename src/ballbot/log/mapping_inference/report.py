@@ -361,10 +361,10 @@ def _commands(proposal: Proposal) -> list[Finding]:
         found.append(_finding("warning", "commands", sentence))
     if any(one.name == "dead band" and not one.determined for one in conclusions_of(proposal)):
         sentence = (
-            "The log does not show the dead band, which hides behind static friction and play: give the duty that the "
-            "firmware adds to overcome friction with --dead-band, 0 if it adds none."
+            "The wheels often turn against their duties, so that a dead band is more than less dry friction: give the "
+            "duty that the firmware adds to overcome friction with --dead-band, 0 if it adds none."
         )
-        found.append(_finding("warning", "drive", sentence))
+        found.append(_finding("warning", "dead-band", sentence))
     delay = round(1e3 * tested.delay)
     sentence = (
         (
@@ -373,7 +373,7 @@ def _commands(proposal: Proposal) -> list[Finding]:
             else f"Motors respond {delay} ms after the command"
         )
         + (f", the lean is logged {1e3 * proposal.lean_test.lag:.0f} ms late" if proposal.lean_test else "")
-        + "; torque constant, winding resistance and dead band are assumed. "
+        + "; torque constant and winding resistance are assumed. "
         "A free-wheel sweep gives their ratios, a data sheet the scale."
     )
     found.append(_finding("note", "drive", sentence))

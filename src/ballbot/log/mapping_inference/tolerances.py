@@ -32,8 +32,10 @@ LEAN_PHASE = 0.3
 TORQUE_PHASE = 0.2
 #: turn of the IMU that may be off [rad]: a fifth of a lean appears in the other axis
 TURN = math.radians(12.0)
-#: part of the torques, by size, that an unknown dead band may be
+#: part of the torques, by size, that an unknown dead band may change
 TORQUE_PART = 0.2
+#: largest dead band that must be expected, over the size of what drives
+LARGEST_DEAD_BAND = 0.7
 #: play of a wheel's gear that must be expected [rad]: one degree is usual, and two of small gear motors
 PLAY = math.radians(1.5)
 #: play's delay is PLAY_DELAY b / (speed, root mean square): 4 / pi (b / 2) / amplitude is the phase, sqrt(2) the peak
@@ -47,9 +49,9 @@ TURN_PER_GAIN = 0.15
 #: the turn's error over its jackknife: of 176 logs of the development halves, the turn of 2 is off by more than `TURN`
 #: with a confidence above 0.9 at 1.5, and of none at 1.8
 TURN_JACKKNIFE = 1.8
-#: error of an estimated dead band beyond the jackknife, over the size of what drives: the estimates of the development
-#: halves, with and without a dead band, were off by 0.15 to 1
-DEAD_BAND_ERROR = 0.15
+#: share of the wheels' accelerations that the commands must explain for their delay to be known: logs of the corpus
+#: whose commands explain less find it 17 ms too late, in the mean, and nearly all delays undone were wrong
+EXPLAINED_FOR_DELAY = 0.75
 #: a delay is undone if it is this many of its standard errors, and so nearer to the estimate than to zero
 APPLIED = 1.0
 #: delays that are not seen lie between zero and these [s]: an IMU's filter takes up to 20 ms, a driver up to 15
@@ -127,8 +129,8 @@ def command_delay(
             f"at {1e3 * tested.delay:.1f} ms the commands explain {100 * tested.explained:.0f} % of the wheels' "
             "accelerations"
         )
-        # what explains little is off by more
-        error = COMMAND_ERROR / max(tested.explained, 0.1)
+        # friction that sticks makes wheels that the commands explain little seem late
+        error = COMMAND_ERROR / tested.explained if tested.explained >= EXPLAINED_FOR_DELAY else math.inf
         # commands that chatter are not known between two rows, and an alias of theirs fits best one or two rows off
         aliased = 2.0 * interval * _chatter(signals.commands, calm, usable)
         error = math.hypot(tested.delay_error, error, aliased)
@@ -176,20 +178,16 @@ def _delay(
     )
 
 
-def dead_band_confidence(estimate: float, error: float, size: float) -> float:
-    """Return the confidence that a dead band is what is written.
+def dead_band_confidence(against: float) -> float:
+    """Return the confidence that a dead band that nobody states only makes dry friction appear less.
 
     Parameters
     ----------
-    estimate, error : float
-        Estimate and its standard error, in the commands' unit; the estimate is zero if it is written. Static friction
-        and play take from the estimate: one below zero, which no firmware has, shows how much.
-    size : float
-        Standard deviation of the commands' part that drives, in the same unit.
+    against : float
+        Size of what a dead band of one adds beyond what dry friction takes, of the wheel where it is largest; with an
+        even distribution of dead bands up to `LARGEST_DEAD_BAND` it makes the error.
     """
-    if not (math.isfinite(error) and math.isfinite(size) and size > 0.0):
-        return 0.5
-    return harmless(math.hypot(estimate, error, DEAD_BAND_ERROR * size) / size, TORQUE_PART)
+    return harmless(LARGEST_DEAD_BAND / math.sqrt(3.0) * against, TORQUE_PART)
 
 
 def command_delay_confidence(late: Delay, braked: float) -> float:
