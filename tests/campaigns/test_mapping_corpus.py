@@ -1,13 +1,19 @@
-"""A sample of the corpus of foreign logs: no mapping is wrong with confidence, and most are right without an edit."""
+"""A sample of the corpus of foreign logs: no mapping is wrong with confidence, and most are right without an edit.
+
+A dead band that nobody states is counted as less dry friction; here the friction that is then identified is compared.
+"""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from ballbot import Log
-from campaigns.foreign_logs import draw
-from campaigns.mapping_corpus import judged
+from ballbot import Log, Model, Robot, identify, simulate
+from ballbot.control.presets import nominal_controller
+from ballbot.log.columns import torque_names
+from ballbot.robot.components import Friction
+from campaigns.foreign_logs import commands, draw
+from campaigns.mapping_corpus import FirmwareDeadBand, judged
 from tests.support.foreign_log_examples import small_robot, swaying_log
 
 SEEDS = range(12)
@@ -45,3 +51,31 @@ def test_no_mapping_is_wrong_with_confidence_and_most_are_right():
         if {found.result, found.answered} & {"wrong", "doubtful"}
     } == {}
     assert sum(found.answered == "right" for found in results.values()) >= len(SEEDS) // 2, results
+
+
+@pytest.mark.slow
+def test_a_dead_band_that_nobody_states_is_less_dry_friction():
+    """The identified c is that of the wheels less the torque that the firmware adds, and predicts nearly as well."""
+    robot = Robot.load("alten")
+    coulomb, added = np.array([0.14, 0.11, 0.13]), 0.05  # [N m]
+    friction = replace(Friction.none(3), coulomb=tuple(coulomb), viscous=(0.02, 0.02, 0.02))
+    true = robot.replace(friction=friction)
+
+    def reference(t: float) -> np.ndarray:
+        pose = np.zeros(10)
+        pose[:2] = 0.3 * np.sin(0.8 * t), 0.3 * np.sin(1.1 * t)
+        return pose
+
+    firmware = FirmwareDeadBand(nominal_controller(true), true, added / true.drive.torque_limit)
+    log = simulate(Model(true), firmware, reference, duration=14.0)
+    duty = commands(true, log.torques, log.wheel_speeds, "duty")
+    without = log.torques - added * np.sign(duty)
+    as_mapped = log.with_columns(dict(zip(torque_names(3), without.T, strict=True)))
+    stated, not_stated = (identify(robot, one, law="coulomb") for one in (log, as_mapped))
+    c, less = (np.array(one.parameters["c"]) for one in (stated, not_stated))
+    # a fifth of the dead band: what the rows make of it in which a wheel turns against its duty
+    np.testing.assert_allclose(c, coulomb, atol=0.01)
+    np.testing.assert_allclose(c - less, added, atol=0.01)
+    # of a log without noise, of which friction with the dead band stated leaves nothing
+    kept = not_stated.held_out.squares_with.sum(axis=0) / not_stated.held_out.squares_without.sum(axis=0)
+    assert np.median(np.sqrt(kept)) < 0.15

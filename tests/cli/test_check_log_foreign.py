@@ -80,7 +80,7 @@ def test_dead_band_is_for_a_foreign_file_and_a_duty(folder, capsys):
     assert "must be a duty from 0 to below 1" in capsys.readouterr().err
 
 
-def test_a_dead_band_that_is_not_given_counts_as_less_dry_friction(folder, capsys):
+def test_a_dead_band_that_is_not_given_counts_as_less_dry_friction(folder):
     out = folder / "not_given"
     words = ["check-log", str(folder / "run.txt"), "--robot", str(folder / "robot.toml"), "--out", str(out)]
     assert main(words) == 0

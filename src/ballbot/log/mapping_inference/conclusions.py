@@ -331,15 +331,15 @@ def _dead_band(proposal: Proposal) -> list[Conclusion]:
         ]
     if drive.response is None:
         return []
-    confidence = dead_band_confidence(drive.against)
+    confidence = dead_band_confidence(drive.turning_against)
     return [
         Conclusion(
             name="dead band",
             value="counted as less dry friction",
             confidence=confidence,
             alternatives=() if confidence >= CONFIDENT else ("the duty that the firmware adds",),
-            evidence=f"by its size, {100.0 * drive.against:.0f} % of a dead band would not act as less dry friction: "
-            "only wheels that turn against their duties show it",
+            evidence=f"{100.0 * drive.turning_against:.0f} % of a dead band, by its size, would not act as less dry "
+            "friction: what it adds while a wheel turns against its duty",
             key="[input] dead_band",
         )
     ]

@@ -59,7 +59,7 @@ class DriveEvidence:
     driving_size: float = math.nan
     #: size (standard deviation) of what a dead band of one adds to a command beyond what dry friction takes, of the
     #: wheel where it is largest
-    against: float = math.nan
+    turning_against: float = math.nan
 
     @property
     def unit(self) -> Unit:
@@ -119,11 +119,11 @@ def drive_evidence(
         named_unit=reading.unit if reading else None,
         known_inertia=mapping.attitude is not None,
     )
-    size, driving_size, against = math.nan, math.nan, math.nan
+    size, driving_size, turning_against = math.nan, math.nan, math.nan
     if compared is not None and assigned and found:
         braking = back_emf_damping(robot) if next(iter(units)).kind in ("duty", "voltage") else 0.0
         size, driving_size = (_size(compared.driving, assigned, found.gain * one) for one in (0.0, braking))
-        against = _against(compared, assigned)
+        turning_against = _turning_against(compared, assigned)
     return DriveEvidence(
         assigned=assigned,
         response=found,
@@ -131,7 +131,7 @@ def drive_evidence(
         standstill=units_of(robot),
         size=size,
         driving_size=driving_size,
-        against=against,
+        turning_against=turning_against,
     )
 
 
@@ -143,7 +143,7 @@ def _size(driving: Driving, assigned: Assignment, braking: float) -> float:
     return float(np.sqrt(left.var(axis=0).mean()))
 
 
-def _against(compared: Compared, assigned: Assignment) -> float:
+def _turning_against(compared: Compared, assigned: Assignment) -> float:
     """Return the largest size, of all wheels, of sgn d_i - sgn w_i while wheel i turns, of command d_i and speed w_i.
 
     A dead band d_0 and dry friction c act as no dead band and dry friction c - d_0 but for d_0 times that, which is

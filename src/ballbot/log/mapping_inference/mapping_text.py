@@ -245,7 +245,7 @@ def _motor_lines(proposal: Proposal, unit: Unit, robot: Robot) -> list[str]:
     band = "# dead_band = 0.0   the duty that the firmware adds; while it is not stated, it counts as less dry friction"
     if proposal.dead_band is not None:
         band = toml_line("dead_band", proposal.dead_band, "given: the duty that the firmware adds")
-    elif evidence is None or dead_band_confidence(evidence.against) < CONFIDENT:
+    elif evidence is None or dead_band_confidence(evidence.turning_against) < CONFIDENT:
         band = toml_line("dead_band", 0.0, "assumed: the duty that the firmware adds; write it here")
     resistance = float(f"{stall_resistance(robot):.6g}")
     return [

@@ -178,16 +178,16 @@ def _delay(
     )
 
 
-def dead_band_confidence(against: float) -> float:
+def dead_band_confidence(turning_against: float) -> float:
     """Return the confidence that a dead band that nobody states only makes dry friction appear less.
 
     Parameters
     ----------
-    against : float
+    turning_against : float
         Size of what a dead band of one adds beyond what dry friction takes, of the wheel where it is largest; with an
         even distribution of dead bands up to `LARGEST_DEAD_BAND` it makes the error.
     """
-    return harmless(LARGEST_DEAD_BAND / math.sqrt(3.0) * against, TORQUE_PART)
+    return harmless(LARGEST_DEAD_BAND / math.sqrt(3.0) * turning_against, TORQUE_PART)
 
 
 def command_delay_confidence(late: Delay, braked: float) -> float:
