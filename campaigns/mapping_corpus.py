@@ -28,6 +28,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
 from typing import Literal
@@ -580,12 +581,22 @@ def section(found: Sequence[Outcome], *, dead_bands: Sequence[float]) -> Section
             "right with the dead band given",
         ],
         rows=rows,
-        after=f"Confidently wrong: {wrong or 'none'}. Undetermined most often: "
+        after=f"{_by_duration(found)} Confidently wrong: {wrong or 'none'}. Undetermined most often: "
         + "; ".join(f"{reason} ({count})" for reason, count in asked)
         + f". The firmware's dead band is {100 * min(dead_bands):.0f} to {100 * max(dead_bands):.0f} % of the torques"
         f" of its logs, of which a right mapping may miss {100 * TORQUE_ERROR:.0f} %."
         f" {MINUTES} limits the minutes of a half, and with them the number of its variants.",
     )
+
+
+def _by_duration(found: Sequence[Outcome]) -> str:
+    """Return a sentence on the share of the test half that is right, by the logs' durations."""
+    shares = []
+    for shortest, longest in pairwise((5.0, 10.0, 15.0, 60.0)):
+        own = [one for one in found if one.half == "test" and shortest <= one.duration < longest]
+        right = sum(one.judgement.result == "right" for one in own)
+        shares.append(f"{_share(right, len(own))} of {shortest:.0f} to {longest:.0f} s")
+    return f"Right in the test half, by the logs' durations: {'; '.join(shares)}."
 
 
 def _share(count: int, total: int) -> str:
