@@ -7,7 +7,7 @@ A variant is a stretch of a recorded log, written as a team might write it (`cam
 a mapping, and the log that this mapping makes is compared with the recorded one. A result is
 
 right           the log is the recorded one, up to a transformation that leaves every measured signal and the robot's
-                dynamics unchanged (`differences`)
+                dynamics unchanged, or a dead band counted as less dry friction (`differences`)
 undetermined    a conclusion is below the confidence that `check-log` asks for, so that it names the line to fill in
 doubtful        wrong, with a stated confidence below 0.9
 wrong           wrong, and confident
@@ -42,7 +42,6 @@ from ballbot.control.presets import nominal_controller
 from ballbot.control.references import Reference, change_pose, circle, figure_eight, hold, square
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.log.checks.torque_balance import SIGN
 from ballbot.log.formats import is_foreign
 from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.proposal import propose
@@ -381,10 +380,11 @@ def differences(found: Evaluation, truth: Log, robot: Robot, habits: Habits, *, 
     - the robot mirrored in the plane of wheel 1: the lean mirrored, heading, wheels and torques negated, the wheels'
       order reversed;
     - another origin of the heading, and of each wheel's angle;
-    - if the file has no heading: all wheels and torques negated and the lean turned by half a turn;
-    - a dead band that the firmware adds to a duty, and dry friction, or none and so much less dry friction: exact
-      while a wheel turns the way its duty drives it, or sticks. The torques are compared with the truth's in this form,
-      so that what wheels that turn against their duties make of it is an error.
+    - if the file has no heading: all wheels and torques negated and the lean turned by half a turn.
+
+    Besides, a dead band that the mapping does not state counts as so much less dry friction, which is the same while
+    wheels turn the way their duties drive them. The torques are compared with the truth's in this form, so that what
+    wheels that turn against their duties make of it is an error.
     """
     log = found.log
     if log is None:
@@ -461,8 +461,7 @@ def _less_friction(truth: Log, robot: Robot, dead_band: float) -> NDArray[np.flo
     """Return the torques (M, n) by which dry friction is less if nobody states a dead band, and it acts as friction."""
     calm = local_fit(truth.t, truth.wheel_speeds, rows=max(2, round(0.015 / truth.sample_time)))[0]
     duty = commands(robot, truth.torques, truth.wheel_speeds, "duty")
-    senses = np.where(np.abs(calm) > SIGN, np.sign(calm), np.sign(duty))
-    return dead_band * robot.drive.torque_limit * senses
+    return dead_band * robot.drive.torque_limit * np.where(calm == 0.0, np.sign(duty), np.sign(calm))
 
 
 def _as_written(
@@ -584,7 +583,8 @@ def section(found: Sequence[Outcome], *, dead_bands: Sequence[float]) -> Section
         after=f"{_by_duration(found)} Confidently wrong: {wrong or 'none'}. Undetermined most often: "
         + "; ".join(f"{reason} ({count})" for reason, count in asked)
         + f". The firmware's dead band is {100 * min(dead_bands):.0f} to {100 * max(dead_bands):.0f} % of the torques"
-        f" of its logs, of which a right mapping may miss {100 * TORQUE_ERROR:.0f} %."
+        f" of its logs. A mapping that does not state it is compared with torques less so much dry friction, and may"
+        f" differ by {100 * TORQUE_ERROR:.0f} % of them."
         f" {MINUTES} limits the minutes of a half, and with them the number of its variants.",
     )
 

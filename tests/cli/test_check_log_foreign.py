@@ -91,7 +91,7 @@ def test_a_dead_band_that_is_not_given_counts_as_less_dry_friction(folder):
     # with this mapping, commands say so, and no longer once it is stated
     (finding,) = dead_band_findings([mapping, None])
     assert (finding.code, finding.severity, finding.where.file) == ("dead-band", "warning", str(mapping))
-    mapping.write_text(mapping.read_text().replace("# dead_band = 0.0 ", "dead_band = 0.0 #"))
+    mapping.write_text(mapping.read_text().replace("# dead_band = ", "dead_band = "))
     assert dead_band_findings([mapping]) == ()
 
 
@@ -101,3 +101,20 @@ def test_a_given_dead_band_stands_in_the_mapping(folder):
     assert main([*words, "--dead-band", "0.02"]) == 0
     assert "dead_band = 0.02 " in (out / "mapping.toml").read_text()
     assert json.loads((out / "results.json").read_text())["dead_band"] == 0.02
+
+
+def test_a_voltage_has_no_dead_band(folder):
+    """A mapping of voltages is one of duties of the supply, to which nothing is added: no command asks or warns."""
+    columns = columns_of(swaying_log(), Habits())
+    volts = {name: 12.0 * values for name, values in columns.items() if name.startswith("u")}
+    named = {name.replace("u", "voltage") + "_V": values for name, values in volts.items()}
+    kept = {name: values for name, values in columns.items() if name not in volts}
+    path = write_foreign(folder / "volts.txt", kept | named, Habits())
+    out = folder / "volts"
+    words = ["check-log", str(path), "--robot", str(folder / "robot.toml"), "--out", str(out)]
+    main(words)
+    results = json.loads((out / "results.json").read_text())
+    mapping = out / "mapping.toml"
+    assert "voltage" in mapping.read_text()
+    assert "dead band" not in [one["name"] for one in results["conclusions"]]
+    assert dead_band_findings([mapping]) == ()

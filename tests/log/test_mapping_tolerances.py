@@ -111,7 +111,9 @@ def test_a_delay_at_the_edge_of_its_search_is_not_undone():
 
 def test_a_dead_band_is_less_dry_friction_unless_wheels_turn_against_their_duties():
     # by 0.12 of the size of what drives, of which torques may miss 0.2
-    assert dead_band_confidence(0.12 / (LARGEST_DEAD_BAND / math.sqrt(3.0))) == pytest.approx(0.904, abs=0.001)
+    assert dead_band_confidence(0.12 / (LARGEST_DEAD_BAND / math.sqrt(3.0))) == pytest.approx(
+        0.904, abs=0.001
+    )
     assert dead_band_confidence(0.1) > 0.99
     assert dead_band_confidence(0.7) < 0.6
     assert dead_band_confidence(math.nan) < 0.9

@@ -62,7 +62,7 @@ def check_log(
         t,roll,pitch,yaw,enc1,enc2,enc3,u1,u2,u3. Write _ for a column whose name you do not know.
     dead_band
         The duty, 0 to 1, that the firmware of a foreign log adds to overcome friction: 0 if it adds none. If not given,
-        it is measured, which few logs allow.
+        it counts as less dry friction, or is asked for if the wheels often turn against their duties.
     out
         A folder for report.html, results.json and, for a foreign file, the mapping and the converted log.
     """

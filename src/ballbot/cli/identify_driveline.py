@@ -26,6 +26,7 @@ from ballbot.identification.driveline_robot import robot_of_sweep, sweep_estimat
 from ballbot.identification.windows import back_emf_of
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
+from ballbot.log.mapping_file import dead_band_findings
 from ballbot.report.driveline import (
     driveline_parts,
     driveline_report,
@@ -80,7 +81,7 @@ def identify_driveline(
     described = Robot.load(robot)
     read, back_emf = Log.read(log, mapping=mapping), back_emf_of(mapping)
     sweeps = sweeps_of(described, read, limit=speed_limit, back_emf=back_emf)
-    findings = _checked(described, log, read, sweeps, accept)
+    findings = _checked(described, log, read, sweeps, mapping, accept)
     space = driveline_parameters(lower=lower, upper=upper)
     inputs = input_files(robot, log, mapping)
     with open_result(out, command="identify-driveline", writes=_WRITTEN, inputs=inputs, seed=seed) as result:
@@ -99,12 +100,19 @@ def identify_driveline(
 
 
 def _checked(
-    robot: Robot, file: Path, log: Log, sweeps: Sequence[Sweep], accept: list[str] | None
+    robot: Robot,
+    file: Path,
+    log: Log,
+    sweeps: Sequence[Sweep],
+    mapping: Path | None,
+    accept: list[str] | None,
 ) -> tuple[Finding, ...]:
     """Return what checks of the robot, the log and the sweeps found; stop on an error that is not accepted."""
     of_sweeps = (
         replace(one, where=replace(one.where, file=str(file))) for one in sweep_findings(robot, sweeps)
     )
-    findings = by_severity([*bench_findings(robot, {str(file): log}), *of_sweeps])
+    findings = by_severity(
+        [*bench_findings(robot, {str(file): log}), *of_sweeps, *dead_band_findings([mapping])]
+    )
     stop_or_show(findings, accept=accept)
     return findings

@@ -78,8 +78,8 @@ class DutyInput:
     back_emf_constant: PositiveFloat  #: k_e [V s/rad]
     resistance: PositiveFloat  #: R [ohm]
     gear_ratio: PositiveFloat  #: n [-]
-    #: duty that the firmware adds, in the duty's direction, to overcome friction; None if nobody knows, and the log is
-    #: read as if there were none: friction found with it is what the firmware leaves of it
+    #: duty that the firmware adds, in the duty's direction, to overcome friction; None if unknown: the log is then read
+    #: as if there were none, and dry friction identified from it is less by this duty's torque
     dead_band: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
     duty_limit: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0  #: the largest duty that reaches the motor
 

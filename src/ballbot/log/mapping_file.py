@@ -48,7 +48,7 @@ An example with everything in it::
     back_emf_constant = 0.01      # [V s/rad], motor side
     resistance = 2.0              # [ohm]
     gear_ratio = 70.0
-    dead_band = 0.0314            # duty that the firmware adds in the duty's direction; not stated, less friction
+    dead_band = 0.0314            # duty that the firmware adds in the duty's direction; not stated, less dry friction
     duty_limit = 1.0              # the largest duty that reaches the motor; 1 by default
 
 A current needs torque_constant, gear_ratio and, if it is not 1, efficiency.
@@ -265,8 +265,8 @@ def dead_band_findings(mappings: Iterable[str | Path | None]) -> tuple[Finding, 
             continue
         sentence = (
             "The commands are duties, and no dead band is stated: a duty that the firmware adds counts as less dry "
-            "friction. The friction found is then that of the robot with this firmware. For that of its wheels "
-            "alone, state dead_band in [input], 0 if the firmware adds none."
+            "friction. Friction identified from this log includes the firmware's part, and holds for logs that are "
+            "read the same way. For the wheels' own friction state dead_band in [input], 0 if the firmware adds none."
         )
         found.append(
             Finding(code="dead-band", severity="warning", text=sentence, where=Place(file=str(mapping)))

@@ -8,7 +8,7 @@ placement                how the lean responds to the wheels
 placements               every order and sign of the wheels, compared
 frame                    order, signs, the IMU's turn and reversed axes that follow
 wheel_response           how late the wheels answer to the commands
-commands, drive          which command drives which wheel, its kind and scale, and a dead band
+commands, drive          which command drives which wheel, its kind and scale, how often wheels turn against it
 evidence                 a conclusion with its confidence
 tolerances               what an unknown delay, turn or dead band would change, and the confidence that follows
 proposal                 all of this for one file (`propose`)

@@ -1,4 +1,4 @@
-"""Which command drives which wheel, with which sign, what it commands, and how much of it the firmware adds.
+"""Which command drives which wheel, with which sign, and what it commands.
 
 Ball and wheels pass each other the torques that the motion needs (`ballbot.log.checks.torque_balance`): about upright,
 wheel i needs n_i. What drives it is a command d_j of unknown order, sign, kind and scale:
@@ -16,10 +16,11 @@ would make a too small. Names, sizes and whole numbers add to the evidence; ever
 has a weight, and the weights together are the confidence.
 
 A dead band d_0 that the firmware adds, in the direction of the duty, is counted as less dry friction. A wheel that
-turns the way its duty drives it, or sticks, moves with a dead band d_0 and dry friction c exactly as with none and dry
-friction c - d_0. Only rows in which a wheel turns against its duty tell the one from the other, and these are few,
-slow, and next to a reversal, where play and static friction act as well: an estimate from them (the torque's jump at
-zero duty) was off by up to the dead band itself, whether there was one or not. Where such rows are many, it is asked.
+turns the way its duty drives it moves, below the duty limit, with a dead band d_0 and dry friction c >= d_0 exactly as
+with none and dry friction c - d_0. One that sticks breaks away at the same duty in the duty's direction, but at a
+smaller load against it. Only rows in which a wheel turns against its duty tell the two apart, and these are few, slow,
+and next to a reversal, where play and static friction act as well: an estimate from them (the torque's jump at zero
+duty) was off by up to the dead band itself, whether there was one or not. Where such rows are many, it is asked for.
 """
 
 from __future__ import annotations
@@ -99,7 +100,7 @@ def assign(driving: Driving, expected: Sequence[tuple[int, int]]) -> Assignment:
     )
 
 
-#: assignments whose torques differ by less than this part of their size are one
+#: assignments whose torques differ by less than this part of their size are one: half of what torques may be off
 SAME_TORQUES = 0.1
 
 
@@ -129,8 +130,8 @@ def _by_wheel(
 
 #: part of the standard errors by which one assignment is behind another that is believed
 BELIEVED_ERRORS = 0.6
-#: logarithm of the ratio of two squared errors from which it counts, too, and its weight for each second. `python -m
-#: campaigns.mapping_windows 24` gives 165 of 222 windows of 6 to 12 s a confidence above 0.9; one of these is wrong
+#: logarithm of the ratio of two squared errors from which it counts, too, and its weight for each second; chosen with
+#: `python -m campaigns.mapping_windows 24`, which counts the windows of 6 to 12 s that are wrong with confidence
 LEAST_RATIO, EACH_SECOND = 0.2, 0.75
 #: probability that motors are numbered as encoders; that each motor turns for a positive command as its encoder counts,
 #: or all motors turn alike, whatever an encoder counts; the rest is for any signs. Chosen, not measured

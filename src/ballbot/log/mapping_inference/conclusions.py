@@ -338,8 +338,9 @@ def _dead_band(proposal: Proposal) -> list[Conclusion]:
             value="counted as less dry friction",
             confidence=confidence,
             alternatives=() if confidence >= CONFIDENT else ("the duty that the firmware adds",),
-            evidence=f"{100.0 * drive.turning_against:.0f} % of a dead band, by its size, would not act as less dry "
-            "friction: what it adds while a wheel turns against its duty",
+            evidence="a dead band acts as less dry friction, but for "
+            f"{100.0 * drive.turning_against:.0f} % of its size: what it adds while a wheel turns against its duty, or "
+            "coasts",
             key="[input] dead_band",
         )
     ]

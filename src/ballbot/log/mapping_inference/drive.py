@@ -147,7 +147,8 @@ def _turning_against(compared: Compared, assigned: Assignment) -> float:
     """Return the largest size, of all wheels, of sgn d_i - sgn w_i while wheel i turns, of command d_i and speed w_i.
 
     A dead band d_0 and dry friction c act as no dead band and dry friction c - d_0 but for d_0 times that, which is
-    zero unless a wheel turns against its command; friction takes what is added to the command of a wheel that sticks.
+    zero unless a wheel turns against its command, or coasts at a command of zero. A wheel that sticks counts as no
+    difference.
     """
     place = np.argsort(assigned.wheels)
     signs = np.asarray(assigned.signs, dtype=np.float64)[place]

@@ -9,9 +9,8 @@ from pathlib import Path
 from ballbot.file_formats import format_line
 from ballbot.log.mapping_inference.commands import Unit
 from ballbot.log.mapping_inference.conclusions import conclusions_of
-from ballbot.log.mapping_inference.evidence import CONFIDENT, Conclusion, in_percent
+from ballbot.log.mapping_inference.evidence import Conclusion, in_percent
 from ballbot.log.mapping_inference.proposal import Proposal, rates_delay, rates_signs
-from ballbot.log.mapping_inference.tolerances import dead_band_confidence
 from ballbot.printable import printable_line
 from ballbot.robot import Robot
 from ballbot.schema import toml_line
@@ -196,7 +195,7 @@ def _input_lines(proposal: Proposal, robot: Robot, concluded: Mapping[str, Concl
     places = [listed[k] for k in range(1, len(names) + 1)]
     return [
         "[input]",
-        *_kind_lines(proposal, unit, robot),
+        *_kind_lines(proposal, unit, robot, concluded),
         *_other_kinds(proposal, robot, concluded),
         toml_line("from", [by_wheel[place] for place in places]),
         toml_line("sign", [signs[place] for place in places]),
@@ -204,7 +203,9 @@ def _input_lines(proposal: Proposal, robot: Robot, concluded: Mapping[str, Concl
     ]
 
 
-def _kind_lines(proposal: Proposal, unit: Unit, robot: Robot) -> list[str]:
+def _kind_lines(
+    proposal: Proposal, unit: Unit, robot: Robot, concluded: Mapping[str, Conclusion]
+) -> list[str]:
     """Return the lines that depend on the kind of the command: these stand together, to be replaced together."""
     kind = {"torque": "torque", "current": "current", "duty": "pwm", "voltage": "pwm"}[unit.kind]
     share = proposal.drive.units[unit] if proposal.drive else 0.0
@@ -212,7 +213,7 @@ def _kind_lines(proposal: Proposal, unit: Unit, robot: Robot) -> list[str]:
     return [
         toml_line("kind", kind, f"{in_percent(share)} %: {unit.description}"),
         toml_line("scale", scale),
-        *_motor_lines(proposal, unit, robot),
+        *_motor_lines(proposal, unit, robot, concluded.get("[input] dead_band")),
     ]
 
 
@@ -224,7 +225,7 @@ def _other_kinds(proposal: Proposal, robot: Robot, concluded: Mapping[str, Concl
     lines = []
     for kind in asked.alternatives:
         unit = next(unit for unit in proposal.drive.units if unit.kind == kind)  # the likeliest comes first
-        needed = _kind_lines(proposal, unit, robot)
+        needed = _kind_lines(proposal, unit, robot, concluded)
         lines += [
             f"# if it is a {kind}, these lines in place of those above in [input]:",
             *(f"#   {line}" for line in needed),
@@ -232,7 +233,7 @@ def _other_kinds(proposal: Proposal, robot: Robot, concluded: Mapping[str, Concl
     return lines
 
 
-def _motor_lines(proposal: Proposal, unit: Unit, robot: Robot) -> list[str]:
+def _motor_lines(proposal: Proposal, unit: Unit, robot: Robot, dead_band: Conclusion | None) -> list[str]:
     """Return the lines on the motors that a kind of command needs besides its scale."""
     drive, robot_file = robot.drive, "from the robot file"
     constant = toml_line("torque_constant", drive.torque_constant, robot_file)
@@ -241,11 +242,14 @@ def _motor_lines(proposal: Proposal, unit: Unit, robot: Robot) -> list[str]:
         return []
     if unit.kind == "current":
         return [constant, gear_ratio]
-    evidence = proposal.drive
-    band = "# dead_band = 0.0   the duty that the firmware adds; while it is not stated, it counts as less dry friction"
-    if proposal.dead_band is not None:
+    band = "# " + toml_line(
+        "dead_band", 0.0, "what the firmware adds; not stated, it counts as less dry friction"
+    )
+    if unit.kind == "voltage":
+        band = toml_line("dead_band", 0.0, "a voltage has none")
+    elif proposal.dead_band is not None:
         band = toml_line("dead_band", proposal.dead_band, "given: the duty that the firmware adds")
-    elif evidence is None or dead_band_confidence(evidence.turning_against) < CONFIDENT:
+    elif dead_band is not None and not dead_band.determined:
         band = toml_line("dead_band", 0.0, "assumed: the duty that the firmware adds; write it here")
     resistance = float(f"{stall_resistance(robot):.6g}")
     return [

@@ -361,8 +361,8 @@ def _commands(proposal: Proposal) -> list[Finding]:
         found.append(_finding("warning", "commands", sentence))
     if any(one.name == "dead band" and not one.determined for one in conclusions_of(proposal)):
         sentence = (
-            "The wheels often turn against their duties, so that a dead band is more than less dry friction: give the "
-            "duty that the firmware adds to overcome friction with --dead-band, 0 if it adds none."
+            "The wheels often turn against their duties, or coast, so that a dead band would not act as less dry "
+            "friction: give the duty that the firmware adds with --dead-band, 0 if it adds none."
         )
         found.append(_finding("warning", "dead-band", sentence))
     delay = round(1e3 * tested.delay)
