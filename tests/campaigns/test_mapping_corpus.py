@@ -10,6 +10,7 @@ import pytest
 
 from ballbot import Log, Model, Robot, identify, simulate
 from ballbot.control.presets import nominal_controller
+from ballbot.identification.stages import IdentificationOptions
 from ballbot.log.columns import torque_names
 from ballbot.robot.components import Friction
 from campaigns.foreign_logs import commands, draw
@@ -17,6 +18,8 @@ from campaigns.mapping_corpus import FirmwareDeadBand, judged
 from tests.support.foreign_log_examples import small_robot, swaying_log
 
 SEEDS = range(12)
+#: enough for the numbers themselves
+QUICK = IdentificationOptions(generations=30, most_profiles=0)
 
 
 def sensed() -> Log:
@@ -71,7 +74,7 @@ def test_a_dead_band_that_nobody_states_is_less_dry_friction():
     duty = commands(true, log.torques, log.wheel_speeds, "duty")
     without = log.torques - added * np.sign(duty)
     as_mapped = log.with_columns(dict(zip(torque_names(3), without.T, strict=True)))
-    stated, not_stated = (identify(robot, one, law="coulomb") for one in (log, as_mapped))
+    stated, not_stated = (identify(robot, one, law="coulomb", options=QUICK) for one in (log, as_mapped))
     c, less = (np.array(one.parameters["c"]) for one in (stated, not_stated))
     # a fifth of the dead band: what the rows make of it in which a wheel turns against its duty
     np.testing.assert_allclose(c, coulomb, atol=0.01)
