@@ -42,11 +42,11 @@ from ballbot.control.presets import nominal_controller
 from ballbot.control.references import Reference, change_pose, circle, figure_eight, hold, square
 from ballbot.errors import InputError
 from ballbot.log import Log
+from ballbot.log.checks.torque_balance import smoothed_wheel_speeds
 from ballbot.log.formats import is_foreign
 from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.proposal import propose
 from ballbot.log.mapping_inference.report import Evaluation, evaluate
-from ballbot.log.signals import local_fit
 from ballbot.mechanics.model import Model
 from ballbot.processes import worker_pool
 from ballbot.robot import Robot
@@ -396,9 +396,8 @@ def differences(found: Evaluation, truth: Log, robot: Robot, habits: Habits, *, 
         return "no commands"
     mapped, real = _body_frame(log), _body_frame(truth)
     real = {name: np.array([np.interp(t, truth.t, row) for row in values]) for name, values in real.items()}
-    missed = (habits.command == "duty") * (dead_band - (found.proposal.dead_band or 0.0))
-    less = _less_friction(truth, robot, missed) if missed else 0.0
-    real["torques"] = _as_written(truth, truth.torques - less, habits, t)
+    not_stated = dead_band - (found.proposal.dead_band or 0.0)
+    real["torques"] = _as_written(truth, truth.torques - _less_friction(truth, robot, not_stated), habits, t)
     equivalents = _equivalents(real, robot, half_turn=not habits.yaw)
     return min((_compared(mapped, one, habits.yaw, log.sample_time) for one in equivalents), key=len)
 
@@ -458,10 +457,10 @@ def _compared(mapped: Signals, real: Signals, heading: bool, interval: float) ->
 
 
 def _less_friction(truth: Log, robot: Robot, dead_band: float) -> NDArray[np.float64]:
-    """Return the torques (M, n) by which dry friction is less if nobody states a dead band, and it acts as friction."""
-    calm = local_fit(truth.t, truth.wheel_speeds, rows=max(2, round(0.015 / truth.sample_time)))[0]
+    """Return the torques (M, n) by which dry friction is less if a dead band that nobody states counts as such."""
+    speeds = smoothed_wheel_speeds(truth, robot)
     duty = commands(robot, truth.torques, truth.wheel_speeds, "duty")
-    return dead_band * robot.drive.torque_limit * np.where(calm == 0.0, np.sign(duty), np.sign(calm))
+    return dead_band * robot.drive.torque_limit * np.where(speeds == 0.0, np.sign(duty), np.sign(speeds))
 
 
 def _as_written(

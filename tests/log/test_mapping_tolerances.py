@@ -8,7 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot.log.mapping_inference.commands import Response, unit_probabilities
+from ballbot.log.checks.torque_balance import Driving
+from ballbot.log.mapping_inference.commands import Assignment, Response, unit_probabilities
+from ballbot.log.mapping_inference.drive import _compared, _senses_and_signs, _turning_against
 from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.file_signals import Signals
 from ballbot.log.mapping_inference.tolerances import (
@@ -77,14 +79,14 @@ def commanded(frequency: float) -> Signals:
     )
 
 
-def responding(delay: float, error: float) -> CommandTest:
+def responding(delay: float, error: float, *, explained: float = 0.9) -> CommandTest:
     return CommandTest(
         order=(1, 2, 3),
         signs=(1, 1, 1),
         gains=((1.0,) * 3,) * 3,
         delay=delay,
         delay_error=error,
-        explained=0.9,
+        explained=explained,
         margin=None,
     )
 
@@ -107,6 +109,38 @@ def test_a_delay_at_the_edge_of_its_search_is_not_undone():
     assert command_delay(
         responding(0.0105, 1e-4), commanded(20.0), every, interval=0.005
     ).applied == pytest.approx(0.0105)
+
+
+def test_a_delay_is_not_undone_if_the_commands_explain_little():
+    every, little = np.ones(4000, dtype=bool), responding(0.0105, 1e-4, explained=0.7)
+    late = command_delay(little, commanded(2.0), every, interval=0.005)
+    assert late.applied == 0.0
+    assert "too few (75 %)" in late.evidence
+
+
+@pytest.mark.parametrize("late", [0.2, 1.0])
+def test_turning_against_is_that_of_the_wheel_that_each_command_drives(late):
+    """Of square waves that differ by an angle, the signs differ by 2 for that angle over pi of the time."""
+    angle = np.linspace(0.0, 200.0 * np.pi, 200_001)[:, None]
+    phases = np.array([0.0, 0.7, 1.9])
+    speeds = 100.0 * np.sin(angle + phases)
+    wheels, signs = (2, 0, 1), (1, -1, 1)  # of the file's commands in turn
+    ahead = phases + np.array([0.0, late, 0.0])
+    commands = np.sin(angle + ahead[list(wheels)]) * np.array(signs)
+    zero = np.zeros((len(angle), 3))
+    driving = Driving(
+        torque=commands,
+        needed=zero,
+        friction=np.zeros((len(angle), 3, 3)),
+        turning=zero,
+        block=np.zeros(len(angle), dtype=np.intp),
+    )
+    compared = _compared(driving, zero, _senses_and_signs(commands, speeds))
+    assigned = Assignment(
+        wheels=wheels, signs=signs, explained=1.0, advantage=1.0, next_best="", confidence=1.0
+    )
+    # within the time in which a wheel is slower than 0.1 rad/s
+    assert _turning_against(compared, assigned) == pytest.approx(2.0 * math.sqrt(late / np.pi), abs=0.01)
 
 
 def test_a_dead_band_is_less_dry_friction_unless_wheels_turn_against_their_duties():

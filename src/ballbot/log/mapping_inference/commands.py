@@ -18,9 +18,10 @@ has a weight, and the weights together are the confidence.
 A dead band d_0 that the firmware adds, in the direction of the duty, is counted as less dry friction. A wheel that
 turns the way its duty drives it moves, below the duty limit, with a dead band d_0 and dry friction c >= d_0 exactly as
 with none and dry friction c - d_0. One that sticks breaks away at the same duty in the duty's direction, but at a
-smaller load against it. Only rows in which a wheel turns against its duty tell the two apart, and these are few, slow,
-and next to a reversal, where play and static friction act as well: an estimate from them (the torque's jump at zero
-duty) was off by up to the dead band itself, whether there was one or not. Where such rows are many, it is asked for.
+smaller load in the other direction. While wheels turn, the two differ only in rows in which a wheel turns against its
+duty. There are few such rows, with slow wheels and near reversals, where play and static friction act as well: an
+estimate from them (the torque's jump at zero duty) was off by up to the dead band itself, whether there was one or not.
+Where there are many, it is asked for.
 """
 
 from __future__ import annotations
