@@ -42,7 +42,7 @@ Migration = Callable[[dict[str, object]], dict[str, object]]
 MIGRATIONS: Mapping[Kind, Sequence[Migration]] = {}
 
 _NAME = re.compile(r"ballbot (\w+) (\d{1,9})")
-_LINE = re.compile(r'^(format = "ballbot \w+ \d+".*|ballbot = "[^"]*")\n', re.MULTILINE)
+_LINE = re.compile(r'^format = "ballbot \w+ \d+".*\n', re.MULTILINE)
 
 
 def format_name(kind: Kind) -> str:
@@ -58,7 +58,7 @@ def format_line(kind: Kind) -> str:
 
 
 def without_format(text: str) -> str:
-    """Return the text of a TOML file without its format and version: what every Ballbot writes for the same content."""
+    """Return the text of a TOML file without the line of its format, which names who wrote it."""
     return _LINE.sub("", text, count=1)
 
 

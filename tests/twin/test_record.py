@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -199,7 +200,7 @@ def test_finished_run_is_verified_by_its_checksums(
 
 
 def test_one_run_is_kept_on_request_and_replaced_as_a_whole_without(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from ballbot.cli.main import main
 
@@ -212,6 +213,11 @@ def test_one_run_is_kept_on_request_and_replaced_as_a_whole_without(
     assert (tmp_path / "log.csv").stat().st_mtime_ns == before
     assert main([*words, "--resume", "--seed", "2"]) == 2
     assert "holds a run of other settings" in capsys.readouterr().err
+    with monkeypatch.context() as patch:
+        patch.setattr("ballbot.workflows.record.version", lambda _: "99.0")
+        assert main([*words, "--resume"]) == 2
+        refusal = f"holds a run that Ballbot {version('ballbot')} recorded, and this is Ballbot 99.0; choose"
+        assert refusal in capsys.readouterr().err
     assert main([*words, "--format", "parquet"]) == 0
     assert {path.name for path in tmp_path.glob("log.*")} == {"log.parquet"}
 

@@ -12,9 +12,12 @@ import pytest
 
 from ballbot import InputError
 from ballbot.cli.main import main
+from ballbot.fitting import checkpoint
+from ballbot.fitting.checkpoint import machine
+from ballbot.robot.file import write_robot
 from ballbot.workflows import comparison
 from ballbot.workflows.candidates import UserController
-from tests.support.control_examples import alten
+from tests.support.control_examples import FRICTION, alten
 
 PLAIN = """
 class Mine:
@@ -145,12 +148,46 @@ def test_two_controllers_do_not_share_a_name_for_two_modules(tmp_path):
 COURSE = '[league.stand]\nabout = "Stand."\nreference = "hold"\nduration = 1.0\nsettle = 0.2\n'
 
 
-def test_comparison_is_not_resumed_after_an_imported_module_changed(tmp_path, monkeypatch, capsys):
+def change_an_imported_module(_: pytest.MonkeyPatch) -> None:
+    Path("gain.py").write_text("value = 1.0")
+
+
+def change_the_robot(_: pytest.MonkeyPatch) -> None:
+    write_robot(alten(FRICTION), "robot.toml")
+
+
+def change_a_course(_: pytest.MonkeyPatch) -> None:
+    Path("courses.toml").write_text(COURSE.replace("0.2", "0.3"))
+
+
+def update_ballbot(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(checkpoint, "machine", lambda: machine() | {"ballbot": "99.0"})
+
+
+def update_mujoco(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(checkpoint, "_mujoco", lambda: "99.0")
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (change_an_imported_module, "belongs to another run, which differs in: gain.py;"),
+        (change_the_robot, "belongs to another run, which differs in: robot;"),
+        (change_a_course, "belongs to another run, which differs in: courses;"),
+        (update_mujoco, "belongs to another run, which differs in: mujoco;"),
+        (
+            update_ballbot,
+            f"was begun by Ballbot {machine()['ballbot']}, and this is Ballbot 99.0; resume it with",
+        ),
+    ],
+)
+def test_comparison_is_not_resumed_after_a_change(tmp_path, monkeypatch, capsys, change, sentence):
     monkeypatch.chdir(tmp_path)
     Path("gain.py").write_text("value = 0.0")
     Path("courses.toml").write_text(COURSE)
+    write_robot(alten(), "robot.toml")
     write(Path(), "import gain")
-    words = ["compare", "alten", "none", "mine.py:Mine", "--scenarios", "courses.toml", "--seeds", "1"]
+    words = ["compare", "robot.toml", "none", "mine.py:Mine", "--scenarios", "courses.toml", "--seeds", "1"]
     words += ["--processes", "1", "--out", "league"]
     made, whole = [], comparison._result
 
@@ -163,9 +200,12 @@ def test_comparison_is_not_resumed_after_an_imported_module_changed(tmp_path, mo
     monkeypatch.setattr(comparison, "_result", one_run)
     assert main(words) == 130
     capsys.readouterr()
-    Path("gain.py").write_text("value = 1.0")
+    change(monkeypatch)
     assert main([*words, "--resume"]) == 2
-    assert "belongs to another run, which differs in: gain.py;" in capsys.readouterr().err
+    printed = capsys.readouterr().err
+    assert sentence in printed
+    assert printed.count("\n") == 1
+    assert len(made) == 1
 
 
 def test_finished_runs_survive_a_killed_worker(tmp_path, monkeypatch, capsys):

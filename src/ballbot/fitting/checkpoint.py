@@ -25,7 +25,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from functools import cache
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
@@ -162,7 +162,16 @@ def identity_of(inputs: Mapping[str, Sequence[object]], options: Mapping[str, ob
         **{name: digest(*parts).hex() for name, parts in inputs.items()},
         **{name: str(value) for name, value in options.items()},
         **machine(),
+        "mujoco": _mujoco(),
     }
+
+
+def _mujoco() -> str:
+    """Return the version of the twin's engine, which answers come from where a run uses the twin."""
+    try:
+        return version("mujoco")
+    except PackageNotFoundError:
+        return "not installed"
 
 
 def digest(*parts: object) -> bytes:
@@ -231,6 +240,12 @@ def _check_seals(path: Path, lines: Sequence[bytes]) -> None:
 
 
 def _check_same(path: Path, begun: Mapping[str, str], now: Mapping[str, str]) -> None:
+    then, here = (one.get("ballbot") for one in (begun, now))
+    if then and here and then != here:
+        raise InputError(
+            f"{path} was begun by Ballbot {then}, and this is Ballbot {here}; resume it with the version that "
+            "began it, or delete it to start again."
+        )
     differing = [name for name in [*now, *begun] if begun.get(name) != now.get(name)]
     names = ", ".join(dict.fromkeys(differing))
     if names:

@@ -10,7 +10,6 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import partial
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -344,8 +343,4 @@ def league_identity(
         "courses": [courses, *references],
         "seeds": [seeds],
     }
-    try:
-        mujoco = version("mujoco")
-    except PackageNotFoundError:  # the model needs none
-        mujoco = "not installed"
-    return identity_of(inputs, {"mujoco": mujoco, "track": " ".join(_TRACKED)})
+    return identity_of(inputs, {"track": " ".join(_TRACKED)})

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -52,6 +53,9 @@ _FILES = (
     PAGE,
     *_SETTINGS,
 )
+
+#: of Ballbot, in record.toml
+_VERSION = re.compile(r'^ballbot = "([^"]*)"$', re.MULTILINE)
 
 _HEADER = (
     "# How this run of the twin was made. The command, run in this folder, repeats the run bit for bit.\n"
@@ -309,7 +313,14 @@ def finished_outcome(job: RecordJob, seed: int, folder: Path) -> RecordOutcome |
 
 
 def _check_settings(job: RecordJob, seed: int, folder: Path) -> None:
-    """Raise InputError unless the run in the folder is made as this job's."""
+    """Raise InputError unless the run in the folder is made as this job's, by this version of Ballbot."""
+    record = folder / "record.toml"
+    stated = _VERSION.search(read_text(record)) if record.is_file() else None
+    if stated and stated[1] != version("ballbot"):
+        raise InputError(
+            f"{folder} holds a run that Ballbot {stated[1]} recorded, and this is Ballbot {version('ballbot')}; "
+            "choose another folder with --out."
+        )
     for name, text in settings(job, seed).items():
         path = folder / name
         if not path.is_file() or without_format(read_text(path)) != without_format(text):
