@@ -221,14 +221,57 @@ def split_bag(
 
 @pytest.mark.parametrize(
     ("plugin", "packed"),
-    [(StoragePlugin.SQLITE3, False), (StoragePlugin.MCAP, False), (StoragePlugin.SQLITE3, True)],
-    ids=["db3", "mcap", "db3.zstd"],
+    [(plugin, packed) for packed in (False, True) for plugin in (StoragePlugin.SQLITE3, StoragePlugin.MCAP)],
+    ids=["db3", "mcap", "db3.zstd", "mcap.zstd"],
 )
 def test_a_split_bag_is_read_as_one_table(tmp_path, log, plugin, packed):
     columns = read_columns(split_bag(tmp_path, log, plugin, packed=packed))
     np.testing.assert_allclose(columns["t"], log.t - log.t[0], atol=1e-9)
     np.testing.assert_array_equal(columns["joint_states.effort.wheel2"], log["u2"])
     np.testing.assert_array_equal(columns["imu.angular_velocity.y"], log["gyro_y"])
+
+
+def bag_of(folder: Path, *files: str) -> Path:
+    listed = "".join(f"\n    - {name}" for name in files)
+    (folder / "metadata.yaml").write_text(f"rosbag2_bagfile_information:\n  relative_file_paths:{listed}\n")
+    return folder
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("suffix", [".mcap", ".db3"])
+def test_own_log_in_a_bag_is_read_back_to_the_bit(tmp_path, log, suffix, packed):
+    path = tmp_path / f"log{suffix}"
+    log.write(path)
+    if packed:
+        content, path = path.read_bytes(), tmp_path / f"log{suffix}.zstd"
+        path.write_bytes(zstandard.compress(content))
+    back = read_columns(bag_of(tmp_path, path.name))
+    assert list(back) == list(log.columns)
+    for name, values in log.columns.items():
+        np.testing.assert_array_equal(back[name], values)
+
+
+def test_own_log_in_two_packed_files_is_one_log(tmp_path, log):
+    for name, rows in (
+        ("first", log.between(0.0, log.t[2])),
+        ("second", log.between(log.t[2], 1.0)),
+    ):
+        rows.write(tmp_path / "log.mcap")
+        (tmp_path / f"{name}.mcap.zstd").write_bytes(zstandard.compress((tmp_path / "log.mcap").read_bytes()))
+    back = read_columns(bag_of(tmp_path, "first.mcap.zstd", "second.mcap.zstd"))
+    for name, values in log.columns.items():
+        np.testing.assert_array_equal(back[name], values)
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("kept", [0, 10, 300, -300])
+def test_damaged_mcap_file_of_a_bag_is_refused(tmp_path, log, packed, kept):
+    log.write(tmp_path / "log.mcap")
+    cut = (tmp_path / "log.mcap").read_bytes()[:kept]
+    name = "cut.mcap.zstd" if packed else "cut.mcap"
+    (tmp_path / name).write_bytes(zstandard.compress(cut) if packed else cut)
+    with pytest.raises(InputError, match=rf"{name} cannot be read: it is not a complete file of a ROS 2 bag"):
+        read_columns(bag_of(tmp_path, "log.mcap", name))
 
 
 def test_a_bag_that_lacks_something_is_refused_in_a_sentence(tmp_path, log, monkeypatch):
@@ -264,8 +307,15 @@ def test_a_bag_that_lacks_something_is_refused_in_a_sentence(tmp_path, log, monk
         read_columns(bag)
 
 
-def test_a_packed_bag_is_not_unpacked_beyond_the_limit(tmp_path, log, monkeypatch):
-    bag = split_bag(tmp_path, log, StoragePlugin.SQLITE3, packed=True)
+def test_packed_files_without_metadata_are_known_as_a_bag(tmp_path):
+    (tmp_path / "log.mcap.zstd").write_bytes(b"")
+    with pytest.raises(InputError, match=r"is a folder without metadata\.yaml, .* ros2 bag reindex \S+$"):
+        read_columns(tmp_path)
+
+
+@pytest.mark.parametrize("plugin", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+def test_a_packed_bag_is_not_unpacked_beyond_the_limit(tmp_path, log, monkeypatch, plugin):
+    bag = split_bag(tmp_path, log, plugin, packed=True)
     for path in bag.glob("*.zstd"):
         path.write_bytes(zstandard.compress(bytes(30_000_000)))
     monkeypatch.setattr(bag_folder, "LARGEST_TABLE", 1_000_000)

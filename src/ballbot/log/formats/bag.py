@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import sqlite3
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePath
 
 from ballbot.arrays import format_bytes
 from ballbot.errors import InputError
 from ballbot.files import DEEPEST, LARGEST_SETTINGS, LARGEST_TABLE, read_bytes, read_text
 from ballbot.log.columns import Columns
-from ballbot.log.formats.mcap import mcap_messages, read_mcap
+from ballbot.log.formats.mcap import McapContent, mcap_columns, mcap_messages
 from ballbot.log.formats.messages import Topic
-from ballbot.log.formats.ros import RosMessage, read_ros_bag, ros_columns, stored_messages
+from ballbot.log.formats.ros import stored_messages
 
 METADATA = "metadata.yaml"
 _INFORMATION = "rosbag2_bagfile_information"
@@ -32,40 +32,51 @@ def read_bag_folder(folder: str | Path) -> Columns:
     InputError
         If the folder has no metadata.yaml or a file that this names is missing, damaged, too large or of another kind.
     """
-    paths = bag_files(folder)[1:]
-    if len(paths) == 1 and paths[0].suffix != _PACKED:  # a log that Ballbot wrote is read back to the bit
-        return read_ros_bag(paths[0]) if paths[0].suffix == _STORED else read_mcap(paths[0])
-    messages: list[RosMessage] = []
-    topics: dict[str, Topic] = {}
+    parts: list[McapContent] = []
     left = LARGEST_TABLE
-    for path in paths:
+    for path in bag_files(folder)[1:]:
         content = _content(path, left)
-        before = len(messages)
         try:
-            if path.name.removesuffix(_PACKED).endswith(_STORED):
-                messages += stored_messages(content)
-                size = sum(len(one.data) for one in messages[before:])
-            else:
-                found = mcap_messages(content)
-                size = found.size
-                messages += found.ros
-                for name, more in found.topics.items():
-                    here = topics.setdefault(name, Topic(name=name))
-                    here.times += more.times
-                    here.messages += more.messages
+            parts.append(_messages(path, content))
         except _DAMAGED as error:
             reason = f": {error}" if isinstance(error, InputError) else ""
             raise InputError(
                 f"{path} cannot be read: it is not a complete file of a ROS 2 bag{reason}."
             ) from None
-        left -= max(len(content), size)
+        left -= max(len(content), parts[-1].size)
         if left < 0:
             raise _too_large(Path(folder))
     try:
-        return ros_columns(messages, [one for one in topics.values() if one.messages])
+        return mcap_columns(_joined(parts))
     except _DAMAGED as error:
-        reason = f": {error}" if isinstance(error, InputError) else ""
-        raise InputError(f"{folder} cannot be read: its messages are damaged{reason}.") from None
+        reason = error if isinstance(error, InputError) else "its messages are damaged"
+        raise InputError(f"{folder} cannot be read: {reason}.") from None
+
+
+def _messages(path: Path, content: bytes) -> McapContent:
+    """Return the messages of one file, which is unpacked."""
+    if not path.name.removesuffix(_PACKED).endswith(_STORED):
+        return mcap_messages(content)
+    ros = list(stored_messages(content))
+    return McapContent(own=None, topics={}, ros=ros, others=set(), size=sum(len(one.data) for one in ros))
+
+
+def _joined(parts: Sequence[McapContent]) -> McapContent:
+    """Return the messages of the files of a recording, in their order."""
+    topics: dict[str, Topic] = {}
+    for found in parts:
+        for name, one in found.topics.items():
+            here = topics.setdefault(name, Topic(name=name))
+            here.times += one.times
+            here.messages += one.messages
+    own = parts[0].own
+    return McapContent(
+        own=own if all(one.own == own for one in parts) else None,
+        topics=topics,
+        ros=[message for one in parts for message in one.ros],
+        others={encoding for one in parts for encoding in one.others},
+        size=sum(one.size for one in parts),
+    )
 
 
 #: what the libraries raise on files that are damaged
@@ -90,14 +101,15 @@ def bag_files(folder: str | Path) -> list[Path]:
     metadata = folder / METADATA
     if not metadata.exists():
         try:
-            parts = sorted(one.name for one in folder.iterdir() if one.suffix in (_STORED, _MCAP))
+            parts = sorted(one.name for one in folder.iterdir() if _is_part(one.name))
         except OSError as error:
             raise InputError(f"{folder} cannot be read: {error.strerror or error}.") from None
         if not parts:
             raise InputError(f"{folder} cannot be read: Is a directory.")
+        alone = [name for name in parts if not name.endswith(_PACKED)]
         raise InputError(
             f"{folder} is a folder without {METADATA}, which names the files of a ROS 2 bag; write it with: ros2 bag "
-            f"reindex {folder}. Or give a file in the folder: {folder / parts[0]}."
+            f"reindex {folder}.{f' Or give a file in the folder: {folder / alone[0]}.' if alone else ''}"
         )
     information = _information(metadata)
     names = information.get("relative_file_paths")
@@ -112,11 +124,16 @@ def bag_files(folder: str | Path) -> list[Path]:
     if len(set(paths)) < len(paths):
         raise InputError(f"{metadata} names a file twice in relative_file_paths.")
     for path in paths:
-        if PurePath(path.name.removesuffix(_PACKED)).suffix not in (_STORED, _MCAP):
+        if not _is_part(path.name):
             raise InputError(f"{metadata} names {path.name}; files of a bag end in {_STORED} or {_MCAP}.")
         if not path.exists():
             raise InputError(f"{path} is missing; {metadata} names it as a part of the bag.")
     return [metadata, *paths]
+
+
+def _is_part(name: str) -> bool:
+    """Return whether a file's name is that of a part of a bag, packed or not."""
+    return PurePath(name.removesuffix(_PACKED)).suffix in (_STORED, _MCAP)
 
 
 def _information(metadata: Path) -> Mapping[str, object]:

@@ -68,14 +68,11 @@ def read_mcap(path: str | Path) -> Columns:
     InputError
         If the file cannot be read, is damaged, unpacks to too much, or has no messages that can be read.
     """
-    from mcap.exceptions import McapError
-    from mcap.stream_reader import CRCValidationError
-
     content = read_bytes(path)
     try:
-        return _columns(content)
-    except (McapError, CRCValidationError, struct.error, ArithmeticError, LookupError, MemoryError, RecursionError,
-            RuntimeError, TypeError, ValueError, AttributeError) as error:  # fmt: skip
+        return mcap_columns(mcap_messages(content))
+    except (struct.error, ArithmeticError, LookupError, MemoryError, RecursionError, RuntimeError, TypeError,
+            ValueError, AttributeError) as error:  # fmt: skip
         reason = f": {error}" if isinstance(error, InputError) else ""
         raise InputError(f"{path} cannot be read: it is not a complete MCAP file{reason}.") from None
 
@@ -159,7 +156,7 @@ def _rows(fields: Mapping[str, NDArray[np.float64]]) -> list[dict[str, object]]:
 
 
 class McapContent(NamedTuple):
-    """The messages of a file."""
+    """The messages of a file, or of several that are read as one."""
 
     own: list[str] | None  #: the columns of a log that `write_mcap` wrote
     topics: dict[str, Topic]  #: messages in JSON
@@ -169,7 +166,16 @@ class McapContent(NamedTuple):
 
 
 def mcap_messages(content: bytes) -> McapContent:
-    """Return the messages of a file; an exception of Python or of the library mcap if it is damaged."""
+    """Return the messages of a file; ValueError or another of Python's own exceptions if it is damaged."""
+    from mcap.exceptions import McapError
+
+    try:
+        return _messages(content)
+    except McapError as error:
+        raise ValueError(str(error)) from None
+
+
+def _messages(content: bytes) -> McapContent:
     topics: dict[str, Topic] = {}
     ros: list[RosMessage] = []
     own: list[str] | None = None
@@ -202,8 +208,8 @@ def mcap_messages(content: bytes) -> McapContent:
     return McapContent(own, topics, ros, others, size)
 
 
-def _columns(content: bytes) -> Columns:
-    found = mcap_messages(content)
+def mcap_columns(found: McapContent) -> Columns:
+    """Return the columns of a log, or the joined topics of other messages; raise as `mcap_messages` if damaged."""
     if found.own is not None:
         return _own_columns(found.own, found.topics.values())
     columns = ros_columns(found.ros, [one for one in found.topics.values() if one.messages])
