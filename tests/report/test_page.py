@@ -169,6 +169,14 @@ def test_a_table_wider_than_a_phone_is_shown_as_blocks_there():
     assert not Sheet(headings=("parameter", *wheels), rows=[("b", "0.012", "0.013", "0.014")]).stacked
 
 
+def test_a_folded_table_is_whole_where_no_script_runs():
+    shown = page(Sheet(headings=("name", "value"), rows=[("b", "1.5")], caption="a table", folded=True))
+    assert "<details open data-report-fold><summary>" in shown
+    parser = Balance()
+    parser.feed(shown)
+    assert parser.stack == []
+
+
 def test_second_lines_and_groups_count_in_the_form_for_a_phone():
     cells = [Cell(text="341", below="−160 (−202, −118) *")] * 3
     rows = [("peak (mm)", *cells)]

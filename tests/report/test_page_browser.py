@@ -73,6 +73,7 @@ def path(tmp_path_factory):
                 "A section",
                 Paragraph(text="Some words."),
                 *sheets(),
+                Sheet(headings=("state", "error"), rows=[("x", "1.5"), ("y", "2.5")], folded=True),
                 drawn_picture(
                     "one", figure, "A figure, with a caption that is longer than a line of a telephone."
                 ),
@@ -137,6 +138,24 @@ def test_nothing_is_wider_than_a_phone_and_plots_can_be_read(browser, path, dark
         ground = tab.run("getComputedStyle(document.body).backgroundColor")
         assert ground == ("rgb(20, 25, 30)" if dark else "rgb(255, 255, 255)")
         keep(tab, f"report-phone-{'dark' if dark else 'light'}")
+        assert tab.complaints() == []
+
+
+def test_a_table_is_folded_on_a_phone_and_open_on_wide_pages_and_paper(browser, path):
+    folded = "document.querySelector('details[data-report-fold]')"
+    shown = f"[{folded}.open, {folded}.querySelector('summary').checkVisibility()]"
+    with new_tab(browser) as tab:
+        tab.screen(390, 844, phone=True)
+        tab.open(path)
+        assert tab.run(shown) == [False, True]
+        tab.click("details[data-report-fold] > summary")
+        assert tab.run(shown) == [True, True]
+        tab.screen(1280, 900)
+        tab.wait(f"{folded}.open && !({shown})[1]")
+        tab.screen(390, 844, phone=True)
+        tab.wait(f"!{folded}.open && ({shown})[1]")
+        tab.run("dispatchEvent(new Event('beforeprint'))")
+        assert tab.run(shown) == [True, True]
         assert tab.complaints() == []
 
 

@@ -16,7 +16,9 @@ from ballbot.errors import InputError
 from ballbot.findings import texts
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.model import Model
+from ballbot.report.blocks import Sheet
 from ballbot.report.validation import validation_results
+from ballbot.report.validation_page import validation_sections
 from ballbot.results import plain
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.run import simulate
@@ -209,6 +211,14 @@ def test_on_a_perfect_log_closed_loop_repeats_the_log():
     # rounding, over 24 s of a closed loop that sticks and slips
     assert np.all(validation.closed_loop.whole.first.rmse < 1e-6)
     assert np.all(validation.closed_loop.whole.second.rmse[:2] > 0.02)
+    # of the three tables of errors, a narrow page shows the first
+    sheets = [
+        one
+        for part in validation_sections(validation, example_of="log")
+        for one in part.blocks
+        if isinstance(one, Sheet) and "errors" in one.caption
+    ]
+    assert [one.folded for one in sheets] == [False, True, True]
 
 
 def test_only_holdout_intervals_count():

@@ -67,6 +67,7 @@ class Sheet:
     caption: str = ""
     groups: Sequence[tuple[str, int]] = ()  #: a row above the headings: text and number of columns
     shaded: frozenset[int] = frozenset()  #: rows to notice
+    folded: bool = False  #: whether a narrow page shows its caption only, until the reader opens it
 
     @staticmethod
     def of(made: TextTable, *, caption: str | None = None) -> Sheet:

@@ -152,8 +152,18 @@ def _closed_loop_section(validation: Validation, example_of: str) -> Section:
     return section(
         "Closed loop",
         Paragraph(text=words),
-        error_sheet(validation, closed.restarted, f"{restarted}{closed.restarted.runs} runs."),
-        error_sheet(validation, closed.whole, "Closed-loop errors over each whole log without a restart."),
+        error_sheet(
+            validation,
+            closed.restarted,
+            f"{restarted}{closed.restarted.runs} runs.",
+            folded=validation.open_loop is not None,
+        ),
+        error_sheet(
+            validation,
+            closed.whole,
+            "Closed-loop errors over each whole log without a restart.",
+            folded=True,
+        ),
         _trajectories(closed.example, validation.models.names, example),
         _replay(closed.example, validation.models),
     )
@@ -221,8 +231,8 @@ def _wheels_caption(found: ResidualAnalysis) -> str:
     )
 
 
-def error_sheet(validation: Validation, pair: ErrorPair, caption: str) -> Sheet:
-    """Return the errors of both models by state."""
+def error_sheet(validation: Validation, pair: ErrorPair, caption: str, *, folded: bool = False) -> Sheet:
+    """Return the errors of both models by state; a narrow page folds all tables of them but the first."""
     both = validation.models.names
     rows = error_rows(pair, dict(STATE_UNITS))
     return Sheet(
@@ -244,6 +254,7 @@ def error_sheet(validation: Validation, pair: ErrorPair, caption: str) -> Sheet:
         ],
         caption=caption,
         shaded=frozenset(place for place, row in enumerate(rows) if row.verdict != "better"),
+        folded=folded,
     )
 
 

@@ -1,4 +1,5 @@
-// The page's theme: the browser's at first, then as the reader chooses; paper is light.
+// What every page does: its theme is the browser's at first, then as the reader chooses, and light on paper; a narrow
+// page folds tables, which paper shows.
 
 const root = document.documentElement;
 const prefersDark = matchMedia("(prefers-color-scheme: dark)");
@@ -24,8 +25,17 @@ for (const box of document.querySelectorAll(".scroll")) {
   box.addEventListener("scroll", mark, { passive: true });
   new ResizeObserver(mark).observe(box);
 }
+/** Fold on a narrow page what may be folded there; a wide one has nothing to open it with. */
+const isNarrow = matchMedia("(max-width: 40rem)");
+const fold = (closed) => {
+  for (const one of document.querySelectorAll("[data-report-fold]")) one.open = !closed;
+};
+isNarrow.addEventListener("change", () => fold(isNarrow.matches));
+fold(isNarrow.matches);
+
 let before;
 addEventListener("beforeprint", () => {
+  fold(false);
   before = root.dataset.theme;
   root.dataset.theme = "light";
   if (typeof repaint === "function") repaint();
