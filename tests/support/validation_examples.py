@@ -14,6 +14,7 @@ from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
+from ballbot.validation import Validation, validate
 from tests.support.control_examples import FRICTION
 
 #: standard deviations of the sensors' noise, in the order of the states
@@ -53,6 +54,12 @@ def noisy_log(duration: float = 24.0) -> Log:
     log = perfect_log(duration)
     noise = np.random.default_rng(7).normal(size=(len(log), 10)) * NOISE
     return log.with_columns({name: log[name] + noise[:, i] for i, name in enumerate(STATE_NAMES)})
+
+
+@cache
+def noisy_validation() -> Validation:
+    """Return the validation of the known robot on the whole noisy log."""
+    return validate(true_robot(), noisy_log())
 
 
 SPOTS_PER_TURN, SPOT_TORQUE = 18, 0.05  # [-], [N m]

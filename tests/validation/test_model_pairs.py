@@ -21,7 +21,7 @@ from ballbot.validation import ModelPair, findings, validate, validate_pair
 from ballbot.validation.result import better_in
 from tests.support.foreign_log_examples import small_robot, swaying_log
 from tests.support.report_pages import shown_text
-from tests.support.validation_examples import noisy_log, true_robot
+from tests.support.validation_examples import noisy_log, noisy_validation, true_robot
 
 
 def _viscous() -> Robot:
@@ -37,7 +37,8 @@ def _viscous() -> Robot:
 def test_swapping_the_models_inverts_every_ratio_and_verdict():
     models = ModelPair.of_two(Model(true_robot()), Model(_viscous()), files=("true.toml", "viscous.toml"))
     swapped = ModelPair(first=models.second, second=models.first)
-    one, other = (validate_pair(pair, noisy_log()) for pair in (models, swapped))
+    log = noisy_log().between(0.0, 16.0)
+    one, other = (validate_pair(pair, log) for pair in (models, swapped))
     assert one.open_loop is not None
     assert other.open_loop is not None
     # the runs are cut where either model falls, so that they are the same
@@ -55,7 +56,7 @@ def test_swapping_the_models_inverts_every_ratio_and_verdict():
 def test_the_formulation_that_made_the_log_is_found_in_closed_loop():
     models = ModelPair.by_formulation(Model(true_robot()))
     assert models.names == ("in the exact formulation", "in the thesis's formulation")
-    validation = validate_pair(models, noisy_log())
+    validation = validate_pair(models, noisy_log().between(0.0, 12.0))
     assert validation.closed_loop is not None
     assert validation.closed_loop.restarted.ratio[:4].min() > 1.5
     # without friction both start at the same noise: they differ only after half a second
@@ -64,7 +65,7 @@ def test_the_formulation_that_made_the_log_is_found_in_closed_loop():
 
 @pytest.mark.slow
 def test_results_stand_under_the_models_names():
-    results = validation_results(validate(true_robot(), noisy_log()))
+    results = validation_results(noisy_validation())
     assert [one["name"] for one in results["models"]] == ["with friction", "without friction"]  # pyright: ignore
     for part in ("open_loop", "closed_loop", "prediction"):
         errors = results[part]

@@ -37,7 +37,14 @@ from ballbot.validation.open_loop import OpenLoop
 from ballbot.validation.prediction import compare_horizons, predict
 from ballbot.validation.result import weak_states
 from ballbot.validation.wheel_effects import find_dither
-from tests.support.validation_examples import NOISE, gain, noisy_log, perfect_log, true_robot
+from tests.support.validation_examples import (
+    NOISE,
+    gain,
+    noisy_log,
+    noisy_validation,
+    perfect_log,
+    true_robot,
+)
 
 
 def _open_loop(validation: Validation) -> OpenLoop:
@@ -187,7 +194,7 @@ def test_the_noise_of_a_start_is_found_from_the_residuals():
 
 
 def test_with_the_true_friction_only_noise_is_left_and_without_it_is_worse():
-    validation = validate(true_robot(), noisy_log())
+    validation = noisy_validation()
     loop = _open_loop(validation)
     floor = np.sqrt(loop.noise_floor**2 + NOISE**2)
     # about 24 runs whose errors are one-sided falls: their rms scatters by some 30 %
@@ -222,7 +229,7 @@ def test_on_a_perfect_log_closed_loop_repeats_the_log():
 
 
 def test_only_holdout_intervals_count():
-    log = perfect_log()
+    log = perfect_log().between(0.0, 14.0)
     spoiled = np.where((log.t > 6.0) & (log.t < 12.0), log["theta"], log["theta"] + 0.3)
     held = [(6.5, 11.5)]
     clean, other = (
@@ -238,7 +245,7 @@ def test_only_holdout_intervals_count():
 
 @pytest.mark.slow
 def test_a_wrapped_heading_is_counted_on():
-    log = perfect_log()
+    log = perfect_log().between(0.0, 8.0)
     wrapped = log.with_columns({"psi": log["psi"] % (2.0 * np.pi)})
     assert np.abs(np.diff(wrapped["psi"])).max() > 6.0
     plain, counted_on = (_open_loop(validate(true_robot(), one)).errors.first.rmse for one in (log, wrapped))
@@ -263,7 +270,7 @@ def test_wrong_friction_is_named_with_the_states_it_spoils():
 
 
 def test_several_logs_are_validated_together():
-    one = validate(true_robot(), noisy_log())
+    one = noisy_validation()
     both = join_validations([one, one])
     np.testing.assert_allclose(_open_loop(both).errors.ratio, _open_loop(one).errors.ratio)
     np.testing.assert_allclose(both.horizon.errors.rmse, one.horizon.errors.rmse)
@@ -301,7 +308,7 @@ def test_dither_is_separated_from_motion():
 
 
 def test_dithering_rollers_are_given_as_the_reason_for_the_heading():
-    validation = validate(true_robot(), noisy_log())
+    validation = noisy_validation()
     assert validation.dither is not None
     shaken = replace(
         validation.dither, dither=np.full(3, 1.0), reversals=validation.dither.reversals_of_motion
@@ -319,7 +326,7 @@ def test_dithering_rollers_are_given_as_the_reason_for_the_heading():
 
 
 def test_a_log_without_a_reference_has_no_closed_loop_and_gives_the_reason():
-    log = perfect_log()
+    log = perfect_log().between(0.0, 8.0)
     bare = Log({name: values for name, values in log.columns.items() if not name.startswith("ref_")})
     validation = validate(true_robot(), bare)
     assert validation.closed_loop is None
@@ -329,7 +336,7 @@ def test_a_log_without_a_reference_has_no_closed_loop_and_gives_the_reason():
 
 
 def test_invalid_validations_are_refused():
-    log = perfect_log()
+    log = perfect_log().between(0.0, 4.0)
     with pytest.raises(InputError, match="holdout intervals"):
         validate(true_robot(), log, holdout=[(100.0, 120.0)])
     with pytest.raises(InputError, match="phi"):
@@ -364,11 +371,11 @@ def _log_of(states: np.ndarray, torques: np.ndarray) -> Log:
 @pytest.mark.slow
 def test_several_logs_are_validated_as_each_by_itself_and_joined(tmp_path):
     whole = noisy_log().without_truth()
-    logs = {"first": whole.between(0.0, 6.0), "second": whole.between(6.0, 12.0)}
-    whole.between(6.0, 12.0).write(tmp_path / "second.csv")
-    held = {"second": [(8.0, 12.0)]}
+    logs = {"first": whole.between(0.0, 4.0), "second": whole.between(4.0, 9.0)}
+    logs["second"].write(tmp_path / "second.csv")
+    held = {"second": [(5.0, 9.0)]}
     parts = [validate(true_robot(), log, holdout=held.get(name), longest=1.0) for name, log in logs.items()]
     joined = join_validations(parts)
     both = validate(true_robot(), {**logs, "second": tmp_path / "second.csv"}, holdout=held, longest=1.0)
-    assert both.duration == joined.duration == pytest.approx(10.0, abs=0.1)
+    assert both.duration == joined.duration == pytest.approx(8.0, abs=0.1)
     assert plain(validation_results(both)) == plain(validation_results(joined))
