@@ -59,8 +59,8 @@ def test_known_friction_comes_back(sweep):
 def played_sweep(seed: int) -> Sweep:
     """Return a sweep with noise of the torque, encoder counts, and a first break-away across 6 mrad of play."""
     random = np.random.default_rng(seed)
-    t = np.arange(6000) * SAMPLE_TIME
-    torque = np.sin(2.0 * np.pi * t / 30.0)
+    t = np.arange(4000) * SAMPLE_TIME
+    torque = np.sin(2.0 * np.pi * t / 20.0)
     acting = (torque + 0.01 * random.standard_normal(len(t)))[:-1]
     whole, alone = (Driveline(inertia=one, friction=classical(TRUTH)) for one in (0.003, 0.002))
     # the motor alone until it meets its wheel, both at one speed from there
@@ -121,7 +121,7 @@ def test_uninformative_sweep_is_refused(sweep):
     # far above what such a wheel has, so that every parameter ends at its least
     space = driveline_parameters(lower=(1.0, 1.0, 1.0, 50.0, 5.0), upper=(2.0, 2.0, 2.0, 60.0, 6.0))
     with pytest.raises(InputError, match="wheel 1 identifies none of b, c, s, v_s, delta"):
-        fit_driveline(sweep, space=space, generations=5)
+        fit_driveline(sweep, space=space, generations=5, population=8)
 
 
 def test_descending_bounds_are_refused():

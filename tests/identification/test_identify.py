@@ -218,7 +218,7 @@ def test_motors_and_sensors_are_found_with_the_friction():
     c, s = np.cos(log["psi"]), np.sin(log["psi"])
     changed = {f"u{i + 1}": torques[:, i] for i in range(3)}
     changed |= {"theta": log["theta"] + c * a - s * b, "phi": log["phi"] + s * a + c * b}
-    log = noisy(log.with_columns(changed).between(0.0, 20.0), seed=9)
+    log = noisy(log.with_columns(changed).between(0.0, 14.0), seed=9)
     found = identify(
         alten(),
         log,

@@ -56,10 +56,25 @@ def problem() -> Problem:
     return problem_of(seed=1)
 
 
+#: expected work that follows the fit
+FOLLOWING = {"initial_states": 7.0, "intervals": 2.0}
+
+
 @pytest.fixture(scope="module")
-def finished(problem):
-    begin = problem.coordinates.scaled(1.2 * TRUTH)
-    return fit_with_initial_states(problem, begin, free=problem.coordinates.free, most_steps=40)
+def shown() -> list[Progress]:
+    return []
+
+
+@pytest.fixture(scope="module")
+def finished(problem, shown):
+    return fit_with_initial_states(
+        problem,
+        problem.coordinates.scaled(1.2 * TRUTH),
+        free=problem.coordinates.free,
+        most_steps=75,
+        following=lambda _: FOLLOWING,
+        run=Run(progress=shown.append),
+    )
 
 
 def test_estimated_initial_states_are_near_the_true_ones(problem, finished):
@@ -116,18 +131,9 @@ def test_one_step_of_a_resample_is_nearly_its_full_fit(problem, finished):
         assert np.corrcoef(shift / errors, (anew.point - finished.point) / errors)[0, 1] > 0.9
 
 
-def test_expected_steps_are_within_a_factor_of_two_from_the_second_round_on(problem):
-    shown: list[Progress] = []
-    following = {"initial_states": 7.0, "intervals": 2.0}
-    fit_with_initial_states(
-        problem,
-        problem.coordinates.scaled(1.2 * TRUTH),
-        free=problem.coordinates.free,
-        most_steps=75,
-        following=lambda _: following,
-        run=Run(progress=shown.append),
-    )
-    assert shown[-1].expected == following
+@pytest.mark.usefixtures("finished")
+def test_expected_steps_are_within_a_factor_of_two_from_the_second_round_on(shown):
+    assert shown[-1].expected == FOLLOWING
     later = [one for one in shown if "intervals" in one.expected]
     assert 6 <= len(later) < len(shown)
     left = np.array([one.expected["initial_states"] for one in later])

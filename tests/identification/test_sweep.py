@@ -117,7 +117,7 @@ def test_contradicting_sweep_is_excluded_and_reported():
 
 @pytest.mark.slow
 def test_a_log_and_a_sweep_of_the_same_robot_together():
-    log = noisy(balancing_log(friction=DRY), seed=4).between(4.0, 16.0)
+    log = noisy(balancing_log(friction=DRY), seed=4).between(4.0, 12.0)
     random = np.random.default_rng(6)
     true = np.stack([DRY.viscous, DRY.coulomb], axis=1)
     errors = np.array([3e-4, 2e-3])

@@ -212,8 +212,10 @@ def smooth() -> Log:
 class TestIdentification:
     @pytest.mark.slow
     def test_known_friction_is_found(self):
-        log = camera_log(duration=32.0, seed=5)
-        found = identify_upside_down(ALTEN, log, generations=12, population=12, evolution_windows=8)
+        log = camera_log(duration=20.0, seed=5)
+        found = identify_upside_down(
+            ALTEN, log, window=0.6, generations=12, population=12, evolution_windows=8
+        )
         truth = {
             "b": FRICTION.viscous,
             "c": FRICTION.coulomb,
