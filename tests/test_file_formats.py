@@ -188,6 +188,18 @@ def test_every_earlier_number_can_be_migrated(kind: Kind) -> None:
     assert len(file_formats.MIGRATIONS.get(kind, ())) == NEWEST[kind] - 1
 
 
+def test_results_of_format_1_come_back_with_one_list_of_findings(tmp_path: Path) -> None:
+    """Format 1 had `warnings` or `remarks` of the result beside the `findings` of the inputs."""
+    path = tmp_path / "results.json"
+    names = {"format": "ballbot results 1", "ballbot": "0.0.9", "warnings": ["a"], "findings": ["b"]}
+    path.write_text(json.dumps(names | {"swing": {"findings": [], "remarks": ["c"], "warnings": 2}}))
+    assert read_results(path) == {
+        "ballbot": "0.0.9",
+        "findings": ["a", "b"],
+        "swing": {"findings": ["c"], "warnings": 2},
+    }
+
+
 def test_built_in_courses_state_the_newest_format_of_course_files() -> None:
     text = (Path(ballbot.__file__).parent / "workflows" / "courses.toml").read_text(encoding="utf-8")
     assert f'format = "{format_name("courses")}"' in text
@@ -240,4 +252,4 @@ def test_results_state_their_format_and_the_version(
     for text in (capsys.readouterr().out, Path("out/results.json").read_text(encoding="utf-8")):
         found = json.loads(text)
         assert list(found)[:2] == ["format", "ballbot"]
-        assert (found["format"], found["ballbot"]) == ("ballbot results 1", ballbot.__version__)
+        assert (found["format"], found["ballbot"]) == (format_name("results"), ballbot.__version__)

@@ -32,14 +32,31 @@ NEWEST: Mapping[Kind, int] = {
     "scenario": 1,
     "mapping": 1,
     "courses": 1,
-    "results": 1,
+    "results": 2,
     "recording": 1,
 }
 
 Migration = Callable[[dict[str, object]], dict[str, object]]
+
+
+def _with_one_list_of_findings(tree: Mapping[str, object]) -> dict[str, object]:
+    """Return results of format 1 with `warnings` and `remarks` among the `findings` beside them, at every depth."""
+    migrated: dict[str, object] = {}
+    findings: list[object] = []
+    for key, value in tree.items():
+        if key in ("findings", "warnings", "remarks") and isinstance(value, list):
+            findings += value
+            migrated["findings"] = findings
+        elif isinstance(value, dict):
+            migrated[key] = _with_one_list_of_findings(value)
+        else:
+            migrated[key] = value
+    return migrated
+
+
 #: by kind: what turns the tables of format 1 into those of format 2, those of 2 into those of 3, and so on; `dict`, a
 #: plain copy, for a number that only renames keys
-MIGRATIONS: Mapping[Kind, Sequence[Migration]] = {}
+MIGRATIONS: Mapping[Kind, Sequence[Migration]] = {"results": (_with_one_list_of_findings,)}
 
 _NAME = re.compile(r"ballbot (\w+) (\d{1,9})")
 _LINE = re.compile(r'^format = "ballbot \w+ \d+".*\n', re.MULTILINE)

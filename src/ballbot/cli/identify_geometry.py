@@ -9,7 +9,7 @@ from pathlib import Path
 from ballbot.cli.context import PAGE, input_files, open_result, read_logs
 from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.errors import InputError
-from ballbot.findings import Finding, by_severity, finding_results, note
+from ballbot.findings import Finding, by_severity, note
 from ballbot.identification.geometry import (
     geometry_findings,
     robot_with_geometry,
@@ -95,7 +95,7 @@ def identify_geometry(
                     f"possible with the other values of the robot file: {error}"
                 )
                 remarks.append(note("no-robot-file", text))
-            result.write_json(found.to_dict() | {"remarks": finding_results(remarks)}, new, findings=findings)
+            result.write_json(found.to_dict(), new, findings=[*findings, *remarks])
             page = geometry_report(found, remarks, robot=described, made=result.origin, log_findings=findings)
             result.write_page(page, new)
     result.show(geometry_parts(found, remarks, framed=result.console.is_terminal))

@@ -220,7 +220,7 @@ class HoldoutResult:
             "errors": self.errors.to_dict(),
             "ratios": self.errors.ratios,
             "horizons": {"causal_starts": self.causal, "errors": by_horizon},
-            "remarks": finding_results(self.remarks),
+            "findings": finding_results(self.remarks),
         }
 
 

@@ -214,8 +214,7 @@ class Identification:
                 "fit": [[span.log, span.start, span.end] for span in self.fit_windows],
                 "held_out": [[span.log, span.start, span.end] for span in self.held_out_windows],
             },
-            "warnings": finding_results(self.warnings),
-            "findings": finding_results(self.log_findings),
+            "findings": finding_results([*self.log_findings, *self.warnings]),
         }
 
 

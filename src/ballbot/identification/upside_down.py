@@ -201,7 +201,7 @@ class UpsideDown:
                 "fit": [[span.log, span.start, span.end] for span in self.fit_windows],
                 "held_out": [[span.log, span.start, span.end] for span in self.held_out_windows],
             },
-            "warnings": finding_results(self.warnings),
+            "findings": finding_results(self.warnings),
         }
 
 

@@ -339,7 +339,7 @@ def driveline_results(
         "torque_delay": [fit.delay for fit in fits],
         "rmse_of_one_step": [fit.innovation for fit in fits],
         "unknown": {f"wheel {fit.wheel}": [NAMES[i] for i in np.flatnonzero(fit.unknown)] for fit in fits},
-        "findings": finding_results(findings),
+        "findings": finding_results([*findings, *driveline_findings(fits, printed)]),
         "correlation": {"labels": list(NAMES), "matrices": [fit.correlation for fit in fits]},
         "cost": [fit.cost for fit in fits],
         "samples": [fit.samples for fit in fits],
@@ -350,7 +350,6 @@ def driveline_results(
             "rmse": [one.rmse for one in printed],
             "rmse_of_the_friction_found": [one.rmse_restarted for one in printed],
         },
-        "remarks": finding_results(driveline_findings(fits, printed)),
         "provenance": made,
     }
 

@@ -63,7 +63,7 @@ def prediction_results(verdict: Verdict, prediction: Prediction, steps: Sequence
         },
         "none": verdict.none,
         "causes": verdict.causes,
-        "remarks": finding_results(verdict.remarks),
+        "findings": finding_results(verdict.remarks),
         "next_steps": steps,
         "course": prediction.course,
         "controller": prediction.controller,

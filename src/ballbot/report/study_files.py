@@ -37,7 +37,6 @@ def study_results(study: Study, made: Provenance) -> dict[str, object]:
         "robot": study.robot.name,
         "parameters": identification.pop("parameters"),
         "standard_errors": identification.pop("standard_errors"),
-        "warnings": identification.pop("warnings"),
         "findings": identification.pop("findings"),
         "identification": identification,
         "validation": validation,

@@ -270,8 +270,7 @@ class CheckedSwing:
     def results(self) -> dict[str, object]:
         """Return this as results.json holds it."""
         stated: dict[str, object] = {
-            "findings": finding_results(self.findings),
-            "remarks": finding_results(self.remarks()),
+            "findings": finding_results([*self.findings, *self.remarks()]),
         }
         return stated | swing_results(self.fit, self.found, self.pivot)
 

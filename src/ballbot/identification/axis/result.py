@@ -141,7 +141,7 @@ class AxisIdentification:
             "asymmetry_over_time": self.asymmetry,
             "residuals": {one.quantity: one.to_dict() for one in self.residuals},
             "expected_elsewhere": self.expected.to_dict(),
-            "remarks": finding_results(self.remarks),
+            "findings": finding_results(self.remarks),
         }
 
 
