@@ -72,6 +72,19 @@ def run_at_collection(request: pytest.FixtureRequest) -> list[str]:
     return request.config.stash[RUN_AT_COLLECTION]
 
 
+@pytest.fixture
+def undrawn() -> Generator[None]:
+    """Leave a page's figures empty where a test reads its words: to draw them takes most of a page's time."""
+    from matplotlib.figure import Figure
+
+    def blank(_draw: object, _name: str) -> tuple[Figure, str]:
+        return Figure(figsize=(1.0, 1.0)), "<svg></svg>"
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("ballbot.report.style._drawn", blank)
+        yield
+
+
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """Return the folder of measured data beside the project, or skip the test without it."""

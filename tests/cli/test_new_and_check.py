@@ -57,6 +57,7 @@ def test_new_refuses_invalid_file_names(capsys: pytest.CaptureFixture[str]) -> N
     assert "--out" in refused(capsys, "new", "no/where")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_check_refuses_inconsistent_robots(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, out = tmp_path / "light.toml", tmp_path / "out"
     assert main(["new", "light", "--out", str(path)]) == 0

@@ -171,6 +171,7 @@ def test_quiet_prints_nothing(folder: Path, capsys: pytest.CaptureFixture[str]) 
     assert (folder / "mine.toml").exists()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_quiet_leaves_warnings_on_standard_error(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (folder / "light.toml").write_text(_light_robot(), encoding="utf-8")
     codes = [word for code in ("ball", "body", "wheels") for word in ("--accept", f"robot-{code}")]

@@ -61,6 +61,7 @@ def test_an_unknown_code_is_refused(tmp_path, bad_file, capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_validate_goes_on_and_shows_what_was_accepted(tmp_path, bad_file, capsys):
     out = tmp_path / "out"
     words = ["validate", "alten", str(bad_file), "--against", "thesis", "--out", str(out)]

@@ -30,7 +30,7 @@ def off(found: Rotation, true: Rotation) -> float:
 
 
 @pytest.mark.slow
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(
     seed=st.integers(0, 1000),
     offset=st.floats(-50.0, 1000.0),
@@ -74,7 +74,7 @@ def test_alignment_intervals_cover_the_truth_in_95_percent():
 
 
 @pytest.mark.slow
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(
     flip=st.sampled_from([one for one in cube_rotations() if one.magnitude() > 0.1]),
     start=st.floats(8.0, 20.0),

@@ -40,6 +40,7 @@ def test_empty_comparison_is_refused():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_design_simulate_compare_from_the_command_line(tmp_path, capsys):
     robot = str(tmp_path / "found.toml")
     write_robot(alten(FRICTION), robot)

@@ -59,6 +59,7 @@ def test_the_worst_tenth_of_fresh_robots_is_better_than_with_nominal_and_plain_w
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_a_run_that_was_killed_goes_on_bit_for_bit(robot_file, written, tmp_path, monkeypatch):
     command = [
         "design",
@@ -90,6 +91,7 @@ def test_a_run_that_was_killed_goes_on_bit_for_bit(robot_file, written, tmp_path
     assert not (tmp_path / "checkpoint.jsonl").exists()
 
 
+@pytest.mark.slow
 def test_the_controller_file_states_its_design_method(robot_file, written):
     text = (written / "controller.toml").read_text()
     results = json.loads((written / "results.json").read_text())

@@ -69,10 +69,15 @@ class Brief(StudyOptions):
     ablation_draws: int = 0
 
 
+def walk() -> Log:
+    """Return the log studied: once around the square."""
+    return noisy_log().between(0.0, 16.0)
+
+
 def run(checkpoint: Path, *, resume: bool, progress: ProgressCallback = ignore_progress) -> Study:
     kept = open_checkpoint(checkpoint, belongs_to={}, resume=resume)
     watched = Run(seed=3, checkpoint=kept, progress=progress)
-    return study(Robot.load("alten"), {"walk": noisy_log()}, plant="model", options=SMALL, run=watched)
+    return study(Robot.load("alten"), {"walk": walk()}, plant="model", options=SMALL, run=watched)
 
 
 pytestmark = pytest.mark.slow
@@ -106,7 +111,7 @@ def small(checkpoint: Path, shown: list[Progress]) -> Study:
 def folder(small: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("study") / "made" / "deep"
     source = tmp_path_factory.mktemp("logs") / "walk.csv"
-    noisy_log().write(source)
+    walk().write(source)
     made = provenance(command="ballbot study alten walk.csv --out made", files=[source], seed=3)
     assert write_study(small, out, made=made) == out / "report.html"
     return out
@@ -269,6 +274,7 @@ def test_a_gain_over_runs_that_all_fell_is_not_shown(small: Study):
     assert "times smaller" not in words
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_report_shows_the_predicted_performance(small: Study):
     seen = small.choice.trials["precise"].performances
     intervals = performance_intervals(seen * 3, discrepancy=DISCREPANCY["precise"])
@@ -352,9 +358,10 @@ def test_measured_logs_are_predicted_better_with_friction(
 # --- the commands ---
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_validate_writes_tables_and_results(folder: Path, tmp_path: Path, capsys):
     log = tmp_path / "walk.csv"
-    noisy_log().write(log)
+    walk().write(log)
     assert main(["validate", str(folder / "robot.toml"), str(log), "--out", str(tmp_path / "checked")]) == 0
     printed = capsys.readouterr().out
     assert "open loop" in printed
@@ -367,9 +374,9 @@ def test_validate_writes_tables_and_results(folder: Path, tmp_path: Path, capsys
 @pytest.mark.parametrize("command", ["study", "validate"])
 def test_bad_input_ends_in_one_sentence_and_exit_code_2(command, folder: Path, tmp_path: Path, capsys):
     good, robot = tmp_path / "good.csv", str(folder / "robot.toml")
-    noisy_log().write(good)
+    log = noisy_log().between(0.0, 3.0)
+    log.write(good)
     broken = tmp_path / "broken.csv"
-    log = noisy_log()
     Log({name: values for name, values in log.columns.items() if name != "phi_dot"}).write(broken)
     a_file = tmp_path / "a_file"
     a_file.write_text("")
@@ -392,7 +399,7 @@ def test_bad_input_ends_in_one_sentence_and_exit_code_2(command, folder: Path, t
 
 def test_validate_refuses_another_controller_than_the_logs(folder: Path, tmp_path: Path, capsys):
     log = tmp_path / "walk.csv"
-    noisy_log().write(log)
+    noisy_log().between(0.0, 3.0).write(log)
     broken = tmp_path / "controller.toml"
     broken.write_text("gain = 3")
     words = ["validate", str(folder / "robot.toml"), str(log), "--out", str(tmp_path / "out")]
@@ -403,7 +410,7 @@ def test_validate_refuses_another_controller_than_the_logs(folder: Path, tmp_pat
 
 
 def test_a_study_refuses_before_it_works():
-    robot, log = Robot.load("alten"), noisy_log()
+    robot, log = Robot.load("alten"), noisy_log().between(0.0, 3.0)
     with pytest.raises(InputError, match="give one or more"):
         study(robot, {})
     with pytest.raises(InputError, match=r"walk: .*u3"):
