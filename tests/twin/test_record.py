@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
 from pathlib import Path
 
@@ -13,6 +14,12 @@ from ballbot.cli.context import parse_seeds
 from ballbot.errors import InputError
 from ballbot.log import STATE_NAMES, Log
 from ballbot.twin.recording import MotionCapture
+
+
+@pytest.fixture
+def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Record a batch's runs in this process: a worker takes two seconds to begin, and another test begins some."""
+    monkeypatch.setattr("ballbot.workflows.record.worker_pool", ThreadPoolExecutor)
 
 
 def test_cameras_can_be_brought_back_to_the_world() -> None:
@@ -169,6 +176,7 @@ def test_interrupted_recording_of_many_seeds_resumes(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("in_this_process")
 def test_finished_run_is_verified_by_its_checksums(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -297,6 +305,7 @@ def test_record_reads_the_controller_that_it_wrote(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("in_this_process")
 def test_estimator_steers_and_a_batch_of_another_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
