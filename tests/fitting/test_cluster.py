@@ -55,7 +55,9 @@ def quick(*, executor: Executor, report: ProgressCallback = ignore_progress) -> 
         log,
         window=0.1,
         seed=3,
-        options=IdentificationOptions(generations=12, population=12, gauss_newton_steps=4, step=2.5e-3),
+        options=IdentificationOptions(
+            generations=12, population=12, gauss_newton_steps=4, step=2.5e-3, most_profiles=1
+        ),
         run=Run(executor=executor, progress=report),
     )
 
