@@ -296,6 +296,7 @@ class TestCommands:
         assert np.shape(gain["gain_standard_deviation"]) == (3, 10)
 
     @pytest.mark.slow
+    @pytest.mark.usefixtures("undrawn")
     def test_without_any_nothing_is_claimed(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
         assert main(["check", "alten", "--out", str(tmp_path)]) == 0
         assert "No value in the file has a standard_deviation" in capsys.readouterr().out

@@ -169,8 +169,8 @@ def test_convert_refuses_and_explains(tmp_path, capsys, log):
 def test_recordings_of_a_balancing_robot_show_it(tmp_path):
     words = ["record", "nominal", "--format", "mcap", "--out"]
     assert main([*words, str(tmp_path / "one"), "--duration", "0.2"]) == 0
-    assert main([*words, str(tmp_path / "two"), "--duration", "0.2", "--seeds", "1,2"]) == 0
-    for folder in ("one", "two/seed_0001", "two/seed_0002"):
+    assert main([*words, str(tmp_path / "two"), "--duration", "0.2", "--seeds", "1"]) == 0
+    for folder in ("one", "two/seed_0001"):
         for name in ("log", "truth"):
             assert {"/scene", "/tf"} <= set(topics(tmp_path / folder / f"{name}.mcap"))
     bench = ["--experiment", "upside_down", "--duration", "0.2"]
