@@ -18,7 +18,14 @@ from tests.support.report_pages import LARGEST_PAGE
 @pytest.fixture(autouse=True)
 def small_effort(monkeypatch):
     """Search less; how well parameters are found is tested in tests/identification."""
-    brief = partial(IdentificationOptions, generations=15, population=12, gauss_newton_steps=6, step=2.5e-3)
+    brief = partial(
+        IdentificationOptions,
+        generations=15,
+        population=12,
+        gauss_newton_steps=6,
+        step=2.5e-3,
+        most_profiles=1,
+    )
     monkeypatch.setattr(identify_command, "IdentificationOptions", brief)
 
 

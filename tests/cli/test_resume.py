@@ -29,7 +29,7 @@ rolling = [0.007, 0.007]
 @pytest.fixture(autouse=True)
 def small_effort(monkeypatch):
     """Search less in this process; how well parameters are found is tested in tests/identification."""
-    brief = partial(IdentificationOptions, generations=12, population=12, step=2.5e-3)
+    brief = partial(IdentificationOptions, generations=12, population=12, step=2.5e-3, most_profiles=1)
     monkeypatch.setattr(identify_command, "IdentificationOptions", brief)
 
 

@@ -157,7 +157,12 @@ def test_progress_rises_and_the_cost_falls():
         noisy(balancing_log(), seed=4).between(6.0, 12.0),
         window=0.1,
         options=IdentificationOptions(
-            generations=5, population=8, evolution_windows=12, gauss_newton_steps=2, step=2.5e-3
+            generations=5,
+            population=8,
+            evolution_windows=12,
+            gauss_newton_steps=2,
+            step=2.5e-3,
+            most_profiles=1,
         ),
         run=Run(progress=told.append),
     )
