@@ -32,7 +32,7 @@ AIM = ["--reference", "aim"]
 
 @pytest.fixture(scope="module")
 def noisy_record() -> AxisRecord:
-    return simulated_record(noise=1.0, duration=6.0)
+    return simulated_record(noise=1.0, duration=4.5)
 
 
 @pytest.fixture(scope="module")
