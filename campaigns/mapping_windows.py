@@ -29,12 +29,11 @@ from ballbot.log.mapping_inference.placements import Placement, even_azimuths
 from ballbot.log.mapping_inference.proposal import Proposal, log_mapping, propose
 from ballbot.robot import Robot
 from campaigns.foreign_logs import Habits, columns_of, draw, write
-from campaigns.mapping_corpus import (
+from campaigns.mapping_corpus import TORQUE_ERROR, WHEEL_ERROR
+from campaigns.mapping_recordings import (
     HABITS_SEED,
     MOTIONS,
     ROBOTS,
-    TORQUE_ERROR,
-    WHEEL_ERROR,
     Half,
     dead_band,
     recording,

@@ -14,7 +14,8 @@ from ballbot.identification.stages import IdentificationOptions
 from ballbot.log.columns import torque_names
 from ballbot.robot.components import Friction
 from campaigns.foreign_logs import commands, draw
-from campaigns.mapping_corpus import FirmwareDeadBand, judged
+from campaigns.mapping_corpus import judged
+from campaigns.mapping_recordings import FirmwareDeadBand
 from tests.support.foreign_log_examples import small_robot, swaying_log
 
 SEEDS = range(12)
