@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ballbot.log.checks.torque_balance import Driving
-from ballbot.log.mapping_inference.commands import Assignment, Response, unit_probabilities
+from ballbot.log.mapping_inference.commands import Assignment, Response, assign, unit_probabilities
 from ballbot.log.mapping_inference.drive import _compared, _senses_and_signs, _turning_against
 from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.file_signals import Signals
@@ -164,3 +164,30 @@ def test_a_torque_is_told_from_a_current_by_a_quarter_not_by_an_eighth(per_amper
     torque = sum(p for one, p in found.items() if one.kind == "torque")
     assert next(iter(found)).kind == "torque"
     assert (torque > CONFIDENT) == determined
+
+
+def test_commands_of_motors_alike_are_told_apart_even_if_the_robot_moves_along_one_line():
+    """Along a line the wheels need 1, -1/2 and -1/2 of a torque: with gains of their own, u1 = n2 and u2 = n1 as well
+    are u1 = -n1/2 and u2 = -2 n2."""
+    random = np.random.default_rng(1)
+    rows, seconds = 25, 12
+    along = random.standard_normal(rows * seconds)
+    needed = along[:, None] * np.array([1.0, -0.5, -0.5])
+    # across the line only a tenth, and noise of the differentiated signals
+    needed[:, 1:] += 0.1 * random.standard_normal(rows * seconds)[:, None] * np.array([1.0, -1.0])
+    noisy = needed + 0.05 * random.standard_normal(needed.shape)
+    speeds = random.standard_normal(needed.shape)
+    friction = np.stack([np.sign(speeds), speeds, np.sign(speeds) * np.exp(-np.abs(speeds))], axis=-1)
+    driving = Driving(
+        torque=0.4 * needed[:, [1, 0, 2]],
+        needed=noisy,
+        friction=friction,
+        turning=np.ones_like(needed),
+        block=np.repeat(np.arange(seconds), rows),
+    )
+    # the names say that commands and encoders are numbered alike, and are wrong
+    found = assign(driving, [(0, 1), (1, 1), (2, 1)])
+    assert (found.wheels, found.signs) == ((1, 0, 2), (1, 1, 1))
+    assert found.confidence > CONFIDENT
+    # the noise is 0.05 of a need of 0.5 to 1
+    assert found.explained > 0.98

@@ -5,7 +5,7 @@ wheel i needs n_i. What drives it is a command d_j of unknown order, sign, kind 
 
     s_j d_j = a n_i + b w_i + friction's terms in the sign of w_i        w_i speed of the wheel [rad/s]
 
-Each command is explained by each wheel's need with either sign; the order and signs that explain all best are the
+Every order and every choice of signs is tried; those that explain all commands best, with one a and one b, are the
 answer. The commands are on the left: commands that sum to zero are no difficulty there, while a regression of all
 wheels on all commands would be collinear, and a wheel's sign would be decided by noise.
 
@@ -35,7 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from ballbot.log.checks.lean import block_sums, clarity
+from ballbot.log.checks.lean import clarity
 from ballbot.log.checks.torque_balance import TURNED_POWER, Driving
 from ballbot.log.mapping_inference.evidence import (
     MOST,
@@ -58,7 +58,7 @@ class Assignment:
 
     wheels: tuple[int, ...]  #: for the file's commands in turn, the robot's wheel (from 0)
     signs: tuple[int, ...]  #: of the file's commands in turn
-    explained: float  #: mean share of the commands' variance
+    explained: float  #: share of the commands' variance
     advantage: float  #: over the next best assignment, in standard errors over blocks of a second
     next_best: str  #: in words
     confidence: float
@@ -75,20 +75,12 @@ def assign(driving: Driving, expected: Sequence[tuple[int, int]]) -> Assignment:
         For the file's commands in turn, the robot's wheel (from 0) and the sign of the file's wheel of the same number:
         most teams number motors and encoders alike.
     """
-    left = _left(driving)
-    n = left.shape[0]
-    totals: dict[tuple[tuple[int, ...], tuple[int, ...]], NDArray[np.float64]] = {}
-    for order in permutations(range(n)):
-        for signs in product((1, -1), repeat=n):
-            totals[order, signs] = sum(
-                (left[j, order[j], 0 if signs[j] > 0 else 1] for j in range(n)),
-                start=np.zeros(left.shape[-1]),
-            )
+    totals = _left(driving)
     least = min(totals.values(), key=lambda one: float(one.sum()))
     weights = {one: _usual(one, expected) - _log_odds(total, least) for one, total in totals.items()}
     found = probabilities(weights)
     (wheels, signs), (other, other_signs) = list(found)[:2]
-    explained = 1.0 - float(totals[wheels, signs].sum()) / n
+    explained = 1.0 - float(totals[wheels, signs].sum())
     # what explains little may be chance however often it repeats
     enough = min(max((explained - 0.1) / 0.2, 0.0), 1.0)
     return Assignment(
@@ -133,7 +125,7 @@ def _by_wheel(
 BELIEVED_ERRORS = 0.6
 #: logarithm of the ratio of two squared errors from which it counts, too, and its weight for each second; chosen with
 #: `python -m campaigns.mapping_windows 24`, which counts the windows of 6 to 12 s that are wrong with confidence
-LEAST_RATIO, EACH_SECOND = 0.2, 0.75
+LEAST_RATIO, EACH_SECOND = 0.15, 1.0
 #: probability that motors are numbered as encoders; that each motor turns for a positive command as its encoder counts,
 #: or all motors turn alike, whatever an encoder counts; the rest is for any signs. Chosen, not measured
 SAME_ORDER, AS_ENCODERS, ALL_ALIKE = 0.8, 0.5, 0.3
@@ -161,24 +153,36 @@ def _usual(one: tuple[tuple[int, ...], tuple[int, ...]], expected: Sequence[tupl
     return math.log(p * (usual + (1.0 - AS_ENCODERS - ALL_ALIKE) / 2**n))
 
 
-def _left(driving: Driving) -> NDArray[np.float64]:
-    """Return the share (n, n, 2, B) of each command's variance that each wheel with each sign leaves, by blocks."""
+def _left(driving: Driving) -> dict[tuple[tuple[int, ...], tuple[int, ...]], NDArray[np.float64]]:
+    """Return the share (B,) of the commands' variance that each order and choice of signs leaves, by blocks.
+
+    The motors are alike: a and b are common to all wheels, and only dry friction is each wheel's own. None of them can
+    be negative.
+    """
     n, blocks = driving.torque.shape[1], int(driving.block[-1]) + 1
-    left = np.ones((n, n, 2, blocks)) / blocks
+    u = driving.torque - driving.torque.mean(axis=0)
+    terms = np.zeros((n, len(u), 2 + 2 * n))  # the terms of each wheel
     for i in range(n):
-        columns = np.column_stack([driving.needed[:, i], driving.friction[:, i]])
-        columns = columns - columns.mean(axis=0)
-        scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-30)
-        for j in range(n):
-            u = driving.torque[:, j] - driving.torque[:, j].mean()
-            power = float(u @ u)
-            if power <= 0.0:
-                continue
-            for place, sign in enumerate((1.0, -1.0)):
-                # neither the motion's torque nor friction can be negative
-                factors, _ = nnls(scaled, sign * u)
-                left[j, i, place] = block_sums((sign * u - scaled @ factors) ** 2, driving.block) / power
-    return left
+        terms[i, :, 0], terms[i, :, 1] = driving.needed[:, i], driving.friction[:, i, 1]
+        terms[i, :, 2 + 2 * i], terms[i, :, 3 + 2 * i] = driving.friction[:, i, 0], driving.friction[:, i, 2]
+    terms = terms - terms.mean(axis=1, keepdims=True)
+    terms = terms / np.maximum(np.sqrt(np.square(terms).sum(axis=(0, 1))), 1e-30)
+    rows = [driving.block == b for b in range(blocks)]
+    products = np.array([np.einsum("ink,inl->kl", terms[:, one], terms[:, one]) for one in rows])
+    with_commands = np.array([np.einsum("ink,nj->ijk", terms[:, one], u[one]) for one in rows])
+    power = np.array([float(np.square(u[one]).sum()) for one in rows])
+    whole = max(float(power.sum()), 1e-300)
+    # the same sums of squares, by a triangular matrix in place of all rows
+    root = np.linalg.cholesky(products.sum(axis=0) + 1e-9 * np.eye(terms.shape[2])).T
+    found = {}
+    for order in permutations(range(n)):
+        each = with_commands[:, order, range(n)]
+        for signs in product((1, -1), repeat=n):
+            right = np.asarray(signs, dtype=np.float64) @ each
+            factors, _ = nnls(root, np.linalg.solve(root.T, right.sum(axis=0)))
+            fitted = np.einsum("k,bkl,l->b", factors, products, factors)
+            found[order, signs] = np.maximum(power - 2.0 * right @ factors + fitted, 0.0) / whole
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)
