@@ -1,6 +1,6 @@
-"""What an unknown delay, turn or dead band would change in the log, and the confidence that it changes little.
+"""What an unknown delay or dead band would change in the log, and the confidence that it changes little.
 
-None of them is ever known exactly. A delay that is off by e turns a signal's phase by w e, with w the root mean square
+Neither is ever known exactly. A delay that is off by e turns a signal's phase by w e, with w the root mean square
 of the signal's rate over that of its value: harmless in a slow log, ruin in a quick one. So the confidence in a
 quantity is that its error stays within what a log can bear, from a standard error with these parts:
 
@@ -30,8 +30,6 @@ from ballbot.log.signals import Smooth, smooth
 LEAN_PHASE = 0.3
 #: the same of the torques: their root mean square error is then 0.2 of their size
 TORQUE_PHASE = 0.2
-#: turn of the IMU that may be off [rad]: a fifth of a lean appears in the other axis
-TURN = math.radians(12.0)
 #: part of the torques, by size, that an unknown dead band may change
 TORQUE_PART = 0.2
 #: largest dead band that must be expected, over the size of what drives: chosen, twice that of the corpus
@@ -43,12 +41,6 @@ PLAY_DELAY = 2.0 / math.pi / math.sqrt(2.0)
 #: error of the lean's delay beyond jackknife and play, and of the command's [s]: root mean squares on the development
 #: halves
 LEAN_ERROR, COMMAND_ERROR = 0.006, 0.004
-#: error of a turn over the logarithm of the gain [rad]. Of 33 logs of the development halves whose gain is off by more
-#: than a tenth, the root mean square is 0.095
-TURN_PER_GAIN = 0.15
-#: the turn's error over its jackknife: of 176 logs of the development halves, the turn of 2 is off by more than `TURN`
-#: with a confidence above 0.9 at 1.5, and of none at 1.8
-TURN_JACKKNIFE = 1.8
 #: share of the wheels' accelerations that the commands must explain for their delay to be known: 100 stretches of the
 #: development halves that explain less find it 16 ms too late, in the mean
 EXPLAINED_FOR_DELAY = 0.75
@@ -198,11 +190,3 @@ def command_delay_confidence(late: Delay, braked: float) -> float:
     if not math.isfinite(braked):
         return 0.5
     return harmless(late.error * late.quickness * max(braked, 1.0), TORQUE_PHASE)
-
-
-def turn_confidence(tested: LeanTest) -> float:
-    """Return the confidence in the IMU's turn: a gain that is not the robot's is a sign of another error, too."""
-    if tested.phase_error is None:
-        return 0.5
-    own = TURN_PER_GAIN * abs(math.log(max(tested.placements[0].gain, 1e-3)))
-    return harmless(math.hypot(TURN_JACKKNIFE * tested.phase_error, own), TURN)
