@@ -312,7 +312,7 @@ def section(found: Sequence[Outcome], *, dead_bands: Sequence[float]) -> Section
             ]
         )
     wrong = "; ".join(
-        f"{one.half} {one.seed} ({one.robot}, {one.motion}): {one.judgement.reason}"
+        f"{one.half.replace('_', ' ')} {one.seed} ({one.robot}, {one.motion}): {one.judgement.reason}"
         for one in found
         if one.judgement.result == "wrong"
     )
@@ -325,9 +325,9 @@ def section(found: Sequence[Outcome], *, dead_bands: Sequence[float]) -> Section
         title="Mappings proposed for foreign logs",
         before="Stretches of 5 to 60 s of simulated logs, written as other teams write them"
         " (`campaigns/foreign_logs.py`): renamed, permuted, scaled, turned, mirrored, late, noisy, in several formats."
-        " The development halves are logs of the twin, and the inference was worked on with them. The test half has"
-        " other robots, motions and seeds, on the equations of motion with the twin's sensors, play and friction, and"
-        " was not worked on. Right is the recorded log up to the transformations of"
+        " The inference was worked on with the development halves; the third judged an earlier version. The test half"
+        " has other robots, motions and seeds. The first two are logs of the twin, the others of the equations of"
+        " motion with the twin's sensors, play and friction. Right is the recorded log up to the transformations of"
         " `campaigns.mapping_corpus.differences`; the last column is with the firmware's dead band given if only that"
         " was asked. Intervals are of 95 % by Clopper and Pearson.",
         columns=[

@@ -1,6 +1,6 @@
-"""How often `check-log` is right about wheels and commands on short windows of the corpus' development halves.
+"""How often `check-log` is right about wheels and commands on short windows of the first two development halves.
 
-.venv/bin/python -m campaigns.mapping_windows 60       variants of each development half
+.venv/bin/python -m campaigns.mapping_windows 60       variants of each
 
 Whole logs hardly ever have wrong placements, and no constant could be fitted to them. So each log is judged on windows
 of a few seconds, cut out at random, as if the rest had not been recorded. `LEAST_RATIO` and `EACH_SECOND` of

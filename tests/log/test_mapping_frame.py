@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.file_signals import Raw, gyro_of, signals_of
-from ballbot.log.mapping_inference.frame import TURN, USUAL_TURNS, frame_of, heading_test, likeliest_turn
+from ballbot.log.mapping_inference.frame import frame_of, heading_test
 from ballbot.log.mapping_inference.placement import lean_test, torque_free_gains
 from ballbot.log.signals import INTERVAL, Smooth
 from ballbot.robot import Friction, Robot
@@ -116,24 +116,6 @@ def test_a_gyro_shows_the_handedness_of_its_angles(pitch_sign, yaw_sign, seed):
     assert found.handedness == pytest.approx(pitch_sign * yaw_sign, abs=0.2)
     assert found.handedness_error < 0.1
     assert math.isfinite(found.lag)
-
-
-@pytest.mark.parametrize("error", [2.0, 6.0, 12.0])
-def test_the_confidence_in_a_turn_is_how_often_it_is_right(error):
-    """Over turns as they are taken to be before a log is seen, measured with a normal error."""
-    random, count = np.random.default_rng(4), 2000
-    usual, shares = np.array(list(USUAL_TURNS)), np.array(list(USUAL_TURNS.values()))
-    drawn = random.choice(np.append(usual, np.nan), count, p=np.append(shares, 1.0 - shares.sum()))
-    true = np.where(np.isnan(drawn), random.uniform(-np.pi, np.pi, count), drawn)
-    deviation = math.radians(error)
-    answers = [likeliest_turn(one, deviation) for one in true + deviation * random.standard_normal(count)]
-    off = np.array([answer for answer, _ in answers]) - true
-    right = np.abs((off + np.pi) % (2.0 * np.pi) - np.pi) <= TURN
-    confidence = np.array([one for _, one in answers])
-    # three standard errors of a share of 2000
-    assert np.mean(right) == pytest.approx(np.mean(confidence), abs=3.0 * 0.5 / math.sqrt(count))
-    sure = confidence > CONFIDENT
-    assert np.mean(right[sure]) == pytest.approx(np.mean(confidence[sure]), abs=0.02)
 
 
 @pytest.mark.parametrize(("sway", "shown"), [(0.01, False), (0.8, True)])

@@ -1,4 +1,4 @@
-"""What an unknown delay, turn or dead band changes in a log: `ballbot.log.mapping_inference.tolerances`."""
+"""What an unknown delay or dead band changes in a log, and what the commands are."""
 
 import math
 from dataclasses import replace
@@ -140,7 +140,11 @@ def test_turning_against_is_that_of_the_wheel_that_each_command_drives(late):
         wheels=wheels, signs=signs, explained=1.0, advantage=1.0, next_best="", confidence=1.0
     )
     # within the time in which a wheel is slower than 0.1 rad/s
-    assert _turning_against(compared, assigned) == pytest.approx(2.0 * math.sqrt(late / np.pi), abs=0.01)
+    share = 2.0 * math.sqrt(late / np.pi)
+    assert _turning_against(compared, assigned, np.ones(3)) == pytest.approx(share, abs=0.01)
+    # the second wheel drives a third as much as the others: the same dead band is more of its torque
+    found = _turning_against(compared, assigned, np.array([3.0, 1.0, 3.0]))
+    assert found == pytest.approx(share * math.sqrt(19.0 / 3.0), abs=0.03)
 
 
 def test_a_dead_band_is_less_dry_friction_unless_wheels_turn_against_their_duties():
@@ -166,16 +170,17 @@ def test_a_torque_is_told_from_a_current_by_a_quarter_not_by_an_eighth(per_amper
     assert (torque > CONFIDENT) == determined
 
 
-def test_commands_of_motors_alike_are_told_apart_even_if_the_robot_moves_along_one_line():
+@pytest.mark.parametrize("seed", [0, 3, 5])
+def test_commands_of_motors_alike_are_told_apart_even_if_the_robot_moves_along_one_line(seed):
     """Along a line the wheels need 1, -1/2 and -1/2 of a torque: with gains of their own, u1 = n2 and u2 = n1 as well
     are u1 = -n1/2 and u2 = -2 n2."""
-    random = np.random.default_rng(1)
+    random = np.random.default_rng(seed)
     rows, seconds = 25, 12
     along = random.standard_normal(rows * seconds)
     needed = along[:, None] * np.array([1.0, -0.5, -0.5])
-    # across the line only a tenth, and noise of the differentiated signals
-    needed[:, 1:] += 0.1 * random.standard_normal(rows * seconds)[:, None] * np.array([1.0, -1.0])
-    noisy = needed + 0.05 * random.standard_normal(needed.shape)
+    # across the line a fiftieth, less than the noise of the differentiated signals
+    needed[:, 1:] += 0.02 * random.standard_normal(rows * seconds)[:, None] * np.array([1.0, -1.0])
+    noisy = needed + 0.1 * random.standard_normal(needed.shape)
     speeds = random.standard_normal(needed.shape)
     friction = np.stack([np.sign(speeds), speeds, np.sign(speeds) * np.exp(-np.abs(speeds))], axis=-1)
     driving = Driving(
@@ -189,5 +194,5 @@ def test_commands_of_motors_alike_are_told_apart_even_if_the_robot_moves_along_o
     found = assign(driving, [(0, 1), (1, 1), (2, 1)])
     assert (found.wheels, found.signs) == ((1, 0, 2), (1, 1, 1))
     assert found.confidence > CONFIDENT
-    # the noise is 0.05 of a need of 0.5 to 1
-    assert found.explained > 0.98
+    # the noise is 0.1 of a need of 0.7, root mean square: 0.02 of its variance, and more of the smaller two
+    assert found.explained > 0.96

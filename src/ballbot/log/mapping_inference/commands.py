@@ -124,8 +124,8 @@ def _by_wheel(
 #: part of the standard errors by which one assignment is behind another that is believed
 BELIEVED_ERRORS = 0.6
 #: logarithm of the ratio of two squared errors from which it counts, too, and its weight for each second; chosen with
-#: `python -m campaigns.mapping_windows 24`, which counts the windows of 6 to 12 s that are wrong with confidence
-LEAST_RATIO, EACH_SECOND = 0.15, 1.0
+#: `python -m campaigns.mapping_windows 24`, which counts the windows of 4 to 12 s that are wrong with confidence
+LEAST_RATIO, EACH_SECOND = 0.2, 0.75
 #: probability that motors are numbered as encoders; that each motor turns for a positive command as its encoder counts,
 #: or all motors turn alike, whatever an encoder counts; the rest is for any signs. Chosen, not measured
 SAME_ORDER, AS_ENCODERS, ALL_ALIKE = 0.8, 0.5, 0.3
@@ -157,7 +157,8 @@ def _left(driving: Driving) -> dict[tuple[tuple[int, ...], tuple[int, ...]], NDA
     """Return the share (B,) of the commands' variance that each order and choice of signs leaves, by blocks.
 
     The motors are alike: a and b are common to all wheels, and only dry friction is each wheel's own. None of them can
-    be negative.
+    be negative. A motor weaker than the others by more than a third can be taken for another if the robot moves along
+    one line.
     """
     n, blocks = driving.torque.shape[1], int(driving.block[-1]) + 1
     u = driving.torque - driving.torque.mean(axis=0)
@@ -171,7 +172,7 @@ def _left(driving: Driving) -> dict[tuple[tuple[int, ...], tuple[int, ...]], NDA
     products = np.array([np.einsum("ink,inl->kl", terms[:, one], terms[:, one]) for one in rows])
     with_commands = np.array([np.einsum("ink,nj->ijk", terms[:, one], u[one]) for one in rows])
     power = np.array([float(np.square(u[one]).sum()) for one in rows])
-    whole = max(float(power.sum()), 1e-300)
+    whole = float(power.sum())
     # the same sums of squares, by a triangular matrix in place of all rows
     root = np.linalg.cholesky(products.sum(axis=0) + 1e-9 * np.eye(terms.shape[2])).T
     found = {}
@@ -181,7 +182,8 @@ def _left(driving: Driving) -> dict[tuple[tuple[int, ...], tuple[int, ...]], NDA
             right = np.asarray(signs, dtype=np.float64) @ each
             factors, _ = nnls(root, np.linalg.solve(root.T, right.sum(axis=0)))
             fitted = np.einsum("k,bkl,l->b", factors, products, factors)
-            found[order, signs] = np.maximum(power - 2.0 * right @ factors + fitted, 0.0) / whole
+            left = np.maximum(power - 2.0 * right @ factors + fitted, 0.0)
+            found[order, signs] = left / whole if whole > 0.0 else np.full(blocks, 1.0 / blocks)
     return found
 
 

@@ -7,11 +7,15 @@ from collections.abc import Iterable
 
 from ballbot.log.mapping_inference.commands import FULL_DUTIES, Unit
 from ballbot.log.mapping_inference.evidence import CONFIDENT, MOST, Conclusion, advantage_confidence
-from ballbot.log.mapping_inference.frame import TURN
 from ballbot.log.mapping_inference.names import read_name
 from ballbot.log.mapping_inference.placement import LeanTest
 from ballbot.log.mapping_inference.proposal import Proposal
-from ballbot.log.mapping_inference.tolerances import command_delay_confidence, dead_band_confidence
+from ballbot.log.mapping_inference.tolerances import (
+    TURN,
+    command_delay_confidence,
+    dead_band_confidence,
+    turn_confidence,
+)
 from ballbot.log.mapping_inference.units import Scale, time_conclusion
 
 #: prior probability that columns are about the world's axes, chosen and not measured: theta and phi, as papers on ball
@@ -147,7 +151,7 @@ def _axes_of_lean(proposal: Proposal, tested: LeanTest) -> Conclusion:
     stems = {read_name(name).stem for name in proposal.roles.attitude[:2]}
     one_letter = WORLD_ONE_LETTER if len(stems) == 1 else WORLD_THETA_PHI
     prior = one_letter if stems & {"theta", "phi"} else WORLD_ROLL_PITCH
-    seen = min(max(advantage_confidence(tested.body_frame, believed=1.0), 1.0 - MOST), MOST)
+    seen = min(max(advantage_confidence(tested.body_frame), 1.0 - MOST), MOST)
     odds = (1.0 - prior) / prior * seen / (1.0 - seen)
     return Conclusion(
         name="axes of the lean",
@@ -168,7 +172,7 @@ def _turn_and_delay(proposal: Proposal) -> list[Conclusion]:
         Conclusion(
             name="turn of the IMU",
             value=f"{math.degrees(frame.turn):.1f} deg",
-            confidence=frame.turn_confidence,
+            confidence=turn_confidence(tested),
             evidence=f"measured {math.degrees(frame.measured_turn):.1f} deg; the confidence is that it is right to "
             f"{math.degrees(TURN):.0f} deg",
             error=None if tested.phase_error is None else math.degrees(tested.phase_error),
@@ -231,7 +235,7 @@ def _commands(proposal: Proposal) -> list[Conclusion]:
     delay = Conclusion(
         name="delay of the commands",
         value=f"{1e3 * late.applied:.1f} ms",
-        confidence=command_delay_confidence(late, drive.size / drive.driving_size),
+        confidence=command_delay_confidence(late, drive.braked),
         evidence=late.evidence,
         error=1e3 * late.error,
         unit="ms",

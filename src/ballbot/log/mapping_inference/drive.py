@@ -37,6 +37,7 @@ from ballbot.log.mapping_inference.commands import (
     unit_probabilities,
     units_of,
 )
+from ballbot.log.mapping_inference.evidence import TINY
 from ballbot.log.mapping_inference.names import Reading
 from ballbot.log.pose import with_odometry
 from ballbot.log.signals import MOVING_SPEED, even_rows, smooth
@@ -54,11 +55,10 @@ class DriveEvidence:
     response: Response | None
     units: dict[Unit, float]  #: probability of each kind and unit, the likeliest first
     standstill: dict[Unit, float]  #: torque [N m] at standstill of one in the file, by its kind and unit
-    #: standard deviation of the commands, and of what the back-EMF leaves of them if they are duties
-    size: float = math.nan
-    driving_size: float = math.nan
-    #: size (standard deviation) of what a dead band of one adds to a command beyond what dry friction takes, of the
-    #: wheel where it is largest
+    #: size (standard deviation) of the commands over what the back-EMF leaves of them if they are duties
+    braked: float = math.nan
+    #: part of a wheel's own torques that a dead band of the size of all wheels' adds beyond what dry friction takes, of
+    #: the wheel where it is largest
     turning_against: float = math.nan
 
     @property
@@ -119,42 +119,43 @@ def drive_evidence(
         named_unit=reading.unit if reading else None,
         known_inertia=mapping.attitude is not None,
     )
-    size, driving_size, turning_against = math.nan, math.nan, math.nan
+    braked, turning_against = math.nan, math.nan
     if compared is not None and assigned and found:
         braking = back_emf_damping(robot) if next(iter(units)).kind in ("duty", "voltage") else 0.0
-        size, driving_size = (_size(compared.driving, assigned, found.gain * one) for one in (0.0, braking))
-        turning_against = _turning_against(compared, assigned)
+        size, driving = (_sizes(compared.driving, assigned, found.gain * one) for one in (0.0, braking))
+        braked = float(np.linalg.norm(size) / max(float(np.linalg.norm(driving)), TINY))
+        turning_against = _turning_against(compared, assigned, driving)
     return DriveEvidence(
         assigned=assigned,
         response=found,
         units=units,
         standstill=units_of(robot),
-        size=size,
-        driving_size=driving_size,
+        braked=braked,
         turning_against=turning_against,
     )
 
 
-def _size(driving: Driving, assigned: Assignment, braking: float) -> float:
-    """Return the standard deviation of the commands, less what brakes them [in their unit, a rad/s]."""
+def _sizes(driving: Driving, assigned: Assignment, braking: float) -> NDArray[np.float64]:
+    """Return the standard deviation (n,) of each wheel's command, less what brakes it [in their unit, a rad/s]."""
     place = np.argsort(assigned.wheels)
     commands = (driving.torque * np.asarray(assigned.signs, dtype=np.float64))[:, place]
-    left = commands - braking * driving.friction[:, :, 1]
-    return float(np.sqrt(left.var(axis=0).mean()))
+    return (commands - braking * driving.friction[:, :, 1]).std(axis=0)
 
 
-def _turning_against(compared: Compared, assigned: Assignment) -> float:
+def _turning_against(compared: Compared, assigned: Assignment, driving: NDArray[np.float64]) -> float:
     """Return the largest size, of all wheels, of sgn d_i - sgn w_i while wheel i turns, of command d_i and speed w_i.
 
     A dead band d_0 and dry friction c act as no dead band and dry friction c - d_0 but for d_0 times that, which is
     zero unless a wheel turns against its command, or coasts at a command of zero. A wheel that sticks counts as no
-    difference.
+    difference. The dead band is one for all wheels, so that each size is over the part (n,) of its own command that is
+    `driving`, relative to that of all wheels: a wheel that hardly drives would have a torque of mostly dead band.
     """
     place = np.argsort(assigned.wheels)
     signs = np.asarray(assigned.signs, dtype=np.float64)[place]
     wheels = np.arange(len(place))
     left = signs * compared.signs[:, wheels, place] - compared.senses
-    return float(left.std(axis=0).max())
+    usual = float(np.sqrt(np.square(driving).mean()))
+    return float((left.std(axis=0) * usual / np.maximum(driving, TINY)).max())
 
 
 def _senses_and_signs(commands: NDArray[np.float64], speeds: NDArray[np.float64]) -> NDArray[np.float64]:

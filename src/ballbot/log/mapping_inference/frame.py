@@ -10,8 +10,7 @@ psi_dot. Nothing else separates a log whose wheels all count backwards from one 
 A gyro beside the angles shows the handedness, too (`ballbot.log.mapping_inference.file_signals`).
 
 The wheels' order and the turn of the IMU come from the test of their placement. A log follows
-Theta_ddot = g e^(j phase) sum_i s_i w_i e^(j beta). Turned by -phase, the IMU's lean is the robot's. People mount IMUs
-at usual angles, so that a measured turn is taken for a usual one where that is likelier. If lean and yaw
+Theta_ddot = g e^(j phase) sum_i s_i w_i e^(j beta). Turned by -phase, the IMU's lean is the robot's. If lean and yaw
 have opposite handedness, one axis of the IMU is reversed: pitch, if the wheels are then in the robot's order, else yaw.
 """
 
@@ -30,11 +29,11 @@ from ballbot.robot import Robot
 
 #: a correlation r of n independent seconds is believed from this many of its standard errors, sqrt((1 - r^2) / n)
 LEAST_CORRELATION = 2.5
-#: lean and yaw are taken to be of the same handedness with this probability before the log is seen; chosen
+#: lean and yaw are taken to be of the same handedness with this probability before the log is seen: chosen, so that a
+#: log that shows nothing is asked for
 SAME_HANDEDNESS, SAME_IF_MIRRORED = 0.85, 0.6
-#: a heading that turns by less than this [rad] around its mean hardly shows the handedness: so much of the standard
-#: errors is then believed. Of 142 logs of the development halves, 2 are wrong by two standard errors, both of such a
-#: heading; of 603 logs whose heading turns more and whose placement is certain, none is wrong by one
+#: a heading that turns by less than this [rad] around its mean hardly shows the handedness: the standard errors then
+#: count by this factor. Of 15 such logs of the second development half, 7 are wrong, by up to three standard errors
 STILL_HEADING, BELIEVED_IF_STILL = 0.02, 0.1
 #: error of the handedness by the gyro beyond its jackknife, since noise of the angles makes it too small, and the
 #: largest logarithm of its odds. Of 51 logs of the development halves, 3 give odds for the wrong one, of up to 2.3
@@ -80,19 +79,10 @@ def heading_test(robot: Robot, wheels: Smooth, heading: Smooth, tested: LeanTest
     )
 
 
-#: turns of an IMU's x axis from the robot's [rad], and how usual they are: chosen, not measured; the rest is for others
-USUAL_TURNS = {
-    math.radians(turn): 0.3 if turn == 0 else 0.08 if turn % 90 == 0 else 0.02
-    for turn in (-150, -135, -120, -90, -60, -45, -30, 0, 30, 45, 60, 90, 120, 135, 150, 180)
-}
-#: error of the turn that is harmless [rad]: a fifth of a lean appears in the other axis
-TURN = math.radians(12.0)
-#: error of a turn over the logarithm of the gain [rad]. Of 33 logs of the development halves whose gain is off by more
-#: than a tenth, the root mean square is 0.095
-TURN_PER_GAIN = 0.15
-#: the turn's error over its jackknife: of 176 logs of the development halves, the turn of 2 is off by more than `TURN`
-#: with a confidence above 0.9 at 1.5, and of none at 1.8
-TURN_JACKKNIFE = 1.8
+#: people mount IMUs at multiples of this [rad]
+GRID = np.pi / 6.0
+#: and a turn within this of one [rad], and within its standard errors, is taken for it
+ROUNDED, ROUNDED_ERRORS = np.deg2rad(6.0), 2.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,9 +91,8 @@ class Frame:
 
     order: tuple[int, ...]  #: for the robot's wheels in turn, the file's wheel (from 1)
     signs: tuple[int, ...]  #: of the file's wheels, in the file's order
-    turn: float  #: of the IMU's x axis from the robot's [rad]: a usual one if that is likelier than the measured one
+    turn: float  #: of the IMU's x axis from the robot's [rad], rounded to `GRID` if it is near
     measured_turn: float  #: [rad], as the log has it
-    turn_confidence: float = 0.5  #: that the turn's error is harmless
     axis_signs: tuple[int, int, int] = (1, 1, 1)  #: of roll, pitch and yaw
     #: whether heading shows in which direction all wheels count, or it is assumed
     signs_by_heading: bool = False
@@ -132,13 +121,14 @@ def frame_of(
     backwards = axes[2] * heading.correlation > 0.0 if heading is not None and known else np.cos(phase) < 0.0
     signs = np.asarray(best.signs) * (-1 if backwards else 1)
     turn = -_within_half_a_turn(phase + (np.pi if backwards else 0.0))
-    likeliest, confidence = likeliest_turn(turn, _turn_error(tested))
+    near = GRID * round(turn / GRID)
+    error = tested.phase_error if tested.phase_error is not None else ROUNDED
+    rounded = abs(turn - near) <= min(ROUNDED, ROUNDED_ERRORS * error + np.deg2rad(1.0))
     return Frame(
         order=tuple(positions.index(place) + 1 for place in own),
         signs=tuple(int(sign) for sign in signs),
-        turn=likeliest,
-        measured_turn=turn,
-        turn_confidence=confidence,
+        turn=float(near if rounded else turn),
+        measured_turn=float(turn),
         axis_signs=axes,
         signs_by_heading=known,
         # without a heading that turns, the other handedness gives the same log
@@ -146,49 +136,11 @@ def frame_of(
     )
 
 
-def likeliest_turn(measured: float, error: float) -> tuple[float, float]:
-    """Return the likeliest turn [rad] and the probability that it is right to `TURN`.
-
-    Parameters
-    ----------
-    measured : float
-        [rad]
-    error : float
-        Its standard error [rad]; infinite if it is not known.
-    """
-    if not math.isfinite(error):
-        return measured, 0.5
-    error = max(error, 1e-3)
-    off = {turn: abs(_within_half_a_turn(measured - turn)) for turn in USUAL_TURNS}
-    weights = {
-        turn: usual * math.exp(-0.5 * min((off[turn] / error) ** 2, 1400.0))
-        for turn, usual in USUAL_TURNS.items()
-    }
-    # any turn, evenly: most of it is beside the measured one
-    any_turn = (1.0 - sum(USUAL_TURNS.values())) * error / math.sqrt(2.0 * math.pi)
-    best = max(weights, key=lambda turn: weights[turn])
-    likeliest = best if weights[best] > any_turn else measured
-    away = abs(_within_half_a_turn(measured - likeliest))
-    within = 0.5 * sum(math.erf((TURN + side * away) / (math.sqrt(2.0) * error)) for side in (-1.0, 1.0))
-    right = any_turn * max(within, 0.0) + sum(
-        weight for turn, weight in weights.items() if abs(_within_half_a_turn(turn - likeliest)) <= TURN
-    )
-    return likeliest, min(right / (any_turn + sum(weights.values())), MOST)
-
-
-def _turn_error(tested: LeanTest) -> float:
-    """Return the standard error of the turn [rad]: a gain that is not the robot's is a sign of another error, too."""
-    if tested.phase_error is None:
-        return math.inf
-    own = TURN_PER_GAIN * abs(math.log(max(tested.placements[0].gain, 1e-3)))
-    return math.hypot(TURN_JACKKNIFE * tested.phase_error, own)
-
-
 def _same_handedness(tested: LeanTest, gyro: GyroTest | None, *, mirrored: bool) -> float:
     """Return the probability that lean and yaw have the same handedness."""
     prior = SAME_IF_MIRRORED if mirrored else SAME_HANDEDNESS
     believed = BELIEVED_IF_STILL if tested.headings < STILL_HEADING else 1.0
-    seen = max(advantage_confidence(tested.same_handedness, believed=believed), 1.0 - MOST)
+    seen = max(advantage_confidence(believed * tested.same_handedness), 1.0 - MOST)
     odds = prior / (1.0 - prior) * seen / (1.0 - seen) * math.exp(_handedness_by_gyro(gyro))
     return odds / (1.0 + odds)
 
