@@ -29,8 +29,8 @@ from ballbot.robot import Robot
 
 #: a correlation r of n independent seconds is believed from this many of its standard errors, sqrt((1 - r^2) / n)
 LEAST_CORRELATION = 2.5
-#: lean and yaw are taken to be of the same handedness with this probability before the log is seen: chosen, so that a
-#: log that shows nothing is asked for
+#: lean and yaw are taken to be of the same handedness with this probability before the log is seen: chosen below
+#: `CONFIDENT`, so that a log must show it
 SAME_HANDEDNESS, SAME_IF_MIRRORED = 0.85, 0.6
 #: a heading that turns by less than this [rad] around its mean hardly shows the handedness: the standard errors then
 #: count by this factor. Of 15 such logs of the second development half, 7 are wrong, by up to three standard errors
@@ -81,7 +81,8 @@ def heading_test(robot: Robot, wheels: Smooth, heading: Smooth, tested: LeanTest
 
 #: people mount IMUs at multiples of this [rad]
 GRID = np.pi / 6.0
-#: and a turn within this of one [rad], and within its standard errors, is taken for it
+#: and a turn within this of one [rad], and within its standard errors, is taken for it. Tried, and taken back: the
+#: likeliest of the usual turns and any other, which of an IMU mounted beside the usual ones is wrong with confidence
 ROUNDED, ROUNDED_ERRORS = np.deg2rad(6.0), 2.5
 
 
