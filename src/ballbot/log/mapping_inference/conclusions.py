@@ -339,8 +339,8 @@ def _dead_band(proposal: Proposal) -> list[Conclusion]:
             confidence=confidence,
             alternatives=() if confidence >= CONFIDENT else ("the duty that the firmware adds",),
             evidence="a dead band acts as less dry friction, but for what it adds while a wheel turns against its "
-            f"duty, or coasts: {100.0 * drive.turning_against:.0f} % of its size, beside the torque of the wheel that this "
-            "changes most",
+            f"duty, or coasts: {100.0 * drive.turning_against:.0f} % of its size, beside the torque of the wheel that "
+            "this changes most",
             key="[input] dead_band",
         )
     ]
