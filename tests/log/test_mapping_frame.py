@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.file_signals import Raw, gyro_of, signals_of
-from ballbot.log.mapping_inference.frame import frame_of, heading_test
-from ballbot.log.mapping_inference.placement import lean_test, torque_free_gains
+from ballbot.log.mapping_inference.frame import HeadingTest, frame_of, heading_test
+from ballbot.log.mapping_inference.placement import _advantage, lean_test, torque_free_gains
 from ballbot.log.signals import INTERVAL, Smooth
 from ballbot.robot import Friction, Robot
 from tests.support.foreign_log_examples import small_robot
@@ -126,3 +126,29 @@ def test_the_handedness_is_asked_for_where_the_heading_stands_still(sway, shown)
     assert found is not None
     frame = frame_of(robot, found, heading_test(robot, wheels, heading, found))
     assert (frame.handedness > CONFIDENT) == shown
+
+
+def test_a_direction_of_all_wheels_that_is_stated_with_confidence_is_the_headings():
+    """Below that confidence the smaller turn of the IMU is taken, and asked for."""
+    robot = small_robot()
+    lean, wheels, _ = rolling(robot, turn_rate=0.0)
+    found = lean_test(robot, lean, wheels, None, EVERY)
+    assert found is not None
+    for confidence, follows in ((CONFIDENT, True), (CONFIDENT - 0.01, False)):
+        against, along = (
+            frame_of(robot, found, HeadingTest(correlation=sign, gain=sign, confidence=confidence)).signs
+            for sign in (-0.7, 0.7)
+        )
+        assert (against == tuple(-sign for sign in along)) == follows
+        assert against == (1, 1, 1)
+
+
+@pytest.mark.parametrize("blocks", [3, 5, 20])
+def test_explanations_that_are_equally_good_differ_as_chance_does_however_few_blocks_there_are(blocks):
+    random, count = np.random.default_rng(7), 2000
+    weights = np.ones(round(blocks / INTERVAL))
+    found = [_advantage(*(10.0 + random.standard_normal((2, blocks))), weights) for _ in range(count)]
+    # three standard errors of a share of 2000
+    for deviate, share in ((1.0, 0.317), (1.645, 0.100)):
+        error = 3.0 * math.sqrt(share * (1.0 - share) / count)
+        assert np.mean(np.abs(found) > deviate) == pytest.approx(share, abs=error)

@@ -21,14 +21,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ballbot.log.mapping_inference.evidence import MOST, TINY, advantage_confidence
+from ballbot.log.mapping_inference.evidence import CONFIDENT, MOST, TINY, advantage_confidence
 from ballbot.log.mapping_inference.file_signals import GyroTest
 from ballbot.log.mapping_inference.placement import LeanTest
 from ballbot.log.signals import INTERVAL, Smooth
 from ballbot.robot import Robot
 
-#: a correlation r of n independent seconds is believed from this many of its standard errors, sqrt((1 - r^2) / n)
-LEAST_CORRELATION = 2.5
 #: lean and yaw are taken to be of the same handedness with this probability before the log is seen: chosen below
 #: `CONFIDENT`, so that a log must show it
 SAME_HANDEDNESS, SAME_IF_MIRRORED = 0.85, 0.6
@@ -46,8 +44,12 @@ class HeadingTest:
 
     correlation: float  #: negative if the wheels count as the robot's do
     gain: float  #: sum of the speeds over psi_dot, over that of a ball that does not pivot
-    significant: bool  #: whether the log turns enough for a verdict
     confidence: float  #: in the sign of the correlation
+
+    @property
+    def significant(self) -> bool:
+        """Whether the log turns enough for a verdict."""
+        return self.confidence >= CONFIDENT
 
 
 def heading_test(robot: Robot, wheels: Smooth, heading: Smooth, tested: LeanTest) -> HeadingTest:
@@ -70,11 +72,11 @@ def heading_test(robot: Robot, wheels: Smooth, heading: Smooth, tested: LeanTest
     wheel = robot.wheels
     without_pivoting = robot.wheel_count * robot.ball.radius / wheel.radius * np.sin(wheel.tilt)
     seconds = max(float(rows.sum()) * INTERVAL, 1.0)
+    # over the standard error sqrt((1 - r^2) / n) of a correlation r of n independent seconds
     z = abs(correlation) * math.sqrt(seconds) / math.sqrt(max(1.0 - correlation**2, 0.01))
     return HeadingTest(
         correlation=correlation,
         gain=float(total @ rate / max(float(rate @ rate), TINY) / without_pivoting),
-        significant=bool(z > LEAST_CORRELATION),
         confidence=advantage_confidence(z),
     )
 
@@ -150,8 +152,9 @@ def _handedness_by_gyro(gyro: GyroTest | None) -> float:
     """Return the logarithm of the odds for one handedness that a gyro against the rates of the angles shows."""
     if gyro is None or not math.isfinite(gyro.handedness):
         return 0.0
-    # of a normal estimate of 1 or -1
-    odds = 2.0 * gyro.handedness / (gyro.handedness_error**2 + HANDEDNESS_ERROR**2)
+    # of a normal estimate of 1 or -1; one beyond them shows no more than they do
+    shown = min(max(gyro.handedness, -1.0), 1.0)
+    odds = 2.0 * shown / (gyro.handedness_error**2 + HANDEDNESS_ERROR**2)
     return min(max(odds, -MOST_BY_GYRO), MOST_BY_GYRO)
 
 

@@ -35,6 +35,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
+from scipy.stats import t as student
 
 from ballbot.log.checks.lean import block_sums, clarity
 from ballbot.log.mapping_inference.evidence import jackknife_error
@@ -290,15 +292,17 @@ def _advantage(one: NDArray[np.float64], other: NDArray[np.float64], weights: ND
     """Return by how many standard errors the first of two explanations is better, from what they leave by blocks (B,).
 
     Either the difference repeats in every block, or it is so large that few blocks are enough
-    (`ballbot.log.mapping_inference.placements`).
+    (`ballbot.log.mapping_inference.placements`). The spread of few blocks is itself not well known: Student's t, taken
+    for the normal deviate of the same probability.
     """
     used = np.bincount(block_numbers(len(weights)), weights=weights) > 0.0
     gained = (other - one)[used] / float((one + other)[used].mean())
     if len(gained) < 3:
         return 0.0
-    repeated, ratio = clarity(gained), math.log(float(other[used].sum()) / float(one[used].sum()))
+    repeated = float(norm.isf(student.sf(abs(clarity(gained)), len(gained) - 1)))
+    ratio = math.log(float(other[used].sum()) / float(one[used].sum()))
     large = math.sqrt(len(gained) * max(abs(ratio) - LEAST_RATIO, 0.0)) / BELIEVED_ERRORS
-    return math.copysign(max(abs(repeated), large), ratio)
+    return math.copysign(max(repeated, large), ratio)
 
 
 def _body_frame(robot: Robot, law: _Law, best: Placement, weights: NDArray[np.float64]) -> float:
