@@ -24,7 +24,7 @@ browser: .venv/.test  ## pages in headless Chromium; skips without Chromium, wit
 board: .venv/.test  ## the firmware under cppcheck, sanitizers and, as a whole board, QEMU; skips what is not installed, with the reason
 	$(BIN)/python -m pytest -m board -rs
 
-samples: .venv/.test  ## a sample of each campaign and of the goldens; pages and examples made anew; every array walked under bounds checks
+samples: .venv/.test  ## a sample of each campaign and of the goldens; pages and examples made anew; engines that one test alone compiles; every array walked under bounds checks
 	$(BIN)/python -m pytest -m sample -n auto --dist loadfile
 
 site: .venv/.docs  ## the documentation, its commands run, into build/site; warnings are errors

@@ -55,7 +55,7 @@ def kind_of_model(kind: str) -> Model:
 
 
 #: each other kind compiles forms of its own
-OTHER_KINDS = [pytest.param(kind, marks=pytest.mark.slow) for kind in ("thesis", "pivoting", "four wheels")]
+OTHER_KINDS = [pytest.param(kind, marks=pytest.mark.sample) for kind in ("thesis", "pivoting", "four wheels")]
 kinds = pytest.mark.parametrize("kind", ["exact", *OTHER_KINDS])
 
 

@@ -342,6 +342,7 @@ def test_in_closed_loop_the_heading_lags_the_more_the_less_holds_the_ball() -> N
     assert np.max(plain["psi"][moving] - loose["psi"][moving]) > 0.02
 
 
+@pytest.mark.sample  # compiles the closed loop of a pivoting ball, for this test alone
 def test_a_batch_runs_the_pivoting_model_as_the_plant_does() -> None:
     robot = alten(FRICTION)
     model, controller = Model(robot, pivoting=0.03), nominal_controller(robot, compensation="full")

@@ -233,6 +233,7 @@ def test_play_that_vanishes_leaves_the_model():
     np.testing.assert_allclose(close.states[:, :5], model.states[:, :5], atol=2e-3)
 
 
+@pytest.mark.sample  # compiles the play of a pivoting ball, for this test alone
 def test_a_ball_that_hardly_pivots_has_the_same_play_as_one_that_does_not():
     firm = GearPlayPlant(Model(alten(FRICTION), pivoting=100.0), PLAY)
     torques = torques_of(5, 100, size=0.5)
