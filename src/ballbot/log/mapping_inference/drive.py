@@ -146,9 +146,10 @@ def _turning_against(compared: Compared, assigned: Assignment, driving: NDArray[
     """Return the largest size, of all wheels, of sgn d_i - sgn w_i while wheel i turns, of command d_i and speed w_i.
 
     A dead band d_0 and dry friction c act as no dead band and dry friction c - d_0 but for d_0 times that, which is
-    zero unless a wheel turns against its command, or coasts at a command of zero. A wheel that sticks counts as no
-    difference. The dead band is one for all wheels, so that each size is over the part (n,) of its own command that is
-    `driving`, relative to that of all wheels: a wheel that hardly drives would have a torque of mostly dead band.
+    zero unless a wheel turns or creeps against its command, or coasts at a command of zero. A wheel that sticks counts
+    as no difference. The dead band is one for all wheels, so that each size is over the part (n,) of its own command
+    that is `driving`, relative to that of all wheels: a wheel that hardly drives would have a torque of mostly dead
+    band.
     """
     place = np.argsort(assigned.wheels)
     signs = np.asarray(assigned.signs, dtype=np.float64)[place]
@@ -160,9 +161,8 @@ def _turning_against(compared: Compared, assigned: Assignment, driving: NDArray[
 
 def _senses_and_signs(commands: NDArray[np.float64], speeds: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (M, n + n^2): the sense in which each wheel turns, and each command's sign while it does."""
-    turns = np.abs(speeds) > SIGN
-    senses = np.where(turns, np.sign(speeds), 0.0)
-    signs = np.where(turns[:, :, None], np.sign(commands)[:, None, :], 0.0)
+    senses = np.sign(speeds)
+    signs = np.abs(senses)[:, :, None] * np.sign(commands)[:, None, :]
     return np.hstack([senses, signs.reshape(len(signs), -1)])
 
 
