@@ -118,16 +118,6 @@ def test_a_gyro_shows_the_handedness_of_its_angles(pitch_sign, yaw_sign, seed):
     assert math.isfinite(found.lag)
 
 
-@pytest.mark.parametrize(("sway", "shown"), [(0.01, False), (0.8, True)])
-def test_the_handedness_is_asked_for_where_the_heading_stands_still(sway, shown):
-    robot = small_robot()
-    lean, wheels, heading = rolling(robot, turn_rate=sway, sigma=-1.0)
-    found = lean_test(robot, lean, wheels, heading, EVERY)
-    assert found is not None
-    frame = frame_of(robot, found, heading_test(robot, wheels, heading, found))
-    assert (frame.handedness > CONFIDENT) == shown
-
-
 def test_a_direction_of_all_wheels_that_is_stated_with_confidence_is_the_headings():
     """Below that confidence the smaller turn of the IMU is taken, and asked for."""
     robot = small_robot()
