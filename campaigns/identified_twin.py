@@ -144,7 +144,7 @@ def identified_errors() -> Section:
         ],
         rows=rows,
         after=f"Below one in {below[0]} of 10 states on `{OTHERS[0]}` and in {below[1]} on `{OTHERS[1]}`. "
-        + " ".join(remark.text for one in judged for remark in one.remarks[-1:]),
+        + " ".join(finding.text for one in judged for finding in one.findings[-1:]),
     )
 
 

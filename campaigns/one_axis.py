@@ -122,10 +122,10 @@ def _after(found: AxisIdentification) -> str:
         for one in found.laws.candidates
         if one.gain
     )
-    remarks = " ".join(texts(found.remarks))
+    findings = " ".join(texts(found.findings))
     return (
         f"The windows last {found.horizon.chosen:g} s. Less error on held-out blocks, with 95 % intervals: {gains}. "
-        f"{remarks} `python -m campaigns.one_axis --data DIR` prints this section."
+        f"{findings} `python -m campaigns.one_axis --data DIR` prints this section."
     )
 
 

@@ -83,7 +83,7 @@ def upside_down() -> UpsideDown:
         held_out_windows=spans,
         evolution_cost=(1.0,),
         window=1.0,
-        warnings=tuple(warning("bound", f"Warning {number}.") for number in range(5)),
+        findings=tuple(warning("bound", f"Warning {number}.") for number in range(5)),
     )
 
 
@@ -197,12 +197,12 @@ TEXT = st.text(max_size=100)
 @given(
     title=TEXT,
     rows=st.lists(st.tuples(TEXT, TEXT), max_size=5),
-    remarks=st.lists(TEXT, max_size=5),
+    sentences=st.lists(TEXT, max_size=5),
     times=st.integers(1, 9),
 )
 @settings(max_examples=40)
-def test_any_texts_fit_a_screen_and_are_not_obeyed(title, rows, remarks, times):
-    summary = Summary(title=title, rows=tuple(rows * times), remarks=tuple(remarks * times))
+def test_any_texts_fit_a_screen_and_are_not_obeyed(title, rows, sentences, times):
+    summary = Summary(title=title, rows=tuple(rows * times), sentences=tuple(sentences * times))
     lines = repr(summary).split("\n")
     assert len(lines) <= HEIGHT
     assert max(map(len, lines)) <= WIDTH
@@ -220,7 +220,7 @@ def test_page_of_a_hostile_name_holds_no_markup():
 
 
 def test_what_does_not_fit_is_counted():
-    summary = Summary(title="title", remarks=tuple(f"remark {number}" for number in range(40)))
+    summary = Summary(title="title", sentences=tuple(f"sentence {number}" for number in range(40)))
     assert repr(summary).endswith(f"... {1 + 40 - (HEIGHT - 1)} more lines: print(_.summary())")
     assert len(str(summary).splitlines()) == 41
 

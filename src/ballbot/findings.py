@@ -1,4 +1,4 @@
-"""What a check found: one value for the remarks of every check and command.
+"""What a check found: one value for the findings of every check and command.
 
 A finding has a stable code, by which results.json and `--accept` name it. An error stops the command that met it,
 because a result from such input would be wrong; `--accept CODE` goes on, and the finding stays in the report.

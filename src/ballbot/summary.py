@@ -1,4 +1,4 @@
-"""A result on one screen: its title, rows of names and values, and remarks, as text and as HTML for notebooks.
+"""A result on one screen: its title, rows of names and values, and sentences, as text and as HTML for notebooks.
 
 A class that is a result has a method `summary` that returns a `Summary`; the decorator `summarized` makes its `repr`,
 and what a notebook shows of it, from that. Its method `plot` returns the figure that `plotted` finds in the table
@@ -60,7 +60,7 @@ class Summary:
 
     title: str
     rows: tuple[tuple[str, str], ...] = ()  #: name and value
-    remarks: tuple[str, ...] = ()  #: sentences
+    sentences: tuple[str, ...] = ()  #: findings and verdicts
 
     def __str__(self) -> str:
         """Return all of it as lines of at most 80 characters."""
@@ -82,12 +82,12 @@ class Summary:
             f'<td style="{cell}">{_as_html(value)}</td></tr>'
             for name, value in self.rows
         )
-        remarks = "".join(f"<li>{_as_html(one)}</li>" for one in self.remarks)
+        sentences = "".join(f"<li>{_as_html(one)}</li>" for one in self.sentences)
         return (
             '<div style="color: inherit; background: none">'
             f"<p><strong>{_as_html(self.title)}</strong></p>"
             + (f'<table style="color: inherit">{rows}</table>' if rows else "")
-            + (f"<ul>{remarks}</ul>" if remarks else "")
+            + (f"<ul>{sentences}</ul>" if sentences else "")
             + "</div>"
         )
 
@@ -101,7 +101,7 @@ class Summary:
                 lines += _wrapped(name, "  ", indent=2)
                 shown = ""
             lines += _wrapped(value, f"{shown:<{column}}", indent=column)
-        for one in self.remarks:
+        for one in self.sentences:
             lines += _wrapped(one, "- ", indent=2)
         return lines
 

@@ -57,7 +57,7 @@ def test_no_mapping_is_wrong_with_confidence_and_most_are_right():
     assert sum(found.answered == "right" for found in results.values()) >= len(SEEDS) // 2, results
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_a_dead_band_that_nobody_states_is_less_dry_friction():
     """The identified c is that of the wheels less the torque that the firmware adds, and predicts nearly as well."""
     robot = Robot.load("alten")

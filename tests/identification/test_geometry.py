@@ -118,7 +118,7 @@ class TestKnownRobots:
             assert abs(one.value - truth.get(one.name, 0.0)) < 4.0 * one.standard_error, one
         assert found.find("ball.radius").standard_error < 2e-4  # a tape measure has a millimetre
         assert found.find("wheels.tilt").standard_error < math.radians(0.05)
-        remarks = " ".join(texts(geometry_findings(found)))
+        findings = " ".join(texts(geometry_findings(found)))
         for name in (
             "ball.radius",
             "wheels.radius",
@@ -126,8 +126,8 @@ class TestKnownRobots:
             "wheels.azimuths[1]",
             "wheels.azimuths[2]",
         ):
-            assert f"{name} is " in remarks
-        assert "IMU" not in remarks
+            assert f"{name} is " in findings
+        assert "IMU" not in findings
         assert found.leaning_seen is not None
         assert found.leaning_seen.value == pytest.approx(1.0, abs=4.0 * found.leaning_seen.standard_error)
 
@@ -148,26 +148,26 @@ class TestKnownRobots:
 
     def test_upside_down_alone_says_what_it_cannot_tell(self):
         found = survey_geometry(other(radius=0.0605), upside_down=[upside_down_log(ALTEN, seed=6)])
-        remarks = texts(geometry_findings(found))
-        assert "would show which of the two radii" in remarks[0]
-        assert "need a balancing run" in remarks[-1]
+        findings = texts(geometry_findings(found))
+        assert "would show which of the two radii" in findings[0]
+        assert "need a balancing run" in findings[-1]
         with pytest.raises(InputError, match=r"do not determine ball\.radius"):
             found.find("ball.radius")
 
     def test_balancing_alone_says_what_it_cannot_tell(self):
         found = survey_geometry(other(radius=0.0605), balancing=[balancing_run(ALTEN, seed=7)])
-        remarks = texts(geometry_findings(found))
-        assert "whether the radius or the tilt" in remarks[0]
-        assert "upside down as well" in remarks[-1]
+        findings = texts(geometry_findings(found))
+        assert "whether the radius or the tilt" in findings[0]
+        assert "upside down as well" in findings[-1]
 
     def test_a_turned_camera_is_not_taken_for_turned_wheels(self):
         turned = Rotation.from_rotvec(np.radians([1.5, -2.0, 3.0]))
         found = survey_geometry(ALTEN, upside_down=[upside_down_log(ALTEN, seed=8, turned=turned)])
-        remarks = " ".join(texts(geometry_findings(found)))
-        assert "All azimuths are turned by" in remarks
-        assert "tilted by" in remarks
-        assert "wheels.azimuths[" not in remarks
-        assert "wheels.tilt is" not in remarks
+        findings = " ".join(texts(geometry_findings(found)))
+        assert "All azimuths are turned by" in findings
+        assert "tilted by" in findings
+        assert "wheels.azimuths[" not in findings
+        assert "wheels.tilt is" not in findings
         straight = robot_with_geometry(ALTEN, found)
         np.testing.assert_allclose(straight.wheels.azimuths, ALTEN.wheels.azimuths, atol=math.radians(0.2))
 

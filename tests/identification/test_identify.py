@@ -132,7 +132,7 @@ def test_a_parameter_without_influence_gets_no_number():
     assert math.isnan(found.parameters["v_s"])
     assert math.isnan(found.parameters["delta"])
     assert math.isnan(found.standard_errors["v_s"])
-    assert any(sentence.startswith("v_s has no influence") for sentence in texts(found.warnings))
+    assert any(sentence.startswith("v_s has no influence") for sentence in texts(found.findings))
     assert found.to_dict()["parameters"]["v_s"] is None
     assert found.robot.friction.stribeck_speed == alten().friction.stribeck_speed  # as it was before
     assert np.isfinite(flat(found.parameters)[:9]).all()
@@ -145,7 +145,7 @@ def test_active_bounds_are_kept_and_reported():
     found = quick(log, bounds=bounds)
     assert found.parameters["C_rr"] == 0.012
     assert math.isnan(found.standard_errors["C_rr"])
-    assert any(sentence.startswith("C_rr is at its lower bound 0.012") for sentence in texts(found.warnings))
+    assert any(sentence.startswith("C_rr is at its lower bound 0.012") for sentence in texts(found.findings))
     assert all(0.0 <= b <= 0.03 for b in found.parameters["b"])
 
 
@@ -266,7 +266,7 @@ def test_unidentifiable_quantities_get_no_number():
     constant = replace(windows, torques=np.broadcast_to(windows.torques[:1, :1], windows.torques.shape))
     found = check_excitation(constant, alten(), coordinates)
     assert [label for label, row in zip(coordinates.labels, found.refused, strict=True) if row] == ["delay"]
-    assert tuple(texts(found.remarks)) == (
+    assert tuple(texts(found.findings)) == (
         "The torques change by only 0 N m per row; a step of the reference would help: delay cannot be estimated.",
     )
     alone = estimated_parameters(alten(), free=("delay",), law="stribeck", bounds=Bounds())
@@ -289,12 +289,12 @@ def test_measured_logs_of_the_stand_in_robot(shared_data):
         for name in ("thesis_step_soft", "square_stiff")
     )
     assert max(step.errors.ratios.values()) < 0.5
-    assert step.remarks == ()
+    assert step.findings == ()
     # the wheels chatter within the play: friction makes the lean's prediction worse, and a finding gives the reason
     worse = [state for state, ratio in stiff.errors.ratios.items() if ratio >= 1.0]
-    assert [remark for remark in texts(stiff.remarks) if "within the gearbox's play" in remark]
+    assert [finding for finding in texts(stiff.findings) if "within the gearbox's play" in finding]
     assert all(
-        any(f" {state} is not predicted" in remark for remark in texts(stiff.remarks)) for state in worse
+        any(f" {state} is not predicted" in finding for finding in texts(stiff.findings)) for state in worse
     )
     # v_s and delta have errors only if s is significant, which three quarters of a minute do not always show
     known = flat(found.standard_errors)

@@ -108,7 +108,7 @@ def test_contradicting_sweep_is_excluded_and_reported():
     swept[1, 1] -= 0.06  # six of the logs' errors
     combined = combine(Layout(wheel_count=3), TRUE[:12], C, SweepFriction(values=swept, covariances=P))
     assert set(combined.used) == {"b1", "b2", "b3", "c1", "c3"}
-    together, single = combined.remarks
+    together, single = combined.findings
     assert (together.code, single.code) == ("methods-differ", "sweep")
     assert "c2 0.06 and 0.12" in together.text
     assert single.text.startswith("c2 of the sweep, 0.06, and of the balancing logs")

@@ -253,7 +253,7 @@ class TestIdentification:
         assert found.held_out["robot file"].max() < 1.3 * 0.03
         assert found.to_dict() == again.to_dict()
         assert found.robot.friction.rolling == FRICTION.rolling
-        assert all(one.code != "methods-differ" for one in found.warnings)
+        assert all(one.code != "methods-differ" for one in found.findings)
         stated = {"friction.viscous": (1e-4,) * 3, "friction.coulomb": (1e-3,) * 3}
         other = replace(
             FRICTION,
@@ -262,7 +262,7 @@ class TestIdentification:
         )
         balanced = robot.replace(friction=other).annotated(standard_deviations=stated)
         compared = identify_upside_down(balanced, log, run=Run(executor=Threads(count=2)), **options)
-        (differs,) = (one for one in compared.warnings if one.code == "methods-differ")
+        (differs,) = (one for one in compared.findings if one.code == "methods-differ")
         assert "The robot file and the logs upside down differ" in differs.text
         assert "More b and less c by the robot file" in differs.text
 
@@ -275,7 +275,7 @@ class TestIdentification:
         assert found.parameters["s"] == [0.0, 0.0, 0.0]
         assert np.isnan(found.standard_errors["s"]).all()
         assert np.isnan(found.parameters["v_s"])  # without s it has no influence
-        assert any("v_s has no influence" in sentence for sentence in texts(found.warnings))
+        assert any("v_s has no influence" in sentence for sentence in texts(found.findings))
 
     @pytest.mark.parametrize(
         ("change", "options", "sentence"),

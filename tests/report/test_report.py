@@ -132,7 +132,7 @@ def _found() -> Identification:
         excluded_states=(),
         evolution_cost=(),
         gauss_newton_cost=(),
-        warnings=(),
+        findings=(),
     )
 
 

@@ -228,7 +228,7 @@ def test_run_as_predicted_is_kept(prediction: Prediction, log: Log, controller: 
     assert verdict.recommendation == "keep"
     assert not verdict.outside
     assert not verdict.causes
-    assert not verdict.remarks
+    assert not verdict.findings
 
 
 def test_run_better_than_predicted_is_kept_and_reported(
@@ -260,12 +260,12 @@ def test_short_run_warns_that_causes_from_the_torque_are_unreliable(
 ):
     short = replace(prediction, course=NamedCourse(name="square", duration=10.0))
     wrong = displaced(log, 1.0)
-    remarks = evaluate_log(short, wrong.between(0.0, 10.0), KNOWN, controller).remarks
-    (warned,) = [one for one in remarks if one.code == "short-run"]
+    findings = evaluate_log(short, wrong.between(0.0, 10.0), KNOWN, controller).findings
+    (warned,) = [one for one in findings if one.code == "short-run"]
     assert "from 10 s of the run" in warned.text
     long = evaluate_log(prediction, wrong, KNOWN, controller)
     assert long.outside
-    assert "short-run" not in [one.code for one in long.remarks]
+    assert "short-run" not in [one.code for one in long.findings]
 
 
 def test_missing_comparison_gets_no_finding(prediction: Prediction, log: Log, controller: Controller):
@@ -499,7 +499,7 @@ def test_advice_names_the_files(folder: Path, prediction: Prediction, log: Log, 
     bad = evaluate_log(prediction, displaced(log, 10.0), KNOWN, controller)
     # torques that do not belong to the states: perhaps another controller's log
     assert f"made with {files.controller}" in next_steps(bad, prediction, files)[0]
-    bad = replace(bad, remarks=())
+    bad = replace(bad, findings=())
     assert "ballbot design" in next_steps(bad, prediction, files)[0]
     assert "--out nominal`" in next_steps(bad, prediction, files)[0]
     write_text(files.previous, "")

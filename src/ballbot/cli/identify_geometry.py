@@ -84,7 +84,7 @@ def identify_geometry(
             balancing=[(log, Log.read(film)) for log, film in zip(of_runs.values(), films, strict=True)],
             progress=bar.report,
         )
-        remarks = geometry_findings(found)
+        of_geometry = geometry_findings(found)
         bar.begin_writing()
         with result.replaced() as new:
             try:
@@ -94,11 +94,13 @@ def identify_geometry(
                     "No robot.toml was written, because the geometry found is not "
                     f"possible with the other values of the robot file: {error}"
                 )
-                remarks.append(note("no-robot-file", text))
-            result.write_json(found.to_dict(), new, findings=[*findings, *remarks])
-            page = geometry_report(found, remarks, robot=described, made=result.origin, log_findings=findings)
+                of_geometry.append(note("no-robot-file", text))
+            result.write_json(found.to_dict(), new, findings=[*findings, *of_geometry])
+            page = geometry_report(
+                found, of_geometry, robot=described, made=result.origin, log_findings=findings
+            )
             result.write_page(page, new)
-    result.show(geometry_parts(found, remarks, framed=result.console.is_terminal))
+    result.show(geometry_parts(found, of_geometry, framed=result.console.is_terminal))
     result.show_file(PAGE)
 
 

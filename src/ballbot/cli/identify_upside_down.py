@@ -133,7 +133,7 @@ def _write(
     folder: Path,
 ) -> None:
     movement, log = ball_movement(found.robot), next(iter(named.values()))
-    result.write_json(found.to_dict() | {"movement": movement}, folder, findings=[*findings, *found.warnings])
+    result.write_json(found.to_dict() | {"movement": movement}, folder, findings=[*findings, *found.findings])
     write_robot(found.robot, folder / "robot.toml")
     page = upside_down_report(found, described, named, movement, made=result.origin, findings=findings)
     result.write_page(page, folder)

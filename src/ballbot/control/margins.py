@@ -123,7 +123,7 @@ class Margins:
         return Summary(
             title=f"Margins of a loop {sampling_words(self.loop.sample_time)}",
             rows=tuple(rows),
-            remarks=(MEANING,),
+            sentences=(MEANING,),
         )
 
     def plot(self) -> Figure:

@@ -68,7 +68,7 @@ class Excitation:
     """The parameters that logs can and cannot determine."""
 
     refused: NDArray[np.bool_]  #: (p,), free parameters that they cannot determine
-    remarks: tuple[Finding, ...]  #: one for each reason
+    findings: tuple[Finding, ...]  #: one for each reason
 
 
 def check_count(windows: Windows, *, fitted: int, parameters: int) -> None:
@@ -129,18 +129,18 @@ def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -
             "windows. Log it while it moves, such as around a square."
         )
     found = [*_still_wheels(turning), *_steady_wheels(speeds), *_motors(windows), *_motions(windows)]
-    refused, remarks = np.zeros(len(coordinates.labels), dtype=bool), []
+    refused, findings = np.zeros(len(coordinates.labels), dtype=bool), []
     for names, wheel, reason in found:
         rows = _rows(coordinates, names, wheel) & coordinates.free & ~refused
         if rows.any():
             labels = [label for label, row in zip(coordinates.labels, rows, strict=True) if row]
-            remarks.append(warning("excitation", f"{reason}: {', '.join(labels)} cannot be estimated."))
+            findings.append(warning("excitation", f"{reason}: {', '.join(labels)} cannot be estimated."))
             refused |= rows
     if np.all(refused[coordinates.free]):
         raise InputError(
-            f"These logs do not determine the parameters to be estimated: {' '.join(texts(remarks))}"
+            f"These logs do not determine the parameters to be estimated: {' '.join(texts(findings))}"
         )
-    return Excitation(refused=refused, remarks=tuple(remarks))
+    return Excitation(refused=refused, findings=tuple(findings))
 
 
 _Reason = tuple[tuple[str, ...], int | None, str]  # quantities, of which wheel, and why

@@ -335,7 +335,7 @@ _AGREES = (
 def geometry_findings(geometry: Geometry) -> list[Finding]:
     """Return the findings about a geometry, the most severe first."""
     turns = {kind: _frame_turn(geometry, kind) for kind in ("upside down", "balancing")}
-    remarks = [_turned(kind, turn) for kind, turn in turns.items() if turn]
+    findings = [_turned(kind, turn) for kind, turn in turns.items() if turn]
     both_radii = any(one.kind == "both" for one in geometry.measured)
     reported: set[str] = set()
     for one in geometry.measured:
@@ -343,16 +343,16 @@ def geometry_findings(geometry: Geometry) -> list[Finding]:
         covered_by_radii = both_radii and "/" in one.name
         turn = turns.get(one.kind, 0.0) if "azimuths" in one.name else 0.0
         if one.name not in reported and not covered_by_radii and _stands_out(one, turn):
-            remarks.append(_sentence(one))
+            findings.append(_sentence(one))
             reported.add(one.name)
     for number, one in enumerate(geometry.wheel_ratios, start=1):
         if _stands_out(one, 0.0):
             more = 100.0 * (one.value / one.in_file - 1.0)
-            remarks.append(
+            findings.append(
                 f"Wheel {number} turns {more:+.1f} % faster than the mean of the wheels "
                 "for the same motion of the ball: its radius differs, or it slips."
             )
-    return [note("geometry", text) for text in (*(remarks or [_AGREES]), *_missing(geometry))]
+    return [note("geometry", text) for text in (*(findings or [_AGREES]), *_missing(geometry))]
 
 
 def _stands_out(one: Measured, turn: float) -> bool:

@@ -211,7 +211,7 @@ class HoldoutResult:
     horizons: tuple[FrictionAtHorizon, ...]  #: empty if no interval of the log is as long as the longest
     causal: bool  #: whether their predictions start from causal states, and not from the log's rows
     chatter: Chatter
-    remarks: tuple[Finding, ...]  #: the states that friction does not help to predict, and why
+    findings: tuple[Finding, ...]  #: the states that friction does not help to predict, and why
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
@@ -220,7 +220,7 @@ class HoldoutResult:
             "errors": self.errors.to_dict(),
             "ratios": self.errors.ratios,
             "horizons": {"causal_starts": self.causal, "errors": by_horizon},
-            "findings": finding_results(self.remarks),
+            "findings": finding_results(self.findings),
         }
 
 
@@ -256,7 +256,7 @@ def cross_validate(
     worse = [state for state, ratio in found_errors.ratios.items() if not ratio < 1.0]
     moved = chatter(log, predictor.robot)
     horizons = friction_by_horizon(horizon_errors(predictor, found.values, log, starts=starts))
-    remarks = [
+    findings = [
         warning(
             "not-predicted",
             f"In {name}, {state} is not predicted better with friction than without "
@@ -264,16 +264,16 @@ def cross_validate(
         )
         for state in worse
     ]
-    remarks += _share_findings(name, horizons)
+    findings += _share_findings(name, horizons)
     if moved.matters:
-        remarks.append(chatter_finding(moved, predictor.robot, name))
+        findings.append(chatter_finding(moved, predictor.robot, name))
     return HoldoutResult(
         name=name,
         errors=found_errors,
         horizons=horizons,
         causal=starts is not None,
         chatter=moved,
-        remarks=tuple(remarks),
+        findings=tuple(findings),
     )
 
 

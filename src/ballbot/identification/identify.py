@@ -288,10 +288,10 @@ def _result(
         excluded_states=tuple(options.excluded_states),
         evolution_cost=evolved.history,
         gauss_newton_cost=estimate.gauss_newton.history,
-        warnings=(
+        findings=(
             *_log_findings(predictor, logs, options.excluded_states),
             *_findings(prepared, estimate, final, held_out),
-            *final.remarks,
+            *final.findings,
             *discrepancy_finding(apart),
             *variation_findings(varied),
             *file_findings(
@@ -361,7 +361,7 @@ def _findings(
         *ridge_findings(coordinates.labels, uncertainty.correlation),
     )
     return [
-        *prepared.excitation.remarks,
+        *prepared.excitation.findings,
         *influence_findings(coordinates, final.values, estimate.no_influence),
         *bound_findings(coordinates, final.values, _at_bounds(coordinates, estimate)),
         *error_findings(coordinates, uncertainty.scaled_errors),

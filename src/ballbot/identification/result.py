@@ -127,7 +127,7 @@ class Identification:
     #: best cost after each generation, on the windows drawn for the evolution
     evolution_cost: tuple[float, ...]
     gauss_newton_cost: tuple[float, ...]  #: cost after each step, on all windows fitted
-    warnings: tuple[Finding, ...]  #: of the numbers
+    findings: tuple[Finding, ...]  #: of the numbers
     log_findings: tuple[Finding, ...] = ()  #: of the checks of the logs
 
     @property
@@ -177,7 +177,7 @@ class Identification:
         return Summary(
             title=f"Identification of the robot {self.robot.name}: value ± standard error, or 95 % interval",
             rows=tuple(rows),
-            remarks=first_texts([*self.log_findings, *self.warnings]),
+            sentences=first_texts([*self.log_findings, *self.findings]),
         )
 
     def plot(self) -> Figure:
@@ -214,7 +214,7 @@ class Identification:
                 "fit": [[span.log, span.start, span.end] for span in self.fit_windows],
                 "held_out": [[span.log, span.start, span.end] for span in self.held_out_windows],
             },
-            "findings": finding_results([*self.log_findings, *self.warnings]),
+            "findings": finding_results([*self.log_findings, *self.findings]),
         }
 
 
@@ -312,7 +312,7 @@ def estimated_robot(
 
 #: beyond this correlation, the logs determine two parameters' sum or ratio and not each
 LARGEST_CORRELATION = 0.9
-#: pairs named in the remark
+#: pairs named in the finding
 MOST_PAIRS = 6
 #: a standard error of this share of the bounds' width leaves a parameter all but open
 LARGEST_ERROR = 0.25
@@ -363,7 +363,7 @@ def bound_findings(
     coordinates: Coordinates, values: NDArray[np.float64], at_bound: NDArray[np.bool_]
 ) -> list[Finding]:
     """Return a finding for each parameter at a bound; `values` (p,) in SI units."""
-    remarks = []
+    findings = []
     for i in np.flatnonzero(at_bound):
         lowest = values[i] <= coordinates.lower[i]
         side, bound = ("lower", coordinates.lower[i]) if lowest else ("upper", coordinates.upper[i])
@@ -372,8 +372,8 @@ def bound_findings(
         text = (
             f"{coordinates.labels[i]} is at its {side} bound {bound:g} and has no standard error: {advice}."
         )
-        remarks.append(warning("at-bound", text))
-    return remarks
+        findings.append(warning("at-bound", text))
+    return findings
 
 
 def influence_findings(

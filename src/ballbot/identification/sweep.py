@@ -61,7 +61,7 @@ class Estimate:
 
     values: NDArray[np.float64]  #: (p,), SI units
     uncertainty: Uncertainty
-    remarks: tuple[Finding, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,7 +71,7 @@ class Combined:
     values: NDArray[np.float64]  #: (p,), SI units
     covariance: NDArray[np.float64]  #: (p, p); NaN for parameters without standard error
     used: tuple[str, ...]  #: the sweep's numbers that entered, by label
-    remarks: tuple[Finding, ...]
+    findings: tuple[Finding, ...]
 
 
 def read_sweep(path: str | Path, *, wheel_count: int) -> SweepFriction:
@@ -114,7 +114,7 @@ def with_sweep(coordinates: Coordinates, estimate: Estimate, sweep: SweepFrictio
         coordinates.layout, estimate.values, uncertainty.correlation * np.outer(logs, logs), sweep
     )
     if not combined.used:
-        return Estimate(values=estimate.values, uncertainty=uncertainty, remarks=combined.remarks)
+        return Estimate(values=estimate.values, uncertainty=uncertainty, findings=combined.findings)
     values = np.clip(combined.values, coordinates.lower, coordinates.upper)
     errors = np.sqrt(combined.covariance.diagonal())
     half = float(scipy.stats.norm.ppf(0.5 + 0.5 * CONFIDENCE)) * errors
@@ -132,7 +132,7 @@ def with_sweep(coordinates: Coordinates, estimate: Estimate, sweep: SweepFrictio
             correlation=combined.covariance / np.outer(errors, errors),
             intervals=uncertainty.intervals | intervals,
         ),
-        remarks=combined.remarks,
+        findings=combined.findings,
     )
 
 
@@ -166,7 +166,7 @@ def combine(
             covariance=asked.H @ C @ asked.H.T,
         ),
     )
-    remarks = together + [
+    findings = together + [
         warning(
             "sweep",
             f"{label} of the sweep, {theirs:.3g}, and of the balancing logs, "
@@ -181,8 +181,8 @@ def combine(
             values=values,
             covariance=covariance,
             used=(),
-            remarks=(
-                *remarks,
+            findings=(
+                *findings,
                 warning("sweep", "Nothing of the sweep could be combined with these logs."),
             ),
         )
@@ -192,7 +192,7 @@ def combine(
         values=values - K @ r,
         covariance=np.where(np.outer(known, known), C - K @ H @ C, np.nan),
         used=tuple(label for label, taken in zip(asked.labels, agrees, strict=True) if taken),
-        remarks=tuple(remarks),
+        findings=tuple(findings),
     )
 
 

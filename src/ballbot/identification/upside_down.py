@@ -164,7 +164,7 @@ class UpsideDown:
     held_out_windows: tuple[Span, ...]
     evolution_cost: tuple[float, ...]  #: after each generation [rad/s]
     window: float  #: length of a window [s]
-    warnings: tuple[Finding, ...]  #: of the numbers
+    findings: tuple[Finding, ...]  #: of the numbers
 
     def summary(self) -> Summary:
         """Return each parameter with its standard error, the errors on windows held out, and warnings."""
@@ -177,7 +177,7 @@ class UpsideDown:
         return Summary(
             title=f"Friction of the robot {self.robot.name} upside down: value ± standard error",
             rows=(*rows, ("windows", windows)),
-            remarks=first_texts(self.warnings),
+            sentences=first_texts(self.findings),
         )
 
     def plot(self) -> Figure:
@@ -201,7 +201,7 @@ class UpsideDown:
                 "fit": [[span.log, span.start, span.end] for span in self.fit_windows],
                 "held_out": [[span.log, span.start, span.end] for span in self.held_out_windows],
             },
-            "findings": finding_results(self.warnings),
+            "findings": finding_results(self.findings),
         }
 
 
@@ -266,7 +266,7 @@ def identify_upside_down(
         coordinates=coordinates,
         threads=run.executor.count if isinstance(run.executor, Threads) else None,
     )
-    remarks = _check(problem)
+    findings = _check(problem)
     stages = [
         Stage(name="evolution", steps=generations, work=1.0),
         Stage(name="gauss_newton", steps=1, work=1.0),
@@ -296,7 +296,7 @@ def identify_upside_down(
         fit=_errors(problem, candidates, robot.friction),
         held_out_windows=windows.take(held_rows),
         evolution_cost=evolved.history,
-        remarks=remarks,
+        findings=findings,
         log_count=len(named),
     )
 
@@ -445,7 +445,7 @@ def _result(
     fit: dict[str, NDArray[np.float64]],
     held_out_windows: BallWindows,
     evolution_cost: tuple[float, ...],
-    remarks: list[Finding],
+    findings: list[Finding],
     log_count: int,
 ) -> UpsideDown:
     coordinates, equations = problem.coordinates, _normal_equations(problem, point)
@@ -484,8 +484,8 @@ def _result(
         held_out_windows=held_out_windows.spans,
         evolution_cost=evolution_cost,
         window=windows.torques.shape[1] * windows.sample_time,
-        warnings=(
-            *remarks,
+        findings=(
+            *findings,
             *influence_findings(coordinates, values, no_influence),
             *bound_findings(coordinates, values, stands),
             *error_findings(coordinates, errors),

@@ -150,7 +150,7 @@ def axis_report(
     found: AxisIdentification, record: AxisRecord, made: Provenance, findings: Sequence[Finding] = ()
 ) -> Report:
     """Return the page."""
-    first, *others = texts(found.remarks) or [expected_sentence(found)]
+    first, *others = texts(found.findings) or [expected_sentence(found)]
     return Report(
         title=f"{', '.join(found.records)}: mass and friction",
         lead=f"{_records_words(found)}{record.duration:.1f} s at {1.0 / record.sample_time:.0f} Hz; the law "
@@ -180,7 +180,7 @@ def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section
     terms = term_rows(found, record.force_unit)
     yield section(
         "Parameters",
-        Bullets(items=texts(found.remarks)) if found.remarks else None,
+        Bullets(items=texts(found.findings)) if found.findings else None,
         Sheet(headings=headings, rows=parameter_rows(found)),
         Paragraph(text=methods),
         Sheet(
@@ -392,5 +392,5 @@ def axis_parts(found: AxisIdentification, *, framed: bool) -> Iterator[Renderabl
     yield table(f"Friction law: {found.chosen.name}", headings, parameter_rows(found), framed=framed)
     yield table("Errors", *error_table(found.estimates, found.unit), framed=framed)
     yield Text(expected_sentence(found))
-    for finding in found.remarks:
+    for finding in found.findings:
         yield Text(finding.text)

@@ -135,7 +135,7 @@ def upside_down_parts(found: UpsideDown, robot: Robot, *, framed: bool) -> Itera
     """Yield the friction identified upside down beside the robot file's, the errors and the findings."""
     yield _parameter_table(found, robot, framed=framed)
     yield _error_table(found, framed=framed)
-    for sentence in (*texts(found.warnings), *_comparison(robot)):
+    for sentence in (*texts(found.findings), *_comparison(robot)):
         yield Text(sentence)
 
 
@@ -265,7 +265,7 @@ def upside_down_report(
             section("The ball's movement", movement_series(movement)),
         ],
         undecided=[
-            *texts(found.warnings),
+            *texts(found.findings),
             "The friction while the robot balances: its weight then rests on the contacts, and the ball rolls on a "
             "floor.",
         ],

@@ -357,7 +357,7 @@ def identification_parts(
     for one in holdouts:
         if one.horizons:
             yield horizon_table(one, framed=framed)
-    for finding in (*found.warnings, *(remark for one in holdouts for remark in one.remarks)):
+    for finding in (*found.findings, *(finding for one in holdouts for finding in one.findings)):
         yield Text(finding.text)
 
 

@@ -273,7 +273,7 @@ def _error_blocks(found: Identification, holdouts: Sequence[HoldoutResult]) -> I
 
 
 def _undecided(found: Identification, holdouts: Sequence[HoldoutResult]) -> list[str]:
-    sentences = texts((*found.warnings, *(remark for one in holdouts for remark in one.remarks)))
+    sentences = texts((*found.findings, *(finding for one in holdouts for finding in one.findings)))
     if found.variation.logs == 1:
         sentences.append("How much the estimate differs from log to log: there is one log.")
     return [*sentences, "The friction at speeds, loads and temperatures that the logs do not have."]

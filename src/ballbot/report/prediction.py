@@ -63,7 +63,7 @@ def prediction_results(verdict: Verdict, prediction: Prediction, steps: Sequence
         },
         "none": verdict.none,
         "causes": verdict.causes,
-        "findings": finding_results(verdict.remarks),
+        "findings": finding_results(verdict.findings),
         "next_steps": steps,
         "course": prediction.course,
         "controller": prediction.controller,
@@ -117,7 +117,7 @@ def prediction_report(
             section(
                 "Predicted and measured",
                 quantities,
-                Bullets(items=texts(verdict.remarks)) if verdict.remarks else None,
+                Bullets(items=texts(verdict.findings)) if verdict.findings else None,
             ),
             *([_cause_section(verdict)] if verdict.causes else []),
             section("What to do next", Bullets(items=steps)),
@@ -187,7 +187,7 @@ def cause_lines(verdict: Verdict) -> list[str]:
 def next_steps(verdict: Verdict, prediction: Prediction, files: StudyFolder) -> list[str]:
     """Return what to do, in sentences that name the study's files."""
     steps = _advice(verdict, prediction, files)
-    if not verdict.remarks:
+    if not verdict.findings:
         return steps
     own = f"Make sure first that the log was made with {files.controller}: the verdict is about that controller only."
     return [own, *steps]
@@ -265,7 +265,7 @@ _PREDICTION_HEADINGS = ("quantity", "measured", "predicted", "95 % interval", ""
 def verdict_parts(verdict: Verdict, steps: Sequence[str], *, framed: bool) -> Iterator[RenderableType]:
     """Yield the verdict, its findings, the predicted and measured quantities, likely causes, and the next steps."""
     yield Text(headline(verdict), style="bold")
-    for finding in verdict.remarks:
+    for finding in verdict.findings:
         yield Text(finding.text)
     yield table("Predicted and measured", _PREDICTION_HEADINGS, quantity_rows(verdict), framed=framed)
     lines = cause_lines(verdict)

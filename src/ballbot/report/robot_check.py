@@ -151,7 +151,7 @@ def _swing_parts(swing: CheckedSwing, *, framed: bool) -> list[RenderableType]:
         Text(""),
         table(title, headings, swing.rows(), framed=framed),
         *(finding_line(one, accepted=one.severity == "error") for one in swing.findings),
-        *(Text(one.text) for one in swing.remarks()),
+        *(Text(one.text) for one in swing.inertia_findings()),
     ]
 
 

@@ -170,7 +170,7 @@ def _swing_section(swing: CheckedSwing) -> Section:
             rows=swing.rows(),
             caption=f"From {swing.fit.swing.source}.",
         ),
-        Bullets(items=[one.text for one in (*swing.findings, *swing.remarks())]),
+        Bullets(items=[one.text for one in (*swing.findings, *swing.inertia_findings())]),
         swing_series(swing),
     )
 

@@ -177,7 +177,7 @@ def _rougher(choice: ControllerChoice, part: str) -> str:
 
 def doubts_sentence(study: Study) -> str:
     """Return the first of the identification's findings and their number, or the largest correlation without any."""
-    warnings = study.found.warnings
+    warnings = study.found.findings
     if warnings:
         more = len(warnings) - 1
         return warnings[0].text + (

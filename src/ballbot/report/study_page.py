@@ -52,7 +52,7 @@ from ballbot.workflows.twin_rolling import TwinRolling
 
 def study_report(study: Study, made: Provenance) -> Report:
     """Return the page of a study."""
-    warnings = texts(study.found.warnings)
+    warnings = texts(study.found.findings)
     return Report(
         title=f"{study.robot.name}: friction, model and controller",
         lead=_lead(study),

@@ -53,12 +53,12 @@ class Validation:
                 interval = f" (95 % interval {lower[place]:.3g} to {upper[place]:.3g}): {verdict}"
                 known = np.isfinite(lower[place])
                 rows.append((name, f"{errors.ratio[place]:.3g}{interval if known else ' (too few runs)'}"))
-        remarks = [] if rows else [_open_loop_verdict(self)]
+        sentences = [] if rows else [_open_loop_verdict(self)]
         if self.closed_loop is not None:
-            remarks.append(_closed_loop_verdict(self))
+            sentences.append(_closed_loop_verdict(self))
         elif self.no_closed_loop is not None:
-            remarks.append(f"No closed-loop validation: {self.no_closed_loop}")
-        return Summary(title=title, rows=tuple(rows), remarks=(*remarks, _horizon_verdict(self)))
+            sentences.append(f"No closed-loop validation: {self.no_closed_loop}")
+        return Summary(title=title, rows=tuple(rows), sentences=(*sentences, _horizon_verdict(self)))
 
     def plot(self) -> Figure:
         """Return a figure of how the errors of both models grow with the horizon of a prediction."""

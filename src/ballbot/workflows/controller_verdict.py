@@ -98,7 +98,7 @@ class Verdict:
     none: Mapping[str, PredictionInterval] | None  #: predicted without compensation; None if that falls
     ended: str | None  #: why the run ended before the course, or None
     causes: tuple[Cause, ...]  #: of quantities outside their intervals, the likeliest first
-    remarks: tuple[Finding, ...]  #: limits of the verdict
+    findings: tuple[Finding, ...]  #: limits of the verdict
 
     @property
     def outside(self) -> tuple[QuantityResult, ...]:
@@ -151,7 +151,7 @@ def evaluate_log(
         none=prediction.none,
         ended=ended,
         causes=causes,
-        remarks=(*_warnings(log, controller), *(_short_run(run, ended is not None) if outside else ())),
+        findings=(*_warnings(log, controller), *(_short_run(run, ended is not None) if outside else ())),
     )
 
 

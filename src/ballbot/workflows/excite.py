@@ -264,7 +264,7 @@ class Excitation:
             "scaled": _by_label(self.task.question.labels, trial.errors),
             "parameters": trial.found.to_dict()["parameters"],
             "standard_errors": trial.found.to_dict()["standard_errors"],
-            "findings": finding_results(trial.found.warnings),
+            "findings": finding_results(trial.found.findings),
         }
 
 

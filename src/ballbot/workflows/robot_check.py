@@ -270,7 +270,7 @@ class CheckedSwing:
     def results(self) -> dict[str, object]:
         """Return this as results.json holds it."""
         stated: dict[str, object] = {
-            "findings": finding_results([*self.findings, *self.remarks()]),
+            "findings": finding_results([*self.findings, *self.inertia_findings()]),
         }
         return stated | swing_results(self.fit, self.found, self.pivot)
 
@@ -278,7 +278,7 @@ class CheckedSwing:
         """Return quantity, value and unit of each result."""
         return swing_rows(self.fit, self.found)
 
-    def remarks(self) -> list[Finding]:
+    def inertia_findings(self) -> list[Finding]:
         """Return what the results mean."""
         return inertia_findings(self.fit, self.found, self.robot)
 

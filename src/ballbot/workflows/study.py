@@ -146,10 +146,10 @@ class Study:
             *_controller_rows(self.choice),
             ("compared on", f"{counted(len(self.choice.plants), 'plant')} of the {self.plant}"),
         )
-        warnings = [one.text for one in (*self.log_findings, *self.found.warnings)]
+        warnings = [one.text for one in (*self.log_findings, *self.found.findings)]
         more = (counted(len(warnings) - 2, "more finding"),) if len(warnings) > 2 else ()
         return Summary(
-            title=f"Study of the robot {self.robot.name}", rows=rows, remarks=(*warnings[:2], *more)
+            title=f"Study of the robot {self.robot.name}", rows=rows, sentences=(*warnings[:2], *more)
         )
 
     def plot(self) -> Figure:

@@ -162,7 +162,7 @@ def identify_axis(
     tests = residual_tests(bench.records, model, bandwidth=options.bandwidth)
     expected = _expected(bench, drifting, fits[chosen.name], squares[chosen.name], blocks, horizon.chosen)
     run.progress(Progress(stage="done", done=1.0, total=1.0))
-    remarks = (
+    findings = (
         *axis_findings(
             bench.all, selection, by_law[chosen.name], estimates, asymmetry, by_user=wanted is not None
         ),
@@ -183,7 +183,7 @@ def identify_axis(
         asymmetry=asymmetry,
         residuals=tests,
         expected=expected,
-        remarks=remarks,
+        findings=findings,
     )
 
 

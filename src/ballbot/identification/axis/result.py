@@ -78,7 +78,7 @@ class AxisIdentification:
     asymmetry: NDArray[np.float64]
     residuals: tuple[ResidualTest, ...]
     expected: PredictedError  #: on another record
-    remarks: tuple[Finding, ...]
+    findings: tuple[Finding, ...]
 
     @property
     def chosen(self) -> AxisLaw:
@@ -95,7 +95,7 @@ class AxisIdentification:
         return self.estimate("open loop")
 
     def summary(self) -> Summary:
-        """Return the law's parameters with their standard errors, the error to expect elsewhere, and remarks."""
+        """Return the law's parameters with their standard errors, the error to expect elsewhere, and findings."""
         best, one, unit = self.best, self.expected, f"m{self.unit}"
         rows = [
             (label, estimated(value, best.standard_errors[label], _unit(self, label)))
@@ -111,7 +111,7 @@ class AxisIdentification:
         return Summary(
             title=f"Axis of {', '.join(self.records)}, law {self.chosen.name}: value ± standard error",
             rows=tuple(rows),
-            remarks=first_texts(self.remarks),
+            sentences=first_texts(self.findings),
         )
 
     def plot(self) -> Figure:
@@ -141,7 +141,7 @@ class AxisIdentification:
             "asymmetry_over_time": self.asymmetry,
             "residuals": {one.quantity: one.to_dict() for one in self.residuals},
             "expected_elsewhere": self.expected.to_dict(),
-            "findings": finding_results(self.remarks),
+            "findings": finding_results(self.findings),
         }
 
 
