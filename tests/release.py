@@ -20,6 +20,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 EXTRAS = "twin,formats,view,interop,symbolic,cluster,vision,link"
+#: what the tests themselves import, and the options in pyproject.toml need
+TOOLS = ("pytest>=8", "pytest-xdist>=3.5", "pytest-timeout>=2.3", "hypothesis>=6.100")
 #: tests of each package that Ballbot depends on, without long compilation
 TESTS = (
     "tests/cli/test_output_options.py",  # cyclopts, rich
@@ -64,10 +66,12 @@ def try_lowest(folder: Path) -> None:
     lowest = ("--resolution", "lowest-direct", "--quiet", "--output-file", chosen)
     _run(*uv, "compile", *lowest, *extras, ROOT / "pyproject.toml")
     print(chosen.read_text(encoding="utf-8"))
-    _run(*uv, "install", "--quiet", "--python", python, "-r", chosen, "pytest>=8", "hypothesis>=6.100")
+    _run(*uv, "install", "--quiet", "--python", python, "-r", chosen, *TOOLS)
     _run(*uv, "install", "--quiet", "--python", python, "--no-deps", ROOT)
     try_commands(python, folder)
-    _run(python, "-m", "pytest", "-q", "-x", "-m", "not slow and not sample", *TESTS, cwd=ROOT)
+    # as for users: old packages beside new ones give warnings that Python shows in tests only
+    as_users = ("-W", "ignore::DeprecationWarning")
+    _run(python, "-m", "pytest", "-q", "-x", *as_users, "-m", "not slow and not sample", *TESTS, cwd=ROOT)
 
 
 def try_commands(python: Path, folder: Path) -> None:
