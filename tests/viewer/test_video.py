@@ -1,6 +1,9 @@
 """A replay as a video: each picture once and in order, and what ffmpeg says where it fails."""
 
+import json
 import os
+import shutil
+import subprocess
 import sys
 
 import pytest
@@ -9,7 +12,7 @@ from ballbot.errors import InputError
 from ballbot.robot import Robot
 from ballbot.viewer import replay_page
 from ballbot.viewer.browser import installed_browser
-from ballbot.viewer.video import RATE, write_video
+from ballbot.viewer.video import RATE, SIZE, write_video
 from tests.support.log_examples import smooth_log
 
 pytestmark = [
@@ -51,3 +54,20 @@ def test_reason_of_ffmpeg_is_shown(page, tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"cannot write a \.xyz video: Unknown encoder"):
         write_video(page, tmp_path / "a.xyz")
     assert not (tmp_path / "a.xyz").exists()
+
+
+@pytest.mark.skipif(
+    shutil.which("ffmpeg") is None or shutil.which("ffprobe") is None,
+    reason="no ffmpeg: apt-get install ffmpeg",
+)
+@pytest.mark.parametrize("suffix", ["mp4", "webm", "gif"])
+def test_video_has_the_rate_size_and_duration_of_the_log(page, tmp_path, suffix):
+    file = tmp_path / f"a.{suffix}"
+    write_video(page, file)
+    probe = ("ffprobe", "-v", "error", "-count_frames", "-show_streams", "-show_format", "-of", "json", file)
+    seen = json.loads(subprocess.run(probe, capture_output=True, check=True).stdout)
+    (stream,) = seen["streams"]
+    assert (stream["width"], stream["height"]) == SIZE
+    assert stream["r_frame_rate"] == f"{RATE}/1"
+    assert int(stream["nb_read_frames"]) == int(0.3 * RATE) + 1
+    assert float(seen["format"]["duration"]) == pytest.approx(0.3, abs=1.0 / RATE)

@@ -16,6 +16,8 @@ from ballbot.viewer.browser import Tab, headless_browser
 
 #: pictures a second, and their size [pixels]
 RATE, SIZE = 25, (1280, 720)
+#: colors of a .gif, of which it has 256: those of the first second, so that no more pictures are kept in memory
+_PALETTE = f"split[seen][shown];[seen]trim=end_frame={RATE},palettegen[colors];[shown][colors]paletteuse"
 #: lets the picture fill the window, with a clock
 _FILL = """(() => {
   const stage = document.querySelector(".stage");
@@ -88,10 +90,12 @@ def _encode(tab: Tab, program: str, made: Path, progress: ProgressCallback) -> N
         "-i",
         "-",
     )
+    is_gif = made.suffix.lower() == ".gif"
+    pixels = ("-filter_complex", _PALETTE) if is_gif else ("-pix_fmt", "yuv420p")
     with (
         tempfile.TemporaryFile() as errors,
         subprocess.Popen(
-            (program, *words, "-pix_fmt", "yuv420p", os.fspath(made)),
+            (program, *words, *pixels, os.fspath(made)),
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=errors,
