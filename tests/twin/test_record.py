@@ -81,6 +81,18 @@ def test_record_writes_a_run_that_can_be_made_again(tmp_path: Path) -> None:
     assert film.t[0] == pytest.approx(made["motion_capture"]["clock_offset"])
 
 
+def test_writing_the_files_is_the_last_stage_of_a_recording(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from ballbot.cli.main import main
+
+    monkeypatch.setattr("ballbot.cli.output._BEFORE_LINES", 0.0)
+    assert main(["record", "nominal", "--duration", "1", "--out", str(tmp_path / "run")]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0].startswith("ballbot: recording 1 s")
+    assert lines[-1].startswith("ballbot: writing the files, 94 %")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("experiment", ["balance", "driveline_sweep", "upside_down"])
 def test_the_command_in_the_folder_makes_the_run_again(

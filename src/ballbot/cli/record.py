@@ -38,6 +38,9 @@ from ballbot.workflows.record import (
     record_runs,
 )
 
+#: share of a run's time until all is simulated; its files and its page take the rest
+_SIMULATED = 0.94
+
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
@@ -169,7 +172,9 @@ def _one(job: RecordJob, seed: int, out: Path, console: Console, *, resume: bool
                 out,
                 write_log=write_with_scene,
                 page=page,
-                progress=lambda now: bar.show(now.share),
+                progress=lambda now: bar.show(
+                    _SIMULATED * now.share, doing="" if now.share < 1.0 else "writing the files"
+                ),
             )
     else:
         console.print("The run is complete and was kept.")
