@@ -28,7 +28,7 @@ from ballbot.log.formats import (
 from ballbot.log.formats import mat as mat_file
 from ballbot.log.formats import npz as npz_file
 from ballbot.log.formats import parquet as parquet_file
-from ballbot.log.formats.text import TextLayout, read_text_table
+from ballbot.log.formats.text import TextLayout, infer_text_table, read_text_table
 from tests.support.log_examples import smooth_log
 
 COLUMN_NAMES = st.text(st.characters(codec="utf-8", categories=["L", "N"]), min_size=1, max_size=12)
@@ -264,6 +264,36 @@ def test_the_fast_and_the_patient_parser_agree(tmp_path):
     patient = read_text_table(path, TextLayout(missing=("none",)))  # a marker rules the compiled parser out
     for name in log:
         np.testing.assert_array_equal(fast[name], patient[name])
+
+
+def test_a_column_whose_header_cell_is_empty_keeps_its_place(tmp_path):
+    """pandas' `to_csv` leaves the name of the index empty: no other name may move to its column."""
+    path = tmp_path / "run.csv"
+
+    @settings(max_examples=100, deadline=None)
+    @given(
+        named=st.lists(st.booleans(), min_size=2, max_size=8).filter(any),
+        separator=st.sampled_from([",", ";", "\t"]),
+    )
+    def check(named, separator):
+        width = len(named) + 1  # the last has a name: an empty cell at a line's end is the line's separator
+        names = [f"name{place}" if one else "" for place, one in enumerate([*named, True])]
+        rows = [[f"{row + place}.5" for place in range(width)] for row in (0, 100)]
+        path.write_text("\n".join(separator.join(one) for one in [names, *rows]))
+        table = infer_text_table(path)
+        assert len(table.columns) == width
+        for place, name in enumerate(names):
+            assert table.columns[name or f"column_{place + 1}"].tolist() == [place + 0.5, place + 100.5]
+        assert ("no name" in " ".join(table.notes)) == (not all(names))
+
+    check()
+
+
+def test_a_header_with_a_comment_mark_or_without_the_name_of_quoted_row_names_keeps_its_columns(tmp_path):
+    path = tmp_path / "run.txt"
+    for text in ("# t a\n0 1\n1 2\n", "t,,a\n0,1\n1,2\n", '"t","a"\n"1",0,1\n"2",1,2\n'):
+        path.write_text(text)
+        assert infer_text_table(path).columns["a"].tolist() == [1, 2]
 
 
 def test_files_of_other_kinds_are_refused(tmp_path):

@@ -307,7 +307,9 @@ def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = No
     widths = Counter(len(row) for row, good in zip(cells, numeric, strict=True) if good)
     width = max(widths, key=lambda count: widths[count])
     check_table(len(lines), width, source=str(path))
-    names, notes = _guessed_names(cells[:first], width) if given_names is None else (list(given_names), [])
+    quoted = lines[first].lstrip().startswith('"')
+    guessed = _guessed_names(cells[:first], width, quoted=quoted) if given_names is None else None
+    names, notes = guessed or (list(given_names or ()), [])
     if len(names) != width:
         raise InputError(
             f"{path} has {width} columns, but {len(names)} names were given: {', '.join(names)}."
@@ -363,7 +365,8 @@ def _likely_separator(lines: list[str]) -> tuple[str, bool]:
 def _ragged_cells(line: str, mark: str | None) -> list[str]:
     if not line.strip():
         return []
-    cells = [cell.strip().strip('"').strip() for cell in line.strip().split(mark)]
+    # a tab that separates is no blank: a line may begin with an empty cell
+    cells = [cell.strip().strip('"').strip() for cell in line.strip("" if mark == "\t" else None).split(mark)]
     return cells[:-1] if mark and cells[-1] == "" else cells  # a separator at the line's end
 
 
@@ -385,15 +388,34 @@ def _first_row(cells: list[list[str]], numeric: list[bool]) -> int:
     return numeric.index(True)
 
 
-def _guessed_names(head: list[list[str]], width: int) -> tuple[list[str], list[str]]:
-    """Return a name for each column, and notes, from the lines before the first row."""
+def _guessed_names(head: list[list[str]], width: int, *, quoted: bool = False) -> tuple[list[str], list[str]]:
+    """Return a name for each column, and notes, from the lines before the first row.
+
+    Parameters
+    ----------
+    head : list of list of str
+        Cells of these lines.
+    width : int
+        Cells of most rows.
+    quoted : bool
+        Whether the first row begins with a quoted cell: R writes the rows' names so, and no name for their column.
+    """
     named = [row for row in head if row and not all(_number_like(cell) for cell in row)]
     notes: list[str] = []
     if not named:
         notes.append(f"The file has no header; its columns are called column_1 to column_{width}.")
         return [f"column_{place}" for place in range(1, width + 1)], notes
     given = [cell.lstrip("#%").strip() for cell in named[-1]]
-    given = [cell for cell in given if cell]
+    filled = [cell for cell in given if cell]
+    if len(given) != width and (len(filled) == width or (named[-1][0] and not given[0])):
+        # blanks or tabs that align the names, or a mark of a comment before them
+        given = filled if len(filled) == width else given[1:]
+    elif len(given) == width - 1 and quoted:
+        given = ["", *given]
+    unnamed = [str(place) for place, name in enumerate(given[:width], start=1) if not name]
+    if unnamed:
+        plural = "columns" if len(unnamed) > 1 else "column"
+        notes.append(f"The header has no name for {plural} {', '.join(unnamed)}.")
     if len(given) != width:
         notes.append(
             f"The header names {len(given)} columns and the rows have {width}: "
@@ -401,6 +423,7 @@ def _guessed_names(head: list[list[str]], width: int) -> tuple[list[str], list[s
         )
     names: list[str] = []
     for place in range(width):
-        name = given[place] if place < len(given) and given[place].isprintable() else f"column_{place + 1}"
+        name = given[place] if place < len(given) else ""
+        name = name if name and name.isprintable() else f"column_{place + 1}"
         names.append(f"{name}_{place + 1}" if name in names else name)
     return names, notes
