@@ -34,8 +34,8 @@ from ballbot.identification.parameters import read_bounds
 from ballbot.identification.sweep import read_sweep
 from ballbot.log import Log, signals
 from ballbot.log.columns import LARGEST_CELL
+from ballbot.log.formats import inference as text_tables
 from ballbot.log.formats import mat as mat_file
-from ballbot.log.formats import text as text_tables
 from ballbot.log.formats.mat import parse_mat, read_mat
 from ballbot.log.log import LONGEST, SHORTEST
 from ballbot.log.mapping_file import parse_mapping, read_mapping

@@ -190,3 +190,50 @@ def test_any_column_gives_a_record_or_one_clear_sentence(
     assert np.all(np.diff(record.t) > 0.0)
     for one in findings:
         assert_clear(one.text)
+
+
+def test_a_table_with_semicolons_and_units_gives_a_record(tmp_path: Path) -> None:
+    rows = [f"{t:.9g};{x:.9g};{f:.9g}".replace(".", ",") for t, x, f in zip(T, POSITION, FORCE, strict=True)]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(["Zeit;Weg;Kraft", "s;m;N", *rows]) + "\n")
+    record = read_axis_record(path, AxisColumns(time="Zeit", position="Weg", force="Kraft"))
+    assert record.sample_time == pytest.approx(2e-3)
+    np.testing.assert_allclose(record.position, POSITION, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("names", "units", "columns", "remedy"),
+    [
+        (
+            "t,position,force",
+            "ms,m,N",
+            {},
+            "gives the unit of t as ms, .* give --time-scale 0.001, or correct",
+        ),
+        ("t,position,force", "[s],[mm],[N]", {}, "--position-scale is 1; give --position-scale 0.001"),
+        ("t,position,force", "s,rad,N m", {}, "of position as rad, and --unit is m; give --unit rad"),
+        ("t,position,force", "s,°,Nm", {"unit": "rad"}, "as deg, .* --position-scale 0.0174532925199"),
+        ("t,position,force", "s,rad,mNm", {"unit": "rad"}, "of force as mN m, .* --force-scale 0.001"),
+        ("t,position [cm],force", "", {"position": "position [cm]"}, "of position as cm, .*-scale 0.01"),
+        ("t,position,force", "s,deg,A", {"position_scale": "0.0175", "unit": "rad"}, ""),
+        ("t,position,force", "s,m,-", {}, ""),
+    ],
+)
+def test_units_in_a_file_are_compared_with_the_options(
+    tmp_path: Path, names: str, units: str, columns: dict[str, str], remedy: str
+) -> None:
+    rows = [f"{t:.9g},{x:.9g},{f:.9g}" for t, x, f in zip(T, POSITION, FORCE, strict=True)]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join([names, *([units] if units else []), *rows]))
+    wanted = AxisColumns(**columns)  # type: ignore[arg-type]
+    if not remedy:
+        assert len(read_axis_record(path, wanted)) == ROWS
+        return
+    with pytest.raises(InputError, match=remedy) as refused:
+        read_axis_record(path, wanted)
+    assert_clear(str(refused.value))
+
+
+def test_a_count_of_records_is_in_the_singular(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="--load-mass has 2 values for 1 record; give"):
+        read_axis_records([written(tmp_path / "a.csv")], AxisColumns(load_mass="1, 2"))

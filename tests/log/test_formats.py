@@ -22,13 +22,15 @@ from ballbot.log.formats import (
     LogFormat,
     is_foreign,
     read_columns,
+    read_units,
     read_variables,
     write_columns,
 )
 from ballbot.log.formats import mat as mat_file
 from ballbot.log.formats import npz as npz_file
 from ballbot.log.formats import parquet as parquet_file
-from ballbot.log.formats.text import TextLayout, infer_text_table, read_text_table
+from ballbot.log.formats.inference import infer_text_table
+from ballbot.log.formats.text import TextLayout, read_text_table
 from tests.support.log_examples import smooth_log
 
 COLUMN_NAMES = st.text(st.characters(codec="utf-8", categories=["L", "N"]), min_size=1, max_size=12)
@@ -261,7 +263,8 @@ def test_the_fast_and_the_patient_parser_agree(tmp_path):
     path = tmp_path / "log.csv"
     log.write(path)
     fast = read_text_table(path, TextLayout())
-    patient = read_text_table(path, TextLayout(missing=("none",)))  # a marker rules the compiled parser out
+    # a marker that is a number rules the compiled parser out
+    patient = read_text_table(path, TextLayout(missing=("-999",)))
     for name in log:
         np.testing.assert_array_equal(fast[name], patient[name])
 
@@ -411,3 +414,63 @@ def test_long_matrices_of_a_matlab_file_are_columns(tmp_path, turned):
     assert set(columns) == {"t", "wheel_1", "wheel_2", "wheel_3"}
     np.testing.assert_array_equal(np.column_stack([columns[f"wheel_{k}"] for k in (1, 2, 3)]), wheel)
     np.testing.assert_array_equal(read_variables(tmp_path / "log.mat")["gain"], gain.ravel())
+
+
+HEADED_TABLES = {
+    "semicolons and decimal commas": "Zeit;Weg;Kraft\n0,5;1,25;-3\n1,5;2,5;4e-1\n",
+    "semicolons and decimal points": "Zeit;Weg;Kraft\n0.5;1.25;-3\n1.5;2.5;4e-1\n",
+    "tabs": "Zeit\tWeg\tKraft\n0.5\t1.25\t-3\n1.5\t2.5\t4e-1\n",
+    "tabs and decimal commas": "Zeit\tWeg\tKraft\n0,5\t1,25\t-3\n1,5\t2,5\t4e-1\n",
+    "blanks": "Zeit Weg  Kraft\n0.5 1.25 -3\n1.5 2.5   4e-1\n",
+    "commas and a row of units": "Zeit,Weg,Kraft\ns,mm,N m\n0.5,1.25,-3\n1.5,2.5,4e-1\n",
+    "units in brackets": "Zeit;Weg;Kraft\n[s];[rad];[N*m]\n0,5;1,25;-3\n1,5;2,5;4e-1\n",
+    "a title above the names": "Versuch 7\nZeit,Weg,Kraft\n0.5,1.25,-3\n1.5,2.5,4e-1\n",
+    "an index without a name": ",Zeit,Weg,Kraft\n0,0.5,1.25,-3\n1,1.5,2.5,4e-1\n",
+    "quoted names of rows": '"Zeit","Weg","Kraft"\n"1",0.5,1.25,-3\n"2",1.5,2.5,4e-1\n',
+    "the mark of a comment": "# Zeit Weg Kraft\n0.5 1.25 -3\n1.5 2.5 4e-1\n",
+}
+
+
+@pytest.mark.parametrize("text", HEADED_TABLES.values(), ids=HEADED_TABLES)
+def test_separator_decimal_sign_and_header_of_variables_are_inferred(tmp_path, text):
+    path = tmp_path / "table.csv"
+    path.write_text(text)
+    variables = read_variables(path)
+    values = [variables[name].tolist() for name in ("Zeit", "Weg", "Kraft")]
+    assert values == [[0.5, 1.5], [1.25, 2.5], [-3.0, 0.4]]
+    assert infer_text_table(path).layout.names == tuple(variables)
+
+
+def test_a_row_of_units_is_read(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text(HEADED_TABLES["commas and a row of units"])
+    assert read_units(path) == {"Zeit": "s", "Weg": "mm", "Kraft": "N m"}
+    path.write_text(HEADED_TABLES["tabs"])
+    assert read_units(path) == {}
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("t,x\n0,1\n1,oops\n2,3\n", "line 3: 'oops' in column x is not a number; correct it, or leave"),
+        ("t;x\n0,5;1\n1,5;oops\n2,5;3\n", "line 3: 'oops' in column x is not a number; correct it, or leave"),
+        (
+            "t;x;mode\n0,5;1;run\n1,5;1;run\n",
+            "line 2: 'run' in column mode is not a number; .* column of words",
+        ),
+        ("t;x\n0,5;1\n1,5;1.5\n", "decimal comma in line 2 and a decimal point in line 3"),
+        ("t;x;t\n0,5;1;2\n1,5;1;3\n", "the column name t appears twice"),
+        ("a;b\n", "the header is not separated by commas; no row of numbers below shows"),
+    ],
+)
+def test_damaged_variables_are_refused_with_a_remedy_that_needs_no_mapping_file(tmp_path, text, sentence):
+    path = tmp_path / "table.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=sentence):
+        read_variables(path)
+
+
+def test_marks_of_missing_values_are_missing_variables(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text("a,b\n1,NA\n2,3\n-,n/a\n")
+    np.testing.assert_array_equal(read_variables(path)["b"], [np.nan, 3.0, np.nan])

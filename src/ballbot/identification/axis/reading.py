@@ -7,7 +7,8 @@ not its position has the position that the velocity gives by integration.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -17,8 +18,8 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError, suggest
 from ballbot.identification.axis.record import EVEN, AxisRecord, KnownLoad, PositionVelocityLoop
-from ballbot.log.columns import LARGEST_CELL, Columns
-from ballbot.log.formats import read_variables
+from ballbot.log.columns import FACTORS, LARGEST_CELL, Columns
+from ballbot.log.formats import read_units, read_variables
 
 #: a record in which more rows than this share lack a value is refused
 MOST_MISSING = 0.2
@@ -109,8 +110,9 @@ def _columns_of(columns: AxisColumns, place: int, count: int) -> AxisColumns:
         if len(parts) == 1:
             return text
         if len(parts) != count:
+            records = f"{count} record{'s' if count > 1 else ''}"
             raise InputError(
-                f"{option} has {len(parts)} values for {count} records; give one for all, or one for each."
+                f"{option} has {len(parts)} values for {records}; give one for all, or one for each."
             )
         return parts[place]
 
@@ -182,6 +184,7 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     """
     file = _File(name=Path(path).name, variables=read_variables(path), columns=columns)
     name = file.name
+    _check_units(file, read_units(path))
     t = file.factor("time_scale", negative=False) * file.column("time")
     scale = file.factor("force_scale")
     force = scale * _driving_force(file, len(t))
@@ -234,6 +237,61 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
             "leave out the gains."
         )
     return replace(record, loop=_with_span(record, reference, loop))
+
+
+#: by the unit of positions, what each quantity may be in, with the factor to its unit
+_FORCES = {"N": 1.0, "kN": 1e3, "mN": 1e-3}
+_TORQUES = {**FACTORS["N m"], "kN m": 1e3}
+_QUANTITIES = {
+    "time": {"m": FACTORS["s"], "rad": FACTORS["s"]},
+    "position": {"m": FACTORS["m"], "rad": FACTORS["rad"]},
+    "velocity": {"m": FACTORS["m/s"], "rad": FACTORS["rad/s"]},
+    "force": {"m": _FORCES, "rad": _TORQUES},
+}
+#: other spellings of units
+_SPELLINGS = {
+    "Nm": "N m",
+    "mNm": "mN m",
+    "Ncm": "N cm",
+    "kNm": "kN m",
+    "µs": "us",
+    "μs": "us",
+    "°": "deg",
+    "rev": "turn",
+}
+
+
+def _check_units(file: _File, units: Mapping[str, str]) -> None:
+    """Raise InputError if a unit in the file contradicts `--unit`, or needs a factor and none is given.
+
+    The unit stands in a row below the header, or in brackets in the name.
+    """
+    for field, kinds in _QUANTITIES.items():
+        name = getattr(file.columns, field) or ("position" if file.columns.velocity is None else "")
+        scale = f"{'position' if field == 'velocity' else field}_scale"
+        if name not in file.variables or file.number(scale) != 1.0:
+            continue
+        given = _unit_of(name, units)
+        unit = file.columns.unit
+        other = "rad" if unit == "m" else "m"
+        actual = next((one for one in (unit, other) if given in kinds[one]), unit)
+        factor = kinds[actual].get(given, 1.0)
+        options = [f"--unit {actual}"] if actual != unit else []
+        options += [f"{option_of(scale)} {factor:.12g}"] if factor != 1.0 else []
+        if options:
+            against = f"--unit is {unit}" if actual != unit else f"{option_of(scale)} is 1"
+            raise InputError(
+                f"{file.name} gives the unit of {name.partition('[')[0].strip()} as {given}, and {against}; "
+                f"give {' '.join(options)}, or correct the unit in the file."
+            )
+
+
+def _unit_of(name: str, units: Mapping[str, str]) -> str:
+    """Return the unit of a variable as `FACTORS` spells it; empty if the file does not give it."""
+    text = units.get(name, "")
+    bracketed = re.search(r"[\[(<]([^\])>]*)[\])>]$", text or name)
+    unit = (bracketed.group(1) if bracketed else text).strip().replace("·", " ").replace("*", " ")
+    return _SPELLINGS.get(unit, unit)
 
 
 def sampling(name: str, t: NDArray[np.float64]) -> tuple[float, NDArray[np.float64] | None]:

@@ -1,6 +1,7 @@
 """File formats of logs: each is one file here and one line in `FORMATS`, and every command reads and writes through it.
 
 text      tables of text: Ballbot's own CSV, and others by a `TextLayout`
+inference the layout of a table of text that is not Ballbot's own
 json      JSON, a list of objects or an object of lists
 parquet   Parquet, by pyarrow
 npz       NumPy archives
@@ -26,6 +27,12 @@ from ballbot.arrays import check_table
 from ballbot.errors import InputError, either, nearest, suggest
 from ballbot.log.columns import KNOWN_NAMES, Columns, check_column_names, mark_missing
 from ballbot.log.formats.bag import is_bag_folder, read_bag_folder
+from ballbot.log.formats.inference import (
+    ForeignTable,
+    infer_text_table,
+    read_text_units,
+    read_text_variables,
+)
 from ballbot.log.formats.json import read_json_table
 from ballbot.log.formats.mat import read_mat, write_mat
 from ballbot.log.formats.mcap import read_mcap, write_mcap
@@ -35,9 +42,7 @@ from ballbot.log.formats.ros import read_ros_bag, write_ros_bag
 from ballbot.log.formats.text import (
     OWN_LAYOUT,
     SEMICOLON_LAYOUT,
-    ForeignTable,
     TextLayout,
-    infer_text_table,
     own_layout,
     read_text_header,
     read_text_table,
@@ -76,7 +81,7 @@ FORMATS: tuple[LogFormat, ...] = (
     LogFormat(
         name="CSV",
         suffixes=(".csv", ".txt", ".tsv", ".dat", ".log"),
-        read=read_text_table,
+        read=read_text_variables,
         write=write_text_table,
         is_text=True,
     ),
@@ -150,6 +155,11 @@ def read_columns(path: str | Path, layout: TextLayout | None = None) -> Columns:
 def read_variables(path: str | Path) -> Columns:
     """Read all variables of a file by name, of any length; InputError as for `read_columns`."""
     return _read(_known_format(path), Path(path))
+
+
+def read_units(path: str | Path) -> dict[str, str]:
+    """Return the units of a file's variables by name, as a table of text has them in a row below its header."""
+    return read_text_units(path) if _known_format(path).is_text else {}
 
 
 def read_foreign_table(path: str | Path, *, names: Sequence[str] | None = None) -> ForeignTable:

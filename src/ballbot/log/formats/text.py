@@ -1,7 +1,7 @@
 """Tables of numbers as text: CSV, the separated files that other people's robots write, and tables of unknown layout.
 
 A well-formed file is read by NumPy's compiled parser. If that fails, the rows are read one at a time, which allows
-missing values and gives messages the line. `infer_text_table` infers separator, header, widths and damaged rows.
+missing values and gives messages the line. `inference` finds the layout of tables that do not have Ballbot's own.
 
 Ballbot's own CSV has commas between its cells and a decimal point, or semicolons and a decimal comma, as spreadsheets
 write it in many countries. The header shows which: it has the column t.
@@ -11,8 +11,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 
 from ballbot.arrays import check_table
 from ballbot.errors import InputError
-from ballbot.files import check_regular, decode_text, read_bytes, read_text, write_text
+from ballbot.files import check_regular, decode_text, read_text, write_text
 from ballbot.log.columns import check_column_names, mark_missing
 
 
@@ -64,10 +63,15 @@ def own_layout(path: str | Path) -> TextLayout:
 
 
 def _header(path: str | Path) -> str:
+    return text_start(path).split("\n", 1)[0]
+
+
+def text_start(path: str | Path) -> str:
+    """Return the first `_LONGEST_HEADER` bytes of a file."""
     check_regular(path)
     try:
         with open(path, "rb") as stream:
-            start = stream.readline(_LONGEST_HEADER)
+            start = stream.read(_LONGEST_HEADER)
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
     return decode_text(start, source=str(path), errors="replace")
@@ -77,7 +81,9 @@ def _own_layout(header: str) -> TextLayout:
     return next((one for one in _OWN_LAYOUTS if "t" in _cells(header, one.separator)), OWN_LAYOUT)
 
 
-def read_text_table(path: str | Path, layout: TextLayout = OWN_LAYOUT) -> dict[str, NDArray[np.float64]]:
+def read_text_table(
+    path: str | Path, layout: TextLayout = OWN_LAYOUT, *, mapped: bool = True
+) -> dict[str, NDArray[np.float64]]:
     """Read a table of numbers.
 
     Parameters
@@ -86,6 +92,8 @@ def read_text_table(path: str | Path, layout: TextLayout = OWN_LAYOUT) -> dict[s
         The file, UTF-8.
     layout : TextLayout
         How it is laid out.
+    mapped : bool
+        Whether the command takes a mapping file, which messages then name as a remedy.
 
     Returns
     -------
@@ -98,12 +106,12 @@ def read_text_table(path: str | Path, layout: TextLayout = OWN_LAYOUT) -> dict[s
         If the file cannot be read or is not such a table; the message names the line.
     """
     lines = _read_lines(path)
-    names = _names(path, lines, layout)
+    names = _names(path, lines, layout, mapped=mapped)
     check_table(len(lines), len(names), source=str(path))
-    body = _with_points(path, lines[layout.header_lines :], layout)
+    body = _with_points(path, lines[layout.header_lines :], layout, inferred=not mapped)
     table = _parse_fast(body, names, layout)
     if table is None:
-        table = _parse_by_line(path, body, names, layout)
+        table = _parse_by_line(path, body, names, layout, mapped=mapped)
     if layout.rows is not None:
         table = table[layout.rows[0] - 1 : layout.rows[1]]
     if not len(table):
@@ -156,15 +164,30 @@ def _read_lines(path: str | Path) -> list[str]:
     return text.split("\n")
 
 
-def _names(path: str | Path, lines: list[str], layout: TextLayout) -> list[str]:
+def _names(path: str | Path, lines: list[str], layout: TextLayout, *, mapped: bool) -> list[str]:
     if layout.names is not None:
         return list(layout.names)
     number = layout.header_lines
     header = lines[number - 1] if 0 < number <= len(lines) else ""
     names = _cells(header, layout.separator)
+    check_names(path, number, names)
+    if len(names) == 1 and len(header.replace(";", "\t").split()) > 1:
+        remedy = (
+            "name another separator in a mapping file"
+            if mapped
+            else "no row of numbers below shows which separator it has"
+        )
+        raise InputError(
+            f"{path}, line {number}: the header is not separated by {_word(layout.separator)}; {remedy}."
+        )
+    return names
+
+
+def check_names(path: str | Path, number: int, names: list[str]) -> None:
+    """Raise InputError if the cells of a line cannot be the columns' names."""
     check_table(0, len(names), source=str(path))
     check_column_names(names, source=f"{path}, line {number}")
-    if all(_is_number(name) for name in names):
+    if all(is_number(name) for name in names):
         raise InputError(
             f"{path}, line {number}: this line has numbers; it must be the header with the column names."
         )
@@ -173,20 +196,14 @@ def _names(path: str | Path, lines: list[str], layout: TextLayout) -> list[str]:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise InputError(f"{path}, line {number}: the column name {twice[0]} appears twice.")
-    if len(names) == 1 and len(header.replace(";", "\t").split()) > 1:
-        raise InputError(
-            f"{path}, line {number}: the header is not separated by "
-            f"{_word(layout.separator)}; name another separator in a mapping file."
-        )
-    return names
 
 
-def _with_points(path: str | Path, lines: list[str], layout: TextLayout) -> list[str]:
-    """Return lines with decimal points; of a layout with decimal commas that its header shows, all or none may be."""
+def _with_points(path: str | Path, lines: list[str], layout: TextLayout, *, inferred: bool) -> list[str]:
+    """Return lines with decimal points; of a layout with decimal commas that the file shows, all or none may be."""
     if not layout.decimal_comma:
         return lines
     commas = next((k for k, line in enumerate(lines) if "," in line), None)
-    if commas is not None and layout in _OWN_LAYOUTS:
+    if commas is not None and (inferred or layout in _OWN_LAYOUTS):
         points = next((k for k, line in enumerate(lines) if "." in line), None)
         if points is not None:
             raise InputError(
@@ -200,7 +217,9 @@ def _parse_fast(body: list[str], names: list[str], layout: TextLayout) -> NDArra
     """Return the table if NumPy's parser can read it, else None."""
     first = next((line for line in body if line.strip()), None)
     # a row of another width may be millions of cells wide
-    if layout.missing or first is None or len(_cells(first, layout.separator)) != len(names):
+    if first is None or len(_cells(first, layout.separator)) != len(names):
+        return None
+    if any(is_number(mark) for mark in layout.missing):
         return None
     try:
         table = np.loadtxt(body, delimiter=layout.separator, comments=None, quotechar='"', ndmin=2)
@@ -210,7 +229,7 @@ def _parse_fast(body: list[str], names: list[str], layout: TextLayout) -> NDArra
 
 
 def _parse_by_line(
-    path: str | Path, body: list[str], names: list[str], layout: TextLayout
+    path: str | Path, body: list[str], names: list[str], layout: TextLayout, *, mapped: bool
 ) -> NDArray[np.float64]:
     missing = {"", *layout.missing}
     rows = []
@@ -224,30 +243,33 @@ def _parse_by_line(
             raise InputError(
                 f"{path}, line {number}: the row has {len(cells)} cells, but the header has {len(names)}."
             )
-        rows.append([_number(path, number, names[i], cell, missing) for i, cell in enumerate(cells)])
+        rows.append([_number(path, number, names[i], cell, missing, mapped) for i, cell in enumerate(cells)])
     return np.array(rows, dtype=np.float64).reshape(len(rows), len(names))
 
 
 def _is_row(cells: list[str], width: int, missing: set[str]) -> bool:
-    return len(cells) == width and all(cell in missing or _is_number(cell) for cell in cells)
+    return len(cells) == width and all(cell in missing or is_number(cell) for cell in cells)
 
 
 def _cells(line: str, separator: str | None) -> list[str]:
     return [cell.strip().strip('"').strip() for cell in line.split(separator)]
 
 
-def _number(path: str | Path, line: int, name: str, cell: str, missing: set[str]) -> float:
+def _number(path: str | Path, line: int, name: str, cell: str, missing: set[str], mapped: bool) -> float:
     if cell in missing:
         return math.nan
-    if _is_number(cell):
+    if is_number(cell):
         return float(cell)
-    raise InputError(
-        f"{path}, line {line}: {cell!r} in column {name} is not a "
-        "number; name a marker of missing values in a mapping file."
+    remedy = (
+        "name a marker of missing values in a mapping file"
+        if mapped
+        else "correct it, or leave the cell empty if the value is missing; a column of words cannot be read"
     )
+    raise InputError(f"{path}, line {line}: {cell!r} in column {name} is not a number; {remedy}.")
 
 
-def _is_number(cell: str) -> bool:
+def is_number(cell: str) -> bool:
+    """Return whether a cell is a number."""
     try:
         float(cell)
     except ValueError:
@@ -257,173 +279,3 @@ def _is_number(cell: str) -> bool:
 
 def _word(separator: str | None) -> str:
     return {",": "commas", ";": "semicolons", "\t": "tabs", None: "blanks"}.get(separator, repr(separator))
-
-
-_SEPARATORS: dict[str, str | None] = {"comma": ",", "semicolon": ";", "tab": "\t", "blanks": None}
-#: lines examined to find the separator and the header
-_EXAMINED = 200
-#: largest file of unknown layout [bytes], because every cell is examined
-_LARGEST = 100_000_000
-_NOT_A_NUMBER = frozenset({"", "na", "n/a", "none", "null", "-", "--"})
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ForeignTable:
-    """The columns of a foreign file, and the layout that was inferred."""
-
-    layout: TextLayout
-    separator: str  #: its name in a mapping file
-    columns: dict[str, NDArray[np.float64]]
-    named: bool  #: whether the file has a header
-    notes: tuple[str, ...]  #: sentences on anomalies of the file
-
-
-def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = None) -> ForeignTable:
-    """Read a table of text, whatever its layout.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or has no table of numbers.
-    """
-    lines = _foreign_lines(path)
-    separator, decimal_comma = _likely_separator(lines)
-    mark = _SEPARATORS[separator]
-    if decimal_comma:
-        # the header's commas stay: its names are no numbers
-        pointed = [line.replace(",", ".") for line in lines]
-        lines = [
-            p if all(_number_like(cell) for cell in _ragged_cells(p, mark)) else line
-            for p, line in zip(pointed, lines, strict=True)
-        ]
-    cells = [_ragged_cells(line, mark) for line in lines]
-    numeric = [bool(row) and all(_number_like(cell) for cell in row) for row in cells]
-    if not any(numeric):
-        raise InputError(f"{path} contains no table: none of its lines consists only of numbers.")
-    if sum(numeric) == 1:
-        only = numeric.index(True) + 1
-        raise InputError(f"{path} has one row of numbers (line {only}); a log needs at least two.")
-    first = _first_row(cells, numeric)
-    widths = Counter(len(row) for row, good in zip(cells, numeric, strict=True) if good)
-    width = max(widths, key=lambda count: widths[count])
-    check_table(len(lines), width, source=str(path))
-    quoted = lines[first].lstrip().startswith('"')
-    guessed = _guessed_names(cells[:first], width, quoted=quoted) if given_names is None else None
-    names, notes = guessed or (list(given_names or ()), [])
-    if len(names) != width:
-        raise InputError(
-            f"{path} has {width} columns, but {len(names)} names were given: {', '.join(names)}."
-        )
-    marks = sorted({cell for row in cells for cell in row if cell.lower() in _NOT_A_NUMBER and cell})
-    damaged = sum(
-        1
-        for row, good in zip(cells[first:], numeric[first:], strict=True)
-        if row and not (good and len(row) == width)
-    )
-    if damaged:
-        notes.append(
-            f"{damaged} rows that do not have {width} cells, or contain words among the numbers, are skipped."
-        )
-    layout = TextLayout(
-        separator=mark,
-        decimal_comma=decimal_comma,
-        missing=tuple(marks),
-        header_lines=first,
-        names=tuple(names),
-        drop_damaged=damaged > 0,
-    )
-    return ForeignTable(
-        layout=layout,
-        separator=separator,
-        columns=read_text_table(path, layout),
-        named=given_names is not None or any(cells[:first]),
-        notes=tuple(notes),
-    )
-
-
-def _foreign_lines(path: str | Path) -> list[str]:
-    text = decode_text(read_bytes(path, largest=_LARGEST), source=str(path), errors="replace")
-    if not text.strip():
-        raise InputError(f"{path} is empty; a log needs rows of numbers.")
-    return text.split("\n")
-
-
-def _likely_separator(lines: list[str]) -> tuple[str, bool]:
-    """Return the separator under which most lines are rows of two or more numbers, and whether decimals have commas."""
-    looked_at = [line for line in lines if line.strip()][: 2 * _EXAMINED][-_EXAMINED:]
-
-    def rows(mark: str | None, decimal_comma: bool) -> int:
-        pointed = [line.replace(",", ".") for line in looked_at] if decimal_comma else looked_at
-        found = [_ragged_cells(line, mark) for line in pointed]
-        return sum(len(row) > 1 and all(_number_like(cell) for cell in row) for row in found)
-
-    choices = [(word, False) for word in _SEPARATORS]
-    choices += [(word, True) for word in _SEPARATORS if word != "comma"]
-    return max(choices, key=lambda choice: rows(_SEPARATORS[choice[0]], choice[1]))
-
-
-def _ragged_cells(line: str, mark: str | None) -> list[str]:
-    if not line.strip():
-        return []
-    # a tab that separates is no blank: a line may begin with an empty cell
-    cells = [cell.strip().strip('"').strip() for cell in line.strip("" if mark == "\t" else None).split(mark)]
-    return cells[:-1] if mark and cells[-1] == "" else cells  # a separator at the line's end
-
-
-def _number_like(cell: str) -> bool:
-    if cell.lower() in _NOT_A_NUMBER:
-        return True
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return "_" not in cell
-
-
-def _first_row(cells: list[list[str]], numeric: list[bool]) -> int:
-    """Return the line of the first row: the first of two rows of numbers that are equally wide."""
-    for k in range(len(cells) - 1):
-        if numeric[k] and numeric[k + 1] and len(cells[k]) == len(cells[k + 1]):
-            return k
-    return numeric.index(True)
-
-
-def _guessed_names(head: list[list[str]], width: int, *, quoted: bool = False) -> tuple[list[str], list[str]]:
-    """Return a name for each column, and notes, from the lines before the first row.
-
-    Parameters
-    ----------
-    head : list of list of str
-        Cells of these lines.
-    width : int
-        Cells of most rows.
-    quoted : bool
-        Whether the first row begins with a quoted cell: R writes the rows' names so, and no name for their column.
-    """
-    named = [row for row in head if row and not all(_number_like(cell) for cell in row)]
-    notes: list[str] = []
-    if not named:
-        notes.append(f"The file has no header; its columns are called column_1 to column_{width}.")
-        return [f"column_{place}" for place in range(1, width + 1)], notes
-    given = [cell.lstrip("#%").strip() for cell in named[-1]]
-    filled = [cell for cell in given if cell]
-    if len(given) != width and (len(filled) == width or (named[-1][0] and not given[0])):
-        # blanks or tabs that align the names, or a mark of a comment before them
-        given = filled if len(filled) == width else given[1:]
-    elif len(given) == width - 1 and quoted:
-        given = ["", *given]
-    unnamed = [str(place) for place, name in enumerate(given[:width], start=1) if not name]
-    if unnamed:
-        plural = "columns" if len(unnamed) > 1 else "column"
-        notes.append(f"The header has no name for {plural} {', '.join(unnamed)}.")
-    if len(given) != width:
-        notes.append(
-            f"The header names {len(given)} columns and the rows have {width}: "
-            + ("the last columns have no name." if len(given) < width else "the last names are unused.")
-        )
-    names: list[str] = []
-    for place in range(width):
-        name = given[place] if place < len(given) else ""
-        name = name if name and name.isprintable() else f"column_{place + 1}"
-        names.append(f"{name}_{place + 1}" if name in names else name)
-    return names, notes

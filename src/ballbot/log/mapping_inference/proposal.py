@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.log.formats import read_foreign_table
-from ballbot.log.formats.text import ForeignTable
+from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.mapping import Attitude, LogMapping, MotorInput, Source, Timing, TorqueInput, without_resets
 from ballbot.log.mapping_inference.drive import DriveEvidence, drive_evidence
 from ballbot.log.mapping_inference.evidence import CONFIDENT
