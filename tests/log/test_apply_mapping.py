@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.log.mapping import DutyInput, from_roll_pitch_yaw, without_resets
+from ballbot.log.imu_angles import QUATERNION_ANGLES, from_roll_pitch_yaw, less_half_a_turn, quaternion_angles
+from ballbot.log.mapping import DutyInput, without_resets
 from ballbot.log.pose import with_odometry
 from ballbot.robot import Robot
 from tests.support.log_examples import smooth_log, with_wheels
@@ -31,6 +32,43 @@ def test_an_imus_angles_become_the_same_rotation(roll, pitch, yaw, turn):
     np.testing.assert_allclose(
         Rotation.from_euler("XYZ", [theta, phi, psi]).as_matrix(), body.as_matrix(), atol=1e-12
     )
+
+
+@given(
+    attitude=st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(-3.0, 3.0)),
+    size=st.floats(0.5, 2.0),
+    sign=st.sampled_from([1.0, -1.0]),
+)
+def test_a_quaternion_and_an_imu_upside_down_become_the_same_rotation(attitude, size, sign):
+    """A quaternion of any norm and sign gives the angles of its rotation; one turned over differs by half a roll."""
+    body = Rotation.from_euler("ZYX", attitude[::-1])
+    x, y, z, w = sign * size * body.as_quat()
+    found = quaternion_angles(np.array([[w, x, y, z], [np.nan, x, y, z], [0.0, 0.0, 0.0, 0.0]]))
+    angles = np.column_stack([found[name] for name in QUATERNION_ANGLES])
+    np.testing.assert_allclose(angles[0], attitude, atol=1e-12)
+    assert np.isnan(angles[1:]).all()
+    imu = body * Rotation.from_euler("x", np.pi)
+    yaw, pitch, roll = imu.as_euler("ZYX")
+    righted = Rotation.from_euler("ZYX", [yaw, pitch, less_half_a_turn(np.array([roll]), np.pi)[0]])
+    np.testing.assert_allclose(righted.as_matrix(), body.as_matrix(), atol=1e-12)
+
+
+def test_a_mapping_takes_four_columns_for_a_quaternion(tmp_path):
+    t = 0.01 * np.arange(200)
+    attitude = np.column_stack([0.1 * np.sin(3.0 * t), 0.2 * np.cos(2.0 * t), 4.0 * t])  # past half a turn
+    over = Rotation.from_euler("ZYX", attitude[:, ::-1]) * Rotation.from_euler("x", np.pi)
+    rows = np.column_stack([t, attitude, over.as_quat()]).tolist()
+    table = "t,roll,pitch,yaw,x,y,z,w\n" + "\n".join(",".join(map(repr, row)) for row in rows)
+    head, tail = '[columns]\nt = "t"\n[attitude]\nturn = 30.0\n', "\n"
+    by_angles = read(tmp_path, table, head + 'from = ["roll", "pitch", "yaw"]' + tail)
+    four = 'from = ["w", "x", "y", "z"]\nupside_down = true'
+    by_quaternion = read(tmp_path, table, head + four + tail)
+    for name in ("theta", "phi", "psi"):
+        np.testing.assert_allclose(by_quaternion[name], by_angles[name], atol=1e-9)
+    with pytest.raises(InputError, match="quaternion w, x, y, z, which has no unit"):
+        read(tmp_path, table, head + four + '\nunit = "deg"' + tail)
+    with pytest.raises(InputError, match="the quaternion's y"):
+        read(tmp_path, table, head + 'from = ["w", "x", "q", "z"]' + tail)
 
 
 def test_even_rows_read_sensors_between_and_keep_the_commands_impulse(tmp_path):

@@ -2,9 +2,13 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.spatial.transform import Rotation
 
 from ballbot.log.mapping_inference.evidence import CONFIDENT, Conclusion
-from ballbot.log.mapping_inference.roles import Roles, roles_by_data
+from ballbot.log.mapping_inference.roles import Roles, half_turn_of, quaternion_of, roles_by_data
 from tests.support.foreign_log_examples import Habits, columns_of, small_robot, swaying_log
 
 
@@ -60,3 +64,59 @@ def test_columns_between_lean_and_wheels_that_may_be_a_heading_leave_it_open():
 )
 def test_no_confidence_is_shown_as_certain_or_above_what_it_is(confidence, shown):
     assert Conclusion(name="", value="", confidence=confidence, evidence="").percent == shown
+
+
+def swaying_quaternion(yaw: float) -> dict[str, np.ndarray]:
+    """Return w, x, y and z of a robot that leans a little around a heading, in a file with other columns."""
+    t = 0.01 * np.arange(500)
+    angles = np.column_stack([yaw + 0.3 * np.sin(t), 0.05 * np.sin(3.0 * t), 0.04 * np.cos(2.0 * t)])
+    x, y, z, w = Rotation.from_euler("ZYX", angles).as_quat().T
+    return {"w": w, "x": x, "y": y, "z": z}
+
+
+@pytest.mark.parametrize(
+    ("names", "order"),
+    [
+        ("qw qx qy qz", "wxyz"),
+        ("orientation_x orientation_y orientation_z orientation_w", "xyzw"),
+        ("imu.orientation.x imu.orientation.y imu.orientation.z imu.orientation.w", "xyzw"),
+        ("QuatW QuatX QuatY QuatZ", "wxyz"),
+        ("q0 q1 q2 q3", "wxyz"),
+        ("q[1] q[2] q[3] q[4]", "xyzw"),
+    ],
+)
+@pytest.mark.parametrize("yaw", [0.0, 1.2, -2.0])
+def test_a_quaternion_is_found_by_its_names_and_its_norm(names, order, yaw):
+    parts = swaying_quaternion(yaw)
+    columns = {"t": 0.01 * np.arange(500)} | dict(
+        zip(names.split(), [parts[one] for one in order], strict=True)
+    )
+    columns |= {f"motor{k}": np.sin(k * columns["t"]) for k in range(4)}
+    assert quaternion_of(columns) == tuple(names.split()[order.index(part)] for part in "wxyz")
+
+
+@given(
+    values=arrays(np.float64, (4, 30), elements=st.floats(-1.0, 1.0)),
+    names=st.sampled_from(["w x y z", "a0 a1 a2 a3", "ref_qw ref_qx ref_qy ref_qz"]),
+)
+def test_four_columns_that_are_no_rotation_are_no_quaternion(values, names):
+    columns = dict(zip(names.split(), values, strict=True))
+    one = np.mean(np.abs(np.linalg.norm(values, axis=0) - 1.0) < 0.02) >= 0.5
+    assert quaternion_of(columns) == () or one
+
+
+def test_a_roll_near_half_a_turn_is_that_of_an_imu_upside_down():
+    random = np.random.default_rng(1)
+    lean = 3.0 * random.standard_normal(1000)  # [deg]
+    over = np.mod(lean, 360.0) - 180.0
+    assert half_turn_of(over, None) == half_turn_of(over, "deg") == 180.0
+    assert (
+        half_turn_of(np.radians(over), None) == half_turn_of(np.radians(over), "rad") == pytest.approx(np.pi)
+    )
+    for upright in (
+        lean,
+        np.radians(lean),
+        3.1 + 0.05 * lean,
+    ):  # the last: 3.1 deg beside upright, all its time
+        assert half_turn_of(upright, None) is None
+    assert half_turn_of(np.full(10, np.nan), None) is None

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
 from ballbot.log import Log
@@ -120,6 +121,38 @@ def test_mirrored_frame_is_found_by_the_imu_and_reported(tmp_path):
     assert proposal.lean_test is not None
     assert proposal.lean_test.placements[0].mirrored
     assert any("mirror image" in finding.text for finding in findings_of(proposal))
+
+
+def test_the_quaternion_of_an_imu_upside_down_is_read(tmp_path):
+    """The file's lean as a quaternion of an IMU that hangs upside down gives the log that its angles give."""
+    habits = Habits(degrees=False, counts=True)
+    columns = columns_of(swaying_log(), habits)
+    angles = np.column_stack([columns.pop(f"theta_{axis}") for axis in "zyx"])
+    over = Rotation.from_euler("ZYX", angles) * Rotation.from_euler("x", np.pi)
+    columns |= {f"orientation_{part}": one for part, one in zip("xyzw", over.as_quat().T, strict=True)}
+    proposal = propose(write_foreign(tmp_path / "run.txt", columns, habits), small_robot(), dead_band=0.0)
+    text = mapping_text(proposal, small_robot(), file=tmp_path / "run.txt")
+    assert 'from = ["orientation_w", "orientation_x", "orientation_y", "orientation_z"]' in text
+    assert "upside_down = true" in text
+    log, truth = mapped(tmp_path, proposal), swaying_log()
+    for name in ("theta", "phi", "psi"):
+        true = np.interp(log.t, truth.t, truth[name])
+        # the IMU's noise of 0.5 mrad, and what a delay known to 5 ms leaves
+        np.testing.assert_allclose(log[name] - log[name][0], true - true[0], atol=0.02)
+
+
+@pytest.mark.parametrize("times", [4.0, 1.4])
+def test_counts_unlike_the_robot_files_are_asked_for(tmp_path, times):
+    habits = Habits(counts=True)
+    robot = small_robot()
+    path = write_foreign(tmp_path / "run.txt", columns_of(swaying_log(), habits), habits)
+    sensors = replace(robot.sensors, encoder_counts=round(robot.sensors.encoder_counts / times))
+    proposal = propose(path, robot.replace(sensors=sensors), dead_band=0.0)
+    (unit,) = (one for one in conclusions_of(proposal) if one.key == "[wheels] angle")
+    assert not unit.determined
+    offered = [float(one.split()[1]) for one in (unit.value, *unit.alternatives) if one.startswith("counts")]
+    true = robot.sensors.encoder_counts * robot.drive.gear_ratio
+    assert min(abs(one / true - 1.0) for one in offered) < 0.05
 
 
 def test_without_heading_a_heading_pulse_is_requested(tmp_path):

@@ -13,12 +13,6 @@ mapping. Delays are undone: a sensor's value that reached the log `delay` late d
 command logged at t acts at t + delay, held until the next. Rows at the ends for which a delayed column has no value are
 cut off. Rows at even intervals get sensors interpolated between the file's rows, and each command's mean over the
 time to the next row, so that its impulse is kept.
-
-An IMU gives R_world_imu = Rz(yaw) Ry(pitch) Rx(roll), the aerospace order; Ballbot's angles are those of
-R_world_body = Rx(theta) Ry(phi) Rz(psi). If the angle from the robot's x axis to the IMU's is `turn`, towards the left,
-R_world_body = R_world_imu Rz(-turn). Ballbot's lean angles are about axes of the world, roll and pitch about axes that
-turn with the heading: they are the same only while the heading is zero. Its gyro gives the rates of these angles, with
-less noise than their differences.
 """
 
 from __future__ import annotations
@@ -36,6 +30,14 @@ from ballbot.arrays import rows_between
 from ballbot.errors import InputError, suggest
 from ballbot.log.columns import Columns, mark_missing, numbered_names
 from ballbot.log.formats.text import TextLayout
+from ballbot.log.imu_angles import (
+    about_body_axes,
+    angle_rates_of,
+    from_roll_pitch_yaw,
+    integral_of,
+    less_half_a_turn,
+    quaternion_angles,
+)
 from ballbot.log.signals import new_messages, sampling_times
 
 
@@ -120,11 +122,15 @@ class MotorInput:
 class Attitude:
     """Roll, pitch and, if the file has it, yaw of an IMU."""
 
+    #: columns of the file; `QUATERNION_ANGLES` if they are made of a `quaternion`
     #: without a yaw, the heading is the integral of the gyro's rate about z, to first order of the lean, and drifts
     sources: tuple[Source, ...]
     turn: float = 0.0  #: angle of the IMU's x axis from the robot's, towards the left [rad]
     #: angular velocity about the IMU's x, y and z axes; if empty, the angles are differentiated
     rates: tuple[Source, ...] = ()
+    quaternion: tuple[str, ...] = ()  #: the file's columns of its w, x, y and z
+    #: whether the IMU hangs upside down, turned about its x axis; its `rates` are taken as the file has them
+    upside_down: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,31 +156,6 @@ class LogMapping:
     timing: Timing = Timing()
     #: [rad/s]; a wheel angle that changes faster was reset and is continued from there
     largest_speed: float | None = None
-
-
-def from_roll_pitch_yaw(angles: NDArray[np.float64], *, turn: float = 0.0) -> NDArray[np.float64]:
-    """Return theta, phi, psi (N, 3) [rad], psi without jumps.
-
-    Parameters
-    ----------
-    angles : ndarray (N, 3)
-        Roll, pitch and yaw [rad]; NaN goes through.
-    turn : float
-        Angle of the IMU's x axis from the robot's, towards the left [rad].
-    """
-    roll, pitch, yaw = angles.T
-    c_r, s_r, c_p, s_p = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
-    c_y, s_y = np.cos(yaw), np.sin(yaw)
-    # columns of R_world_imu
-    x = np.stack([c_y * c_p, s_y * c_p, -s_p])
-    y = np.stack([c_y * s_p * s_r - s_y * c_r, s_y * s_p * s_r + c_y * c_r, c_p * s_r])
-    z = np.stack([c_y * s_p * c_r + s_y * s_r, s_y * s_p * c_r - c_y * s_r, c_p * c_r])
-    x, y = np.cos(turn) * x - np.sin(turn) * y, np.sin(turn) * x + np.cos(turn) * y
-    theta, phi = np.arctan2(-z[1], z[2]), np.arcsin(np.clip(z[0], -1.0, 1.0))
-    psi = np.arctan2(-y[0], x[0])
-    known = np.isfinite(psi)
-    psi[known] = np.unwrap(psi[known])
-    return np.column_stack([theta, phi, psi])
 
 
 #: [s] by which rounding may move a delayed row past the one it belongs to
@@ -215,6 +196,12 @@ def _applied(
     mapping: LogMapping, table: Mapping[str, NDArray[np.float64]], even_from: float | None
 ) -> Columns:
     t = row_times(mapping, table)
+    if mapping.attitude is not None and mapping.attitude.quaternion:
+        parts = [
+            _scaled(f"the quaternion's {part}", Source(column=column), table)
+            for part, column in zip("wxyz", mapping.attitude.quaternion, strict=True)
+        ]
+        table = {**table, **quaternion_angles(np.column_stack(parts))}
     raw = {name: _scaled(name, source, table) for name, source in mapping.columns.items()}
     if mapping.largest_speed is not None:
         raw |= {name: without_resets(t, raw[name], mapping.largest_speed) for name in _wheel_angles(raw)}
@@ -354,6 +341,8 @@ def _attitude(
     angles = np.zeros((len(rows), 3))
     for place, source in enumerate(attitude.sources):
         values = _scaled(_ATTITUDE_NAMES[place], source, table)
+        if place == 0 and attitude.upside_down:
+            values = less_half_a_turn(values, math.pi)
         if place == 2:
             values = np.unwrap(values)
         angles[:, place] = _measured_at(rows, sampled, values, source.delay, shift=shift)
@@ -362,40 +351,15 @@ def _attitude(
         for name, source in zip(_GYRO_NAMES, attitude.rates, strict=bool(attitude.rates))
     ]
     if measured and len(attitude.sources) == 2:
-        angles[:, 2] = _integral(rows, measured[2])
+        angles[:, 2] = integral_of(rows, measured[2])
     turned = from_roll_pitch_yaw(angles, turn=attitude.turn)
     columns: Columns = dict(zip(_ATTITUDE_NAMES, turned.T, strict=True))
     if not measured:
         return columns
-    body = _about_body_axes(np.column_stack(measured), attitude.turn)
+    body = about_body_axes(np.column_stack(measured), attitude.turn)
     columns |= dict(zip(_GYRO_NAMES, body.T, strict=True))
-    rates = _angle_rates(turned, body)
+    rates = angle_rates_of(turned, body)
     return columns | {f"{name}_dot": rate for name, rate in zip(_ATTITUDE_NAMES, rates.T, strict=True)}
-
-
-def _integral(rows: NDArray[np.float64], rate: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the integral (N,) of a rate over times (N,) from zero; a missing value counts as zero."""
-    known = np.nan_to_num(rate)
-    steps = 0.5 * (known[1:] + known[:-1]) * np.diff(rows)
-    return np.concatenate(([0.0], np.cumsum(steps)))
-
-
-def _about_body_axes(rates: NDArray[np.float64], turn: float) -> NDArray[np.float64]:
-    """Return angular velocities (N, 3) about the robot's axes from those about the IMU's."""
-    c, s = math.cos(turn), math.sin(turn)
-    x, y, z = rates.T
-    return np.column_stack([c * x - s * y, s * x + c * y, z])
-
-
-def _angle_rates(angles: NDArray[np.float64], body: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rates of theta, phi, psi (N, 3) from the angular velocity (N, 3) in the body's frame."""
-    from ballbot.mechanics.geometry import body_rates_matrix
-
-    known = np.isfinite(angles).all(axis=1) & np.isfinite(body).all(axis=1)
-    rates = np.full_like(body, np.nan)
-    matrices = body_rates_matrix(*angles[known].T)
-    rates[known] = np.linalg.solve(matrices, body[known][..., None])[..., 0]
-    return rates
 
 
 def _commands(

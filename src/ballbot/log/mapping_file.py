@@ -23,10 +23,11 @@ An example with everything in it::
     theta_dot = { derivative_of = "theta" }
 
     [attitude]                    # instead of theta, phi and psi in [columns]: an IMU's roll, pitch, yaw
-    from = ["theta_x", "theta_y", "theta_z"]   # yaw may be left out
+    from = ["theta_x", "theta_y", "theta_z"]   # yaw may be left out; four columns are a quaternion w, x, y, z
     unit = "deg"
     sign = [1, 1, 1]              # one for all, or a list
     turn = 30.0                   # [deg], of the IMU's x axis from the robot's, towards the left
+    upside_down = false           # true if the IMU hangs upside down: its roll is then near half a turn
     delay = 0.016
     rates = { from = ["gx", "gy", "gz"], unit = "deg/s" }   # its gyro; may have scale, sign and delay
 
@@ -78,6 +79,7 @@ from ballbot.files import LARGEST_SETTINGS, parse_toml, read_text
 from ballbot.findings import Finding, Place
 from ballbot.log.columns import KNOWN_NAMES, MAX_WHEELS, check_column_names, factor_to, unit_of
 from ballbot.log.formats.text import TextLayout
+from ballbot.log.imu_angles import QUATERNION_ANGLES
 from ballbot.log.mapping import (
     Attitude,
     CurrentInput,
@@ -120,12 +122,13 @@ class RatesTable:
 
 @dataclass(frozen=True, kw_only=True)
 class AttitudeTable:
-    """[attitude]: roll, pitch and yaw of an IMU."""
+    """[attitude]: roll, pitch and yaw of an IMU, or its quaternion w, x, y, z."""
 
-    sources: Annotated[tuple[str, ...], Field(alias="from", min_length=2, max_length=3)]
+    sources: Annotated[tuple[str, ...], Field(alias="from", min_length=2, max_length=4)]
     unit: str | None = None
     sign: Sign | tuple[Sign, ...] = 1
     turn: FiniteFloat = 0.0
+    upside_down: bool = False
     delay: FiniteFloat = 0.0
     rates: RatesTable | None = None
 
@@ -322,13 +325,25 @@ def _attitude(table: AttitudeTable, columns: dict[str, Source]) -> Attitude:
     both = [name for name in ("theta", "phi", "psi") if name in columns]
     if both:
         raise InputError(f"[columns] has {both[0]}, which [attitude] provides; remove one of them")
+    quaternion = table.sources if len(table.sources) == len(QUATERNION_ANGLES) + 1 else ()
+    if quaternion and table.unit is not None:
+        raise InputError(
+            f"[attitude] takes four columns, a quaternion w, x, y, z, which has no unit; remove unit = {table.unit!r}"
+        )
+    angles = QUATERNION_ANGLES if quaternion else table.sources
     factor = _unit_factor("[attitude]", "theta", table.unit, None)
-    signs = _signs("[attitude]", table.sign, len(table.sources), "angles")
+    signs = _signs("[attitude]", table.sign, len(angles), "angles")
     sources = tuple(
         Source(column=column, factor=sign * factor, delay=table.delay)
-        for column, sign in zip(table.sources, signs, strict=True)
+        for column, sign in zip(angles, signs, strict=True)
     )
-    return Attitude(sources=sources, turn=math.radians(table.turn), rates=_rates(table.rates))
+    return Attitude(
+        sources=sources,
+        turn=math.radians(table.turn),
+        rates=_rates(table.rates),
+        quaternion=quaternion,
+        upside_down=table.upside_down,
+    )
 
 
 def _rates(table: RatesTable | None) -> tuple[Source, ...]:

@@ -139,6 +139,18 @@ def quaternion_of(theta: float, phi: float, psi: float) -> NDArray[np.float64]:
     )
 
 
+def roll_pitch_yaw(w: ArrayLike, x: ArrayLike, y: ArrayLike, z: ArrayLike) -> NDArray[np.float64]:
+    """Return the angles (3, ...) [rad] of R = Rz(yaw) Ry(pitch) Rx(roll), ROS's convention, of unit quaternions."""
+    w, x, y, z = (np.asarray(part, dtype=np.float64) for part in (w, x, y, z))
+    return np.stack(
+        [
+            np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+            np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0)),
+            np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+        ]
+    )
+
+
 def body_rates_matrix(theta: ArrayLike, phi: ArrayLike, psi: ArrayLike) -> NDArray[np.float64]:
     """Return B with w = B (theta_dot, phi_dot, psi_dot): the body's angular velocity in its own frame.
 

@@ -186,7 +186,10 @@ def _fields_of(message: object) -> dict[str, object]:
         else:
             found[one.name] = value
     if set(found) == {"x", "y", "z", "w"}:
-        return {**_roll_pitch_yaw(*(float(getattr(message, name)) for name in "wxyz"))}
+        from ballbot.mechanics.geometry import roll_pitch_yaw
+
+        angles = roll_pitch_yaw(*(float(getattr(message, name)) for name in "wxyz"))
+        return dict(zip(("roll", "pitch", "yaw"), angles.tolist(), strict=True))
     return _by_given_names(found)
 
 
@@ -200,15 +203,6 @@ def _by_given_names(message: dict[str, object]) -> dict[str, object]:
         for key, value in message.items()
         if key != "name"
     }  # fmt: skip
-
-
-def _roll_pitch_yaw(w: float, x: float, y: float, z: float) -> dict[str, float]:
-    """Return the angles [rad] of R = Rz(yaw) Ry(pitch) Rx(roll), ROS's convention."""
-    return {
-        "roll": math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
-        "pitch": math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))),
-        "yaw": math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
-    }
 
 
 def _stamp(header: object) -> int:

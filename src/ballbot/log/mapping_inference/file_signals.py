@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.log.imu_angles import less_half_a_turn
 from ballbot.log.mapping_inference.evidence import TINY, jackknife_error, solved, without_each_block
 from ballbot.log.mapping_inference.placements import lean_sums_of
 from ballbot.log.mapping_inference.roles import Roles
@@ -60,6 +61,9 @@ class Raw:
         angles, named = stacked(roles.angles), roles.reading(roles.gyro)
         if angles is None:
             raise InputError("No wheel angles were found.")
+        if roles.half_turn is not None:
+            roll = roles.attitude[0]
+            columns = {**columns, roll: less_half_a_turn(columns[roll], roles.half_turn)}
         return Raw(
             t=columns[roles.time or ""] * time.factor,
             angles=angles,

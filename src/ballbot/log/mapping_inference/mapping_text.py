@@ -115,11 +115,17 @@ def _reason(one: Conclusion | None) -> str:
 def _attitude_lines(proposal: Proposal, concluded: Mapping[str, Conclusion]) -> list[str]:
     if not (proposal.roles.attitude and proposal.lean):
         return []
-    lines = [
-        "[attitude]",
-        toml_line("from", proposal.roles.attitude),
-        toml_line("unit", proposal.lean.unit, proposal.lean.reason),
-    ]
+    quaternion = proposal.roles.quaternion
+    if quaternion:
+        lines = ["[attitude]", toml_line("from", quaternion, "a quaternion w, x, y, z")]
+    else:
+        lines = [
+            "[attitude]",
+            toml_line("from", proposal.roles.attitude),
+            toml_line("unit", proposal.lean.unit, proposal.lean.reason),
+        ]
+    if proposal.roles.half_turn is not None:
+        lines.append(toml_line("upside_down", True, "the roll stays near half a turn"))
     tested, frame, gyro = proposal.lean_test, proposal.frame, proposal.gyro
     if -1 in frame.axis_signs:
         lines.append(

@@ -18,16 +18,25 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.log.formats import read_foreign_table
 from ballbot.log.formats.inference import ForeignTable
+from ballbot.log.imu_angles import QUATERNION_ANGLES, quaternion_angles
 from ballbot.log.mapping import Attitude, LogMapping, MotorInput, Source, Timing, TorqueInput, without_resets
 from ballbot.log.mapping_inference.drive import DriveEvidence, drive_evidence
 from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.file_signals import GyroTest, Raw, Signals, gyro_of, signals_of
 from ballbot.log.mapping_inference.frame import Frame, HeadingTest, frame_of, heading_test
 from ballbot.log.mapping_inference.placement import LeanTest, lean_test
-from ballbot.log.mapping_inference.roles import Roles, roles_by_data, roles_by_name
+from ballbot.log.mapping_inference.roles import (
+    Roles,
+    half_turn_of,
+    quaternion_of,
+    roles_by_data,
+    roles_by_name,
+)
 from ballbot.log.mapping_inference.tolerances import Delay, command_delay, lean_delay
 from ballbot.log.mapping_inference.units import (
+    TURNING_CORRELATION,
     Scale,
+    UnitEvidence,
     lean_units,
     paired_units,
     time_scale,
@@ -127,8 +136,12 @@ def propose(
     InputError
         If the file is no table, or neither its names nor its numbers show the time and the wheels' angles.
     """
-    table = read_foreign_table(path, names=columns)
-    roles, by_data = _roles(path, table, robot)
+    table, quaternion = _with_quaternion(read_foreign_table(path, names=columns))
+    roles, by_data = _roles(path, table, robot, quaternion)
+    if roles.attitude:
+        named = roles.reading(roles.attitude)
+        half = half_turn_of(table.columns[roles.attitude[0]], named.unit if named else None)
+        roles = replace(roles, half_turn=half)
     time = _time(path, table, roles)
     first, last = _longest_rise(table.columns[roles.time or ""])
     whole = (first, last) == (0, len(table.columns[roles.time or ""]))
@@ -136,14 +149,15 @@ def propose(
     raw = Raw.of(cut, roles, time)
     units = _Units.assumed(raw, roles, robot)
     measured = _measured(raw, units, robot)
+    heading = _test_heading(measured.signals, measured.lean_test, robot)
     for _ in range(2):
-        changed = units.judged_by(measured.lean_test)
+        changed = units.judged_by(measured.lean_test, heading)
         if changed.factors == units.factors:
             break
         units, measured = changed, _measured(raw, changed, robot)
-    units = units.judged_by(measured.lean_test)
+        heading = _test_heading(measured.signals, measured.lean_test, robot)
+    units = units.judged_by(measured.lean_test, heading)
     signals, tested = measured.signals, measured.lean_test
-    heading = _test_heading(signals, tested, robot)
     frame = frame_of(robot, tested, heading, measured.gyro)
     usable = tested.balancing if tested else signals.usable
     # by then all wheels count the same way round
@@ -220,7 +234,13 @@ def _attitude(proposal: Proposal) -> Attitude | None:
             Source(column=roles.gyro[place], factor=sign * gyro.factor, delay=rates_delay(proposal))
             for place, sign in zip(gyro.order, rates_signs(proposal), strict=True)
         )
-    return Attitude(sources=sources, turn=frame.turn, rates=rates)
+    return Attitude(
+        sources=sources,
+        turn=frame.turn,
+        rates=rates,
+        quaternion=roles.quaternion,
+        upside_down=roles.half_turn is not None,
+    )
 
 
 def rates_signs(proposal: Proposal) -> tuple[int, ...]:
@@ -264,22 +284,21 @@ class _Units:
         """Factors of wheels and lean."""
         return self.wheel.factor, self.lean.factor if self.lean else 1.0
 
-    def judged_by(self, tested: LeanTest | None) -> _Units:
-        """Return the likeliest units, given the response of the lean to the wheels."""
+    def judged_by(self, tested: LeanTest | None, heading: HeadingTest | None) -> _Units:
+        """Return the likeliest units, given the response of the lean to the wheels, and the heading's."""
         if self.lean is None:
             # without a lean the wheels' units come from names and steps
-            alone = {Scale(unit="rad", factor=1.0, reason=""): 0.0}
-            lean = next(iter(alone))
-            _, wheel = paired_units(alone, self.wheels, gain=None, gain_error=0.0, assumed=(lean, self.wheel))
-            return replace(self, wheel=wheel)
-        gain = tested.placements[0].gain if tested and tested.confidence > 0.5 else None
-        lean, wheel = paired_units(
-            self.leans,
-            self.wheels,
-            gain=gain,
-            gain_error=tested.gain_error if tested else 0.0,
+            lean = Scale(unit="rad", factor=1.0, reason="")
+            nothing = UnitEvidence(assumed=(lean, self.wheel), gain=None, gain_error=0.0, turning=None)
+            return replace(self, wheel=paired_units({lean: 0.0}, self.wheels, nothing)[1])
+        agree = heading is not None and abs(heading.correlation) > TURNING_CORRELATION and heading.significant
+        motion = UnitEvidence(
             assumed=(self.lean, self.wheel),
+            gain=tested.placements[0].gain if tested and tested.confidence > 0.5 else None,
+            gain_error=tested.gain_error if tested else 0.0,
+            turning=abs(heading.gain) if heading and agree else None,
         )
+        lean, wheel = paired_units(self.leans, self.wheels, motion)
         return replace(self, lean=lean, wheel=wheel)
 
 
@@ -334,8 +353,22 @@ def _doubt(tested: LeanTest) -> float:
     return error / max(tested.confidence, 0.05)
 
 
-def _roles(path: str | Path, table: ForeignTable, robot: Robot) -> tuple[Roles, bool]:
-    named = roles_by_name(table.columns, wheel_count=robot.wheel_count)
+def _with_quaternion(table: ForeignTable) -> tuple[ForeignTable, tuple[str, ...]]:
+    """Return a table with the angles of its quaternion, and the names of w, x, y and z; none without one."""
+    quaternion = quaternion_of(table.columns)
+    if not quaternion:
+        return table, ()
+    angles = quaternion_angles(np.column_stack([table.columns[name] for name in quaternion]))
+    return replace(table, columns={**table.columns, **angles}), quaternion
+
+
+def _roles(
+    path: str | Path, table: ForeignTable, robot: Robot, quaternion: tuple[str, ...]
+) -> tuple[Roles, bool]:
+    names = [name for name in table.columns if name not in {*quaternion, *QUATERNION_ANGLES}]
+    named = roles_by_name(names, wheel_count=robot.wheel_count)
+    if quaternion and not named.attitude:
+        named = replace(named, attitude=QUATERNION_ANGLES, quaternion=quaternion)
     if table.named and named.time is not None and named.angles:
         return named, False
     found = roles_by_data(table.columns, robot)

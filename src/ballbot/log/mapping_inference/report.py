@@ -61,6 +61,7 @@ CONTRADICTIONS = frozenset(
         "ball-axes",
         "heading-sign",
         "lean-axes",
+        "lean-scale",
         "torque-order",
         "torque-sign",
         "torque-unrelated",

@@ -41,11 +41,20 @@ class Roles:
     #: Tx, Ty, Tz: commands about the body's axes, before they go to the wheels
     body_commands: tuple[str, ...]
     gyro: tuple[str, ...] = ()  #: about x, y and z
+    quaternion: tuple[str, ...] = ()  #: w, x, y and z, of which the attitude is made
+    half_turn: float | None = None  #: in the file's unit, if the roll shows that the IMU hangs upside down
     confidence: float = 1.0  #: that these are the columns
 
     def reading(self, names: tuple[str, ...]) -> Reading | None:
         """Return what the name of the first of these columns says; None without columns."""
         return read_name(names[0]) if names else None
+
+
+#: norms of a unit quaternion [1 +-], in this share of the rows; some programs write zeros before the first message
+UNIT_NORM, UNIT_ROWS = 0.02, 0.99
+#: squares of a quaternion's x and y over those of another pair
+CLEARLY_LESS = 0.25
+_QUATERNION_MARKS = {"w": "wxyz", "W": "WXYZ", "0": "0123", "1": "1234"}
 
 
 def roles_by_name(names: Iterable[str], *, wheel_count: int) -> Roles:
@@ -70,6 +79,72 @@ def roles_by_name(names: Iterable[str], *, wheel_count: int) -> Roles:
         body_commands=tuple(one.name for one in readings if one.kind == "body command"),
         gyro=tuple(gyro[axis] for axis in "xyz") if len(gyro) == 3 else (),
     )
+
+
+def quaternion_of(columns: Mapping[str, NDArray[np.float64]]) -> tuple[str, ...]:
+    """Return the names of the w, x, y and z of an IMU's quaternion; empty if the columns hold none.
+
+    Names say so by the letters w, x, y and z in one place, or by four numbers from 0 or 1, as q0 to q3; the values by
+    a sum of squares that is one. Of numbered columns the two that stay small are x and y. Of several, one of the
+    odometry comes last.
+    """
+    found = []
+    for name in columns:
+        if read_name(name).kind == "reference":
+            continue
+        for place, mark in enumerate(name):
+            marks = _QUATERNION_MARKS.get(mark, "")
+            series = tuple(name[:place] + one + name[place + 1 :] for one in marks)
+            if series and all(one in columns for one in series):
+                values = np.array([columns[one] for one in series])
+                values = values[:, np.isfinite(values).all(axis=0)]
+                if _is_quaternion(values):
+                    found += [series] if mark.isalpha() else _in_order(series, values)
+    return min(found, key=lambda series: "odom" in series[0].lower(), default=())
+
+
+def _is_quaternion(values: NDArray[np.float64]) -> bool:
+    """Return whether columns (4, N) have norm one, or are zero before the first message, and do not stand still."""
+    norm = np.linalg.norm(values, axis=0)
+    unit = np.abs(norm - 1.0) < UNIT_NORM
+    if not len(norm) or unit.mean() < 0.5 or np.mean(unit | (norm == 0.0)) < UNIT_ROWS:
+        return False
+    return bool(np.ptp(values, axis=1).any())
+
+
+def _in_order(series: tuple[str, ...], values: NDArray[np.float64]) -> list[tuple[str, ...]]:
+    """Return numbered columns (4, N) as w, x, y and z; none if it is not clear whether w is the first or the last."""
+    size = (values**2).mean(axis=1)
+    w_first, w_last = size[1] + size[2], size[0] + size[1]  # squares of what x and y then are
+    if w_first < CLEARLY_LESS * w_last:
+        return [series]
+    return [(series[3], *series[:3])] if w_last < CLEARLY_LESS * w_first else []
+
+
+#: the roll of an IMU that hangs upside down is within this of half a turn, in this share of the rows [turn]
+UPSIDE_DOWN, UPSIDE_DOWN_ROWS = 0.1, 0.9
+#: and has both signs in this share: an angle near 3 that keeps its sign may be in degrees
+BOTH_SIGNS = 0.01
+
+
+def half_turn_of(roll: NDArray[np.float64], unit: str | None) -> float | None:
+    """Return half a turn in the unit of a roll (N,) that shows an IMU upside down; None if it shows none.
+
+    Parameters
+    ----------
+    roll : ndarray (N,)
+        As the file has it.
+    unit : str, optional
+        "rad" or "deg" if its name says so.
+    """
+    known = roll[np.isfinite(roll)]
+    for one, half in (("deg", 180.0), ("rad", np.pi)):
+        near = np.abs(np.abs(known) - half) < UPSIDE_DOWN * 2.0 * half
+        if unit not in (None, one) or not len(known) or near.mean() < UPSIDE_DOWN_ROWS:
+            continue
+        if unit == one or one == "deg" or min(np.mean(known > 0.0), np.mean(known < 0.0)) > BOTH_SIGNS:
+            return half
+    return None
 
 
 def _triples(readings: list[Reading], kind: Kind, count: int) -> list[tuple[str, ...]]:

@@ -7,13 +7,15 @@ lean's acceleration.
 
 Lean and wheels: every pair of units has a weight, from the names, the encoder's step, the lean's size, and from the
 lean's response to the wheels, which must be the robot's (`ballbot.log.mapping_inference.placement`). Only their ratio
-is in that response: degrees for both fit as well as radians for both, and sizes and steps decide.
+is in that response: degrees for both fit as well as radians for both, and sizes and steps decide. Where the heading
+turns with the wheels, as it does on a ball that does not pivot, it shows the same ratio, and no mass or height enters:
+counts per turn unlike the robot file's are found so, and asked for.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -152,6 +154,17 @@ LEAN_IN_DEGREES = 0.15
 STEP_AGREEMENT = 0.02
 #: the robot file's radii, masses and heights give the lean's response to this [log]
 GAIN_DEVIATION = 0.25
+#: the wheels' turning over the heading's agrees with a ball that does not pivot to this [log]: in 74 of 77 logs of two
+#: halves of campaigns/mapping_corpus.py, within 0.05
+TURNING_DEVIATION = 0.1
+#: unless the ball pivots: with this probability, and then to this. Three real logs have 0.16, 0.59 and 0.72
+PIVOTS, PIVOTING_DEVIATION = 0.15, 0.7
+#: the heading says something of the wheels' unit if their sum and its rate correlate so well
+TURNING_CORRELATION = 0.9
+#: probability of counts per turn unlike the robot file's, and by how much they then differ [log]: quadrature is 4
+OTHER_COUNTS, OTHER_COUNTS_DEVIATION = 0.1, 1.1
+#: such counts are known to some per cent and must be asked for
+MOST_BY_HEADING = 0.6
 #: a name that has a unit is believed so much
 _NAMED = 0.98
 
@@ -180,14 +193,23 @@ def wheel_units(angles: NDArray[np.float64], robot: Robot, named: str | None) ->
     turn = 2.0 * math.pi
     candidates = [(unit, factor, 1.0, unit, 0.0) for unit, factor in FACTORS["rad"].items()]
     candidates.append(
-        ("counts", turn / (counts * gear), 1.0, f"{counts * gear:g} counts a turn of the wheel", 0.0)
+        (
+            "counts",
+            turn / (counts * gear),
+            1.0,
+            f"{counts * gear:g} counts a turn, by the robot file",
+            0.0,
+        )
     )
     if gear != 1.0:
         motor = [
             (unit, factor / gear, 1.0 / gear, f"{unit} of the motor", -3.0)
             for unit, factor in FACTORS["rad"].items()
         ]
-        candidates += [*motor, ("counts", turn / counts, 1.0, f"{counts:g} counts a turn of the wheel", -3.0)]
+        candidates += [
+            *motor,
+            ("counts", turn / counts, 1.0, f"{counts:g} counts a turn of the wheel, by the robot file", -3.0),
+        ]
     found = {}
     for unit, factor, scale, reason, rare in candidates:
         weight = rare + _unit_weight(unit, named, whole)
@@ -214,13 +236,57 @@ def _with_name(named: str | None, reason: str) -> str:
     return reason if named is None else f"the name has the unit {named}; {reason}"
 
 
+@dataclass(frozen=True, kw_only=True)
+class UnitEvidence:
+    """What the motion shows with assumed units of lean and wheels."""
+
+    assumed: tuple[Scale, Scale]  #: of lean and wheels
+    gain: (
+        float | None
+    )  #: response of the lean to the wheels over the robot's; None if the log does not show it
+    gain_error: float  #: standard error of its logarithm
+    #: turning of the wheels over the heading's, over that of a ball that does not pivot; None if they do not agree
+    turning: float | None
+
+    def log_weight(self, lean: Scale, wheel: Scale) -> float:
+        """Return the logarithm of how well two units fit the motion."""
+        change = wheel.factor / self.assumed[1].factor / (lean.factor / self.assumed[0].factor)
+        weight = 0.0
+        if self.gain is not None:
+            deviation = math.hypot(GAIN_DEVIATION, self.gain_error) if math.isfinite(self.gain_error) else 1.0
+            # noise of the wheels makes the gain too small, and rolling on play, too
+            off = math.log(max(self.gain, 1e-12) / change)
+            weight += normal_log_weight(off + 0.1, deviation if off > 0.0 else 1.3 * deviation, outlier=1e-3)
+        if self.turning is not None:
+            off = math.log(self.turning * change)
+            pivoting = PIVOTS * _density(off, PIVOTING_DEVIATION)
+            weight += math.log((1.0 - PIVOTS) * _density(off, TURNING_DEVIATION) + pivoting)
+        return weight
+
+    def counts_by_heading(self, lean: Scale, counts: Scale) -> tuple[Scale, float] | None:
+        """Return the counts per turn by which the wheels turn as the heading does, with its log weight over `counts`.
+
+        None if the log does not show it.
+        """
+        if self.turning is None:
+            return None
+        change = counts.factor / self.assumed[1].factor / (lean.factor / self.assumed[0].factor)
+        off = self.turning * change
+        per_turn = float(f"{2.0 * math.pi / counts.factor * off:.3g}")
+        reason = f"by the heading, about {per_turn:g} counts a turn of the wheel, not the robot file's"
+        other = replace(counts, factor=2.0 * math.pi / per_turn, reason=reason)
+        # in place of the heading's own term, how usual such a mistake is
+        weight = math.log(OTHER_COUNTS * _density(math.log(off), OTHER_COUNTS_DEVIATION))
+        return other, weight + replace(self, turning=None).log_weight(lean, other)
+
+
+def _density(value: float, deviation: float) -> float:
+    """Return the density of a normal distribution around zero; never quite zero."""
+    return max(math.exp(-0.5 * (value / deviation) ** 2) / deviation, 1e-300)
+
+
 def paired_units(
-    leans: dict[Scale, float],
-    wheels: dict[Scale, float],
-    *,
-    gain: float | None,
-    gain_error: float,
-    assumed: tuple[Scale, Scale],
+    leans: dict[Scale, float], wheels: dict[Scale, float], motion: UnitEvidence
 ) -> tuple[Scale, Scale]:
     """Return the likeliest units of lean and wheels together, with their confidence.
 
@@ -228,36 +294,31 @@ def paired_units(
     ----------
     leans, wheels : dict of Scale to float
         Logarithms of weights.
-    gain : float, optional
-        Response of the lean to the wheels over the robot's, with the units `assumed`; None if the log does not show it.
-    gain_error : float
-        Standard error of its logarithm.
-    assumed : tuple of Scale
-        Of lean and wheels.
+    motion : UnitEvidence
     """
-    weights = {}
-    deviation = math.hypot(GAIN_DEVIATION, gain_error) if math.isfinite(gain_error) else 1.0
+    weights, by_heading = {}, set()
     for lean, lean_weight in leans.items():
         for wheel, wheel_weight in wheels.items():
-            weight = lean_weight + wheel_weight
-            if gain is not None:
-                change = lean.factor / assumed[0].factor / (wheel.factor / assumed[1].factor)
-                # noise of the wheels makes the gain too small, and rolling on play, too
-                off = math.log(max(gain, 1e-12) * change)
-                weight += normal_log_weight(
-                    off + 0.1, deviation if off > 0.0 else 1.3 * deviation, outlier=1e-3
-                )
-            weights[lean, wheel] = weight
+            weights[lean, wheel] = lean_weight + wheel_weight + motion.log_weight(lean, wheel)
+            other = motion.counts_by_heading(lean, wheel) if wheel.unit == "counts" else None
+            if other is not None:
+                # the encoder's counts and those of a turn of the wheel lead to the same number
+                weight = lean_weight + wheel_weight + other[1]
+                weights[lean, other[0]] = max(weight, weights.get((lean, other[0]), -math.inf))
+                by_heading.add(other[0])
     found = probabilities(weights)
     best = next(iter(found))
-    return (
-        _with_confidence(best[0], {lean: _total(found, 0, lean) for lean in leans}),
-        _with_confidence(best[1], {wheel: _total(found, 1, wheel) for wheel in wheels}),
-    )
+    lean, wheel = (_with_confidence(best[place], _totals(found, place)) for place in range(2))
+    if best[1] in by_heading:
+        wheel = replace(wheel, confidence=min(wheel.confidence, MOST_BY_HEADING))
+    return lean, wheel
 
 
-def _total(found: dict[tuple[Scale, Scale], float], place: int, scale: Scale) -> float:
-    return sum(p for pair, p in found.items() if pair[place] == scale)
+def _totals(found: dict[tuple[Scale, Scale], float], place: int) -> dict[Scale, float]:
+    totals: dict[Scale, float] = {}
+    for pair, p in found.items():
+        totals[pair[place]] = totals.get(pair[place], 0.0) + p
+    return totals
 
 
 def _with_confidence(best: Scale, shares: dict[Scale, float]) -> Scale:

@@ -1,0 +1,98 @@
+"""An IMU's angles, quaternion and rates, as the robot's angles and rates.
+
+An IMU gives R_world_imu = Rz(yaw) Ry(pitch) Rx(roll), the aerospace order; Ballbot's angles are those of
+R_world_body = Rx(theta) Ry(phi) Rz(psi). If the angle from the robot's x axis to the IMU's is `turn`, towards the left,
+R_world_body = R_world_imu Rz(-turn). Ballbot's lean angles are about axes of the world, roll and pitch about axes that
+turn with the heading: they are the same only while the heading is zero. Its gyro gives the rates of these angles, with
+less noise than their differences. An IMU that hangs upside down gives R_world_imu Rx(pi): half a turn is taken off its
+roll.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.log.columns import Columns
+
+#: names beside a file's own for the angles that are made of its quaternion
+QUATERNION_ANGLES = (
+    "roll [rad] of the quaternion",
+    "pitch [rad] of the quaternion",
+    "yaw [rad] of the quaternion",
+)
+
+#: a shorter quaternion, as of zeros before the first message, is none
+_LEAST_NORM = 0.1
+
+
+def quaternion_angles(wxyz: NDArray[np.float64]) -> Columns:
+    """Return roll, pitch and yaw (N,) [rad] of quaternions w, x, y, z (N, 4) by `QUATERNION_ANGLES`.
+
+    They are NaN where the quaternion is not known or zero. The yaw continues past half a turn.
+    """
+    from ballbot.mechanics.geometry import roll_pitch_yaw
+
+    norm = np.linalg.norm(wxyz, axis=1)
+    known = norm > _LEAST_NORM
+    angles = np.full((len(wxyz), 3), np.nan)
+    angles[known] = roll_pitch_yaw(*(wxyz[known] / norm[known, None]).T).T
+    angles[known, 2] = np.unwrap(angles[known, 2])
+    return dict(zip(QUATERNION_ANGLES, angles.T, strict=True))
+
+
+def less_half_a_turn(roll: NDArray[np.float64], half: float) -> NDArray[np.float64]:
+    """Return the roll (N,) of an IMU that hangs upside down as that of one that does not, from -half to half a turn."""
+    return np.mod(roll, 2.0 * half) - half
+
+
+def from_roll_pitch_yaw(angles: NDArray[np.float64], *, turn: float = 0.0) -> NDArray[np.float64]:
+    """Return theta, phi, psi (N, 3) [rad], psi without jumps.
+
+    Parameters
+    ----------
+    angles : ndarray (N, 3)
+        Roll, pitch and yaw [rad]; NaN goes through.
+    turn : float
+        Angle of the IMU's x axis from the robot's, towards the left [rad].
+    """
+    roll, pitch, yaw = angles.T
+    c_r, s_r, c_p, s_p = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
+    c_y, s_y = np.cos(yaw), np.sin(yaw)
+    # columns of R_world_imu
+    x = np.stack([c_y * c_p, s_y * c_p, -s_p])
+    y = np.stack([c_y * s_p * s_r - s_y * c_r, s_y * s_p * s_r + c_y * c_r, c_p * s_r])
+    z = np.stack([c_y * s_p * c_r + s_y * s_r, s_y * s_p * c_r - c_y * s_r, c_p * c_r])
+    x, y = np.cos(turn) * x - np.sin(turn) * y, np.sin(turn) * x + np.cos(turn) * y
+    theta, phi = np.arctan2(-z[1], z[2]), np.arcsin(np.clip(z[0], -1.0, 1.0))
+    psi = np.arctan2(-y[0], x[0])
+    known = np.isfinite(psi)
+    psi[known] = np.unwrap(psi[known])
+    return np.column_stack([theta, phi, psi])
+
+
+def integral_of(rows: NDArray[np.float64], rate: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the integral (N,) of a rate over times (N,) from zero; a missing value counts as zero."""
+    known = np.nan_to_num(rate)
+    steps = 0.5 * (known[1:] + known[:-1]) * np.diff(rows)
+    return np.concatenate(([0.0], np.cumsum(steps)))
+
+
+def about_body_axes(rates: NDArray[np.float64], turn: float) -> NDArray[np.float64]:
+    """Return angular velocities (N, 3) about the robot's axes from those about the IMU's."""
+    c, s = math.cos(turn), math.sin(turn)
+    x, y, z = rates.T
+    return np.column_stack([c * x - s * y, s * x + c * y, z])
+
+
+def angle_rates_of(angles: NDArray[np.float64], body: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rates of theta, phi, psi (N, 3) from the angular velocity (N, 3) in the body's frame."""
+    from ballbot.mechanics.geometry import body_rates_matrix
+
+    known = np.isfinite(angles).all(axis=1) & np.isfinite(body).all(axis=1)
+    rates = np.full_like(body, np.nan)
+    matrices = body_rates_matrix(*angles[known].T)
+    rates[known] = np.linalg.solve(matrices, body[known][..., None])[..., 0]
+    return rates
