@@ -218,6 +218,34 @@ def test_a_lean_about_the_worlds_axes_is_not_taken_for_a_turned_imu(tmp_path, ab
     assert found["axes of the lean"].determined != about_world
 
 
+def renamed(folder, names: dict[str, str]) -> Proposal:
+    """Return the proposal of a log some of whose columns have other names."""
+    columns = columns_of(swaying_log(), Habits())
+    path = write_foreign(
+        folder / "run.txt", {names.get(name, name): values for name, values in columns.items()}, Habits()
+    )
+    return propose(path, small_robot(), dead_band=0.0)
+
+
+def test_roll_and_pitch_whose_names_say_nothing_are_found_beside_wheels_whose_names_do(tmp_path):
+    """Without them the log would be taken for one of wheels that turn free."""
+    found = renamed(tmp_path, {"theta_x": "Roulis", "theta_y": "Tangage", "theta_z": "Lacet"})
+    assert found.roles.attitude == ("Roulis", "Tangage", "Lacet")
+    assert found.roles.angles == ("psi_1", "psi_2", "psi_3")
+    assert found.roles.commands == ("u1", "u2", "u3")
+    assert found.by_data
+
+
+def test_a_log_without_commands_says_so_with_the_columns_that_may_be(tmp_path):
+    unused = renamed(tmp_path, {"u1": "foo_A", "u2": "foo_B", "u3": "foo_C"})
+    assert unused.roles.commands == ()
+    (found,) = [one for one in findings_of(unused) if "No column is recognised as a command" in one.text]
+    assert found.severity == "warning"
+    assert found.where.columns == ("foo_A", "foo_B", "foo_C")
+    by_letters = renamed(tmp_path, {"u1": "pwm_A", "u2": "pwm_B", "u3": "pwm_C"})
+    assert by_letters.roles.commands == ("pwm_A", "pwm_B", "pwm_C")
+
+
 def test_columns_that_stand_still_in_most_rows_are_no_lean(tmp_path):
     """Eleven columns without names, of which two move for a moment: no crash, and no role by chance."""
     random = np.random.default_rng(3)

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot.log.mapping_inference.names import UNITS, read_name
+from ballbot.log.mapping_inference.names import UNITS, read_name, read_names
 
 #: words, and what they say: kind, axis, number, input kind
 KNOWN = {
@@ -110,3 +110,59 @@ def test_commands_to_the_body_are_no_motor_commands():
 def test_every_unit_has_a_spelling_of_its_own():
     spellings = [spelling for words in UNITS.values() for spelling in words]
     assert len(spellings) == len(set(spellings))
+
+
+@pytest.mark.parametrize(
+    "form", ["I_{}_mA", "current_{}_mA", "cur_{}", "current_{}", "enc_{}", "enc{}", "M_{}_current"]
+)
+@pytest.mark.parametrize("letters", ["ABC", "abcd"])
+def test_letters_that_number_a_series_are_no_unit(form, letters):
+    """`cur_A` beside `cur_B` and `cur_C` is a motor's current, and alone a current in amperes."""
+    if form == "enc{}" and letters.islower():
+        return  # enca is a word
+    names = [form.format(letter) for letter in letters]
+    found = read_names(["t", *names])[1:]
+    assert [one.name for one in found] == names
+    assert [one.index for one in found] == list(range(1, len(letters) + 1))
+    assert {(one.kind, one.unit) for one in found} == {
+        ("wheel angle" if "enc" in form else "command", "mA" if "mA" in form else None)
+    }
+
+
+def test_a_letter_alone_or_beside_a_number_stays_what_it_is():
+    (alone,) = read_names(["current_A"])
+    assert (alone.unit, alone.index) == ("A", None)
+    channels = read_names([f"M{motor}_{channel}" for motor in (1, 2, 3) for channel in "ABC"])
+    assert channels == [read_name(one.name) for one in channels]
+
+
+@pytest.mark.parametrize(
+    ("name", "reading"),
+    [
+        ("torque_Nm_1", ("command", None, 1, "N m", "torque")),
+        ("torque_N_m_2", ("command", None, 2, "N m", "torque")),
+        ("current.A.3", ("command", None, 3, "A", "current")),
+        ("enc_ticks_1", ("wheel angle", None, 1, "counts", None)),
+        ("gyro_dps_x", ("gyro", "x", None, "deg/s", None)),
+        ("Zeit [ms]", ("time", None, None, "ms", None)),
+        ("Rollwinkel_Grad", ("attitude", "x", None, "deg", None)),
+        ("Drehrate_x", ("gyro", "x", None, None, None)),
+        ("Rad1_rad", ("wheel angle", None, 1, "rad", None)),
+        ("Drehzahl2_rpm", ("wheel speed", None, 2, "rpm", None)),
+        ("Moment1_Nm", ("command", None, 1, "N m", "torque")),
+        ("Strom M1 [A]", ("command", None, 1, "A", "current")),
+        ("Strom_Soll_1", ("command", None, 1, None, "current")),
+        ("Couple1_Nm", ("command", None, 1, "N m", "torque")),
+        ("Couple_Nm", ("other", None, None, "N m", "torque")),
+        # revolutions or radians a second
+        ("w1_rps", ("wheel speed", None, 1, "rps", None)),
+        ("gyro_x_rps", ("gyro", "x", None, None, None)),
+    ],
+)
+def test_units_within_a_name_german_words_and_units_that_say_the_kind(name, reading):
+    found = read_name(name)
+    assert (found.kind, found.axis, found.index, found.unit, found.input_kind) == reading
+
+
+def test_a_german_set_point_is_never_a_measurement():
+    assert read_name("Rollwinkel_Soll").kind == "reference"

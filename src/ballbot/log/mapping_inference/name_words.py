@@ -1,4 +1,7 @@
-"""The words and units that names of foreign columns are made of; `ballbot.log.mapping_inference.names` reads them."""
+"""The words and units that names of foreign columns are made of; `ballbot.log.mapping_inference.names` reads them.
+
+English and German.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +16,15 @@ UNITS: dict[str, tuple[str, ...]] = {
     "us": ("us", "usec", "micros", "microseconds", "µs", "μs"),
     "ns": ("ns", "nsec", "nanos", "nanoseconds", "nanosec"),
     "rad": ("rad", "rads", "radian", "radians"),
-    "deg": ("deg", "degs", "degree", "degrees", "°"),
+    "deg": ("deg", "degs", "degree", "degrees", "°", "grad"),
     "turn": ("turn", "turns", "rev", "revs", "revolutions"),
     "counts": ("count", "counts", "cnt", "cnts", "tick", "ticks", "pulses"),
-    "rad/s": ("rad/s", "radps", "radpers", "radpersec", "radpersecond", "rps"),
+    "rad/s": ("rad/s", "radps", "radpers", "radpersec", "radpersecond"),
     "deg/s": ("deg/s", "dps", "degps", "degpers", "degpersec", "degreespersecond", "°/s"),
     "rpm": ("rpm", "revpermin"),
+    "turn/s": ("turn/s", "turns/s", "rev/s", "revs/s", "revps", "revpersec", "revpers"),
+    # revolutions or radians a second, as teams write it for either: a unit that the name leaves open
+    "rps": ("rps",),
     "counts/s": ("counts/s", "countspersec", "countspers", "ticks/s", "tickspersec", "cps"),
     "A": ("a", "amp", "amps", "ampere", "amperes"),
     "mA": ("ma", "milliamp", "milliamps"),
@@ -47,6 +53,9 @@ SPLIT_UNITS = {
     ("deg", "sec"): "deg/s",
     ("deg", "per", "s"): "deg/s",
     ("deg", "per", "sec"): "deg/s",
+    ("rev", "s"): "turn/s",
+    ("turn", "s"): "turn/s",
+    ("turns", "s"): "turn/s",
     ("counts", "s"): "counts/s",
     ("counts", "per", "s"): "counts/s",
     ("ticks", "s"): "counts/s",
@@ -58,7 +67,7 @@ SPLIT_UNITS = {
     ("mn", "m"): "mN m",
     ("n", "cm"): "N cm",
 }
-ANGLE, RATE = ("rad", "deg", "turn", "counts"), ("rad/s", "deg/s", "rpm", "counts/s")
+ANGLE, RATE = ("rad", "deg", "turn", "counts"), ("rad/s", "deg/s", "rpm", "turn/s", "rps", "counts/s")
 #: units that a kind can have
 UNITS_OF_KIND: dict[str, tuple[str, ...]] = {
     "time": ("s", "ms", "us", "ns"),
@@ -100,9 +109,12 @@ REFERENCE = {
 OTHER = {
     *("err", "error", "kp", "ki", "kd", "gain", "gains", "bat", "batt", "battery", "vbat", "supply", "temp", "bus"),
     *("temperature", "mag", "magnetometer", "status", "state", "mode", "abort", "flag", "cost", "cpu", "bias", "std"),
+    *("akku", "batterie", "temperatur", "fehler", "zustand"),
     *("var", "cov", "integral", "est", "dt", "period", "latency", "load", "checksum", "crc", "joy", "joystick"),
 }  # fmt: skip
 TIME = {
+    "zeit",
+    "zeitstempel",
     "time",
     "timestamp",
     "stamp",
@@ -131,7 +143,11 @@ COUNTER = {
     "iter",
     "row",
 }
-ANGLE_WORDS = {"roll": "x", "pitch": "y", "yaw": "z", "heading": "z"}
+ANGLE_WORDS = {"roll": "x", "pitch": "y", "yaw": "z", "heading": "z"} | {
+    "rollwinkel": "x",
+    "nickwinkel": "y",
+    "gierwinkel": "z",
+}
 ATTITUDE = {
     "theta",
     "imu",
@@ -146,12 +162,28 @@ ATTITUDE = {
     "th",
     "orientation",
 }
-GYRO = {"gyro", "gyr", "gyroscope"}
+GYRO = {"gyro", "gyr", "gyroscope", "gyroskop", "drehrate"}
 RATES = {"omega", "w", "rate", "angvel", "av"}
-ACCELEROMETER = {"acc", "accel", "accelerometer", "acceleration", "linacc"}
-DERIVATIVE = {"d", "dot", "rate", "vel", "velocity", "speed", "rpm", "omega", "w", "spd", "angvel"}
-WHEEL = {"wheel", "enc", "encoder", "motor", "mot", "m", "joint", "whl", "w"}
+ACCELEROMETER = {"acc", "accel", "accelerometer", "acceleration", "linacc", "beschleunigung"}
+DERIVATIVE = {
+    "d",
+    "dot",
+    "rate",
+    "vel",
+    "velocity",
+    "speed",
+    "rpm",
+    "omega",
+    "w",
+    "spd",
+    "angvel",
+    "drehzahl",
+    "geschwindigkeit",
+}
+WHEEL = {"wheel", "enc", "encoder", "motor", "mot", "m", "joint", "whl", "w", "rad"}
 WHEEL_ANGLE = {
+    "winkel",
+    "radwinkel",
     "psi",
     "pos",
     "position",
@@ -171,11 +203,15 @@ INPUT: dict[str, InputKind | None] = {
     "tau": "torque",
     "trq": "torque",
     "effort": "torque",
+    "moment": "torque",
+    "drehmoment": "torque",
     "current": "current",
     "cur": "current",
     "curr": "current",
     "amps": "current",
     "iq": "current",
+    "strom": "current",
+    "motorstrom": "current",
     "i": "current",
     "duty": "duty",
     "pwm": "duty",
@@ -184,6 +220,7 @@ INPUT: dict[str, InputKind | None] = {
     "voltage": "voltage",
     "volt": "voltage",
     "volts": "voltage",
+    "spannung": "voltage",
     "u": None,
     "t": None,
     "cmd": None,
@@ -207,4 +244,6 @@ EMPTY = {
     "body",
     "cur",
     "states",
+    "ist",
+    "soll",
 }

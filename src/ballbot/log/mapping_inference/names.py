@@ -4,6 +4,9 @@ A name is cut into words at separators, brackets, digits and capital letters, so
 `GYRO-X [dps]` have one reading. Words in brackets, or at the end, that are a unit are the unit. The rest decides the
 kind:
 
+A letter is the number of a wheel if the file has the same name with its neighbours: `cur_A` beside `cur_B` and `cur_C`
+(`read_names`); alone, `cur_A` is a current in amperes.
+
 1. A word for a set point (`ref`, `target`, `des`, `goal`, `cmd_vel`) or an error, a gain, a battery: never a
 measurement.
 2. Words for time, roll, pitch and yaw, gyro and accelerometer.
@@ -17,8 +20,8 @@ weight, from 0 to 1: `enc1_counts` says more than `m1`.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from ballbot.log.mapping_inference.name_words import (
@@ -72,9 +75,30 @@ class Reading:
     axis: str | None = None  #: x, y or z; roll, pitch and yaw are x, y and z
     index: int | None = None  #: number of a wheel or motor, as the file counts
     unit: str | None = None  #: one of `UNITS`; None if the name has none that fits the kind
-    input_kind: InputKind | None = None  #: of a command
+    input_kind: InputKind | None = None  #: of a command; of another column, what its unit would make it
     stem: str = ""  #: the words without number, axis and unit: columns of one group have one stem
     weight: float = 0.0  #: how plainly the name says it, from 0 to 1
+
+
+def read_names(names: Sequence[str]) -> list[Reading]:
+    """Return what the names of a file's columns say; letters that number a series are read as its numbers."""
+    return [replace(read_name(_numbered(name, names)), name=name) for name in names]
+
+
+#: a letter that is a word: cur_A, I_A_mA, encA
+_LETTER = re.compile(r"(?<![A-Za-z])[A-Fa-f](?![A-Za-z])|(?<=[a-z])[A-F](?![A-Za-z])")
+
+
+def _numbered(name: str, names: Collection[str]) -> str:
+    """Return a name with a number in place of a letter, if the names have it with a, b and c there and no number."""
+    if any(mark.isdigit() for mark in name):
+        return name
+    for found in _LETTER.finditer(name):
+        first = "A" if found.group().isupper() else "a"
+        series = [name[: found.start()] + chr(ord(first) + k) + name[found.end() :] for k in range(3)]
+        if set(series) <= set(names):
+            return f"{name[: found.start()]}{ord(found.group()) - ord(first) + 1}{name[found.end() :]}"
+    return name
 
 
 def read_name(name: str) -> Reading:
@@ -105,7 +129,16 @@ def read_name(name: str) -> Reading:
             stem=stem,
             weight=min(weight + (0.15 if fits else 0.0), 0.99),
         )
-    return Reading(name=name, kind="other", axis=axis, index=index, stem=stem)
+    of_unit = INPUT_OF_UNIT.get(unit or "")
+    return Reading(
+        name=name,
+        kind="other",
+        axis=axis,
+        index=index,
+        unit=unit if of_unit else None,
+        input_kind=of_unit,
+        stem=stem,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,6 +166,12 @@ def _words_and_unit(name: str) -> tuple[list[str], str | None]:
     parts = [part for part in re.split(r"[^0-9A-Za-zµμ%°/^²]+", name) if part]
     if unit is None and len(parts) > 1:
         parts, unit = _unit_at_the_end(parts)
+    if unit is None and len(parts) > 2 and (parts[-1].isdigit() or parts[-1].lower() in "xyz"):
+        # before a number or an axis: torque_Nm_1
+        rest, unit = _unit_at_the_end(parts[:-1])
+        if unit in _ONE_LETTER and not {part.lower() for part in rest} & set(INPUT):
+            unit = None
+        parts = [*rest, parts[-1]] if unit else parts
     words = [word.lower() for part in parts for word in _split_part(part)]
     if unit is None and len(words) > 1:
         # camel case: timeMs, angleDeg; one letter alone is an axis or a number
@@ -144,6 +183,9 @@ def _words_and_unit(name: str) -> tuple[list[str], str | None]:
         ):
             unit, words = UNIT_OF[last], words[:-1]
     return words, unit
+
+
+_ONE_LETTER = ("A", "g", "m", "s", "V")
 
 
 def _unit_at_the_end(parts: list[str]) -> tuple[list[str], str | None]:
@@ -228,7 +270,7 @@ def _cut_axis(word: str) -> tuple[list[str], str | None]:
 
 def _is_set_point(words: list[str]) -> bool:
     """Return whether the words are a command to the robot, not to a motor, or a desired angle (theta_d_x)."""
-    asked = {"cmd", "command", "set"} & set(words)
+    asked = {"cmd", "command", "set", "soll"} & set(words)
     to_body = {
         "vel",
         "velocity",
@@ -244,7 +286,7 @@ def _is_set_point(words: list[str]) -> bool:
         "position",
         "speed",
     }
-    lean = {"roll", "pitch", "yaw", "theta", "heading", "psi", "phi"}
+    lean = {*ANGLE_WORDS, "theta", "psi", "phi"}
     if asked and set(words) & (to_body | lean):
         return True
     return "d" in words[1:] and bool(set(words[: words.index("d", 1)]) & lean)
@@ -280,14 +322,14 @@ def _inertial(cut: _Cut) -> Found | None:
     """Return roll, pitch, yaw, gyro or accelerometer."""
     bare, axis, index, unit = cut.bare, cut.axis, cut.index, cut.unit
     present = set(bare)
-    if present & {"ball", "wheel", "enc", "encoder", "motor", "odom"}:
+    if present & {"ball", "wheel", "enc", "encoder", "motor", "odom", "rad"}:
         return None
     if present & GYRO and (axis or present & set(ANGLE_WORDS)):
         return ("gyro", 0.85, axis or _angle_axis(bare), None)
     if present & ACCELEROMETER and axis:
         return ("accelerometer", 0.85, axis, None)
     named = _angle_axis(bare)
-    changing = bool(present & DERIVATIVE) or unit in ("rad/s", "deg/s")
+    changing = bool(present & DERIVATIVE) or unit in RATE
     if named:
         return ("gyro" if changing else "attitude", 0.8 if changing else 0.85, named, None)
     if axis and index is None and not present & {"phi", "psi", "pos"}:
@@ -324,6 +366,8 @@ def _wheel(cut: _Cut) -> Found | None:
         return None
     of_unit = INPUT_OF_UNIT.get(unit or "")
     known = present <= {*WHEEL, *WHEEL_ANGLE, *DERIVATIVE, *INPUT, "left", "right", "control", "ctrl", "req"}
+    if present and not known and of_unit in ("torque", "current"):
+        return ("command", 0.4, None, of_unit)  # words of any language
     if not known or not present:
         return None
     moving = unit in RATE or (

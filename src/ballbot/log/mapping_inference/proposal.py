@@ -369,9 +369,15 @@ def _roles(
     named = roles_by_name(names, wheel_count=robot.wheel_count)
     if quaternion and not named.attitude:
         named = replace(named, attitude=QUATERNION_ANGLES, quaternion=quaternion)
-    if table.named and named.time is not None and named.angles:
+    known = table.named and named.time is not None and named.angles
+    if known and (named.attitude or len(table.columns) < len(named.angles) + len(named.commands) + 3):
         return named, False
     found = roles_by_data(table.columns, robot)
+    if known:
+        if found is None or found.angles != named.angles:
+            return named, False
+        # roll and pitch in words of another language
+        return replace(named, attitude=found.attitude, confidence=found.confidence), True
     if found is None:
         raise InputError(
             f"{path}: cannot determine which columns are the time, the lean and the wheel angles, neither by "

@@ -24,7 +24,7 @@ from ballbot.log.mapping_file import parse_mapping
 from ballbot.log.mapping_inference.conclusions import conclusions_of
 from ballbot.log.mapping_inference.evidence import CONFIDENT, Conclusion
 from ballbot.log.mapping_inference.mapping_text import mapping_text
-from ballbot.log.mapping_inference.names import read_name
+from ballbot.log.mapping_inference.names import read_names
 from ballbot.log.mapping_inference.proposal import Proposal
 from ballbot.log.pose import with_odometry
 from ballbot.log.signals import INTERVAL, fallen_rows, local_fit
@@ -176,7 +176,29 @@ def _roles(proposal: Proposal) -> list[Finding]:
             "about the body's axes; log the command of each motor."
         )
         found.append(_finding("warning", "columns", sentence))
+    elif not roles.commands:
+        found.append(_no_commands(proposal))
     return found
+
+
+def _no_commands(proposal: Proposal) -> Finding:
+    """Return that no column is a command, with the unused columns that may be: as many of one name as wheels."""
+    roles, columns = proposal.roles, proposal.table.columns
+    used = {roles.time, *roles.attitude, *roles.angles, *roles.speeds, *roles.gyro}
+    series: dict[str, list[str]] = {}
+    for one in read_names(list(columns)):
+        numbered = one.name not in used and one.index is not None and one.kind in ("other", "command")
+        values = columns[one.name]
+        if numbered and len(np.unique(values[np.isfinite(values)])) > 1:
+            series.setdefault(one.stem, []).append(one.name)
+    names = [name for group in series.values() if len(group) == len(roles.angles) for name in group]
+    sentence = "No column is recognised as a command of a motor, so that the log will have no torques."
+    if not names:
+        return _finding("note", "columns", sentence)
+    sentence += (
+        f" The columns {', '.join(names)} are unused: if they are commands, rename them u1, u2 and so on."
+    )
+    return _finding("warning", "columns", sentence, tuple(names))
 
 
 def _contradictions(proposal: Proposal) -> list[Finding]:
@@ -193,11 +215,13 @@ def _contradictions(proposal: Proposal) -> list[Finding]:
         (roles.commands, drive.unit.unit if drive and drive.unit.kind != "duty" else None),
     ]
     for names, unit in pairs:
-        named = read_name(names[0]).unit if names else None
+        reading = roles.reading(names)
+        named = reading.unit if reading else None
         if named is not None and unit is not None and named not in (unit, "%"):
             sentence = f"The name of {names[0]} has the unit {named}, but its numbers fit {unit}."
             found.append(_finding("warning", "contradiction", sentence, names))
-    named_kind = read_name(roles.commands[0]).input_kind if roles.commands else None
+    command = roles.reading(roles.commands)
+    named_kind = command.input_kind if command else None
     if drive and named_kind is not None and drive.unit.kind != named_kind:
         name, kind = roles.commands[0], drive.unit.kind
         sentence = f"The name of {name} is that of a {named_kind}, but its numbers fit a {kind}."

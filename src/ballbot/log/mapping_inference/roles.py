@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.log.mapping_inference.evidence import TINY
-from ballbot.log.mapping_inference.names import Kind, Reading, read_name
+from ballbot.log.mapping_inference.name_words import ANGLE_WORDS
+from ballbot.log.mapping_inference.names import Kind, Reading, read_name, read_names
 from ballbot.log.mapping_inference.placement import torque_free_gains
 from ballbot.log.mapping_inference.placements import every_way
 from ballbot.log.mapping_inference.units import step_of, time_scale
@@ -47,7 +48,7 @@ class Roles:
 
     def reading(self, names: tuple[str, ...]) -> Reading | None:
         """Return what the name of the first of these columns says; None without columns."""
-        return read_name(names[0]) if names else None
+        return read_names(names)[0] if names else None
 
 
 #: norms of a unit quaternion [1 +-], in this share of the rows; some programs write zeros before the first message
@@ -59,7 +60,7 @@ _QUATERNION_MARKS = {"w": "wxyz", "W": "WXYZ", "0": "0123", "1": "1234"}
 
 def roles_by_name(names: Iterable[str], *, wheel_count: int) -> Roles:
     """Return what the names say; see the module's text."""
-    readings = [read_name(name) for name in names]
+    readings = read_names(list(names))
     angles = _numbered(readings, "wheel angle", wheel_count)
     speeds = _numbered(readings, "wheel speed", wheel_count)
     commands = _numbered(readings, "command", wheel_count)
@@ -172,7 +173,7 @@ def _axes(readings: list[Reading], kind: Kind) -> dict[str, str]:
     for one in readings:
         if one.kind == kind and one.axis is not None:
             family = one.stem
-            for word in ("roll", "pitch", "yaw", "heading", "theta", "phi", "psi"):
+            for word in (*sorted(ANGLE_WORDS, key=len, reverse=True), "theta", "phi", "psi"):
                 family = family.replace(word, "")
             families.setdefault(family, {}).setdefault(one.axis, one)
     if not families:
@@ -215,7 +216,7 @@ def roles_by_data(columns: Mapping[str, NDArray[np.float64]], robot: Robot) -> R
         return None
     scale = time_scale(columns[time], None)
     t = columns[time] * (scale.factor if scale else 1.0)
-    columns = {**columns, time: t}
+    columns = {name: values for name, values in columns.items() if np.isfinite(values).any()} | {time: t}
     rising = np.concatenate(([True], np.diff(t) > 0.0))
     finite = np.all([np.isfinite(values) for values in columns.values()], axis=0)
     kept = rising & finite
