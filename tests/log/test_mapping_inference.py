@@ -1,5 +1,7 @@
 """`propose`: foreign logs of a simulated robot, whose order, signs, units, turn and delays are known."""
 
+import contextlib
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -16,7 +18,7 @@ from ballbot.log.mapping_inference.commands import Unit
 from ballbot.log.mapping_inference.conclusions import conclusions_of
 from ballbot.log.mapping_inference.placement import torque_free_gains
 from ballbot.log.mapping_inference.proposal import Proposal, propose
-from ballbot.log.mapping_inference.report import findings_of, mapping_text
+from ballbot.log.mapping_inference.report import evaluate, findings_of, mapping_text
 from ballbot.log.pose import with_odometry
 from tests.support.foreign_log_examples import (
     COMMAND_DELAY,
@@ -216,6 +218,23 @@ def test_a_lean_about_the_worlds_axes_is_not_taken_for_a_turned_imu(tmp_path, ab
     np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header=",".join(columns), comments="")
     found = {one.name: one for one in conclusions_of(propose(tmp_path / "run.csv", small_robot()))}
     assert found["axes of the lean"].determined != about_world
+
+
+@pytest.mark.parametrize("case", ["the IMU hangs upside down", "no wheel turns", "constants alone"])
+def test_a_log_without_usable_rows_gives_no_numerical_warning(tmp_path, case):
+    columns = columns_of(swaying_log(), Habits())
+    if case == "the IMU hangs upside down":
+        columns["theta_x"] = (columns["theta_x"] + 360.0) % 360.0 - 180.0
+    else:
+        columns |= {f"psi_{k}": 0.0 * columns["t_now"] for k in (1, 2, 3)}
+    path = write_foreign(tmp_path / "run.txt", columns, Habits())
+    if case == "constants alone":
+        path = tmp_path / "run.npz"
+        np.savez(path, Ts=np.array([0.005]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with contextlib.suppress(InputError):
+            evaluate(propose(path, small_robot()), small_robot(), file=path)
 
 
 def renamed(folder, names: dict[str, str]) -> Proposal:

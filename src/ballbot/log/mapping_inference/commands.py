@@ -228,7 +228,7 @@ def response(driving: Driving, assigned: Assignment, pulled: NDArray[np.float64]
 
     def damping(sums: NDArray[np.float64]) -> float:
         a, b = solved(sums)[:2]
-        return float(b / a)
+        return float(b / a) if a else math.nan
 
     found = log_gain(forward.sum(axis=0))
     return Response(

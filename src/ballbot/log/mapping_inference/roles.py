@@ -256,7 +256,7 @@ def _time(columns: Mapping[str, NDArray[np.float64]]) -> str | None:
     found = []
     for name, values in columns.items():
         steps = np.diff(values)
-        if np.mean(steps > 0.0) > 0.98 and time_scale(values, None) is not None:
+        if len(steps) and np.mean(steps > 0.0) > 0.98 and time_scale(values, None) is not None:
             found.append(
                 (bool(np.ptp(steps) == 0.0 and np.all(values == np.round(values))), len(found), name)
             )

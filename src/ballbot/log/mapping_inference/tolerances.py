@@ -85,6 +85,8 @@ def harmless(error: float, tolerance: float) -> float:
 
 def quickness(signal: Smooth, usable: NDArray[np.bool_]) -> float:
     """Return the root mean square of a signal's rate over that of its value, both less their means [rad/s]."""
+    if not usable.any():
+        return 0.0
     value, rate = signal.value[usable], signal.rate[usable]
     size = float(np.sqrt(value.var(axis=0).sum()))
     return float(np.sqrt(rate.var(axis=0).sum())) / size if size > 0.0 else 0.0
