@@ -474,3 +474,37 @@ def test_marks_of_missing_values_are_missing_variables(tmp_path):
     path = tmp_path / "table.csv"
     path.write_text("a,b\n1,NA\n2,3\n-,n/a\n")
     np.testing.assert_array_equal(read_variables(path)["b"], [np.nan, 3.0, np.nan])
+
+
+def test_the_fields_of_a_matlab_structure_are_columns(tmp_path):
+    numbers = np.arange(60.0)
+    fields = {"t": numbers, "roll": numbers + 1.0, "imu": {"pitch": numbers + 2.0}, "enc": np.eye(60)[:, :3]}
+
+    def read(variables):
+        scipy.io.savemat(tmp_path / "log.mat", variables)
+        return read_variables(tmp_path / "log.mat")
+
+    alone = read({"log": fields, "Ts": 0.01})
+    assert {"t", "roll", "imu.pitch", "enc_1", "enc_2", "enc_3", "Ts"} <= set(alone)
+    assert alone["imu.pitch"].tolist() == (numbers + 2.0).tolist()
+    assert read_columns(tmp_path / "log.mat").keys() >= {"t", "roll", "imu.pitch", "enc_3"}
+    # two structures, or a variable of the same name, keep their names
+    assert {"log.t", "other.t"} <= set(read({"log": fields, "other": {"t": numbers}}))
+    assert {"log.roll", "roll"} <= set(read({"log": fields, "roll": 0.0}))
+
+
+def test_a_damaged_matlab_structure_ends_in_a_sentence():
+    stream = io.BytesIO()
+    scipy.io.savemat(stream, {"log": {"t": np.arange(5.0), "imu": {"roll": np.arange(5.0)}}})
+    content = stream.getvalue()
+
+    @settings(max_examples=300, deadline=None)
+    @given(place=st.integers(128, len(content) - 1), byte=st.integers(0, 255), end=st.booleans())
+    def check(place, byte, end):
+        changed = content[:place] + (b"" if end else bytes([byte]) + content[place + 1 :])
+        try:
+            mat_file.parse_mat(memoryview(changed), source="log.mat")
+        except InputError as error:
+            assert str(error).startswith("log.mat is not a complete MATLAB file")  # noqa: PT017
+
+    check()

@@ -1,5 +1,7 @@
 """MATLAB files of version 4 to 7: their real numeric variables; everything else in them is passed over.
 
+The fields of a structure are variables, too: `log.roll` is roll if the file has one structure, else log.roll.
+
 A long matrix, such as the angles of three wheels or a whole log, is also given by its columns: `wheel` of N rows and
 three columns is wheel_1, wheel_2, wheel_3.
 
@@ -32,6 +34,9 @@ _STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8
 _MATRIX, _COMPRESSED = 14, 15
 #: classes of arrays, from double to uint64; before them cells, structures, texts and sparse matrices
 _NUMERIC_CLASSES = range(6, 16)
+_STRUCTURE = 2
+#: structures within structures that are read
+_DEEPEST = 3
 _COMPLEX = 0x08
 #: a matrix has a log's columns if it has so many rows, and so many times more than columns
 _LONG, _LONGER = 50, 5
@@ -102,13 +107,24 @@ def parse_mat(content: memoryview, *, source: str) -> Columns:
 def _by_name(variables: Iterator[tuple[str, NDArray[np.float64]]]) -> Columns:
     found: Columns = {}
     parts: Columns = {}
-    for name, values in variables:
+    for name, values in _without_prefix(list(variables)):
         if name in found:
             raise _DamagedError(f"two variables have the name {name[:40]!r}")
         found[name] = values.ravel()
         for column, numbers in enumerate(_columns_of(values), start=1):
             parts.setdefault(f"{name}_{column}", numbers)
     return parts | found
+
+
+def _without_prefix(
+    variables: list[tuple[str, NDArray[np.float64]]],
+) -> list[tuple[str, NDArray[np.float64]]]:
+    """Return variables with the fields of the file's only structure by their own names, if these are no others'."""
+    structures = {name.partition(".")[0] for name, _ in variables if "." in name}
+    names = [name.partition(".")[2] or name for name, _ in variables]
+    if len(structures) != 1 or len(set(names)) < len(names):
+        return variables
+    return [(short, values) for short, (_, values) in zip(names, variables, strict=True)]
 
 
 def _columns_of(values: NDArray[np.float64]) -> list[NDArray[np.float64]]:
@@ -159,12 +175,17 @@ def _elements(content: memoryview, order: str) -> Iterator[_Element]:
         raise _DamagedError("it ends within a variable")
 
 
-def _mat_array(content: memoryview, order: str) -> Iterator[tuple[str, NDArray[np.float64]]]:
-    """Yield the name and the numbers of an array, if it has real numbers."""
+def _mat_array(content: memoryview, order: str, field: str = "") -> Iterator[tuple[str, NDArray[np.float64]]]:
+    """Yield the name and the numbers of an array, if it has real numbers; of a structure those of its fields.
+
+    `field` is the name of an array that is a field, which its own content lacks.
+    """
     parts = list(_elements(content, order))
     if not parts or len(parts[0].content) != 8:
         raise _DamagedError("a variable has no flags")
     flags = struct.unpack_from(f"{order}I", parts[0].content)[0]
+    if flags & 0xFF == _STRUCTURE and field.count(".") < _DEEPEST:
+        yield from _fields(parts, order, field)
     if flags & 0xFF not in _NUMERIC_CLASSES or (flags >> 8) & _COMPLEX:
         return
     if len(parts) < 4:
@@ -172,7 +193,7 @@ def _mat_array(content: memoryview, order: str) -> Iterator[tuple[str, NDArray[n
     if parts[1].kind != 5:
         raise _DamagedError("a variable has no shape")
     shape = np.frombuffer(parts[1].content[: len(parts[1].content) // 4 * 4], f"{order}i4").tolist()
-    name = bytes(parts[2].content).decode("ascii")
+    name = field or bytes(parts[2].content).decode("ascii")
     if not name:  # MATLAB's own, beside function handles
         return
     if not name.isprintable():
@@ -181,6 +202,23 @@ def _mat_array(content: memoryview, order: str) -> Iterator[tuple[str, NDArray[n
     if stored is None:
         raise _DamagedError("a variable has numbers of an unknown type")
     yield name, _mat_numbers(parts[3].content, f"{order}{stored}", shape)
+
+
+def _fields(parts: list[_Element], order: str, field: str) -> Iterator[tuple[str, NDArray[np.float64]]]:
+    """Yield the name and the numbers of each field of a structure that is no array of structures."""
+    if len(parts) < 5 or len(parts[3].content) != 4:
+        raise _DamagedError("a structure has no fields")
+    (length,) = struct.unpack(f"{order}i", parts[3].content)
+    text = bytes(parts[4].content)
+    if length < 1 or len(text) % length:
+        raise _DamagedError("a structure has names of an unknown length")
+    names = [text[k : k + length].partition(b"\0")[0].decode("ascii") for k in range(0, len(text), length)]
+    owner = field or bytes(parts[2].content).decode("ascii")
+    if len(parts) - 5 != len(names) or not owner:
+        return
+    for name, part in zip(names, parts[5:], strict=True):
+        if part.kind == _MATRIX and part.content:
+            yield from _mat_array(part.content, order, f"{owner}.{name}")
 
 
 def _variables_4(content: memoryview) -> Iterator[tuple[str, NDArray[np.float64]]]:
