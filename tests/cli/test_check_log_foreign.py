@@ -118,3 +118,35 @@ def test_a_voltage_has_no_dead_band(folder):
     assert "voltage" in mapping.read_text()
     assert "dead band" not in [one["name"] for one in results["conclusions"]]
     assert dead_band_findings([mapping]) == ()
+
+
+def shown_for(folder, capsys, columns) -> str:
+    """Return what check-log says at its end on a foreign log with these columns, which it refuses."""
+    path = write_foreign(folder / "changed.txt", columns, Habits())
+    assert main(["check-log", str(path), "--robot", str(folder / "robot.toml"), "--dead-band", "0"]) == 2
+    return capsys.readouterr().err
+
+
+def test_commands_without_a_sign_are_refused_and_not_asked_for_order_and_signs(folder, capsys):
+    columns = columns_of(swaying_log(), Habits())
+    duties = {name: columns[name] for name in ("u1", "u2", "u3")}
+    columns |= {name: np.abs(values) for name, values in duties.items()}
+    said = shown_for(folder, capsys, columns)
+    assert "the commands u1, u2, u3 never change sign" in said
+    assert "cannot determine" not in said
+    columns |= {f"dir{name[1]}": (values > 0.0) * 1.0 for name, values in duties.items()}
+    assert "(is it in dir1, dir2, dir3?)" in shown_for(folder, capsys, columns)
+
+
+def test_missing_cells_and_slow_rows_are_named_where_commands_show_no_effect(folder, capsys):
+    columns = columns_of(swaying_log(), Habits())
+    random = np.random.default_rng(0)
+    columns["u2"] = np.where(random.random(len(columns["u2"])) < 0.25, np.nan, columns["u2"])
+    columns["theta_x"] = np.where(random.random(len(columns["u2"])) < 0.25, np.nan, columns["theta_x"])
+    said = shown_for(folder, capsys, columns)
+    assert "order and signs of the commands" in said
+    assert "% of the rows lack a value" in said
+    slow = {name: values[::8] for name, values in columns_of(swaying_log(), Habits()).items()}
+    slow |= {f"u{i}": random.standard_normal(len(slow["u1"])) for i in (1, 2, 3)}
+    said = shown_for(folder, capsys, slow)
+    assert "rows come only every 92 ms" in said

@@ -77,8 +77,10 @@ def evaluate(proposal: Proposal, robot: Robot, *, file: Path, out: Path | None =
     mapping = str(out / "mapping.toml") if out else "the mapping file"
     open_questions = [one for one in conclusions if not one.determined]
     log, refusal = None, ""
-    if open_questions:
-        refusal = _question(open_questions, mapping)
+    if unsigned := _unsigned(proposal):
+        refusal = unsigned
+    elif open_questions:
+        refusal = _question(open_questions, mapping) + _likely_cause(proposal, open_questions)
     else:
         try:
             parsed = parse_mapping(text, source=mapping)
@@ -111,6 +113,49 @@ def _question(open_questions: Sequence[Conclusion], mapping: str) -> str:
     if first.key == "--columns":
         return f"cannot determine: {first.name}; name them with --columns in the file's order{more}."
     return f"cannot determine: {first.question}; write it in {mapping}, {first.key}{more}."
+
+
+def _unsigned(proposal: Proposal) -> str:
+    """Return that the commands of a balancing robot have no sign; empty if they have one, or turn a wheel in a rig."""
+    columns, commands = proposal.table.columns, proposal.roles.commands
+    if proposal.lean_test is None or not commands:
+        return ""
+    values = np.concatenate([columns[name][np.isfinite(columns[name])] for name in commands])
+    if not len(values) or values.min() < 0.0 < values.max():
+        return ""
+    direction = [
+        one.name
+        for one in read_names(list(columns))
+        if one.index is not None
+        and one.kind == "other"
+        and len(np.unique(columns[one.name][np.isfinite(columns[one.name])])) == 2
+    ]
+    hint = f" (is it in {', '.join(direction)}?)" if len(direction) == len(commands) else ""
+    return (
+        f"the commands {', '.join(commands)} never change sign, but a balancing robot drives its wheels in both "
+        f"directions: log each command with its sign{hint}."
+    )
+
+
+#: slower rows [s] show little of what commands do to wheels
+SLOW_ROWS = 0.02
+
+
+def _likely_cause(proposal: Proposal, open_questions: Sequence[Conclusion]) -> str:
+    """Return what of the file may keep the commands' effect from showing, if a question is about that."""
+    if not any(one.name == "order and signs of the commands" for one in open_questions):
+        return ""
+    columns, roles = proposal.table.columns, proposal.roles
+    names = (roles.time or "", *roles.attitude, *roles.angles, *roles.commands, *roles.gyro)
+    used = np.column_stack([columns[name] for name in names if name in columns])
+    missing = float((~np.isfinite(used)).any(axis=1).mean())
+    interval = float(np.median(np.diff(used[:, 0]))) * proposal.time.factor
+    causes = []
+    if missing > 0.0:
+        causes.append(f"{100.0 * missing:.2g} % of the rows lack a value")
+    if interval > SLOW_ROWS:
+        causes.append(f"rows come only every {1e3 * interval:.3g} ms")
+    return f" A likely cause: {' and '.join(causes)}." if causes else ""
 
 
 def _contradiction(found: Finding) -> Finding:
