@@ -4,6 +4,7 @@ import io
 import json
 import re
 import sys
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -508,3 +509,30 @@ def test_a_damaged_matlab_structure_ends_in_a_sentence():
             assert str(error).startswith("log.mat is not a complete MATLAB file")  # noqa: PT017
 
     check()
+
+
+@given(
+    start=st.datetimes(datetime(1971, 1, 1), datetime(2100, 1, 1)),
+    mark=st.sampled_from(["T", " "]),
+    zone=st.sampled_from(["", "Z", "+02:00", "-0530"]),
+    decimal=st.sampled_from([".", ","]),
+)
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_dates_with_times_are_seconds(tmp_path, start, mark, zone, decimal):
+    path, separator = tmp_path / "run.csv", ";" if decimal == "," else ","
+    moments = [start + timedelta(milliseconds=5 * k) for k in range(3)]
+    stamps = [one.isoformat(mark, "microseconds").replace(".", decimal) + zone for one in moments]
+    lines = [separator.join([stamp, f"1{decimal}5"]) for stamp in stamps]
+    path.write_text("\n".join([f"stamp{separator}a", *lines]))
+    columns = infer_text_table(path).columns
+    assert np.diff(columns["stamp"]) == pytest.approx(0.005, abs=2e-6)
+    offset = {"": 0.0, "Z": 0.0, "+02:00": 7200.0, "-0530": -19800.0}[zone]
+    assert columns["stamp"][0] == pytest.approx(start.replace(tzinfo=UTC).timestamp() - offset, abs=2e-6)
+    assert columns["a"].tolist() == [1.5, 1.5, 1.5]
+
+
+def test_a_date_that_does_not_exist_is_a_word(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("stamp,a\n2024-13-03 14:59:50,1\n2024-13-03 14:59:51,1\n")
+    with pytest.raises(InputError, match="none of its lines consists only of numbers"):
+        infer_text_table(path)

@@ -18,7 +18,14 @@ from numpy.typing import NDArray
 from ballbot.arrays import check_table
 from ballbot.errors import InputError
 from ballbot.files import decode_text, read_bytes
-from ballbot.log.formats.text import TextLayout, check_names, is_number, read_text_table, text_start
+from ballbot.log.formats.text import (
+    TextLayout,
+    check_names,
+    is_number,
+    read_text_table,
+    seconds_of,
+    text_start,
+)
 
 _SEPARATORS: dict[str, str | None] = {"comma": ",", "semicolon": ";", "tab": "\t", "blanks": None}
 #: lines examined to find the separator and the header
@@ -188,11 +195,7 @@ def _ragged_cells(line: str, mark: str | None) -> list[str]:
 def _number_like(cell: str) -> bool:
     if cell.lower() in _NOT_A_NUMBER:
         return True
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return "_" not in cell
+    return is_number(cell) or seconds_of(cell) is not None
 
 
 def _first_row(cells: list[list[str]], numeric: list[bool]) -> int:

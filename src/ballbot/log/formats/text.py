@@ -1,7 +1,8 @@
 """Tables of numbers as text: CSV, the separated files that other people's robots write, and tables of unknown layout.
 
 A well-formed file is read by NumPy's compiled parser. If that fails, the rows are read one at a time, which allows
-missing values and gives messages the line. `inference` finds the layout of tables that do not have Ballbot's own.
+missing values and dates with times, and gives messages the line. `inference` finds the layout of tables that do not
+have Ballbot's own.
 
 Ballbot's own CSV has commas between its cells and a decimal point, or semicolons and a decimal comma, as spreadsheets
 write it in many countries. The header shows which: it has the column t.
@@ -11,8 +12,10 @@ from __future__ import annotations
 
 import io
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -248,7 +251,9 @@ def _parse_by_line(
 
 
 def _is_row(cells: list[str], width: int, missing: set[str]) -> bool:
-    return len(cells) == width and all(cell in missing or is_number(cell) for cell in cells)
+    return len(cells) == width and all(
+        cell in missing or is_number(cell) or seconds_of(cell) is not None for cell in cells
+    )
 
 
 def _cells(line: str, separator: str | None) -> list[str]:
@@ -260,6 +265,9 @@ def _number(path: str | Path, line: int, name: str, cell: str, missing: set[str]
         return math.nan
     if is_number(cell):
         return float(cell)
+    seconds = seconds_of(cell)
+    if seconds is not None:
+        return seconds
     remedy = (
         "name a marker of missing values in a mapping file"
         if mapped
@@ -275,6 +283,23 @@ def is_number(cell: str) -> bool:
     except ValueError:
         return False
     return "_" not in cell  # Python's float accepts 1_000, which is no number in a table
+
+
+_DATE_TIME = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)([.,]\d+)?\s*(Z|[+-]\d\d:?\d\d)?", re.ASCII)
+
+
+def seconds_of(cell: str) -> float | None:
+    """Return the seconds since 1970 of a date with a time (ISO 8601; UTC without an offset); None of other cells."""
+    found = _DATE_TIME.fullmatch(cell)
+    if not found:
+        return None
+    date, time, fraction, offset = found.groups()
+    zone = "+00:00" if offset in (None, "Z") else offset
+    try:
+        whole = datetime.fromisoformat(f"{date}T{time}{zone}").timestamp()
+    except ValueError:  # such as a 13th month
+        return None
+    return whole + float(f"0.{fraction[1:]}" if fraction else 0.0)
 
 
 def _word(separator: str | None) -> str:
