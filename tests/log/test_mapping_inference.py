@@ -255,6 +255,21 @@ def test_roll_and_pitch_whose_names_say_nothing_are_found_beside_wheels_whose_na
     assert found.by_data
 
 
+@pytest.mark.parametrize(
+    ("form", "entry"),
+    [
+        ("rpm{}", 'unit = "rpm" }'),
+        ("wheel{}_rad_s", 'unit = "rad/s" }'),
+        ("w{}_rps", 'unit = "rpm", scale = 60.0 if they are revolutions'),
+        ("wheel{}_rev_s", 'unit = "rpm", scale = 60.0 }'),
+    ],
+)
+def test_a_log_with_wheel_speeds_alone_says_that_it_has_no_angles(tmp_path, form, entry):
+    with pytest.raises(InputError, match=r"speeds .*, but no angles") as refused:
+        renamed(tmp_path, {f"psi_{k}": form.format(k) for k in (1, 2, 3)})
+    assert entry in str(refused.value)
+
+
 def test_a_log_without_commands_says_so_with_the_columns_that_may_be(tmp_path):
     unused = renamed(tmp_path, {"u1": "foo_A", "u2": "foo_B", "u3": "foo_C"})
     assert unused.roles.commands == ()

@@ -155,6 +155,7 @@ def test_a_letter_alone_or_beside_a_number_stays_what_it_is():
         ("Couple1_Nm", ("command", None, 1, "N m", "torque")),
         ("Couple_Nm", ("other", None, None, "N m", "torque")),
         # revolutions or radians a second
+        ("rpm1", ("wheel speed", None, 1, "rpm", None)),
         ("w1_rps", ("wheel speed", None, 1, "rps", None)),
         ("gyro_x_rps", ("gyro", "x", None, None, None)),
     ],

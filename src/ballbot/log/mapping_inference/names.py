@@ -118,6 +118,8 @@ def read_name(name: str) -> Reading:
         if found is None:
             continue
         kind, weight, found_axis, input_kind = found
+        if kind == "wheel speed" and unit is None and "rpm" in present:
+            unit = "rpm"
         fits = unit if unit in UNITS_OF_KIND.get(kind, ()) else None
         return Reading(
             name=name,

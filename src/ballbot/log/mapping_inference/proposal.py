@@ -372,6 +372,8 @@ def _roles(
     known = table.named and named.time is not None and named.angles
     if known and (named.attitude or len(table.columns) < len(named.angles) + len(named.commands) + 3):
         return named, False
+    if not known and table.named and named.time is not None and named.speeds:
+        _check_has_angles(path, named)
     found = roles_by_data(table.columns, robot)
     if known:
         if found is None or found.angles != named.angles:
@@ -386,6 +388,31 @@ def _roles(
             f"or write a mapping file."
         )
     return found, True
+
+
+#: how plainly a name must say that a column is a wheel's speed: w1 may be its angle
+_PLAINLY = 0.7
+
+
+def _check_has_angles(path: str | Path, named: Roles) -> None:
+    """Raise InputError if the names say plainly that the wheels have speeds and no angles, with the entry to write."""
+    reading = named.reading(named.speeds)
+    if reading is None or reading.weight < _PLAINLY:
+        return
+    unit = {"turn/s": "rpm", None: "rpm"}.get(reading.unit, reading.unit)
+    columns = ", ".join(f'"{name}"' for name in named.speeds)
+    entry = f'speed = {{ from = [{columns}], unit = "{unit}" }}'
+    if reading.unit == "rps":
+        entry = (
+            f'speed = {{ from = [{columns}], unit = "rad/s" }} if rps are radians a second, or with unit = "rpm", '
+            "scale = 60.0 if they are revolutions"
+        )
+    elif reading.unit == "turn/s":
+        entry = entry.replace(" }", ", scale = 60.0 }")
+    raise InputError(
+        f"{path}: cannot determine the wheels: there are speeds ({', '.join(named.speeds)}), but no angles, which the "
+        f"comparison with the robot needs. Log the angles, too, or write a mapping file; in [wheels], {entry}."
+    )
 
 
 def _time(path: str | Path, table: ForeignTable, roles: Roles) -> Scale:
