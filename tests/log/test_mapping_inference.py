@@ -270,6 +270,27 @@ def test_a_log_with_wheel_speeds_alone_says_that_it_has_no_angles(tmp_path, form
     assert entry in str(refused.value)
 
 
+@pytest.mark.parametrize(
+    ("name", "factor"), [("wheel{}_rpm", 60.0), ("wheel{}_vel", 60.0), ("wheel{}_vel", 2.0 * np.pi)]
+)
+def test_logged_speeds_that_agree_are_no_glitches_in_any_unit_of_time_and_speed(tmp_path, name, factor):
+    columns = columns_of(swaying_log(), Habits())
+    for k in (1, 2, 3):
+        turns = columns[f"psi_{k}"] / (2.0 * np.pi)
+        columns[name.format(k)] = factor * np.gradient(turns, columns["t_now"])
+    columns["t_ms"] = 1e3 * columns.pop("t_now")
+
+    def glitches():
+        path = write_foreign(tmp_path / "run.txt", columns, Habits())
+        found = propose(path, small_robot(), dead_band=0.0)
+        assert found.roles.speeds == tuple(name.format(k) for k in (1, 2, 3))
+        return [one for one in findings_of(found) if one.code == "glitch"]
+
+    assert glitches() == []
+    columns[name.format(1)][700:720] += 3.0 * factor  # 3 turns a second
+    assert "in 20 rows" in glitches()[0].text
+
+
 def test_a_log_without_commands_says_so_with_the_columns_that_may_be(tmp_path):
     unused = renamed(tmp_path, {"u1": "foo_A", "u2": "foo_B", "u3": "foo_C"})
     assert unused.roles.commands == ()

@@ -18,6 +18,7 @@ from ballbot.errors import InputError
 from ballbot.findings import Finding, Place, Severity, by_severity
 from ballbot.log.checks import check
 from ballbot.log.checks.kinematics import disturbance_findings
+from ballbot.log.columns import FACTORS
 from ballbot.log.log import Log
 from ballbot.log.mapping import apply_mapping
 from ballbot.log.mapping_file import parse_mapping
@@ -295,7 +296,9 @@ def _glitches(proposal: Proposal) -> list[Finding]:
     columns = {name: values[first - 1 : last] for name, values in proposal.table.columns.items()}
     angles = np.column_stack([columns[name] for name in proposal.roles.angles]) * proposal.wheel.factor
     logged = np.column_stack([columns[name] for name in names])
-    _, speeds = local_fit(columns[proposal.roles.time or ""], angles, rows=3)
+    _, speeds = local_fit(columns[proposal.roles.time or ""] * proposal.time.factor, angles, rows=3)
+    reading = proposal.roles.reading(names)
+    logged *= _speed_factor(reading.unit if reading else None, logged, speeds)
     wrong = int((np.abs(logged - speeds) > GLITCH).any(axis=1).sum())
     if not wrong:
         return []
@@ -304,6 +307,18 @@ def _glitches(proposal: Proposal) -> list[Finding]:
         f"their angles in {wrong} rows; the angles are differentiated instead."
     )
     return [_finding("warning", "glitch", sentence, names)]
+
+
+def _speed_factor(named: str | None, logged: NDArray[np.float64], speeds: NDArray[np.float64]) -> float:
+    """Return what turns logged speeds into rad/s: the unit in their name, or that which fits the angles' rates best."""
+    factors = FACTORS["rad/s"]
+    if named in factors:
+        return factors[named]
+    known = np.isfinite(speeds) & np.isfinite(logged)
+    sizes = [float(np.abs(one[known]).sum()) for one in (speeds, logged)]
+    if min(sizes) <= 0.0:
+        return 1.0
+    return min(factors.values(), key=lambda one: abs(math.log(sizes[0] / (one * sizes[1]))))
 
 
 def _timing(proposal: Proposal) -> list[Finding]:
