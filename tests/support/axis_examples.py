@@ -23,9 +23,13 @@ def simulated_record(
     duration: float = 12.0,
     noise: float = 0.0,
     seed: int = 0,
+    wanted: np.ndarray | None = None,
 ) -> AxisRecord:
-    """Return the record of an axis that its loop moves along `reference`; noise [N] acts on it and is not recorded."""
-    wanted = reference(duration)
+    """Return the record of an axis that its loop moves along `wanted`, by default `reference`.
+
+    Noise [N] acts on it and is not recorded.
+    """
+    wanted = reference(duration) if wanted is None else wanted
     empty = AxisRecord(
         name="simulated",
         sample_time=SAMPLE_TIME,

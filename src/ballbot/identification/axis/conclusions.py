@@ -18,6 +18,10 @@ from ballbot.rounding import plus_minus
 
 #: a parameter whose standard error exceeds this share of it is poorly determined
 _OPEN = 0.5
+#: one whose 95 % interval reaches further than so many times it is undetermined
+_UNDETERMINED = 2.0
+#: another method predicts windows better if its error is below this share
+_BETTER = 0.95
 #: beyond so many standard errors, two parts of a record differ
 _DIFFERENT = 2.0
 #: methods differ beyond so many of their errors, and by this share of the parameter
@@ -39,7 +43,8 @@ def axis_findings(
         *failure_findings(records, best.errors),
         _law_finding(laws, best.model.law, by_user=by_user),
         *_asymmetry_findings(record, laws, best.model.law, asymmetry),
-        *_open_parameters(best),
+        *_lost_minimum(records, best, estimates),
+        *_open_parameters(best, records),
         *_apart(best, estimates, record.unit),
     )
 
@@ -72,6 +77,13 @@ def _law_finding(laws: ModelSelection[AxisLaw], chosen: AxisLaw, *, by_user: boo
                 else words.replace("predict ", "predicts ", 1).replace("improve ", "improves ", 1)
             )
             text += f" {', '.join(names)} {verb}."
+    bristles = [name for name in better if "stiffness" in laws.find(name).model.names]
+    if bristles and not by_user and chosen.name == "coulomb":
+        text += (
+            f" {' and '.join(bristles)} would predict better where the axis reverses or rests, but the bristles' "
+            "stiffness is poorly determined or too high to be seen in the position, or the axis does not yield at rest "
+            "as bristles do: something else is missing in the model."
+        )
     return note("law", text)
 
 
@@ -104,14 +116,44 @@ def _over_time(asymmetry: NDArray[np.float64], unit: str) -> str:
     )
 
 
-def _open_parameters(best: Estimate) -> list[Finding]:
+def _lost_minimum(
+    records: Sequence[AxisRecord], best: Estimate, estimates: Sequence[Estimate]
+) -> list[Finding]:
+    """Return a warning for each fitted record whose windows another method predicts better than the result."""
     found = []
+    for place, record in enumerate(records[: best.model.records]):
+        error = best.errors[place].window_rmse
+        other = min(estimates, key=lambda one: one.errors[place].window_rmse)
+        least = other.errors[place].window_rmse
+        if least < _BETTER * error:
+            text = (
+                f"{record.name}: the error over windows is {1e3 * least:.3g} m{record.unit} by the method "
+                f"{other.method} (law {other.law.name}) and {1e3 * error:.3g} by the open loop (law {best.law.name}), "
+                "which did not find the parameters of the least error. Compare the methods before you use these "
+                "parameters."
+            )
+            found.append(warning("lost-minimum", text))
+    return found
+
+
+def _open_parameters(best: Estimate, records: Sequence[AxisRecord]) -> list[Finding]:
+    found = []
+    usual = max(float(np.sqrt(np.mean(one.force**2))) for one in records)
     for label, value in best.values.items():
-        error, symbol = best.standard_errors[label], best.model.parameter(label).symbol
+        error, kind = best.standard_errors[label], best.model.parameter(label)
+        wide = best.half_widths[label] > _UNDETERMINED * abs(value)
+        # a number of either sign, or an amount, may be near zero and well known; it may not be as large as the force
+        large = kind.scale == "ratio" or (kind.unit == "N" and best.half_widths[label] > usual)
         if not np.isfinite(error):
-            found.append(note("at-bound", f"{symbol} is at a bound and has no standard error."))
+            found.append(note("at-bound", f"{kind.symbol} is at a bound and has no standard error."))
+        elif wide and large and not label.startswith("drift_"):
+            text = (
+                f"{kind.symbol} is undetermined: its 95 % interval is {value:.3g} ± {best.half_widths[label]:.2g}. "
+                "Do not use this number."
+            )
+            found.append(warning("undetermined", text))
         elif error > _OPEN * abs(value) and not label.startswith("drift_"):
-            text = f"{symbol} is poorly determined: {value:.3g} with a standard error of {error:.2g}."
+            text = f"{kind.symbol} is poorly determined: {value:.3g} with a standard error of {error:.2g}."
             found.append(note("poorly-determined", text))
     return found
 

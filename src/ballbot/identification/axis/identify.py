@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from ballbot.identification.axis.inverse import (
     inverse_fit,
     without_drift,
 )
+from ballbot.identification.axis.law_fits import check_determined, fit_laws, improved, initial_values
 from ballbot.identification.axis.model import AXIS_LAWS, PARAMETERS, axis_law_named
 from ballbot.identification.axis.motion import default_bandwidth
 from ballbot.identification.axis.output_error import (
@@ -49,6 +50,7 @@ from ballbot.identification.axis.selection import (
     blocks_of,
     errors_on,
     fit_all,
+    held_out_errors,
     select_horizon,
     select_law,
     select_terms,
@@ -93,8 +95,6 @@ _ABOVE_ZERO = {"bandwidth": "the bandwidth of the motion [Hz]", "period": "the t
 DEFAULT_OPTIONS = AxisOptions()
 
 
-#: where a search starts: the bristles' travel over the record's, the break-away's share of Coulomb friction
-_BRISTLE_TRAVEL, _BREAK_AWAY = 4e-4, 0.1
 #: shares of the work done when the horizon is chosen, when the laws are fitted, and when they are judged
 _HORIZON_TO, _FITS_TO, _LAWS_TO, _WHOLE_FROM = 0.3, 0.5, 0.9, 0.95
 #: the force is taken as changing evenly between rows if that lowers the position error to less than this share
@@ -136,28 +136,22 @@ def identify_axis(
         flat = without_drift(records, model, bandwidth=options.bandwidth)
         bench, model = replace(bench, records=flat, flat=True), replace(model, drifts=0)
     inverse = _inverse_fits(bench, model)
-    starts = _initial_values(bench, model)
+    starts = initial_values(bench.sightings, model, bandwidth=bench.bandwidth)
     model = replace(model, interpolated=_interpolated(bench, model, starts, blocks))
-    horizon = select_horizon(
-        model,
-        starts["coulomb"],
-        bench.sightings,
-        blocks,
-        replace(run, progress=part_of(run.progress, 0.0, _HORIZON_TO)),
-    )
-    fits = _fit_laws(bench, model, starts, blocks, horizon.chosen, run)
-    selection, squares = select_law(
-        fits,
-        bench.sightings,
-        blocks,
-        horizon=horizon.chosen,
-        run=replace(run, progress=part_of(run.progress, _FITS_TO, _LAWS_TO)),
-    )
+    choosing = replace(run, progress=part_of(run.progress, 0.0, _HORIZON_TO))
+    horizon = select_horizon(model, starts["coulomb"], bench.sightings, blocks, choosing)
+    fitting = replace(run, progress=part_of(run.progress, _HORIZON_TO, _FITS_TO))
+    fits = fit_laws(model, starts, bench.sightings, blocks, horizon.chosen, fitting)
+    judging = replace(run, progress=part_of(run.progress, _FITS_TO, _LAWS_TO))
+    selection, squares = select_law(fits, bench.sightings, blocks, horizon=horizon.chosen, run=judging)
     chosen = wanted or selection.best.model
+    simulated = _improving(bench, fits, squares, chosen.name, starts, blocks, horizon.chosen, run)
     by_law = {name: bench.estimate("open loop", fit, horizon.chosen) for name, fit in fits.items()}
-    estimates = [_inverse_estimate(bench, inverse, model, horizon.chosen)]
-    estimates += _simulated(bench, fits[chosen.name], starts[chosen.name], horizon.chosen, run)
-    estimates.append(by_law[chosen.name])
+    estimates = [
+        _inverse_estimate(bench, inverse, model, horizon.chosen),
+        *simulated,
+        by_law[chosen.name],
+    ]
     asymmetry = asymmetry_over_time(records[0]) if len(records) == 1 else np.empty((0, 2))
     tests = residual_tests(bench.records, model, bandwidth=options.bandwidth)
     expected = _expected(bench, drifting, fits[chosen.name], squares[chosen.name], blocks, horizon.chosen)
@@ -185,6 +179,33 @@ def identify_axis(
         expected=expected,
         findings=findings,
     )
+
+
+def _improving(
+    bench: _Bench,
+    fits: dict[str, OutputErrorFit],
+    squares: dict[str, NDArray[np.float64]],
+    law: str,
+    starts: Mapping[str, dict[str, float]],
+    blocks: Blocks,
+    horizon: float,
+    run: Run,
+) -> list[Estimate]:
+    """Return a law by output error over whole records; replace its fit and its held-out errors if that is better.
+
+    Raises
+    ------
+    InputError
+        If the records do not determine the law.
+    """
+    others = _simulated(bench, fits[law], starts[law], horizon, run)
+    best = improved(fits[law], [one.values for one in others], bench.sightings, blocks, horizon, run)
+    if best is not fits[law]:
+        judged = [(horizon, False)]
+        fits[law] = best
+        squares[law] = held_out_errors(best, bench.sightings, blocks, horizon=horizon, judged=judged)[:, 0]
+    check_determined(best, starts["coulomb"], bench.sightings, blocks, horizon)
+    return others
 
 
 def _expected(
@@ -248,7 +269,7 @@ class _Bench:
         """The records that are fitted, then the others."""
         return (*self.records, *self.others)
 
-    @property
+    @cached_property
     def sightings(self) -> list[Sighting]:
         """The records that are fitted, with their filtered motion."""
         return [sighting(one, self.band(one)) for one in self.records]
@@ -356,74 +377,3 @@ def _simulated(
         whole = memoized(run, "whole records", fit.model, start, work)
         found.append(bench.estimate("whole record", whole, horizon))
     return found
-
-
-def _fit_laws(
-    bench: _Bench,
-    model: AxisModel,
-    starts: Mapping[str, dict[str, float]],
-    blocks: Blocks,
-    horizon: float,
-    run: Run,
-) -> dict[str, OutputErrorFit]:
-    """Return every law fitted to windows of that length, each from the one within it where that helps."""
-    fits: dict[str, OutputErrorFit] = {}
-    report = part_of(run.progress, _HORIZON_TO, _FITS_TO)
-    for number, (name, law) in enumerate(AXIS_LAWS.items()):
-        report(Progress(stage=f"open loop, law {name}", done=number, total=len(AXIS_LAWS)))
-        start = starts[name]
-        if law.symmetric and law.below in fits:
-            start = start | {k: v for k, v in fits[law.below].values.items() if v > 0.0 or k in _SIGNED}
-        own = model.with_law(law)
-        fit = partial(fit_all, own, start, bench.sightings, blocks, horizon, restarts=1)
-        fits[name] = memoized(run, "open loop", own, start, fit)
-    return fits
-
-
-_SIGNED = ("offset", "spring")
-
-
-def _initial_values(bench: _Bench, model: AxisModel) -> dict[str, dict[str, float]]:
-    """Return where each law's search starts: at the inverse model's parameters."""
-    fits = {
-        form: inverse_fit(
-            bench.records, model=model.with_law(AXIS_LAWS[form]), bandwidth=bench.bandwidth, moving=True
-        )
-        for form in ("coulomb", "asymmetric")
-    }
-    least = 1e-3 * float(np.std(np.concatenate([one.force for one in bench.records])))
-    travel = max(float(np.ptp(one.position)) for one in bench.records)
-    found = {}
-    for name, law in AXIS_LAWS.items():
-        own, fit = model.with_law(law), fits["coulomb" if law.symmetric else "asymmetric"]
-        values = fit.by_name
-        for label in fit.names:
-            base = label.partition("[")[0]
-            if base == "mass":
-                values[label] = _initial_mass(bench.records[0], fit, label)
-            elif base.startswith(("viscous", "coulomb")):
-                values[label] = max(values[label], least)
-        dry = max(values.get("coulomb", least), least)
-        extra = {
-            "stiffness": dry / (_BRISTLE_TRAVEL * travel),
-            "stribeck": _BREAK_AWAY * dry,
-            "stribeck_speed": bench.sightings[0].usual_speed / 5.0,
-            "micro_damping": 0.1
-            * float(np.sqrt(dry / (_BRISTLE_TRAVEL * travel) * abs(values.get("mass", 1.0)))),
-        }
-        found[name] = {
-            label: values.get(label, extra.get(label.partition("[")[0], 0.0)) for label in own.labels
-        }
-    return found
-
-
-def _initial_mass(record: AxisRecord, fit: InverseFit, label: str) -> float:
-    """Return a mass above zero to start from."""
-    place = fit.names.index(label)
-    mass, error = float(fit.values[place]), float(fit.clustered_errors[place])
-    if mass <= 0.0 and record.known_load.inertia == 0.0 and not abs(mass) < 3.0 * error:
-        raise InputError(
-            f"{record.name}: the inverse model estimates a mass of {mass:.3g}. "
-            "The sign of the force or its column is wrong, or the axis hardly accelerates."
-        )
-    return max(mass, 0.3 * error, 0.02 * record.known_load.inertia)

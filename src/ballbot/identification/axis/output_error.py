@@ -265,6 +265,12 @@ class OpenLoop:
         """Return the position errors [m] (m,) from the estimated start of each window."""
         return self.projection(values)(self.errors(values))
 
+    @np.errstate(over="ignore", invalid="ignore")  # the error of a simulation that diverges is infinite
+    def rms(self, values: Values) -> float:
+        """Return the root mean square position error [m] from the estimated start of each window."""
+        found = float(np.sqrt(np.mean(self.from_best_starts(values) ** 2)))
+        return found if np.isfinite(found) else np.inf
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WholeRecords(OpenLoop):
@@ -353,7 +359,9 @@ class OutputErrorFit:
         return {label: quantile * error for label, error in self.standard_errors.items()}
 
 
-@np.errstate(over="ignore")  # a trial step may diverge: its cost is infinite, and it is refused
+@np.errstate(
+    over="ignore", invalid="ignore"
+)  # a trial step may diverge: its cost is not finite; it is refused
 def fit_output_error(model: AxisModel, start: Values, problem: Problem) -> OutputErrorFit:
     """Descend from `start`."""
     space = model.space(start)

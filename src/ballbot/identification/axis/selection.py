@@ -10,7 +10,8 @@ Everything is selected by errors on blocks of time that the fit did not use: eve
 3. The horizon: over windows of each length the law `coulomb` is fitted in open loop, and predicts held-out blocks over
    all those lengths. The one with the least geometric mean of errors is taken.
 4. Laws: each is fitted to windows of that length and predicts held-out blocks. Laws of bristles differ from the others
-   only where the axis reverses or rests, and are judged on the windows in which it does.
+   only where the axis reverses or rests, and are judged on the windows in which it does; records in which the axis
+   does not yield at rest contradict them (`ballbot.identification.axis.presliding`).
 """
 
 from __future__ import annotations
@@ -47,6 +48,7 @@ from ballbot.identification.axis.output_error import (
     fit_output_error,
     windows_of,
 )
+from ballbot.identification.axis.presliding import bristles_agree
 from ballbot.identification.axis.record import AxisRecord, Span
 from ballbot.identification.axis.structure import TURN, AxisModel, base_name, harmonic
 from ballbot.progress import Progress
@@ -340,6 +342,12 @@ def held_out_errors(
     return squares
 
 
+def problem_of(model: AxisModel, sightings: Sequence[Sighting], blocks: Blocks, horizon: float) -> OpenLoop:
+    """Return the open-loop problem over windows of a length in all blocks."""
+    windows, _ = windows_in(sightings, blocks, range(len(blocks)), horizon)
+    return OpenLoop(model=model, sightings=sightings, windows=windows)
+
+
 def fit_all(
     model: AxisModel,
     start: Values,
@@ -349,13 +357,18 @@ def fit_all(
     *,
     restarts: int = 0,
 ) -> OutputErrorFit:
-    """Fit a model to windows of a length in all blocks, and again from better starts of the windows."""
-    windows, _ = windows_in(sightings, blocks, range(len(blocks)), horizon)
-    problem = OpenLoop(model=model, sightings=sightings, windows=windows)
+    """Fit a model to windows of a length in all blocks, and again from better starts of the windows.
+
+    The better starts are linear estimates; over windows that amplify them they may be worse, and are not kept.
+    """
+    problem = problem_of(model, sightings, blocks, horizon)
     fit = fit_output_error(model, start, problem)
     for _ in range(restarts):
         problem = problem.from_better_starts(fit.values)
-        fit = fit_output_error(model, fit.values, problem)
+        again = fit_output_error(model, fit.values, problem)
+        if not again.rms < fit.rms:
+            break
+        fit = again
     return fit
 
 
@@ -436,6 +449,8 @@ def select_law(
         bristles = _select(_BRISTLES, slow)
         candidates += tuple(one for one in bristles.candidates if one.within)
         softer = _useful(bristles, fits)
+        while softer.within and not bristles_agree(fits[softer.name], sightings):
+            softer = bristles.find(softer.within)
         groups = neighbours(range(len(blocks)), block=1)
         everywhere = gain_between(tables[softer.name][:, :1], tables[best.name][:, :1], groups)
         if best.name == "coulomb" and softer.within and everywhere.upper > 0.0:
