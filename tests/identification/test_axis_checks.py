@@ -16,6 +16,9 @@ from ballbot.identification.axis.inverse import free_inverse_fit
 from ballbot.identification.axis.model import AXIS_LAWS, Axis
 from ballbot.identification.axis.prediction import AxisErrors, failure_findings
 from ballbot.identification.axis.reading import AxisColumns, read_axis_record
+from ballbot.identification.axis.record import KnownLoad
+from ballbot.identification.axis.selection import select_terms
+from ballbot.identification.axis.structure import AxisModel
 from ballbot.log import Log
 from tests.support.axis_examples import LOOP, SAMPLE_TIME, TRUTH, simulated_record
 
@@ -253,3 +256,51 @@ def test_a_record_that_is_not_predicted_at_all_gives_a_warning() -> None:
     for diverged in (np.inf, np.nan, 1e3):
         (found,) = failure_findings([record], [replace(good, open_loop_rmse=diverged)])
         assert "the simulation of the whole record diverges" in found.text
+
+
+def falling_pendulum(h: float = 0.01) -> AxisRecord:
+    """Return a pendulum of 0.012 kg m^2 that swings freely under a load of 0.5 kg at 0.3 m, by small Euler's steps."""
+    inertia, weight, fine = 0.5 * 0.3**2, 0.5 * 9.81 * 0.3, 20
+    angle, speed, angles = 1.9, 0.0, []
+    for _ in range(round(20.0 / h)):
+        angles.append(angle)
+        for _ in range(fine):
+            pull = -weight * np.sin(angle) - 0.006 * speed
+            free = speed + h / fine * pull / (0.012 + inertia)
+            speed = np.sign(free) * max(abs(free) - h / fine * 0.02 / (0.012 + inertia), 0.0)
+            angle += h / fine * speed
+    count = 2.0 * np.pi / 4096  # of the encoder
+    return AxisRecord(
+        name="pendulum",
+        sample_time=h,
+        force=np.zeros(len(angles)),
+        position=count * np.round(np.array(angles) / count),
+        unit="rad",
+        known_load=KnownLoad(inertia=inertia, weight=weight),
+    )
+
+
+def test_a_pendulum_that_only_its_load_moves_passes() -> None:
+    """Gravity or a spring of its own, with a mass below zero, would cancel the load's weight."""
+    pendulum = falling_pendulum()
+    assert record_findings(pendulum) == ()
+    model, _ = select_terms((pendulum,), AxisModel(law=AXIS_LAWS["coulomb"]))
+    assert model.terms == ()
+    fit = inverse_fit(pendulum, model=model)
+    assert fit.value("mass") == pytest.approx(0.012, rel=0.05)
+    assert fit.value("coulomb") == pytest.approx(0.02, rel=0.05)
+    # the load's weight acts at each row, whether the recorded force is held or not
+    assert fit.value("viscous") == pytest.approx(0.006, rel=0.15)
+
+
+def test_the_error_relative_to_a_force_of_zero_is_no_finding() -> None:
+    pendulum = falling_pendulum()
+    errors = AxisErrors(
+        record=pendulum.name,
+        window_rmse=1e-4,
+        open_loop_rmse=1e-3,
+        inverse_force=np.nan,
+        closed_loop_force=None,
+        closed_loop_position=None,
+    )
+    assert failure_findings([pendulum], [errors]) == []

@@ -213,12 +213,13 @@ def _rows_of(
     band = default_bandwidth(record) if bandwidth is None else bandwidth
     motion = smoothed_motion(record, bandwidth=band)
     known = record.known_load
-    force = record.force - known.inertia * motion.acceleration
-    if known.weight:
-        force -= known.weight * np.sin(motion.position - known.hanging)
+    force = record.force
     if model.interpolated is False and record.sample_time > SLOW_SAMPLING:
         # the motion at a row is that of the force held before and after it
         force = 0.5 * (force + np.append(force[0], force[:-1]))
+    force = force - known.inertia * motion.acceleration
+    if known.weight:
+        force -= known.weight * np.sin(motion.position - known.hanging)
     columns = {model.label(name, number): column for name, column in _columns(motion, model, record).items()}
     factor, start = (
         decimation_factor(record, bandwidth=band),

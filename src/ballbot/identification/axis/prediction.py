@@ -165,7 +165,7 @@ def failure_findings(records: Sequence[AxisRecord], errors: Sequence[AxisErrors]
     for record, one in zip(records, errors, strict=True):
         travel = float(np.ptp(record.position))
         failures = []
-        if not one.inverse_force <= 1.0:
+        if np.any(record.force) and not one.inverse_force <= 1.0:
             failures.append(
                 f"the force that the motion requires by the model differs by {100.0 * one.inverse_force:.0f} % from "
                 "the recorded force, more than a force of zero"

@@ -174,19 +174,29 @@ def _wider(
 ) -> list[tuple[str, AxisModel]]:
     """Return models with one force more."""
     found = []
-    if "spring" in kinds and "spring" not in model.terms:
+    falling = _moved_by_one_load(records)
+    if "spring" in kinds and "spring" not in model.terms and not falling:
         found.append(("spring", replace(model, terms=("spring", *model.terms))))
     if "drift" in kinds and model.drifts == 0:
         shortest = min(record.duration for record in records)
         pieces = int(min(_MOST_PIECES, max(2.0, shortest / _DRIFT_PIECE)))
         found.append(("drift", replace(model, drifts=pieces)))
     if "harmonic" in kinds and (records[0].unit == "rad" or model.period != TURN):
-        numbers = [1, *_strongest_harmonics(model, rows)]
+        numbers = [*([] if falling else [1]), *_strongest_harmonics(model, rows)]
         for number in dict.fromkeys(numbers):
             names = harmonic(number)
             if names[0] not in model.terms:
                 found.append((f"harmonic {number}", replace(model, terms=(*model.terms, *names))))
     return found
+
+
+def _moved_by_one_load(records: Sequence[AxisRecord]) -> bool:
+    """Return whether nothing but the weight of one known load moves the axis.
+
+    A spring or gravity of its own is not identifiable then: with the load's weight and inertia, negative, they sum to
+    zero without friction.
+    """
+    return all(np.ptp(one.force) == 0.0 and one.known_load == records[0].known_load for one in records)
 
 
 def _strongest_harmonics(model: AxisModel, rows: RegressionRows) -> list[int]:
