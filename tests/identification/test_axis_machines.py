@@ -150,3 +150,23 @@ def test_another_machine_is_outside_the_interval() -> None:
     findings = elsewhere_findings(expected, judged, unit="rad")
     assert [one.severity for one in findings] == ["note", "warning"]
     assert "differs in what the model leaves out" in findings[1].text
+
+
+@pytest.mark.slow
+def test_the_error_expected_elsewhere_contains_the_spread_of_separate_parameters() -> None:
+    """Offsets that differ by a third of the dry friction; another record has one that no fit knows."""
+    plain = Machine(kind="motor", inertia=0.05, viscous=0.1, coulomb=0.4)
+    short = Logging(duration=4.0, rate=200.0, counts=16384.0, force_noise=0.02, fastest=2.0)
+    fitted, other = (
+        [
+            record_of(replace(plain, offset=offset), short, seed, f"offset {offset}")
+            for seed, offset in enumerate(offsets, first)
+        ]
+        for first, offsets in ((0, (0.06, 0.0, -0.06)), (10, (0.04,)))
+    )
+    options = AxisOptions(law="coulomb", harmonics=(), spring=False, drift=False, separate=("offset",))
+    found = identify_axis(fitted, options=options, validation_records=other)
+    elsewhere = found.best.errors[-1].window_rmse
+    # each record by its own offset is predicted far better
+    assert max(one.window_rmse for one in found.best.errors[:3]) < 0.6 * elsewhere
+    assert found.expected.lower < elsewhere < found.expected.upper

@@ -216,10 +216,12 @@ def _expected(
     blocks: Blocks,
     horizon: float,
 ) -> PredictedError:
-    """Return the error to expect on another record, whose drift is not known."""
-    if drifting is not bench:
-        drifted = errors_on(fit, drifting.sightings, blocks, range(len(blocks)), horizon)
-        squares = np.maximum(squares, drifted)
+    """Return the error to expect on another record, whose drift and separate parameters are not known."""
+    values = fit.model.values_from_others(fit.values)
+    if drifting is not bench or values != fit.values:
+        foreign = replace(fit, values=values)
+        unknown = errors_on(foreign, drifting.sightings, blocks, range(len(blocks)), horizon)
+        squares = np.maximum(squares, unknown)
     return predicted_error(squares, blocks, horizon=horizon)
 
 

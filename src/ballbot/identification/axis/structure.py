@@ -85,6 +85,19 @@ class AxisModel:
             if not name.startswith("drift_")
         }
 
+    def values_from_others(self, values: Values) -> dict[str, float]:
+        """Return parameters by label, each record's separate ones on average over the other records.
+
+        They are what a record's parameters would be had it not been fitted.
+        """
+        found = dict(values)
+        for name in self.names:
+            labels = [self.label(name, i) for i in range(self.records)]
+            if labels[0] != name and not name.startswith("drift_"):
+                total = sum(values[label] for label in labels)
+                found |= {label: (total - values[label]) / (self.records - 1) for label in labels}
+        return found
+
     def axis(self, values: Values, record: int | None) -> Axis:
         """Return the axis of one of the records, or of another one."""
         own = self.values_elsewhere(values) if record is None else self.values_for(values, record)
