@@ -196,8 +196,14 @@ def no_command(_: Finding) -> str:
     return ""
 
 
-def check_codes(accept: Iterable[str]) -> tuple[str, ...]:
+def check_codes(accept: Iterable[str], *, listed: Collection[str] = CODES) -> tuple[str, ...]:
     """Return codes to accept, each once.
+
+    Parameters
+    ----------
+    accept : iterable of str
+    listed : collection of str
+        The codes that a command can meet, which the sentence on an unknown one names.
 
     Raises
     ------
@@ -207,7 +213,7 @@ def check_codes(accept: Iterable[str]) -> tuple[str, ...]:
     codes = tuple(dict.fromkeys(accept))
     for code in codes:
         if code not in CODES:
-            hint = suggest(code, CODES, otherwise="the codes are", count=3, likeness=0.5)
+            hint = suggest(code, listed, otherwise="the codes are", count=3, likeness=0.5)
             raise InputError(f"There is no finding with the code {code!r} to accept; {hint}")
     return codes
 

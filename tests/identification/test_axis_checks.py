@@ -304,3 +304,44 @@ def test_the_error_relative_to_a_force_of_zero_is_no_finding() -> None:
         closed_loop_position=None,
     )
     assert failure_findings([pendulum], [errors]) == []
+
+
+@pytest.mark.parametrize(
+    ("step", "cause"),
+    [
+        (2.0, "milliseconds (0.002 s): --time-scale 0.001."),
+        (2e3, "microseconds (0.002 s): --time-scale 1e-06."),
+        (1e9, "check the unit of t and --time-scale."),
+    ],
+)
+def test_the_unit_of_time_that_fits_is_named(step: float, cause: str) -> None:
+    (text,) = error_texts(replace(open_loop(), sample_time=step), "scale")
+    assert text.endswith(cause)
+
+
+def test_a_single_wild_position_is_named_by_its_row() -> None:
+    position = open_loop().position.copy()
+    position[1500] = 1e6
+    (text,) = error_texts(replace(open_loop(), position=position), "spike")
+    assert "jumps to 1e+06 m in row 1501 (1.5 s after the first one) and back" in text
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (
+            ["--accept", "foo"],
+            "the codes are axis-loop, axis-reference, force-sign, force-unrelated, scale, sp",
+        ),
+        (["--separate", "c"], "--separate coulomb: a parameter can be separate only between several records"),
+    ],
+)
+def test_options_of_the_command_are_answered_in_its_terms(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], sentence: str
+) -> None:
+    t = np.arange(len(open_loop())) * SAMPLE_TIME
+    Log({"t": t, "position": open_loop().position, "force": open_loop().force}).write(tmp_path / "record.csv")
+    assert (
+        main(["identify-axis", str(tmp_path / "record.csv"), "--out", str(tmp_path / "out"), *options]) == 2
+    )
+    assert sentence in " ".join(capsys.readouterr().err.split())

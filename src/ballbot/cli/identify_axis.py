@@ -10,11 +10,12 @@ from cyclopts import Parameter
 
 from ballbot.cli.context import PAGE, RunOptions, WholeNumber, input_files, open_long_result
 from ballbot.cli.findings import Accept, stop_or_show
-from ballbot.findings import Finding, by_severity
+from ballbot.findings import Finding, by_severity, check_codes
 from ballbot.fitting.checkpoint import identity_of
 from ballbot.identification.axis import AxisOptions, AxisRecord
 from ballbot.identification.axis import identify_axis as identify_record
-from ballbot.identification.axis.checks import record_findings
+from ballbot.identification.axis.checks import ERROR_CODES, record_findings
+from ballbot.identification.axis.model import PARAMETERS
 from ballbot.identification.axis.reading import AxisColumns, read_axis_records
 from ballbot.report.axis import axis_parts, axis_report
 
@@ -32,8 +33,9 @@ class MethodOptions:
     bandwidth: float | None = None
     """Bandwidth of the motion, in hertz, which sets the filters."""
 
-    harmonics: tuple[WholeNumber, ...] | None = None
-    """Harmonics of a force that depends on position: 1 is gravity on an axis that turns, higher ones are cogging."""
+    harmonics: Annotated[tuple[WholeNumber, ...] | None, Parameter(negative="--no-harmonics")] = None
+    """Harmonics of a force that depends on position: 1 is gravity on an axis that turns, higher ones are cogging.
+    --no-harmonics searches none."""
 
     spring: bool | None = None
     """Whether a force is proportional to position, as of a spring or a cable."""
@@ -45,11 +47,13 @@ class MethodOptions:
     """Travel of the first harmonic, in metres or radians; one turn if not given."""
 
     separate: tuple[str, ...] = ()
-    """Parameters of which each record has its own, such as offset; the others are common to all."""
+    """Parameters of which each record has its own, such as offset, by name or symbol; the others are common to all."""
 
     def options(self) -> AxisOptions:
         """Return what the identification takes."""
-        return AxisOptions(**vars(self))
+        names = {one.symbol: name for name, one in PARAMETERS.items()}
+        named = replace(self, separate=tuple(names.get(one, one) for one in self.separate))
+        return AxisOptions(**vars(named))
 
 
 _COLUMNS, _METHOD = AxisColumns(), MethodOptions()
@@ -89,6 +93,7 @@ def identify_axis(
         Continue an interrupted run in the same folder.
     """
     options = method.options()  # wrong ones are refused before anything is read
+    check_codes(accept or (), listed=ERROR_CODES)
     fitted = (record, *(also or ()))
     paths = (*fitted, *against)
     read = read_axis_records(paths, columns)

@@ -43,6 +43,16 @@ _AT_LIMIT, _LIMIT_ROWS = 0.98, 0.1
 _FREE_FORCE, _FREE_TIMES = 0.1, 3.0
 #: fewer rows below the limit show no usual variation
 _LEAST_FREE_ROWS = 100
+#: codes of the errors that are found here, which `--accept` takes
+ERROR_CODES = (
+    "axis-loop",
+    "axis-reference",
+    "force-sign",
+    "force-unrelated",
+    "scale",
+    "speed-limit",
+    "spike",
+)
 _FACTORS = {1e-3: "1/1000", 1e3: "1000", 1e6: "1,000,000", 1e-6: "1/1,000,000"}
 
 
@@ -60,7 +70,13 @@ def record_findings(record: AxisRecord, *, bandwidth: float | None = None) -> tu
     InputError
         If the bandwidth does not suit the sampling, or the record cannot give mass and friction.
     """
-    findings = [*_of_time(record), *_of_travel(record), *_of_reference(record), *_of_gaps(record)]
+    findings = [
+        *_of_time(record),
+        *_of_spikes(record),
+        *_of_travel(record),
+        *_of_reference(record),
+        *_of_gaps(record),
+    ]
     follows = all(one.code != "axis-reference" for one in findings)
     moved = np.ptp(record.force) > 0.0 or record.known_load.weight > 0.0
     if record.loop is not None and record.reference is not None and follows and moved:
@@ -145,14 +161,34 @@ def _of_gaps(record: AxisRecord) -> Iterator[Finding]:
 def _of_time(record: AxisRecord) -> Iterator[Finding]:
     h = record.sample_time
     if h > _SAMPLING[1]:
-        text = (
-            f"Rows come every {h:.3g} s, too slowly for an axis; "
-            f"t appears to be in milliseconds ({0.001 * h:.3g} s): --time-scale 0.001."
-        )
+        units = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
+        fitting = next((one for one in units.items() if one[1] * h <= _SAMPLING[1]), None)
+        cause = "check the unit of t and --time-scale"
+        if fitting is not None:
+            cause = f"t appears to be in {fitting[0]} ({fitting[1] * h:.3g} s): --time-scale {fitting[1]:g}"
+        text = f"Rows come every {h:.3g} s, too slowly for an axis; {cause}."
         yield _finding("scale", "error", text, "t")
     elif h < _SAMPLING[0]:
         text = f"Rows come every {h:.3g} s, faster than axes are logged; check the unit of t."
         yield _finding("scale", "error", text, "t")
+
+
+def _of_spikes(record: AxisRecord) -> Iterator[Finding]:
+    """Find values of the position that leave its range by more than twice its width for a single row."""
+    position = record.position
+    low, high = np.quantile(position, [0.01, 0.99])
+    away = np.abs(position[1:-1] - 0.5 * (position[:-2] + position[2:])) > 2.0 * (high - low)
+    outside = np.maximum(low - position[1:-1], position[1:-1] - high) > 2.0 * (high - low)
+    rows = np.flatnonzero(away & outside) + 1
+    if rows.size and high > low:
+        first = int(rows[0])
+        text = (
+            f"The position jumps to {position[first]:.4g} {record.unit} in row {first + 1} ({record.t[first]:.4g} s "
+            f"after the first one) and back; it is from {low:.4g} to {high:.4g} {record.unit} otherwise"
+            + (f", as in {rows.size - 1} more rows" if rows.size > 1 else "")
+            + ". Remove such rows (gaps are allowed), or leave their cells empty."
+        )
+        yield _finding("spike", "error", text, "position")
 
 
 def _of_travel(record: AxisRecord) -> Iterator[Finding]:

@@ -12,6 +12,7 @@ usual one, the force between them is unknown, and no prediction runs across.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -175,3 +176,12 @@ class AxisRecord:
     def force_unit(self) -> str:
         """[N], or [N m] for an axis that turns."""
         return "N" if self.unit == "m" else "N m"
+
+
+def moved_by_one_load(records: Sequence[AxisRecord]) -> bool:
+    """Return whether nothing but the weight of one known load moves the axis.
+
+    A spring or gravity of its own is not identifiable then: with the load's weight and inertia, negative, they sum to
+    zero without friction.
+    """
+    return all(np.ptp(one.force) == 0.0 and one.known_load == records[0].known_load for one in records)

@@ -49,7 +49,7 @@ from ballbot.identification.axis.output_error import (
     windows_of,
 )
 from ballbot.identification.axis.presliding import bristles_agree
-from ballbot.identification.axis.record import AxisRecord, Span
+from ballbot.identification.axis.record import AxisRecord, Span, moved_by_one_load
 from ballbot.identification.axis.structure import TURN, AxisModel, base_name, harmonic
 from ballbot.progress import Progress
 
@@ -174,7 +174,7 @@ def _wider(
 ) -> list[tuple[str, AxisModel]]:
     """Return models with one force more."""
     found = []
-    falling = _moved_by_one_load(records)
+    falling = moved_by_one_load(records)
     if "spring" in kinds and "spring" not in model.terms and not falling:
         found.append(("spring", replace(model, terms=("spring", *model.terms))))
     if "drift" in kinds and model.drifts == 0:
@@ -188,15 +188,6 @@ def _wider(
             if names[0] not in model.terms:
                 found.append((f"harmonic {number}", replace(model, terms=(*model.terms, *names))))
     return found
-
-
-def _moved_by_one_load(records: Sequence[AxisRecord]) -> bool:
-    """Return whether nothing but the weight of one known load moves the axis.
-
-    A spring or gravity of its own is not identifiable then: with the load's weight and inertia, negative, they sum to
-    zero without friction.
-    """
-    return all(np.ptp(one.force) == 0.0 and one.known_load == records[0].known_load for one in records)
 
 
 def _strongest_harmonics(model: AxisModel, rows: RegressionRows) -> list[int]:
