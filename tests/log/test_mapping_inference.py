@@ -291,6 +291,11 @@ def test_logged_speeds_that_agree_are_no_glitches_in_any_unit_of_time_and_speed(
     assert "in 20 rows" in glitches()[0].text
 
 
+def test_columns_that_are_no_angles_by_their_names_are_never_taken_for_the_lean(tmp_path):
+    found = renamed(tmp_path, {"theta_x": "acc_x", "theta_y": "acc_y", "theta_z": "acc_z"})
+    assert found.roles.attitude == ()
+
+
 def test_a_log_without_commands_says_so_with_the_columns_that_may_be(tmp_path):
     unused = renamed(tmp_path, {"u1": "foo_A", "u2": "foo_B", "u3": "foo_C"})
     assert unused.roles.commands == ()

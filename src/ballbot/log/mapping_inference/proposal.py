@@ -8,7 +8,7 @@ commands are. Rates come from a gyro if there is one: lean accelerations from di
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from ballbot.log.mapping_inference.drive import DriveEvidence, drive_evidence
 from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.file_signals import GyroTest, Raw, Signals, gyro_of, signals_of
 from ballbot.log.mapping_inference.frame import Frame, HeadingTest, frame_of, heading_test
+from ballbot.log.mapping_inference.names import read_names
 from ballbot.log.mapping_inference.placement import LeanTest, lean_test
 from ballbot.log.mapping_inference.roles import (
     Roles,
@@ -374,7 +375,7 @@ def _roles(
         return named, False
     if not known and table.named and named.time is not None and named.speeds:
         _check_has_angles(path, named)
-    found = roles_by_data(table.columns, robot)
+    found = roles_by_data(_perhaps_lean(table.columns) if known else table.columns, robot)
     if known:
         if found is None or found.angles != named.angles:
             return named, False
@@ -388,6 +389,12 @@ def _roles(
             f"or write a mapping file."
         )
     return found, True
+
+
+def _perhaps_lean(columns: Mapping[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
+    """Return the columns without those whose names say that they are no angles, such as an accelerometer's."""
+    other = ("gyro", "accelerometer", "wheel speed", "reference", "ball position", "ball velocity")
+    return {one.name: columns[one.name] for one in read_names(list(columns)) if one.kind not in other}
 
 
 #: how plainly a name must say that a column is a wheel's speed: w1 may be its angle
