@@ -10,8 +10,7 @@ Everything is selected by errors on blocks of time that the fit did not use: eve
 3. The horizon: over windows of each length the law `coulomb` is fitted in open loop, and predicts held-out blocks over
    all those lengths. The one with the least geometric mean of errors is taken.
 4. Laws: each is fitted to windows of that length and predicts held-out blocks. Laws of bristles differ from the others
-   only where the axis reverses or rests, and are judged on the windows in which it does; records in which the axis
-   does not yield at rest contradict them (`ballbot.identification.axis.presliding`).
+   only where the axis reverses or rests, and are judged on the windows in which it does; see also `presliding`.
 """
 
 from __future__ import annotations
@@ -358,10 +357,7 @@ def fit_all(
     *,
     restarts: int = 0,
 ) -> OutputErrorFit:
-    """Fit a model to windows of a length in all blocks, and again from better starts of the windows.
-
-    The better starts are linear estimates; over windows that amplify them they may be worse, and are not kept.
-    """
+    """Fit a model to windows of a length in all blocks, and again from starts of the windows that lower the error."""
     problem = problem_of(model, sightings, blocks, horizon)
     fit = fit_output_error(model, start, problem)
     for _ in range(restarts):
