@@ -40,6 +40,7 @@ from ballbot.identification.axis.prediction import (
     elsewhere_findings,
     error_elsewhere,
     predicted_error,
+    with_unknown_parameters,
 )
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.residuals import residual_findings, residual_tests
@@ -217,12 +218,15 @@ def _expected(
     horizon: float,
 ) -> PredictedError:
     """Return the error to expect on another record, whose drift and separate parameters are not known."""
+    if drifting is not bench:
+        drifted = errors_on(fit, drifting.sightings, blocks, range(len(blocks)), horizon)
+        squares = np.maximum(squares, drifted)
+    expected = predicted_error(squares, blocks, horizon=horizon)
     values = fit.model.values_from_others(fit.values)
-    if drifting is not bench or values != fit.values:
-        foreign = replace(fit, values=values)
-        unknown = errors_on(foreign, drifting.sightings, blocks, range(len(blocks)), horizon)
-        squares = np.maximum(squares, unknown)
-    return predicted_error(squares, blocks, horizon=horizon)
+    if values == fit.values:
+        return expected
+    foreign = errors_on(replace(fit, values=values), bench.sightings, blocks, range(len(blocks)), horizon)
+    return with_unknown_parameters(expected, foreign)
 
 
 def _elsewhere(bench: _Bench, fit: OutputErrorFit, expected: PredictedError) -> list[Finding]:

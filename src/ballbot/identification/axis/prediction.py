@@ -109,6 +109,24 @@ def predicted_error(
     )
 
 
+def with_unknown_parameters(expected: PredictedError, squares: NDArray[np.float64]) -> PredictedError:
+    """Return the error to expect on a record whose separate parameters are its own and not known.
+
+    They may be those of the average, which leaves the lower limit. The part of the error that their spread makes is
+    known from as many records as were fitted.
+
+    Parameters
+    ----------
+    expected : PredictedError
+        With each record's own parameters.
+    squares : ndarray (blocks,)
+        Mean square errors of the blocks, each record's separate parameters averaged over the other records [m^2].
+    """
+    error = max(expected.error, float(np.sqrt(squares.mean())))
+    spread = float(scipy.stats.t.ppf(0.975, expected.records - 1)) * np.sqrt(error**2 - expected.error**2)
+    return replace(expected, error=error, upper=float(np.hypot(expected.upper, spread)))
+
+
 def error_elsewhere(
     fit: OutputErrorFit, record: AxisRecord, *, horizon: float, number: int | None = None
 ) -> float:
