@@ -129,7 +129,7 @@ def test_missing_mat_file_is_reported(tmp_path, capsys):
             ["--separate", "nothing"],
             "--separate names no parameter: 'nothing'; the parameters are mass, viscous",
         ),
-        (["--load-mass", "1,2,3"], "3 values for 1 records"),
+        (["--load-mass", "1,2,3"], "3 values for 1 record;"),
         (["--unit", "rad", "--load-mass", "1"], "give --load-arm"),
         (["--load-mass", "-3"], "--load-mass is -3; it must be zero or more"),
         (

@@ -38,14 +38,14 @@ def geared() -> AxisIdentification:
     return identify_axis(GEARED, options=AxisOptions(law="coulomb", harmonics=(), spring=False, drift=False))
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_dry_friction_ten_times_the_inertia_s_force_is_found(geared: AxisIdentification) -> None:
     for name, truth in (("mass", 0.05), ("viscous", 1.0), ("coulomb", 8.0)):
         assert geared.best.values[name] == pytest.approx(truth, rel=0.1)
     assert not {"lost-minimum", "undetermined"} & {one.code for one in geared.findings}
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_no_law_fits_the_windows_worse_than_the_law_within_it(geared: AxisIdentification) -> None:
     blocks, seen = blocks_of([GEARED]), [sighting(GEARED, default_bandwidth(GEARED))]
     errors = {
@@ -57,7 +57,7 @@ def test_no_law_fits_the_windows_worse_than_the_law_within_it(geared: AxisIdenti
             assert errors[name] <= 1.001 * errors[law.below]
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_a_lost_minimum_and_an_undetermined_mass_are_warnings(geared: AxisIdentification) -> None:
     best = geared.best
     lost = replace(
@@ -71,7 +71,7 @@ def test_a_lost_minimum_and_an_undetermined_mass_are_warnings(geared: AxisIdenti
     assert "M is undetermined" in texts["undetermined"]
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_a_fit_goes_on_from_better_parameters_of_another_method() -> None:
     record = simulated_record(duration=6.0)
     blocks, seen = blocks_of([record]), [sighting(record, 20.0)]
@@ -111,7 +111,7 @@ def test_an_axis_that_yields_at_rest_has_bristles_and_one_that_sticks_has_none()
     assert not bristles_agree(fit_of("dahl", **(BRISTLES | {"stiffness": 2e13})), [yields])
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 @pytest.mark.parametrize("law", ["dahl", "coulomb"])
 def test_bristles_are_selected_where_they_are(law: str) -> None:
     found = identify_axis(rested(law), options=AxisOptions(harmonics=(), spring=False, drift=False))
