@@ -1,8 +1,7 @@
-"""Fits of the friction laws of one axis: starts, nesting, records that determine nothing, and bristles."""
+"""Fits of the friction laws of one axis: starts, nesting, and records that determine nothing."""
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from ballbot.errors import InputError
@@ -12,8 +11,6 @@ from ballbot.identification.axis.conclusions import axis_findings
 from ballbot.identification.axis.law_fits import check_determined, improved
 from ballbot.identification.axis.motion import default_bandwidth
 from ballbot.identification.axis.output_error import OutputErrorFit, sighting
-from ballbot.identification.axis.presliding import bristles_agree
-from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.selection import blocks_of, problem_of
 from ballbot.identification.axis.structure import AxisModel
 from campaigns.axis_machines import Logging, Machine, record_of
@@ -24,7 +21,6 @@ GEAR = Machine(kind="motor", inertia=0.05, viscous=1.0, coulomb=8.0)
 GEARED = record_of(
     GEAR, Logging(duration=6.0, rate=200.0, amplitude=2.0, counts=4096.0, force_noise=0.2), 1, "gear"
 )
-BRISTLES = TRUTH | {"stiffness": 1e5}
 
 
 def fit_of(law: str, **values: float) -> OutputErrorFit:
@@ -90,30 +86,3 @@ def test_a_fit_no_better_than_a_constant_speed_is_refused() -> None:
         InputError, match=r"does not determine mass and friction: .* The inverse model, .* gives M ="
     ):
         check_determined(heavy, inverse, seen, blocks, 0.2)
-
-
-def rested(law: str) -> AxisRecord:
-    """Return the record of an axis that its loop moves to and fro, and by less than its bristles' travel."""
-    whole = simulated_record(law=law, values=BRISTLES, duration=6.0)
-    assert whole.reference is not None
-    still = np.clip(whole.reference, 0.05, 0.15)
-    t = whole.t
-    small = 1e-4 * np.sin(2.0 * np.pi * 2.0 * t) * (np.diff(still, append=still[-1]) == 0.0)
-    return simulated_record(law=law, values=BRISTLES, duration=6.0, wanted=still + small)
-
-
-def test_an_axis_that_yields_at_rest_has_bristles_and_one_that_sticks_has_none() -> None:
-    yields, sticks = (sighting(rested(law), 20.0) for law in ("dahl", "coulomb"))
-    bristles = fit_of("dahl", **BRISTLES)
-    assert bristles_agree(bristles, [yields])
-    assert not bristles_agree(bristles, [sticks])
-    # a travel of a picometre is not seen in a position
-    assert not bristles_agree(fit_of("dahl", **(BRISTLES | {"stiffness": 2e13})), [yields])
-
-
-@pytest.mark.sample
-@pytest.mark.parametrize("law", ["dahl", "coulomb"])
-def test_bristles_are_selected_where_they_are(law: str) -> None:
-    found = identify_axis(rested(law), options=AxisOptions(harmonics=(), spring=False, drift=False))
-    assert found.chosen.name == law
-    assert found.best.values["coulomb"] == pytest.approx(20.0, rel=0.1)

@@ -115,7 +115,7 @@ def test_forces_over_position_against_an_adaptive_integrator():
         name="arm", sample_time=h, force=force, position=np.arange(rows) * 1.0, unit="rad", known_load=load
     )
     axis = Axis(law=AXIS_LAWS["coulomb"], values=values)
-    found = axis.windows(record, np.array([0]), np.array([rows - 1]), np.array([[0.2, 0.5]]))
+    found = axis.windows(record, np.array([0]), np.array([rows - 1]), np.array([[0.2, 0.5, 1.0]]))
 
     def rate(t, y, force):  # noqa: ARG001
         q, w = y
@@ -149,7 +149,7 @@ def test_rows_at_uneven_times_move_as_even_ones():
         times=begins * SAMPLE_TIME,
     )
     uneven = Axis(law=AXIS_LAWS["coulomb"], values=TRUTH).windows(
-        record, np.array([0]), np.array([len(begins) - 1]), np.array([[0.0, 0.1]])
+        record, np.array([0]), np.array([len(begins) - 1]), np.array([[0.0, 0.1, 1.0]])
     )
     # RK4's steps of one and of two milliseconds agree to its order
     np.testing.assert_allclose(uneven, even[begins[1:] - 1], atol=1e-8)

@@ -56,7 +56,7 @@ from ballbot.identification.axis.selection import (
     select_law,
     select_terms,
 )
-from ballbot.identification.axis.structure import TURN, AxisModel, terms_of
+from ballbot.identification.axis.structure import TURN, AxisModel, base_name, terms_of
 from ballbot.progress import Progress, part_of
 
 
@@ -140,7 +140,8 @@ def identify_axis(
     starts = initial_values(bench.sightings, model, bandwidth=bench.bandwidth)
     model = replace(model, interpolated=_interpolated(bench, model, starts, blocks))
     choosing = replace(run, progress=part_of(run.progress, 0.0, _HORIZON_TO))
-    horizon = select_horizon(model, starts["coulomb"], bench.sightings, blocks, choosing)
+    dry = AXIS_LAWS["dahl" if model.bending else "coulomb"]
+    horizon = select_horizon(model.with_law(dry), starts[dry.name], bench.sightings, blocks, choosing)
     fitting = replace(run, progress=part_of(run.progress, _HORIZON_TO, _FITS_TO))
     fits = fit_laws(model, starts, bench.sightings, blocks, horizon.chosen, fitting)
     judging = replace(run, progress=part_of(run.progress, _FITS_TO, _LAWS_TO))
@@ -301,7 +302,7 @@ class _Bench:
 
 
 def _structure(bench: _Bench, options: AxisOptions) -> tuple[AxisModel, tuple[tuple[str, Gain], ...]]:
-    """Return the model with the forces that are given or selected, and the gains of the selected ones."""
+    """Return the model with the forces that are given or selected and its bristles, and the selected ones' gains."""
     period = TURN if options.period is None else options.period
     if options.harmonics and options.period is None and bench.records[0].unit == "m":
         raise InputError("Harmonics of an axis that slides need the travel of one period; give --period.")
@@ -320,8 +321,6 @@ def _structure(bench: _Bench, options: AxisOptions) -> tuple[AxisModel, tuple[tu
         kinds.append("harmonic")
     if options.drift is None:
         kinds.append("drift")
-    if not kinds:
-        return model, ()
     return select_terms(bench.records, model, kinds=kinds, bandwidth=options.bandwidth)
 
 
@@ -331,7 +330,7 @@ def _inverse_fits(bench: _Bench, model: AxisModel) -> dict[str, InverseFit]:
     if len(bench.records) == 1:
         for form in ("coulomb", "asymmetric"):
             found[form] = inverse_fit(bench.records[0], form=form, bandwidth=bench.bandwidth)
-    if model.terms or bench.flat or len(bench.records) > 1:
+    if model.terms or model.bending or bench.flat or len(bench.records) > 1:
         found["complete"] = inverse_fit(bench.records, model=model, bandwidth=bench.bandwidth, moving=True)
     return found
 
@@ -342,10 +341,16 @@ def _inverse_estimate(
     complete = "complete" in inverse
     fit = inverse["complete" if complete else "coulomb"]
     own = model if complete else replace(model, terms=())
+    values, errors = fit.by_name, dict(zip(fit.names, fit.clustered_errors.tolist(), strict=True))
+    if own.bending:
+        own = own.with_law(AXIS_LAWS["dahl"])
+        dry = np.mean([value for label, value in values.items() if base_name(label) == "coulomb"])
+        bent = {label: float(dry) / own.bending for label in own.labels if base_name(label) == "stiffness"}
+        values, errors = values | bent, errors | dict.fromkeys(bent, np.nan)
     found = OutputErrorFit(
         model=own,
-        values=fit.by_name,
-        standard_errors=dict(zip(fit.names, fit.clustered_errors.tolist(), strict=True)),
+        values=values,
+        standard_errors=errors,
         rms=fit.relative_force_error,
         freedom=max(1, fit.blocks - len(fit.names)),
     )

@@ -5,8 +5,8 @@ The model gives the force as a linear sum, by least squares (IDIM-LS):
     F = M a + F_v v + F_c sgn(v) + offset                                    ("coulomb")
     F = M a + (F_v+ v + F_c+) [v > 0] + (F_v- v - F_c-) [v < 0]              ("asymmetric")
 
-and, if requested, forces over position, a drift of the offset and several records. Speed and acceleration are those of
-`motion`. The force that a known load requires is subtracted.
+and, if requested, bristles in place of sgn(v) (`bent_bristles`), forces over position, a drift of the offset and
+several records. Speed and acceleration are those of `motion`. The force that a known load requires is subtracted.
 
 Friction dissipates energy, so a friction coefficient that would be negative is fixed at zero, and the others are fitted
 again. Standard deviations are given twice: as published, s sqrt(diag (X^T X)^-1), which assumes independent rows, and
@@ -31,6 +31,7 @@ from ballbot.identification.axis.model import AXIS_LAWS, drift_shapes
 from ballbot.identification.axis.motion import (
     LEAST_SEGMENT,
     Motion,
+    bent_bristles,
     decimated,
     decimation_factor,
     default_bandwidth,
@@ -318,17 +319,17 @@ def asymmetry_over_time(record: AxisRecord, *, parts: int = 4) -> NDArray[np.flo
 
 def _columns(motion: Motion, model: AxisModel, record: AxisRecord) -> dict[str, NDArray[np.float64]]:
     """Return the linear part of a model by parameter (N,)."""
-    v, sign = motion.speed, np.sign(motion.speed)
+    v = motion.speed
+    dry = bent_bristles(motion.position, model.bending) if model.bending else np.sign(v)
     if model.law.symmetric:
-        plain = {"mass": motion.acceleration, "viscous": v, "coulomb": sign, "offset": np.ones_like(v)}
+        plain = {"mass": motion.acceleration, "viscous": v, "coulomb": dry, "offset": np.ones_like(v)}
     else:
-        plus, minus = 0.5 * (1.0 + sign), 0.5 * (1.0 - sign)
         plain = {
             "mass": motion.acceleration,
-            "viscous_plus": v * plus,
-            "coulomb_plus": sign * plus,
-            "viscous_minus": v * minus,
-            "coulomb_minus": sign * minus,
+            "viscous_plus": np.maximum(v, 0.0),
+            "coulomb_plus": np.maximum(dry, 0.0),
+            "viscous_minus": np.minimum(v, 0.0),
+            "coulomb_minus": np.minimum(dry, 0.0),
         }
     columns = {name: column for name, column in plain.items() if name in model.law.names}
     columns |= position_columns(model.terms, motion.position, model.period)

@@ -59,12 +59,12 @@ def initial_values(
             elif base.startswith(("viscous", "coulomb")):
                 values[label] = max(values[label], least)
         dry = max(values.get("coulomb", least), least)
+        stiffness = dry / (model.bending or _BRISTLE_TRAVEL * travel)
         extra = {
-            "stiffness": dry / (_BRISTLE_TRAVEL * travel),
+            "stiffness": stiffness,
             "stribeck": _BREAK_AWAY * dry,
             "stribeck_speed": sightings[0].usual_speed / 5.0,
-            "micro_damping": 0.1
-            * float(np.sqrt(dry / (_BRISTLE_TRAVEL * travel) * abs(values.get("mass", 1.0)))),
+            "micro_damping": 0.1 * float(np.sqrt(stiffness * abs(values.get("mass", 1.0)))),
         }
         found[name] = {label: values.get(label, extra.get(base_name(label), 0.0)) for label in own.labels}
     return found

@@ -35,6 +35,7 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arrays import positive_number, real_array, real_number
 from ballbot.errors import InputError, suggest
 from ballbot.fitting.parameter import Parameter, Scale
+from ballbot.identification.axis.motion import bent_bristles
 from ballbot.identification.axis.record import GAP, NO_LOAD, AxisRecord, KnownLoad
 from ballbot.mechanics.engine.arrays import fill
 from ballbot.mechanics.engine.compiled import compiled, inlined
@@ -46,6 +47,8 @@ from ballbot.simulation.driveline import Driveline
 Values = Mapping[str, float]
 Law = Classical | LuGre
 
+#: so long that bristles are bent fully [s]
+_LONG = 1e4
 #: bristles need some Coulomb friction to slide
 _LEAST_COULOMB = 1e-9
 
@@ -204,11 +207,12 @@ class _Numbers(NamedTuple):
 
 
 class _Windows(NamedTuple):
-    """Windows of a record's rows: each begins at a row with a position and a speed, and runs over some rows."""
+    """Windows of a record's rows: each begins at a row, in a state there, and runs over some rows."""
 
     firsts: NDArray[np.int64]  #: (windows,)
     counts: NDArray[np.int64]  #: (windows,) rows
-    starts: NDArray[np.float64]  #: (windows, 2) [m], [m/s]
+    #: (windows, 3) position [m], speed [m/s], and how far bristles are bent, from -1 to 1
+    starts: NDArray[np.float64]
 
 
 class _Drive(NamedTuple):
@@ -247,13 +251,14 @@ def follow_windows(axis, windows, drive, steps, positions):
     state = axis.rest.copy()
     place = 0
     for w in range(len(windows.firsts)):
-        position, speed = windows.starts[w, 0], windows.starts[w, 1]
+        position, speed, bent = windows.starts[w, 0], windows.starts[w, 1], windows.starts[w, 2]
         fill(state, axis.rest)
-        # bristles of an axis that moves are bent already
-        if speed > 0.0:
-            settle(axis.plus, state, speed, speed, 10.0)
-        elif speed < 0.0:
-            settle(axis.minus, state, speed, speed, 10.0)
+        if bent > 0.0:
+            settle(axis.plus, state, abs(speed), abs(speed), _LONG)
+        elif bent < 0.0:
+            settle(axis.minus, state, -abs(speed), -abs(speed), _LONG)
+        for i in range(len(state)):
+            state[i] *= abs(bent)
         for k in range(windows.firsts[w], windows.firsts[w] + windows.counts[w]):
             part = drive.durations[k] / steps
             for i in range(steps):
@@ -320,7 +325,8 @@ class Axis:
         """
         acting = real_array(forces, ("n",), "The row of forces")
         sample_time = positive_number(sample_time, "The sample time")
-        start = np.array([[real_number(position, "The position"), real_number(speed, "The speed")]])
+        begin, speed = real_number(position, "The position"), real_number(speed, "The speed")
+        start = np.array([[begin, speed, np.sign(speed)]])
         count = len(acting)
         drive = _Drive(
             forces=acting - self.values.get("offset", 0.0),
@@ -346,8 +352,8 @@ class Axis:
         record : AxisRecord
         firsts, counts : ndarray (w,)
             The first row of each window, and how many rows it runs over.
-        starts : ndarray (w, 2)
-            Position and speed at each first row.
+        starts : ndarray (w, 3)
+            Position, speed, and how far bristles are bent (see `bends`) at each first row.
         interpolated : bool
             Whether the force changes evenly from row to row; it is held by default.
         """
@@ -360,6 +366,12 @@ class Axis:
             longest,
             record.known_load,
         )
+
+    def bends(self, position: NDArray[np.float64], speed: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how far bristles are bent in a motion (N,), from -1 to 1; the speed's sign for a law without them."""
+        if "stiffness" not in self.law.names:
+            return np.sign(speed)
+        return bent_bristles(position, max(self.values["coulomb"], _LEAST_COULOMB) / self.values["stiffness"])
 
     def acting(self, record: AxisRecord) -> NDArray[np.float64]:
         """Return the force (N,) on the axis: the recorded force less the offset and its drift."""
@@ -418,6 +430,9 @@ class Axis:
         """Return the force (N,) that a motion (N,) needs on a record's load, drift and all."""
         plus, minus = self.law.laws(self.values)
         friction = np.where(speed >= 0.0, plus.steady_friction(speed), minus.steady_friction(speed))
+        if "stiffness" in self.law.names:
+            sliding = friction - self.values["viscous"] * speed
+            friction += (np.sign(speed) * self.bends(position, speed) - 1.0) * sliding
         known = record.known_load
         offset = record.force - self.acting(record)
         return self._mass(known) * acceleration + friction + offset + self.position_force(position, known)

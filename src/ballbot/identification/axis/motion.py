@@ -11,6 +11,7 @@ Rows at uneven times are interpolated to even ones by a cubic spline in each par
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -21,6 +22,7 @@ from scipy.interpolate import CubicSpline
 
 from ballbot.errors import InputError
 from ballbot.identification.axis.record import AxisRecord
+from ballbot.mechanics.engine.compiled import compiled
 
 _BUTTERWORTH_ORDER = 4
 _DECIMATION_ORDER, _DECIMATION_RIPPLE = 8, 0.05  # ripple in dB
@@ -142,3 +144,14 @@ def decimated(values: NDArray[np.float64], factor: int) -> NDArray[np.float64]:
     b, a = np.asarray(scipy.signal.cheby1(_DECIMATION_ORDER, _DECIMATION_RIPPLE, 0.8 / factor), dtype=float)
     smooth = scipy.signal.filtfilt(b, a, values, padlen=3 * _DECIMATION_ORDER)
     return smooth[(len(values) - 1) % factor :: factor]
+
+
+@compiled
+def bent_bristles(position, travel):
+    """Return how far bristles are bent (N,), from -1 to 1, by Dahl's law: d(bent)/dq = (sgn(dq) - bent) / travel."""
+    bent = np.zeros(len(position))
+    for k in range(1, len(position)):
+        moved = position[k] - position[k - 1]
+        way = 1.0 if moved > 0.0 else -1.0
+        bent[k] = way + (bent[k - 1] - way) * math.exp(-abs(moved) / travel)
+    return bent

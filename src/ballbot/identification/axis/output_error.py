@@ -213,9 +213,14 @@ class OpenLoop:
         for one in self.windows:
             seen = self.sightings[one.record]
             axis = self.model.axis(values, one.record)
+            bends = axis.bends(seen.motion.position, seen.motion.speed)[one.firsts]
             starts = one.starts + np.array([noises * seen.noise, speeds * seen.usual_speed])
             predicted = axis.windows(
-                seen.record, one.firsts, one.counts, starts, interpolated=self.model.interpolated
+                seen.record,
+                one.firsts,
+                one.counts,
+                np.column_stack([starts, bends]),
+                interpolated=self.model.interpolated,
             )
             found.append(predicted[one.compared])
         return np.concatenate(found)

@@ -210,11 +210,12 @@ def axis_errors(
     motion = smoothed_motion(record, bandwidth=bandwidth)
     whole = np.nan
     if len(record.segments) == 1:
+        speed = speed_at_start(record)
         positions = axis.windows(
             record,
             np.array([0]),
             np.array([len(record) - 1]),
-            np.array([[record.position[0], speed_at_start(record)]]),
+            np.array([[record.position[0], speed, np.sign(speed)]]),
             interpolated=fit.model.interpolated,
         )
         whole = float(np.sqrt(np.mean((positions - record.position[1:]) ** 2)))

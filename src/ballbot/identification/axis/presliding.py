@@ -1,7 +1,13 @@
-"""Whether records agree with bristles: an axis held by them yields to a force below break-away.
+"""Presliding: bristles in the inverse model, and whether records agree with those of a fit.
+
+An axis that moves little has bristles that bend all the time. In an inverse model whose dry friction is a step, mass
+and viscous friction then take what bends, and may be far off, or a mass below zero. With the bend that Dahl's law
+gives for the recorded positions, the model stays linear but for one number, the bristles' travel: if the best explains
+clearly more than a step, it is used (`bristles_travel`).
 
 Laws of bristles also imitate what they are not: a force that is missing, friction that changes with time, an elastic
-part. They then predict windows that reverse better than the law without bristles, but the axis does not yield at rest.
+part. They then predict windows that reverse better than the law without bristles, but the axis does not yield to a
+force below break-away.
 Where the dry friction holds the axis (the force without offset and forces over position is below a share of c, and the
 position stays within some of the bristles' travel c / sigma_0), bristles move it by the change of the force over
 sigma_0. The median of moved over expected is 1 for bristles, and 0 for an axis that sticks.
@@ -10,11 +16,17 @@ sigma_0. The median of moved over expected is 1 for bristles, and 0 for an axis 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.errors import InputError
+from ballbot.identification.axis.inverse import InverseFit, free_inverse_fit
+from ballbot.identification.axis.motion import default_bandwidth, position_noise
 from ballbot.identification.axis.output_error import OutputErrorFit, Sighting
+from ballbot.identification.axis.record import AxisRecord
+from ballbot.identification.axis.structure import AxisModel
 
 #: windows in which the axis may be held last so long [s], and have so many rows at least; the next begins halfway
 _DURATION, _LEAST_ROWS = 0.03, 6
@@ -24,6 +36,51 @@ _HELD, _CHANGE, _TRAVELS = 0.8, 0.1, 5.0
 _NOISES = 4.0
 #: fewer windows show nothing; the least median of bristles
 _LEAST_WINDOWS, _LEAST_YIELD = 5, 0.5
+
+#: travels of bristles that are tried, as shares of the axis's travel, and how often again between the best's neighbours
+_TRAVELS_TRIED, _ROUNDS = np.logspace(-4.5, -1.5, 7), 2
+#: bristles are used if they lower the inverse model's error of the force to less than this share
+_CLEARLY_BENT = 0.8
+
+
+def bristles_travel(
+    records: Sequence[AxisRecord], model: AxisModel, *, bandwidth: float | None = None
+) -> float:
+    """Return the travel [m] of the bristles that the inverse model of some records needs; zero if a step serves.
+
+    Parameters
+    ----------
+    records : sequence of AxisRecord
+    model : AxisModel
+        With the forces over position that it supports.
+    bandwidth : float, optional
+        Of the motion [Hz].
+    """
+
+    def fit(travel: float) -> InverseFit:
+        bent = replace(model, bending=travel)
+        return free_inverse_fit(records, model=bent, bandwidth=bandwidth, moving=True)
+
+    try:
+        step = fit(0.0).relative_force_error
+        tried = max(float(np.ptp(one.position)) for one in records) * _TRAVELS_TRIED
+        fits = [fit(float(travel)) for travel in tried]
+        noise = max(position_noise(one, bandwidth=bandwidth or default_bandwidth(one)) for one in records)
+    except InputError:  # says what a step cannot be fitted to, where it is fitted
+        return 0.0
+    best = _closest(fits)
+    if fits[best].relative_force_error > _CLEARLY_BENT * step or best in (0, len(tried) - 1):
+        return 0.0
+    for _ in range(_ROUNDS):
+        tried = np.geomspace(tried[max(best - 1, 0)], tried[min(best + 1, len(tried) - 1)], len(tried))
+        fits = [fit(float(travel)) for travel in tried]
+        best = _closest(fits)
+    wrong = min(fits[best].value("mass"), fits[best].value("coulomb")) <= 0.0
+    return 0.0 if wrong or tried[best] < _NOISES * noise else float(tried[best])
+
+
+def _closest(fits: Sequence[InverseFit]) -> int:
+    return int(np.argmin([one.relative_force_error for one in fits]))
 
 
 def bristles_agree(fit: OutputErrorFit, sightings: Sequence[Sighting]) -> bool:

@@ -47,7 +47,7 @@ from ballbot.identification.axis.output_error import (
     fit_output_error,
     windows_of,
 )
-from ballbot.identification.axis.presliding import bristles_agree
+from ballbot.identification.axis.presliding import bristles_agree, bristles_travel
 from ballbot.identification.axis.record import AxisRecord, Span, moved_by_one_load
 from ballbot.identification.axis.structure import TURN, AxisModel, base_name, harmonic
 from ballbot.progress import Progress
@@ -143,8 +143,8 @@ def select_terms(
     kinds: Collection[Kind] = KINDS,
     bandwidth: float | None = None,
 ) -> tuple[AxisModel, tuple[tuple[str, Gain], ...]]:
-    """Return a model with the forces of these kinds that the records support, and the gain of each."""
-    gains: list[tuple[str, Gain]] = []
+    """Return a model with the forces of these kinds and the bristles that records support, and each force's gain."""
+    wanted, gains = model, list[tuple[str, Gain]]()
     turns = records[0].unit == "rad"
     rows = regression_rows(records, model, bandwidth=bandwidth, moving=True)
     squares = _held_out_force(rows)
@@ -165,6 +165,9 @@ def select_terms(
         _, name, model, gain, rows = best
         gains.append((name, gain))
         squares = _held_out_force(rows)
+    if wanted.bending == 0.0 and (travel := bristles_travel(records, model, bandwidth=bandwidth)):
+        # forces over position may have stood for bristles
+        return select_terms(records, replace(wanted, bending=travel), kinds=kinds, bandwidth=bandwidth)
     return model, tuple(gains)
 
 
@@ -450,7 +453,9 @@ def select_law(
             softer = bristles.find(softer.within)
         groups = neighbours(range(len(blocks)), block=1)
         everywhere = gain_between(tables[softer.name][:, :1], tables[best.name][:, :1], groups)
-        if best.name == "coulomb" and softer.within and everywhere.upper > 0.0:
+        # laws that slide imitate bristles that the inverse model shows
+        eligible = best.name == "coulomb" or fits[best.name].model.bending > 0.0
+        if eligible and softer.within and everywhere.upper > 0.0:
             best = softer
     order = list(AXIS_LAWS)
     selection = ModelSelection(

@@ -47,6 +47,8 @@ class AxisModel:
     separate: tuple[str, ...] = ()  #: parameters of which each record has its own
     records: int = 1
     interpolated: bool = False  #: whether the force changes evenly from row to row; it is held otherwise
+    #: travel [m] over which dry friction turns over in the inverse model, as that of bristles; zero for a step
+    bending: float = 0.0
 
     @property
     def names(self) -> tuple[str, ...]:
