@@ -26,6 +26,7 @@ from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.driveline import driveline_findings, parameter_rows
 from ballbot.report.friction import friction_curve, interval_figure
 from ballbot.report.identification_page import _rows_within
+from ballbot.report.study import friction_sentence
 from ballbot.report.style import drawn, thinned, with_peaks
 from ballbot.report.words import state_mark, with_error, with_symbols
 from ballbot.results import as_json
@@ -153,6 +154,37 @@ def test_an_interval_without_a_limit_goes_on_to_the_border_of_its_panel():
     assert len([line for line in panels["b [N m s/rad]"].lines if len(line.get_xdata()) == 2]) == 3
     words = [text.get_text() for text in figure.legends[0].get_texts()]
     assert words == ["95 %, these logs", "in the robot file", "found"]
+
+
+@pytest.mark.parametrize(
+    ("dry", "viscous", "words"),
+    [
+        # 0.1 + 0.2 exp(-(1/0.2)^0.3) + 0.03, and the same at 3 rad/s
+        (
+            (0.1, 0.2, 0.3),
+            0.03,
+            "is 0.30 N m. In motion its friction is 0.17 N m at 1.0 rad/s and 0.21 N m at 3.0",
+        ),
+        (
+            (0.1, 0.0, 0.3),
+            0.01,
+            "The friction of a wheel is 0.10 N m at any speed plus 0.010 N m per rad/s. The",
+        ),
+        ((0.0, 0.0, 1.0), 0.05, "The friction of a wheel is viscous only: 0.050 N m per rad/s. The"),
+    ],
+)
+def test_the_friction_in_words_is_that_of_the_law(dry, viscous, words):
+    """The robot file's speed v_s belongs to a Stribeck part, which fades slowly with a small exponent."""
+    coulomb, stribeck, exponent = dry
+    friction = Friction(
+        viscous=(viscous,) * 3,
+        coulomb=(coulomb,) * 3,
+        stribeck=(stribeck,) * 3,
+        stribeck_speed=0.2,
+        stribeck_exponent=exponent,
+        rolling=0.0,
+    )
+    assert words in friction_sentence(replace(_found(), robot=true_robot().replace(friction=friction)))
 
 
 @pytest.mark.parametrize("wheel", [0, 2])

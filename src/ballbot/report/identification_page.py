@@ -55,7 +55,7 @@ def identification_report(
     return Report(
         title=f"{found.robot.name}: friction from balancing logs",
         lead=f"{seconds:.0f} s of {names}, predicted over windows of {found.window:g} s.",
-        verdict=[("Friction", friction_sentence(found.robot)), ("Prediction", _prediction_sentence(found))],
+        verdict=[("Friction", friction_sentence(found)), ("Prediction", _prediction_sentence(found))],
         sections=[
             _parameter_section(found, studied),
             *([_law_section(selection, ladder)] if selection and ladder else []),

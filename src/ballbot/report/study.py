@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ballbot.findings import texts
+from ballbot.identification import Identification
+from ballbot.identification.coulomb import SHARE
+from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.tables import (
     CANDIDATE_NAMES,
     STATE_WORDS,
@@ -12,7 +15,7 @@ from ballbot.report.tables import (
     interval_words,
 )
 from ballbot.report.words import millimetres
-from ballbot.robot import Friction, Robot
+from ballbot.robot import Friction
 from ballbot.rounding import digits
 from ballbot.validation.result import better_in, weak_states
 from ballbot.workflows.controller_choice import ControllerChoice
@@ -22,7 +25,7 @@ from ballbot.workflows.study import Study
 def summary(study: Study) -> list[tuple[str, str]]:
     """Return the results as (heading, sentences) pairs, the most important first."""
     return [
-        ("Friction", friction_sentence(study.found.robot)),
+        ("Friction", friction_sentence(study.found)),
         ("Model", model_sentence(study)),
         ("Controller", controller_sentence(study)),
         ("Where the gain comes from", ablation_sentence(study)),
@@ -30,16 +33,40 @@ def summary(study: Study) -> list[tuple[str, str]]:
     ]
 
 
-def friction_sentence(robot: Robot) -> str:
+def friction_sentence(found: Identification) -> str:
     """Return the friction in words: of a wheel at rest and in motion, by direction and load, and of rolling."""
+    robot = found.robot
     friction = robot.friction
-    dry = np.array(friction.coulomb)
-    start = dry + np.array(friction.stribeck)
     return (
-        f"The break-away torque of a wheel is {_range(start)} N m. Above about {digits(friction.stribeck_speed, 2)} "
-        f"rad/s its friction is {_range(dry)} N m plus {_range(np.array(friction.viscous))} N m per rad/s. "
-        f"{_friction_terms_words(friction)}The rolling friction of the ball is {digits(robot.rolling_force, 2)} N "
+        f"{_wheel_words(friction, float(found.coulomb.speeds.max()))} {_friction_terms_words(friction)}"
+        f"The rolling friction of the ball is {digits(robot.rolling_force, 2)} N "
         f"(C_rr = {digits(friction.rolling, 2)})."
+    )
+
+
+def _wheel_words(friction: Friction, fastest: float) -> str:
+    """Return a wheel's friction by its law, in the mean of both directions.
+
+    Parameters
+    ----------
+    friction : Friction
+    fastest : float
+        Speed that `SHARE` of the logs' speeds stay below [rad/s].
+    """
+    coulomb, viscous = np.array(friction.coulomb), np.array(friction.viscous)
+    if not any(friction.stribeck):
+        if not coulomb.any():
+            return f"The friction of a wheel is viscous only: {_range(viscous)} N m per rad/s."
+        return f"The friction of a wheel is {_range(coulomb)} N m at any speed plus {_range(viscous)} N m per rad/s."
+    wheels = len(coulomb)
+    shown = {text: float(text) for one in (1.0, fastest) if one <= fastest and (text := digits(one, 2))}
+    at_speeds = []
+    for text, speed in shown.items():
+        forward, backward = (wheel_friction(np.full(wheels, side * speed), friction) for side in (1.0, -1.0))
+        at_speeds.append(f"{_range(0.5 * (forward - backward))} N m at {text} rad/s")
+    return (
+        f"The break-away torque of a wheel is {_range(coulomb + np.array(friction.stribeck))} N m. In motion its "
+        f"friction is {' and '.join(at_speeds)}, which {100 * SHARE:.0f} % of the logs' speeds stay below."
     )
 
 
