@@ -226,7 +226,7 @@ def smooth(
         Standard deviation of the weights [s].
     """
     reach = round(REACH * width / INTERVAL)
-    even = np.column_stack([np.interp(rows, t, column) for column in values.T])
+    even = np.column_stack([_on_even_rows(rows, t, column) for column in values.T])
     padded = np.pad(even, ((reach, reach), (0, 0)), mode="edge")
     kernels = [_kernel(order, reach, width) for order in range(3)]
     value, rate, acceleration = (
@@ -234,6 +234,22 @@ def smooth(
         for kernel in kernels
     )
     return Smooth(value=value, rate=rate, acceleration=acceleration)
+
+
+def _on_even_rows(
+    rows: NDArray[np.float64], t: NDArray[np.float64], values: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return a signal (M,) on even rows (N,): interpolated, or the mean about each row where the log's come faster.
+
+    Single values of a fast log would alias its noise: a derivative's then no longer cancels from row to row.
+    """
+    found = np.interp(rows, t, values)
+    if len(t) < 2 or np.median(np.diff(t)) > 0.9 * INTERVAL:
+        return found
+    area = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(t))])
+    ends = np.clip(np.append(rows - 0.5 * INTERVAL, rows[-1] + 0.5 * INTERVAL), t[0], t[-1])
+    inside = np.diff(ends) > 0.1 * INTERVAL
+    return np.divide(np.diff(np.interp(ends, t, area)), np.diff(ends), out=found, where=inside)
 
 
 def _kernel(order: int, reach: int, width: float) -> NDArray[np.float64]:
