@@ -200,6 +200,17 @@ def test_results_of_format_1_come_back_with_one_list_of_findings(tmp_path: Path)
     }
 
 
+def test_errors_of_a_run_recorded_in_format_2_are_named_as_those_of_the_whole_run(tmp_path: Path) -> None:
+    """A simulated run had the same names for the errors once settled."""
+    path = tmp_path / "results.json"
+    errors = {"peak_position_error": 0.6, "rms_position_error": 0.3}
+    for other in ({"estimation_errors": None}, {"arrived": True}):
+        path.write_text(json.dumps({"format": "ballbot results 2", "ballbot": "0.0.9"} | errors | other))
+        end = "_whole_run" if "arrived" not in other else ""
+        expected = {f"{name}{end}": value for name, value in errors.items()}
+        assert read_results(path) == {"ballbot": "0.0.9"} | expected | other
+
+
 def test_built_in_courses_state_the_newest_format_of_course_files() -> None:
     text = (Path(ballbot.__file__).parent / "workflows" / "courses.toml").read_text(encoding="utf-8")
     assert f'format = "{format_name("courses")}"' in text

@@ -32,7 +32,7 @@ NEWEST: Mapping[Kind, int] = {
     "scenario": 1,
     "mapping": 1,
     "courses": 1,
-    "results": 2,
+    "results": 3,
     "recording": 1,
 }
 
@@ -54,9 +54,24 @@ def _with_one_list_of_findings(tree: Mapping[str, object]) -> dict[str, object]:
     return migrated
 
 
+#: until format 2, of a recorded run: what is over the whole run there, and once settled everywhere else
+_OVER_THE_WHOLE_RUN = ("peak_position_error", "rms_position_error")
+
+
+def _with_errors_of_the_whole_run(tree: Mapping[str, object]) -> dict[str, object]:
+    """Return results of format 2 with the names of errors that say over which part of a recorded run they are."""
+    recorded = "estimation_errors" in tree
+    return {
+        f"{name}_whole_run" if recorded and name in _OVER_THE_WHOLE_RUN else name: value
+        for name, value in tree.items()
+    }
+
+
 #: by kind: what turns the tables of format 1 into those of format 2, those of 2 into those of 3, and so on; `dict`, a
 #: plain copy, for a number that only renames keys
-MIGRATIONS: Mapping[Kind, Sequence[Migration]] = {"results": (_with_one_list_of_findings,)}
+MIGRATIONS: Mapping[Kind, Sequence[Migration]] = {
+    "results": (_with_one_list_of_findings, _with_errors_of_the_whole_run)
+}
 
 _NAME = re.compile(r"ballbot (\w+) (\d{1,9})")
 _LINE = re.compile(r'^format = "ballbot \w+ \d+".*\n', re.MULTILINE)

@@ -70,7 +70,7 @@ def test_record_writes_a_run_that_can_be_made_again(tmp_path: Path) -> None:
     found = json.loads((one / "results.json").read_text())
     assert found["ended"] is None
     error = np.sqrt((truth["x"] - truth["ref_x"]) ** 2 + (truth["y"] - truth["ref_y"]) ** 2)
-    assert found["peak_position_error"] == pytest.approx(error.max())
+    assert found["peak_position_error_whole_run"] == pytest.approx(error.max())
     lean_error = log["theta"] - truth["theta"]
     lean = np.mean(lean_error**2 + (log["phi"] - truth["phi"]) ** 2)
     assert found["estimation_errors"]["lean"] == pytest.approx(np.sqrt(lean))

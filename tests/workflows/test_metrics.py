@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ballbot import InputError
+from ballbot.report.run import run_verdict
 from ballbot.workflows.metrics import (
     BAND,
     HIGH_FREQUENCY,
@@ -16,6 +17,7 @@ from ballbot.workflows.metrics import (
     rms,
     rms_torque,
     rms_torque_change,
+    run_results,
     score,
     settled,
     settling_time,
@@ -168,6 +170,25 @@ def test_fall_is_counted():
 def test_too_short_run_is_reported():
     with pytest.raises(InputError, match="30 s after the start"):
         score(made_log(), settle=30.0)
+
+
+@pytest.mark.parametrize(("duration", "seconds"), [(4.0, None), (20.0, 14.0)])
+def test_results_of_a_run_have_the_errors_once_settled_and_of_the_whole_run(duration, seconds):
+    """The error shrinks by 0.1 m/s from 2 m; the robot leans by 0.3 rad in one axis and 0.4 in the other."""
+    made = made_log(duration=duration, x=lambda t: 0.1 * (20.0 - t), theta=0.3, phi=0.4, u2=-0.7)
+    found = run_results(made)
+    assert found["peak_position_error_whole_run"] == pytest.approx(2.0)
+    assert found["final_position_error"] == pytest.approx(0.1 * (20.0 - made.t[-1]))
+    assert found["peak_lean"] == pytest.approx(np.arccos(np.cos(0.3) * np.cos(0.4)))
+    assert found["peak_torque"] == 0.7
+    assert found["rms_torque"] == pytest.approx(0.7 / np.sqrt(3.0))
+    assert found.get("peak_position_error") == (seconds and pytest.approx(0.1 * seconds))
+    assert ("settling_time" in found) == (seconds is not None)
+    ((_, _), (heading, words)) = run_verdict(made)
+    assert heading == "Distance from the reference"
+    assert words.startswith(
+        "Once settled, 1400 mm at most" if seconds else "Not rated, as the run is shorter than"
+    )
 
 
 def test_a_fall_at_the_first_sample_has_a_score():

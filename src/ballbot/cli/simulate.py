@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +14,6 @@ from ballbot.cli.output import notice_output, print_verdict, standard_output
 from ballbot.control.references import as_reference
 from ballbot.estimation.interface import EstimatorName
 from ballbot.fitting.run import check_seed
-from ballbot.log import Log
 from ballbot.log.formats import WRITTEN_SUFFIXES, check_format
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
@@ -27,7 +25,7 @@ from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin.imperfections import imperfections_of
 from ballbot.twin.scenario import load_scenario
 from ballbot.viewer.foxglove import write_with_scene
-from ballbot.workflows.metrics import SETTLE, score, score_results, settled
+from ballbot.workflows.metrics import run_results
 
 _WRITTEN = (*(f"log{suffix}" for suffix in WRITTEN_SUFFIXES), "results.json", PAGE)
 
@@ -108,7 +106,7 @@ def simulate(
             )
         with result.replaced() as new:
             missing = write_with_scene(new / f"log.{format}", log, described)
-            result.write_json(_results(log), new)
+            result.write_json(run_results(log), new)
             page = simulation_report(
                 log,
                 described,
@@ -131,16 +129,3 @@ def _plant(model: Model, scenario: str | None, estimator: EstimatorName) -> Plan
         return model
     imperfections = imperfections_of(load_scenario(scenario, model.robot))
     return SensedPlant(model, imperfections, estimator=estimator)
-
-
-def _results(log: Log) -> dict[str, object]:
-    results: dict[str, object] = {"rows": len(log), "sample_time": log.sample_time, "ended": log.ended}
-    if settled(log, SETTLE).any():
-        scores = score_results(score(log))
-        del scores["ended"]
-        results |= {key: value for key, value in scores.items() if not _is_nan(value)}
-    return results
-
-
-def _is_nan(value: object) -> bool:
-    return isinstance(value, float) and math.isnan(value)

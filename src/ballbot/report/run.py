@@ -23,13 +23,13 @@ from ballbot.workflows.metrics import (
     BAND,
     SETTLE,
     heading_error,
+    leans,
     position_error,
     rms,
     rms_torque,
     rms_torque_change,
     settled,
     settling_time,
-    true_place,
 )
 
 _DEGREES = math.degrees(1.0)
@@ -90,13 +90,16 @@ def run_verdict(log: Log) -> list[tuple[str, str]]:
     ]
     if not _has_reference(log):
         return verdict
-    counted = settled(log, SETTLE)
-    if not counted.any():
-        text = f"No row is {SETTLE:g} s after the start and after each jump of the reference; a longer run has errors."
-        return [*verdict, ("Error", text)]
-    error = position_error(log)[counted]
-    text = f"Once settled, it is {_mm(error.max())} mm from the reference at most, {_mm(rms(error))} mm RMS."
-    return [*verdict, ("Error", text)]
+    counted, error = settled(log, SETTLE), position_error(log)
+    if counted.any():
+        text = f"Once settled, {_mm(error[counted].max())} mm at most, {_mm(rms(error[counted]))} mm RMS."
+    else:
+        short = "run is" if length < SETTLE else "times between jumps of the reference are"
+        text = (
+            f"Not rated, as the {short} shorter than the {SETTLE:g} s that it needs to settle; "
+            f"{_mm(error[-1])} mm at the end."
+        )
+    return [*verdict, ("Distance from the reference", text)]
 
 
 def run_sections(log: Log, robot: Robot | None) -> list[Section]:
@@ -155,7 +158,7 @@ def _error_panels(log: Log) -> list[Panel]:
         line = Line(name="distance", values=distance, look="first")
         panels.append(Panel(label="distance from the reference [mm]", lines=[line], from_zero=True))
     if _has_lean(log):
-        line = Line(name="lean", values=_leans(log), look="first")
+        line = Line(name="lean", values=_DEGREES * leans(log), look="first")
         panels.append(Panel(label="lean [deg]", lines=[line], from_zero=True))
     return panels
 
@@ -216,18 +219,12 @@ def _replay(log: Log, robot: Robot | None) -> Film | None:
     return Film(part=part, caption="The run. Drag to orbit; the plots' time cursor can be dragged, too.")
 
 
-def _leans(log: Log) -> NDArray[np.float64]:
-    place = true_place(log)
-    upright = np.cos(place["theta"]) * np.cos(place["phi"])
-    return np.degrees(np.arccos(np.clip(upright, -1.0, 1.0)))
-
-
 def _has_lean(log: Log) -> bool:
     return all(name in log and bool(np.isfinite(log[name]).any()) for name in ("theta", "phi"))
 
 
 def _largest_lean(log: Log) -> float:
-    return float(np.nanmax(_leans(log)))
+    return _DEGREES * float(np.nanmax(leans(log)))
 
 
 def _has_reference(log: Log) -> bool:

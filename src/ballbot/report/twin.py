@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
+from typing import cast
 
 import numpy as np
 
 from ballbot.control.references import is_reference_file
-from ballbot.files import read_text
-from ballbot.log import Log
-from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX
+from ballbot.file_formats import read_results
 from ballbot.report.blocks import Report, Sheet, section
 from ballbot.report.provenance import Provenance, provenance
 from ballbot.report.run import over_time, run_sections, run_verdict
@@ -30,7 +28,7 @@ _NOT_A_ROBOT = (
 
 def recording_report(job: RecordJob, seed: int, recording: Recording) -> Report:
     """Return the page of one recorded run."""
-    log, robot = _with_truth(recording), job.robot
+    log, robot = recording.with_truth(), job.robot
     undecided = [_NOT_A_ROBOT, "How much runs differ: this is one seed (--seeds records more)."]
     if job.experiment == "balance":
         reference = "reference.csv" if is_reference_file(job.reference) else job.reference
@@ -64,15 +62,6 @@ def _command(job: RecordJob, seed: int) -> str:
     )
 
 
-def _with_truth(recording: Recording) -> Log:
-    """Return the log with the true states beside the measured ones, if the run has them."""
-    log, truth = recording.logs["log"], recording.logs["truth"]
-    if not all(name in truth for name in STATE_NAMES):
-        return log
-    both = log.with_columns({f"{TRUE_PREFIX}{name}": truth[name] for name in STATE_NAMES})
-    return Log(both.columns, ended=recording.ended)
-
-
 def _files(job: RecordJob, recording: Recording) -> list[tuple[str, str]]:
     what = {
         "log": "the columns that a real robot logs",
@@ -85,21 +74,25 @@ def _files(job: RecordJob, recording: Recording) -> list[tuple[str, str]]:
     ]
 
 
+#: in the results of each run: the largest distance from the reference, and its root mean square [m]
+_DISTANCES = ("peak_position_error_whole_run", "rms_position_error_whole_run")
+
+
 def seeds_report(job: RecordJob, outcomes: Sequence[RecordOutcome], made: Provenance) -> Report:
     """Return the page of runs of several seeds, each in a folder of its own."""
-    found = [json.loads(read_text(one.folder / "results.json", largest=1_000_000)) for one in outcomes]
+    found = [cast("dict[str, float]", read_results(one.folder / "results.json")) for one in outcomes]
     table = [
         (
             str(outcome.seed),
             outcome.folder.name,
-            *(_millimetres(one.get(name)) for name in ("peak_position_error", "rms_position_error")),
+            *(_millimetres(one.get(name)) for name in _DISTANCES),
             outcome.ended or "",
         )
         for outcome, one in zip(outcomes, found, strict=True)
     ]
     early = sum(outcome.ended is not None for outcome in outcomes)
     text = f"{len(outcomes)} runs of {job.duration:g} s; {early} ended early."
-    peaks = [1e3 * one["peak_position_error"] for one in found if "peak_position_error" in one]
+    peaks = [1e3 * one[_DISTANCES[0]] for one in found if _DISTANCES[0] in one]
     verdict = [("Runs", text)]
     if peaks:
         low, middle, high = np.quantile(peaks, [0.0, 0.5, 1.0])

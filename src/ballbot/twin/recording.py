@@ -34,6 +34,7 @@ from ballbot.errors import InputError
 from ballbot.estimation.interface import state_errors
 from ballbot.findings import Finding
 from ballbot.log import Log
+from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX
 from ballbot.progress import ProgressCallback, ignore_progress
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
@@ -167,6 +168,14 @@ class Recording:
     results: Mapping[str, object]  #: the run in numbers, SI units
     ended: str | None  #: why it stopped early
 
+    def with_truth(self) -> Log:
+        """Return the log with the true states beside the measured ones, if the run has them."""
+        log, truth = self.logs["log"], self.logs["truth"]
+        if not all(name in truth for name in STATE_NAMES):
+            return log
+        both = log.with_columns({f"{TRUE_PREFIX}{name}": truth[name] for name in STATE_NAMES})
+        return Log(both.columns, ended=self.ended)
+
 
 def record_balance(
     twin: Twin,
@@ -224,7 +233,7 @@ def record_bench(
 
 
 def results(log: Log) -> dict[str, object]:
-    """Return a balancing run in numbers.
+    """Return what the on-board state of a balancing run was worth.
 
     Parameters
     ----------
@@ -234,18 +243,11 @@ def results(log: Log) -> dict[str, object]:
     Returns
     -------
     dict
-        `ended`: why it stopped early, or None; `peak_position_error`, `rms_position_error` [m]: true position
-        from the reference; `estimation_errors`: of the on-board state, see `ballbot.estimation.interface`; the drift
-        is None if the run is shorter than a minute, everything is None if it has a single row.
+        `ended`: why it stopped early, or None; `estimation_errors`: of the on-board state, see
+        `ballbot.estimation.interface`; the drift is None if the run is shorter than a minute, everything is None if
+        it has a single row.
     """
-    truth = log.truth()
-    error = np.hypot(truth["x"] - log["ref_x"], truth["y"] - log["ref_y"])
-    return {
-        "ended": log.ended,
-        "peak_position_error": float(error.max()),
-        "rms_position_error": float(np.sqrt(np.mean(error**2))),
-        "estimation_errors": _estimation_errors(log),
-    }
+    return {"ended": log.ended, "estimation_errors": _estimation_errors(log)}
 
 
 def _estimation_errors(log: Log) -> dict[str, float | None] | None:

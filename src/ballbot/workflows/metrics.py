@@ -60,6 +60,12 @@ def heading_error(log: Log) -> NDArray[np.float64]:
     return np.abs((away + np.pi) % (2.0 * np.pi) - np.pi)
 
 
+def leans(log: Log) -> NDArray[np.float64]:
+    """Return the angle between the robot's axis and the vertical (N,) [rad]."""
+    place = true_place(log)
+    return np.arccos(np.clip(np.cos(place["theta"]) * np.cos(place["phi"]), -1.0, 1.0))
+
+
 def settling_time(log: Log, *, band: float = BAND, disturbed: Sequence[float] = ()) -> tuple[float, bool]:
     """Return how long the robot takes to arrive and stay, the longest of the run [s], and whether it always did.
 
@@ -211,12 +217,16 @@ def score(log: Log, *, settle: float = SETTLE, band: float = BAND, disturbed: Se
     InputError
         If a run that did not end early has no row that counts.
     """
-    counted = settled(log, settle)
-    if not counted.any() and log.ended is None:
+    if not settled(log, settle).any() and log.ended is None:
         raise InputError(
             f"No sample of the run is {settle:g} s after the start and after every jump of the reference. "
             "Use a longer run or a shorter settling time."
         )
+    return _scored(log, settle=settle, band=band, disturbed=disturbed)
+
+
+def _scored(log: Log, *, settle: float, band: float, disturbed: Sequence[float]) -> Score:
+    counted = settled(log, settle)
     position, heading = position_error(log)[counted], heading_error(log)[counted]
     arriving, arrived = settling_time(log, band=band, disturbed=disturbed)
     energy, driving_energy = energies(log)
@@ -234,6 +244,41 @@ def score(log: Log, *, settle: float = SETTLE, band: float = BAND, disturbed: Se
         driving_energy=driving_energy,
         ended=log.ended,
     )
+
+
+#: of a score, what a run has no value of that never settled
+_ONCE_SETTLED = (
+    "peak_position_error",
+    "rms_position_error",
+    "peak_heading_error",
+    "rms_heading_error",
+    "settling_time",
+    "settling_time_at_least",
+    "arrived",
+)
+
+
+def run_results(log: Log) -> dict[str, object]:
+    """Return one balancing run in numbers, as results.json holds it.
+
+    The keys of a `Score` mean what they mean there. Those that count once the robot has settled are absent if it never
+    had the time, and so is what has no value. Further keys are of the whole run, SI units.
+    """
+    scores = score_results(_scored(log, settle=SETTLE, band=BAND, disturbed=()))
+    if not settled(log, SETTLE).any():
+        scores = {name: one for name, one in scores.items() if name not in _ONCE_SETTLED}
+    error = position_error(log)
+    return {
+        "rows": len(log),
+        "sample_time": log.sample_time if len(log) > 1 else None,
+        "duration": float(log.t[-1] - log.t[0]),
+        **{name: one for name, one in scores.items() if not (isinstance(one, float) and np.isnan(one))},
+        "peak_position_error_whole_run": float(error.max()),
+        "rms_position_error_whole_run": rms(error),
+        "final_position_error": float(error[-1]),
+        "peak_lean": float(np.nanmax(leans(log))),
+        "peak_torque": float(np.abs(log.torques).max()),
+    }
 
 
 def _has_high_frequencies(log: Log) -> bool:

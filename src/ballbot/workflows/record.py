@@ -41,6 +41,7 @@ from ballbot.robot.file import robot_text
 from ballbot.twin.recording import Experiment, MotionCapture, Recording, record_balance, record_bench
 from ballbot.twin.scenario import Scenario, scenario_text
 from ballbot.twin.twin import Twin
+from ballbot.workflows.metrics import run_results
 
 _LOGS = ("log", "truth", "motion_capture")
 _SETTINGS = ("robot.toml", "scenario.toml", "controller.toml", "reference.csv", "record.toml")
@@ -135,12 +136,18 @@ def record_run(
         with held.replaced() as new:
             for name, log in recording.logs.items():
                 write_log(new / f"{name}.{job.log_format}", log, job.robot)
-            write_text(new / "results.json", results_text(recording.results))
+            write_text(new / "results.json", results_text(_results(job, recording)))
             if page is not None:
                 write_text(new / PAGE, page(recording))
             for name, text in settings(job, seed).items():
                 write_text(new / name, text)
     return RecordOutcome(seed=seed, folder=folder, ended=recording.ended)
+
+
+def _results(job: RecordJob, recording: Recording) -> dict[str, object]:
+    """Return a run in numbers; of one on the bench there are few."""
+    own = run_results(recording.with_truth()) if job.experiment == "balance" else {}
+    return {**own, **recording.results}
 
 
 def record_runs(
