@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
+from ballbot.log.mapping_inference.column_values import roles_by_data, settled
 from ballbot.log.mapping_inference.evidence import CONFIDENT, Conclusion
-from ballbot.log.mapping_inference.roles import Roles, half_turn_of, quaternion_of, roles_by_data
+from ballbot.log.mapping_inference.roles import Roles, half_turn_of, quaternion_of, roles_by_name
 from tests.support.foreign_log_examples import Habits, columns_of, small_robot, swaying_log
 
 
@@ -21,6 +22,66 @@ def unnamed(habits: Habits, *names: str) -> tuple[Roles | None, list[str]]:
         return None, []
     meant = dict(zip(table, names, strict=True))
     return found, [meant[name] for name in (*found.attitude, *found.angles, *found.commands)]
+
+
+def renamed(habits: Habits, forms: dict[str, str], **more: np.ndarray) -> Roles:
+    """Return the roles of a log whose wheels, commands and speeds have other names, settled by the values."""
+    columns = columns_of(swaying_log(), habits)
+    t = columns["t_now"]
+    columns |= {f"speed{k}": np.gradient(columns[f"psi_{k}"], t) for k in (1, 2, 3)}
+    table = {"t": t, "roll": columns["theta_x"], "pitch": columns["theta_y"], **more}
+    for stem, form in forms.items():
+        table |= {form.format(k): columns[f"{stem}{k}"] for k in (1, 2, 3)}
+    return settled(roles_by_name(table, wheel_count=3), table, small_robot())
+
+
+def series(form: str) -> tuple[str, ...]:
+    return tuple(form.format(k) for k in (1, 2, 3))
+
+
+@pytest.mark.parametrize("letters", ["em", "me", "wm", "pm", "Me", "qm", "mu", "sr"])
+def test_of_two_series_with_open_names_the_slower_one_is_the_angles(letters):
+    angles, commands = (letter + "{}" for letter in letters)
+    found = renamed(Habits(counts=True, full_duty=255.0), {"psi_": angles, "u": commands})
+    assert (found.angles, found.commands) == (series(angles), series(commands))
+    assert found.confidence == 1.0
+
+
+def test_a_series_that_is_the_rate_of_the_angles_is_their_speeds():
+    found = renamed(Habits(), {"psi_": "m{}", "speed": "w{}", "u": "e{}"})
+    assert (found.angles, found.speeds, found.commands) == (series("m{}"), series("w{}"), series("e{}"))
+
+
+def test_series_that_nothing_tells_apart_leave_the_columns_open():
+    found = renamed(Habits(), {"psi_": "m{}"}, **dict(zip(series("e{}"), still_columns(), strict=True)))
+    same = columns_of(swaying_log(), Habits())
+    twice = renamed(Habits(), {"psi_": "m{}"}, **{f"e{k}": 2.0 * same[f"psi_{k}"] for k in (1, 2, 3)})
+    assert found.angles == series("m{}")
+    assert twice.confidence < CONFIDENT
+    assert twice.alternatives
+
+
+def test_duties_that_follow_the_speeds_and_have_their_letter_leave_the_columns_open():
+    found = renamed(Habits(), {"psi_": "M{}", "u": "w{}"})
+    assert found.angles == series("M{}")
+    assert found.confidence < CONFIDENT
+    assert found.alternatives == ("w1, w2, w3 are the commands",)
+
+
+def still_columns() -> list[np.ndarray]:
+    return [np.full(len(columns_of(swaying_log(), Habits())["t_now"]), float(k)) for k in (1, 2, 3)]
+
+
+def test_a_row_of_units_decides_what_letters_leave_open():
+    found = roles_by_name(
+        ["t", "roll", "pitch", *series("w{}"), *series("m{}")],
+        wheel_count=3,
+        units=dict.fromkeys(series("w{}"), "deg") | dict.fromkeys(series("m{}"), "[A]"),
+    )
+    assert (found.angles, found.commands, found.open_series) == (series("w{}"), series("m{}"), ())
+    reading = found.reading(found.commands)
+    assert reading is not None
+    assert (reading.unit, reading.input_kind) == ("A", "current")
 
 
 LEAN, WHEELS, COMMANDS = ("theta_x", "theta_y", "theta_z"), ("psi_1", "psi_2", "psi_3"), ("u1", "u2", "u3")

@@ -87,6 +87,10 @@ def test_a_unit_may_stand_in_brackets_or_at_the_end(form, axis, unit):
         ("psi_1", "wheel angle", None),
         ("Tx", "body command", None),
         ("PWM[2]", "command", None),
+        ("ms", "time", "ms"),
+        ("us", "time", "us"),
+        ("p_roll", "other", None),
+        ("e_x", "other", None),
     ],
 )
 def test_names_of_known_logs(name, kind, unit):

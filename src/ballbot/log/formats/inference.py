@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +53,7 @@ class ForeignTable:
     columns: dict[str, NDArray[np.float64]]
     named: bool  #: whether the file has a header
     notes: tuple[str, ...]  #: sentences on anomalies of the file
+    units: Mapping[str, str] = field(default_factory=dict)  #: by column, as a row below the header has them
 
 
 def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = None) -> ForeignTable:
@@ -101,6 +102,9 @@ def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = No
         notes.append(
             f"{damaged} rows that do not have {width} cells, or contain words among the numbers, are skipped."
         )
+    named = _line_of_names(cells[:first], width, quoted=quoted)
+    below = cells[named + 1] if named is not None and named + 1 < first else []
+    units = dict(zip(names, below, strict=False)) if _are_units(below) and len(below) == width else {}
     layout = TextLayout(
         separator=mark,
         decimal_comma=decimal_comma,
@@ -115,6 +119,7 @@ def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = No
         columns=read_text_table(path, layout),
         named=given_names is not None or any(cells[:first]),
         notes=tuple(notes),
+        units=units,
     )
 
 

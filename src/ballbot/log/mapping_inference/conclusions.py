@@ -47,11 +47,15 @@ def conclusions_of(proposal: Proposal) -> tuple[Conclusion, ...]:
 def _columns(proposal: Proposal) -> Conclusion:
     roles = proposal.roles
     named = "by their names" if not proposal.by_data else "by their values"
+    by_values = [one for one in (roles.angles, roles.speeds, roles.commands) if one in roles.open_series]
+    if by_values and not proposal.by_data:
+        named += f", {' and '.join(', '.join(one) for one in by_values)} by their values"
     return Conclusion(
         name="columns",
         value=f"{roles.time}, {', '.join((*roles.attitude, *roles.angles, *roles.commands))}",
         confidence=min(roles.confidence, MOST),
         evidence=f"time, lean, wheel angles and commands are recognised {named}",
+        alternatives=roles.alternatives,
         key="--columns",
     )
 

@@ -20,7 +20,7 @@ weight, from 0 to 1: `enc1_counts` says more than `m1`.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -80,9 +80,21 @@ class Reading:
     weight: float = 0.0  #: how plainly the name says it, from 0 to 1
 
 
-def read_names(names: Sequence[str]) -> list[Reading]:
-    """Return what the names of a file's columns say; letters that number a series are read as its numbers."""
-    return [replace(read_name(_numbered(name, names)), name=name) for name in names]
+def read_names(names: Sequence[str], units: Mapping[str, str] | None = None) -> list[Reading]:
+    """Return what the names of a file's columns say; letters that number a series are read as its numbers.
+
+    Parameters
+    ----------
+    names : sequence of str
+    units : mapping of str to str, optional
+        By name, as a row below the header has them; a unit in the name itself comes first.
+    """
+    found = []
+    for name in names:
+        numbered, unit = _numbered(name, names), (units or {}).get(name, "").strip("[](){}<> ")
+        with_unit = f"{numbered} [{unit}]" if unit and _words_and_unit(numbered)[1] is None else numbered
+        found.append(replace(read_name(with_unit), name=name))
+    return found
 
 
 #: a letter that is a word: cur_A, I_A_mA, encA
@@ -109,10 +121,13 @@ def read_name(name: str) -> Reading:
     present = set(bare)
     if present & REFERENCE or _is_set_point(words):
         return Reading(name=name, kind="reference", axis=axis, index=index, stem=stem, weight=0.9)
-    if present & OTHER or bare[:1] in (["e"], ["p"]) or (bare in (["i"], ["d"]) and axis):
+    # e_x is an error and p_roll a controller's part, but e1, e2 and e3 are encoders as often
+    numbered_letter = bare in (["e"], ["p"]) and index is not None and axis is None
+    letter = (bare[:1] in (["e"], ["p"]) and not numbered_letter) or (bare in (["i"], ["d"]) and axis)
+    if present & OTHER or letter:
         return Reading(name=name, kind="other", axis=axis, index=index, stem=stem, weight=0.9)
     if unit is None and len(words) == 1:
-        unit = next((one for one in ("s", "ms", "us", "ns") if words[0] in UNITS[one][1:]), None)
+        unit = next((one for one in ("s", "ms", "us", "ns") if words[0] in UNITS[one]), None)
     for find in (_time, _inertial, _wheel, _ball):
         found = find(_Cut(words=words, bare=bare, axis=axis, index=index, unit=unit))
         if found is None:

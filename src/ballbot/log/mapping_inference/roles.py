@@ -1,33 +1,23 @@
-"""Which column of a foreign log is which quantity, by its name or by its values.
+"""Which column of a foreign log is which quantity, by its name.
 
 By names (`ballbot.log.mapping_inference.names`): a triple is as many columns of one kind and stem as the robot has
 wheels, numbered from 1 or 0. Of several the plainest name is taken, a command before a measured current.
 
-Without a header, or with names that say nothing, the values decide. Time rises by small uneven steps. Roll and pitch,
-and the wheels' angles in their order, stand side by side, and are those neighbours whose accelerations agree best with
-the ball's rolling (`ballbot.log.mapping_inference.placement`), whatever their units. A sensor's steps distinguish its
-columns from those computed from them. The commands are those neighbours that the motion explains best, and the heading
-is the column behind roll and pitch, if wheels and lean explain its rate. How many times better the best explanation is
-than the next gives the confidence.
+A name of one letter and a number, or of unknown words and a number, leaves open what its column is: m1 may be a motor's
+command or its angle, w1 a wheel's angle or its speed, e1 an encoder or an error. Unless other names say plainly which
+columns are the angles, such series are settled by their values (`ballbot.log.mapping_inference.column_values`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.log.mapping_inference.evidence import TINY
 from ballbot.log.mapping_inference.name_words import ANGLE_WORDS
 from ballbot.log.mapping_inference.names import Kind, Reading, read_name, read_names
-from ballbot.log.mapping_inference.placement import torque_free_gains
-from ballbot.log.mapping_inference.placements import every_way
-from ballbot.log.mapping_inference.units import step_of, time_scale
-from ballbot.log.mapping_inference.wheel_response import RIDGE
-from ballbot.log.signals import Smooth, even_rows, smooth
-from ballbot.robot import Robot
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,10 +35,14 @@ class Roles:
     quaternion: tuple[str, ...] = ()  #: w, x, y and z, of which the attitude is made
     half_turn: float | None = None  #: in the file's unit, if the roll shows that the IMU hangs upside down
     confidence: float = 1.0  #: that these are the columns
+    alternatives: tuple[str, ...] = ()  #: other roles that the columns may have, in words
+    #: complete series whose names do not say which quantity they are
+    open_series: tuple[tuple[str, ...], ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)  #: of columns, as a row below the header has them
 
     def reading(self, names: tuple[str, ...]) -> Reading | None:
         """Return what the name of the first of these columns says; None without columns."""
-        return read_names(names)[0] if names else None
+        return read_names(names, self.units)[0] if names else None
 
 
 #: norms of a unit quaternion [1 +-], in this share of the rows; some programs write zeros before the first message
@@ -58,11 +52,17 @@ CLEARLY_LESS = 0.25
 _QUATERNION_MARKS = {"w": "wxyz", "W": "WXYZ", "0": "0123", "1": "1234"}
 
 
-def roles_by_name(names: Iterable[str], *, wheel_count: int) -> Roles:
-    """Return what the names say; see the module's text."""
-    readings = read_names(list(names))
+#: a name says plainly that its column is an angle with at least this weight
+PLAIN = 0.6
+
+
+def roles_by_name(names: Iterable[str], *, wheel_count: int, units: Mapping[str, str] | None = None) -> Roles:
+    """Return what the names, and the units in a row below them, say; see the module's text."""
+    units = units or {}
+    readings = read_names(list(names), units)
     angles = _numbered(readings, "wheel angle", wheel_count)
     speeds = _numbered(readings, "wheel speed", wheel_count)
+    plainly = {one.name for one in readings if one.weight >= PLAIN}
     commands = _numbered(readings, "command", wheel_count)
     if not commands and len(_triples(readings, "wheel angle", wheel_count)) > 1:
         # m1, m2, m3 beside enc1, enc2, enc3
@@ -79,7 +79,19 @@ def roles_by_name(names: Iterable[str], *, wheel_count: int) -> Roles:
         commands=commands,
         body_commands=tuple(one.name for one in readings if one.kind == "body command"),
         gyro=tuple(gyro[axis] for axis in "xyz") if len(gyro) == 3 else (),
+        open_series=() if set(angles) & plainly else _open_series(readings, wheel_count, plainly),
+        units=units,
     )
+
+
+def _open_series(readings: list[Reading], count: int, plainly: set[str]) -> tuple[tuple[str, ...], ...]:
+    """Return the complete series of which no name says plainly what they are, in the file's order."""
+    kinds: tuple[Kind, ...] = ("wheel angle", "wheel speed", "other")
+    found = [
+        series for kind in kinds for series in _triples(readings, kind, count) if not set(series) & plainly
+    ]
+    places = [one.name for one in readings]
+    return tuple(sorted(found, key=lambda series: places.index(series[0])))
 
 
 def quaternion_of(columns: Mapping[str, NDArray[np.float64]]) -> tuple[str, ...]:
@@ -184,275 +196,3 @@ def _axes(readings: list[Reading], kind: Kind) -> dict[str, str]:
         one.axis: one for family in families.values() for one in family.values() if one.axis not in best
     }
     return {axis: one.name for axis, one in ({**others, **best} if len(best) > 1 else best).items() if axis}
-
-
-#: filter of the lean and the wheels [s]
-LEAN_WIDTH = 0.12
-#: the next best columns must leave this many times more, or at least this, to be certain
-CLEAR_MARGIN, UNCLEAR_MARGIN = 1.5, 1.2
-#: an agreement must be better than an earlier one by this factor, since copies come later in a file
-BETTER = 0.98
-#: largest unexplained fraction of the lean's acceleration
-LARGEST_REST = 0.6
-#: a lean beyond so many times its usual size is a fall
-FALLEN = 8.0
-#: a lean was computed from the wheel angles if they explain this fraction of it; in six seconds of balancing they
-#: explain up to 0.98 of a measured one
-COMPUTED = 0.985
-
-
-def roles_by_data(columns: Mapping[str, NDArray[np.float64]], robot: Robot) -> Roles | None:
-    """Return the roles by the columns' values, or None if no lean and wheels agree with a rolling ball.
-
-    Parameters
-    ----------
-    columns : mapping of str to (M,) array
-        In the file's order.
-    robot : Robot
-        Gives azimuths and the effect of gravity.
-    """
-    time = _time(columns)
-    if time is None:
-        return None
-    scale = time_scale(columns[time], None)
-    t = columns[time] * (scale.factor if scale else 1.0)
-    columns = {name: values for name, values in columns.items() if np.isfinite(values).any()} | {time: t}
-    rising = np.concatenate(([True], np.diff(t) > 0.0))
-    finite = np.all([np.isfinite(values) for values in columns.values()], axis=0)
-    kept = rising & finite
-    # a column that increases by the same step throughout counts rows
-    names = [name for name, values in columns.items() if name != time and np.ptp(np.diff(values[kept])) > 0.0]
-    rows = even_rows(t[kept])
-    smoothed = {name: smooth(rows, t[kept], columns[name][kept, None], width=LEAN_WIDTH) for name in names}
-    steps = {name: step_of(columns[name][kept]) for name in names}
-    # an IMU's columns usually have steps, which columns computed from them lack
-    found = _lean_and_wheels(list(columns), smoothed, steps, robot) or _lean_and_wheels(
-        list(columns), smoothed, steps, robot, smooth_lean=True
-    )
-    if found is None:
-        return None
-    lean, wheels, margin = found
-    every = list(columns)
-    motion = _Motion.of(rows, [smoothed[name] for name in lean], [smoothed[name] for name in wheels])
-    commands, command_margin = _commands(every, (time, *lean, *wheels), motion, smoothed, len(wheels))
-    heading, clear = _heading(every, lean, (*wheels, *commands), motion, smoothed)
-    margins = (margin, command_margin) if commands else (margin,)
-    confidence = min(0.95 if one > CLEAR_MARGIN else 0.85 if one > UNCLEAR_MARGIN else 0.6 for one in margins)
-    if not clear or (not commands and len(columns) > len(wheels) + 4):
-        confidence = 0.6  # columns that no test recognised may be the heading or the commands
-    return Roles(
-        time=time,
-        attitude=(*lean, *heading),
-        angles=wheels,
-        speeds=(),
-        commands=commands,
-        body_commands=(),
-        confidence=confidence,
-    )
-
-
-def _time(columns: Mapping[str, NDArray[np.float64]]) -> str | None:
-    """Return the first column that rises as time does; one that counts rows only if there is no other."""
-    found = []
-    for name, values in columns.items():
-        steps = np.diff(values)
-        if len(steps) and np.mean(steps > 0.0) > 0.98 and time_scale(values, None) is not None:
-            found.append(
-                (bool(np.ptp(steps) == 0.0 and np.all(values == np.round(values))), len(found), name)
-            )
-    return min(found)[2] if found else None
-
-
-def _neighbours(names: list[str], present: Mapping[str, Smooth], count: int) -> list[tuple[str, ...]]:
-    groups = [tuple(names[k : k + count]) for k in range(len(names) - count + 1)]
-    return [group for group in groups if all(name in present for name in group)]
-
-
-def _lean_and_wheels(
-    names: list[str],
-    smoothed: Mapping[str, Smooth],
-    steps: Mapping[str, float | None],
-    robot: Robot,
-    *,
-    smooth_lean: bool = False,
-) -> tuple[tuple[str, ...], tuple[str, ...], float] | None:
-    """Return the names of roll and pitch (whose steps may be too fine to see) and of the wheels' angles.
-
-    The number is how many times more the next best columns leave unexplained.
-    """
-    kappa, _ = torque_free_gains(robot)
-    best, least, next_best = None, LARGEST_REST, 1.0
-    for wheels in _neighbours(names, smoothed, robot.wheel_count):
-        if not _alike(wheels, steps):
-            continue
-        speeds = np.column_stack([smoothed[name].rate[:, 0] for name in wheels])
-        angles = np.column_stack([smoothed[name].value[:, 0] for name in wheels])
-        accelerations = np.column_stack([smoothed[name].acceleration[:, 0] for name in wheels])
-        moving = np.abs(speeds).max(axis=1) > 0.1 * np.quantile(np.abs(speeds), 0.99)
-        for lean in _neighbours(names, smoothed, 2):
-            if set(lean) & set(wheels) or not (smooth_lean or _alike(lean, steps)):
-                continue
-            rest = _rest(lean, smoothed, (angles, accelerations), moving, robot, kappa)
-            if rest < least * (BETTER if best else 1.0):
-                next_best = least if best else 1.0
-                best, least = (lean, wheels), rest
-            else:
-                next_best = min(next_best, rest)
-    return None if best is None else (*best, next_best / max(least, 1e-12))
-
-
-def _alike(names: tuple[str, ...], steps: Mapping[str, float | None]) -> bool:
-    """Return whether columns have the same step, as equal sensors do; true if no column of the file has one."""
-    if all(step is None for step in steps.values()):
-        return True
-    known = [steps[name] for name in names]
-    first = known[0]
-    return first is not None and all(step is not None and abs(step / first - 1.0) < 0.01 for step in known)
-
-
-def _rest(
-    lean: tuple[str, ...],
-    smoothed: Mapping[str, Smooth],
-    wheels: tuple[NDArray[np.float64], NDArray[np.float64]],
-    moving: NDArray[np.bool_],
-    robot: Robot,
-    kappa: float,
-) -> float:
-    """Return the fraction of the lean's acceleration that the wheels do not explain, in their best order and signs."""
-    angles, accelerations = wheels
-    value = np.column_stack([smoothed[name].value[:, 0] for name in lean])
-    if _unexplained_fraction(angles, value) < 1.0 - COMPUTED:
-        return 1.0
-    driven = np.column_stack([smoothed[name].acceleration[:, 0] for name in lean]) - kappa * value
-    usual = np.median(np.abs(value - np.median(value, axis=0)), axis=0)
-    upright = np.all(np.abs(value - np.median(value, axis=0)) < FALLEN * usual + 1e-12, axis=1)
-    rows = moving & upright
-    y = (driven[:, 0] + 1j * driven[:, 1])[rows]
-    y = y - np.median(y.real) - 1j * np.median(y.imag)
-    # medians, since hands and pushes are not excluded yet
-    size = float(np.median(np.abs(y)))
-    if size == 0.0:  # a column that stands still in most rows is no lean
-        return 1.0
-    moved = accelerations[rows] - accelerations[rows].mean(axis=0)
-    unexplained = 1.0
-    for way in every_way(robot):
-        x = moved @ way
-        rest = y - x * (np.vdot(x, y) / max(float(np.vdot(x, x).real), TINY))
-        unexplained = min(unexplained, (float(np.median(np.abs(rest))) / size) ** 2)
-    return unexplained
-
-
-def _unexplained_fraction(angles: NDArray[np.float64], value: NDArray[np.float64]) -> float:
-    X = np.column_stack([angles, np.ones(len(angles))])
-    rest = value - X @ np.linalg.lstsq(X, value, rcond=None)[0]
-    return float((rest.var(axis=0) / np.maximum(value.var(axis=0), TINY)).max())
-
-
-#: columns are the commands if the motion explains at least this share of each, on blocks that the fit does not use.
-#: With this, the next three and `LEAN_WIDTH`, the columns of 55 of 75 logs without a header, among 800 variants of two
-#: development halves of campaigns/mapping_corpus.py, are found with confidence, and none of them is wrong
-LEAST_EXPLAINED = 0.3
-#: share of a heading's rate that wheels and lean must explain on such blocks
-LEAST_EXPLAINED_HEADING = 0.5
-#: blocks [s], every other one is fitted
-FITTED_BLOCK = 1.0
-#: speed at which dry friction's sign is half turned over, over the speed's root mean square
-SLOW = 0.1
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Motion:
-    """Smoothed wheels and lean, in the file's units, from which other columns are explained."""
-
-    rows: NDArray[np.float64]  #: (N,) [s]
-    terms: NDArray[np.float64]  #: (N, k)
-    usable: NDArray[np.bool_]  #: (N,)
-
-    @staticmethod
-    def of(rows: NDArray[np.float64], lean: Sequence[Smooth], wheels: Sequence[Smooth]) -> _Motion:
-        """Return the motion that the wheels' needs are made of: their accelerations and speeds, friction, the lean."""
-        speed = np.hstack([one.rate for one in wheels])
-        acceleration = np.hstack([one.acceleration for one in wheels])
-        tilt = np.hstack([part for one in lean for part in (one.value, one.rate)])
-        size = np.sqrt((speed**2).mean(axis=0)) + TINY
-        total = np.sqrt((speed**2).sum(axis=1))
-        return _Motion(
-            rows=rows,
-            terms=np.hstack([acceleration, speed, np.tanh(speed / (SLOW * size)), tilt]),
-            usable=total > 0.1 * float(np.quantile(total, 0.99)),
-        )
-
-    def explained(self, values: NDArray[np.float64]) -> float:
-        """Return the share of a column (N,) that is explained on every other block by a fit of the rest."""
-        X = np.column_stack([self.terms, np.ones(len(self.rows))])
-        X = X / (np.sqrt((X**2).mean(axis=0)) + TINY)
-        odd = (np.floor((self.rows - self.rows[0]) / FITTED_BLOCK) % 2 > 0.5) & self.usable
-        even = ~odd & self.usable
-        if min(odd.sum(), even.sum()) < 2 * X.shape[1]:
-            return 0.0
-        left = whole = 0.0
-        for fitted, judged in ((odd, even), (even, odd)):
-            normal = X[fitted].T @ X[fitted] + RIDGE * fitted.sum() * np.eye(X.shape[1])
-            found = np.linalg.solve(normal, X[fitted].T @ values[fitted])
-            left += float(np.square(values[judged] - X[judged] @ found).sum())
-            whole += float(np.square(values[judged] - values[judged].mean()).sum())
-        return 1.0 - left / whole if whole > 0.0 else 0.0
-
-
-def _commands(
-    names: list[str], taken: tuple[str, ...], motion: _Motion, smoothed: Mapping[str, Smooth], count: int
-) -> tuple[tuple[str, ...], float]:
-    """Return the commands' names and how many times more the next best columns leave unexplained.
-
-    Commands are `count` neighbours that the motion explains, since they follow from the torques that the wheels need.
-    Neighbours that overlap the best are no alternative to it.
-    """
-    each = {
-        name: motion.explained(smoothed[name].value[:, 0])
-        for name in names
-        if name not in taken and name in smoothed
-    }
-    groups = {
-        group: min(each[name] for name in group)
-        for group in _neighbours(names, smoothed, count)
-        if all(name in each for name in group)
-    }
-    ranked = sorted(groups, key=lambda group: -groups[group])
-    if not ranked or groups[ranked[0]] < LEAST_EXPLAINED:
-        return (), 1.0
-    best = ranked[0]
-    other = next((groups[one] for one in ranked if not set(one) & set(best)), 0.0)
-    return best, (1.0 - max(other, 0.0)) / max(1.0 - groups[best], 0.02)
-
-
-def _heading(
-    names: list[str],
-    lean: tuple[str, ...],
-    taken: tuple[str, ...],
-    motion: _Motion,
-    smoothed: Mapping[str, Smooth],
-) -> tuple[tuple[str, ...], bool]:
-    """Return the name of the heading, if there is one, and whether that is certain.
-
-    A heading stands behind roll and pitch. If the column there belongs to no other quantity and may be one, but hardly
-    turns, the log must not be taken for one without a heading. If the motion explains the column before them, that may
-    be roll, and they pitch and heading.
-    """
-    before = names[names.index(lean[0]) - 1]
-    if (
-        before in smoothed
-        and before not in taken
-        and motion.explained(smoothed[before].value[:, 0]) > LEAST_EXPLAINED
-    ):
-        return (), False
-    place = names.index(lean[1]) + 1
-    if place >= len(names) or names[place] in taken:
-        return (), True
-    name = names[place]
-    if name not in smoothed:
-        return (), True
-    return (
-        ((name,), True)
-        if motion.explained(smoothed[name].rate[:, 0]) > LEAST_EXPLAINED_HEADING
-        else ((), False)
-    )

@@ -1,0 +1,145 @@
+"""Which columns of a foreign table have which role, and the unit of the time; InputError if that cannot be found.
+
+Names come first (`ballbot.log.mapping_inference.roles`), then values (`ballbot.log.mapping_inference.column_values`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.log.formats.inference import ForeignTable
+from ballbot.log.imu_angles import QUATERNION_ANGLES, quaternion_angles
+from ballbot.log.mapping_inference.column_values import roles_by_data, settled
+from ballbot.log.mapping_inference.names import read_names
+from ballbot.log.mapping_inference.roles import (
+    Roles,
+    half_turn_of,
+    quaternion_of,
+    roles_by_name,
+)
+from ballbot.log.mapping_inference.units import Scale, time_scale
+from ballbot.robot import Robot
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Recognised:
+    """The columns of a foreign table with their roles."""
+
+    table: ForeignTable  #: with the angles of a quaternion
+    roles: Roles
+    by_data: bool  #: whether the columns were recognised by their values
+    time: Scale
+    rows: tuple[int, int]  #: first and end of the longest stretch in which time rises
+
+
+def recognise(path: str | Path, table: ForeignTable, robot: Robot) -> Recognised:
+    """Return the roles of a table's columns.
+
+    Raises
+    ------
+    InputError
+        If neither names nor numbers show the time and the wheels' angles; it begins with the path.
+    """
+    table, quaternion = _with_quaternion(table)
+    roles, by_data = _roles(path, table, robot, quaternion)
+    if roles.attitude:
+        named = roles.reading(roles.attitude)
+        half = half_turn_of(table.columns[roles.attitude[0]], named.unit if named else None)
+        roles = replace(roles, half_turn=half)
+    time = _time(path, table, roles)
+    rows = _longest_rise(table.columns[roles.time or ""])
+    return Recognised(table=table, roles=roles, by_data=by_data, time=time, rows=rows)
+
+
+def _with_quaternion(table: ForeignTable) -> tuple[ForeignTable, tuple[str, ...]]:
+    """Return a table with the angles of its quaternion, and the names of w, x, y and z; none without one."""
+    quaternion = quaternion_of(table.columns)
+    if not quaternion:
+        return table, ()
+    angles = quaternion_angles(np.column_stack([table.columns[name] for name in quaternion]))
+    return replace(table, columns={**table.columns, **angles}), quaternion
+
+
+def _roles(
+    path: str | Path, table: ForeignTable, robot: Robot, quaternion: tuple[str, ...]
+) -> tuple[Roles, bool]:
+    names = [name for name in table.columns if name not in {*quaternion, *QUATERNION_ANGLES}]
+    named = roles_by_name(names, wheel_count=robot.wheel_count, units=table.units)
+    if quaternion and not named.attitude:
+        named = replace(named, attitude=QUATERNION_ANGLES, quaternion=quaternion)
+    named = settled(named, table.columns, robot)
+    known = table.named and named.time is not None and named.angles
+    if known and (named.attitude or len(table.columns) < len(named.angles) + len(named.commands) + 3):
+        return named, False
+    if not known and table.named and named.time is not None and named.speeds:
+        _check_has_angles(path, named)
+    found = roles_by_data(_perhaps_lean(table.columns) if known else table.columns, robot)
+    if known:
+        if found is None or found.angles != named.angles:
+            return named, False
+        # roll and pitch in words of another language
+        return replace(named, attitude=found.attitude, confidence=found.confidence), True
+    if found is None:
+        raise InputError(
+            f"{path}: cannot determine which columns are the time, the lean and the wheel angles, neither by "
+            f"names nor by numbers (the columns are {', '.join(table.columns)}). Name them in the file's order, "
+            f"--columns t,roll,pitch,.. (_ for a column that is not needed), "
+            f"or write a mapping file."
+        )
+    return found, True
+
+
+def _perhaps_lean(columns: Mapping[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
+    """Return the columns without those whose names say that they are no angles, such as an accelerometer's."""
+    other = ("gyro", "accelerometer", "wheel speed", "reference", "ball position", "ball velocity")
+    return {one.name: columns[one.name] for one in read_names(list(columns)) if one.kind not in other}
+
+
+#: how plainly a name must say that a column is a wheel's speed: w1 may be its angle
+_PLAINLY = 0.7
+
+
+def _check_has_angles(path: str | Path, named: Roles) -> None:
+    """Raise InputError if the names say plainly that the wheels have speeds and no angles, with the entry to write."""
+    reading = named.reading(named.speeds)
+    if reading is None or reading.weight < _PLAINLY:
+        return
+    unit = {"turn/s": "rpm", None: "rpm"}.get(reading.unit, reading.unit)
+    columns = ", ".join(f'"{name}"' for name in named.speeds)
+    entry = f'speed = {{ from = [{columns}], unit = "{unit}" }}'
+    if reading.unit == "rps":
+        entry = (
+            f'speed = {{ from = [{columns}], unit = "rad/s" }} if rps are radians a second, or with unit = "rpm", '
+            "scale = 60.0 if they are revolutions"
+        )
+    elif reading.unit == "turn/s":
+        entry = entry.replace(" }", ", scale = 60.0 }")
+    raise InputError(
+        f"{path}: cannot determine the wheels: there are speeds ({', '.join(named.speeds)}), but no angles, which the "
+        f"comparison with the robot needs. Log the angles, too, or write a mapping file; in [wheels], {entry}."
+    )
+
+
+def _time(path: str | Path, table: ForeignTable, roles: Roles) -> Scale:
+    named = roles.reading((roles.time,)) if roles.time else None
+    found = time_scale(table.columns[roles.time or ""], named.unit if named else None)
+    if found is None:
+        raise InputError(
+            f"{path}: cannot determine the unit of the time {roles.time}: no power of 1000 makes its steps 0.2 ms "
+            "to 0.2 s. Write a mapping file with the unit, or name another column t with --columns."
+        )
+    return found
+
+
+def _longest_rise(t: NDArray[np.float64]) -> tuple[int, int]:
+    """Return first and end of the longest stretch of rising time."""
+    breaks = np.flatnonzero(~(np.diff(t) > 0.0)) + 1
+    edges = np.concatenate(([0], breaks, [len(t)]))
+    longest = int(np.argmax(np.diff(edges)))
+    return int(edges[longest]), int(edges[longest + 1])
