@@ -28,7 +28,8 @@ from ballbot.report.friction import friction_curve, interval_figure
 from ballbot.report.identification_page import _rows_within
 from ballbot.report.study import friction_sentence
 from ballbot.report.style import drawn, thinned, with_peaks
-from ballbot.report.words import state_mark, with_error, with_symbols
+from ballbot.report.tables import parameter_sheet
+from ballbot.report.words import interval_text, state_mark, with_error, with_symbols
 from ballbot.results import as_json
 from ballbot.robot import Friction
 from ballbot.rounding import between, digits
@@ -154,6 +155,31 @@ def test_an_interval_without_a_limit_goes_on_to_the_border_of_its_panel():
     assert len([line for line in panels["b [N m s/rad]"].lines if len(line.get_xdata()) == 2]) == 3
     words = [text.get_text() for text in figure.legends[0].get_texts()]
     assert words == ["95 %, these logs", "in the robot file", "found"]
+
+
+def test_both_intervals_are_open_at_the_bounds_of_the_search_and_every_value_says_what_it_has():
+    """The bounds of the example are 0 and 10; zero friction is a limit, a least speed of 0.3 rad/s is none."""
+    made = _found()
+    bounds = made.bounds.copy()
+    bounds[9, 0] = 0.3  # of v_s
+    ends = {"b1": (0.0, 10.0), "v_s": (0.3, 5.0)}
+    other = {key: Interval(lower=low, upper=high, method="between logs") for key, (low, high) in ends.items()}
+    found = replace(
+        made,
+        bounds=bounds,
+        parameters=made.layout.by_symbol(made.values),
+        intervals={
+            "s1": Interval(lower=0.0, upper=np.inf, method="profile"),
+            "s2": Interval(lower=0.0, upper=0.1, method="at bound"),
+        },
+        variation=replace(made.variation, predictions=other),
+    )
+    shown = {key: interval_text(one) for key, one in found.another_log.items()}
+    assert shown == {"b1": "0 .. open", "v_s": "open .. 5.00"}
+    (row,) = (row for row in parameter_sheet(found).cells if row[0].text == "s")
+    endings = [str(cell.text).partition(" ")[2] for cell in row[2:]]
+    assert endings[:2] == ["(interval only)", "(at its bound)"]
+    assert endings[2].startswith("±")
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from ballbot.errors import InputError
 from ballbot.report.comparison import league_report, standing_rows
 from ballbot.report.page import page_of
 from ballbot.report.provenance import provenance
+from ballbot.report.words import ratio_digits
 from ballbot.results import as_json
 from ballbot.robot.file import write_robot
 from ballbot.twin.scenario import Scenario
@@ -171,10 +172,20 @@ def test_page_names_falls_and_the_better_controller(league):
     assert page.count('data-ballbot-replay="') == 1  # of the first course
     assert len(page) < LARGEST_PAGE
     assert "4 of 4 runs ended in a fall." in page
+    assert "2 courses on the exact model with perfect sensors, 2 seeds, the same for all." in page
+    assert "With 2 seeds the interval of a difference reaches 12.7 standard errors" in page
     assert re.search(r"Peak position error 0\.\d+ times that of none", page)
     assert "A step of 0.2 m. 4 s." in page
     assert "Seed 4,5;" in page
     assert page.count("one run of each controller, seed 4, the first of 2.") == 2
+
+
+@pytest.mark.parametrize(
+    ("ratio", "text"),
+    [(0.9123, "0.912"), (0.0000254, "2.54·10⁻⁵"), (12345.0, "1.23·10⁴"), (0.0, "0"), (np.nan, "–")],
+)
+def test_a_ratio_far_from_one_is_a_power_of_ten(ratio, text):
+    assert ratio_digits(ratio) == text
 
 
 def test_the_evidence_has_a_row_for_each_course_and_controller(league):

@@ -159,6 +159,11 @@ class Identification:
             joint_errors(self.layout, errors, self.variation.deviations), self.correlation
         )
 
+    @property
+    def another_log(self) -> dict[str, Interval]:
+        """The 95 % intervals for the estimate from another log, by label, infinite where `intervals` are, too."""
+        return self.variation.open_predictions(dict(zip(self.labels, self.bounds.tolist(), strict=True)))
+
     def summary(self) -> Summary:
         """Return each parameter with its standard error, how well windows held out are predicted, and warnings."""
         rows = []

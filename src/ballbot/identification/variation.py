@@ -16,7 +16,7 @@ c and s of their mean c + s, of C_rr of itself; v_s and delta vary by a factor.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Protocol
@@ -95,6 +95,20 @@ class Variation:
     within: Mapping[str, float]  #: median of the standard errors within each log, in the same units
     units: NDArray[np.float64]  #: (p,)
     prior_robots: int
+
+    def open_predictions(self, bounds: Mapping[str, Sequence[float]]) -> dict[str, Interval]:
+        """Return the predictions as confidence intervals have them: an end at a bound of the search is infinite.
+
+        The zero of an amount stays a limit. `bounds` are the least and the greatest value, by label.
+        """
+        return {
+            label: replace(
+                one,
+                lower=one.lower if one.lower > bounds[label][0] or one.lower == 0.0 else -np.inf,
+                upper=one.upper if one.upper < bounds[label][1] else np.inf,
+            )
+            for label, one in self.predictions.items()
+        }
 
     def to_dict(self, parameters: Mapping[str, float]) -> dict[str, object]:
         """Return what results.json holds; `parameters` are the estimates by label."""

@@ -26,10 +26,11 @@ from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE, SHADE, VIOLE
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together, true_spans
 from ballbot.report.style import REFERENCE, LineStyle, drawn_picture, label_of, thinned
+from ballbot.report.words import ratio_digits
 from ballbot.robot import Robot
-from ballbot.rounding import digits
+from ballbot.summary import counted
 from ballbot.viewer.page import MOST_RUNS, RunColor, replay_part
-from ballbot.workflows.comparison import Estimate
+from ballbot.workflows.comparison import Estimate, student_quantile
 from ballbot.workflows.courses import Course
 from ballbot.workflows.league import (
     METRIC_BY_KEY,
@@ -109,11 +110,16 @@ STANDING_HEADINGS = ("controller", *(f"{one.heading} ({one.unit})" for one in ME
 
 def overall_rows(league: League) -> list[list[str]]:
     """Return a row for each controller: its ratios to the first one over all courses, and its falls."""
+    return [[f"{one.text} {one.below}".rstrip() for one in row] for row in _overall_cells(league)]
+
+
+def _overall_cells(league: League) -> list[list[Cell]]:
+    """Return the same rows with each interval below its ratio."""
     rows = []
     for name in league.controllers:
         found = overall(league, name)
-        ratios = [_ratio(found.ratios[key]) if found.ratios else "1" for key in RATIOS]
-        rows.append([name, *ratios, f"{found.falls} of {found.runs}"])
+        ratios = [_ratio(found.ratios[key]) if found.ratios else Cell(text="1") for key in RATIOS]
+        rows.append([Cell(text=name), *ratios, Cell(text=f"{found.falls} of {found.runs}")])
     return rows
 
 
@@ -172,11 +178,9 @@ def _difference(difference: Estimate, metric: Metric) -> str:
     return mean if math.isnan(difference.low) else f"{mean} ({low}, {high})"
 
 
-def _ratio(found: Estimate) -> str:
-    if math.isnan(found.mean):
-        return "–"
-    mean, low, high = digits(found.mean), digits(found.low), digits(found.high)
-    return mean if math.isnan(found.low) else f"{mean} ({low}, {high})"
+def _ratio(found: Estimate) -> Cell:
+    interval = "" if math.isnan(found.low) else f"({ratio_digits(found.low)}, {ratio_digits(found.high)})"
+    return Cell(text=ratio_digits(found.mean), below=interval)
 
 
 def _falls(found: Standing) -> str:
@@ -334,7 +338,7 @@ _PEAK, _ROUGH = "peak_position_error", "high_frequency_torque"
 def league_report(league: League, robot: Robot, made: Provenance) -> Report:
     """Return the page of a league of that robot."""
     plant = "the exact model with perfect sensors" if league.courses[0].scenario is None else "the twin"
-    first = league.controllers[0]
+    first, courses = league.controllers[0], counted(len(league.courses), "course")
     caption = (
         f"Each number over {first}'s on the same course with the same seed: geometric means over the courses, with "
         "95 % intervals over the seeds."
@@ -345,17 +349,17 @@ def league_report(league: League, robot: Robot, made: Provenance) -> Report:
     )
     undecided = [_open_sentence(name, league) for name in league.controllers[1:]]
     return Report(
-        title=f"{league.robot}: {len(league.controllers)} controllers side by side",
-        lead=f"{len(league.courses)} courses on {plant}, {len(league.seeds)} seeds, the same for all.",
+        title=f"{league.robot}: {counted(len(league.controllers), 'controller')} side by side",
+        lead=f"{courses} on {plant}, {counted(len(league.seeds), 'seed')}, the same for all.",
         verdict=[(name, _sentence(overall(league, name), league)) for name in league.controllers],
         sections=[
             section(
                 "Over all courses",
-                Sheet(headings=OVERALL_HEADINGS, rows=overall_rows(league), caption=caption),
+                Sheet(headings=OVERALL_HEADINGS, rows=_overall_cells(league), caption=caption),
                 drawn_picture("overview", partial(overview_figure, league), overview),
             ),
             *(_course_section(league, robot, course, place) for place, course in enumerate(league.courses)),
-            section("How to read this", Bullets(items=_reading(first))),
+            section("How to read this", Bullets(items=_reading(first, len(league.seeds)))),
         ],
         undecided=[*(words for words in undecided if words), _beyond(league)],
         made=made,
@@ -405,7 +409,14 @@ def _pose(league: League, course: Course, name: str) -> Log:
     return Log({**pose, "ref_x": wanted[:, 0], "ref_y": wanted[:, 1]})
 
 
-def _reading(first: str) -> list[str]:
+def _reading(first: str, seeds: int) -> list[str]:
+    """Return what the numbers are; why a difference may be open whose ratio is not, if there are intervals."""
+    differences = (
+        f"A ratio is compared as a logarithm, a difference in its own unit. If the error of {first} changes much from "
+        "seed to seed and another's is always about the same fraction of it, the ratio is well known and the "
+        f"difference is not. With {seeds} seeds the interval of a difference reaches "
+        f"{student_quantile(seeds):.1f} standard errors to each side, even past what is possible; more seeds narrow it."
+    )
     return [
         f"Peak and RMS error: distance of the true position from the reference, from {SETTLE:g} s after the start "
         "and after each jump of the reference on (a course may choose otherwise). A push is no jump: what it does "
@@ -417,6 +428,7 @@ def _reading(first: str) -> list[str]:
         "A run that fell counts among the falls and nowhere else. All controllers have the same seeds, so "
         f"differences from {first} are taken seed by seed.",
         "Each interval holds with 95 %: of twenty true zeros, one is shown as a difference.",
+        *([differences] if seeds > 1 else []),
     ]
 
 
@@ -464,8 +476,8 @@ def _sentence(found: Overall, league: League) -> str:
 
 
 def _ratio_phrase(key: str, ratio: Estimate, *, of: str) -> str:
-    interval = "" if math.isnan(ratio.low) else f" ({digits(ratio.low)} to {digits(ratio.high)})"
-    return f"{METRIC_BY_KEY[key].words} {digits(ratio.mean)} times that of {of}{interval}"
+    interval = "" if math.isnan(ratio.low) else f" ({ratio_digits(ratio.low)} to {ratio_digits(ratio.high)})"
+    return f"{METRIC_BY_KEY[key].words} {ratio_digits(ratio.mean)} times that of {of}{interval}"
 
 
 def league_parts(league: League, *, framed: bool) -> Iterator[RenderableType]:

@@ -161,7 +161,7 @@ def interval_figure(found: Identification) -> Figure:
     """Return the parameters' 95 % intervals beside the robot file's values; a panel for each quantity with some."""
     layout = found.layout
     before = layout.by_symbol(layout.nominal(found.predictor.robot))
-    limited = found.intervals.keys() | found.variation.predictions.keys()
+    limited = found.intervals.keys() | found.another_log.keys()
     shown = []
     for name, (symbol, value) in zip(layout.names, found.parameters.items(), strict=True):
         labels = BY_NAME[name].labels(layout.wheel_count)
@@ -197,7 +197,7 @@ def _draw_intervals(
     """Draw the numbers of one quantity; a side that is not limited goes on to the border of the panel."""
     places = np.arange(len(labels))
     kinds = (
-        (found.variation.predictions, MUTED, 1.2, 0.13, "95 %, another log"),
+        (found.another_log, MUTED, 1.2, 0.13, "95 %, another log"),
         (found.intervals, BLUE, 3.0, -0.13, "95 %, these logs"),
     )
     ends = np.array(
@@ -371,7 +371,7 @@ def parameter_table(found: Identification, *, framed: bool) -> TextTable:
             label,
             *value_and_error(value, error),
             interval_text(found.intervals.get(label)),
-            interval_text(found.variation.predictions.get(label)),
+            interval_text(found.another_log.get(label)),
             kind.unit,
         )
         for label, value, error, kind in zip(found.labels, values, errors, kinds, strict=True)

@@ -99,7 +99,7 @@ def parameter_sheet(found: Identification) -> Sheet:
         labels = BY_NAME[name].labels(wheels)
         span = wheels if len(values) == 1 else 1
         written = (
-            digits(float(v)) if _by_profile(found.intervals.get(label)) else with_error(float(v), float(e))
+            _value(float(v), float(e), found.intervals.get(label))
             for label, v, e in zip(labels, values, errors, strict=True)
         )
         rows.append(
@@ -111,7 +111,7 @@ def parameter_sheet(found: Identification) -> Sheet:
         )
         for which, intervals in (
             ("95 %, these logs", found.intervals),
-            ("95 %, another log", found.variation.predictions),
+            ("95 %, another log", found.another_log),
         ):
             ends = [interval_text(intervals.get(label)) for label in labels]
             if any(ends):
@@ -123,9 +123,11 @@ def parameter_sheet(found: Identification) -> Sheet:
     return Sheet(headings=("parameter", "unit", *(f"wheel {i}" for i in range(1, wheels + 1))), rows=rows)
 
 
-def _by_profile(interval: Interval | None) -> bool:
-    """Return whether the interval, which stands below the value, takes the place of a standard error."""
-    return interval is not None and interval.method == "profile"
+def _value(value: float, error: float, interval: Interval | None) -> str:
+    """Return a value with its error, or with what it has in place of one; its interval stands below it."""
+    if interval is not None and interval.method in ("profile", "at bound"):
+        return f"{digits(value)} ({'interval only' if interval.method == 'profile' else 'at its bound'})"
+    return with_error(value, error)
 
 
 def error_rows(pair: ErrorPair, units: dict[str, str]) -> list[ErrorRow]:

@@ -67,8 +67,8 @@ def undecided_by(validation: Validation) -> list[str]:
             sentences.append(f"Which model is better in {loop}: {refused}")
         elif not np.isfinite(errors.ratio_interval()).any():
             sentences.append(
-                f"Which model is better in {loop}: {errors.runs} runs are too few for intervals, which need "
-                f"{LEAST_RUNS}."
+                f"Which model is better in {loop}: intervals need {LEAST_RUNS} runs, and there "
+                f"{'is one' if errors.runs == 1 else f'are {errors.runs}'}."
             )
         else:
             verdicts_of = zip(STATE_NAMES, errors.verdicts(), strict=True)

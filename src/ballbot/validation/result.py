@@ -10,7 +10,7 @@ import numpy as np
 from ballbot.findings import Finding, note
 from ballbot.fitting.comparison import verdicts
 from ballbot.log import STATE_NAMES
-from ballbot.summary import Summary, plotted, summarized
+from ballbot.summary import Summary, counted, plotted, summarized
 from ballbot.validation.closed_loop import ClosedLoop, RecoveredGain
 from ballbot.validation.models import ErrorPair, ModelPair
 from ballbot.validation.open_loop import OpenLoop
@@ -117,7 +117,8 @@ def better_in(errors: ErrorPair, models: ModelPair) -> str:
     """Return in how many states the first model is better, by the whole interval, and by which factors."""
     first, second = models.names
     if not np.isfinite(errors.ratio_interval()).any():
-        return f"{errors.runs} runs are too few to show which model is better"
+        few = f"{counted(errors.runs, 'run')} {'is' if errors.runs == 1 else 'are'} too few"
+        return f"{few} to show which model is better"
     surely = [place for place, verdict in enumerate(errors.verdicts()) if verdict == "better"]
     worse = [STATE_NAMES[place] for place, verdict in enumerate(errors.verdicts()) if verdict == "worse"]
     if not surely:
@@ -211,7 +212,7 @@ def _closed_loop_verdict(validation: Validation) -> str:
     closed = validation.closed_loop
     assert closed is not None
     restarted = closed.restarted
-    runs = f"restarted every {closed.restart_every:.2g} s ({restarted.runs} runs)"
+    runs = f"restarted every {closed.restart_every:.2g} s ({counted(restarted.runs, 'run')})"
     verdict = f"Closed loop, {runs}: {better_in(restarted, validation.models)}."
     behind = [name for name, ratio in zip(STATE_NAMES, closed.whole.ratio, strict=True) if ratio <= 1.0]
     if behind:

@@ -82,8 +82,13 @@ def mean_with_interval(values: Sequence[float] | NDArray[np.float64]) -> Estimat
     mean = float(known.mean()) if count else np.nan
     if count < 2:
         return Estimate(mean=mean, low=np.nan, high=np.nan, runs=count)
-    half = float(scipy.stats.t.ppf(0.5 + 0.5 * CONFIDENCE, count - 1) * known.std(ddof=1) / np.sqrt(count))
+    half = student_quantile(count) * float(known.std(ddof=1) / np.sqrt(count))
     return Estimate(mean=mean, low=mean - half, high=mean + half, runs=count)
+
+
+def student_quantile(count: int) -> float:
+    """Return how many standard errors the interval of a mean of `count` values reaches to each side."""
+    return float(scipy.stats.t.ppf(0.5 + 0.5 * CONFIDENCE, count - 1))
 
 
 def median_with_interval(values: Sequence[float] | NDArray[np.float64]) -> MedianEstimate:
