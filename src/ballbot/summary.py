@@ -182,7 +182,7 @@ def _with_error(value: float, error: float, ends: tuple[float, float] | None) ->
         return "no influence"
     if ends is not None:
         return between(value, *ends)
-    return plus_minus(value, error) if np.isfinite(error) else f"{digits(value)} (no error)"
+    return plus_minus(value, error) if np.isfinite(error) else f"{digits(value)} (no standard error)"
 
 
 def first_texts(findings: Sequence[Finding], *, most: int = 3) -> tuple[str, ...]:

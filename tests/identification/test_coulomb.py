@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ballbot.identification.coulomb import coulomb_equivalent, coulomb_sentence
-from ballbot.identification.quantities import Layout
+from ballbot.identification.quantities import FRICTION, Layout
 
 LAYOUT = Layout(wheel_count=3)
 SPEEDS = np.linspace(-3.0, 3.0, 2001)[:, None] * np.array([1.0, 0.7, 1.3])
@@ -66,4 +66,4 @@ def test_without_an_error_of_c_it_has_none() -> None:
     got = found(VALUES)
     assert np.isnan(got.standard_errors).all()
     assert got.to_dict()["standard_errors"] == [None] * 3
-    assert "±" not in coulomb_sentence(got)
+    assert "±" not in coulomb_sentence(got, FRICTION)

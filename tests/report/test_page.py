@@ -13,15 +13,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ballbot.control.linear import robot_loop
+from ballbot.control.presets import nominal_controller
 from ballbot.findings import Finding, Place
+from ballbot.log import STATE_NAMES, Log
 from ballbot.report.blocks import Bullets, Cell, Paragraph, Picture, Report, Sheet, Verbatim, section
 from ballbot.report.console import table
+from ballbot.report.loop import step_series
 from ballbot.report.page import page_of
 from ballbot.report.palette import BLUE, INK, themed
 from ballbot.report.provenance import Provenance
+from ballbot.report.run import over_time
 from ballbot.report.series import Line, Panel, TimeSeries, together, true_spans
 from ballbot.report.words import signed_with_error
 from ballbot.viewer.packing import unpacked
+from tests.support.control_examples import alten
+from tests.support.log_examples import smooth_log
 from tests.support.report_pages import LARGEST_PAGE, shown_text
 
 MADE = Provenance(command="ballbot try", files=(), seed=3, versions={"python": "3"})
@@ -237,6 +244,22 @@ def test_a_long_series_is_short_and_keeps_its_peaks_and_gaps(count, seed, share,
         (times > t[gap.start] + 15.0 * 2) & (times < t[gap.stop - 1] - 15.0 * 2) if count > 100 else times < 0
     )
     assert np.isnan(second[inside]).all()
+
+
+def test_no_line_looks_as_a_wheel_that_is_drawn_with_it():
+    """A legend is that of all panels of a figure."""
+    log = smooth_log(rows=40)
+    columns = dict(log.columns) | {f"true_{name}": 0.9 * log[name] for name in STATE_NAMES}
+    run = Log(columns | dict.fromkeys(("ref_x", "ref_y", "ref_psi"), 0.0 * log.t))
+    (over,) = over_time(run, alten())
+    loop = robot_loop(nominal_controller(alten()))
+    figures = [over, step_series(loop, "x"), step_series(loop, "psi")]
+    for made in figures:
+        assert isinstance(made, TimeSeries)
+        looks = {line.look: line.name for panel in made.panels for line in panel.lines}
+        lines = [line for panel in made.panels for line in panel.lines]
+        assert {line.look for line in lines if line.name == "wheel 1"} == {"first"}
+        assert all(looks[line.look].startswith("wheel") == line.name.startswith("wheel") for line in lines)
 
 
 def test_no_name_ends_the_data_of_a_plot():

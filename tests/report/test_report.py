@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
 from ballbot.fitting.intervals import Interval
-from ballbot.identification.coulomb import CoulombEquivalent
+from ballbot.identification.coulomb import CoulombEquivalent, coulomb_sentence
 from ballbot.identification.driveline import DrivelineFit, PrintedFit
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import Layout
@@ -211,6 +211,21 @@ def test_the_friction_in_words_is_that_of_the_law(dry, viscous, words):
         rolling=0.0,
     )
     assert words in friction_sentence(replace(_found(), robot=true_robot().replace(friction=friction)))
+
+
+def test_sentences_and_summary_name_no_parameter_that_the_law_lacks():
+    found = _found()
+    bounds = found.bounds.copy()
+    bounds[6:11] = 0.0  # of s, v_s and delta
+    coulomb = replace(found, bounds=bounds, parameters=found.layout.by_symbol(found.values))
+    text = coulomb_sentence(coulomb.coulomb, coulomb.names)
+    assert text == (
+        "Coulomb friction of each wheel: 0.1000 ± 0.0050, 0.1000 ± 0.0050, 0.1000 ± 0.0050 N m. Compare this with "
+        "other logs and robots."
+    )
+    assert [name for name, _ in coulomb.summary().rows][:4] == ["b", "c", "C_rr", "prediction error"]
+    bounds[:6] = [[0.0, 1.0]] * 3 + [[0.0, 0.0]] * 3
+    assert coulomb_sentence(coulomb.coulomb, replace(found, bounds=bounds).names) == ""
 
 
 @pytest.mark.parametrize("wheel", [0, 2])

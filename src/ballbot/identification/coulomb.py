@@ -15,6 +15,7 @@ parameter without standard error, as v_s or delta at a bound. It contains no var
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,15 +101,19 @@ def _weight_of_s(speeds: NDArray[np.float64], v_s: float, delta: float) -> NDArr
     return (E * (4.0 - 6.0 * x)).mean(axis=1)
 
 
-def coulomb_sentence(found: CoulombEquivalent) -> str:
-    """Return the sentences of a report."""
+def coulomb_sentence(found: CoulombEquivalent, names: Sequence[str]) -> str:
+    """Return the sentences of a report on the quantities `names` of the law; empty without dry friction."""
+    if "coulomb" not in names:
+        return ""
     each = ", ".join(
         plus_minus(float(value), float(error))
         for value, error in zip(found.values, found.standard_errors, strict=True)
     )
+    if "stribeck" not in names:
+        return f"Coulomb friction of each wheel: {each} N m. Compare this with other logs and robots."
     top = ", ".join(f"{speed:.2g}" for speed in found.speeds)
     return (
         f"Coulomb equivalent of each wheel: {each} N m. Compare this with other logs and robots, not c or s, which are "
         "less well determined. It is the value at rest of the straight line nearest to the dry friction up to "
-        f"{top} rad/s. Standard errors are for the conditions of these logs; v_s or delta at a bound counts as known."
+        f"{top} rad/s. Standard errors are for the conditions of these logs; v_s or delta at a bound is taken as exact."
     )

@@ -168,6 +168,8 @@ class Identification:
         """Return each parameter with its standard error, how well windows held out are predicted, and warnings."""
         rows = []
         for name, (symbol, value) in zip(self.layout.names, self.parameters.items(), strict=True):
+            if name not in self.names:
+                continue
             unit = "" if BY_NAME[name].unit == "1" else BY_NAME[name].unit
             ends = profile_ends(self.intervals, BY_NAME[name].labels(self.layout.wheel_count))
             rows.append((symbol, estimated(value, self.standard_errors[symbol], unit, intervals=ends)))
@@ -373,7 +375,7 @@ def bound_findings(
         lowest = values[i] <= coordinates.lower[i]
         side, bound = ("lower", coordinates.lower[i]) if lowest else ("upper", coordinates.upper[i])
         none = "zero friction of this kind" if coordinates.names[i] in FRICTION else "none of it"
-        advice = f"{none} fits best" if bound == 0.0 else "widen it, or fix the parameter"
+        advice = f"{none} fits best" if bound == 0.0 else "widen the bound, or fix the parameter"
         text = (
             f"{coordinates.labels[i]} is at its {side} bound {bound:g} and has no standard error: {advice}."
         )

@@ -18,7 +18,7 @@ from ballbot.report.blocks import Picture, Report, Sheet, section
 from ballbot.report.console import TextTable, table
 from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE
 from ballbot.report.provenance import Provenance
-from ballbot.report.series import IN_TURN, Line, Panel, TimeSeries, wheel_lines
+from ballbot.report.series import Line, Look, Panel, TimeSeries, wheel_lines
 from ballbot.report.style import drawn_picture, thinned
 from ballbot.robot import Robot
 from ballbot.rounding import digits
@@ -274,12 +274,16 @@ def excitation_report(result: Excitation, robot: Robot, *, errors: Picture, made
     )
 
 
+#: of x, y and the heading beside wheels and lean
+_POSE_LOOKS: tuple[Look, ...] = ("fifth", "sixth", "quiet")
+
+
 def _followed_series(shown: Followed, limits: RunLimits) -> TimeSeries:
     """Return reference, lean and torques over time, with the limits."""
     count = len(shown.t)
     asked = [
         Line(name=name, values=shown.poses[:count, place], look=look)
-        for place, (name, look) in enumerate(zip(("x [m]", "y [m]", "ψ [rad]"), IN_TURN, strict=False))
+        for place, (name, look) in enumerate(zip(("x [m]", "y [m]", "ψ [rad]"), _POSE_LOOKS, strict=True))
     ]
     lean = Line(name="lean", values=_leans(shown), look="measured")
     return TimeSeries(

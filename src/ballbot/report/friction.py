@@ -35,7 +35,7 @@ from ballbot.report.blocks import Block, Paragraph
 from ballbot.report.console import TextTable, table
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
-from ballbot.report.style import drawn_picture
+from ballbot.report.style import STATE_UNITS, drawn_picture
 from ballbot.report.validation_figures import correlation_figure
 from ballbot.report.words import interval_text
 from ballbot.rounding import digits, value_and_error
@@ -351,8 +351,8 @@ def identification_parts(
     if selection:
         yield selection_table(selection, framed=framed)
     yield parameter_table(found, framed=framed)
-    yield Text(represents_sentence(found.names))
-    yield Text(coulomb_sentence(found.coulomb))
+    sentences = (represents_sentence(found.names), coulomb_sentence(found.coulomb, found.names))
+    yield from (Text(one) for one in sentences if one)
     yield error_table(found, holdouts, framed=framed)
     for one in holdouts:
         if one.horizons:
@@ -383,20 +383,23 @@ def parameter_table(found: Identification, *, framed: bool) -> TextTable:
 
 
 def error_table(found: Identification, holdouts: Sequence[HoldoutResult], *, framed: bool) -> TextTable:
-    """Return the open-loop errors |x - x_hat| / n of each state, and their ratios on other logs."""
+    """Return the root mean square of the open-loop errors of each state, and their ratios on other logs."""
     ours = found.held_out
     rows = [
         (
             state,
-            digits(ours.with_friction[state]),
-            digits(ours.without_friction[state]),
+            STATE_UNITS[state],
+            digits(with_friction),
+            digits(without),
             f"{ratio:.2f}",
             *(f"{one.errors.ratios[state]:.2f}" for one in holdouts),
         )
-        for state, ratio in ours.ratios.items()
+        for (state, ratio), with_friction, without in zip(
+            ours.ratios.items(), ours.rmse_with, ours.rmse_without, strict=True
+        )
     ]
-    title = f"Open-loop error on {ours.windows} held-out windows" + ("; ratio on other logs" * bool(holdouts))
-    headings = ("state", "with friction", "without", "ratio", *(one.name for one in holdouts))
+    title = f"Open-loop RMSE on {ours.windows} held-out windows" + ("; ratio on other logs" * bool(holdouts))
+    headings = ("state", "unit", "with friction", "without", "ratio", *(one.name for one in holdouts))
     return table(title, headings, rows, framed=framed)
 
 

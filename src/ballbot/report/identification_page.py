@@ -97,7 +97,7 @@ def _parameter_section(found: Identification, logs: Sequence[StudiedLog]) -> Sec
     return section(
         "Parameters",
         _parameter_sheet(found),
-        Paragraph(text=f"{represents_sentence(found.names)} {coulomb_sentence(found.coulomb)}"),
+        Paragraph(text=f"{represents_sentence(found.names)} {coulomb_sentence(found.coulomb, found.names)}"),
         *parameter_blocks(found, logs),
     )
 
@@ -265,7 +265,7 @@ def _error_blocks(found: Identification, holdouts: Sequence[HoldoutResult]) -> I
     yield Sheet(
         headings=made.headings,
         rows=[(state_mark(row[0]), *row[1:]) for row in made.cells],
-        caption=f"{made.heading}: |x − x̂| / n over n samples, in each state's unit.",
+        caption=f"{made.heading}: of all their samples together.",
     )
     for one in holdouts:
         if one.horizons:

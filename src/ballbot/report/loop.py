@@ -109,10 +109,10 @@ def step_series(loop: RobotLoop, name: str) -> TimeSeries:
 
 def _pose_panels(step: StepResponse, name: str) -> list[Panel]:
     if name == "psi":
-        heading = Line(name="heading", values=np.degrees(step.states[:, 4]), look="first")
+        heading = Line(name="heading", values=np.degrees(step.states[:, 4]), look="measured")
         return [Panel(label="heading [deg]", lines=(heading,), levels=(math.degrees(STEPS[name]),))]
-    x = Line(name="x", values=1e3 * step.states[:, 0], look="first")
-    lean = Line(name="lean", values=np.degrees(step.states[:, 3]), look="first")
+    x = Line(name="x", values=1e3 * step.states[:, 0], look="measured")
+    lean = Line(name="lean", values=np.degrees(step.states[:, 3]), look="measured")
     return [
         Panel(label="x [mm]", lines=(x,), levels=(1e3 * STEPS[name],)),
         Panel(label="lean φ [deg]", lines=(lean,)),
@@ -162,7 +162,9 @@ def _draw_bode(gain: Axes, phase: Axes, margins: Margins) -> None:
         axes.set_xscale("log")
         axes.margins(x=0.0)
     gain.set_ylabel("gain [dB]")
-    gain.legend(loc="lower left", ncols=2)
+    gain.legend(
+        loc="lower left", ncols=2, frameon=True, facecolor="#ffffff", edgecolor="none", framealpha=1.0
+    )
     phase.set_ylabel("phase [deg]")
     phase.yaxis.set_major_locator(MultipleLocator(90.0))
     phase.set_xlabel("frequency [rad/s]")

@@ -144,7 +144,7 @@ def _pose_panels(log: Log) -> list[Panel]:
         if true in log:
             lines.append(Line(name=_TRUE, values=unit * log[true], look="measured"))
         if name in log and not (true in log and np.array_equal(log[name], log[true])):  # perfect sensors
-            line = Line(name=_ON_BOARD, values=unit * log[name], look="second" if true in log else "first")
+            line = Line(name=_ON_BOARD, values=unit * log[name], look="fifth" if true in log else "measured")
             lines.append(line)
         if lines:
             panels.append(Panel(label=label, lines=lines))
@@ -155,10 +155,10 @@ def _error_panels(log: Log) -> list[Panel]:
     panels = []
     if _has_reference(log):
         distance = 1e3 * position_error(log)
-        line = Line(name="distance", values=distance, look="first")
+        line = Line(name="distance", values=distance, look="measured")
         panels.append(Panel(label="distance from the reference [mm]", lines=[line], from_zero=True))
     if _has_lean(log):
-        line = Line(name="lean", values=_DEGREES * leans(log), look="first")
+        line = Line(name="lean", values=_DEGREES * leans(log), look="measured")
         panels.append(Panel(label="lean [deg]", lines=[line], from_zero=True))
     return panels
 

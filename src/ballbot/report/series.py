@@ -20,7 +20,8 @@ from ballbot.viewer.packing import packed
 
 #: how a line is drawn, each with a color, a dash, a width and a marker of its own, distinct in grey
 Look = Literal["measured", "first", "second", "third", "fourth", "fifth", "sixth", "reference", "quiet"]
-#: looks of lines that are equal to one another, as wheels, in turn
+#: looks of lines that are equal to one another, as wheels, in turn. A robot has up to four wheels; what stands with
+#: them in one figure has another look: "measured" for the main line of a panel, "fifth" and on for those beside it
 IN_TURN: tuple[Look, ...] = ("first", "second", "third", "fourth", "fifth", "sixth")
 
 #: most rows of a series in a page: four for each dot of a wide screen

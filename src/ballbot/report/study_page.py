@@ -103,7 +103,7 @@ def _friction_section(study: Study) -> Section:
         "A wheel at speed ω resists with b ω + (c + s exp(−|ω/v_s|^δ)) sgn ω, the ball on the floor with C_rr times "
         "the weight. Standard errors are clustered by window. The first 95 % interval holds under the conditions of "
         "these logs, the second for the estimate from another log of this robot; open: no limit within the bounds. "
-        f"{represents_sentence(found.names)} {coulomb_sentence(found.coulomb)}"
+        f"{represents_sentence(found.names)} {coulomb_sentence(found.coulomb, found.names)}"
     )
     return section(
         "Friction found",
