@@ -261,13 +261,17 @@ class Unit:
     """A kind of command with its unit: what one of the file's numbers is."""
 
     kind: InputKind
-    unit: str  #: "N m", "A", "V", ..; of a duty "full scale 255"
+    unit: str  #: "N m", "N m of the motor", "A", "V", ..; of a duty "full scale 255"
     scale: float  #: into N m, A, V or a duty of 1
 
     @property
     def description(self) -> str:
         """The kind and its unit, in words."""
         return f"{self.kind} in {self.unit}" if self.kind != "duty" else f"duty of {self.unit}"
+
+
+#: a torque before the gear, which gears beyond this ratio change
+OF_THE_MOTOR, LEAST_GEAR = " of the motor", 1.5
 
 
 def units_of(robot: Robot) -> dict[Unit, float]:
@@ -283,6 +287,9 @@ def units_of(robot: Robot) -> dict[Unit, float]:
         Unit("voltage", "V", 1.0): drive.torque_limit / drive.supply_voltage,
         Unit("voltage", "mV", 1e-3): 1e-3 * drive.torque_limit / drive.supply_voltage,
     }
+    if drive.gear_ratio > LEAST_GEAR:
+        for unit, scale in (("N m", drive.gear_ratio), ("mN m", 1e-3 * drive.gear_ratio)):
+            found[Unit("torque", unit + OF_THE_MOTOR, scale)] = scale
     for full in FULL_DUTIES:
         found[Unit("duty", f"full scale {full:g}", 1.0 / full)] = drive.torque_limit / full
     return found
@@ -297,7 +304,14 @@ def back_emf_damping(robot: Robot) -> float:
 
 #: before names and numbers are seen
 _PRIOR: dict[InputKind, float] = {"duty": 0.5, "torque": 0.3, "current": 0.15, "voltage": 0.05}
-_RARE_UNITS = {"N cm": 0.05, "mN m": 0.3, "mA": 0.3, "mV": 0.2}
+_RARE_UNITS = {
+    "N cm": 0.05,
+    "mN m": 0.3,
+    "mA": 0.3,
+    "mV": 0.2,
+    f"N m{OF_THE_MOTOR}": 0.1,
+    f"mN m{OF_THE_MOTOR}": 0.1,
+}
 _RARE_DUTIES = {127.0: 0.15, 400.0: 0.15, 1023.0: 0.5, 4095.0: 0.3, 32639.0: 0.1, 32767.0: 0.3, 65535.0: 0.2}
 #: a name that says the kind, or the unit, is believed so much
 _NAMED = 0.98
@@ -363,7 +377,7 @@ def _prior(unit: Unit, named_kind: InputKind | None, named_unit: str | None) -> 
     if named_unit == "%":
         return prior * (_NAMED if unit.scale == 0.01 else 1.0 - _NAMED)
     if named_unit is not None:
-        return prior * (_NAMED if unit.unit == named_unit else 1.0 - _NAMED)
+        return prior * (_NAMED if unit.unit.removesuffix(OF_THE_MOTOR) == named_unit else 1.0 - _NAMED)
     return prior
 
 
