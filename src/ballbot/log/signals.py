@@ -103,12 +103,13 @@ def sampling_times(t: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArr
         Not decreasing; equal for rows with the same message.
     """
     rows = _course_rows(t)
-    times = t.copy()
+    times, farthest = t.copy(), rows * float(np.median(np.diff(t))) if len(t) > 1 else 0.0
     for _ in range(ROUNDS):
         smooth, speeds = local_fit(times, angles, rows=rows)
         size = (speeds**2).sum(axis=1) + (ANGLE_NOISE / TIME_ERROR) ** 2
         times = times + (speeds * (angles - smooth)).sum(axis=1) / size
-        times = np.maximum.accumulate(times)
+        # wheels that contradict each other would move them without end
+        times = np.maximum.accumulate(np.clip(times, t - farthest, t + farthest))
     return times
 
 

@@ -27,6 +27,9 @@ CLEAR_CORRELATION = 0.9
 GAIN_RANGE = (0.9, 1.1)
 #: gains within the first factor of each other have one cause, which is an error beyond the second factor
 ALIKE, WRONG_GAIN = 1.12, 1.2
+#: one beyond this factor of another has a cause of its own; of correct logs of the corpus' development halves whose
+#: speeds follow the states, the largest is 1.03
+UNLIKE = 1.25
 #: a gain that slip cannot explain
 IMPOSSIBLE_GAIN = 3.0
 #: rows of a block, and the fewest blocks
@@ -241,6 +244,13 @@ def _gain_finding(gains: tuple[float, ...], robot: Robot) -> Finding:
     if unit:
         sentence = f"{seen}: {unit}."
         return Finding(severity="error", code="wheels", text=sentence, where=Place(columns=columns))
+    if max(gains) > UNLIKE * min(gains) and 1.0 / WRONG_GAIN < common < WRONG_GAIN:
+        i = int(np.argmax(np.abs(np.log(np.maximum(gains, 1e-3) / common))))
+        sentence = (
+            f"{seen}: wheel {i + 1} is unlike the others; its encoder's counts, its gear or its "
+            "radius differ, or its columns are another wheel's."
+        )
+        return Finding(severity="warning", code="wheel-unlike", text=sentence, where=Place(columns=columns))
     scaled = alike and not 1.0 / WRONG_GAIN < common < WRONG_GAIN
     far = any(not 1.0 / IMPOSSIBLE_GAIN < gain < IMPOSSIBLE_GAIN for gain in gains)
     cause = (

@@ -229,8 +229,15 @@ def _commands(proposal: Proposal) -> list[Conclusion]:
             value=f"for wheels {own}, signs {list(assigned.signs)}",
             confidence=assigned.confidence,
             evidence=f"the motion explains {100 * assigned.explained:.0f} % of the commands, {assigned.advantage:.1f} "
-            "standard errors better than with any other order or signs",
-            alternatives=() if assigned.confidence > 0.98 else (assigned.next_best,),
+            "standard errors better than with any other order or signs"
+            + ("; a mixture of all wheels' torques for each explains far more" if assigned.mixed else ""),
+            alternatives=(
+                ("torques about the body's axes, where a mapping needs each motor's",)
+                if assigned.mixed
+                else ()
+                if assigned.confidence > 0.98
+                else (assigned.next_best,)
+            ),
             key="[input] sign",
         ),
         *_kind(proposal),
@@ -268,6 +275,11 @@ def _kind(proposal: Proposal) -> list[Conclusion]:
             f"{found.gain:.3g} of the file drive as 1 N m (error {100 * found.gain_error:.0f} %), and "
             f"{found.damping:.3f} N m s/rad of damping (error {found.damping_error:.3f})"
         )
+    contradiction = (
+        ()
+        if drive.contradicting_factor is None
+        else (f"another scale, as this one is {drive.contradicting_factor:.2g} times what the motion needs",)
+    )
     kind_found = Conclusion(
         name="kind of the command",
         value=best.kind,
@@ -283,10 +295,16 @@ def _kind(proposal: Proposal) -> list[Conclusion]:
         Conclusion(
             name="full scale of the duty" if best.kind == "duty" else "unit of the command",
             value=_scale_words(best),
-            confidence=min(sum(p for unit, p in same.items() if _alike(unit, best)) / total, MOST),
+            confidence=min(sum(p for unit, p in same.items() if _alike(unit, best)) / total, MOST)
+            * (1.0 if drive.contradicting_factor is None else 0.5),
             evidence=shown,
-            alternatives=tuple(
-                _scale_words(unit) for unit, p in same.items() if not _alike(unit, best) and p > 0.02 * total
+            alternatives=(
+                *(
+                    _scale_words(unit)
+                    for unit, p in same.items()
+                    if not _alike(unit, best) and p > 0.02 * total
+                ),
+                *contradiction,
             ),
             key="[input] scale",
         ),

@@ -33,6 +33,7 @@ from ballbot.log.mapping_inference.commands import (
     Unit,
     assign,
     back_emf_damping,
+    contradicting_factor,
     response,
     unit_probabilities,
     units_of,
@@ -60,6 +61,8 @@ class DriveEvidence:
     #: part of a wheel's own torques that a dead band of the size of all wheels' adds beyond what dry friction takes, of
     #: the wheel where it is largest
     turning_against: float = math.nan
+    #: how many times as large as the motion needs the commands of the likeliest unit are, if that contradicts it
+    contradicting_factor: float | None = None
 
     @property
     def unit(self) -> Unit:
@@ -111,17 +114,19 @@ def drive_evidence(
         assigned = assign(compared.driving, expected)
         if assigned.confidence > 0.5:
             found = response(compared.driving, assigned, compared.pulled)
+    known_inertia = mapping.attitude is not None
     units = unit_probabilities(
         robot,
         found,
         commands,
         named_kind=reading.input_kind if reading else None,
         named_unit=reading.unit if reading else None,
-        known_inertia=mapping.attitude is not None,
+        known_inertia=known_inertia,
     )
+    unit = next(iter(units))
     braked, turning_against = math.nan, math.nan
     if compared is not None and assigned and found:
-        braking = back_emf_damping(robot) if next(iter(units)).kind in ("duty", "voltage") else 0.0
+        braking = back_emf_damping(robot) if unit.kind in ("duty", "voltage") else 0.0
         size, driving = (_sizes(compared.driving, assigned, found.gain * one) for one in (0.0, braking))
         braked = float(np.linalg.norm(size) / max(float(np.linalg.norm(driving)), TINY))
         turning_against = _turning_against(compared, assigned, driving)
@@ -132,6 +137,9 @@ def drive_evidence(
         standstill=units_of(robot),
         braked=braked,
         turning_against=turning_against,
+        contradicting_factor=contradicting_factor(
+            unit, units_of(robot)[unit], found, known_inertia=known_inertia
+        ),
     )
 
 

@@ -22,6 +22,7 @@ from ballbot.log.columns import FACTORS
 from ballbot.log.log import Log
 from ballbot.log.mapping import apply_mapping
 from ballbot.log.mapping_file import parse_mapping
+from ballbot.log.mapping_inference.commands import OF_THE_MOTOR
 from ballbot.log.mapping_inference.conclusions import conclusions_of
 from ballbot.log.mapping_inference.evidence import CONFIDENT, Conclusion
 from ballbot.log.mapping_inference.mapping_text import mapping_text
@@ -71,6 +72,14 @@ CONTRADICTIONS = frozenset(
 )
 
 
+def _contradicts(found: Finding) -> bool:
+    """Return whether a finding on the log that a mapping makes contradicts the mapping."""
+    dead = found.code == "constant" and any(name.startswith("wheel") for name in found.where.columns)
+    return (
+        dead or found.code == "wheel-unlike" or (found.severity == "error" and found.code in CONTRADICTIONS)
+    )
+
+
 def evaluate(proposal: Proposal, robot: Robot, *, file: Path, out: Path | None = None) -> Evaluation:
     """Return a proposal's findings, its mapping file, and the log that it makes; `out` is the folder that gets them."""
     conclusions, findings = conclusions_of(proposal), findings_of(proposal)
@@ -90,9 +99,7 @@ def evaluate(proposal: Proposal, robot: Robot, *, file: Path, out: Path | None =
         except InputError as error:
             refusal = f"the mapping makes no log: {error}"
     if log is not None:
-        wrong = [
-            one for one in check(log, robot=robot) if one.severity == "error" and one.code in CONTRADICTIONS
-        ]
+        wrong = [one for one in check(log, robot=robot) if _contradicts(one)]
         findings = by_severity((*findings, *(_contradiction(one) for one in wrong)))
         if wrong:
             refusal = (
@@ -258,7 +265,10 @@ def _contradictions(proposal: Proposal) -> list[Finding]:
         (roles.angles, proposal.wheel.unit),
         (roles.attitude, proposal.lean.unit if proposal.lean else None),
         (roles.gyro, proposal.gyro.unit if proposal.gyro else None),
-        (roles.commands, drive.unit.unit if drive and drive.unit.kind != "duty" else None),
+        (
+            roles.commands,
+            drive.unit.unit.removesuffix(OF_THE_MOTOR) if drive and drive.unit.kind != "duty" else None,
+        ),
     ]
     for names, unit in pairs:
         reading = roles.reading(names)

@@ -1,0 +1,93 @@
+"""Foreign logs whose columns are not what their names promise: before the gear, mixed, scaled, dead, copied."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ballbot.log.checks.kinematics import check_wheels
+from ballbot.log.mapping_inference.proposal import propose
+from ballbot.log.mapping_inference.report import Evaluation, evaluate
+from tests.support.foreign_log_examples import Habits, columns_of, small_robot, swaying_log, write_foreign
+
+Columns = dict[str, np.ndarray]
+
+
+def written(columns: Columns) -> Columns:
+    """Return the columns with torques of the wheels [N m] in place of duties."""
+    truth = swaying_log()
+    torques = [np.interp(columns["t_now"] + 0.010, truth.t, one) for one in truth.torques.T]
+    lean = {name: values for name, values in columns.items() if not name.startswith("u")}
+    return lean | {f"torque{i}_Nm": one for i, one in enumerate(torques, start=1)}
+
+
+@pytest.fixture
+def evaluated(tmp_path: Path) -> Callable[[Columns], Evaluation]:
+    """Return a function that writes columns as a stranger's file and evaluates its proposal."""
+
+    def made(columns: Columns) -> Evaluation:
+        path = write_foreign(tmp_path / "run.csv", columns, Habits(separator=","))
+        robot = small_robot()
+        return evaluate(propose(path, robot), robot, file=path)
+
+    return made
+
+
+@pytest.fixture(scope="module")
+def plain() -> Columns:
+    return written(columns_of(swaying_log(), Habits(counts=True)))
+
+
+@pytest.mark.parametrize("unit", ["Nm", "mNm"])
+def test_torques_of_the_motors_shaft_are_multiplied_by_the_gear_ratio(evaluated, plain: Columns, unit: str):
+    before_gear = small_robot().drive.gear_ratio * (1.0 if unit == "Nm" else 1e-3)
+    columns = {
+        name.replace("_Nm", f"_{unit}"): values / before_gear if "_Nm" in name else values
+        for name, values in plain.items()
+    }
+    found: Evaluation = evaluated(columns)
+    assert found.log is not None, found.refusal
+    truth = swaying_log()
+    for i in (1, 2, 3):
+        # means over a quarter of a second, as the host misses some of what chatters
+        true, own = (
+            np.convolve(one, np.ones(50) / 50.0, mode="valid")
+            for one in (np.interp(found.log.t, truth.t, truth[f"u{i}"]), found.log[f"u{i}"])
+        )
+        assert np.vdot(true, own) / np.vdot(true, true) == pytest.approx(1.0, abs=0.1)
+
+
+def test_torques_unlike_those_that_the_motion_needs_are_asked_for(evaluated, plain: Columns):
+    found: Evaluation = evaluated({k: 0.3 * v if "_Nm" in k else v for k, v in plain.items()})
+    assert "unit of the command (N m or" in found.refusal
+    assert "times what the motion needs" in found.refusal
+
+
+def test_torques_about_the_bodys_axes_are_not_taken_for_the_motors(evaluated, plain: Columns):
+    robot = small_robot()
+    names = [f"torque{i}_Nm" for i in (1, 2, 3)]
+    azimuth = np.asarray(robot.wheels.azimuths)
+    about = np.array([np.cos(azimuth), np.sin(azimuth), np.ones(3)])
+    mixed = np.column_stack([plain[name] for name in names]) @ about.T
+    found: Evaluation = evaluated(plain | dict(zip(names, mixed.T, strict=True)))
+    assert "order and signs of the commands" in found.refusal
+    assert "torques about the body's axes" in found.refusal
+
+
+def test_a_dead_encoder_stops_the_mapping(evaluated, plain: Columns):
+    found: Evaluation = evaluated(plain | {"psi_2": np.zeros_like(plain["psi_2"])})
+    assert "wheel2 is 0 throughout, as if its sensor or cable were dead" in found.refusal
+
+
+def test_an_encoder_of_half_the_counts_is_not_mapped(evaluated, plain: Columns):
+    found: Evaluation = evaluated(plain | {"psi_2": 0.5 * plain["psi_2"]})
+    assert found.refusal
+
+
+def test_a_wheel_that_turns_unlike_the_others_is_named():
+    log = swaying_log()
+    slow = log.with_columns({"wheel2": 0.7 * log["wheel2"], "wheel2_dot": 0.7 * log["wheel2_dot"]})
+    (found,) = (one for one in check_wheels(slow, small_robot()) if one.code == "wheel-unlike")
+    assert "wheel 2 is unlike the others" in found.text
+    assert not [one for one in check_wheels(log, small_robot()) if one.code == "wheel-unlike"]
