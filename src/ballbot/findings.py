@@ -128,6 +128,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "unlimited": "the data limit a parameter on one side only, or not at all",
         "use": "the log lacks columns for a use",
         "weak-state": "a state that the model does not predict significantly better",
+        "wheel-unlike": "one wheel turns unlike the others for the states: its encoder, gear or columns",
         "wheels": "wheel angles or speeds contradict the states, or the places of the wheels are uncertain",
         "wrap": "an angle jumps by a full turn",
     }
