@@ -3,6 +3,7 @@
 import dataclasses
 import importlib
 import inspect
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import get_args, get_type_hints
@@ -10,7 +11,7 @@ from typing import get_args, get_type_hints
 import pytest
 
 from ballbot.cli import ARGV
-from ballbot.cli.app import COMMANDS, RENAMED_OPTIONS
+from ballbot.cli.app import COMMANDS, RENAMED_OPTIONS, version
 from ballbot.cli.context import WholeNumber, argv, input_files
 from ballbot.cli.main import main
 from ballbot.robot import Robot
@@ -110,3 +111,29 @@ def test_input_files_are_named_once_and_presets_are_none(tmp_path: Path) -> None
     log.write_text("t\n")
     assert Robot.presets()
     assert input_files("alten", [log, log], None, str(log), "nominal") == [log]
+
+
+@pytest.mark.parametrize(
+    ("line", "sentence"),
+    [
+        ("simulate altn", "There is no robot file or preset 'altn'; did you mean the preset 'alten'?"),
+        ("simulate alten --referense circle", "There is no option --referense; did you mean --reference?"),
+        ("simulate alten", "simulate needs --out FOLDER."),
+        ("simulate", "simulate needs ROBOT."),
+        ("run sweep alten", "run sweep needs --out FOLDER."),
+        ("convert log.csv --out c.npz", "the file to write is the second argument, without a name."),
+    ],
+)
+def test_misspelling_comes_before_what_is_missing(
+    line: str, sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(line.split()) == 2
+    said = capsys.readouterr().err
+    assert sentence in said
+    assert len(said.splitlines()) == 1
+
+
+@pytest.mark.parametrize("line", ["-V --json", "--json --version"])
+def test_version_as_json(line: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(line.split()) == 0
+    assert json.loads(capsys.readouterr().out) == {"version": version()}

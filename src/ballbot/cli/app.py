@@ -129,6 +129,7 @@ class OutputOptions:
 _OUTPUT = OutputOptions()
 #: as they stand in a command line
 OUTPUT_OPTIONS = ("--json", "--quiet")
+VERSION_FLAGS = ("--version", "-V")
 
 
 def build_app(tokens: Sequence[str] = (), *, unavailable: Collection[str] = ()) -> App:
@@ -154,8 +155,8 @@ def build_app(tokens: Sequence[str] = (), *, unavailable: Collection[str] = ()) 
         name="ballbot",
         help=_ABOUT,
         help_format="markdown",
-        version=_version,
-        version_flags=("--version", "-V"),
+        version=version,
+        version_flags=VERSION_FLAGS,
         default_parameter=Parameter(negative_iterable=()),  # no --empty-OPTION
         suppress_keyboard_interrupt=False,
     )
@@ -191,7 +192,8 @@ def _unavailable(*words: str) -> None:
     """Stand for a command that cannot be imported."""
 
 
-def _version() -> str:
-    from importlib.metadata import version
+def version() -> str:
+    """Return the version of the installed package."""
+    from importlib import metadata
 
-    return version("ballbot")
+    return metadata.version("ballbot")

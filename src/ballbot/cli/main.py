@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import sys
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 
-from cyclopts import CoercionError, CycloptsError, UnknownCommandError, UnknownOptionError
+from cyclopts import (
+    CoercionError,
+    CycloptsError,
+    MissingArgumentError,
+    UnknownCommandError,
+    UnknownOptionError,
+)
 
 from ballbot.cli import ARGV, OUTPUT, Output
 from ballbot.cli.app import (
@@ -18,7 +25,9 @@ from ballbot.cli.app import (
     REMOVED_OPTIONS,
     RENAMED_OPTIONS,
     START,
+    VERSION_FLAGS,
     build_app,
+    version,
 )
 from ballbot.errors import InputError, missing_package, nearest, suggest
 from ballbot.printable import printable_line
@@ -66,6 +75,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _refuse(_unknown_command(error))
     except UnknownOptionError as error:
         return _refuse(f"{_unknown_option(error)} Try: {_help_of(tokens)}")
+    except MissingArgumentError as error:
+        return _refuse(f"{_missing(error, tokens)} Try: {_help_of(tokens)}")
     except CoercionError as error:
         return _refuse(f"{_wrong_number(error)} Try: {_help_of(tokens)}")
     except CycloptsError as error:
@@ -90,6 +101,9 @@ def _run(tokens: list[str]) -> int:
     named = [token for token in tokens if token not in OUTPUT_OPTIONS]
     if not named:
         print(START, end="")
+        return 0
+    if named[0] in VERSION_FLAGS and "--json" in tokens:
+        print(json.dumps({"version": version()}))
         return 0
     tokens = _with_new_names(tokens, command=named[0])
     app = build_app(named)
@@ -158,7 +172,32 @@ def _unknown_command(error: UnknownCommandError) -> str:
 def _unknown_option(error: UnknownOptionError) -> str:
     option = (error.token.keyword or error.token.value).partition("=")[0]
     names = [name for one in error.argument_collection if one.parse for name in one.names]
+    if option == "--out" and "OUT" in names:
+        return "There is no option --out: the file to write is the second argument, without a name."
     return _no_option(option, [*names, *OUTPUT_OPTIONS, "--help"])
+
+
+def _missing(error: MissingArgumentError, tokens: Sequence[str]) -> str:
+    """Return the sentence on what a command line lacks; a misspelt option or robot in it comes first."""
+    argument = error.argument
+    if argument is None or error.app is None or error.keyword is not None:
+        return " ".join(str(error).split())  # an option without its value
+    names = [name for one in error.app.assemble_argument_collection() if one.parse for name in one.names]
+    for token in tokens:
+        option = token.partition("=")[0]
+        if option.startswith("--") and option not in (*names, *OUTPUT_OPTIONS, "--help", "--"):
+            return _no_option(option, names)
+    chain = error.command_chain or ()
+    given = tokens[len(chain)] if len(tokens) > len(chain) else ""
+    if names[:1] == ["ROBOT"] and given and not given.startswith("-"):
+        from ballbot.robot import Robot
+
+        try:
+            Robot.load(given)
+        except InputError as wrong:
+            return str(wrong)
+    needed = argument.name if argument.name != "--out" else "--out FOLDER"
+    return f"{' '.join(chain)} needs {needed}."
 
 
 def _no_option(option: str, names: Sequence[str]) -> str:
