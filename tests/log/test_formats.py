@@ -225,6 +225,7 @@ def test_the_documents_show_every_format():
         ("t,x\n0,1\n1,two\n", "line 3: 'two' in column x is not a number"),
         ("t,x\n0,1\n1,1_0\n", "line 3: '1_0' in column x is not a number"),
         ("time;x\n0;1\n", "line 1: the header is not separated by commas"),
+        ("time;x\n0;1\n", "--robot ROBOT --out checked` proposes one."),
         ("x,y\n0,1\n", "needs the column t"),
         ("t,x\n0,1\n,2\n", "The time t is missing or not finite at row 2"),
         ("t,x\n0,1\n0,2\n", "Time does not increase at row 2"),

@@ -378,7 +378,7 @@ def _check_shape(columns: Mapping[str, NDArray[np.float64]]) -> None:
     if "t" not in columns:
         raise InputError(
             "A log needs the column t, the time in seconds. For a foreign "
-            "file, `ballbot check-log FILE --robot ROBOT` proposes a mapping."
+            "file, `ballbot check-log FILE --robot ROBOT --out checked` proposes a mapping."
         )
     rows = columns["t"].shape
     if len(rows) != 1 or rows[0] == 0:

@@ -25,6 +25,7 @@ from ballbot.arrays import check_table
 from ballbot.errors import InputError
 from ballbot.files import check_regular, decode_text, read_text, write_text
 from ballbot.log.columns import check_column_names, mark_missing
+from ballbot.printable import shell_line
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,8 +176,9 @@ def _names(path: str | Path, lines: list[str], layout: TextLayout, *, mapped: bo
     names = _cells(header, layout.separator)
     check_names(path, number, names)
     if len(names) == 1 and len(header.replace(";", "\t").split()) > 1:
+        proposing = shell_line(["ballbot", "check-log", path, "--robot", "ROBOT", "--out", "checked"])
         remedy = (
-            "name another separator in a mapping file"
+            f"a mapping file names another separator: `{proposing}` proposes one"
             if mapped
             else "no row of numbers below shows which separator it has"
         )
