@@ -330,3 +330,47 @@ def test_kinds_that_make_the_same_log_are_one_answer(case, per_ampere, one_answe
     )
     found = {one.name: one for one in conclusions_of(replace(proposal, drive=drive))}
     assert found["kind of the command"].determined == one_answer
+
+
+def test_a_time_of_seconds_and_nanoseconds_is_joined(tmp_path):
+    columns = columns_of(swaying_log(), Habits())
+    t = 1.7e9 + columns.pop("t_now")
+    whole = np.floor(t)
+    stamped = {"header.stamp.sec": whole, "header.stamp.nanosec": np.round(1e9 * (t - whole)), **columns}
+    path = write_foreign(tmp_path / "run.txt", stamped, Habits())
+    found = propose(path, small_robot(), dead_band=0.0)
+    assert found.roles.time_parts == ("header.stamp.sec", "header.stamp.nanosec")
+    assert (found.time.unit, found.rows) == ("s", None)
+    log = mapped(tmp_path, found)
+    assert t[0] <= log.t[0] < log.t[-1] <= t[-1]
+    assert np.ptp(log.t) > 0.9 * np.ptp(t)
+
+
+def test_rows_that_repeat_the_row_before_are_one(tmp_path):
+    columns = columns_of(swaying_log(), Habits())
+    once = propose(write_foreign(tmp_path / "run.txt", columns, Habits()), small_robot(), dead_band=0.0)
+    log = mapped(tmp_path, once)
+    twice = {name: np.repeat(values, 2) for name, values in columns.items()}
+    found = propose(write_foreign(tmp_path / "run.txt", twice, Habits()), small_robot(), dead_band=0.0)
+    assert found.rows is None
+    assert any("rows repeat the time" in one.text for one in findings_of(found))
+    repeated = mapped(tmp_path, found)
+    assert all(np.array_equal(log[name], repeated[name]) for name in log.names)
+
+
+@pytest.mark.parametrize(
+    ("name", "made", "sentence"),
+    [
+        ("dt_ms", lambda t: 1e3 * np.diff(t, prepend=t[0] - 0.01), "dt_ms seems to have the intervals"),
+        ("ticks", lambda t: np.round(32768 * t), "ticks rises by "),
+        ("sample", lambda t: np.arange(len(t)), "sample rises by 1 a row"),
+    ],
+)
+def test_a_log_without_a_time_says_what_is_known_and_how_to_give_the_time(tmp_path, name, made, sentence):
+    columns = columns_of(swaying_log(), Habits())
+    names = {"theta_x": "roll", "theta_y": "pitch", "theta_z": "yaw"}
+    table = {name: made(columns.pop("t_now"))}
+    table |= {names.get(one, one): values for one, values in columns.items() if one != "i"}
+    with pytest.raises(InputError, match="roll, pitch, yaw as the lean and psi_1") as refused:
+        propose(write_foreign(tmp_path / "run.txt", table, Habits()), small_robot())
+    assert sentence in str(refused.value)

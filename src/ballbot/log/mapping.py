@@ -108,6 +108,7 @@ class Source:
     factor: float = 1.0  #: unit, scale and sign in one
     offset: float = 0.0  #: in Ballbot's unit
     delay: float = 0.0  #: [s]
+    nanoseconds: str | None = None  #: of a time: the column with the nanoseconds that its seconds lack
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,6 +157,7 @@ class LogMapping:
     timing: Timing = Timing()
     #: [rad/s]; a wheel angle that changes faster was reset and is continued from there
     largest_speed: float | None = None
+    drop_repeated: bool = False  #: whether rows that repeat the row before are one
 
 
 #: [s] by which rounding may move a delayed row past the one it belongs to
@@ -195,6 +197,7 @@ def apply_mapping(
 def _applied(
     mapping: LogMapping, table: Mapping[str, NDArray[np.float64]], even_from: float | None
 ) -> Columns:
+    table = whole_rows(mapping, table)
     t = row_times(mapping, table)
     if mapping.attitude is not None and mapping.attitude.quaternion:
         parts = [
@@ -257,7 +260,10 @@ def row_times(mapping: LogMapping, table: Mapping[str, NDArray[np.float64]]) -> 
     InputError
         If they do not increase.
     """
-    t = _scaled("t", mapping.columns["t"], table)
+    source = mapping.columns["t"]
+    t = _scaled("t", source, table)
+    if source.nanoseconds is not None:
+        t = t + _scaled("the nanoseconds", Source(column=source.nanoseconds, factor=1e-9), table)
     unknown = np.flatnonzero(~np.isfinite(t))
     if unknown.size:
         raise InputError(
@@ -270,6 +276,30 @@ def row_times(mapping: LogMapping, table: Mapping[str, NDArray[np.float64]]) -> 
             f"{t[wrong[0] + 1]:.9g} s). Sort the rows or split the log."
         )
     return t
+
+
+def whole_rows(mapping: LogMapping, table: Mapping[str, NDArray[np.float64]]) -> Columns:
+    """Return a file's table with the rows that a mapping takes."""
+    return without_repeated_rows(table, mapping.columns["t"].column) if mapping.drop_repeated else {**table}
+
+
+def without_repeated_rows(table: Mapping[str, NDArray[np.float64]], time: str) -> Columns:
+    """Return a table without the rows that repeat the time and every other value of the row before."""
+    repeated = repeated_rows(table, time)
+    return {name: values[~repeated] for name, values in table.items()} if repeated.any() else {**table}
+
+
+def repeated_rows(table: Mapping[str, NDArray[np.float64]], time: str) -> NDArray[np.bool_]:
+    """Return which rows (N,) repeat the time and every other value of the row before."""
+    if time not in table:  # which `row_times` reports
+        return np.zeros(0, dtype=np.bool_)
+    repeated = np.zeros(len(table[time]), dtype=np.bool_)
+    repeated[1:] = np.diff(table[time]) == 0.0
+    if repeated.any():
+        for values in table.values():
+            missing = np.isnan(values)
+            repeated[1:] &= (values[1:] == values[:-1]) | (missing[1:] & missing[:-1])
+    return repeated
 
 
 def sensor_delay(mapping: LogMapping) -> float:

@@ -9,6 +9,7 @@ An example with everything in it::
     header_lines = 1              # lines before the first row, the last of them with the names
     names = ["i", "t_now"]        # the columns' names, if the header has none or wrong ones
     damaged_rows = "drop"         # skip rows of another width or with words; "refuse" (default)
+    repeated_rows = "drop"        # rows that repeat the row before, its time too, are one; "refuse" (default)
     rows = [1, 5000]              # first and last row to take, from 1; may be left out
 
     [time]                        # may be left out
@@ -17,7 +18,7 @@ An example with everything in it::
     keep = [[2.0, 57.5]]          # [s], intervals of the file's clock to keep
 
     [columns]
-    t = { from = "t_now", unit = "ms" }
+    t = { from = "t_now", unit = "ms" }   # of two columns: { from = "stamp.sec", nanoseconds = "stamp.nanosec" }
     theta = { from = "roll", unit = "deg", sign = -1, offset = 0.01, delay = 0.016 }
     phi = "pitch"                 # short for { from = "pitch" }: Ballbot's unit and sign
     theta_dot = { derivative_of = "theta" }
@@ -106,6 +107,7 @@ class FileTable:
     header_lines: NonNegativeInt = 1
     names: tuple[str, ...] | None = None
     damaged_rows: Literal["refuse", "drop"] = "refuse"
+    repeated_rows: Literal["refuse", "drop"] = "refuse"
     rows: tuple[PositiveInt, PositiveInt] | None = None
 
 
@@ -145,6 +147,7 @@ class ColumnTable:
     sign: Sign = 1
     offset: FiniteFloat = 0.0
     delay: FiniteFloat = 0.0
+    nanoseconds: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -310,6 +313,7 @@ def _mapping(table: MappingTable) -> LogMapping:
         attitude=attitude,
         timing=table.time,
         largest_speed=table.wheels.angle.largest_speed if table.wheels.angle else None,
+        drop_repeated=table.file.repeated_rows == "drop",
     )
 
 
@@ -401,10 +405,18 @@ def _source(name: str, entry: ColumnTable) -> Source:
         )
     if name == "t" and entry.delay:
         raise InputError("[columns] t cannot have a delay; give the delay to the columns that are delayed")
+    if name != "t" and entry.nanoseconds is not None:
+        raise InputError(f"[columns] {name} has nanoseconds; only t may have them")
     factor = (
         entry.sign * entry.scale * _unit_factor(f"[columns] {name}", name, entry.unit, entry.counts_per_turn)
     )
-    return Source(column=entry.source, factor=factor, offset=entry.offset, delay=entry.delay)
+    return Source(
+        column=entry.source,
+        factor=factor,
+        offset=entry.offset,
+        delay=entry.delay,
+        nanoseconds=entry.nanoseconds,
+    )
 
 
 def _unit_factor(where: str, name: str, given: str | None, counts_per_turn: float | None) -> float:

@@ -26,7 +26,14 @@ from ballbot.log.columns import STATE_NAMES, similar_column, wheel_angle_names, 
 from ballbot.log.formats import read_columns
 from ballbot.log.formats.text import OWN_LAYOUT
 from ballbot.log.log import Log
-from ballbot.log.mapping import LogMapping, Source, apply_mapping, row_times, sensor_delay
+from ballbot.log.mapping import (
+    LogMapping,
+    Source,
+    apply_mapping,
+    row_times,
+    sensor_delay,
+    whole_rows,
+)
 from ballbot.log.mapping_file import read_mapping
 from ballbot.robot import Robot
 
@@ -143,7 +150,7 @@ def causal_states(
         If the file or the mapping cannot be read or does not make a log.
     """
     mapping = mapping if isinstance(mapping, LogMapping) else read_mapping(mapping)
-    table = read_columns(path, mapping.layout)
+    table = whole_rows(mapping, read_columns(path, mapping.layout))
     t, late = row_times(mapping, table), sensor_delay(mapping)
     everything = replace(mapping, timing=replace(mapping.timing, keep=None))
     states = np.full((len(moments), len(STATE_NAMES)), np.nan)

@@ -287,11 +287,19 @@ def is_number(cell: str) -> bool:
     return "_" not in cell  # Python's float accepts 1_000, which is no number in a table
 
 
+_CLOCK = re.compile(r"([01]?\d|2[0-3]):([0-5]\d):([0-5]\d)(?:[.,](\d+))?", re.ASCII)
 _DATE_TIME = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)([.,]\d+)?\s*(Z|[+-]\d\d:?\d\d)?", re.ASCII)
 
 
 def seconds_of(cell: str) -> float | None:
-    """Return the seconds since 1970 of a date with a time (ISO 8601; UTC without an offset); None of other cells."""
+    """Return the seconds since 1970 of a date with a time, or since midnight of a time; None of other cells.
+
+    Dates are as in ISO 8601, UTC without an offset; times are as 14:59:50.005.
+    """
+    clock = _CLOCK.fullmatch(cell)
+    if clock:
+        hours, minutes, seconds, fraction = clock.groups()
+        return 3600.0 * int(hours) + 60.0 * int(minutes) + float(f"{seconds}.{fraction or 0}")
     found = _DATE_TIME.fullmatch(cell)
     if not found:
         return None

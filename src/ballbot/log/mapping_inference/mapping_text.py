@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ballbot.file_formats import format_line
+from ballbot.log.mapping import repeated_rows
 from ballbot.log.mapping_inference.commands import Unit
 from ballbot.log.mapping_inference.conclusions import conclusions_of
 from ballbot.log.mapping_inference.evidence import Conclusion, in_percent
@@ -71,6 +72,8 @@ def _file_lines(proposal: Proposal) -> list[str]:
         lines.append(toml_line("missing", table.layout.missing))
     if table.layout.drop_damaged:
         lines.append(toml_line("damaged_rows", "drop"))
+    if repeated_rows(table.columns, proposal.roles.time or "").any():
+        lines.append(toml_line("repeated_rows", "drop"))
     if proposal.rows is not None:
         lines.append(toml_line("rows", proposal.rows, "time starts again outside these rows"))
     return lines
@@ -95,10 +98,11 @@ def _time_lines(proposal: Proposal) -> list[str]:
 def _column_lines(proposal: Proposal) -> list[str]:
     roles, time = proposal.roles, proposal.time
     source: object = roles.time or "t"
-    lines = [
-        "[columns]",
-        toml_line("t", source if time.unit == "s" else {"from": source, "unit": time.unit}, time.reason),
-    ]
+    if roles.time_parts:
+        source = dict(zip(("from", "nanoseconds"), roles.time_parts, strict=True))
+    elif time.unit != "s":
+        source = {"from": source, "unit": time.unit}
+    lines = ["[columns]", toml_line("t", source, time.reason)]
     if roles.attitude and proposal.gyro is None:
         lines += [toml_line(f"{name}_dot", {"derivative_of": name}) for name in ("theta", "phi", "psi")]
     return lines

@@ -115,6 +115,7 @@ OTHER = {
 TIME = {
     "zeit",
     "zeitstempel",
+    "uhrzeit",
     "time",
     "timestamp",
     "stamp",

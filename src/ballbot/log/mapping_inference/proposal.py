@@ -17,7 +17,16 @@ from numpy.typing import NDArray
 
 from ballbot.log.formats import read_foreign_table
 from ballbot.log.formats.inference import ForeignTable
-from ballbot.log.mapping import Attitude, LogMapping, MotorInput, Source, Timing, TorqueInput, without_resets
+from ballbot.log.mapping import (
+    Attitude,
+    LogMapping,
+    MotorInput,
+    Source,
+    Timing,
+    TorqueInput,
+    without_repeated_rows,
+    without_resets,
+)
 from ballbot.log.mapping_inference.drive import DriveEvidence, drive_evidence
 from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.file_signals import GyroTest, Raw, Signals, gyro_of, signals_of
@@ -133,6 +142,7 @@ def propose(
     first, last = found.rows
     whole = (first, last) == (0, len(table.columns[roles.time or ""]))
     cut = {name: values[first:last] for name, values in table.columns.items()}
+    cut = without_repeated_rows(cut, roles.time or "")
     raw = Raw.of(cut, roles, time)
     units = _Units.assumed(raw, roles, robot)
     measured = _measured(raw, units, robot)
@@ -186,7 +196,10 @@ def propose(
 def log_mapping(proposal: Proposal, *, delay: float) -> LogMapping:
     """Return the mapping of a proposal with the commands as they are in the file, in the file's order."""
     roles, frame, timing = proposal.roles, proposal.frame, proposal.timing
-    columns = {"t": Source(column=roles.time or "", factor=proposal.time.factor)}
+    clock = Source(column=roles.time or "", factor=proposal.time.factor)
+    if roles.time_parts:
+        clock = Source(column=roles.time_parts[0], nanoseconds=roles.time_parts[1])
+    columns = {"t": clock}
     for i, wheel in enumerate(frame.order, start=1):
         factor = frame.signs[wheel - 1] * proposal.wheel.factor
         columns[f"wheel{i}"] = Source(column=roles.angles[wheel - 1], factor=factor)

@@ -5,6 +5,7 @@ Names come first (`ballbot.log.mapping_inference.roles`), then values (`ballbot.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,8 +16,9 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.imu_angles import QUATERNION_ANGLES, quaternion_angles
+from ballbot.log.mapping import repeated_rows
 from ballbot.log.mapping_inference.column_values import roles_by_data, settled
-from ballbot.log.mapping_inference.names import read_names
+from ballbot.log.mapping_inference.names import read_name, read_names
 from ballbot.log.mapping_inference.roles import (
     Roles,
     half_turn_of,
@@ -46,15 +48,45 @@ def recognise(path: str | Path, table: ForeignTable, robot: Robot) -> Recognised
     InputError
         If neither names nor numbers show the time and the wheels' angles; it begins with the path.
     """
+    table, stamp = _with_stamp(table)
     table, quaternion = _with_quaternion(table)
-    roles, by_data = _roles(path, table, robot, quaternion)
+    roles, by_data = _roles(path, table, robot, quaternion, stamp)
     if roles.attitude:
         named = roles.reading(roles.attitude)
         half = half_turn_of(table.columns[roles.attitude[0]], named.unit if named else None)
         roles = replace(roles, half_turn=half)
+    if stamp and roles.time == _STAMP:
+        roles = replace(roles, time_parts=stamp)
     time = _time(path, table, roles)
-    rows = _longest_rise(table.columns[roles.time or ""])
+    repeated = repeated_rows(table.columns, roles.time or "")
+    rows = _longest_rise(table.columns[roles.time or ""], repeated)
+    if repeated.any():
+        note = f"{int(repeated.sum())} rows repeat the time and all values of the row before: they are one."
+        table = replace(table, notes=(*table.notes, note))
     return Recognised(table=table, roles=roles, by_data=by_data, time=time, rows=rows)
+
+
+#: the name of a time that two columns hold
+_STAMP = "time [s] of the stamp"
+#: ends of the names of a time's nanoseconds, and of its seconds, as in a stamp of ROS
+_NANOSECONDS, _SECONDS = ("nanoseconds", "nanosec", "nsecs", "nsec"), ("seconds", "secs", "sec", "s")
+
+
+def _with_stamp(table: ForeignTable) -> tuple[ForeignTable, tuple[str, ...]]:
+    """Return a table with a column of the time that two others hold as seconds and nanoseconds, and their names."""
+    for name, values in table.columns.items():
+        ending = next((one for one in _NANOSECONDS if name.lower().endswith(one)), None)
+        known = values[np.isfinite(values)]
+        if ending is None or not len(known) or known.min() < 0.0 or known.max() >= 1e9:
+            continue
+        whole = name[: -len(ending)]
+        seconds = next(
+            (one for one in table.columns if one.lower() in {whole.lower() + s for s in _SECONDS}), None
+        )
+        if seconds is not None:
+            time = table.columns[seconds] + 1e-9 * values
+            return replace(table, columns={_STAMP: time, **table.columns}), (seconds, name)
+    return table, ()
 
 
 def _with_quaternion(table: ForeignTable) -> tuple[ForeignTable, tuple[str, ...]]:
@@ -67,9 +99,9 @@ def _with_quaternion(table: ForeignTable) -> tuple[ForeignTable, tuple[str, ...]
 
 
 def _roles(
-    path: str | Path, table: ForeignTable, robot: Robot, quaternion: tuple[str, ...]
+    path: str | Path, table: ForeignTable, robot: Robot, quaternion: tuple[str, ...], stamp: tuple[str, ...]
 ) -> tuple[Roles, bool]:
-    names = [name for name in table.columns if name not in {*quaternion, *QUATERNION_ANGLES}]
+    names = [name for name in table.columns if name not in {*quaternion, *QUATERNION_ANGLES, *stamp}]
     named = roles_by_name(names, wheel_count=robot.wheel_count, units=table.units)
     if quaternion and not named.attitude:
         named = replace(named, attitude=QUATERNION_ANGLES, quaternion=quaternion)
@@ -85,6 +117,10 @@ def _roles(
             return named, False
         # roll and pitch in words of another language
         return replace(named, attitude=found.attitude, confidence=found.confidence), True
+    by_values = (found.time or "") if found else ""
+    counts = read_name(by_values).kind == "counter" or bool(_words(by_values) & _CLOCK_COUNTS)
+    if table.named and named.time is None and named.angles and named.attitude and (found is None or counts):
+        raise _no_time(path, table, named)
     if found is None:
         raise InputError(
             f"{path}: cannot determine which columns are the time, the lean and the wheel angles, neither by "
@@ -130,16 +166,55 @@ def _time(path: str | Path, table: ForeignTable, roles: Roles) -> Scale:
     named = roles.reading((roles.time,)) if roles.time else None
     found = time_scale(table.columns[roles.time or ""], named.unit if named else None)
     if found is None:
-        raise InputError(
-            f"{path}: cannot determine the unit of the time {roles.time}: no power of 1000 makes its steps 0.2 ms "
-            "to 0.2 s. Write a mapping file with the unit, or name another column t with --columns."
-        )
+        raise _no_time(path, table, roles)
     return found
 
 
-def _longest_rise(t: NDArray[np.float64]) -> tuple[int, int]:
-    """Return first and end of the longest stretch of rising time."""
-    breaks = np.flatnonzero(~(np.diff(t) > 0.0)) + 1
+def _no_time(path: str | Path, table: ForeignTable, roles: Roles) -> InputError:
+    """Return that only the time is missing, with the columns that may count it and the entry that each needs."""
+    lean = f"{', '.join(roles.attitude)} as the lean and " if roles.attitude else ""
+    known = f"{lean}{', '.join(roles.angles)} as the wheel angles"
+    hints = []
+    for one in read_names(list(table.columns), table.units):
+        values = table.columns[one.name]
+        steps = np.diff(values[np.isfinite(values)])
+        words = _words(one.name)
+        if one.name in (*roles.attitude, *roles.angles, *roles.commands) or not len(steps):
+            continue
+        if words & {"dt", "period"} and values[np.isfinite(values)].min() > 0.0:
+            hints.append(
+                f"{one.name} seems to have the intervals between the rows: write their running sum, in seconds, in a "
+                "column t"
+            )
+        elif np.mean(steps > 0.0) > RISING and (
+            one.name == roles.time or one.kind in ("time", "counter", "other")
+        ):
+            hints.append(
+                f"{one.name} rises by {float(np.median(steps)):.6g} a row: in [columns] of a mapping file, write "
+                f't = {{ from = "{one.name}", scale = .. }} with the seconds of one of its counts'
+            )
+    hint = "; ".join(hints) or "add a column t in seconds"
+    return InputError(
+        f"{path}: cannot determine the time: the names show {known}, but no column is a time in a known unit; {hint}."
+    )
+
+
+#: share of the rows in which a time, or a counter of it, rises
+RISING = 0.98
+
+
+#: words of a column that counts a clock whose rate only its maker knows
+_CLOCK_COUNTS = {"tick", "ticks", "count", "counts", "cycle", "cycles", "clk"}
+
+
+def _words(name: str) -> set[str]:
+    """Return the words of a name in lower case."""
+    return set(re.findall(r"[a-z]+", name.lower()))
+
+
+def _longest_rise(t: NDArray[np.float64], repeated: NDArray[np.bool_]) -> tuple[int, int]:
+    """Return first and end of the longest stretch of rising time, but for repeated rows."""
+    breaks = np.flatnonzero(~(np.diff(t) > 0.0) & ~repeated[1:]) + 1
     edges = np.concatenate(([0], breaks, [len(t)]))
     longest = int(np.argmax(np.diff(edges)))
     return int(edges[longest]), int(edges[longest + 1])

@@ -38,6 +38,7 @@ class Roles:
     alternatives: tuple[str, ...] = ()  #: other roles that the columns may have, in words
     #: complete series whose names do not say which quantity they are
     open_series: tuple[tuple[str, ...], ...] = ()
+    time_parts: tuple[str, ...] = ()  #: the columns of seconds and nanoseconds of which the time is made
     units: Mapping[str, str] = field(default_factory=dict)  #: of columns, as a row below the header has them
 
     def reading(self, names: tuple[str, ...]) -> Reading | None:
