@@ -1,15 +1,27 @@
 """The page of an axis: records with separate parameters, and no column or mark that is lost."""
 
+import re
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
+from ballbot.findings import note
 from ballbot.fitting.model_selection import Gain
 from ballbot.identification.axis import AxisIdentification, AxisOptions, AxisRecord, identify_axis
 from ballbot.identification.axis.model import AXIS_LAWS, Axis
-from ballbot.report.axis import axis_friction_figure, error_table, laws_figure, parameter_rows
+from ballbot.report.axis import (
+    axis_friction_figure,
+    axis_report,
+    error_table,
+    expected_sentence,
+    laws_figure,
+    parameter_rows,
+)
+from ballbot.report.page import page_of
+from ballbot.report.provenance import provenance
+from tests.support.report_pages import shown_text
 from tests.support.screen import assert_fits_a_screen
 
 VALUES = {"mass": 1.0, "viscous": 2.0, "coulomb": 1.5, "offset": 0.2}
@@ -52,6 +64,22 @@ def test_a_page_of_separate_parameters_draws_those_of_the_record(found: AxisIden
     speed, friction = (np.asarray(one) for one in curves["coulomb, open loop"].get_data())
     np.testing.assert_allclose(friction, 1.5 + 2.0 * speed, rtol=0.02)
     assert [row[0] for row in parameter_rows(found)] == ["M", "b[1]", "b[2]", "c", "offset"]
+
+
+@pytest.mark.slow
+def test_the_verdict_has_mass_and_friction_and_is_not_said_again(found: AxisIdentification) -> None:
+    notes = tuple(note(f"code-{k}", f"Sentence {k}.") for k in range(3))
+    made = axis_report(replace(found, findings=notes), records()[0], provenance(command="", files=(), seed=0))
+    (heading, values), *others = made.verdict
+    assert heading == "Mass and friction"
+    number = r"[.\d]+ ± [.\d]+"
+    pattern = (
+        rf"Mass or inertia M = {number} kg; friction by the law coulomb: viscous b\[1\] = {number} N s/m, "
+    )
+    assert re.match(pattern, values)
+    page = shown_text(page_of(made))
+    assert [page.count(text) for text in (expected_sentence(found), *(one.text for one in notes))] == [1] * 4
+    assert [text for _, text in others[1:]] == ["Sentence 0.", "Sentence 1."]
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from ballbot.findings import Finding, texts
 from ballbot.identification.axis import AxisIdentification, AxisRecord
-from ballbot.identification.axis.model import unit_for
+from ballbot.identification.axis.model import PARAMETERS, unit_for
 from ballbot.identification.axis.motion import default_bandwidth, smoothed_motion, speed_at_start
 from ballbot.identification.axis.result import Estimate
 from ballbot.identification.axis.structure import base_name
@@ -30,6 +30,10 @@ from ballbot.rounding import digits
 _SLOW = 0.02
 #: points of the friction figure, about
 _MOST_POINTS = 3000
+#: findings that stand in the verdict; the others stand with the parameters
+_IN_VERDICT = 2
+#: parameters of every law that are no friction and no mass
+_NO_FRICTION = frozenset({"offset", "spring"})
 #: the least gain that the figure of the laws shows [%]
 _LEAST_GAIN = -100.0
 
@@ -113,13 +117,13 @@ def open_loop_series(found: AxisIdentification, record: AxisRecord, of_record: s
             interpolated=estimate.model.interpolated,
         )
         error = 1e3 * np.append(0.0, moved - record.position[1:])
-        label = f"{estimate.law.name}, {estimate.method}: {1e3 * estimate.errors[0].open_loop_rmse:.3g} RMS"
-        errors.append(Line(name=label, values=error, look=look))
+        size = f"{1e3 * estimate.errors[0].open_loop_rmse:.3g} m{found.unit} RMS"
+        errors.append(Line(name=f"{estimate.law.name}, {estimate.method}: {size}", values=error, look=look))
     position = (Line(name="recorded", values=record.position, look="measured"),)
     return TimeSeries(
         t=record.t,
         panels=(
-            Panel(label=f"position [{found.unit}]", lines=position),
+            Panel(label=f"recorded position [{found.unit}]", lines=position),
             Panel(label=f"error of the position [m{found.unit}]", lines=errors),
         ),
         caption=f"Open loop over the whole record{of_record}: the recorded force moves the axis from its first state.",
@@ -150,17 +154,38 @@ def axis_report(
     found: AxisIdentification, record: AxisRecord, made: Provenance, findings: Sequence[Finding] = ()
 ) -> Report:
     """Return the page."""
-    first, *others = texts(found.findings) or [expected_sentence(found)]
+    findings_of = texts(found.findings)[:_IN_VERDICT]
     return Report(
         title=f"{', '.join(found.records)}: mass and friction",
         lead=f"{_records_words(found)}{record.duration:.1f} s at {1.0 / record.sample_time:.0f} Hz; the law "
         f"{found.chosen.name}, fitted over windows of {found.horizon.chosen:g} s.",
-        verdict=[("", first), *(("", words) for words in others[:1])],
+        verdict=[
+            ("Mass and friction", _values_sentence(found)),
+            ("Prediction", expected_sentence(found)),
+            *(("", text) for text in findings_of),
+        ],
         sections=list(_sections(found, record)),
         undecided=_undecided(found),
         made=made,
         findings=findings,
     )
+
+
+def _values_sentence(found: AxisIdentification) -> str:
+    """Return the mass and the friction of the result, with their standard errors."""
+    best = found.best
+    words: dict[bool, list[str]] = {True: [], False: []}  # by whether it is the mass
+    for label, value in best.values.items():
+        if base_name(label) not in PARAMETERS or base_name(label) in _NO_FRICTION:
+            continue
+        kind, is_mass = best.model.parameter(label), base_name(label) == "mass"
+        number = (
+            f"{kind.symbol} = {with_error(value, best.standard_errors[label])} {unit_for(kind, found.unit)}"
+        )
+        words[is_mass].append(number if is_mass else f"{kind.meaning} {number}")
+    known = f"Mass or inertia {', '.join(words[True])}; " if words[True] else ""
+    sentence = f"{known}friction by the law {found.chosen.name}: {', '.join(words[False])}."
+    return f"{sentence[0].upper()}{sentence[1:]}"
 
 
 def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section]:
@@ -180,7 +205,7 @@ def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section
     terms = term_rows(found, record.force_unit)
     yield section(
         "Parameters",
-        Bullets(items=texts(found.findings)) if found.findings else None,
+        Bullets(items=texts(found.findings)[_IN_VERDICT:]) if len(found.findings) > _IN_VERDICT else None,
         Sheet(headings=headings, rows=parameter_rows(found)),
         Paragraph(text=methods),
         Sheet(
@@ -193,10 +218,13 @@ def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section
         drawn_picture("friction", partial(axis_friction_figure, found, record), friction),
     )
     by_method, columns = error_table(found.estimates, found.unit)
+    errors = (
+        "Each method's parameters on each record, RMS. Windows: each from its best start; whole: the record from its "
+        "first row. Errors of the force are shares of the recorded force, over all rows as they were recorded."
+    )
     yield section(
         "Prediction errors",
-        Sheet(headings=by_method, rows=columns),
-        Paragraph(text=expected_sentence(found)),
+        Sheet(headings=by_method, rows=columns, caption=errors),
         open_loop_series(found, record, of_record) if len(record.segments) == 1 else None,
         closed_loop_series(found, record, of_record)
         if any(one.method == "closed loop" for one in found.estimates)
@@ -208,10 +236,14 @@ def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section
         "The residual force", Sheet(headings=residual, rows=residual_rows(found, record.force_unit))
     )
     inverse = (
-        *("form", "parameter", "value", "standard deviation, rows independent", "share"),
+        *("form", "parameter", "value", "standard deviation, rows independent", "the same over the value"),
         "standard error, clustered",
     )
-    yield section("The inverse model", Sheet(headings=inverse, rows=_inverse_rows(found)))
+    caption = (
+        "Least squares of the force over the filtered motion. Its force error is of the rows that it was fitted to, "
+        "filtered alike and fewer; the prediction errors above are of all rows, unfiltered."
+    )
+    yield section("The inverse model", Sheet(headings=inverse, rows=_inverse_rows(found), caption=caption))
 
 
 def _law_section(found: AxisIdentification) -> Section:

@@ -23,7 +23,7 @@ from ballbot.report.loop import loop_section, margins_table, poles_figure
 from ballbot.report.palette import BLUE, GREEN, ORANGE, SHADE
 from ballbot.report.provenance import Provenance
 from ballbot.report.style import STATE_UNITS, LineStyle, drawn_picture
-from ballbot.report.words import state_mark
+from ballbot.report.words import state_mark, with_symbols
 from ballbot.robot import Friction, Robot
 from ballbot.workflows.controller_design import ControllerDesign
 from ballbot.workflows.perturbed_robots import TAIL, PerturbationRanges
@@ -183,7 +183,8 @@ def controller_design_report(
     verdict = [
         (
             "Closed loop",
-            f"The slowest pole is {slowest:.3g} rad/s: the robot settles in about {4.0 / slowest:.2g} s.",
+            f"The slowest pole has the real part −{slowest:.3g} rad/s: the robot settles in "
+            f"about {4.0 / slowest:.2g} s.",
         ),
         ("Margins", _capital(found.loop_margins.sentence())),
     ]
@@ -232,7 +233,7 @@ def _gain_blocks(found: ControllerDesign) -> Iterator[Block]:
 def _linear_blocks(robot: Robot) -> Iterator[Block]:
     linear = frictionless_model(robot).linearize()
     yield Paragraph(text="Order and units of the states and inputs:")
-    yield Bullets(items=state_order(robot.wheel_count).splitlines())
+    yield Bullets(items=with_symbols(state_order(robot.wheel_count)).splitlines())
     yield Verbatim(text=matrix_text("A", linear.A), caption="About upright, exact model without friction.")
     yield Verbatim(text=matrix_text("B", linear.B))
 

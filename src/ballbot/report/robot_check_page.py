@@ -30,6 +30,7 @@ from ballbot.report.robot_check import (
 )
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import drawn_picture
+from ballbot.report.words import with_symbols
 from ballbot.robot.figure import robot_figure
 from ballbot.rounding import digits
 from ballbot.summary import counted
@@ -123,7 +124,7 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
         Paragraph(
             text="x_dot = A x + B u about upright, exact model, with the viscous friction of the robot file:"
         ),
-        Bullets(items=state_order(checked.robot.wheel_count).splitlines()),
+        Bullets(items=with_symbols(state_order(checked.robot.wheel_count)).splitlines()),
         Verbatim(text=matrix_text("A", checked.linear.A)),
         Verbatim(text=matrix_text("B", checked.linear.B)),
     )

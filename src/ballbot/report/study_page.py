@@ -320,8 +320,8 @@ def _controller_words(study: Study) -> str:
 def _poles_words(study: Study) -> str:
     slowest = float(-_closed_loop_poles(study)[0].real)
     return (
-        f"Poles of the model without friction, by itself and with this gain. The slowest pole, "
-        f"{slowest:.2f} rad/s, makes the robot settle in about {4.0 / slowest:.0f} s."
+        f"Poles of the model without friction, by itself and with this gain. The slowest pole, whose real part is "
+        f"−{slowest:.2f} rad/s, makes the robot settle in about {4.0 / slowest:.0f} s."
     )
 
 
