@@ -20,8 +20,13 @@ from ballbot.errors import InputError
 from ballbot.findings import texts
 from ballbot.identification.axis import AxisIdentification, AxisOptions, AxisRecord, identify_axis
 from ballbot.identification.axis.checks import record_findings
+from ballbot.identification.axis.model import AXIS_LAWS
+from ballbot.identification.axis.motion import default_bandwidth
+from ballbot.identification.axis.output_error import OutputErrorFit
+from ballbot.identification.axis.prediction import axis_errors
 from ballbot.identification.axis.reading import AxisColumns, read_axis_record
 from ballbot.identification.axis.result import Estimate
+from ballbot.identification.axis.structure import AxisModel
 from campaigns.axis_machines import FAULTS, MACHINES, draw, record_of
 from campaigns.section import DataMissingError, Section, data_folder, print_section
 
@@ -69,7 +74,8 @@ def emps_record() -> AxisRecord:
 
 def campaign() -> Section:
     """Identify the axis and return the section of docs/generated/evidence.md."""
-    found = identify_axis(emps_record())
+    record = emps_record()
+    found = identify_axis(record)
     inverse = found.inverse["coulomb"]
     rows = [
         ["published (inverse model)", *(f"{v:.4f} ± {s:.4f}" for v, s in PUBLISHED.values()), "", "5.848"]
@@ -78,7 +84,10 @@ def campaign() -> Section:
         f"{inverse.value(name):.4f} ± {inverse.standard_deviations[inverse.names.index(name)]:.4f}"
         for name in PUBLISHED
     ]
-    errors = found.estimate("inverse").errors[0]
+    model = AxisModel(law=AXIS_LAWS["coulomb"])
+    fit = OutputErrorFit(model=model, values=inverse.by_name, standard_errors=inverse.by_name, rms=0.0)
+    bandwidth, horizon = default_bandwidth(record), found.horizon.chosen
+    errors = axis_errors(fit, record, 0, bandwidth=bandwidth, horizon=horizon)
     rows.append(
         ["inverse model, as published", *texts, *_errors(errors.open_loop_rmse, errors.closed_loop_force)]
     )

@@ -54,6 +54,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "fall": "the robot falls, or is not on its ball",
         "file": "how a foreign file was read",
         "force-friction": "the friction of an axis is estimated below zero and fixed at zero",
+        "force-limit": "the recorded force of an axis exceeds its limit, where it does not act",
         "force-sign": "the force on an axis has the opposite sign, or is delayed",
         "force-unrelated": "the motion of an axis does not explain its force",
         "foreign-torque": "the torques of a log are not those of the controller",

@@ -13,12 +13,16 @@ from ballbot.cli.main import main
 from ballbot.identification.axis import AxisRecord, inverse_fit
 from ballbot.identification.axis.checks import record_findings
 from ballbot.identification.axis.inverse import free_inverse_fit
+from ballbot.identification.axis.law_fits import initial_values
 from ballbot.identification.axis.model import AXIS_LAWS, Axis
-from ballbot.identification.axis.prediction import AxisErrors, failure_findings
+from ballbot.identification.axis.motion import default_bandwidth
+from ballbot.identification.axis.output_error import OutputErrorFit, sighting
+from ballbot.identification.axis.prediction import AxisErrors, axis_errors, failure_findings
 from ballbot.identification.axis.reading import AxisColumns, read_axis_record
 from ballbot.identification.axis.record import KnownLoad
-from ballbot.identification.axis.selection import select_terms
+from ballbot.identification.axis.residuals import residual_tests
 from ballbot.identification.axis.structure import AxisModel
+from ballbot.identification.axis.terms import select_terms
 from ballbot.log import Log
 from tests.support.axis_examples import LOOP, SAMPLE_TIME, TRUTH, simulated_record
 
@@ -178,6 +182,18 @@ def test_the_command_stops_before_it_works(tmp_path: Path, capsys: pytest.Captur
     assert not out.exists()
 
 
+def test_every_error_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    t = np.arange(len(open_loop())) * SAMPLE_TIME
+    for name in ("one", "two"):
+        file = tmp_path / f"{name}.csv"
+        Log({"t": t, "position": open_loop().position, "force": -open_loop().force}).write(file)
+    files = [str(tmp_path / f"{name}.csv") for name in ("one", "two")]
+    assert main(["identify-axis", *files, "--out", str(tmp_path / "out")]) == 2
+    printed = " ".join("".join(capsys.readouterr()).split())
+    assert printed.count("the force, or the position, has the opposite sign") == 2
+    assert "(1 more error: see above)" in printed
+
+
 def swept_wheel(limit: float, *, duration: float = 60.0) -> AxisRecord:
     """Return a wheel under a slow sine of torque whose supply limits its speed, by Euler's steps."""
     h, inertia, b, c = 5e-3, 0.01, 0.014, 0.11
@@ -258,23 +274,33 @@ def test_a_record_that_is_not_predicted_at_all_gives_a_warning() -> None:
         assert "the simulation of the whole record diverges" in found.text
 
 
-def falling_pendulum(h: float = 0.01) -> AxisRecord:
-    """Return a pendulum of 0.012 kg m^2 that swings freely under a load of 0.5 kg at 0.3 m, by small Euler's steps."""
-    inertia, weight, fine = 0.5 * 0.3**2, 0.5 * 9.81 * 0.3, 20
+@cache
+def falling_pendulum(
+    *,
+    load: tuple[float, float] = (0.5, 0.3),
+    own: tuple[float, float, float] = (0.012, 0.006, 0.02),
+    rate: float = 100.0,
+    duration: float = 20.0,
+    noise: float = 0.0,
+) -> AxisRecord:
+    """Return a pendulum that swings freely under a load (kg, m), by small Euler's steps; `own` is its M, b and c."""
+    h, (mass, viscous, dry), fine = 1.0 / rate, own, 20
+    inertia, weight = load[0] * load[1] ** 2, load[0] * 9.81 * load[1]
     angle, speed, angles = 1.9, 0.0, []
-    for _ in range(round(20.0 / h)):
+    for _ in range(round(duration / h)):
         angles.append(angle)
         for _ in range(fine):
-            pull = -weight * np.sin(angle) - 0.006 * speed
-            free = speed + h / fine * pull / (0.012 + inertia)
-            speed = np.sign(free) * max(abs(free) - h / fine * 0.02 / (0.012 + inertia), 0.0)
+            pull = -weight * np.sin(angle) - viscous * speed
+            free = speed + h / fine * pull / (mass + inertia)
+            speed = np.sign(free) * max(abs(free) - h / fine * dry / (mass + inertia), 0.0)
             angle += h / fine * speed
+    angles = np.array(angles) + noise * np.random.default_rng(4).standard_normal(len(angles))
     count = 2.0 * np.pi / 4096  # of the encoder
     return AxisRecord(
         name="pendulum",
         sample_time=h,
         force=np.zeros(len(angles)),
-        position=count * np.round(np.array(angles) / count),
+        position=count * np.round(angles / count),
         unit="rad",
         known_load=KnownLoad(inertia=inertia, weight=weight),
     )
@@ -291,6 +317,39 @@ def test_a_pendulum_that_only_its_load_moves_passes() -> None:
     assert fit.value("coulomb") == pytest.approx(0.02, rel=0.05)
     # the load's weight acts at each row, whether the recorded force is held or not
     assert fit.value("viscous") == pytest.approx(0.006, rel=0.15)
+
+
+def test_noise_under_a_heavy_load_is_no_wrong_force() -> None:
+    """What an inertia sixty times its own requires is subtracted from the force, noise of the acceleration and all."""
+    heavy = falling_pendulum(load=(1.5, 0.4), own=(0.004, 0.02, 0.03), rate=200.0, duration=15.0, noise=3e-4)
+    assert record_findings(heavy) == ()
+    fit = inverse_fit(heavy, moving=True)
+    assert fit.value("mass") == pytest.approx(0.004, rel=0.1)
+    assert fit.value("coulomb") == pytest.approx(0.03, rel=0.1)
+    tests = residual_tests([heavy], AxisModel(law=AXIS_LAWS["coulomb"]))
+    assert not [one.quantity for one in tests if one.dependent]
+
+
+def test_a_pendulum_without_dry_friction_has_laws_to_start_from() -> None:
+    free = falling_pendulum(own=(0.012, 0.004, 0.0), duration=10.0, noise=3e-4)
+    starts = initial_values(
+        [sighting(free, default_bandwidth(free))], AxisModel(law=AXIS_LAWS["coulomb"]), bandwidth=None
+    )
+    for name, values in starts.items():
+        Axis(law=AXIS_LAWS[name], values=values).open_loop(
+            free.force[:10], position=0.0, speed=0.0, sample_time=free.sample_time
+        )
+
+
+def test_noise_of_the_position_is_no_failure() -> None:
+    """Differentiated twice, 0.2 mm of noise exceed the force as far as the filter passes them."""
+    noise_of_row = 2e-4 * np.random.default_rng(1).standard_normal(len(open_loop()))
+    noisy = replace(open_loop(), position=open_loop().position + noise_of_row)
+    model = AxisModel(law=AXIS_LAWS["coulomb"])
+    fit = OutputErrorFit(model=model, values=TRUTH, standard_errors=TRUTH, rms=0.0)
+    errors = axis_errors(fit, noisy, 0, bandwidth=default_bandwidth(noisy), horizon=0.2)
+    assert errors.inverse_force < 0.25
+    assert failure_findings([noisy], [errors]) == []
 
 
 def test_the_error_relative_to_a_force_of_zero_is_no_finding() -> None:

@@ -71,6 +71,19 @@ def test_known_parameters_come_back():
         assert found.value(name) == pytest.approx(value, rel=0.05)
 
 
+def test_neither_rests_nor_held_forces_bias_the_fit_of_the_moving_axis():
+    """An axis that rests between strokes, its position with 1 um of noise, of which the speed at rest consists."""
+    way = np.sin(2.0 * np.pi * np.arange(9000) * 1e-3 / 3.0)
+    strokes = 0.2e-3 * np.cumsum(np.sign(way) * np.clip(4.0 * (np.abs(way) - 0.3), 0.0, 1.0))
+    record = simulated_record(wanted=strokes)
+    noise = 1e-6 * np.random.default_rng(1).standard_normal(len(strokes))
+    noisy = replace(record, position=record.position + noise)
+    assert inverse_fit(noisy).value("coulomb") < 0.8 * TRUTH["coulomb"]
+    found = inverse_fit(noisy, moving=True)
+    for name, value in TRUTH.items():
+        assert found.value(name) == pytest.approx(value, rel=0.015)
+
+
 def test_an_axis_that_moves_one_way_is_refused():
     t = np.arange(3000) * 1e-3
     forwards = AxisRecord(

@@ -11,6 +11,7 @@ from ballbot.identification.axis.conclusions import axis_findings
 from ballbot.identification.axis.law_fits import check_determined, improved
 from ballbot.identification.axis.motion import default_bandwidth
 from ballbot.identification.axis.output_error import OutputErrorFit, sighting
+from ballbot.identification.axis.result import Estimate
 from ballbot.identification.axis.selection import blocks_of, problem_of
 from ballbot.identification.axis.structure import AxisModel
 from campaigns.axis_machines import Logging, Machine, record_of
@@ -65,6 +66,41 @@ def test_a_lost_minimum_and_an_undetermined_mass_are_warnings(geared: AxisIdenti
     texts = {one.code: one.text for one in found if one.severity == "warning"}
     assert "did not find the parameters of the least error" in texts["lost-minimum"]
     assert "M is undetermined" in texts["undetermined"]
+
+
+@pytest.mark.sample
+def test_intervals_decide_what_is_poorly_determined(geared: AxisIdentification) -> None:
+    """A standard error says little from few blocks; a constant force near zero is known if it is small."""
+    best, half = geared.best, geared.best.half_widths
+
+    def codes(**changes: float) -> set[str]:
+        wide = replace(best, values=best.values | {"offset": 1e-6}, half_widths=half | changes)
+        found = axis_findings([GEARED], geared.laws, wide, [wide], geared.asymmetry, by_user=True)
+        return {f"{one.code} {one.text.split()[0]}" for one in found if one.code.endswith("determined")}
+
+    assert codes() == set()
+    assert codes(offset=0.02 * GEARED.usual_force) == set()
+    assert codes(offset=0.3 * GEARED.usual_force) == {"poorly-determined offset"}
+    assert codes(offset=3.0 * GEARED.usual_force) == {"undetermined offset"}
+    assert codes(mass=1.3 * best.values["mass"]) == {"poorly-determined M"}
+
+
+@pytest.mark.sample
+def test_records_fitted_together_are_compared_together(geared: AxisIdentification) -> None:
+    """A fit of several records predicts one of them worse than another method, and all of them better."""
+
+    def estimate(method: str, *errors: float) -> Estimate:
+        windows = tuple(replace(geared.best.errors[0], window_rmse=error) for error in errors)
+        return replace(
+            geared.best, method=method, model=replace(geared.best.model, records=2), errors=windows
+        )
+
+    chosen = estimate("open loop", 2e-3, 1e-3)
+    for other, expected in ((estimate("inverse", 1.8e-3, 2e-3), 0), (estimate("inverse", 1.8e-3, 1e-3), 1)):
+        found = axis_findings(
+            [GEARED, GEARED], geared.laws, chosen, [chosen, other], geared.asymmetry, by_user=True
+        )
+        assert [one.code for one in found].count("lost-minimum") == expected
 
 
 @pytest.mark.sample

@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ballbot.errors import InputError
+from ballbot.fitting.model_selection import Gain
 from ballbot.identification.axis import (
     AXIS_LAWS,
     AxisOptions,
@@ -13,11 +15,15 @@ from ballbot.identification.axis import (
     identify_axis,
     inverse_fit,
 )
-from ballbot.identification.axis.output_error import OutputErrorFit
+from ballbot.identification.axis.law_fits import initial_values
+from ballbot.identification.axis.motion import default_bandwidth
+from ballbot.identification.axis.output_error import OutputErrorFit, sighting
 from ballbot.identification.axis.prediction import elsewhere_findings, error_elsewhere, predicted_error
-from ballbot.identification.axis.residuals import residual_tests
-from ballbot.identification.axis.selection import blocks_of, select_terms
+from ballbot.identification.axis.record import NO_LOAD
+from ballbot.identification.axis.residuals import ResidualTest, residual_findings, residual_tests
+from ballbot.identification.axis.selection import blocks_of
 from ballbot.identification.axis.structure import AxisModel
+from ballbot.identification.axis.terms import select_terms, without_refuted
 from campaigns.axis_machines import Logging, Machine, draw, record_of
 
 PLAIN = AxisModel(law=AXIS_LAWS["coulomb"])
@@ -49,6 +55,21 @@ def test_gravity_is_selected_and_a_spring_is_not() -> None:
     assert fit.value("sin_1") == pytest.approx(4.0, rel=0.05)
     # over +-0.7 rad a cosine hardly differs from a constant; their sum is determined
     assert fit.value("cos_1") + fit.value("offset") == pytest.approx(-0.8, abs=0.05)
+
+
+def test_forces_that_the_open_loop_refutes_are_dropped() -> None:
+    """Gravity is there, and a ninth harmonic, which an inverse model might select, is not."""
+    record = record_of(ARM, LOGGED, 1)
+    seen, blocks = [sighting(record, default_bandwidth(record))], blocks_of([record])
+    model = replace(PLAIN, terms=("sin_1", "cos_1", "sin_9", "cos_9"))
+    start = initial_values(seen, model, bandwidth=None)["coulomb"]
+    gain = Gain(share=0.1, lower=0.05, upper=0.15)
+    gravity, ninth = ("harmonic 1", gain), ("harmonic 9", gain)
+    narrow, kept = without_refuted(model, start, (gravity, ninth), seen, blocks, 0.2)
+    assert narrow.terms == ("sin_1", "cos_1")
+    assert kept == (gravity,)
+    # what the user asks for stays
+    assert without_refuted(model, start, (gravity,), seen, blocks, 0.2) == (model, (gravity,))
 
 
 def test_cogging_is_found_at_high_speed_and_with_lost_rows() -> None:
@@ -132,6 +153,33 @@ def test_residuals_show_what_the_model_leaves_out() -> None:
 
 def with_gravity() -> AxisModel:
     return replace(PLAIN, terms=("sin_1", "cos_1"))
+
+
+def test_a_law_that_explains_a_dependence_is_not_advised() -> None:
+    test = ResidualTest(quantity="speed", p_value=1e-9, share=0.3, size=1.0)
+    text = {
+        name: " ".join(one.text for one in residual_findings([test], law, [record_of(ARM, LOGGED, 1)]))
+        for name, law in AXIS_LAWS.items()
+    }
+    assert text["coulomb"].endswith("try --law stribeck or asymmetric.")
+    assert text["asymmetric"].endswith("try --law stribeck.")
+    assert not text["stribeck"]
+    assert not text["lugre"]
+
+
+def test_an_angle_at_which_a_load_hangs_is_asked_for() -> None:
+    loads = [
+        replace(record_of(ARM, LOGGED, 1), known_load=KnownLoad(inertia=0.01, weight=weight))
+        for weight in (1.0, 2.0)
+    ]
+    test = ResidualTest(quantity="record", p_value=1e-9, share=0.3, size=1.0)
+    (several,) = residual_findings([test], AXIS_LAWS["coulomb"], loads)
+    assert "the load hangs straight down at another angle (--hanging), or the records differ" in several.text
+    (alike,) = residual_findings([test], AXIS_LAWS["coulomb"], [loads[0], loads[0]])
+    assert "--hanging" not in alike.text
+    free = replace(loads[0], force=np.zeros(len(loads[0])), known_load=NO_LOAD)
+    with pytest.raises(InputError, match="or give the load of a pendulum by --load-mass and --load-arm"):
+        identify_axis(free)
 
 
 def test_another_machine_is_outside_the_interval() -> None:

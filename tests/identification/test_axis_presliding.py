@@ -12,8 +12,9 @@ from ballbot.identification.axis.motion import bent_bristles
 from ballbot.identification.axis.output_error import OutputErrorFit, sighting
 from ballbot.identification.axis.presliding import bristles_agree, bristles_travel
 from ballbot.identification.axis.record import AxisRecord
-from ballbot.identification.axis.selection import blocks_of, problem_of, select_terms
+from ballbot.identification.axis.selection import blocks_of, problem_of
 from ballbot.identification.axis.structure import AxisModel
+from ballbot.identification.axis.terms import select_terms
 from tests.support.axis_examples import TRUTH, simulated_record
 
 BRISTLES = TRUTH | {"stiffness": 1e5}

@@ -1,5 +1,6 @@
 """Records of one axis from files: uneven rows, gaps, velocities, loads; bad files answer with one clear sentence."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from ballbot.identification.axis import AxisRecord
 from ballbot.identification.axis.checks import record_findings
 from ballbot.identification.axis.reading import AxisColumns, read_axis_record, read_axis_records
 from ballbot.log.formats.text import write_text_table
+from campaigns.axis_machines import Logging, Machine, record_of
 
 ROWS = 600
 T = np.arange(ROWS, dtype=np.float64) * 2e-3
@@ -217,6 +219,20 @@ def test_a_table_with_semicolons_and_units_gives_a_record(tmp_path: Path) -> Non
         ("t,position [cm],force", "", {"position": "position [cm]"}, "of position as cm, .*-scale 0.01"),
         ("t,position,force", "s,deg,A", {"position_scale": "0.0175", "unit": "rad"}, ""),
         ("t,position,force", "s,m,-", {}, ""),
+        (
+            "t,position_deg,force",
+            "",
+            {"position": "position_deg", "unit": "rad"},
+            "as deg, .*-scale 0.0174532",
+        ),
+        ("t_ms,position,force", "", {"time": "t_ms"}, "of t_ms as ms, .* give --time-scale 0.001"),
+        (
+            "t,position,force_mNm",
+            "",
+            {"force": "force_mNm", "unit": "rad"},
+            "as mN m, .* --force-scale 0.001",
+        ),
+        ("t,position_m,force_A", "", {"position": "position_m", "force": "force_A", "unit": "rad"}, ""),
     ],
 )
 def test_units_in_a_file_are_compared_with_the_options(
@@ -232,6 +248,29 @@ def test_units_in_a_file_are_compared_with_the_options(
     with pytest.raises(InputError, match=remedy) as refused:
         read_axis_record(path, wanted)
     assert_clear(str(refused.value))
+
+
+def test_a_force_beyond_its_limit_does_not_act(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.csv")
+    whole = read_axis_record(path, AxisColumns())
+    limit = 0.5 * float(np.abs(whole.force).max())
+    record = read_axis_record(path, AxisColumns(limit=str(limit)))
+    np.testing.assert_array_equal(record.force, np.clip(whole.force, -limit, limit))
+    (text,) = [one.text for one in record_findings(record) if one.code == "force-limit"]
+    assert "The recorded force exceeds --limit in" in text
+    assert "force-limit" not in {one.code for one in record_findings(whole)}
+
+
+def test_angles_that_may_be_degrees_are_found() -> None:
+    arm = record_of(
+        Machine(kind="arm", inertia=0.8, viscous=1.0, coulomb=1.5),
+        Logging(duration=6.0, rate=200.0, amplitude=1.2),
+        1,
+    )
+    degrees = replace(arm, position=np.degrees(arm.position))
+    assert "axis-unit" not in {one.code for one in record_findings(arm)}
+    (text,) = [one.text for one in record_findings(degrees) if one.code == "axis-unit"]
+    assert "If its position is in degrees" in text
 
 
 def test_a_count_of_records_is_in_the_singular(tmp_path: Path) -> None:

@@ -117,7 +117,12 @@ def stop_or_show(
     InputError
         On such an error, or if a code is unknown.
     """
-    stop_on_errors(findings, accept=check_codes(accept or ()), more=more)
+    accepted = check_codes(accept or ())
+    errors = [one for one in findings if one.severity == "error" and one.code not in accepted]
+    if more is no_command and len(errors) > 1:
+        show_findings(errors[1:], accept=accepted)
+        stop_on_errors(errors, accept=accepted, more=lambda _: "see above")
+    stop_on_errors(errors, accept=accepted, more=more)
     show_findings(findings)
 
 

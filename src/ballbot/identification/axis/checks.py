@@ -24,8 +24,8 @@ from ballbot.fitting.least_squares import fit_linear
 from ballbot.identification.axis.inverse import InverseFit, free_inverse_fit, regression_rows
 from ballbot.identification.axis.model import AXIS_LAWS
 from ballbot.identification.axis.record import GAP, NO_LOAD, AxisRecord, PositionVelocityLoop
-from ballbot.identification.axis.selection import select_terms
 from ballbot.identification.axis.structure import AxisModel
+from ballbot.identification.axis.terms import select_terms
 
 #: share of the force that the motion must explain
 _EXPLAINED, _WELL_EXPLAINED = 0.3, 0.8
@@ -37,6 +37,8 @@ _TRACKING = 3.0
 _SAMPLING = (2e-6, 0.2)
 #: [m]; axes that travel further are rare, and their positions more likely in millimetres
 _LONGEST_TRAVEL = 50.0
+#: [rad]; axes that turn so far may have their angles in degrees if they cover the travel so many times a second
+_DEGREES, _OFTEN = (100.0, 720.0), 0.25
 #: the speed counts as at its limit from this share of the largest (the 99 % quantile), if more than so many rows are
 _AT_LIMIT, _LIMIT_ROWS = 0.98, 0.1
 #: there the unexplained force varies by this share of the whole force, and by so many times its usual variation
@@ -76,6 +78,7 @@ def record_findings(record: AxisRecord, *, bandwidth: float | None = None) -> tu
         *_of_travel(record),
         *_of_reference(record),
         *_of_gaps(record),
+        *_of_limit(record),
     ]
     follows = all(one.code != "axis-reference" for one in findings)
     moved = np.ptp(record.force) > 0.0 or record.known_load.weight > 0.0
@@ -85,7 +88,7 @@ def record_findings(record: AxisRecord, *, bandwidth: float | None = None) -> tu
     if moved and all(one.severity != "error" for one in findings):
         # with the forces over position that the record supports
         model, _ = select_terms((record,), AxisModel(law=AXIS_LAWS["coulomb"]), bandwidth=bandwidth)
-        fit = free_inverse_fit(record, model=model, bandwidth=bandwidth)
+        fit = free_inverse_fit(record, model=model, bandwidth=bandwidth, moving=True)
         findings += list(_of_speed(record, model, bandwidth)) or [
             *_of_motion(record, fit),
             *_of_added(record, bandwidth),
@@ -158,6 +161,15 @@ def _of_gaps(record: AxisRecord) -> Iterator[Finding]:
         yield _finding("gap", "note", text.replace("1 gaps", "1 gap") if gaps == 1 else text, "t")
 
 
+def _of_limit(record: AxisRecord) -> Iterator[Finding]:
+    if record.beyond_limit > 0.0:
+        text = (
+            f"The recorded force exceeds --limit in {100.0 * record.beyond_limit:.2g} % of the rows; it is taken as a "
+            "demand, of which no more than the limit acts."
+        )
+        yield _finding("force-limit", "note", text, "force")
+
+
 def _of_time(record: AxisRecord) -> Iterator[Finding]:
     h = record.sample_time
     if h > _SAMPLING[1]:
@@ -198,6 +210,14 @@ def _of_travel(record: AxisRecord) -> Iterator[Finding]:
             f"The axis travels {travel:.4g} m; its position appears to be in "
             f"millimetres ({0.001 * travel:.4g} m), which makes mass and viscous "
             "friction a thousand times too small: --position-scale 0.001. For angles give --unit rad."
+        )
+        yield _finding("axis-unit", "warning", text, "position")
+    often = float(np.mean(np.abs(np.diff(record.position)))) / record.sample_time > _OFTEN * travel
+    if record.unit == "rad" and _DEGREES[0] < travel < _DEGREES[1] and often:
+        text = (
+            f"The axis travels {travel:.4g} rad, to and fro. If its position is in degrees "
+            f"({np.radians(travel):.4g} rad), inertia and viscous friction are {np.degrees(1.0):.0f} times too small: "
+            f"--position-scale {np.radians(1.0):.6g}."
         )
         yield _finding("axis-unit", "warning", text, "position")
 

@@ -16,10 +16,9 @@ from ballbot.identification.axis.result import Estimate
 from ballbot.identification.axis.selection import USEFUL_GAIN
 from ballbot.rounding import plus_minus
 
-#: a parameter whose standard error exceeds this share of it is poorly determined
-_OPEN = 0.5
-#: one whose 95 % interval reaches further than so many times it is undetermined
-_UNDETERMINED = 2.0
+#: a parameter whose 95 % interval reaches further than itself is poorly determined, and than so many times it
+#: undetermined; a force of either sign is poorly determined if it reaches further than that share of the usual force
+_UNDETERMINED, _SHARE_OF_FORCE = 2.0, 0.1
 #: another method predicts windows better if its error is below this share
 _BETTER = 0.95
 #: beyond so many standard errors, two parts of a record differ
@@ -119,42 +118,45 @@ def _over_time(asymmetry: NDArray[np.float64], unit: str) -> str:
 def _lost_minimum(
     records: Sequence[AxisRecord], best: Estimate, estimates: Sequence[Estimate]
 ) -> list[Finding]:
-    """Return a warning for each fitted record whose windows another method predicts better than the result."""
-    found = []
-    for place, record in enumerate(records[: best.model.records]):
-        error = best.errors[place].window_rmse
-        other = min(estimates, key=lambda one: one.errors[place].window_rmse)
-        least = other.errors[place].window_rmse
-        if least < _BETTER * error:
-            text = (
-                f"{record.name}: the error over windows is {1e3 * least:.3g} m{record.unit} by the method "
-                f"{other.method} (law {other.law.name}) and {1e3 * error:.3g} by the open loop (law {best.law.name}), "
-                "which did not find the parameters of the least error. Compare the methods before you use these "
-                "parameters."
-            )
-            found.append(warning("lost-minimum", text))
-    return found
+    """Return a warning if another method predicts the windows of all fitted records together better than the result."""
+    fitted = records[: best.model.records]
+    durations = np.array([one.duration for one in fitted])
+
+    def together(one: Estimate) -> float:
+        errors = np.array([own.window_rmse for own in one.errors[: len(fitted)]])
+        return float(np.sqrt(durations @ errors**2 / durations.sum()))
+
+    other = min(estimates, key=together)
+    least, error = together(other), together(best)
+    if not least < _BETTER * error:
+        return []
+    text = (
+        f"{', '.join(one.name for one in fitted)}: the error over windows is {1e3 * least:.3g} m{fitted[0].unit} by "
+        f"the method {other.method} (law {other.law.name}) and {1e3 * error:.3g} by the open loop (law "
+        f"{best.law.name}), which did not find the parameters of the least error. Compare the methods before you use "
+        "these parameters."
+    )
+    return [warning("lost-minimum", text)]
 
 
 def _open_parameters(best: Estimate, records: Sequence[AxisRecord]) -> list[Finding]:
     found = []
-    usual = max(float(np.sqrt(np.mean(one.force**2))) for one in records)
+    usual = max(one.usual_force for one in records)
+    reach = 0.5 * max(float(np.ptp(one.position)) for one in records)
     for label, value in best.values.items():
-        error, kind = best.standard_errors[label], best.model.parameter(label)
-        wide = best.half_widths[label] > _UNDETERMINED * abs(value)
+        half, kind = best.half_widths[label], best.model.parameter(label)
+        interval = f"its 95 % interval is {value:.3g} ± {half:.2g}"
         # a number of either sign, or an amount, may be near zero and well known; it may not be as large as the force
-        large = kind.scale == "ratio" or (kind.unit == "N" and best.half_widths[label] > usual)
-        if not np.isfinite(error):
+        large = kind.scale == "ratio" or (kind.unit == "N" and half > usual)
+        force = half * (reach if kind.unit == "N/m" else 1.0)
+        small = kind.scale == "signed" and force < _SHARE_OF_FORCE * usual
+        if not np.isfinite(best.standard_errors[label]):
             found.append(note("at-bound", f"{kind.symbol} is at a bound and has no standard error."))
-        elif wide and large and not label.startswith("drift_"):
-            text = (
-                f"{kind.symbol} is undetermined: its 95 % interval is {value:.3g} ± {best.half_widths[label]:.2g}. "
-                "Do not use this number."
-            )
+        elif half > _UNDETERMINED * abs(value) and large and not label.startswith("drift_"):
+            text = f"{kind.symbol} is undetermined: {interval}. Do not use this number."
             found.append(warning("undetermined", text))
-        elif error > _OPEN * abs(value) and not label.startswith("drift_"):
-            text = f"{kind.symbol} is poorly determined: {value:.3g} with a standard error of {error:.2g}."
-            found.append(note("poorly-determined", text))
+        elif half > abs(value) and not small and not label.startswith("drift_"):
+            found.append(note("poorly-determined", f"{kind.symbol} is poorly determined: {interval}."))
     return found
 
 
@@ -174,13 +176,15 @@ def _apart(best: Estimate, estimates: Sequence[Estimate], unit: str) -> list[Fin
             difference = abs(best.values[name] - other.values[name])
             error = np.hypot(best.standard_errors[name], other.standard_errors[name])
             if difference > _APART * error and difference > _SHARE_APART * abs(best.values[name]):
-                kind = PARAMETERS[name]
+                kind, causes = PARAMETERS[name], _CAUSES[name]
+                if other.method == "closed loop":
+                    causes += ", or the drive's loop is not quite the one simulated"
                 found.append(
                     warning(
                         "methods-differ",
                         f"{kind.symbol} is {best.values[name]:.3g} {unit_for(kind, unit)} by the open loop and "
                         f"{other.values[name]:.3g} by the {other.method} method, {difference / error:.0f} standard "
-                        f"errors apart: {_CAUSES[name]}.",
+                        f"errors apart: {causes}.",
                     )
                 )
     return found

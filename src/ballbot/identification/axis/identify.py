@@ -47,16 +47,15 @@ from ballbot.identification.axis.residuals import residual_findings, residual_te
 from ballbot.identification.axis.result import AxisIdentification, Estimate
 from ballbot.identification.axis.selection import (
     Blocks,
-    Kind,
     blocks_of,
     errors_on,
     fit_all,
     held_out_errors,
     select_horizon,
     select_law,
-    select_terms,
 )
 from ballbot.identification.axis.structure import TURN, AxisModel, base_name, terms_of
+from ballbot.identification.axis.terms import Kind, select_terms, without_refuted
 from ballbot.progress import Progress, part_of
 
 
@@ -136,12 +135,17 @@ def identify_axis(
     if model.drifts:
         flat = without_drift(records, model, bandwidth=options.bandwidth)
         bench, model = replace(bench, records=flat, flat=True), replace(model, drifts=0)
-    inverse = _inverse_fits(bench, model)
     starts = initial_values(bench.sightings, model, bandwidth=bench.bandwidth)
     model = replace(model, interpolated=_interpolated(bench, model, starts, blocks))
     choosing = replace(run, progress=part_of(run.progress, 0.0, _HORIZON_TO))
     dry = AXIS_LAWS["dahl" if model.bending else "coulomb"]
     horizon = select_horizon(model.with_law(dry), starts[dry.name], bench.sightings, blocks, choosing)
+    found, start = terms, starts[dry.name]
+    model, terms = without_refuted(model.with_law(dry), start, found, bench.sightings, blocks, horizon.chosen)
+    model = model.with_law(AXIS_LAWS["coulomb"])
+    if terms != found:
+        starts = initial_values(bench.sightings, model, bandwidth=bench.bandwidth)
+    inverse = _inverse_fits(bench, model)
     fitting = replace(run, progress=part_of(run.progress, _HORIZON_TO, _FITS_TO))
     fits = fit_laws(model, starts, bench.sightings, blocks, horizon.chosen, fitting)
     judging = replace(run, progress=part_of(run.progress, _FITS_TO, _LAWS_TO))
@@ -150,19 +154,19 @@ def identify_axis(
     simulated = _improving(bench, fits, squares, chosen.name, starts, blocks, horizon.chosen, run)
     by_law = {name: bench.estimate("open loop", fit, horizon.chosen) for name, fit in fits.items()}
     estimates = [
-        _inverse_estimate(bench, inverse, model, horizon.chosen),
+        _inverse_estimate(bench, inverse["complete"], model, horizon.chosen),
         *simulated,
         by_law[chosen.name],
     ]
     asymmetry = asymmetry_over_time(records[0]) if len(records) == 1 else np.empty((0, 2))
-    tests = residual_tests(bench.records, model, bandwidth=options.bandwidth)
+    tests = residual_tests(bench.records, model, bandwidth=options.bandwidth, over_position=terms == found)
     expected = _expected(bench, drifting, fits[chosen.name], squares[chosen.name], blocks, horizon.chosen)
     run.progress(Progress(stage="done", done=1.0, total=1.0))
     findings = (
         *axis_findings(
             bench.all, selection, by_law[chosen.name], estimates, asymmetry, by_user=wanted is not None
         ),
-        *residual_findings(tests, force_unit=records[0].force_unit),
+        *residual_findings(tests, chosen, records),
         *_elsewhere(bench, fits[chosen.name], expected),
     )
     return AxisIdentification(
@@ -258,7 +262,12 @@ def _check(
         if np.ptp(one.force) == 0.0 and one.known_load.weight == 0.0:
             raise InputError(
                 f"{one.name}: the force is {one.force[0] + 0.0:g} {one.force_unit} "
-                "throughout, so nothing can be identified; check its column and its scale."
+                "throughout, so nothing can be identified; check its column and its scale"
+                + (
+                    ", or give the load of a pendulum by --load-mass and --load-arm."
+                    if one.unit == "rad"
+                    else "."
+                )
             )
 
 
@@ -325,22 +334,17 @@ def _structure(bench: _Bench, options: AxisOptions) -> tuple[AxisModel, tuple[tu
 
 
 def _inverse_fits(bench: _Bench, model: AxisModel) -> dict[str, InverseFit]:
-    """Return the inverse model's fits: as published for one record, and with the forces that were selected."""
+    """Return the inverse model's fits: as published for one record, and of the moving axis, complete."""
     found = {}
     if len(bench.records) == 1:
         for form in ("coulomb", "asymmetric"):
             found[form] = inverse_fit(bench.records[0], form=form, bandwidth=bench.bandwidth)
-    if model.terms or model.bending or bench.flat or len(bench.records) > 1:
-        found["complete"] = inverse_fit(bench.records, model=model, bandwidth=bench.bandwidth, moving=True)
+    found["complete"] = inverse_fit(bench.records, model=model, bandwidth=bench.bandwidth, moving=True)
     return found
 
 
-def _inverse_estimate(
-    bench: _Bench, inverse: Mapping[str, InverseFit], model: AxisModel, horizon: float
-) -> Estimate:
-    complete = "complete" in inverse
-    fit = inverse["complete" if complete else "coulomb"]
-    own = model if complete else replace(model, terms=())
+def _inverse_estimate(bench: _Bench, fit: InverseFit, own: AxisModel, horizon: float) -> Estimate:
+    """Return the estimate of a fit of the inverse model `own`."""
     values, errors = fit.by_name, dict(zip(fit.names, fit.clustered_errors.tolist(), strict=True))
     if own.bending:
         own = own.with_law(AXIS_LAWS["dahl"])

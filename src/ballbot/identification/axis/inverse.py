@@ -12,7 +12,9 @@ Friction dissipates energy, so a friction coefficient that would be negative is 
 again. Standard deviations are given twice: as published, s sqrt(diag (X^T X)^-1), which assumes independent rows, and
 clustered by blocks of one second, which does not (see `ballbot.fitting.uncertainty`).
 
-At rest the friction balances the force, whatever it is. The published fits include these rows; `moving` excludes them.
+At rest the friction balances the force, whatever it is, and at either end of a part between gaps the filters have no
+rows beyond, which makes errors there several times the others. The published fits include these rows; `moving` excludes
+them, and lets a held force act half a sample after its row however fast rows come.
 """
 
 from __future__ import annotations
@@ -30,12 +32,11 @@ from ballbot.fitting.least_squares import fit_linear
 from ballbot.identification.axis.model import AXIS_LAWS, drift_shapes
 from ballbot.identification.axis.motion import (
     LEAST_SEGMENT,
+    Decimation,
     Motion,
     bent_bristles,
-    decimated,
-    decimation_factor,
     default_bandwidth,
-    first_row,
+    load_force,
     smoothed_motion,
 )
 from ballbot.identification.axis.record import AxisRecord, Span
@@ -142,7 +143,7 @@ def free_inverse_fit(
     model : AxisModel, optional
         What to estimate; of its law only the linear part.
     moving : bool
-        Whether rows at rest are left out.
+        Whether rows at rest, and next to the ends of parts between gaps, are left out; see above.
     held : tuple of str
         Labels of coefficients that are zero.
 
@@ -213,19 +214,14 @@ def _rows_of(
 ) -> RegressionRows:
     band = default_bandwidth(record) if bandwidth is None else bandwidth
     motion = smoothed_motion(record, bandwidth=band)
-    known = record.known_load
     force = record.force
-    if model.interpolated is False and record.sample_time > SLOW_SAMPLING:
+    if not model.interpolated and (moving or record.sample_time > SLOW_SAMPLING):
         # the motion at a row is that of the force held before and after it
         force = 0.5 * (force + np.append(force[0], force[:-1]))
-    force = force - known.inertia * motion.acceleration
-    if known.weight:
-        force -= known.weight * np.sin(motion.position - known.hanging)
+    force = force - load_force(record, motion)
     columns = {model.label(name, number): column for name, column in _columns(motion, model, record).items()}
-    factor, start = (
-        decimation_factor(record, bandwidth=band),
-        max(0, first_row(record, bandwidth=band)),
-    )
+    rows = Decimation(record, bandwidth=band)
+    kept, factor = rows.kept, rows.factor
     seen = {
         "position": motion.position,
         "speed": motion.speed,
@@ -237,29 +233,24 @@ def _rows_of(
             seen[name] = getattr(record, name)
     usual = float(np.sqrt(np.mean(motion.speed**2)))
     rests = (np.abs(motion.speed) < REST * usual).astype(float)
-    segments = [(max(first, start), last) for first, last in record.segments]
-    kept = [one for one in segments if one[1] - one[0] >= max(LEAST_SEGMENT, 4 * factor)]
     if not kept:
         raise InputError(f"{record.name} has no part of {LEAST_SEGMENT} rows on end; log without gaps.")
-
-    def thinned(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.concatenate([decimated(values[first:last], factor) for first, last in kept])
 
     def picked(values: NDArray[np.float64]) -> NDArray[np.float64]:
         places = [np.arange(first, last)[(last - first - 1) % factor :: factor] for first, last in kept]
         return values[np.concatenate(places)]
 
-    at_rest = thinned(rests) > 0.5 if moving else np.zeros(len(picked(rests)), dtype=bool)
-    if at_rest.mean() > 0.9:
-        at_rest[:] = False
+    chosen = np.ones(len(picked(rests)), dtype=bool)
+    if moving:
+        at_rest = rows.of(rests) > 0.5
+        chosen = ~rows.disturbed if at_rest.mean() > 0.9 else ~(at_rest | rows.disturbed)
     block = (picked(record.t) // BLOCK if not record.even else _even_blocks(record, kept, factor)).astype(
         np.int64
     )
-    chosen = ~at_rest
     _, block = np.unique(block[chosen], return_inverse=True)
     return RegressionRows(
-        columns={name: thinned(column)[chosen] for name, column in columns.items()},
-        force=thinned(force)[chosen],
+        columns={name: rows.of(column)[chosen] for name, column in columns.items()},
+        force=rows.of(force)[chosen],
         block=block,
         seen={name: picked(column)[chosen] for name, column in seen.items()},
     )

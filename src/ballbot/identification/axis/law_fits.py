@@ -29,8 +29,8 @@ from ballbot.progress import Progress
 _BRISTLE_TRAVEL, _BREAK_AWAY = 4e-4, 0.1
 #: and other values that are tried there, as shares of these
 _FACTORS = {"stribeck": (1.0, 3.0), "stribeck_speed": (1.0, 0.3), "stiffness": (1.0, 0.1, 10.0)}
-#: where a law is all but the one within it: a dry friction as a share of the usual force
-_NO_FRICTION = 1e-4
+#: shares of the usual force: a dry friction to start from at least, and one where a law is all but the one within it
+_LEAST_FRICTION, _NO_FRICTION = 1e-3, 1e-4
 #: errors that differ by less than this share are the same
 SAME = 1e-3
 #: a law's error is below this share of that of a constant speed, if the records determine it
@@ -46,7 +46,7 @@ def initial_values(
         form: inverse_fit(records, model=model.with_law(AXIS_LAWS[form]), bandwidth=bandwidth, moving=True)
         for form in ("coulomb", "asymmetric")
     }
-    least = 1e-3 * float(np.std(np.concatenate([one.force for one in records])))
+    least = _LEAST_FRICTION * max(one.usual_force for one in records)
     travel = max(float(np.ptp(one.position)) for one in records)
     found = {}
     for name, law in AXIS_LAWS.items():
@@ -229,8 +229,7 @@ def _without_effect(
     fit: OutputErrorFit, inner: OutputErrorFit, sightings: Sequence[Sighting]
 ) -> dict[str, float]:
     """Return a law's own parameters at which it is all but the law within it."""
-    records = [one.record for one in sightings]
-    force = max(float(np.sqrt(np.mean(one.force**2))) for one in records)
+    force = max(one.record.usual_force for one in sightings)
     effect = {
         "coulomb": force * _NO_FRICTION,
         "stribeck": force * _NO_FRICTION,

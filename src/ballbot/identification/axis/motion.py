@@ -33,6 +33,8 @@ LARGEST_BANDWIDTH = 20.0
 _START_ROWS = 15
 #: a part between gaps with fewer rows is not used
 LEAST_SEGMENT = 30
+#: decimated rows next to either end of a part that the filters disturb, but at most this share of it at either end
+_DISTURBED, _MOST_DISTURBED = 5, 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +46,9 @@ class Motion:
     acceleration: NDArray[np.float64]  #: (N,) [m/s^2]
 
 
-#: noise of the position adds at most this share to the mean square of the acceleration
-_NOISE_SHARE = 0.02
+#: noise of the position adds at most this share to the mean square of the acceleration, and with a known load, whose
+#: share of the force is subtracted, the other one to that of the force that remains
+_NOISE_SHARE, _REMAINING_NOISE_SHARE = 0.02, 2e-3
 #: for that the bandwidth is lowered by this factor at a time, down to so many periods in the record
 _LOWERED, _LEAST_MOTIONS = 1.25, 10.0
 
@@ -61,10 +64,20 @@ def default_bandwidth(record: AxisRecord) -> float:
         cutoff = _DECIMATION_RATIO * band
         noise = (2.0 * np.pi) ** 4 * density * cutoff**5 / 5.0
         slow = smoothed_motion(record, bandwidth=max(least, band / _FILTER_RATIO))
-        if noise <= _NOISE_SHARE * min(np.var(motion.acceleration), np.var(slow.acceleration)):
+        remaining = min(np.var(record.force - load_force(record, one)) for one in (motion, slow))
+        if (
+            noise <= _NOISE_SHARE * min(np.var(motion.acceleration), np.var(slow.acceleration))
+            and record.known_load.inertia**2 * noise <= _REMAINING_NOISE_SHARE * remaining
+        ):
             break
         band = max(least, band / _LOWERED)
     return band
+
+
+def load_force(record: AxisRecord, motion: Motion) -> NDArray[np.float64]:
+    """Return the force (N,) that a record's known load requires in a motion."""
+    known = record.known_load
+    return known.inertia * motion.acceleration + known.weight * np.sin(motion.position - known.hanging)
 
 
 def position_noise(record: AxisRecord, *, bandwidth: float) -> float:
@@ -144,6 +157,31 @@ def decimated(values: NDArray[np.float64], factor: int) -> NDArray[np.float64]:
     b, a = np.asarray(scipy.signal.cheby1(_DECIMATION_ORDER, _DECIMATION_RIPPLE, 0.8 / factor), dtype=float)
     smooth = scipy.signal.filtfilt(b, a, values, padlen=3 * _DECIMATION_ORDER)
     return smooth[(len(values) - 1) % factor :: factor]
+
+
+class Decimation:
+    """The rows of a record that a decimation leaves, of each part between gaps that is long enough, after the start."""
+
+    def __init__(self, record: AxisRecord, *, bandwidth: float) -> None:
+        self.factor = decimation_factor(record, bandwidth=bandwidth)
+        start = max(0, first_row(record, bandwidth=bandwidth))
+        spans = [(max(first, start), last) for first, last in record.segments]
+        #: first row and the row after the last of each part
+        self.kept = [one for one in spans if one[1] - one[0] >= max(LEAST_SEGMENT, 4 * self.factor)]
+
+    def of(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return decimated values (n,) of values (N,)."""
+        return np.concatenate([decimated(values[first:last], self.factor) for first, last in self.kept])
+
+    @property
+    def disturbed(self) -> NDArray[np.bool_]:
+        """Which of the rows (n,) are too near an end of their part."""
+        found = []
+        for first, last in self.kept:
+            count = -(-(last - first) // self.factor)
+            near, place = min(_DISTURBED, int(_MOST_DISTURBED * count)), np.arange(count)
+            found.append((place < near) | (place >= count - near))
+        return np.concatenate(found)
 
 
 @compiled

@@ -18,7 +18,13 @@ from numpy.typing import NDArray
 
 from ballbot.findings import Finding, note, warning
 from ballbot.fitting.uncertainty import resamples
-from ballbot.identification.axis.motion import default_bandwidth, first_row, smoothed_motion, speed_at_start
+from ballbot.identification.axis.motion import (
+    Decimation,
+    default_bandwidth,
+    first_row,
+    smoothed_motion,
+    speed_at_start,
+)
 from ballbot.identification.axis.output_error import (
     OpenLoop,
     OutputErrorFit,
@@ -37,7 +43,8 @@ class AxisErrors:
     record: str
     window_rmse: float  #: of the position over windows of the fit's length, from their best starts [m]
     open_loop_rmse: float  #: of the position over the whole record, from its start [m]; NaN if it has gaps
-    inverse_force: float  #: |F - F_hat| / |F| of the force that the recorded motion requires
+    #: |F - F_hat| / |F| of the force that the recorded motion requires, decimated as in the inverse model
+    inverse_force: float
     closed_loop_force: float | None  #: the same in closed loop; None if the loop is not known
     closed_loop_position: float | None  #: the same for the position
 
@@ -226,11 +233,14 @@ def axis_errors(
         force = _relative(moved.forces[start:], record.force[start:])
         position = _relative(moved.positions[start:], motion.position[start:])
     needed = axis.needed_force(record, motion.position, motion.speed, motion.acceleration)
+    rows, compared = Decimation(record, bandwidth=bandwidth), [needed[start:], record.force[start:]]
+    if rows.kept:
+        compared = [rows.of(one)[~rows.disturbed] for one in (needed, record.force)]
     return AxisErrors(
         record=record.name,
         window_rmse=error_elsewhere(fit, record, horizon=horizon, number=number),
         open_loop_rmse=whole,
-        inverse_force=_relative(needed[start:], record.force[start:]),
+        inverse_force=_relative(*compared),
         closed_loop_force=force,
         closed_loop_position=position,
     )

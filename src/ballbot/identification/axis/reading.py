@@ -8,7 +8,7 @@ not its position has the position that the velocity gives by integration.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -24,6 +24,8 @@ from ballbot.log.formats import read_units, read_variables
 #: a record in which more rows than this share lack a value is refused
 MOST_MISSING = 0.2
 _GRAVITY = 9.81
+#: a force beyond so many times its limit exceeds it by more than noise
+_BEYOND_LIMIT = 1.02
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +70,7 @@ class AxisColumns:
     """Velocity gain of the loop, from velocity to the force variable: a number, or a variable of the file."""
 
     limit: str | None = None
-    """Limit of the force variable: a number, or a variable of the file."""
+    """Limit of the force variable, beyond which the force does not act: a number, or a variable of the file."""
 
     unit: Literal["m", "rad"] = "m"
     """Unit of positions: m for a sliding mass, rad for a rotating inertia."""
@@ -187,7 +189,11 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     _check_units(file, read_units(path))
     t = file.factor("time_scale", negative=False) * file.column("time")
     scale = file.factor("force_scale")
-    force = scale * _driving_force(file, len(t))
+    driving = _driving_force(file, len(t))
+    limit = np.inf if columns.limit is None else file.factor("limit", negative=False)
+    # a force beyond the limit was demanded and does not act
+    force = scale * np.clip(driving, -limit, limit)
+    beyond = float(np.mean(np.abs(driving) > _BEYOND_LIMIT * limit))
     added = file.optional("added_force")
     if added is not None:
         added = file.factor("added_force_scale") * added
@@ -223,8 +229,9 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
         temperature=temperature,
         load=load,
         known_load=_known_load(file),
+        beyond_limit=beyond,
     )
-    loop = _loop(file, scale)
+    loop = _loop(file, scale, limit)
     if loop is None:
         return record
     if reference is None:
@@ -264,14 +271,14 @@ _SPELLINGS = {
 def _check_units(file: _File, units: Mapping[str, str]) -> None:
     """Raise InputError if a unit in the file contradicts `--unit`, or needs a factor and none is given.
 
-    The unit stands in a row below the header, or in brackets in the name.
+    The unit stands in a row below the header, or in brackets in the name, or after an underscore at its end.
     """
     for field, kinds in _QUANTITIES.items():
         name = getattr(file.columns, field) or ("position" if file.columns.velocity is None else "")
         scale = f"{'position' if field == 'velocity' else field}_scale"
         if name not in file.variables or file.number(scale) != 1.0:
             continue
-        given = _unit_of(name, units)
+        given = _unit_of(name, units) or _unit_at_end(name, {**kinds["m"], **kinds["rad"]})
         unit = file.columns.unit
         other = "rad" if unit == "m" else "m"
         actual = next((one for one in (unit, other) if given in kinds[one]), unit)
@@ -292,6 +299,19 @@ def _unit_of(name: str, units: Mapping[str, str]) -> str:
     bracketed = re.search(r"[\[(<]([^\])>]*)[\])>]$", text or name)
     unit = (bracketed.group(1) if bracketed else text).strip().replace("·", " ").replace("*", " ")
     return _SPELLINGS.get(unit, unit)
+
+
+def _unit_at_end(name: str, known: Collection[str]) -> str:
+    """Return the unit among those known that a name ends in, such as "deg" of "position_deg"; empty if in none.
+
+    Single letters are no units: "position_m" may be that of the motor.
+    """
+    parts = name.split("_")
+    ends = ("/".join(parts[-2:]), parts[-1]) if len(parts) > 2 else tuple(parts[1:])
+    spelled = {one.replace(" ", "").lower(): one for one in known} | {
+        spelling.lower(): unit for spelling, unit in _SPELLINGS.items() if unit in known
+    }
+    return next((spelled[one.lower()] for one in ends if len(one) > 1 and one.lower() in spelled), "")
 
 
 def sampling(name: str, t: NDArray[np.float64]) -> tuple[float, NDArray[np.float64] | None]:
@@ -383,7 +403,7 @@ def _known_load(file: _File) -> KnownLoad:
     return KnownLoad(inertia=mass * arm**2, weight=mass * _GRAVITY * arm, hanging=file.number("hanging"))
 
 
-def _loop(file: _File, scale: float) -> PositionVelocityLoop | None:
+def _loop(file: _File, scale: float, limit: float) -> PositionVelocityLoop | None:
     columns = file.columns
     if columns.position_gain is None and columns.velocity_gain is None:
         return None
@@ -398,7 +418,7 @@ def _loop(file: _File, scale: float) -> PositionVelocityLoop | None:
         position_gain=file.factor("position_gain", negative=False),
         velocity_gain=file.factor("velocity_gain", negative=False),
         force_per_input=scale,
-        limit=np.inf if columns.limit is None else file.factor("limit", negative=False),
+        limit=limit,
     )
 
 

@@ -100,6 +100,9 @@ class AxisRecord:
     #: (N,), of the bearings, of any unit; residuals are tested for a dependence on it
     load: NDArray[np.float64] | None = None
     known_load: KnownLoad = NO_LOAD
+    beyond_limit: float = (
+        0.0  #: share of the rows whose recorded force exceeded the limit given; `force` is at it there
+    )
 
     def __post_init__(self) -> None:
         if not 0.0 < self.sample_time < np.inf:
@@ -171,6 +174,12 @@ class AxisRecord:
     def duration(self) -> float:
         """From the first row to the end of the last one [s]."""
         return float(self.t[-1] + self.durations[-1])
+
+    @property
+    def usual_force(self) -> float:
+        """Size of what moves the axis [N]: the recorded force and a known load's weight, root mean square."""
+        weight = self.known_load.weight * np.sin(self.position - self.known_load.hanging)
+        return float(np.sqrt(np.mean(self.force**2) + np.mean(weight**2)))
 
     @property
     def force_unit(self) -> str:

@@ -1,33 +1,26 @@
-"""Selection of an axis's model: forces over position, a drift, the horizon of the fit, and the friction law.
+"""Selection of the horizon of an axis's fit and of its friction law; of other forces see `terms`.
 
 Everything is selected by errors on blocks of time that the fit did not use: every third block is held out, three times.
 
-1. Forces over position and a drift of the offset enter the inverse model one after another, the one first that explains
-   most of the force of held-out blocks, while the gain has a 95 % interval above zero and the coefficients differ from
-   zero (`LARGEST_CHANCE`). The harmonics tried are the first one of an axis that turns, and those at which the residual
-   force is largest.
-2. Whether the force is held from row to row or changes evenly between them: whichever explains the positions better.
-3. The horizon: over windows of each length the law `coulomb` is fitted in open loop, and predicts held-out blocks over
+1. Whether the force is held from row to row or changes evenly between them: whichever explains the positions better.
+2. The horizon: over windows of each length the law `coulomb` is fitted in open loop, and predicts held-out blocks over
    all those lengths. The one with the least geometric mean of errors is taken.
-4. Laws: each is fitted to windows of that length and predicts held-out blocks. Laws of bristles differ from the others
+3. Laws: each is fitted to windows of that length and predicts held-out blocks. Laws of bristles differ from the others
    only where the axis reverses or rests, and are judged on the windows in which it does; see also `presliding`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import chain
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.fitting.least_squares import fit_linear
 from ballbot.fitting.model_selection import (
     Candidate,
-    Gain,
     HeldOut,
     ModelSelection,
     gain_between,
@@ -36,7 +29,6 @@ from ballbot.fitting.model_selection import (
 )
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.uncertainty import block_length
-from ballbot.identification.axis.inverse import RegressionRows, regression_rows
 from ballbot.identification.axis.model import AXIS_LAWS, AxisLaw, Values
 from ballbot.identification.axis.output_error import (
     OpenLoop,
@@ -47,9 +39,9 @@ from ballbot.identification.axis.output_error import (
     fit_output_error,
     windows_of,
 )
-from ballbot.identification.axis.presliding import bristles_agree, bristles_travel
-from ballbot.identification.axis.record import AxisRecord, Span, moved_by_one_load
-from ballbot.identification.axis.structure import TURN, AxisModel, base_name, harmonic
+from ballbot.identification.axis.presliding import bristles_agree
+from ballbot.identification.axis.record import AxisRecord, Span
+from ballbot.identification.axis.structure import AxisModel, base_name
 from ballbot.progress import Progress
 
 FOLDS = 3
@@ -59,20 +51,6 @@ SHORTEST_BLOCK, LEAST_BLOCK_ROWS = 0.4, 24
 #: lengths of windows tried [s]; a window has at least so many rows
 HORIZONS = (0.1, 0.2, 0.5, 1.0, 2.0)
 LEAST_WINDOW_ROWS = 10
-#: largest p-value of the coefficients of a force that is selected; divided by the number of harmonics searched
-LARGEST_CHANCE = 1e-3
-#: and if it lowers the error of the force on held-out blocks by this share
-LEAST_GAIN = 0.01
-#: forces over position selected at most, and the highest harmonic searched
-_MOST_TERMS, _HIGHEST_HARMONIC = 6, 120
-#: a harmonic is searched in rows between which its phase moves by less [rad], if there are so many
-_FASTEST_PHASE, _LEAST_SLOW_ROWS = 1.5, 50
-#: weight of a spring's gain on an axis that turns
-_SPRING_WORTH = 0.3
-#: least travel over which a harmonic is searched, in its periods
-_PERIODS = 0.75
-#: a drift has a piece for so long [s], at most so many
-_DRIFT_PIECE, _MOST_PIECES = 8.0, 6
 #: slower than this share of its usual speed, an axis reverses or rests
 _SLOW = 0.1
 
@@ -129,129 +107,6 @@ def blocks_of(records: Sequence[AxisRecord]) -> Blocks:
             f"to select a law takes {LEAST_BLOCKS}."
         )
     return Blocks(spans=tuple(spans), duration=duration)
-
-
-#: kinds of forces that can be selected
-Kind = Literal["spring", "harmonic", "drift"]
-KINDS: tuple[Kind, ...] = ("spring", "harmonic", "drift")
-
-
-def select_terms(
-    records: Sequence[AxisRecord],
-    model: AxisModel,
-    *,
-    kinds: Collection[Kind] = KINDS,
-    bandwidth: float | None = None,
-) -> tuple[AxisModel, tuple[tuple[str, Gain], ...]]:
-    """Return a model with the forces of these kinds and the bristles that records support, and each force's gain."""
-    wanted, gains = model, list[tuple[str, Gain]]()
-    turns = records[0].unit == "rad"
-    rows = regression_rows(records, model, bandwidth=bandwidth, moving=True)
-    squares = _held_out_force(rows)
-    for _ in range(_MOST_TERMS):
-        best = None
-        for name, candidate in _wider(records, model, rows, kinds):
-            searched = name.startswith("harmonic ") and name != "harmonic 1"
-            chance = LARGEST_CHANCE / (_HIGHEST_HARMONIC if searched else 1)
-            found = _gain_of(records, candidate, rows, squares, bandwidth, chance)
-            if not found:
-                continue
-            # gravity comes before a spring, which resembles it over a small travel
-            worth = found[1].share * (_SPRING_WORTH if name == "spring" and turns else 1.0)
-            if best is None or worth > best[0]:
-                best = (worth, name, candidate, found[1], found[0])
-        if best is None:
-            break
-        _, name, model, gain, rows = best
-        gains.append((name, gain))
-        squares = _held_out_force(rows)
-    if wanted.bending == 0.0 and (travel := bristles_travel(records, model, bandwidth=bandwidth)):
-        # forces over position may have stood for bristles
-        return select_terms(records, replace(wanted, bending=travel), kinds=kinds, bandwidth=bandwidth)
-    return model, tuple(gains)
-
-
-def _wider(
-    records: Sequence[AxisRecord], model: AxisModel, rows: RegressionRows, kinds: Collection[Kind]
-) -> list[tuple[str, AxisModel]]:
-    """Return models with one force more."""
-    found = []
-    falling = moved_by_one_load(records)
-    if "spring" in kinds and "spring" not in model.terms and not falling:
-        found.append(("spring", replace(model, terms=("spring", *model.terms))))
-    if "drift" in kinds and model.drifts == 0:
-        shortest = min(record.duration for record in records)
-        pieces = int(min(_MOST_PIECES, max(2.0, shortest / _DRIFT_PIECE)))
-        found.append(("drift", replace(model, drifts=pieces)))
-    if "harmonic" in kinds and (records[0].unit == "rad" or model.period != TURN):
-        numbers = [*([] if falling else [1]), *_strongest_harmonics(model, rows)]
-        for number in dict.fromkeys(numbers):
-            names = harmonic(number)
-            if names[0] not in model.terms:
-                found.append((f"harmonic {number}", replace(model, terms=(*model.terms, *names))))
-    return found
-
-
-def _strongest_harmonics(model: AxisModel, rows: RegressionRows) -> list[int]:
-    """Return the two harmonics at which the residual force is largest."""
-    X = np.column_stack(list(rows.columns.values()))
-    residual = rows.force - X @ np.linalg.lstsq(X, rows.force, rcond=None)[0]
-    position = rows.seen["position"]
-    least = max(2, int(np.ceil(_PERIODS * model.period / np.ptp(position))))
-    numbers = [n for n in range(least, _HIGHEST_HARMONIC + 1) if harmonic(n)[0] not in model.terms]
-    # the filter has removed a harmonic that passes faster than rows come
-    turning = np.abs(rows.seen["speed"]) * float(np.median(np.abs(np.diff(rows.seen["time"]))))
-    sizes = np.zeros(len(numbers))
-    for place, number in enumerate(numbers):
-        wave = 2.0 * np.pi / model.period * number
-        slow = wave * turning < _FASTEST_PHASE
-        if slow.sum() >= _LEAST_SLOW_ROWS:
-            waves = np.exp(-1j * wave * position[slow])
-            sizes[place] = abs(waves @ residual[slow]) / np.sqrt(slow.sum())
-    order = np.argsort(sizes)[::-1][:2]
-    return [numbers[i] for i in order]
-
-
-def _gain_of(
-    records: Sequence[AxisRecord],
-    candidate: AxisModel,
-    rows: RegressionRows,
-    squares: NDArray[np.float64],
-    bandwidth: float | None,
-    largest_chance: float,
-) -> tuple[RegressionRows, Gain] | None:
-    """Return the rows of a wider model and its gain; None if the records do not support it."""
-    wider = regression_rows(records, candidate, bandwidth=bandwidth, moving=True)
-    X = np.column_stack(list(wider.columns.values()))
-    new = [i for i, label in enumerate(wider.columns) if label not in rows.columns]
-    lengths = np.linalg.norm(X, axis=0)
-    if not lengths.all() or np.linalg.cond(X / lengths) > _LARGEST_CONDITION:
-        return None
-    chance = fit_linear(X, wider.force, wider.block).p_value(new)
-    ours = _held_out_force(wider)
-    gain = gain_between(ours, squares, neighbours(range(len(ours)), block=1))
-    if not gain.significant or gain.share < LEAST_GAIN or chance > largest_chance:
-        return None
-    return wider, gain
-
-
-#: of the columns of a wider model, each of length one
-_LARGEST_CONDITION = 300.0
-
-
-def _held_out_force(rows: RegressionRows) -> NDArray[np.float64]:
-    """Return the sum of squared force errors of each held-out group of blocks (g, 1)."""
-    X = np.column_stack(list(rows.columns.values()))
-    count = int(rows.block.max()) + 1
-    group = rows.block * min(count, MOST_BLOCKS) // count
-    squares = np.empty((int(group.max()) + 1, 1))
-    for fold in range(FOLDS):
-        seen = group % FOLDS != fold
-        found = np.linalg.lstsq(X[seen], rows.force[seen], rcond=None)[0]
-        errors = (rows.force[~seen] - X[~seen] @ found) ** 2
-        sums = np.bincount(group[~seen], weights=errors, minlength=len(squares))
-        squares[fold::FOLDS, 0] = sums[fold::FOLDS]
-    return squares
 
 
 def horizons_for(blocks: Blocks, records: Sequence[AxisRecord]) -> tuple[float, ...]:
