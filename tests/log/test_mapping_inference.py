@@ -16,9 +16,11 @@ from ballbot.log import Log
 from ballbot.log.mapping_file import parse_mapping
 from ballbot.log.mapping_inference.commands import Unit
 from ballbot.log.mapping_inference.conclusions import conclusions_of
+from ballbot.log.mapping_inference.evidence import Conclusion
 from ballbot.log.mapping_inference.placement import torque_free_gains
 from ballbot.log.mapping_inference.proposal import Proposal, propose
 from ballbot.log.mapping_inference.report import evaluate, findings_of, mapping_text
+from ballbot.log.mapping_inference.units import wheel_units
 from ballbot.log.pose import with_odometry
 from tests.support.foreign_log_examples import (
     COMMAND_DELAY,
@@ -216,8 +218,21 @@ def test_a_lean_about_the_worlds_axes_is_not_taken_for_a_turned_imu(tmp_path, ab
     columns |= {f"torque{k}_Nm": log[f"u{k}"] for k in (1, 2, 3)}
     rows = np.column_stack(list(columns.values()))
     np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header=",".join(columns), comments="")
-    found = {one.name: one for one in conclusions_of(propose(tmp_path / "run.csv", small_robot()))}
-    assert found["axes of the lean"].determined != about_world
+    proposal = propose(tmp_path / "run.csv", small_robot())
+    found = {one.name: one for one in conclusions_of(proposal)}["axes of the lean"]
+    assert found.determined != about_world
+    assert ("better" in found.evidence) != ("worse" in found.evidence)
+    text = mapping_text(proposal, small_robot(), file=tmp_path / "run.csv")
+    ready = [line[4:] for line in text.splitlines() if line.startswith("#   theta = ")]
+    assert bool(ready) == about_world
+    if about_world:
+        lines = [
+            line[4:] for line in text.splitlines() if line.startswith(("#   theta", "#   phi", "#   psi"))
+        ]
+        before, _, rest = text.replace("complete = false", "complete = true").partition("\n[attitude]")
+        answered = before + "\n".join(lines) + "\n\n[wheels]" + rest.partition("\n[wheels]")[2]
+        log = Log.read(tmp_path / "run.csv", mapping=parse_mapping(answered, source="answered"))
+        np.testing.assert_allclose(log["phi"], np.interp(log.t, columns["time_s"], lean.imag), atol=1e-9)
 
 
 @pytest.mark.parametrize("case", ["the IMU hangs upside down", "no wheel turns", "constants alone"])
@@ -374,3 +389,17 @@ def test_a_log_without_a_time_says_what_is_known_and_how_to_give_the_time(tmp_pa
     with pytest.raises(InputError, match="roll, pitch, yaw as the lean and psi_1") as refused:
         propose(write_foreign(tmp_path / "run.txt", table, Habits()), small_robot())
     assert sentence in str(refused.value)
+
+
+def test_questions_without_alternatives_name_the_value_to_confirm():
+    turn = Conclusion(
+        name="turn of the IMU", value="3.0 deg", confidence=0.5, evidence="", error=12.0, unit="deg"
+    )
+    assert turn.question == "turn of the IMU (is it 3.0 deg, standard error 12 deg?)"
+
+
+def test_a_unit_of_the_motor_and_one_that_the_name_has_are_said_once():
+    angles = np.cumsum(np.random.default_rng(1).standard_normal((500, 3)), axis=0)
+    found = list(wheel_units(angles, small_robot(), "deg"))
+    assert [one.description for one in found if one.scale != 1.0][:1] == ["rad of the motor"]
+    assert next(one.reason for one in found if one.unit == "deg") == "the name has the unit deg"

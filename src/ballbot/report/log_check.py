@@ -272,7 +272,7 @@ def _placement_table(proposal: Proposal, *, framed: bool) -> TextTable:
             f"{100.0 * one.together:.1f}",
             f"{one.misfit / least:.1f}",
         )
-        for one in placements
+        for one in sorted(placements, key=lambda one: one.misfit)
     ]
     headings = (
         "wheel order",

@@ -6,7 +6,13 @@ import math
 from collections.abc import Iterable
 
 from ballbot.log.mapping_inference.commands import FULL_DUTIES, Unit
-from ballbot.log.mapping_inference.evidence import CONFIDENT, MOST, Conclusion, advantage_confidence
+from ballbot.log.mapping_inference.evidence import (
+    CONFIDENT,
+    MOST,
+    Conclusion,
+    advantage_confidence,
+    in_percent,
+)
 from ballbot.log.mapping_inference.names import read_name
 from ballbot.log.mapping_inference.placement import LeanTest
 from ballbot.log.mapping_inference.proposal import Proposal
@@ -157,12 +163,15 @@ def _axes_of_lean(proposal: Proposal, tested: LeanTest) -> Conclusion:
     prior = one_letter if stems & {"theta", "phi"} else WORLD_ROLL_PITCH
     seen = min(max(advantage_confidence(tested.body_frame), 1.0 - MOST), MOST)
     odds = (1.0 - prior) / prior * seen / (1.0 - seen)
+    confidence = min(odds / (1.0 + odds), MOST)
+    compared = "better" if tested.body_frame >= 0.0 else "worse"
+    shown = "" if confidence >= 0.5 else f"; it is about the world's with {in_percent(1.0 - confidence)} %"
     return Conclusion(
         name="axes of the lean",
         value="about the IMU's axes",
-        confidence=min(odds / (1.0 + odds), MOST),
+        confidence=confidence,
         evidence="with a lean about axes that turn with the robot, the wheels explain it "
-        f"{tested.body_frame:.1f} standard errors better than with one about the world's",
+        f"{abs(tested.body_frame):.1f} standard errors {compared} than with one about the world's{shown}",
         alternatives=("about the world's: name its columns theta and phi in [columns]",),
         key="[attitude] from",
     )
@@ -272,7 +281,7 @@ def _kind(proposal: Proposal) -> list[Conclusion]:
     shown = "names, sizes and whole numbers only"
     if found is not None and math.isfinite(found.gain):
         shown = (
-            f"{found.gain:.3g} of the file drive as 1 N m (error {100 * found.gain_error:.0f} %), and "
+            f"{found.gain:.3g} units of the command act as 1 N m (error {100 * found.gain_error:.0f} %), and "
             f"{found.damping:.3f} N m s/rad of damping (error {found.damping_error:.3f})"
         )
     contradiction = (

@@ -57,12 +57,15 @@ class Conclusion:
     @property
     def question(self) -> str:
         """What cannot be determined, with the alternatives: "kind of the command (torque or duty)"."""
-        return f"{self.name} ({self.answers})" if self.alternatives else self.name
+        return f"{self.name} ({self.answers})"
 
     @property
     def answers(self) -> str:
-        """The likeliest answers: "torque or duty"."""
-        return " or ".join([self.value, *self.alternatives][:4])
+        """The likeliest answers: "torque or duty"; without an alternative, what is to be confirmed."""
+        if self.alternatives:
+            return " or ".join([self.value, *self.alternatives][:4])
+        error = f", standard error {self.error_text}" if self.error is not None else ""
+        return f"is it {self.value}{error}?"
 
 
 def in_percent(confidence: float) -> str:

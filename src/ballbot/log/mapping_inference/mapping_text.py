@@ -130,6 +130,7 @@ def _attitude_lines(proposal: Proposal, concluded: Mapping[str, Conclusion]) -> 
         ]
     if proposal.roles.half_turn is not None:
         lines.append(toml_line("upside_down", True, "the roll stays near half a turn"))
+    lines += _world_lines(proposal, concluded)
     tested, frame, gyro = proposal.lean_test, proposal.frame, proposal.gyro
     if -1 in frame.axis_signs:
         lines.append(
@@ -151,6 +152,22 @@ def _attitude_lines(proposal: Proposal, concluded: Mapping[str, Conclusion]) -> 
             "delay": rates_delay(proposal),
         }
         lines.append(toml_line("rates", rates, gyro.reason))
+    return lines
+
+
+def _world_lines(proposal: Proposal, concluded: Mapping[str, Conclusion]) -> list[str]:
+    """Return comments with the lines that a lean about the world's axes needs; nothing if it is about the IMU's."""
+    asked = concluded.get("[attitude] from")
+    if asked is None or asked.determined or proposal.lean is None or proposal.roles.quaternion:
+        return []
+    lines = ["# if it is about the world's axes, these lines in [columns] in place of [attitude]:"]
+    for name, source, sign in zip(
+        ("theta", "phi", "psi"), proposal.roles.attitude, proposal.frame.axis_signs, strict=False
+    ):
+        entry = {"from": source, "unit": proposal.lean.unit, "sign": sign, "delay": proposal.sensor_delay}
+        lines.append(f"#   {toml_line(name, entry)}")
+        if proposal.gyro is not None:  # without one, the rates are derivatives already
+            lines.append(f"#   {toml_line(f'{name}_dot', {'derivative_of': name})}")
     return lines
 
 

@@ -103,12 +103,18 @@ def evaluate(proposal: Proposal, robot: Robot, *, file: Path, out: Path | None =
         findings = by_severity((*findings, *(_contradiction(one) for one in wrong)))
         if wrong:
             refusal = (
-                f"the log that the mapping makes contradicts the robot: {wrong[0].text} Correct {mapping} or the "
-                "robot file."
+                f"the log that the mapping makes contradicts the robot: {_without_advice(wrong[0].text)} Correct "
+                f"{mapping} or the robot file."
             )
     return Evaluation(
         proposal=proposal, conclusions=conclusions, findings=findings, text=text, log=log, refusal=refusal
     )
+
+
+def _without_advice(sentences: str) -> str:
+    """Return a finding's text without a last sentence that says to correct columns and mapping."""
+    said, stop, advice = sentences.rpartition(". ")
+    return f"{said}." if stop and advice.startswith("Correct ") else sentences
 
 
 def _question(open_questions: Sequence[Conclusion], mapping: str) -> str:
@@ -119,7 +125,7 @@ def _question(open_questions: Sequence[Conclusion], mapping: str) -> str:
         else ""
     )
     if first.key == "--columns":
-        return f"cannot determine: {first.name}; name them with --columns in the file's order{more}."
+        return f"cannot determine: {first.question}; name them with --columns in the file's order{more}."
     return f"cannot determine: {first.question}; write it in {mapping}, {first.key}{more}."
 
 

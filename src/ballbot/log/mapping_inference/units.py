@@ -51,7 +51,7 @@ class Scale:
         """The unit, with the scale if there is one."""
         if self.unit == "counts":
             return f"counts, {2.0 * math.pi / self.factor:g} a turn"
-        return self.unit if self.scale == 1.0 else f"{self.unit}, scale {self.scale:.6g}"
+        return self.unit if self.scale == 1.0 else f"{self.unit} of the motor"
 
 
 def time_scale(t: NDArray[np.float64], named: str | None) -> Scale | None:
@@ -233,7 +233,11 @@ def _unit_weight(unit: str, named: str | None, whole: bool) -> float:
 
 
 def _with_name(named: str | None, reason: str) -> str:
-    return reason if named is None else f"the name has the unit {named}; {reason}"
+    if named is None:
+        return reason
+    # the name says it already
+    rest = reason.removeprefix(named).lstrip("; ") if reason.split(";")[0] == named else reason
+    return f"the name has the unit {named}; {rest}" if rest else f"the name has the unit {named}"
 
 
 @dataclass(frozen=True, kw_only=True)
