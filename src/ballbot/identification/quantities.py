@@ -208,7 +208,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         each="wheels",
         bounds=(0.0, 0.5),
         nominal_of=lambda robot: robot.friction.coulomb,
-        stands_for="dry friction less what slip of the rollers and play move to b and s",
+        stands_for="dry friction less what slip of the rollers and play move to other parameters",
     ),
     Quantity(
         name="stribeck",

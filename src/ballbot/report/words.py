@@ -48,7 +48,7 @@ def millimetres(metres: float) -> str:
 
 
 #: a ratio of a controller that fails, or from few seeds, may be farther from one than this: then a power of ten is read
-_PLAIN_RATIO = 1e3
+_PLAIN_RATIO = 1e4
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
