@@ -24,6 +24,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "alignment": "comparison of a log's sensors with motion capture",
         "asymmetry": "friction differs by direction, on one record only",
         "at-bound": "a parameter is at a bound",
+        "axis-load": "the load of a pendulum hangs straight down at another angle than the one given",
         "axis-loop": "the recorded force is not that of the loop with its gains",
         "axis-reference": "the position of an axis does not follow its reference",
         "axis-residuals": "what the model of an axis leaves of the force depends on something",

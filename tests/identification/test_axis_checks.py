@@ -1,5 +1,6 @@
 """Wrong records of an axis are stopped with their cause; friction below zero and added forces are dealt with."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -317,6 +318,16 @@ def test_a_pendulum_that_only_its_load_moves_passes() -> None:
     assert fit.value("coulomb") == pytest.approx(0.02, rel=0.05)
     # the load's weight acts at each row, whether the recorded force is held or not
     assert fit.value("viscous") == pytest.approx(0.006, rel=0.15)
+
+
+def test_the_angle_at_which_a_load_hangs_is_estimated() -> None:
+    swinging = falling_pendulum()
+    turned = replace(swinging, position=swinging.position + 0.4)
+    (found,) = record_findings(turned)
+    assert (found.code, found.severity) == ("axis-load", "warning")
+    assert re.search(r"swings about an angle of about 0\.\d+ rad, .* --hanging", found.text)
+    known = replace(turned, known_load=replace(turned.known_load, hanging=0.4))
+    assert record_findings(known) == ()
 
 
 def test_noise_under_a_heavy_load_is_no_wrong_force() -> None:

@@ -45,6 +45,8 @@ _AT_LIMIT, _LIMIT_ROWS = 0.98, 0.1
 _FREE_FORCE, _FREE_TIMES = 0.1, 3.0
 #: fewer rows below the limit show no usual variation
 _LEAST_FREE_ROWS = 100
+#: a constant force on a pendulum that swings freely is no more than this share of its load's weight
+_UNBALANCED = 0.05
 #: codes of the errors that are found here, which `--accept` takes
 ERROR_CODES = (
     "axis-loop",
@@ -91,6 +93,7 @@ def record_findings(record: AxisRecord, *, bandwidth: float | None = None) -> tu
         fit = free_inverse_fit(record, model=model, bandwidth=bandwidth, moving=True)
         findings += list(_of_speed(record, model, bandwidth)) or [
             *_of_motion(record, fit),
+            *_of_hanging(record, bandwidth),
             *_of_added(record, bandwidth),
         ]
     return by_severity(findings)
@@ -122,6 +125,22 @@ def _of_speed(record: AxisRecord, model: AxisModel, bandwidth: float | None) -> 
             "rows out."
         )
         yield _finding("speed-limit", "error", text, "force", "position")
+
+
+def _of_hanging(record: AxisRecord, bandwidth: float | None) -> Iterator[Finding]:
+    """Find a pendulum that swings freely about another angle than the one at which its load is said to hang."""
+    weight, hanging = record.known_load.weight, record.known_load.hanging
+    if not weight or np.ptp(record.force) > 0.0:
+        return
+    model = AxisModel(law=AXIS_LAWS["coulomb"])
+    offset = free_inverse_fit(record, model=model, bandwidth=bandwidth, moving=True).value("offset")
+    if abs(offset) > _UNBALANCED * weight:
+        about = hanging - float(np.arcsin(np.clip(offset / weight, -1.0, 1.0)))
+        text = (
+            f"The pendulum swings about an angle of about {about:.2g} rad, and its load is said to hang straight down "
+            f"at {hanging:.2g}: give that angle, --hanging. Mass and friction are wrong otherwise."
+        )
+        yield _finding("axis-load", "warning", text, "position")
 
 
 def _of_added(record: AxisRecord, bandwidth: float | None) -> Iterator[Finding]:
