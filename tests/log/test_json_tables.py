@@ -51,3 +51,17 @@ def test_inner_objects_and_lists_become_columns_of_their_own(tmp_path):
 def test_what_is_no_table_is_refused_in_one_sentence(tmp_path, text, words):
     with pytest.raises(InputError, match=words):
         read_json_table(written(tmp_path, text))
+
+
+def test_one_object_in_each_line_is_a_table(tmp_path):
+    path = tmp_path / "log.jsonl"
+    path.write_text(
+        '{"ts": 0, "imu": {"roll": 0.1}, "w": [1, 2]}\n{"ts": 10, "imu": {"roll": 0.2}, "w": [3, 4]}\n'
+    )
+    found = read_json_table(path)
+    assert {name: list(values) for name, values in found.items()} == {
+        "ts": [0.0, 10.0],
+        "imu.roll": [0.1, 0.2],
+        "w_1": [1.0, 3.0],
+        "w_2": [2.0, 4.0],
+    }

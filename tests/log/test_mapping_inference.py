@@ -20,7 +20,7 @@ from ballbot.log.mapping_inference.evidence import Conclusion
 from ballbot.log.mapping_inference.placement import torque_free_gains
 from ballbot.log.mapping_inference.proposal import Proposal, propose
 from ballbot.log.mapping_inference.report import evaluate, findings_of, mapping_text
-from ballbot.log.mapping_inference.units import wheel_units
+from ballbot.log.mapping_inference.units import lean_units, wheel_units
 from ballbot.log.pose import with_odometry
 from tests.support.foreign_log_examples import (
     COMMAND_DELAY,
@@ -403,3 +403,29 @@ def test_a_unit_of_the_motor_and_one_that_the_name_has_are_said_once():
     found = list(wheel_units(angles, small_robot(), "deg"))
     assert [one.description for one in found if one.scale != 1.0][:1] == ["rad of the motor"]
     assert next(one.reason for one in found if one.unit == "deg") == "the name has the unit deg"
+
+
+def test_a_log_of_four_wheels_for_a_robot_of_three_says_so(tmp_path):
+    columns = columns_of(swaying_log(), Habits())
+    columns["psi_4"] = -columns["psi_1"]
+    path = write_foreign(tmp_path / "run.txt", columns, Habits())
+    with pytest.raises(InputError, match=r"angles of 4 wheels \(psi_1, .*\), but the robot .* has 3"):
+        propose(path, small_robot())
+
+
+def test_two_identical_columns_are_named(tmp_path):
+    columns = columns_of(swaying_log(), Habits())
+    columns["psi_3"] = columns["psi_2"]
+    found = propose(write_foreign(tmp_path / "run.txt", columns, Habits()), small_robot(), dead_band=0.0)
+    asked = conclusions_of(found)[0]
+    assert not asked.determined
+    assert "psi_2 and psi_3, which are identical" in asked.question
+
+
+@pytest.mark.parametrize(("size", "unit"), [(0.01, "rad"), (0.6, "deg"), (60.0, "mrad cdeg")])
+def test_the_size_of_the_lean_shows_its_unit(size, unit):
+    lean = size * np.random.default_rng(2).standard_normal((500, 2))
+    found = lean_units(lean, None)
+    assert max(found, key=lambda one: found[one]).unit in unit.split()
+    named = lean_units(lean, "mrad")
+    assert max(named, key=lambda one: named[one]).unit == "mrad"

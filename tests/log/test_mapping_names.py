@@ -171,3 +171,13 @@ def test_units_within_a_name_german_words_and_units_that_say_the_kind(name, read
 
 def test_a_german_set_point_is_never_a_measurement():
     assert read_name("Rollwinkel_Soll").kind == "reference"
+
+
+@pytest.mark.parametrize("form", ["enc_{}", "enc{}", "{}_enc_counts"])
+def test_corners_that_number_a_series_are_its_numbers_in_the_order_of_the_file(form):
+    names = [form.format(corner) for corner in ("FL", "RL", "RR", "FR")]
+    found = read_names(["t", *names])[1:]
+    assert [(one.name, one.kind, one.index) for one in found] == [
+        (name, "wheel angle", place) for place, name in enumerate(names, start=1)
+    ]
+    assert read_names(names[:3]) == [read_name(name) for name in names[:3]]

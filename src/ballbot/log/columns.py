@@ -130,7 +130,14 @@ FACTORS = {
     "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
     "m/s": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
     "m/s^2": {"m/s^2": 1.0, "g": 9.80665},
-    "rad": {"rad": 1.0, "deg": math.pi / 180.0, "turn": 2.0 * math.pi},
+    # cdeg is a hundredth of a degree, as autopilots log angles
+    "rad": {
+        "rad": 1.0,
+        "deg": math.pi / 180.0,
+        "turn": 2.0 * math.pi,
+        "mrad": 1e-3,
+        "cdeg": math.pi / 18000.0,
+    },
     "rad/s": {"rad/s": 1.0, "deg/s": math.pi / 180.0, "rpm": 2.0 * math.pi / 60.0},
     "N m": {"N m": 1.0, "mN m": 1e-3, "N cm": 1e-2},
 }

@@ -92,7 +92,7 @@ FORMATS: tuple[LogFormat, ...] = (
         write=write_parquet_table,
         extra="formats",
     ),
-    LogFormat(name="JSON", suffixes=(".json",), read=read_json_table),
+    LogFormat(name="JSON", suffixes=(".json", ".jsonl", ".ndjson"), read=read_json_table),
     LogFormat(name="NumPy", suffixes=(".npz",), read=read_npz, write=write_npz),
     LogFormat(name="MATLAB", suffixes=(".mat",), read=read_mat, write=write_mat),
     LogFormat(name="MCAP", suffixes=(".mcap",), read=read_mcap, write=write_mcap, extra="formats"),

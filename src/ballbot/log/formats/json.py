@@ -3,6 +3,8 @@
     [{"t": 0.0, "roll": 0.01}, {"t": 0.005, "roll": 0.012}]
     {"t": [0.0, 0.005], "roll": [0.01, 0.012]}
 
+JSON Lines have one such object in each line, without a list around them.
+
 An object may hold the table beside other keys, {"robot": "r2", "data": [..]}. Lists of several numbers under one name
 become columns with the number behind the name: "psi": [1, 2, 3] is psi_1, psi_2, psi_3; inner objects join their names
 with a point: "imu": {"roll": 0.1} is imu.roll. null, true and false are a missing value, 1 and 0.
@@ -37,7 +39,7 @@ def read_json_table(path: str | Path) -> Columns:
     """
     text = read_text(path, largest=LARGEST_TABLE)
     try:
-        tree = json.loads(text, parse_constant=_constant, object_pairs_hook=_unique)
+        tree = _tree(text)
     except json.JSONDecodeError as error:
         raise InputError(f"{path} is not JSON, line {error.lineno}: {error.msg}.") from None
     except RecursionError:
@@ -50,6 +52,18 @@ def read_json_table(path: str | Path) -> Columns:
             f"{path} contains no table: give a list of objects with the columns' names, or an object of lists."
         )
     return {name: np.array(values, dtype=np.float64) for name, values in columns.items()}
+
+
+def _tree(text: str) -> object:
+    """Return the value of a text of JSON, or the list of those of its lines."""
+    lines = [line for line in text.split("\n") if line.strip()]
+    if len(lines) > 1 and lines[0].strip().startswith("{") and lines[0].strip().endswith("}"):
+        return [_value(line) for line in lines]
+    return _value(text)
+
+
+def _value(text: str) -> object:
+    return json.loads(text, parse_constant=_constant, object_pairs_hook=_unique)
 
 
 def _unique(pairs: list[tuple[str, object]]) -> dict[str, object]:

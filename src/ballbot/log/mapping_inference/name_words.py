@@ -17,6 +17,8 @@ UNITS: dict[str, tuple[str, ...]] = {
     "ns": ("ns", "nsec", "nanos", "nanoseconds", "nanosec"),
     "rad": ("rad", "rads", "radian", "radians"),
     "deg": ("deg", "degs", "degree", "degrees", "°", "grad"),
+    "mrad": ("mrad", "mrads", "milliradians"),
+    "cdeg": ("cdeg", "cdegs", "centideg", "centidegrees"),
     "turn": ("turn", "turns", "rev", "revs", "revolutions"),
     "counts": ("count", "counts", "cnt", "cnts", "tick", "ticks", "pulses"),
     "rad/s": ("rad/s", "radps", "radpers", "radpersec", "radpersecond"),
@@ -71,7 +73,7 @@ ANGLE, RATE = ("rad", "deg", "turn", "counts"), ("rad/s", "deg/s", "rpm", "turn/
 #: units that a kind can have
 UNITS_OF_KIND: dict[str, tuple[str, ...]] = {
     "time": ("s", "ms", "us", "ns"),
-    "attitude": ("rad", "deg"),
+    "attitude": ("rad", "deg", "mrad", "cdeg"),
     "gyro": ("rad/s", "deg/s"),
     "accelerometer": ("m/s^2", "g"),
     "wheel angle": ANGLE,

@@ -101,10 +101,31 @@ def read_names(names: Sequence[str], units: Mapping[str, str] | None = None) -> 
 _LETTER = re.compile(r"(?<![A-Za-z])[A-Fa-f](?![A-Za-z])|(?<=[a-z])[A-F](?![A-Za-z])")
 
 
+#: corners of a robot that number its wheels: enc_FL, enc_RL, enc_RR, enc_FR
+_CORNERS = ({"fl", "fr", "rl", "rr"}, {"lf", "rf", "lr", "rr"}, {"fl", "fr", "bl", "br"})
+_CORNER = re.compile(r"(?<![A-Za-z])[A-Za-z]{2}(?![A-Za-z])|(?<=[a-z])[A-Z]{2}(?![A-Za-z])")
+
+
+def _by_corner(name: str, names: Collection[str]) -> str:
+    """Return a name with a number in place of a corner, in the order of the file, if the names have all corners."""
+    for found in _CORNER.finditer(name):
+        before, after = name[: found.start()], name[found.end() :]
+        beside = [
+            one[found.start() : len(one) - len(after)]
+            for one in names
+            if one.startswith(before) and one.endswith(after) and len(one) == len(name)
+        ]
+        corners = [one for one in beside if any(one.lower() in four for four in _CORNERS)]
+        if {one.lower() for one in corners} in _CORNERS:
+            return f"{before}{corners.index(found.group()) + 1}{after}" if found.group() in corners else name
+    return name
+
+
 def _numbered(name: str, names: Collection[str]) -> str:
     """Return a name with a number in place of a letter, if the names have it with a, b and c there and no number."""
     if any(mark.isdigit() for mark in name):
         return name
+    name = _by_corner(name, names)
     for found in _LETTER.finditer(name):
         first = "A" if found.group().isupper() else "a"
         series = [name[: found.start()] + chr(ord(first) + k) + name[found.end() :] for k in range(3)]

@@ -20,6 +20,7 @@ from ballbot.log.mapping import repeated_rows
 from ballbot.log.mapping_inference.column_values import roles_by_data, settled
 from ballbot.log.mapping_inference.names import read_name, read_names
 from ballbot.log.mapping_inference.roles import (
+    PLAIN,
     Roles,
     half_turn_of,
     quaternion_of,
@@ -57,6 +58,9 @@ def recognise(path: str | Path, table: ForeignTable, robot: Robot) -> Recognised
         roles = replace(roles, half_turn=half)
     if stamp and roles.time == _STAMP:
         roles = replace(roles, time_parts=stamp)
+    copies = _copies(table, roles)
+    if copies:
+        roles = replace(roles, confidence=min(roles.confidence, 0.6), alternatives=copies)
     time = _time(path, table, roles)
     repeated = repeated_rows(table.columns, roles.time or "")
     rows = _longest_rise(table.columns[roles.time or ""], repeated)
@@ -105,6 +109,7 @@ def _roles(
     named = roles_by_name(names, wheel_count=robot.wheel_count, units=table.units)
     if quaternion and not named.attitude:
         named = replace(named, attitude=QUATERNION_ANGLES, quaternion=quaternion)
+    _check_wheel_count(path, names, named, robot)
     named = settled(named, table.columns, robot)
     known = table.named and named.time is not None and named.angles
     if known and (named.attitude or len(table.columns) < len(named.angles) + len(named.commands) + 3):
@@ -129,6 +134,34 @@ def _roles(
             f"or write a mapping file."
         )
     return found, True
+
+
+def _check_wheel_count(path: str | Path, names: list[str], named: Roles, robot: Robot) -> None:
+    """Raise InputError if plain names number more or fewer wheels than the robot has."""
+    if named.angles:
+        return
+    series: dict[str, list[str]] = {}
+    for one in read_names(names, named.units):
+        if one.kind == "wheel angle" and one.index is not None and one.weight >= PLAIN:
+            series.setdefault(one.stem, []).append(one.name)
+    several = [one for one in series.values() if len(one) > 2 and len(one) != robot.wheel_count]
+    if several:
+        raise InputError(
+            f"{path} has the angles of {len(several[0])} wheels ({', '.join(several[0])}), but the robot {robot.name} "
+            f"has {robot.wheel_count}: give the robot file of the robot that wrote the log."
+        )
+
+
+def _copies(table: ForeignTable, roles: Roles) -> tuple[str, ...]:
+    """Return, in words, the pairs of a quantity's columns that are identical in every row."""
+    return tuple(
+        f"{one} and {other}, which are identical in every row, are one column twice"
+        for names in (roles.angles, roles.commands)
+        for place, one in enumerate(names)
+        for other in names[place + 1 :]
+        if np.ptp(table.columns[one]) > 0.0
+        and np.array_equal(table.columns[one], table.columns[other], equal_nan=True)
+    )
 
 
 def _perhaps_lean(columns: Mapping[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:

@@ -150,6 +150,8 @@ def step_of(values: NDArray[np.float64]) -> float | None:
 LEAN_IN_RADIANS = 0.35
 #: and below this it is hardly in degrees [deg]
 LEAN_IN_DEGREES = 0.15
+#: beyond this, in half of the rows, a balancing robot's lean is hardly in degrees either [deg]
+LEAN_IN_FINE_UNITS = 10.0
 #: a step that agrees with an encoder's this well is that encoder's
 STEP_AGREEMENT = 0.02
 #: the robot file's radii, masses and heights give the lean's response to this [log]
@@ -173,12 +175,18 @@ def lean_units(lean: NDArray[np.float64], named: str | None) -> dict[Scale, floa
     """Return the units of roll and pitch (N, 2) with the logarithms of their weights, by name and size."""
     size = float(np.nanquantile(np.abs(lean - np.nanmedian(lean, axis=0)), 0.9))
     found = {}
-    for unit, factor in (("rad", 1.0), ("deg", math.pi / 180.0)):
+    usual = float(
+        np.nanmedian(np.abs(lean - np.nanmedian(lean, axis=0)))
+    )  # a fallen robot may lie for a while
+    fine = ("mrad", "cdeg") if usual > LEAN_IN_FINE_UNITS or named in ("mrad", "cdeg") else ()
+    for unit in ("rad", "deg", *fine):
+        factor = FACTORS["rad"][unit]
         weight = 0.0 if named is None else math.log(_NAMED if unit == named else 1.0 - _NAMED)
         if unit == "rad" and size > LEAN_IN_RADIANS:
             weight -= 9.0
         if unit == "deg":
             weight -= 5.0 if size < LEAN_IN_DEGREES else 1.5 if size < LEAN_IN_RADIANS else 0.0
+            weight -= 4.0 if usual > LEAN_IN_FINE_UNITS else 0.0
         reason = f"nine tenths of the angles are within {size:.2g}"
         found[Scale(unit=unit, factor=factor, reason=_with_name(named, reason))] = weight
     return found
@@ -191,7 +199,8 @@ def wheel_units(angles: NDArray[np.float64], robot: Robot, named: str | None) ->
     step = float(np.median(steps)) if steps else None
     whole = bool(np.all(angles[np.isfinite(angles)] == np.round(angles[np.isfinite(angles)])))
     turn = 2.0 * math.pi
-    candidates = [(unit, factor, 1.0, unit, 0.0) for unit, factor in FACTORS["rad"].items()]
+    wheel_factors = [(unit, FACTORS["rad"][unit]) for unit in ("rad", "deg", "turn")]
+    candidates = [(unit, factor, 1.0, unit, 0.0) for unit, factor in wheel_factors]
     candidates.append(
         (
             "counts",
@@ -203,8 +212,7 @@ def wheel_units(angles: NDArray[np.float64], robot: Robot, named: str | None) ->
     )
     if gear != 1.0:
         motor = [
-            (unit, factor / gear, 1.0 / gear, f"{unit} of the motor", -3.0)
-            for unit, factor in FACTORS["rad"].items()
+            (unit, factor / gear, 1.0 / gear, f"{unit} of the motor", -3.0) for unit, factor in wheel_factors
         ]
         candidates += [
             *motor,
