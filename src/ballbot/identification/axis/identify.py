@@ -14,15 +14,15 @@ from ballbot.findings import Finding
 from ballbot.fitting.model_selection import Gain
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification.axis.conclusions import axis_findings
+from ballbot.identification.axis.force_timing import delay_findings, delayed, force_delay, is_interpolated
 from ballbot.identification.axis.inverse import (
-    SLOW_SAMPLING,
     InverseFit,
     asymmetry_over_time,
     inverse_fit,
     without_drift,
 )
 from ballbot.identification.axis.law_fits import check_determined, fit_laws, improved, initial_values
-from ballbot.identification.axis.model import AXIS_LAWS, PARAMETERS, axis_law_named
+from ballbot.identification.axis.model import AXIS_LAWS, PARAMETERS, AxisLaw, axis_law_named
 from ballbot.identification.axis.motion import default_bandwidth
 from ballbot.identification.axis.output_error import (
     ClosedLoop,
@@ -49,7 +49,6 @@ from ballbot.identification.axis.selection import (
     Blocks,
     blocks_of,
     errors_on,
-    fit_all,
     held_out_errors,
     select_horizon,
     select_law,
@@ -97,8 +96,6 @@ DEFAULT_OPTIONS = AxisOptions()
 
 #: shares of the work done when the horizon is chosen, when the laws are fitted, and when they are judged
 _HORIZON_TO, _FITS_TO, _LAWS_TO, _WHOLE_FROM = 0.3, 0.5, 0.9, 0.95
-#: the force is taken as changing evenly between rows if that lowers the position error to less than this share
-_CLEARER = 0.98
 
 
 def identify_axis(
@@ -130,21 +127,16 @@ def identify_axis(
     wanted = None if options.law is None else axis_law_named(options.law)
     bench = _Bench(records=records, others=tuple(validation_records), bandwidth=options.bandwidth)
     blocks = blocks_of(records)
-    model, terms = _structure(bench, options)
-    drifting = bench
-    if model.drifts:
-        flat = without_drift(records, model, bandwidth=options.bandwidth)
-        bench, model = replace(bench, records=flat, flat=True), replace(model, drifts=0)
-    starts = initial_values(bench.sightings, model, bandwidth=bench.bandwidth)
-    model = replace(model, interpolated=_interpolated(bench, model, starts, blocks))
+    run.progress(Progress(stage="inverse model", done=0.0, total=1.0))
+    prepared, delay = _prepared_in_time(bench, options, blocks)
+    bench, drifting = prepared.bench, prepared.drifting
     choosing = replace(run, progress=part_of(run.progress, 0.0, _HORIZON_TO))
-    dry = AXIS_LAWS["dahl" if model.bending else "coulomb"]
-    horizon = select_horizon(model.with_law(dry), starts[dry.name], bench.sightings, blocks, choosing)
-    found, start = terms, starts[dry.name]
-    model, terms = without_refuted(model.with_law(dry), start, found, bench.sightings, blocks, horizon.chosen)
-    model = model.with_law(AXIS_LAWS["coulomb"])
-    if terms != found:
-        starts = initial_values(bench.sightings, model, bandwidth=bench.bandwidth)
+    dry = AXIS_LAWS["dahl" if prepared.model.bending else "coulomb"]
+    horizon = select_horizon(
+        prepared.model.with_law(dry), prepared.starts[dry.name], bench.sightings, blocks, choosing
+    )
+    needed = _without_refuted(prepared, dry, blocks, horizon.chosen)
+    model, terms, starts = needed.model, needed.terms, needed.starts
     inverse = _inverse_fits(bench, model)
     fitting = replace(run, progress=part_of(run.progress, _HORIZON_TO, _FITS_TO))
     fits = fit_laws(model, starts, bench.sightings, blocks, horizon.chosen, fitting)
@@ -158,11 +150,14 @@ def identify_axis(
         *simulated,
         by_law[chosen.name],
     ]
-    asymmetry = asymmetry_over_time(records[0]) if len(records) == 1 else np.empty((0, 2))
-    tests = residual_tests(bench.records, model, bandwidth=options.bandwidth, over_position=terms == found)
+    asymmetry = asymmetry_over_time(drifting.records[0]) if len(records) == 1 else np.empty((0, 2))
+    tests = residual_tests(
+        bench.records, model, bandwidth=options.bandwidth, over_position=needed is prepared
+    )
     expected = _expected(bench, drifting, fits[chosen.name], squares[chosen.name], blocks, horizon.chosen)
     run.progress(Progress(stage="done", done=1.0, total=1.0))
     findings = (
+        *delay_findings(records, delay),
         *axis_findings(
             bench.all, selection, by_law[chosen.name], estimates, asymmetry, by_user=wanted is not None
         ),
@@ -174,7 +169,9 @@ def identify_axis(
         unit=records[0].unit,
         model=model.with_law(chosen),
         terms=terms,
-        drift=max(float(np.ptp(a.force - b.force)) for a, b in zip(records, bench.records, strict=True)),
+        drift=max(
+            float(np.ptp(a.force - b.force)) for a, b in zip(drifting.records, bench.records, strict=True)
+        ),
         horizon=horizon,
         inverse=inverse,
         laws=selection,
@@ -185,6 +182,46 @@ def identify_axis(
         expected=expected,
         findings=findings,
     )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Prepared:
+    """Records with what the inverse model shows of them, and where searches begin."""
+
+    bench: _Bench  #: without a drift of the offset
+    drifting: _Bench
+    model: AxisModel
+    terms: tuple[tuple[str, Gain], ...]
+    starts: dict[str, dict[str, float]]
+
+
+def _prepared(bench: _Bench, options: AxisOptions, blocks: Blocks) -> _Prepared:
+    model, terms = _structure(bench, options)
+    drifting = bench
+    if model.drifts:
+        flat = without_drift(bench.records, model, bandwidth=options.bandwidth)
+        bench, model = replace(bench, records=flat, flat=True), replace(model, drifts=0)
+    starts = initial_values(bench.sightings, model, bandwidth=bench.bandwidth)
+    model = replace(model, interpolated=is_interpolated(bench.sightings, model, starts, blocks))
+    return _Prepared(bench=bench, drifting=drifting, model=model, terms=terms, starts=starts)
+
+
+def _prepared_in_time(bench: _Bench, options: AxisOptions, blocks: Blocks) -> tuple[_Prepared, float]:
+    """Return records whose forces act when they are recorded, and by how many rows they were moved for that."""
+    prepared = _prepared(bench, options, blocks)
+    rows = force_delay(prepared.bench.sightings, prepared.model, prepared.starts, blocks)
+    return (_prepared(bench.delayed(rows), options, blocks), rows) if rows else (prepared, 0.0)
+
+
+def _without_refuted(prepared: _Prepared, law: AxisLaw, blocks: Blocks, horizon: float) -> _Prepared:
+    """Return the same without the forces over position that a law's fit refutes; itself if there is none."""
+    model, seen = prepared.model.with_law(law), prepared.bench.sightings
+    model, terms = without_refuted(model, prepared.starts[law.name], prepared.terms, seen, blocks, horizon)
+    if terms == prepared.terms:
+        return prepared
+    model = model.with_law(AXIS_LAWS["coulomb"])
+    starts = initial_values(seen, model, bandwidth=prepared.bench.bandwidth)
+    return replace(prepared, model=model, terms=terms, starts=starts)
 
 
 def _improving(
@@ -290,6 +327,12 @@ class _Bench:
         """The records that are fitted, with their filtered motion."""
         return [sighting(one, self.band(one)) for one in self.records]
 
+    def delayed(self, rows: float) -> _Bench:
+        """Return records whose forces act so many rows later."""
+        moved = (tuple(delayed(one, rows) for one in several) for several in (self.records, self.others))
+        records, others = moved
+        return replace(self, records=records, others=others)
+
     def band(self, record: AxisRecord) -> float:
         """Return the bandwidth of a record's motion [Hz]."""
         return default_bandwidth(record) if self.bandwidth is None else self.bandwidth
@@ -359,20 +402,6 @@ def _inverse_estimate(bench: _Bench, fit: InverseFit, own: AxisModel, horizon: f
         freedom=max(1, fit.blocks - len(fit.names)),
     )
     return bench.estimate("inverse", found, horizon)
-
-
-def _interpolated(
-    bench: _Bench, model: AxisModel, starts: Mapping[str, dict[str, float]], blocks: Blocks
-) -> bool:
-    """Return whether the force changes evenly from row to row, rather than being held."""
-    if max(one.sample_time for one in bench.records) <= SLOW_SAMPLING:
-        return False
-    shortest = max(0.1, 12 * max(one.sample_time for one in bench.records))
-    held, even = (
-        fit_all(replace(model, interpolated=one), starts["coulomb"], bench.sightings, blocks, shortest).rms
-        for one in (False, True)
-    )
-    return even < _CLEARER * held
 
 
 def _simulated(

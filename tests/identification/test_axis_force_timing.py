@@ -1,0 +1,63 @@
+"""A force that acts later than its row: found by what the records predict, and undone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballbot.identification.axis import AXIS_LAWS, AxisOptions, identify_axis
+from ballbot.identification.axis.force_timing import delayed, force_delay
+from ballbot.identification.axis.law_fits import initial_values
+from ballbot.identification.axis.output_error import sighting
+from ballbot.identification.axis.record import AxisRecord
+from ballbot.identification.axis.selection import blocks_of
+from ballbot.identification.axis.structure import AxisModel
+from campaigns.axis_machines import Logging, Machine, record_of
+from tests.support.axis_examples import simulated_record
+
+TRUTH = {"mass": 0.0045, "viscous": 0.03, "coulomb": 0.06}
+MOTOR = Machine(kind="motor", inertia=0.0045, viscous=0.03, coulomb=0.06)
+
+
+@pytest.fixture(scope="module")
+def motor() -> AxisRecord:
+    """Return a small motor at 100 Hz, where one row of delay makes its viscous friction wrong by a fifth."""
+    return record_of(MOTOR, Logging(duration=12.0, rate=100.0, amplitude=2.0, counts=65536.0), 1, "motor")
+
+
+def late(record: AxisRecord, rows: int) -> AxisRecord:
+    """Return a record whose forces are logged so many rows before they act."""
+    return replace(record, force=np.append(record.force[rows:], np.full(rows, record.force[-1])))
+
+
+def delay_of(record: AxisRecord) -> float:
+    model = AxisModel(law=AXIS_LAWS["coulomb"])
+    seen = [sighting(record, 4.0 if record.sample_time > 2e-3 else 20.0)]
+    return force_delay(seen, model, initial_values(seen, model, bandwidth=None), blocks_of([record]))
+
+
+@pytest.mark.parametrize("rows", [0, 1, 3])
+def test_the_delay_of_a_force_is_found(motor: AxisRecord, rows: int) -> None:
+    # halves of a row are tried; the force of a record at 100 Hz is held, so that its own delay is known to half a row
+    assert delay_of(late(motor, rows)) == pytest.approx(rows, abs=0.5)
+
+
+def test_a_force_in_a_known_loop_is_not_moved() -> None:
+    assert delay_of(late(simulated_record(duration=6.0), 3)) == 0.0
+
+
+def test_a_force_moved_by_whole_and_half_rows(motor: AxisRecord) -> None:
+    whole, half = delayed(motor, 2.0), delayed(motor, -0.5)
+    np.testing.assert_array_equal(whole.force[2:], motor.force[:-2])
+    np.testing.assert_allclose(half.force[:-1], 0.5 * (motor.force[:-1] + motor.force[1:]))
+    assert delayed(motor, 0.0) is motor
+
+
+@pytest.mark.sample
+def test_the_friction_of_a_record_with_a_late_force_is_right(motor: AxisRecord) -> None:
+    found = identify_axis(
+        late(motor, 1), options=AxisOptions(law="coulomb", harmonics=(), spring=False, drift=False)
+    )
+    assert "force-delay" in {one.code for one in found.findings}
+    for name, truth in TRUTH.items():
+        assert found.best.values[name] == pytest.approx(truth, rel=0.05)
