@@ -264,7 +264,7 @@ def test_a_force_beyond_its_limit_does_not_act(tmp_path: Path) -> None:
 def test_angles_that_may_be_degrees_are_found() -> None:
     arm = record_of(
         Machine(kind="arm", inertia=0.8, viscous=1.0, coulomb=1.5),
-        Logging(duration=6.0, rate=200.0, amplitude=1.2),
+        Logging(duration=6.0, rate=200.0, amplitude=0.9),
         1,
     )
     degrees = replace(arm, position=np.degrees(arm.position))

@@ -38,7 +38,7 @@ _SAMPLING = (2e-6, 0.2)
 #: [m]; axes that travel further are rare, and their positions more likely in millimetres
 _LONGEST_TRAVEL = 50.0
 #: [rad]; axes that turn so far may have their angles in degrees if they cover the travel so many times a second
-_DEGREES, _OFTEN = (100.0, 720.0), 0.25
+_DEGREES, _OFTEN = (60.0, 720.0), 0.25
 #: the speed counts as at its limit from this share of the largest (the 99 % quantile), if more than so many rows are
 _AT_LIMIT, _LIMIT_ROWS = 0.98, 0.1
 #: there the unexplained force varies by this share of the whole force, and by so many times its usual variation
