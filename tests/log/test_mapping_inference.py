@@ -429,3 +429,14 @@ def test_the_size_of_the_lean_shows_its_unit(size, unit):
     assert max(found, key=lambda one: found[one]).unit in unit.split()
     named = lean_units(lean, "mrad")
     assert max(named, key=lambda one: named[one]).unit == "mrad"
+
+
+@pytest.mark.parametrize("per", ["row", "second"])
+def test_wheel_angles_that_are_increments_or_speeds_are_named_as_such(tmp_path, per):
+    columns = columns_of(swaying_log(), Habits(counts=True))
+    t = columns["t_now"]
+    for k in (1, 2, 3):
+        angle = columns[f"psi_{k}"]
+        columns[f"psi_{k}"] = np.diff(angle, prepend=angle[0]) if per == "row" else np.gradient(angle, t)
+    with pytest.raises(InputError, match="psi_1, psi_2, psi_3 are called wheel angles"):
+        propose(write_foreign(tmp_path / "run.txt", columns, Habits()), small_robot())

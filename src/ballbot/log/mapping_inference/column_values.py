@@ -25,7 +25,7 @@ from ballbot.log.mapping_inference.placements import every_way
 from ballbot.log.mapping_inference.roles import Roles
 from ballbot.log.mapping_inference.units import step_of, time_scale
 from ballbot.log.mapping_inference.wheel_response import RIDGE
-from ballbot.log.signals import Smooth, even_rows, smooth
+from ballbot.log.signals import INTERVAL, Smooth, even_rows, smooth
 from ballbot.robot import Robot
 
 #: filter of the lean and the wheels [s]
@@ -363,6 +363,31 @@ def settled(named: Roles, columns: Mapping[str, NDArray[np.float64]], robot: Rob
         confidence=1.0 if clear else 0.6,
         alternatives=() if clear else tuple(alternatives) or (f"{', '.join(angles)} are no wheel angles",),
     )
+
+
+#: taken for speeds, columns must leave so many times less of the lean than taken for angles
+AS_SPEEDS = 1.5
+
+
+def seem_speeds(named: Roles, columns: Mapping[str, NDArray[np.float64]], robot: Robot) -> bool:
+    """Return whether the lean follows from columns called wheel angles as from speeds, or from increments in a row."""
+    if len(named.attitude) < 2 or named.time is None:
+        return False
+    signals = _open_signals(replace(named, commands=(), open_series=(named.angles,)), columns)
+    if signals is None or not {*named.angles, *named.attitude[:2]} <= set(signals[1]):
+        return False
+    smoothed = signals[1]
+    integrals = {
+        name: Smooth(
+            value=INTERVAL * np.cumsum(smoothed[name].value, axis=0),
+            rate=smoothed[name].value,
+            acceleration=smoothed[name].rate,
+        )
+        for name in named.angles
+    }
+    lean = named.attitude[:2]
+    as_speeds = _rest_of(lean, named.angles, {**smoothed, **integrals}, robot)
+    return as_speeds < LARGEST_REST and AS_SPEEDS * as_speeds < _rest_of(lean, named.angles, smoothed, robot)
 
 
 def _is_motor(named: Roles, series: tuple[str, ...]) -> bool:

@@ -183,7 +183,22 @@ DERIVATIVE = {
     "drehzahl",
     "geschwindigkeit",
 }
-WHEEL = {"wheel", "enc", "encoder", "motor", "mot", "m", "joint", "whl", "w", "rad"}
+WHEEL = {
+    "wheel",
+    "wheels",
+    "enc",
+    "encoder",
+    "encoders",
+    "motors",
+    "joints",
+    "motor",
+    "mot",
+    "m",
+    "joint",
+    "whl",
+    "w",
+    "rad",
+}
 WHEEL_ANGLE = {
     "winkel",
     "radwinkel",
@@ -203,6 +218,8 @@ WHEEL_ANGLE = {
 }
 INPUT: dict[str, InputKind | None] = {
     "torque": "torque",
+    "torques": "torque",
+    "currents": "current",
     "tau": "torque",
     "trq": "torque",
     "effort": "torque",

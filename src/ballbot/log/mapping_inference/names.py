@@ -422,8 +422,8 @@ def _wheel(cut: _Cut) -> Found | None:
         plain = present & {"speed", "vel", "velocity", "rpm", "dot", "d", "spd"} or unit in RATE
         return ("wheel speed", 0.75 if plain else 0.5, None, None)
     if present & (WHEEL | WHEEL_ANGLE):
-        plain = present & {"enc", "encoder", "ticks", "tick", "counts", "count"} or unit in ANGLE
-        is_angle = bool(present & (WHEEL_ANGLE | {"wheel", "whl"}))
+        plain = present & {"enc", "encoder", "encoders", "ticks", "tick", "counts", "count"} or unit in ANGLE
+        is_angle = bool(present & (WHEEL_ANGLE | {"wheel", "wheels", "whl"}))
         return ("wheel angle", 0.8 if plain else 0.65 if is_angle else 0.4, None, None)
     return None
 

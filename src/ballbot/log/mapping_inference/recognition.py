@@ -17,7 +17,7 @@ from ballbot.errors import InputError
 from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.imu_angles import QUATERNION_ANGLES, quaternion_angles
 from ballbot.log.mapping import repeated_rows
-from ballbot.log.mapping_inference.column_values import roles_by_data, settled
+from ballbot.log.mapping_inference.column_values import roles_by_data, seem_speeds, settled
 from ballbot.log.mapping_inference.names import read_name, read_names
 from ballbot.log.mapping_inference.roles import (
     PLAIN,
@@ -58,6 +58,11 @@ def recognise(path: str | Path, table: ForeignTable, robot: Robot) -> Recognised
         roles = replace(roles, half_turn=half)
     if stamp and roles.time == _STAMP:
         roles = replace(roles, time_parts=stamp)
+    if not by_data and seem_speeds(roles, table.columns, robot):
+        raise InputError(
+            f"{path}: {', '.join(roles.angles)} are called wheel angles, but the lean follows from them as from speeds, "
+            "or from increments of a row. Log the angles, or replace these columns by their running sums."
+        )
     copies = _copies(table, roles)
     if copies:
         roles = replace(roles, confidence=min(roles.confidence, 0.6), alternatives=copies)
