@@ -90,6 +90,9 @@ def test_a_unit_may_stand_in_brackets_or_at_the_end(form, axis, unit):
         ("ms", "time", "ms"),
         ("us", "time", "us"),
         ("p_roll", "other", None),
+        ("theta_w1", "wheel angle", None),
+        ("theta_w1_dot", "wheel speed", None),
+        ("wheels_1", "wheel angle", None),
         ("e_x", "other", None),
     ],
 )

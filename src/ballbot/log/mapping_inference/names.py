@@ -408,8 +408,10 @@ def _wheel(cut: _Cut) -> Found | None:
         return ("command", 0.4, None, of_unit)  # words of any language
     if not known or not present:
         return None
+    # the w of theta_w1 is the wheel
+    rates = present & DERIVATIVE - ({"w"} if present & WHEEL_ANGLE else set())
     moving = unit in RATE or (
-        bool(present & DERIVATIVE) and unit not in ANGLE and unit not in ("A", "N m", "V")
+        bool(rates) and unit not in ANGLE and unit not in ("A", "N m", "V")
     )
     if inputs and not (moving and not of_unit and present & {"d", "dot", "vel", "speed", "velocity", "rpm"}):
         kinds: list[InputKind] = [kind for word in inputs if (kind := INPUT[word])]

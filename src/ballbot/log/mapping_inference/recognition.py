@@ -60,8 +60,8 @@ def recognise(path: str | Path, table: ForeignTable, robot: Robot) -> Recognised
         roles = replace(roles, time_parts=stamp)
     if not by_data and seem_speeds(roles, table.columns, robot):
         raise InputError(
-            f"{path}: {', '.join(roles.angles)} are called wheel angles, but the lean follows from them as from speeds, "
-            "or from increments of a row. Log the angles, or replace these columns by their running sums."
+            f"{path}: {', '.join(roles.angles)} are called wheel angles, but the lean follows from them as from "
+            "speeds, or from increments of a row. Log the angles, or replace these columns by their running sums."
         )
     copies = _copies(table, roles)
     if copies:
