@@ -410,9 +410,7 @@ def _wheel(cut: _Cut) -> Found | None:
         return None
     # the w of theta_w1 is the wheel
     rates = present & DERIVATIVE - ({"w"} if present & WHEEL_ANGLE else set())
-    moving = unit in RATE or (
-        bool(rates) and unit not in ANGLE and unit not in ("A", "N m", "V")
-    )
+    moving = unit in RATE or (bool(rates) and unit not in ANGLE and unit not in ("A", "N m", "V"))
     if inputs and not (moving and not of_unit and present & {"d", "dot", "vel", "speed", "velocity", "rpm"}):
         kinds: list[InputKind] = [kind for word in inputs if (kind := INPUT[word])]
         # i1 is a current as often as it is anything else
