@@ -42,6 +42,12 @@ def test_the_delay_of_a_force_is_found(motor: AxisRecord, rows: int) -> None:
     assert delay_of(late(motor, rows)) == pytest.approx(rows, abs=0.5)
 
 
+def test_stribeck_friction_is_not_taken_for_a_delay() -> None:
+    machine = replace(MOTOR, stribeck=0.08, stribeck_speed=0.4)
+    logging = Logging(duration=12.0, rate=200.0, amplitude=1.0, counts=4096.0)
+    assert delay_of(record_of(machine, logging, 1, "motor")) == 0.0
+
+
 def test_a_force_in_a_known_loop_is_not_moved() -> None:
     assert delay_of(late(simulated_record(duration=6.0), 3)) == 0.0
 

@@ -2,13 +2,15 @@
 
 A force that acts a sample later than its row, as behind a bus or a filter, changes the viscous friction and the mass of
 a fit by tens of percent, and no residual says so. But windows in open loop show it: with the force moved by the true
-delay, the simplest law predicts them several times better. Half a sample is told from a whole one.
+delay, the simplest law predicts them several times better. Half a sample is told from a whole one. Friction that the
+simplest law does not have may look like a delay, too, so that wider laws must need it as clearly.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,22 +62,24 @@ def force_delay(
     """
     if any(one.record.loop is not None for one in sightings):
         return 0.0
-    law = AXIS_LAWS["dahl" if model.bending else "coulomb"]
-    found: dict[float, float] = {}
+    found: dict[tuple[str, float], float] = {}
 
-    def error(rows: float) -> float:
-        if rows not in found:
+    def error(law: str, rows: float) -> float:
+        if (law, rows) not in found:
             moved = [replace(one, record=delayed(one.record, rows)) for one in sightings]
-            fit = fit_all(model.with_law(law), starts[law.name], moved, blocks, _shortest(sightings))
-            found[rows] = fit.rms
-        return found[rows]
+            own = model.with_law(AXIS_LAWS[law])
+            found[law, rows] = fit_all(own, starts[law], moved, blocks, _shortest(sightings)).rms
+        return found[law, rows]
 
-    best = min((0.0, 1.0, -1.0), key=error)
+    simplest = partial(error, "dahl" if model.bending else "coulomb")
+    best = min((0.0, 1.0, -1.0), key=simplest)
     step = best
-    while step and abs(best) < _MOST_ROWS and error(best + step) < error(best):
+    while step and abs(best) < _MOST_ROWS and simplest(best + step) < simplest(best):
         best += step
-    best = min((best, best - 0.5, best + 0.5), key=error)
-    return best if error(best) < _CLEARLY_DELAYED * error(0.0) else 0.0
+    best = min((best, best - 0.5, best + 0.5), key=simplest)
+    laws = ("dahl", "lugre") if model.bending else ("coulomb", "stribeck", "asymmetric")
+    clear = best and all(error(law, best) < _CLEARLY_DELAYED * error(law, 0.0) for law in laws)
+    return best if clear else 0.0
 
 
 def delayed(record: AxisRecord, rows: float) -> AxisRecord:
