@@ -365,8 +365,9 @@ def settled(named: Roles, columns: Mapping[str, NDArray[np.float64]], robot: Rob
     )
 
 
-#: taken for speeds, columns must leave so many times less of the lean than taken for angles
-AS_SPEEDS = 1.5
+#: taken for speeds, columns must leave so many times less of the lean than taken for angles: true angles leave up to 2
+#: times less (80 variants of the development halves), counts a row and counts a second 5 and 10
+AS_SPEEDS = 3.0
 
 
 def seem_speeds(named: Roles, columns: Mapping[str, NDArray[np.float64]], robot: Robot) -> bool:
