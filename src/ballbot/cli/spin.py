@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from ballbot.cli.context import PAGE, input_files, open_result
 from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.errors import InputError
-from ballbot.findings import in_check_log
 from ballbot.files import write_bytes, write_text
+from ballbot.findings import in_check_log
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
 from ballbot.report.spin import difference_figure, spin_report, spin_results, velocity_figure
