@@ -153,7 +153,7 @@ def test_recording_before_and_after_the_swing_is_left_out() -> None:
     assert fit.swing.t[-1] < t[-1] - 10.0
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_swing_angle_is_measured_in_video(tmp_path: Path) -> None:
     pytest.importorskip("cv2")
     from ballbot.vision.swing import swing_in_video
