@@ -422,6 +422,13 @@ def test_two_identical_columns_are_named(tmp_path):
     assert "psi_2 and psi_3, which are identical" in asked.question
 
 
+def test_one_command_for_all_motors_is_no_copy(tmp_path):
+    columns = columns_of(swaying_log(), Habits())
+    columns |= {"u2": columns["u1"], "u3": columns["u1"]}
+    found = propose(write_foreign(tmp_path / "run.txt", columns, Habits()), small_robot(), dead_band=0.0)
+    assert "identical" not in conclusions_of(found)[0].question
+
+
 @pytest.mark.parametrize(("size", "unit"), [(0.01, "rad"), (0.6, "deg"), (60.0, "mrad cdeg")])
 def test_the_size_of_the_lean_shows_its_unit(size, unit):
     lean = size * np.random.default_rng(2).standard_normal((500, 2))

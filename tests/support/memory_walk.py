@@ -406,6 +406,13 @@ def _identification() -> Iterator[tuple[str, Case]]:
         return axis.closed_loop(record, speed=0.0)
 
     yield "AxisRecord", Case(call=closed, arrays={"force": path, "position": path, "reference": path})
+    bristles = Axis(law=AXIS_LAWS["dahl"], values=dict(axis.values) | {"stiffness": 50.0})
+
+    def bent(a: Arrays) -> object:
+        record = AxisRecord(name="axis", sample_time=H, **a)
+        return bristles.bends(record.position, record.position)
+
+    yield "Axis.bends", Case(call=bent, arrays={"force": path, "position": path})
     t = np.arange(10) * H
     p = np.array([16.0, 0.1, 0.05, 0.2, 0.0, 0.0])  # what `fit_swing` estimates, without its iterations
 

@@ -159,14 +159,19 @@ def _check_wheel_count(path: str | Path, names: list[str], named: Roles, robot: 
 
 def _copies(table: ForeignTable, roles: Roles) -> tuple[str, ...]:
     """Return, in words, the pairs of a quantity's columns that are identical in every row."""
+    # one command for all motors, as in a sweep, is no copy
+    alike = all(_identical(table, roles.commands[0], one) for one in roles.commands)
     return tuple(
         f"{one} and {other}, which are identical in every row, are one column twice"
-        for names in (roles.angles, roles.commands)
+        for names in (roles.angles, () if alike else roles.commands)
         for place, one in enumerate(names)
         for other in names[place + 1 :]
-        if np.ptp(table.columns[one]) > 0.0
-        and np.array_equal(table.columns[one], table.columns[other], equal_nan=True)
+        if np.ptp(table.columns[one]) > 0.0 and _identical(table, one, other)
     )
+
+
+def _identical(table: ForeignTable, one: str, other: str) -> bool:
+    return np.array_equal(table.columns[one], table.columns[other], equal_nan=True)
 
 
 def _perhaps_lean(columns: Mapping[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
