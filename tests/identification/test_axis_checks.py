@@ -347,9 +347,10 @@ def test_a_pendulum_without_dry_friction_has_laws_to_start_from() -> None:
         [sighting(free, default_bandwidth(free))], AxisModel(law=AXIS_LAWS["coulomb"]), bandwidth=None
     )
     for name, values in starts.items():
-        Axis(law=AXIS_LAWS[name], values=values).open_loop(
+        position = Axis(law=AXIS_LAWS[name], values=values).open_loop(
             free.force[:10], position=0.0, speed=0.0, sample_time=free.sample_time
         )
+        assert np.all(np.isfinite(position)), name
 
 
 def test_noise_of_the_position_is_no_failure() -> None:

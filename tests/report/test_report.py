@@ -158,7 +158,7 @@ def test_an_interval_without_a_limit_goes_on_to_the_border_of_its_panel():
 
 
 def test_both_intervals_are_open_at_the_bounds_of_the_search_and_every_value_says_what_it_has():
-    """The bounds of the example are 0 and 10; zero friction is a limit, a least speed of 0.3 rad/s is none."""
+    """An interval that ends at a bound of the search is open there, except at a friction of zero."""
     made = _found()
     bounds = made.bounds.copy()
     bounds[9, 0] = 0.3  # of v_s

@@ -108,9 +108,11 @@ def check_robot(robot: Robot, source: str, *, accept: Sequence[str] | None) -> t
 
 
 def stop_or_show(
-    findings: Sequence[Finding], *, accept: Sequence[str] | None, more: Callable[[Finding], str] = no_command
+    findings: Sequence[Finding], *, accept: Sequence[str] | None, more: Callable[[Finding], str] | None = None
 ) -> None:
     """Stop on an error that is not accepted; else print accepted errors and warnings.
+
+    Without a command that shows the other errors (`more`), they are printed here.
 
     Raises
     ------
@@ -119,10 +121,10 @@ def stop_or_show(
     """
     accepted = check_codes(accept or ())
     errors = [one for one in findings if one.severity == "error" and one.code not in accepted]
-    if more is no_command and len(errors) > 1:
+    if more is None and len(errors) > 1:
         show_findings(errors[1:], accept=accepted)
         stop_on_errors(errors, accept=accepted, more=lambda _: "see above")
-    stop_on_errors(errors, accept=accepted, more=more)
+    stop_on_errors(errors, accept=accepted, more=more or no_command)
     show_findings(findings)
 
 

@@ -214,7 +214,7 @@ def _prepared_in_time(bench: _Bench, options: AxisOptions, blocks: Blocks) -> tu
 
 
 def _without_refuted(prepared: _Prepared, law: AxisLaw, blocks: Blocks, horizon: float) -> _Prepared:
-    """Return the same without the forces over position that a law's fit refutes; itself if there is none."""
+    """Return what was prepared, without the forces over position that a law's fit refutes."""
     model, seen = prepared.model.with_law(law), prepared.bench.sightings
     model, terms = without_refuted(model, prepared.starts[law.name], prepared.terms, seen, blocks, horizon)
     if terms == prepared.terms:

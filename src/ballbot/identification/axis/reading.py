@@ -271,7 +271,7 @@ _SPELLINGS = {
 def _check_units(file: _File, units: Mapping[str, str]) -> None:
     """Raise InputError if a unit in the file contradicts `--unit`, or needs a factor and none is given.
 
-    The unit stands in a row below the header, or in brackets in the name, or after an underscore at its end.
+    A file gives a unit in a row below the header, in brackets behind a column's name, or at the end of the name.
     """
     for field, kinds in _QUANTITIES.items():
         name = getattr(file.columns, field) or ("position" if file.columns.velocity is None else "")

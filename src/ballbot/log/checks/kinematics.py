@@ -27,8 +27,8 @@ CLEAR_CORRELATION = 0.9
 GAIN_RANGE = (0.9, 1.1)
 #: gains within the first factor of each other have one cause, which is an error beyond the second factor
 ALIKE, WRONG_GAIN = 1.12, 1.2
-#: one beyond this factor of another has a cause of its own; of correct logs of the corpus' development halves whose
-#: speeds follow the states, the largest is 1.03
+#: one beyond this factor of another has a cause of its own; of 75 correct logs of the corpus' development
+#: halves whose speeds follow the states, the largest is 1.16
 UNLIKE = 1.25
 #: a gain that slip cannot explain
 IMPOSSIBLE_GAIN = 3.0

@@ -388,7 +388,7 @@ def unit_probabilities(
     return probabilities(weights)
 
 
-#: standard deviations by which a gain contradicts a unit
+#: standard deviations by which a gain contradicts a unit; chosen
 _CONTRADICTED = 4.0
 
 
