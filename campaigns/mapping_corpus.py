@@ -39,6 +39,7 @@ from ballbot.log import Log
 from ballbot.log.checks.torque_balance import smoothed_wheel_speeds
 from ballbot.log.formats import is_foreign
 from ballbot.log.mapping_inference.evidence import CONFIDENT
+from ballbot.log.mapping_inference.frame import TURNING_BY_WHEELS
 from ballbot.log.mapping_inference.proposal import propose
 from ballbot.log.mapping_inference.report import Evaluation, evaluate
 from ballbot.processes import worker_pool
@@ -141,7 +142,8 @@ def differences(found: Evaluation, truth: Log, robot: Robot, habits: Habits, *, 
     - the robot mirrored in the plane of wheel 1: the lean mirrored, heading, wheels and torques negated, the wheels'
       order reversed;
     - another origin of the heading, and of each wheel's angle;
-    - if the file has no heading: all wheels and torques negated and the lean turned by half a turn.
+    - if the file has no heading, and the robot hardly turns: all wheels and torques negated and the lean turned by half
+      a turn.
 
     Besides, a dead band that the mapping does not state counts as so much less dry friction, which is the same while
     wheels turn the way their duties drive them. The torques are compared with the truth's in this form, so that what
@@ -159,7 +161,8 @@ def differences(found: Evaluation, truth: Log, robot: Robot, habits: Habits, *, 
     real = {name: np.array([np.interp(t, truth.t, row) for row in values]) for name, values in real.items()}
     not_stated = dead_band - (found.proposal.dead_band or 0.0)
     real["torques"] = _as_written(truth, truth.torques - _less_friction(truth, robot, not_stated), habits, t)
-    equivalents = _equivalents(real, robot, half_turn=not habits.yaw)
+    still = not habits.yaw and float(np.std(real["heading"])) < TURNING_BY_WHEELS
+    equivalents = _equivalents(real, robot, half_turn=still)
     return min((_compared(mapped, one, habits.yaw, log.sample_time) for one in equivalents), key=len)
 
 

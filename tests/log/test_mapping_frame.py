@@ -78,6 +78,32 @@ def test_a_robot_that_turns_while_it_rolls_keeps_gain_and_phase(turn_rate, sigma
     assert abs(np.angle(np.exp(3j * (frame.measured_turn - 0.4)))) / 3.0 < np.radians(1.0)
 
 
+@pytest.mark.parametrize("count", [1.0, -1.0])
+@pytest.mark.parametrize("imu_turn", [0.4, 3.0])
+def test_without_a_yaw_a_robot_that_turns_shows_in_which_direction_its_wheels_count(imu_turn, count):
+    robot = small_robot()
+    lean, wheels, heading = rolling(robot, turn_rate=0.8, imu_turn=imu_turn)
+    # the wheels of `rolling` turn by twice the heading's rate; those of a ball that does not spin by this
+    own = robot.wheels
+    by_heading = robot.ball.radius / own.radius * math.sin(own.tilt)
+    value, rate, acceleration = (
+        count * (wheel - (by_heading - 2.0) * turn)
+        for wheel, turn in zip(
+            (wheels.value, wheels.rate, wheels.acceleration),
+            (heading.value, heading.rate, heading.acceleration),
+            strict=True,
+        )
+    )
+    found = lean_test(robot, lean, Smooth(value=value, rate=rate, acceleration=acceleration), None, EVERY)
+    assert found is not None
+    frame = frame_of(robot, found, None)
+    assert frame.signs == (int(count),) * 3
+    assert frame.direction > CONFIDENT
+    assert found.headings == pytest.approx(float(np.std(heading.value)), rel=0.05)
+    # up to a third of a turn of the robot, with the wheels renamed
+    assert abs(np.angle(np.exp(3j * (frame.measured_turn - imu_turn)))) / 3.0 < np.radians(1.0)
+
+
 def test_four_wheels_without_a_heading_are_those_that_a_ball_can_turn():
     """Opposite wheels exchanged and negated explain the lean as well, but then the ball would have to slip."""
     own = small_robot()

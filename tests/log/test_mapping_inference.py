@@ -162,8 +162,12 @@ def test_counts_unlike_the_robot_files_are_asked_for(tmp_path, times):
 def test_without_heading_a_heading_pulse_is_requested(tmp_path):
     habits = Habits(yaw=False)
     columns = columns_of(swaying_log(heading=0.0), habits)
-    proposal = propose(write_foreign(tmp_path / "run.txt", columns, habits), small_robot(), dead_band=0.0)
-    assert any(finding.code == "heading" for finding in findings_of(proposal))
+    turns = sum(columns[f"psi_{k}"] for k in (1, 2, 3)) / 3.0
+    for turning, requested in ((True, False), (False, True)):
+        still = {f"psi_{k}": columns[f"psi_{k}"] - turns for k in (1, 2, 3)}  # wheels of a heading that stays
+        path = write_foreign(tmp_path / "run.txt", columns if turning else columns | still, habits)
+        proposal = propose(path, small_robot(), dead_band=0.0)
+        assert any(finding.code == "heading" for finding in findings_of(proposal)) == requested
 
 
 def test_resets_restarts_and_garbage_are_seen(tmp_path):

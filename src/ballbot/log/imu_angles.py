@@ -73,6 +73,13 @@ def from_roll_pitch_yaw(angles: NDArray[np.float64], *, turn: float = 0.0) -> ND
     return np.column_stack([theta, phi, psi])
 
 
+def yaw_ahead(angles: NDArray[np.float64], turn: float) -> NDArray[np.float64]:
+    """Return the yaw (N,) [rad] of an IMU, by its roll and pitch, with which the robot's x axis points ahead."""
+    roll, pitch = angles[:, 0], angles[:, 1]
+    c, s = np.cos(turn), np.sin(turn)
+    return np.arctan2(s * np.cos(roll), c * np.cos(pitch) - s * np.sin(pitch) * np.sin(roll))
+
+
 def integral_of(rows: NDArray[np.float64], rate: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the integral (N,) of a rate over times (N,) from zero; a missing value counts as zero."""
     known = np.nan_to_num(rate)

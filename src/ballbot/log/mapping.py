@@ -37,6 +37,7 @@ from ballbot.log.imu_angles import (
     integral_of,
     less_half_a_turn,
     quaternion_angles,
+    yaw_ahead,
 )
 from ballbot.log.signals import new_messages, sampling_times
 
@@ -124,7 +125,8 @@ class Attitude:
     """Roll, pitch and, if the file has it, yaw of an IMU."""
 
     #: columns of the file; `QUATERNION_ANGLES` if they are made of a `quaternion`
-    #: without a yaw, the heading is the integral of the gyro's rate about z, to first order of the lean, and drifts
+    #: without a yaw, the heading is the integral of the gyro's rate about z, to first order of the lean, and drifts;
+    #: without a gyro, the log has none, and its theta and phi are those of a heading that stays zero
     sources: tuple[Source, ...]
     turn: float = 0.0  #: angle of the IMU's x axis from the robot's, towards the left [rad]
     #: angular velocity about the IMU's x, y and z axes; if empty, the angles are differentiated
@@ -132,6 +134,11 @@ class Attitude:
     quaternion: tuple[str, ...] = ()  #: the file's columns of its w, x, y and z
     #: whether the IMU hangs upside down, turned about its x axis; its `rates` are taken as the file has them
     upside_down: bool = False
+
+    @property
+    def has_heading(self) -> bool:
+        """Whether a sensor gives the heading; else the wheels do (`ballbot.log.pose`)."""
+        return len(self.sources) > 2 or bool(self.rates)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,6 +230,8 @@ def _applied(
         columns |= _commands(mapping.motors, table, t, rows, even=even is not None)
     columns = _cut(columns, t, *_delays(mapping))
     for name, origin in mapping.derivatives.items():
+        if origin == "psi" and mapping.attitude is not None and not mapping.attitude.has_heading:
+            continue
         if origin not in columns:
             raise InputError(f"The mapping differentiates {origin}, which it does not provide.")
         columns[name] = _derivative(columns["t"], columns[origin], origin)
@@ -380,10 +389,12 @@ def _attitude(
         _measured_at(rows, sampled, _scaled(name, source, table), source.delay, shift=shift)
         for name, source in zip(_GYRO_NAMES, attitude.rates, strict=bool(attitude.rates))
     ]
-    if measured and len(attitude.sources) == 2:
-        angles[:, 2] = integral_of(rows, measured[2])
+    if len(attitude.sources) == 2:
+        angles[:, 2] = integral_of(rows, measured[2]) if measured else yaw_ahead(angles, attitude.turn)
     turned = from_roll_pitch_yaw(angles, turn=attitude.turn)
     columns: Columns = dict(zip(_ATTITUDE_NAMES, turned.T, strict=True))
+    if not attitude.has_heading:
+        del columns["psi"]
     if not measured:
         return columns
     body = about_body_axes(np.column_stack(measured), attitude.turn)

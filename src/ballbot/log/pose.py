@@ -2,7 +2,12 @@
 
     z = T_obw wheel speeds + w,    Omega = R z,    v = r_b (Omega_y, -Omega_x)
 
-(Appendix V of the thesis.) The ball rolls without slip; pivoting under the robot does not move it. Logs of motion
+(Appendix V of the thesis.) The ball rolls without slip; pivoting under the robot does not move it. Where nothing
+measures the heading, the wheels give it, too: of a ball that does not spin about the vertical n,
+
+    n . z = 0,    yaw rate = -n . (T_obw wheel speeds + w_0)
+
+with w_0 the body's angular velocity at a heading that stays zero. Logs of motion
 capture have t, x y z of a point and qw qx qy qz of a body, with NaN while the cameras do not see it.
 
 A mapped log contains some later data: rates are differences that include the next row, rows at even intervals are
@@ -25,6 +30,7 @@ from ballbot.errors import InputError
 from ballbot.log.columns import STATE_NAMES, similar_column, wheel_angle_names, wheel_speed_names
 from ballbot.log.formats import read_columns
 from ballbot.log.formats.text import OWN_LAYOUT
+from ballbot.log.imu_angles import angle_rates_of, from_roll_pitch_yaw, integral_of
 from ballbot.log.log import Log
 from ballbot.log.mapping import (
     LogMapping,
@@ -37,7 +43,8 @@ from ballbot.log.mapping import (
 from ballbot.log.mapping_file import read_mapping
 from ballbot.robot import Robot
 
-_NEEDED = ("theta", "phi", "psi", "theta_dot", "phi_dot", "psi_dot")
+_LEAN = ("theta", "phi", "theta_dot", "phi_dot")
+_HEADING = ("psi", "psi_dot")
 
 
 def with_odometry(log: Log, robot: Robot) -> Log:
@@ -46,7 +53,8 @@ def with_odometry(log: Log, robot: Robot) -> Log:
     Parameters
     ----------
     log : Log
-        With theta, phi, psi, their rates, and every wheel's speed.
+        With theta, phi, their rates, and every wheel's speed; with psi and its rate, or without both. Then theta and
+        phi are those of a heading that stays zero, and the log returned has the heading that the wheels give.
     robot : Robot
         Gives the geometry.
 
@@ -58,29 +66,59 @@ def with_odometry(log: Log, robot: Robot) -> Log:
     from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 
     names = wheel_speed_names(robot.wheel_count)
-    log.require(*_NEEDED, *names)
-    theta, phi, psi, theta_dot, phi_dot, psi_dot = (log[name] for name in _NEEDED)
+    log.require(*_needed(log, robot))
+    if "psi" not in log:
+        log = _with_heading(log, robot)
+    theta, phi, theta_dot, phi_dot, psi, psi_dot = (log[name] for name in (*_LEAN, *_HEADING))
     rates = np.column_stack([theta_dot, phi_dot, psi_dot])
     w = np.einsum("nij,nj->ni", body_rates_matrix(theta, phi, psi), rates)
     z = np.column_stack([log[name] for name in names]) @ transforms(robot).T_obw.T + w
     Omega = np.einsum("nij,nj->ni", rotation(theta, phi, psi), z)
     x_dot, y_dot = robot.ball.radius * Omega[:, 1], -robot.ball.radius * Omega[:, 0]
     return log.with_columns(
-        {"x": _integral(log.t, x_dot), "y": _integral(log.t, y_dot), "x_dot": x_dot, "y_dot": y_dot}
+        {"x": integral_of(log.t, x_dot), "y": integral_of(log.t, y_dot), "x_dot": x_dot, "y_dot": y_dot}
     )
 
 
+def _needed(log: Log, robot: Robot) -> tuple[str, ...]:
+    """Return the columns that odometry needs of a log."""
+    heading = _HEADING if any(name in log for name in _HEADING) else ()
+    return (*_LEAN, *heading, *wheel_speed_names(robot.wheel_count))
+
+
+def _with_heading(log: Log, robot: Robot) -> Log:
+    """Return the log with the heading and its rate by the wheels, and theta and phi about the world's axes."""
+    from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
+
+    theta, phi, theta_dot, phi_dot = (log[name] for name in _LEAN)
+    # the third angle at which the yaw is zero
+    across = rotation(theta, phi, 0.0)[:, 1]
+    third = np.arctan2(-across[:, 0], across[:, 1])
+    R = rotation(theta, phi, third)
+    rates = np.column_stack([theta_dot, phi_dot, np.gradient(third, log.t)])
+    w = np.einsum("nij,nj->ni", body_rates_matrix(theta, phi, third), rates)
+    wheels = np.column_stack([log[name] for name in wheel_speed_names(robot.wheel_count)])
+    vertical = R[:, 2]
+    yaw_rate = -np.sum(vertical * (wheels @ transforms(robot).T_obw.T + w), axis=1)
+    roll, pitch = np.arctan2(vertical[:, 1], vertical[:, 2]), -np.arcsin(np.clip(vertical[:, 0], -1.0, 1.0))
+    angles = from_roll_pitch_yaw(np.column_stack([roll, pitch, integral_of(log.t, yaw_rate)]))
+    turned = angle_rates_of(angles, w + yaw_rate[:, None] * vertical)
+    names = ("theta", "phi", "psi")
+    columns = dict(zip(names, angles.T, strict=True))
+    return log.with_columns(columns | {f"{n}_dot": rate for n, rate in zip(names, turned.T, strict=True)})
+
+
 def with_position(log: Log, robot: Robot) -> Log:
-    """Return the log itself if it has x, else with the position of `with_odometry`.
+    """Return the log with what the wheels give of position and heading, as `with_odometry`, if it lacks them.
 
     Raises
     ------
     InputError
         If it has neither x nor the columns that give it.
     """
+    missing = [name for name in _needed(log, robot) if name not in log]
     if "x" in log:
-        return log
-    missing = [name for name in (*_NEEDED, *wheel_speed_names(robot.wheel_count)) if name not in log]
+        return log if missing or "psi" in log else _with_heading(log, robot)
     if missing:
         near = similar_column(missing, log.names)
         raise InputError(
@@ -108,10 +146,6 @@ def with_rates(log: Log, robot: Robot) -> Log | None:
         return with_position(Log(apply_mapping(mapping, {name: log[name] for name in log.names})), robot)
     except InputError:
         return None
-
-
-def _integral(t: NDArray[np.float64], rate: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))))
 
 
 #: length of the past that is mapped [s], and the shortest that gives a state

@@ -13,6 +13,7 @@ from ballbot.log.mapping_inference.evidence import (
     advantage_confidence,
     in_percent,
 )
+from ballbot.log.mapping_inference.frame import Frame, HeadingTest
 from ballbot.log.mapping_inference.names import read_name
 from ballbot.log.mapping_inference.placement import LeanTest
 from ballbot.log.mapping_inference.proposal import Proposal
@@ -118,10 +119,8 @@ def _frame(proposal: Proposal) -> list[Conclusion]:
             name="direction in which all wheels count",
             value=f"signs {list(frame.signs)}",
             # it rests on the signs of the wheels among themselves
-            confidence=tested.confidence * (0.95 if heading is None else heading.confidence),
-            evidence=f"the sum of the wheels' speeds and the heading's rate correlate by {heading.correlation:.2f}"
-            if heading
-            else "without a heading, wheels that count backwards and an IMU turned by half a turn are one",
+            confidence=tested.confidence * frame.direction,
+            evidence=_direction_evidence(tested, frame, heading),
             alternatives=(f"signs {[-sign for sign in frame.signs]} with the IMU turned by 180 deg",)
             if yaw
             else (),
@@ -130,9 +129,20 @@ def _frame(proposal: Proposal) -> list[Conclusion]:
     )
     if frame.handedness < 0.999 and yaw:
         found.append(_handedness(proposal))
-    if tested.headings > STEADY_HEADING:
+    if yaw and tested.headings > STEADY_HEADING:
         found.append(_axes_of_lean(proposal, tested))
     return [*found, *_turn_and_delay(proposal)]
+
+
+def _direction_evidence(tested: LeanTest, frame: Frame, heading: HeadingTest | None) -> str:
+    if heading is not None:
+        return f"the sum of the wheels' speeds and the heading's rate correlate by {heading.correlation:.2f}"
+    if frame.signs_by_heading:
+        return (
+            "with the heading that the wheels give, the lean's acceleration fits "
+            f"{abs(tested.forwards):.1f} standard errors better than with the opposite one"
+        )
+    return "without a heading, wheels that count backwards and an IMU turned by half a turn are one"
 
 
 def _handedness(proposal: Proposal) -> Conclusion:

@@ -5,7 +5,8 @@ The sign in which the wheels count comes from the heading, which turns all wheel
     sum_i w_i = n (r_b / r_w) sin(alpha) (spin of the ball - psi_dot)
 
 seen from the body. A ball spins less than the body that turns on it, or the other way, so that the sum goes against
-psi_dot. Nothing else separates a log whose wheels all count backwards from one whose IMU is turned by half a turn.
+psi_dot. Without a heading, the frame in which the lean turns shows it (`placement`). Nothing else separates a log whose
+wheels all count backwards from one whose IMU is turned by half a turn.
 
 A gyro beside the angles shows the handedness, too (`ballbot.log.mapping_inference.file_signals`).
 
@@ -36,6 +37,11 @@ STILL_HEADING, BELIEVED_IF_STILL = 0.02, 0.5
 #: error of the handedness by the gyro beyond its jackknife, since noise of the angles makes it too small, and the
 #: largest logarithm of its odds. Of 51 logs of the development halves, 3 give odds for the wrong one, of up to 2.3
 HANDEDNESS_ERROR, MOST_BY_GYRO = 0.35, 6.0
+
+
+#: a heading by the wheels that turns by less than this [rad] around its mean: both directions in which all wheels may
+#: count make nearly the same log. Half of what the lean's direction may be off; and the confidence in either
+TURNING_BY_WHEELS, EQUAL_DIRECTIONS = 0.1, 0.95
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,8 +103,9 @@ class Frame:
     turn: float  #: of the IMU's x axis from the robot's [rad], rounded to `GRID` if it is near
     measured_turn: float  #: [rad], as the log has it
     axis_signs: tuple[int, int, int] = (1, 1, 1)  #: of roll, pitch and yaw
-    #: whether heading shows in which direction all wheels count, or it is assumed
+    #: whether a heading shows in which direction all wheels count, or it is assumed
     signs_by_heading: bool = False
+    direction: float = 0.5  #: confidence in the direction in which all wheels count
     handedness: float = 1.0  #: confidence that no other axis of the IMU is reversed
 
 
@@ -120,8 +127,11 @@ def frame_of(
         else:
             positions, phase, axes = reflected, -phase - 2.0 * beta[0], (1, -1, 1)
     known = heading is not None and heading.significant
-    # without heading, the smaller turn is the likelier
-    backwards = axes[2] * heading.correlation > 0.0 if heading is not None and known else np.cos(phase) < 0.0
+    turned = advantage_confidence(abs(tested.forwards)) >= CONFIDENT  # without a yaw alone
+    if heading is not None and known:
+        backwards = axes[2] * heading.correlation > 0.0
+    else:  # without a heading, the smaller turn is the likelier
+        backwards = tested.forwards < 0.0 if turned else np.cos(phase) < 0.0
     signs = np.asarray(best.signs) * (-1 if backwards else 1)
     turn = -_within_half_a_turn(phase + (np.pi if backwards else 0.0))
     near = GRID * round(turn / GRID)
@@ -133,10 +143,19 @@ def frame_of(
         turn=float(near if rounded else turn),
         measured_turn=float(turn),
         axis_signs=axes,
-        signs_by_heading=known,
+        signs_by_heading=known or turned,
+        direction=_direction(tested, heading),
         # without a heading that turns, the other handedness gives the same log
         handedness=max(same, 1.0 - same) if known else 0.97,
     )
+
+
+def _direction(tested: LeanTest, heading: HeadingTest | None) -> float:
+    """Return the confidence in the direction in which all wheels count, if their signs agree with each other."""
+    if heading is not None:
+        return heading.confidence
+    seen = advantage_confidence(abs(tested.forwards))
+    return seen if tested.headings > TURNING_BY_WHEELS else max(seen, EQUAL_DIRECTIONS)
 
 
 def _same_handedness(tested: LeanTest, gyro: GyroTest | None, *, mirrored: bool) -> float:

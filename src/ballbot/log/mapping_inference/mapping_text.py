@@ -180,12 +180,14 @@ def _wheel_lines(proposal: Proposal) -> list[str]:
         )
     lines.append(toml_line("order", frame.order))
     heading = proposal.heading
-    if heading is not None and frame.signs_by_heading:
+    if not frame.signs_by_heading:
+        lines.append("# signs: assumed; a heading pulse would show in which direction the wheels count")
+    elif heading is not None:
         lines.append(
             f"# signs: the sum of the wheels' speeds and the heading correlate by {heading.correlation:.2f}"
         )
     else:
-        lines.append("# signs: assumed; a heading pulse would show in which direction the wheels count")
+        lines.append("# signs: the lean's acceleration fits the heading that the wheels give with them")
     return [
         *lines,
         toml_line("sign", frame.signs),

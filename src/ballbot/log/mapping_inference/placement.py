@@ -25,12 +25,17 @@ Every fit is made in that frame, with the sigma that explains the lean better if
 robot that turns its heading while it rolls has a D W that is as large as W_dot, and without it gamma is too small by a
 third, and off by 17 degrees, in the worst of the development logs.
 
+Where nothing measures the heading, the wheels give it, up to the direction in which all of them count: a ball that does
+not spin turns them by psi_dot alike (`ballbot.log.mapping_inference.frame`). A mirrored IMU with mirrored wheels makes
+the same log then, so that the lean counts as right-handed, and sigma = -1 says that all wheels count backwards.
+
 kappa has the unit of one over time squared: an estimate of it, over the robot's, shows in which unit the time is.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -85,11 +90,12 @@ class LeanTest:
     time_ratio: float  #: seconds of the robot in one second of the file, by kappa; nan if not shown
     time_error: float  #: standard error of its logarithm
     same_handedness: float  #: by how many standard errors sigma = 1 is better than -1; 0 without yaw
+    forwards: float  #: by how many standard errors it is better with the heading that the wheels give; 0 with a yaw
     body_frame: (
         float  #: by how many standard errors lean about the body's axes fits better than about the world's
     )
     headings: (
-        float  #: standard deviation of the yaw [rad]: how much the two differ; a constant is part of the turn
+        float  #: standard deviation of the heading [rad]: how much the two differ; a constant is part of the turn
     )
     disturbance: float  #: root mean square of the lean's unexplained acceleration, over gravity's share of it
     balancing: NDArray[np.bool_]  #: (N,), the even rows that were judged
@@ -150,17 +156,16 @@ def lean_test(
         return None
     kappa, gamma = torque_free_gains(robot)
     law = _Law(lean=lean, wheels=wheels, heading=heading, kappa=kappa, lag=USUAL_LAG, sigma=0.0)
-    law = replace(law, sigma=_likelier_handedness(law, usable))
+    law = _turning_by_wheels(robot, law, usable, gamma) if heading is None else _turning(law, usable)
     weights, pushed = _weights(law, usable)
     lag, lag_error = _best_lag(law, weights)
     law = replace(law, lag=lag)
     weights, pushed = _weights(law, usable)
-    # with the rows of pushes: a lean about other axes looks like one where the heading is away from its mean
-    headings = float(np.std(heading.value[usable])) if heading is not None else 0.0
-    usable = usable & ~pushed
+    balanced, usable = usable, usable & ~pushed
     driven = law.driven
     placements, confidence = ranked_placements(robot, driven, law.rolled, wheels, heading, weights, gamma)
     best = placements[0]
+    turned_to = _heading_of(robot, wheels, best) if heading is None else heading
     turning = law.turning(robot, best)
     gains = _block_gains(turning, driven, weights)
     rest = driven - turning @ _solve(turning, driven, weights)
@@ -177,9 +182,11 @@ def lean_test(
         lag_error=lag_error,
         time_ratio=ratio,
         time_error=ratio_error,
-        same_handedness=_handedness(robot, law, best, weights),
-        body_frame=_body_frame(robot, law, best, weights),
-        headings=headings,
+        same_handedness=0.0 if heading is None else _handedness(robot, law, best, weights),
+        forwards=_handedness(robot, replace(law, heading=turned_to), best, weights) if heading is None else 0.0,
+        body_frame=0.0 if heading is None else _body_frame(robot, law, best, weights),
+        # with the rows of pushes: a lean about other axes looks like one where the heading is away from its mean
+        headings=float(np.std(turned_to.value[balanced])),
         disturbance=float(np.std(_slow(rest)[usable]) / np.std(_slow(gravity)[usable])),
         balancing=usable,
         pushed=pushed,
@@ -240,14 +247,26 @@ class _Law:
         return block_sums(rest, block_numbers(len(rest)))
 
 
-def _likelier_handedness(law: _Law, usable: NDArray[np.bool_]) -> float:
-    """Return the sigma with which wheels that have gains of their own explain the lean better; 0 without a heading."""
-    if law.heading is None:
-        return 0.0
+def _turning(law: _Law, usable: NDArray[np.bool_], sigmas: Sequence[float] = (1.0, -1.0)) -> _Law:
+    """Return the law with the sigma with which wheels that have gains of their own explain the lean better."""
     weights, _ = _weights(law, usable)
-    turned = [replace(law, sigma=sigma) for sigma in (1.0, -1.0)]
-    left = [float(one.left(one.rolled, one.driven, weights).sum()) for one in turned]
-    return 1.0 if left[0] <= left[1] else -1.0
+    turned = [replace(law, sigma=sigma) for sigma in sigmas]
+    return min(turned, key=lambda one: float(one.left(one.rolled, one.driven, weights).sum()))
+
+
+def _turning_by_wheels(robot: Robot, law: _Law, usable: NDArray[np.bool_], gamma: float) -> _Law:
+    """Return the law with the heading that the wheels give, as the likeliest placement without one has them."""
+    weights, _ = _weights(law, usable)
+    ranked, _ = ranked_placements(robot, law.driven, law.rolled, law.wheels, None, weights, gamma)
+    return _turning(replace(law, heading=_heading_of(robot, law.wheels, ranked[0])), usable, (0.0, 1.0, -1.0))
+
+
+def _heading_of(robot: Robot, wheels: Smooth, placement: Placement) -> Smooth:
+    """Return the heading (N, 1) [rad] by the wheels of a ball that does not spin, if they count as the robot's do."""
+    wheel = robot.wheels
+    turns = robot.wheel_count * robot.ball.radius / wheel.radius * math.sin(wheel.tilt)
+    way = -np.asarray(placement.signs, dtype=np.float64)[:, None] / turns
+    return Smooth(value=wheels.value @ way, rate=wheels.rate @ way, acceleration=wheels.acceleration @ way)
 
 
 def _block_gains(
@@ -279,8 +298,6 @@ def _time_ratio(
 
 def _handedness(robot: Robot, law: _Law, best: Placement, weights: NDArray[np.float64]) -> float:
     """Return by how many standard errors yaw and lean of the same handedness fit better."""
-    if law.heading is None:
-        return 0.0
     same, opposite = (
         one.left(one.turning(robot, best), one.driven, weights)
         for one in (replace(law, sigma=1.0), replace(law, sigma=-1.0))
