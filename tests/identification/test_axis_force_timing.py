@@ -42,6 +42,11 @@ def test_the_delay_of_a_force_is_found(motor: AxisRecord, rows: int) -> None:
     assert delay_of(late(motor, rows)) == pytest.approx(rows, abs=0.5)
 
 
+def test_a_force_that_fits_best_at_the_end_of_the_search_is_not_moved(motor: AxisRecord) -> None:
+    """Such as a column that is no force at all; a delay of 9 rows is beyond those that are tried."""
+    assert delay_of(late(motor, 9)) == 0.0
+
+
 def test_stribeck_friction_is_not_taken_for_a_delay() -> None:
     machine = replace(MOTOR, stribeck=0.08, stribeck_speed=0.4)
     logging = Logging(duration=12.0, rate=200.0, amplitude=1.0, counts=4096.0)

@@ -8,7 +8,7 @@ from ballbot.errors import InputError
 from ballbot.fitting.run import DEFAULT_RUN
 from ballbot.identification.axis import AXIS_LAWS, AxisIdentification, AxisOptions, identify_axis, inverse_fit
 from ballbot.identification.axis.conclusions import axis_findings
-from ballbot.identification.axis.law_fits import check_determined, improved
+from ballbot.identification.axis.law_fits import check_determined, improved, initial_values
 from ballbot.identification.axis.motion import default_bandwidth
 from ballbot.identification.axis.output_error import OutputErrorFit, sighting
 from ballbot.identification.axis.result import Estimate
@@ -101,6 +101,26 @@ def test_records_fitted_together_are_compared_together(geared: AxisIdentificatio
             [GEARED, GEARED], geared.laws, chosen, [chosen, other], geared.asymmetry, by_user=True
         )
         assert [one.code for one in found].count("lost-minimum") == expected
+
+
+def test_a_break_away_force_that_makes_the_axis_stick_is_in_the_law_s_start() -> None:
+    """From dry friction and a tenth of it as break-away force, the descent ended at twice the mass."""
+    machine = Machine(kind="motor", inertia=12.0, viscous=30.0, coulomb=8.0, stribeck=6.0, stribeck_speed=0.005)
+    slow = Logging(duration=12.0, rate=250.0, amplitude=0.04, slowest=0.08, fastest=0.3, force_noise=0.1)
+    record = record_of(machine, slow, 1, "slow")
+    seen = [sighting(record, default_bandwidth(record))]
+    starts = initial_values(seen, AxisModel(law=AXIS_LAWS["coulomb"]), bandwidth=None)
+    for name in ("stribeck", "lugre"):
+        # of six records the masses are within 3 %; a large force at a low speed and a smaller one at a higher are alike
+        assert starts[name]["mass"] == pytest.approx(12.0, rel=0.05)
+        assert 4.0 < starts[name]["stribeck"] < 15.0
+        assert 0.3 < starts[name]["stribeck_speed"] / 0.005 < 2.0
+
+
+def test_an_axis_without_a_break_away_force_starts_from_a_small_one() -> None:
+    record = simulated_record(duration=6.0)
+    starts = initial_values([sighting(record, 20.0)], AxisModel(law=AXIS_LAWS["coulomb"]), bandwidth=None)
+    assert starts["stribeck"]["stribeck"] == pytest.approx(0.1 * starts["coulomb"]["coulomb"])
 
 
 @pytest.mark.sample

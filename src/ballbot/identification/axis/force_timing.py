@@ -76,6 +76,8 @@ def force_delay(
     step = best
     while step and abs(best) < _MOST_ROWS and simplest(best + step) < simplest(best):
         best += step
+    if abs(best) >= _MOST_ROWS:  # an optimum beyond is no delay
+        return 0.0
     best = min((best, best - 0.5, best + 0.5), key=simplest)
     laws = ("dahl", "lugre") if model.bending else ("coulomb", "stribeck", "asymmetric")
     clear = best and all(error(law, best) < _CLEARLY_DELAYED * error(law, 0.0) for law in laws)

@@ -14,14 +14,15 @@ from functools import partial
 from itertools import product
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run
-from ballbot.identification.axis.inverse import InverseFit, inverse_fit
+from ballbot.identification.axis.inverse import InverseFit, inverse_fit, regression_rows
 from ballbot.identification.axis.model import AXIS_LAWS, PARAMETERS, Values, unit_for
 from ballbot.identification.axis.output_error import OutputErrorFit, Sighting, memoized
 from ballbot.identification.axis.record import AxisRecord
-from ballbot.identification.axis.selection import Blocks, fit_all, problem_of
+from ballbot.identification.axis.selection import Blocks, at_constant_speed, fit_all, problem_of
 from ballbot.identification.axis.structure import AxisModel, base_name
 from ballbot.progress import Progress
 
@@ -29,6 +30,11 @@ from ballbot.progress import Progress
 _BRISTLE_TRAVEL, _BREAK_AWAY = 4e-4, 0.1
 #: and other values that are tried there, as shares of these
 _FACTORS = {"stribeck": (1.0, 3.0), "stribeck_speed": (1.0, 0.3), "stiffness": (1.0, 0.1, 10.0)}
+#: Stribeck speeds over the usual one that are tried in the inverse model; it shows a break-away force if that lowers
+#: its squared error to less than this share
+_STRIBECK_SPEEDS, _CLEARLY = (0.03, 0.1, 0.3, 1.0), 0.9
+#: coefficients that cannot be below zero
+_DISSIPATES = ("viscous", "coulomb", "stribeck")
 #: shares of the usual force: a dry friction to start from at least, and one where a law is all but the one within it
 _LEAST_FRICTION, _NO_FRICTION = 1e-3, 1e-4
 #: errors that differ by less than this share are the same
@@ -66,8 +72,38 @@ def initial_values(
             "stribeck_speed": sightings[0].usual_speed / 5.0,
             "micro_damping": 0.1 * float(np.sqrt(stiffness * abs(values.get("mass", 1.0)))),
         }
+        if "stribeck" in law.names:
+            extra |= _break_away(sightings, model, bandwidth=bandwidth)
+            values |= {label: extra[label] for label in values if label in extra}
         found[name] = {label: values.get(label, extra.get(base_name(label), 0.0)) for label in own.labels}
     return found
+
+
+def _break_away(
+    sightings: Sequence[Sighting], model: AxisModel, *, bandwidth: float | None
+) -> dict[str, float]:
+    """Return the inverse model's parameters with a break-away force, at the best of some Stribeck speeds.
+
+    Empty if none of them lowers the force error by `_CLEARLY` without a coefficient of friction below zero.
+    """
+    rows = regression_rows(
+        [one.record for one in sightings],
+        model.with_law(AXIS_LAWS["coulomb"]),
+        bandwidth=bandwidth,
+        moving=True,
+    )
+    speed, base = rows.seen["speed"], np.column_stack(list(rows.columns.values()))
+    names = (*rows.columns, "stribeck")
+    least = np.array([0.0 if base_name(name) in _DISSIPATES else -np.inf for name in names])
+    best, found = _CLEARLY * lsq_linear(base, rows.force, (least[:-1], np.inf)).cost, {}
+    for share in _STRIBECK_SPEEDS:
+        slowest = share * sightings[0].usual_speed
+        column = np.sign(speed) * np.exp(-np.abs(speed) / slowest)
+        fit = lsq_linear(np.column_stack([base, column]), rows.force, (least, np.inf))
+        if fit.cost < best:
+            best = fit.cost
+            found = dict(zip(names, fit.x.tolist(), strict=True)) | {"stribeck_speed": slowest}
+    return found if found.get("mass", 1.0) > 0.0 else {}
 
 
 def _initial_mass(record: AxisRecord, fit: InverseFit, label: str) -> float:
@@ -204,10 +240,8 @@ def check_determined(
     InputError
         If the error is not below `_INFORMATIVE` of that of a constant speed.
     """
-    heavy = AxisModel(law=AXIS_LAWS["viscous"], records=len(sightings))
-    constant = problem_of(heavy, sightings, blocks, horizon).rms(
-        {"mass": 1e12, "viscous": 0.0, "offset": 0.0}
-    )
+    going_on = at_constant_speed(len(sightings))
+    constant = problem_of(going_on.model, sightings, blocks, horizon).rms(going_on.values)
     error = problem_of(fit.model, sightings, blocks, horizon).rms(fit.values)
     if error < _INFORMATIVE * constant:
         return

@@ -200,6 +200,13 @@ def held_out_errors(
     return squares
 
 
+def at_constant_speed(records: int) -> OutputErrorFit:
+    """Return the fit of an axis that goes on at the speed of a window's start, whatever the force."""
+    model = AxisModel(law=AXIS_LAWS["viscous"], records=records)
+    values = {"mass": 1e12, "viscous": 0.0, "offset": 0.0}
+    return OutputErrorFit(model=model, values=values, standard_errors=dict.fromkeys(values, np.nan), rms=np.nan)
+
+
 def problem_of(model: AxisModel, sightings: Sequence[Sighting], blocks: Blocks, horizon: float) -> OpenLoop:
     """Return the open-loop problem over windows of a length in all blocks."""
     windows, _ = windows_in(sightings, blocks, range(len(blocks)), horizon)
@@ -268,6 +275,8 @@ _SLIDING = {"viscous": None, "coulomb": "viscous", "stribeck": "coulomb", "asymm
 _BRISTLES = {"coulomb": None, "dahl": "coulomb", "lugre": "dahl"}
 #: a law that lowers the error by less than this share is not worth its parameters
 USEFUL_GAIN = 0.02
+#: and one that surely lowers it by this share is needed, even if parameters of its own are not determined; chosen
+_CLEAR_GAIN = 0.2
 
 
 def select_law(
@@ -283,7 +292,9 @@ def select_law(
     Returns
     -------
     selection : ModelSelection
-        Laws of bristles are judged on windows in which the axis reverses or rests.
+        Laws of bristles are judged on windows in which the axis reverses or rests. A block that a law predicts worse
+        than an axis that goes on as it is counts as one of those: where a law expects an axis to stick that slips, or
+        the other way, a single block would be most of a sum of squares.
     squares : dict
         By law, mean square errors of all held-out windows (blocks,) [m^2].
     """
@@ -296,6 +307,10 @@ def select_law(
             return [held_out_errors(fit, sightings, blocks, horizon=horizon, judged=judged)]
 
         tables[name] = run.memoize(f"held out, {name}", fit.model.vector(fit.values), answer)[0]
+    squares = {name: table[:, 0] for name, table in tables.items()}
+    going_on = at_constant_speed(len(sightings))
+    useless = [errors_on(going_on, sightings, blocks, range(len(blocks)), horizon, slow=s) for s in (False, True)]
+    tables = {name: np.fmin(table, np.column_stack(useless)) for name, table in tables.items()}
     sliding = _select(_SLIDING, {name: table[:, 0] for name, table in tables.items()})
     candidates: tuple[Candidate[AxisLaw], ...] = sliding.candidates
     best = _useful(sliding, fits)
@@ -316,7 +331,7 @@ def select_law(
     selection = ModelSelection(
         candidates=tuple(sorted(candidates, key=lambda one: order.index(one.name))), best=best
     )
-    return selection, {name: table[:, 0] for name, table in tables.items()}
+    return selection, squares
 
 
 def _select(
@@ -337,14 +352,17 @@ def _select(
 
 
 def _useful(selection: ModelSelection[AxisLaw], fits: Mapping[str, OutputErrorFit]) -> Candidate[AxisLaw]:
-    """Return the best law, or one within it while it gains too little or its own parameters are not determined."""
+    """Return the best law, or one within it while it gains too little.
+
+    One whose own parameters are not determined has to gain more.
+    """
     best = selection.best
     while best.within and best.gain:
         fit, inner = fits[best.name], AXIS_LAWS[best.within].names
         own = [label for label in fit.values if base_name(label) in best.model.names]
         own = [label for label in own if base_name(label) not in inner]
         determined = all(fit.standard_errors[label] < abs(fit.values[label]) for label in own)
-        if determined and best.gain.share >= USEFUL_GAIN:
+        if (determined or best.gain.lower >= _CLEAR_GAIN) and best.gain.share >= USEFUL_GAIN:
             break
         best = selection.find(best.within)
     return best
