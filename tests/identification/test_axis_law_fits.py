@@ -105,7 +105,9 @@ def test_records_fitted_together_are_compared_together(geared: AxisIdentificatio
 
 def test_a_break_away_force_that_makes_the_axis_stick_is_in_the_law_s_start() -> None:
     """From dry friction and a tenth of it as break-away force, the descent ended at twice the mass."""
-    machine = Machine(kind="motor", inertia=12.0, viscous=30.0, coulomb=8.0, stribeck=6.0, stribeck_speed=0.005)
+    machine = Machine(
+        kind="motor", inertia=12.0, viscous=30.0, coulomb=8.0, stribeck=6.0, stribeck_speed=0.005
+    )
     slow = Logging(duration=12.0, rate=250.0, amplitude=0.04, slowest=0.08, fastest=0.3, force_noise=0.1)
     record = record_of(machine, slow, 1, "slow")
     seen = [sighting(record, default_bandwidth(record))]

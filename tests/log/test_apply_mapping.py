@@ -173,7 +173,7 @@ def test_without_yaw_and_gyro_the_wheels_give_the_heading(tmp_path, turn):
     roll, pitch = np.arctan2(R[:, 2, 1], R[:, 2, 2]), -np.arcsin(R[:, 2, 0])
     rows = np.column_stack([t, roll, pitch, speeds])
     table = "\n".join(["t,a,b,w1,w2,w3", *(",".join(f"{one:.12g}" for one in row) for row in rows)])
-    mapping = f'''
+    mapping = f"""
 [columns]
 t = "t"
 wheel1_dot = "w1"
@@ -185,7 +185,7 @@ psi_dot = {{ derivative_of = "psi" }}
 [attitude]
 from = ["a", "b"]
 turn = {turn}
-'''
+"""
     mapped = read(tmp_path, table, mapping)
     assert "psi" not in mapped
     assert "psi_dot" not in mapped

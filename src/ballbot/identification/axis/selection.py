@@ -204,7 +204,9 @@ def at_constant_speed(records: int) -> OutputErrorFit:
     """Return the fit of an axis that goes on at the speed of a window's start, whatever the force."""
     model = AxisModel(law=AXIS_LAWS["viscous"], records=records)
     values = {"mass": 1e12, "viscous": 0.0, "offset": 0.0}
-    return OutputErrorFit(model=model, values=values, standard_errors=dict.fromkeys(values, np.nan), rms=np.nan)
+    return OutputErrorFit(
+        model=model, values=values, standard_errors=dict.fromkeys(values, np.nan), rms=np.nan
+    )
 
 
 def problem_of(model: AxisModel, sightings: Sequence[Sighting], blocks: Blocks, horizon: float) -> OpenLoop:
@@ -309,7 +311,9 @@ def select_law(
         tables[name] = run.memoize(f"held out, {name}", fit.model.vector(fit.values), answer)[0]
     squares = {name: table[:, 0] for name, table in tables.items()}
     going_on = at_constant_speed(len(sightings))
-    useless = [errors_on(going_on, sightings, blocks, range(len(blocks)), horizon, slow=s) for s in (False, True)]
+    useless = [
+        errors_on(going_on, sightings, blocks, range(len(blocks)), horizon, slow=s) for s in (False, True)
+    ]
     tables = {name: np.fmin(table, np.column_stack(useless)) for name, table in tables.items()}
     sliding = _select(_SLIDING, {name: table[:, 0] for name, table in tables.items()})
     candidates: tuple[Candidate[AxisLaw], ...] = sliding.candidates

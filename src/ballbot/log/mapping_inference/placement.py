@@ -90,13 +90,11 @@ class LeanTest:
     time_ratio: float  #: seconds of the robot in one second of the file, by kappa; nan if not shown
     time_error: float  #: standard error of its logarithm
     same_handedness: float  #: by how many standard errors sigma = 1 is better than -1; 0 without yaw
-    forwards: float  #: by how many standard errors it is better with the heading that the wheels give; 0 with a yaw
+    forwards: float  #: the same with the heading that the wheels give; 0 with a yaw
     body_frame: (
         float  #: by how many standard errors lean about the body's axes fits better than about the world's
     )
-    headings: (
-        float  #: standard deviation of the heading [rad]: how much the two differ; a constant is part of the turn
-    )
+    headings: float  #: standard deviation of the heading [rad]: how much the two differ; a constant is part of the turn
     disturbance: float  #: root mean square of the lean's unexplained acceleration, over gravity's share of it
     balancing: NDArray[np.bool_]  #: (N,), the even rows that were judged
     pushed: NDArray[np.bool_]  #: (N,), rows left out because something pushed the robot
@@ -183,7 +181,9 @@ def lean_test(
         time_ratio=ratio,
         time_error=ratio_error,
         same_handedness=0.0 if heading is None else _handedness(robot, law, best, weights),
-        forwards=_handedness(robot, replace(law, heading=turned_to), best, weights) if heading is None else 0.0,
+        forwards=_handedness(robot, replace(law, heading=turned_to), best, weights)
+        if heading is None
+        else 0.0,
         body_frame=0.0 if heading is None else _body_frame(robot, law, best, weights),
         # with the rows of pushes: a lean about other axes looks like one where the heading is away from its mean
         headings=float(np.std(turned_to.value[balanced])),
