@@ -109,16 +109,16 @@ def _with_heading(log: Log, robot: Robot) -> Log:
 
 
 def with_position(log: Log, robot: Robot) -> Log:
-    """Return the log with what the wheels give of position and heading, as `with_odometry`, if it lacks them.
+    """Return the log itself if it has x, else with the position, and a heading that it lacks, of `with_odometry`.
 
     Raises
     ------
     InputError
         If it has neither x nor the columns that give it.
     """
-    missing = [name for name in _needed(log, robot) if name not in log]
     if "x" in log:
-        return log if missing or "psi" in log else _with_heading(log, robot)
+        return log
+    missing = [name for name in _needed(log, robot) if name not in log]
     if missing:
         near = similar_column(missing, log.names)
         raise InputError(
