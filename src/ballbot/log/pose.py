@@ -95,7 +95,8 @@ def _with_heading(log: Log, robot: Robot) -> Log:
     across = rotation(theta, phi, 0.0)[:, 1]
     third = np.arctan2(-across[:, 0], across[:, 1])
     R = rotation(theta, phi, third)
-    rates = np.column_stack([theta_dot, phi_dot, np.gradient(third, log.t)])
+    changing = np.gradient(third, log.t) if len(log) > 1 else np.zeros(1)
+    rates = np.column_stack([theta_dot, phi_dot, changing])
     w = np.einsum("nij,nj->ni", body_rates_matrix(theta, phi, third), rates)
     wheels = np.column_stack([log[name] for name in wheel_speed_names(robot.wheel_count)])
     vertical = R[:, 2]
