@@ -1,6 +1,7 @@
 """Progress in notebooks: one line, updated in place, and nothing anywhere else."""
 
 import sys
+from collections.abc import Callable
 from types import ModuleType, SimpleNamespace
 
 import pytest
@@ -15,12 +16,18 @@ class FakeNotebook:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, *, kernel: bool = True) -> None:
         self.lines: list[list[str]] = []
-        shell = SimpleNamespace(kernel=object()) if kernel else SimpleNamespace()
+        self.end_of_cell: Callable[[SimpleNamespace], None] = lambda _: None
+        events = SimpleNamespace(register=self.register)
+        shell = SimpleNamespace(events=events, **({"kernel": object()} if kernel else {}))
         ipython, display = ModuleType("IPython"), ModuleType("IPython.display")
         ipython.get_ipython = lambda: shell  # pyright: ignore[reportAttributeAccessIssue]
         display.display = self.display  # pyright: ignore[reportAttributeAccessIssue]
         monkeypatch.setitem(sys.modules, "IPython", ipython)
         monkeypatch.setitem(sys.modules, "IPython.display", display)
+
+    def register(self, event: str, function: Callable[[SimpleNamespace], None]) -> None:
+        assert event == "post_run_cell"
+        self.end_of_cell = function
 
     def display(self, shown: ProgressLine, *, display_id: bool) -> SimpleNamespace:
         assert display_id
@@ -67,6 +74,22 @@ def test_each_work_has_its_own_line_even_after_one_that_failed(monkeypatch):
         "stopped, 50 %, about 0:03 left",
         "gauss newton, 100 %, error x 1.2",
     ]
+
+
+@pytest.mark.parametrize(
+    ("success", "last"), [(True, "gauss newton, 100 %"), (False, "gauss newton, 60 %, about")]
+)
+def test_bar_of_work_that_never_says_its_end_is_full_when_its_cell_has_run(monkeypatch, success, last):
+    shown, clock = FakeNotebook(monkeypatch), Clock()
+    progress = NotebookProgress(clock)
+    for share in (0.3, 0.6):
+        clock.now += 2.0
+        progress(Progress(stage="gauss_newton", done=share, total=1.0))
+    shown.end_of_cell(SimpleNamespace(success=success))
+    assert shown.lines[0][-1].startswith(last)
+    work(progress, clock)
+    shown.end_of_cell(SimpleNamespace(success=True))
+    assert [len(shown.lines), shown.lines[0][-1].startswith(last)] == [2, True]
 
 
 def test_short_work_shows_nothing_and_fast_steps_few_lines(monkeypatch):

@@ -1,15 +1,17 @@
 """Progress in a notebook: one line with a bar that is updated in place while work goes on.
 
 Nothing is shown outside a notebook, nor before work has taken a second. No package is needed: a notebook has IPython.
+A bar whose work ends without saying so is full when its cell has run; one in a cell that failed stays where it was.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from html import escape
 from time import monotonic
-from typing import Protocol
+from typing import Any, Protocol
 
 from ballbot.printable import printable_line
 from ballbot.progress import EtaEstimator, Progress, progress_line, time_left
@@ -55,6 +57,8 @@ class NotebookProgress:
 
     def __init__(self, clock: Callable[[], float] = monotonic) -> None:
         self._clock = clock
+        self._open: dict[int, tuple[Handle, Progress]] = {}  # lines that are not full, in their order
+        self._shell: Any = None  # whose cells are waited for
         self._begin()
 
     def _begin(self) -> None:
@@ -64,8 +68,8 @@ class NotebookProgress:
 
     def __call__(self, progress: Progress) -> None:
         """Show how far work has come, if it is time to."""
-        display = _display_of_a_notebook()
-        if display is None:
+        shell = _notebook()
+        if shell is None:
             return
         if progress.share < self._share - _FALLS:
             self._begin()
@@ -74,24 +78,37 @@ class NotebookProgress:
         done = progress.share >= 1.0
         if self._clock() >= self._next or (done and self._handle is not None):
             self._next = self._clock() + _BETWEEN
-            shown = ProgressLine(line, progress.share)
-            if self._handle is None:
-                self._handle = display(shown)
-            else:
-                self._handle.update(shown)
+            self._show(ProgressLine(line, progress.share), shell)
+        if self._handle is not None:
+            self._open[id(self._handle)] = (self._handle, progress)
         if done:
+            self._open.pop(id(self._handle), None)
             self._begin()
 
+    def _show(self, line: ProgressLine, shell: Any) -> None:
+        if self._handle is not None:
+            self._handle.update(line)
+            return
+        from IPython.display import display  # pyright: ignore[reportMissingImports]
 
-def _display_of_a_notebook() -> Callable[[ProgressLine], Handle | None] | None:
-    """Return what shows a line in the notebook that this process works for; None if it works for none."""
+        self._handle = display(line, display_id=True)
+        if self._shell is not shell and hasattr(shell, "events"):
+            self._shell = shell
+            shell.events.register("post_run_cell", self._end_of_cell)
+
+    def _end_of_cell(self, result: Any) -> None:
+        """Fill the bars of a cell that has run; forget those of one that failed."""
+        for handle, progress in self._open.values() if result.success else ():
+            handle.update(ProgressLine(progress_line(replace(progress, share=1.0), ""), 1.0))
+        self._open.clear()
+        self._begin()
+
+
+def _notebook() -> Any:
+    """Return the shell of the notebook that this process works for; None if it works for none."""
     ipython = sys.modules.get("IPython")  # a notebook has imported it
     shell = ipython.get_ipython() if ipython is not None else None
-    if shell is None or not hasattr(shell, "kernel"):  # a terminal has no kernel
-        return None
-    from IPython.display import display  # pyright: ignore[reportMissingImports]
-
-    return lambda line: display(line, display_id=True)
+    return shell if shell is not None and hasattr(shell, "kernel") else None  # a terminal has no kernel
 
 
 #: of everything that reports to nobody else

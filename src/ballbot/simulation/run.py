@@ -90,7 +90,7 @@ def simulate(
         table[rows] = _row(measured, torques, wanted)
         measured = active.step(torques, controller.sample_time)
         rows, ended = rows + 1, measured.ended
-        if rows % 100 == 0:
+        if rows % 100 == 0 or rows == samples:
             progress(Progress(stage="simulating", done=rows, total=samples))
     if rows == 0:
         raise InputError(f"The run ends before its first sample: {ended}.")

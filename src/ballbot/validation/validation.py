@@ -179,7 +179,7 @@ def validate_pair(
     _report(run, 3)
     horizon = compare_horizons(models, log, parts, start_covariance=covariance, seed=run.seed)
     _report(run, 4)
-    return Validation(
+    validation = Validation(
         models=models,
         open_loop=opened,
         no_open_loop=disturbed,
@@ -193,13 +193,15 @@ def validate_pair(
         duration=sum(len(part) for part in parts) * log.sample_time,
         sample_time=log.sample_time,
     )
+    _report(run, 5)
+    return validation
 
 
 _STAGES = ("one step ahead", "closed loop", "open loop", "horizons", "residuals")
 
 
 def _report(run: Run, done: int) -> None:
-    run.progress(Progress(stage=_STAGES[done], done=done, total=len(_STAGES)))
+    run.progress(Progress(stage=_STAGES[min(done, len(_STAGES) - 1)], done=done, total=len(_STAGES)))
 
 
 def validate_logs(
