@@ -196,7 +196,7 @@ TEXT = st.text(max_size=100)
 
 @given(
     title=TEXT,
-    rows=st.lists(st.tuples(TEXT, TEXT), max_size=5),
+    rows=st.lists(st.tuples(TEXT, TEXT | st.lists(TEXT, max_size=3).map(tuple)), max_size=5),
     sentences=st.lists(TEXT, max_size=5),
     times=st.integers(1, 9),
 )
@@ -223,6 +223,16 @@ def test_what_does_not_fit_is_counted():
     summary = Summary(title="title", sentences=tuple(f"sentence {number}" for number in range(40)))
     assert repr(summary).endswith(f"... {1 + 40 - (HEIGHT - 1)} more lines: print(_.summary())")
     assert len(str(summary).splitlines()) == 41
+
+
+def test_gain_is_a_table_of_a_cell_for_each_wheel():
+    page = LQR._repr_html_()  # pyright: ignore[reportAttributeAccessIssue]
+    rows = [re.findall(r"<td[^>]*>([^<]*)</td>", row) for row in page.split("<tr")[1:]]
+    assert rows[0] == ["u1", "u2", "u3"]
+    assert rows[1] == [f"{value:.4f}" for value in GAIN[:, 0]]
+    assert 'colspan="4"' in page.split("<tr")[-1]  # the poles
+    lines = repr(LQR).splitlines()
+    assert len({line.rindex(line.split()[-1]) + len(line.split()[-1]) for line in lines[1:12]}) == 1
 
 
 def test_robot_of_a_preset_shows_its_main_parameters():

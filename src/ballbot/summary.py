@@ -59,7 +59,8 @@ class Summary:
     """
 
     title: str
-    rows: tuple[tuple[str, str], ...] = ()  #: name and value
+    #: name and value, or name and the cells of a table's row, which stand below those of the rows before
+    rows: tuple[tuple[str, str | tuple[str, ...]], ...] = ()
     sentences: tuple[str, ...] = ()  #: findings and verdicts
 
     def __str__(self) -> str:
@@ -77,9 +78,18 @@ class Summary:
     def _repr_html_(self) -> str:
         """Return all of it as HTML: no script, no address, and no colour but the notebook's own."""
         cell = "text-align: left; vertical-align: top; padding: 0.1em 0.8em 0.1em 0"
+        number = "text-align: right; vertical-align: top; padding: 0.1em 0.8em 0.1em 0"
+        columns = max((len(value) for _, value in self.rows if isinstance(value, tuple)), default=0)
+        # one more, as wide as it takes, lets a text be longer than the numbers
+        whole = f' colspan="{columns + 1}"' if columns else ""
         rows = "".join(
             f'<tr style="background: none"><th scope="row" style="{cell}">{_as_html(name)}</th>'
-            f'<td style="{cell}">{_as_html(value)}</td></tr>'
+            + (
+                "".join(f'<td style="{number}">{_as_html(one)}</td>' for one in value)
+                if isinstance(value, tuple)
+                else f'<td{whole} style="{cell}">{_as_html(value)}</td>'
+            )
+            + "</tr>"
             for name, value in self.rows
         )
         sentences = "".join(f"<li>{_as_html(one)}</li>" for one in self.sentences)
@@ -95,15 +105,22 @@ class Summary:
         lines = _wrapped(self.title, "")
         names = [len(printable_line(name)) for name, _ in self.rows]
         column = 4 + min(max(names, default=0), _LONGEST_NAME)
+        cells = [len(one) for _, value in self.rows if isinstance(value, tuple) for one in value]
+        width = max(cells, default=0)
         for name, value in self.rows:
             shown = f"  {printable_line(name)}"
             if len(shown) > column - 2:
                 lines += _wrapped(name, "  ", indent=2)
                 shown = ""
-            lines += _wrapped(value, f"{shown:<{column}}", indent=column)
+            lines += _wrapped(_in_columns(value, width), f"{shown:<{column}}", indent=column)
         for one in self.sentences:
             lines += _wrapped(one, "- ", indent=2)
         return lines
+
+
+def _in_columns(value: str | tuple[str, ...], width: int) -> str:
+    """Return a value as text; cells are set to the right of columns of that width."""
+    return value if isinstance(value, str) else "  ".join(f"{one:>{width}}" for one in value)
 
 
 def _wrapped(text: str, begin: str, *, indent: int = 0) -> list[str]:

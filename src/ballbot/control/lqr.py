@@ -12,7 +12,7 @@ each sample, gives gains that differ from these in the fourth digit for our robo
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
@@ -81,16 +81,26 @@ def sampling_words(sample_time: float | None) -> str:
     return "continuous" if sample_time is None else f"sampled every {sample_time:.4g} s"
 
 
-def gain_rows(gain: NDArray[np.float64]) -> tuple[tuple[str, str], ...]:
+def gain_rows(gain: NDArray[np.float64]) -> tuple[tuple[str, tuple[str, ...]], ...]:
     """Return a row for each state with its gain for every input; a robot's states are named."""
-    inputs, states = gain.shape
-    names = STATE_NAMES if states == len(STATE_NAMES) else [f"x{place}" for place in range(1, states + 1)]
+    return (("gain", input_names(gain)), *matrix_rows(gain.T, state_names(gain.shape[1])))
+
+
+def state_names(count: int) -> tuple[str, ...]:
+    """Return the names of so many states; a robot's are those of a log."""
+    return STATE_NAMES if count == len(STATE_NAMES) else tuple(f"x{place}" for place in range(1, count + 1))
+
+
+def input_names(gain: NDArray[np.float64]) -> tuple[str, ...]:
+    """Return the names of the inputs of a gain (n, m)."""
+    return tuple(f"u{place}" for place in range(1, len(gain) + 1))
+
+
+def matrix_rows(matrix: NDArray[np.float64], names: Sequence[str]) -> tuple[tuple[str, tuple[str, ...]], ...]:
+    """Return a named row of cells for each row of a matrix, four decimals each."""
     # adding zero keeps a minus sign off what prints as nothing
-    cells = [[f"{value:.4f}" for value in column] for column in np.round(gain.T, 4) + 0.0]
-    width = max(len(cell) for row in cells for cell in row)
-    heading = ("gain", "  ".join(f"{f'u{place}':>{width}}" for place in range(1, inputs + 1)))
-    rows = ("  ".join(f"{cell:>{width}}" for cell in row) for row in cells)
-    return (heading, *zip((f"  {name}" for name in names), rows, strict=True))
+    cells = [tuple(f"{value:.4f}" for value in row) for row in np.round(matrix, 4) + 0.0]
+    return tuple(zip((f"  {name}" for name in names), cells, strict=True))
 
 
 def lqr(
