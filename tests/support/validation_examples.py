@@ -51,8 +51,12 @@ def perfect_log(duration: float = 24.0) -> Log:
 @cache
 def noisy_log(duration: float = 24.0) -> Log:
     """Return the same log seen through white noise of the standard deviations `NOISE`."""
-    log = perfect_log(duration)
-    noise = np.random.default_rng(7).normal(size=(len(log), 10)) * NOISE
+    return with_noise(perfect_log(duration))
+
+
+def with_noise(log: Log, *, scale: float = 1.0) -> Log:
+    """Return a log seen through white noise of so many times the standard deviations `NOISE`."""
+    noise = np.random.default_rng(7).normal(size=(len(log), 10)) * (scale * NOISE)
     return log.with_columns({name: log[name] + noise[:, i] for i, name in enumerate(STATE_NAMES)})
 
 

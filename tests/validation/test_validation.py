@@ -31,7 +31,7 @@ from ballbot.validation import (
     recover_gain,
     validate,
 )
-from ballbot.validation.closed_loop import delay_of, heading_error
+from ballbot.validation.closed_loop import closed_loop, delay_of, heading_error
 from ballbot.validation.models import forecast, recoverable_lean, stretches, thesis_error, window_starts
 from ballbot.validation.open_loop import OpenLoop
 from ballbot.validation.prediction import compare_horizons, predict
@@ -44,6 +44,7 @@ from tests.support.validation_examples import (
     noisy_validation,
     perfect_log,
     true_robot,
+    with_noise,
 )
 
 
@@ -213,15 +214,18 @@ def test_with_the_true_friction_only_noise_is_left_and_without_it_is_worse():
 
 
 def test_on_a_perfect_log_closed_loop_repeats_the_log():
-    validation = validate(true_robot(), perfect_log(), controller=Controller(true_robot(), gain()))
-    assert validation.closed_loop is not None
+    log, driver = perfect_log(), Controller(true_robot(), gain())
+    repeated = closed_loop(_models(true_robot()), log, stretches(log), driver)
     # rounding, over 24 s of a closed loop that sticks and slips
-    assert np.all(validation.closed_loop.whole.first.rmse < 1e-6)
-    assert np.all(validation.closed_loop.whole.second.rmse[:2] > 0.02)
+    assert np.all(repeated.whole.first.rmse < 1e-6)
+    assert np.all(repeated.whole.second.rmse[:2] > 0.02)
+
+
+def test_of_the_tables_of_errors_a_narrow_page_shows_the_first():
     # of the three tables of errors, a narrow page shows the first
     sheets = [
         one
-        for part in validation_sections(validation, example_of="log")
+        for part in validation_sections(noisy_validation(), example_of="log")
         for one in part.blocks
         if isinstance(one, Sheet) and "errors" in one.caption
     ]
@@ -229,7 +233,7 @@ def test_on_a_perfect_log_closed_loop_repeats_the_log():
 
 
 def test_only_holdout_intervals_count():
-    log = perfect_log().between(0.0, 14.0)
+    log = noisy_log().between(0.0, 14.0)
     spoiled = np.where((log.t > 6.0) & (log.t < 12.0), log["theta"], log["theta"] + 0.3)
     held = [(6.5, 11.5)]
     clean, other = (
@@ -245,7 +249,7 @@ def test_only_holdout_intervals_count():
 
 @pytest.mark.slow
 def test_a_wrapped_heading_is_counted_on():
-    log = perfect_log().between(0.0, 8.0)
+    log = noisy_log().between(0.0, 8.0)
     wrapped = log.with_columns({"psi": log["psi"] % (2.0 * np.pi)})
     assert np.abs(np.diff(wrapped["psi"])).max() > 6.0
     plain, counted_on = (_open_loop(validate(true_robot(), one)).errors.first.rmse for one in (log, wrapped))
@@ -261,7 +265,10 @@ def test_wrong_friction_is_named_with_the_states_it_spoils():
     log = simulate(
         Model(bare), Controller(bare, gain()), square(period=16.0), duration=24.0, initial_state=start
     )
-    validation = validate(true_robot(), log.without_truth())
+    assert "simulated by the model without friction itself" in str(
+        validate(true_robot(), log.without_truth()).no_evidence
+    )
+    validation = validate(true_robot(), with_noise(log.without_truth(), scale=0.1))
     named, verdicts = " ".join(texts(weak_states(validation))), _open_loop(validation).errors.verdicts()
     worse = [name for name, verdict in zip(STATE_NAMES, verdicts, strict=True) if verdict == "worse"]
     assert set(worse) >= {"x", "theta", "phi"}
@@ -326,7 +333,7 @@ def test_dithering_rollers_are_given_as_the_reason_for_the_heading():
 
 
 def test_a_log_without_a_reference_has_no_closed_loop_and_gives_the_reason():
-    log = perfect_log().between(0.0, 8.0)
+    log = noisy_log().between(0.0, 8.0)
     bare = Log({name: values for name, values in log.columns.items() if not name.startswith("ref_")})
     validation = validate(true_robot(), bare)
     assert validation.closed_loop is None

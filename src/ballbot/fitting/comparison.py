@@ -100,6 +100,8 @@ class HorizonErrors:
     #: (models, starts, h, k), predicted less measured; NaN if a forecast has no value
     differences: NDArray[np.float64]
     overlap: int = 1  #: how many neighbouring forecasts share some of the log
+    #: (h, k) RMSE that rounding alone causes, below which no error counts; none if None
+    floor: NDArray[np.float64] | None = None
 
     @property
     def starts(self) -> int:
@@ -113,8 +115,8 @@ class HorizonErrors:
 
     @property
     def ratio(self) -> NDArray[np.float64]:
-        """RMSE of the second model over that of the first (h, k): above one, the first is nearer."""
-        first, second, *_ = self.rmse
+        """RMSE of the second model over the first one's (h, k), none below `floor`: above one, the first is nearer."""
+        first, second, *_ = np.sqrt(self._squares().mean(axis=1))
         return second / first
 
     def ratio_interval(self, *, seed: int = 0) -> NDArray[np.float64]:
@@ -125,6 +127,11 @@ class HorizonErrors:
         shape = self.differences.shape[2:]
         if self.starts < LEAST_RUNS * self.overlap:
             return np.full((2, *shape), np.nan)
-        first, second, *_ = (self.differences**2).reshape(len(self.differences), self.starts, -1)
+        first, second, *_ = self._squares().reshape(len(self.differences), self.starts, -1)
         ends = ratio_interval(second, first, overlap=self.overlap, seed=seed, power=0.5)
         return ends.reshape(2, *shape)
+
+    def _squares(self) -> NDArray[np.float64]:
+        """Return the squared errors, none below the square of `floor`."""
+        squares = self.differences**2
+        return squares if self.floor is None else np.maximum(squares, self.floor**2)

@@ -87,6 +87,8 @@ def _friction_terms_words(friction: Friction) -> str:
 def model_sentence(study: Study) -> str:
     """Return how much better the model with friction predicts the held-out data."""
     validation = study.validation
+    if validation.no_evidence is not None:
+        return validation.no_evidence
     horizon = validation.horizon.errors
     at_end = np.median(horizon.ratio[-1])
     sentence = (

@@ -42,8 +42,7 @@ from ballbot.report.words import state_mark, with_symbols
 from ballbot.robot import Robot
 from ballbot.robot.figure import robot_figure
 from ballbot.rounding import digits
-from ballbot.validation import findings as validation_findings
-from ballbot.validation.residuals import residual_findings
+from ballbot.validation.result import model_findings
 from ballbot.viewer import replay_part
 from ballbot.workflows.metrics import SETTLE
 from ballbot.workflows.study import Study
@@ -77,9 +76,7 @@ def study_report(study: Study, made: Provenance) -> Report:
 
 
 def _found_of(study: Study) -> list[str]:
-    residual = len(residual_findings(study.validation.residuals))
-    found = texts(validation_findings(study.validation))
-    return [with_symbols(text) for text in found[: len(found) - residual]]
+    return [with_symbols(text) for text in texts(model_findings(study.validation))]
 
 
 def _example_words(study: Study) -> str:

@@ -14,7 +14,7 @@ from ballbot.log import STATE_NAMES
 from ballbot.report.blocks import Cell, Sheet
 from ballbot.report.words import interval_text, millimetres, state_mark, with_error
 from ballbot.rounding import digits
-from ballbot.validation import ErrorPair
+from ballbot.validation import ErrorPair, StateErrors
 from ballbot.workflows.comparison import MedianEstimate
 from ballbot.workflows.controller_choice import ControllerChoice
 
@@ -134,20 +134,29 @@ def error_rows(pair: ErrorPair, units: dict[str, str]) -> list[ErrorRow]:
     """Return the errors of each state: norm over samples, their ratio with a 95 % interval and its meaning, RMSE."""
     lower, upper = pair.ratio_interval()
     normalised, verdicts = pair.normalised_rmse, pair.verdicts()
+
+    def written(errors: StateErrors, place: int) -> tuple[str, str]:
+        """Return 1000 times the error, and the RMSE; no digits of what is only rounding."""
+        rmse = errors.rmse[place]
+        if rmse <= pair.floor[place]:
+            return "≈ 0", "≈ 0"
+        return digits(1e3 * errors.error[place]), digits(rmse)
+
     rows = []
     for i, name in enumerate(STATE_NAMES):
         known = bool(np.isfinite(lower[i]))
+        (first, rmse_first), (second, rmse_second) = written(pair.first, i), written(pair.second, i)
         rows.append(
             ErrorRow(
                 state=state_mark(name),
                 unit=units[name],
-                first=digits(1e3 * pair.first.error[i]),
-                second=digits(1e3 * pair.second.error[i]),
+                first=first,
+                second=second,
                 ratio=digits(pair.ratio[i]),
                 interval=f"{digits(lower[i])} – {digits(upper[i])}" if known else "too few runs",
                 verdict=verdicts[i] if known else "–",
-                rmse_first=digits(pair.first.rmse[i]),
-                rmse_second=digits(pair.second.rmse[i]),
+                rmse_first=rmse_first,
+                rmse_second=rmse_second,
                 normalised_first=digits(normalised[0, i], 2),
                 normalised_second=digits(normalised[1, i], 2),
             )

@@ -94,7 +94,10 @@ def _error_results(pair: ErrorPair, models: ModelPair) -> dict[str, object]:
 
 def _horizon_results(horizon: HorizonComparison, models: ModelPair) -> dict[str, object]:
     first, second = (key_of(name) for name in models.names)
-    errors, spread = horizon.errors, horizon.spread
+    errors = horizon.errors
+    # a state that moved less than its rounding has no scale
+    least = 0.0 if errors.floor is None else errors.floor[0]
+    spread = np.where(horizon.spread > least, horizon.spread, np.nan)
     first_rmse, second_rmse = errors.rmse
     intervals = errors.ratio_interval()
     return {
@@ -184,6 +187,9 @@ def _columns(values: NDArray[np.float64]) -> dict[str, list[float]]:
 
 def validation_parts(validation: Validation, *, framed: bool) -> Iterator[RenderableType]:
     """Yield the errors in open and in closed loop, and the findings."""
+    if validation.no_evidence is not None:
+        yield Text(validation.no_evidence)
+        return
     loops = {
         "open loop": validation.open_loop and validation.open_loop.errors,
         "closed loop": validation.closed_loop and validation.closed_loop.restarted,

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 
 from ballbot.errors import InputError
-from ballbot.findings import Finding
 from ballbot.fitting.comparison import LEAST_RUNS
 from ballbot.log import STATE_NAMES, Log
 from ballbot.report.blocks import Bullets, Film, Paragraph, Report, Section, Sheet, section
@@ -25,9 +23,10 @@ from ballbot.report.validation_figures import (
     wheels_figure,
 )
 from ballbot.report.words import state_mark, with_symbols
-from ballbot.validation import ErrorPair, Validation, findings
+from ballbot.validation import ErrorPair, Validation
 from ballbot.validation.models import ModelPair, Trajectories
 from ballbot.validation.residuals import ResidualAnalysis, residual_findings
+from ballbot.validation.result import model_findings
 from ballbot.validation.statistics import Whiteness
 from ballbot.viewer.page import replay_part
 
@@ -36,13 +35,13 @@ def validation_report(
     validation: Validation, *, title: str, lead: str, example_of: str, made: Provenance
 ) -> Report:
     """Return a validation's own page; `example_of` names the log that its examples are of."""
-    verdict, *others = (finding.text for finding in _of_models(validation))
+    verdict, *others = (finding.text for finding in model_findings(validation))
     return Report(
         title=title,
         lead=lead,
         verdict=[("", verdict)],
         sections=[
-            section("What was found", Bullets(items=others)),
+            *([section("What was found", Bullets(items=others))] if others else []),
             *validation_sections(validation, example_of=example_of),
         ],
         undecided=undecided_by(validation),
@@ -54,6 +53,8 @@ def validation_report(
 def undecided_by(validation: Validation) -> list[str]:
     """Return what the logs cannot show of the two models."""
     first, second = validation.models.names
+    if validation.no_evidence is not None:
+        return [validation.no_evidence]
     sentences = []
     for loop, refused, errors in (
         ("open loop", validation.no_open_loop, validation.open_loop and validation.open_loop.errors),
@@ -86,6 +87,8 @@ def undecided_by(validation: Validation) -> list[str]:
 
 def validation_sections(validation: Validation, *, example_of: str) -> list[Section]:
     """Return the sections on a validation; `example_of` names the log of the examples."""
+    if validation.no_evidence is not None:
+        return [section("Which model is better where", Paragraph(text=validation.no_evidence))]
     return [
         _ratio_section(validation),
         _open_loop_section(validation, example_of),
@@ -293,12 +296,6 @@ def _replay(shown: Trajectories, models: ModelPair) -> Film | None:
         return None
     caption = "The same seconds in three dimensions; the models can be shown as ghosts of the measured run."
     return Film(part=part, caption=caption)
-
-
-def _of_models(validation: Validation) -> Sequence[Finding]:
-    """Return the findings without those on residuals, which have a place of their own."""
-    found = findings(validation)
-    return found[: len(found) - len(residual_findings(validation.residuals))]
 
 
 def _whiteness_sheet(found: Whiteness) -> Sheet:

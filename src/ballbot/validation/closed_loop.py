@@ -79,6 +79,11 @@ def recover_gain(log: Log) -> RecoveredGain:
             "A gain of ten numbers per wheel cannot be estimated "
             f"from {len(log)} rows; at least 40 are needed."
         )
+    unchanging = np.flatnonzero(np.ptp(torques, axis=0) == 0.0)
+    if unchanging.size:
+        raise InputError(
+            f"u{unchanging[0] + 1} never changes in the log, so the gain that it comes from cannot be estimated."
+        )
     best = max(fits, key=lambda fit: float(fit.r_squared.min()))
     worst = int(np.argmin(best.r_squared))
     if not best.r_squared[worst] >= LEAST_R_SQUARED:
@@ -178,6 +183,7 @@ def closed_loop(
     *,
     delay: int = 0,
     restart_every: float = 4.0,
+    floor: NDArray[np.float64] | None = None,
     example_time: float = 20.0,
 ) -> ClosedLoop:
     """Compare both models with the log in closed loop.
@@ -195,6 +201,8 @@ def closed_loop(
         Samples by which the controller's torques come late.
     restart_every : float
         About the length of a run [s]: the longest stretch is divided into equal runs.
+    floor : array (10,), optional
+        Errors that the resolution of the log explains; what rounding makes of the start, feedback makes smaller.
     example_time : float
         Length of the piece kept to look at [s].
 
@@ -218,9 +226,9 @@ def closed_loop(
     whole = _run_models(models, log, np.array([0]), everything, controller, delay)
     shown = min(everything, round(example_time / log.sample_time))
     return ClosedLoop(
-        restarted=_errors(log, starts, restarted),
+        restarted=_errors(log, starts, restarted, floor),
         restart_every=samples * log.sample_time,
-        whole=_errors(log, np.array([0]), whole),
+        whole=_errors(log, np.array([0]), whole, floor),
         example=Trajectories.beside(log, 0, whole[:, 0, :shown]),
     )
 
@@ -235,9 +243,11 @@ def join_closed_loops(parts: Sequence[ClosedLoop]) -> ClosedLoop:
     )
 
 
-def _errors(log: Log, starts: NDArray[np.int64], states: NDArray[np.float64]) -> ErrorPair:
+def _errors(
+    log: Log, starts: NDArray[np.int64], states: NDArray[np.float64], floor: NDArray[np.float64] | None
+) -> ErrorPair:
     measured = log.states[rows_after(starts, states.shape[2])]
-    return ErrorPair.of_runs(list(measured), list(states[0]), list(states[1]))
+    return ErrorPair.of_runs(list(measured), list(states[0]), list(states[1]), floor=floor)
 
 
 def _run_models(

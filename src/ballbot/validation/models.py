@@ -11,13 +11,14 @@ divides the norm of the differences by their number n, not by its root:
 so that e shrinks with the length of what is compared. Both are given; ratios of equally long runs are the same. The
 normalised RMSE is over the standard deviation of what was measured: 1 is no better than a constant.
 
+No error counts as less than the log's resolution causes (`ballbot.validation.resolution`) before a ratio is formed.
 The interval is that of `ballbot.fitting.comparison`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import get_args
 
@@ -26,7 +27,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError, suggest
 from ballbot.fitting.comparison import LEAST_RUNS, Verdict, ratio_interval, verdicts
-from ballbot.log import Log
+from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.engine.run import simulate_lanes
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
@@ -360,6 +361,8 @@ class ErrorPair:
     means: NDArray[np.float64]  #: (runs, 10) of what was measured
     squares: NDArray[np.float64]  #: (runs, 10) its mean squares
     overlap: int = 1  #: how many neighbouring runs share some of the log
+    #: (10,) RMSE that the resolution of the log alone causes, below which no error counts
+    floor: NDArray[np.float64] = field(default_factory=lambda: np.zeros(10))
 
     @staticmethod
     def of_runs(
@@ -368,6 +371,7 @@ class ErrorPair:
         second: Sequence[NDArray[np.float64]],
         *,
         overlap: int = 1,
+        floor: NDArray[np.float64] | None = None,
     ) -> ErrorPair:
         """Return the errors of runs given as measured states and both models', each (n, 10) of its own length."""
 
@@ -380,6 +384,7 @@ class ErrorPair:
             means=np.array([run.mean(axis=0) for run in measured]),
             squares=np.array([np.mean(run**2, axis=0) for run in measured]),
             overlap=overlap,
+            floor=np.zeros(len(STATE_NAMES)) if floor is None else floor,
         )
 
     @property
@@ -389,8 +394,22 @@ class ErrorPair:
 
     @property
     def ratio(self) -> NDArray[np.float64]:
-        """Error (4.1) of the second model over that of the first (10,): above one, the first is nearer."""
-        return self.second.error / self.first.error
+        """Error (4.1) of the second model over that of the first (10,), neither below `floor`.
+
+        Above one, the first is nearer; one if both are below; NaN if both are zero and so is the floor.
+        """
+        first, second = (errors.mean(axis=0) for errors in self._resolved())
+        return np.divide(second, first, out=np.full_like(first, np.nan), where=first > 0.0)
+
+    @property
+    def unresolved(self) -> NDArray[np.bool_]:
+        """States (10,) whose errors the resolution of the log explains in both models: they show nothing."""
+        return np.maximum(self.first.rmse, self.second.rmse) <= self.floor
+
+    def _resolved(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the errors by run of the first and the second model, none below the floor."""
+        least = self.floor / np.sqrt(self.first.samples[:, None])
+        return np.maximum(self.first.by_run, least), np.maximum(self.second.by_run, least)
 
     @property
     def spread(self) -> NDArray[np.float64]:
@@ -401,10 +420,11 @@ class ErrorPair:
 
     @property
     def normalised_rmse(self) -> NDArray[np.float64]:
-        """RMSE of the first and the second over `spread` (2, 10); NaN for a state that was constant."""
+        """RMSE of the first and the second over `spread` (2, 10); NaN for a state that was as good as constant."""
         spread = self.spread
         rmse = np.array([self.first.rmse, self.second.rmse])
-        return np.where(spread > 0.0, rmse / np.where(spread > 0.0, spread, 1.0), np.nan)
+        moved = spread > self.floor
+        return np.where(moved, rmse / np.where(moved, spread, 1.0), np.nan)
 
     def ratio_interval(self, *, seed: int = 0) -> NDArray[np.float64]:
         """Return the lower and upper ends (2, 10) of the 95 % interval on `ratio`; NaN below `LEAST_RUNS` runs.
@@ -413,7 +433,8 @@ class ErrorPair:
         """
         if self.runs < LEAST_RUNS:
             return np.full((2, self.first.by_run.shape[1]), np.nan)
-        return ratio_interval(self.second.by_run, self.first.by_run, overlap=self.overlap, seed=seed)
+        first, second = self._resolved()
+        return ratio_interval(second, first, overlap=self.overlap, seed=seed)
 
     def verdicts(self) -> tuple[Verdict, ...]:
         """Return the verdict on the first model from the interval on each state's ratio."""
@@ -422,12 +443,15 @@ class ErrorPair:
 
 def join_pairs(pairs: Sequence[ErrorPair]) -> ErrorPair:
     """Return the errors over the runs of all `pairs`."""
+    weights = np.array([pair.first.samples.sum() for pair in pairs], dtype=float)
+    floors = np.array([pair.floor for pair in pairs])
     return ErrorPair(
         first=_join_errors([pair.first for pair in pairs]),
         second=_join_errors([pair.second for pair in pairs]),
         means=np.concatenate([pair.means for pair in pairs]),
         squares=np.concatenate([pair.squares for pair in pairs]),
         overlap=max(pair.overlap for pair in pairs),
+        floor=np.sqrt(np.average(floors**2, axis=0, weights=weights)),
     )
 
 

@@ -20,6 +20,7 @@ from ballbot.fitting.comparison import HorizonErrors
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import wheel_angle_names, wheel_speed_names
 from ballbot.validation.models import ErrorPair, ModelPair, forecast, rows_after, window_starts
+from ballbot.validation.resolution import column_resolution, rounding_errors
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,6 +37,7 @@ class Prediction:
     segments: tuple[int, ...]  #: lengths of the runs of steps that follow each other without a gap
     logs: tuple[int, ...]  #: how many steps are of each log
     sample_time: float  #: [s]
+    resolution: NDArray[np.float64]  #: (10,) step in which the log's states are rounded
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -47,7 +49,13 @@ class Prediction:
     def errors(self) -> ErrorPair:
         """All steps as one run."""
         measured = self.measured
-        return ErrorPair.of_runs([measured], [measured - self.residuals], [measured - self.residuals_second])
+        return ErrorPair.of_runs(
+            [measured],
+            [measured - self.residuals],
+            [measured - self.residuals_second],
+            # a step's start and its end are rounded, each by up to half a step of the grid either way
+            floor=self.resolution * np.sqrt(2.0 / 12.0),
+        )
 
     @property
     def start_covariance(self) -> NDArray[np.float64]:
@@ -76,6 +84,7 @@ def predict(models: ModelPair, log: Log, parts: Sequence[range]) -> Prediction:
         segments=tuple(len(part) - 1 for part in parts),
         logs=(len(starts),),
         sample_time=log.sample_time,
+        resolution=np.array([column_resolution(log[name]) for name in STATE_NAMES]),
     )
 
 
@@ -97,6 +106,7 @@ def join_predictions(predictions: Sequence[Prediction]) -> Prediction:
         segments=tuple(length for part in predictions for length in part.segments),
         logs=tuple(length for part in predictions for length in part.logs),
         sample_time=predictions[0].sample_time,
+        resolution=np.max([part.resolution for part in predictions], axis=0),
     )
 
 
@@ -156,12 +166,14 @@ def compare_horizons(
     noise = random.multivariate_normal(np.zeros(10), start_covariance, size=(2, len(starts)), method="eigh")
     noisy = forecast([models.first.model], log, starts, samples, initial=log.states[starts] + noise[0])[0]
     floor = (noisy + noise[1][:, None] - states[0])[:, ahead - 1]
+    rounding = rounding_errors(models, log, starts, states, seed=seed)[:, :, ahead - 1]
     horizons = ahead * step
     return HorizonComparison(
         errors=HorizonErrors(
             horizons=horizons,
             differences=(states - measured)[:, :, ahead - 1],
             overlap=int(-(-horizons[-1] // _SPACING)),
+            floor=np.sqrt(np.mean(rounding**2, axis=1)).max(axis=0),
         ),
         noise_floor=np.sqrt(np.mean(floor**2, axis=0)),
         spread=np.std(np.concatenate([log.states[part.start : part.stop] for part in parts]), axis=0),
@@ -173,10 +185,18 @@ def join_horizons(parts: Sequence[HorizonComparison]) -> HorizonComparison:
     first = parts[0].errors
     alike = [part for part in parts if np.array_equal(part.errors.horizons, first.horizons)]
     weights = [part.errors.starts for part in alike]
-    floors = np.array([part.noise_floor for part in alike])
+    noise = [part.noise_floor for part in alike]
+    rounding = [
+        np.zeros(first.rmse.shape[1:]) if part.errors.floor is None else part.errors.floor for part in alike
+    ]
     differences = np.concatenate([part.errors.differences for part in alike], axis=1)
     return HorizonComparison(
-        errors=replace(first, differences=differences),
-        noise_floor=np.sqrt(np.average(floors**2, axis=0, weights=weights)),
+        errors=replace(first, differences=differences, floor=_mean_square(rounding, weights)),
+        noise_floor=_mean_square(noise, weights),
         spread=parts[0].spread,
     )
+
+
+def _mean_square(floors: Sequence[NDArray[np.float64]], weights: Sequence[int]) -> NDArray[np.float64]:
+    """Return the root of the weighted mean of the squares of arrays of one shape."""
+    return np.sqrt(np.average(np.array(floors) ** 2, axis=0, weights=weights))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ballbot.findings import Finding, note
+from ballbot.findings import Finding, note, warning
 from ballbot.fitting.comparison import verdicts
 from ballbot.log import STATE_NAMES
 from ballbot.summary import Summary, counted, plotted, summarized
@@ -40,13 +40,17 @@ class Validation:
     duration: float  #: of the stretches compared [s]
     sample_time: float  #: of the log [s]
     log_findings: tuple[Finding, ...] = ()  #: of the checks of the log
+    no_evidence: str | None = None  #: why the logs cannot show which model is better, if they cannot
+    left_out: tuple[str, ...] = ()  #: why logs that cannot are not among those compared
 
     def summary(self) -> Summary:
         """Return the verdict on each kind of prediction, and each state's ratio of errors in open loop."""
         first, second = self.models.names
         title, rows = f"Validation of the model {first} on {self.duration:.3g} s", []
+        if self.no_evidence is not None:
+            return Summary(title=title, rows=(), sentences=(self.no_evidence,))
         if self.open_loop is not None:
-            title += f": open-loop error of the model {second} over its own"
+            title += f": open-loop error {second} over error {first} (above 1, the model {first} is better)"
             errors = self.open_loop.errors
             lower, upper = errors.ratio_interval()
             for place, (name, verdict) in enumerate(zip(STATE_NAMES, errors.verdicts(), strict=True)):
@@ -58,7 +62,8 @@ class Validation:
             sentences.append(_closed_loop_verdict(self))
         elif self.no_closed_loop is not None:
             sentences.append(f"No closed-loop validation: {self.no_closed_loop}")
-        return Summary(title=title, rows=tuple(rows), sentences=(*sentences, _horizon_verdict(self)))
+        sentences = (*self.left_out, *sentences, _horizon_verdict(self))
+        return Summary(title=title, rows=tuple(rows), sentences=sentences)
 
     def plot(self) -> Figure:
         """Return a figure of how the errors of both models grow with the horizon of a prediction."""
@@ -77,14 +82,21 @@ _SLOWER = 0.95
 
 def findings(validation: Validation) -> tuple[Finding, ...]:
     """Return the findings, the verdict first."""
+    residuals = () if validation.no_evidence else residual_findings(validation.residuals)
+    return (*model_findings(validation), *residuals)
+
+
+def model_findings(validation: Validation) -> tuple[Finding, ...]:
+    """Return the findings without those on the residuals."""
+    if validation.no_evidence is not None:
+        return (warning("no-evidence", validation.no_evidence),)
     found = [note("open-loop", _open_loop_verdict(validation)), *weak_states(validation)]
+    found += [warning("no-evidence", sentence) for sentence in validation.left_out]
     if validation.closed_loop is not None:
         found.append(note("closed-loop", _closed_loop_verdict(validation)))
     elif validation.no_closed_loop is not None:
         found.append(note("closed-loop", f"No closed-loop validation: {validation.no_closed_loop}"))
-    found.append(note("horizon", _horizon_verdict(validation)))
-    found.extend(residual_findings(validation.residuals))
-    return tuple(found)
+    return (*found, note("horizon", _horizon_verdict(validation)))
 
 
 def weak_states(validation: Validation) -> tuple[Finding, ...]:
@@ -160,6 +172,8 @@ def _reason(validation: Validation, index: int) -> str:
     """Return the reason that the data show for a state that the first model does not predict better."""
     loop = validation.open_loop
     assert loop is not None
+    if loop.errors.unresolved[index]:
+        return "Reason: the errors of both models are within the resolution of the log's numbers."
     share = loop.noise_floor[index] / loop.errors.first.rmse[index]
     first, second = validation.models.both
     falls = [float(model.linearize().poles()[0].real) for model in (first, second)]

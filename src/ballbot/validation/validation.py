@@ -32,12 +32,14 @@ from ballbot.validation.closed_loop import (
 from ballbot.validation.models import Interval, ModelPair, check_wheels, stretches
 from ballbot.validation.open_loop import join_open_loops, open_loop
 from ballbot.validation.prediction import (
+    HorizonComparison,
     compare_horizons,
     join_horizons,
     join_predictions,
     predict,
 )
 from ballbot.validation.residuals import analyse_residuals
+from ballbot.validation.resolution import no_evidence
 from ballbot.validation.result import Validation
 from ballbot.validation.statistics import find_updates
 from ballbot.validation.wheel_effects import find_dither
@@ -165,24 +167,28 @@ def validate_pair(
     _report(run, 0)
     prediction = predict(models, log, parts)
     covariance = prediction.start_covariance
-    disturbed = next((found.text for found in check_disturbance(log, models.first.model.robot)), None)
     _report(run, 1)
-    recovered, closed, refusal = (
-        (None, None, disturbed) if disturbed else _closed_loop(models, log, parts, controller, restart_every)
-    )
+    horizon = compare_horizons(models, log, parts, start_covariance=covariance, seed=run.seed)
+    nothing_shown = no_evidence(models, log, parts, horizon.errors)
+    disturbed = next((found.text for found in check_disturbance(log, models.first.model.robot)), None)
+    refused = nothing_shown or disturbed
     _report(run, 2)
-    opened = (
-        None
-        if disturbed
-        else open_loop(models, log, parts, start_covariance=covariance, longest=longest, seed=run.seed)
+    recovered, closed, refusal = (
+        (None, None, refused)
+        if refused
+        else _closed_loop(models, log, parts, controller, restart_every, horizon)
     )
     _report(run, 3)
-    horizon = compare_horizons(models, log, parts, start_covariance=covariance, seed=run.seed)
+    opened = (
+        None
+        if refused
+        else open_loop(models, log, parts, start_covariance=covariance, longest=longest, seed=run.seed)
+    )
     _report(run, 4)
     validation = Validation(
         models=models,
         open_loop=opened,
-        no_open_loop=disturbed,
+        no_open_loop=refused,
         closed_loop=closed,
         no_closed_loop=refusal,
         prediction=prediction,
@@ -192,12 +198,13 @@ def validate_pair(
         dither=find_dither(models.first.model, log),
         duration=sum(len(part) for part in parts) * log.sample_time,
         sample_time=log.sample_time,
+        no_evidence=nothing_shown,
     )
     _report(run, 5)
     return validation
 
 
-_STAGES = ("one step ahead", "closed loop", "open loop", "horizons", "residuals")
+_STAGES = ("one step ahead", "horizons", "closed loop", "open loop", "residuals")
 
 
 def _report(run: Run, done: int) -> None:
@@ -230,11 +237,12 @@ def validate_logs(
         As `validate_pair`.
     """
     parts: dict[str, Validation] = {}
+    several = len(logs) > 1
     for number, (name, log) in enumerate(logs.items()):
         stage = f"validating {name}" if name else ""
         of_log = part_of(run.progress, number / len(logs), (number + 1) / len(logs), stage=stage)
         try:
-            parts[name] = validate_pair(
+            part = validate_pair(
                 models,
                 log,
                 controller=controller,
@@ -243,18 +251,28 @@ def validate_logs(
                 longest=longest,
                 run=replace(run, progress=of_log),
             )
+            named = several and part.no_evidence
+            parts[name] = replace(part, no_evidence=f"{name}: {part.no_evidence}") if named else part
         except InputError as error:
             raise (InputError(f"{name}: {error}") if name else error) from None
     return parts
 
 
 def join_validations(parts: Sequence[Validation]) -> Validation:
-    """Return the validations of several logs as one, over the runs of all.
+    """Return the validations of several logs as one, over the runs of all that can show which model is better.
 
-    Examples, the recovered gain, the dither and the update rates are those of the first log that has them.
+    Examples, the recovered gain, the dither and the update rates are those of the first log that has them. The logs
+    that cannot are left out, and `Validation.left_out` says why; if there are no others, none is.
     """
     if len(parts) == 1:
         return parts[0]
+    shown = [part for part in parts if part.no_evidence is None]
+    reasons = tuple(part.no_evidence for part in parts if part.no_evidence)
+    if not shown:
+        sentence = " ".join(dict.fromkeys(reasons))
+        return replace(parts[0], no_evidence=sentence, no_open_loop=sentence, no_closed_loop=sentence)
+    if reasons:
+        return replace(join_validations(shown), left_out=reasons)
     opened = [part.open_loop for part in parts if part.open_loop is not None]
     closed = [part.closed_loop for part in parts if part.closed_loop is not None]
     prediction = join_predictions([part.prediction for part in parts])
@@ -276,25 +294,30 @@ def join_validations(parts: Sequence[Validation]) -> Validation:
 
 
 def _closed_loop(
-    models: ModelPair, log: Log, parts: Sequence[range], controller: Feedback | None, restart_every: float
+    models: ModelPair,
+    log: Log,
+    parts: Sequence[range],
+    controller: Feedback | None,
+    restart_every: float,
+    horizon: HorizonComparison,
 ) -> tuple[RecoveredGain | None, ClosedLoop | None, str | None]:
     """Return the recovered gain, the closed-loop validation, and the reason if it is missing."""
-    if controller is not None:
-        delay = delay_of(controller, log)
-        return (
-            None,
-            closed_loop(models, log, parts, controller, delay=delay, restart_every=restart_every),
-            None,
+    recovered = None
+    if controller is None:
+        try:
+            recovered = recover_gain(log)
+        except InputError as error:
+            return None, None, str(error)
+        controller = Controller(
+            models.first.model.robot,
+            recovered.gain,
+            sample_time=log.sample_time,
+            torque_limit=recovered.torque_limit,
         )
-    try:
-        recovered = recover_gain(log)
-    except InputError as error:
-        return None, None, str(error)
-    own = Controller(
-        models.first.model.robot,
-        recovered.gain,
-        sample_time=log.sample_time,
-        torque_limit=recovered.torque_limit,
+    # the floor of the longest forecast without feedback: with it, the start's rounding grows less
+    floor = None if horizon.errors.floor is None else horizon.errors.floor[-1]
+    delay = delay_of(controller, log) if recovered is None else recovered.delay
+    closed = closed_loop(
+        models, log, parts, controller, delay=delay, restart_every=restart_every, floor=floor
     )
-    closed = closed_loop(models, log, parts, own, delay=recovered.delay, restart_every=restart_every)
     return recovered, closed, None

@@ -1,0 +1,105 @@
+"""Logs that can show nothing, and the resolution below which an error counts as none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ballbot.findings import texts
+from ballbot.log import STATE_NAMES, Log
+from ballbot.mechanics.model import Model
+from ballbot.report.page import page_of
+from ballbot.report.provenance import Provenance
+from ballbot.report.validation import validation_results
+from ballbot.report.validation_page import validation_report
+from ballbot.validation import ErrorPair, ModelPair, findings, join_validations, validate, validate_pair
+from ballbot.validation.closed_loop import recover_gain
+from ballbot.validation.resolution import FINEST, column_resolution
+from tests.support.validation_examples import noisy_log, noisy_validation, perfect_log, true_robot
+
+
+def _still() -> Log:
+    log = perfect_log().between(0.0, 2.0)
+    return log.with_columns({name: np.zeros(len(log)) for name in log.names if name != "t"})
+
+
+@pytest.mark.parametrize("decimals", [None, 6, 4])
+def test_a_log_that_a_model_simulated_shows_nothing_however_it_was_written(decimals):
+    log = perfect_log().between(0.0, 6.0)
+    if decimals is not None:
+        log = log.with_columns({name: np.round(log[name], decimals) for name in log.names if name != "t"})
+    validation = validate(true_robot(), log)
+    sentence = "This log was simulated by the model with friction itself"
+    assert validation.no_evidence is not None
+    assert validation.no_evidence.startswith(sentence)
+    assert validation.open_loop is None
+    assert validation.closed_loop is None
+    # one sentence everywhere
+    assert validation.summary().sentences == (validation.no_evidence,)
+    assert texts(findings(validation)) == [validation.no_evidence]
+    results = validation_results(validation)
+    assert results["no_open_loop"] == results["no_closed_loop"] == validation.no_evidence
+
+
+def test_noise_of_a_sensor_makes_a_simulated_log_one_that_shows_something():
+    assert noisy_validation().no_evidence is None
+    coarse = noisy_log().between(0.0, 6.0)
+    coarse = coarse.with_columns({name: np.round(coarse[name], 3) for name in STATE_NAMES})
+    assert validate(true_robot(), coarse).no_evidence is None
+
+
+def test_a_log_at_rest_shows_nothing():
+    models = ModelPair.by_friction(Model(true_robot()))
+    validation = validate_pair(models, _still())
+    assert validation.no_evidence is not None
+    assert validation.no_evidence.startswith("The log does not move")
+    assert validation.recovered is None
+
+
+def test_a_torque_that_never_changes_gives_no_gain():
+    with pytest.raises(ValueError, match="u1 never changes"):
+        recover_gain(_still())
+
+
+def test_logs_that_show_nothing_are_left_out_of_those_joined():
+    models = ModelPair.by_friction(Model(true_robot()))
+    still, moving = validate_pair(models, _still()), noisy_validation()
+    joined = join_validations([still, moving])
+    assert joined.left_out == (still.no_evidence,)
+    assert joined.duration == moving.duration
+    assert still.no_evidence in texts(findings(joined))
+    assert join_validations([still, still]).no_evidence == still.no_evidence
+
+
+def test_an_error_below_the_floor_counts_as_the_floor():
+    runs = [np.full((10, 10), value) for value in np.linspace(0.9, 1.1, 9)]
+    exact = ErrorPair.of_runs(
+        [np.zeros((10, 10))] * 9,
+        [1e-16 * run for run in runs],
+        [1e-13 * run for run in runs],
+        floor=np.full(10, 1e-9),
+    )
+    assert np.all(exact.unresolved)
+    np.testing.assert_allclose(exact.ratio, 1.0)
+    np.testing.assert_allclose(exact.ratio_interval(), 1.0)
+    assert set(exact.verdicts()) == {"undecided"}
+    assert np.isnan(exact.normalised_rmse).all()
+
+
+@pytest.mark.parametrize("step", [0.01, 0.5**12, np.radians(0.1)])
+def test_the_grid_of_a_column_is_found(step):
+    random = np.random.default_rng(3)
+    assert column_resolution(step * random.integers(-300, 300, 2000)) == pytest.approx(step)
+    # neither noise nor a few different values make a grid
+    assert column_resolution(random.normal(size=2000)) < 1e-6
+    assert column_resolution(np.repeat([0.0, 1.0], 500)) == FINEST
+
+
+def test_the_page_says_it_once_and_has_no_ratio():
+    models = ModelPair.by_friction(Model(true_robot()))
+    validation = validate_pair(models, _still())
+    made = Provenance(command="ballbot validate", files=(), seed=0, versions={})
+    page = page_of(validation_report(validation, title="t", lead="l", example_of="log", made=made))
+    assert validation.no_evidence is not None
+    assert validation.no_evidence in page
+    assert "ratio of the errors" not in page
