@@ -276,3 +276,38 @@ def test_angles_that_may_be_degrees_are_found() -> None:
 def test_a_count_of_records_is_in_the_singular(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--load-mass has 2 values for 1 record; give"):
         read_axis_records([written(tmp_path / "a.csv")], AxisColumns(load_mass="1, 2"))
+
+
+@pytest.mark.parametrize(
+    ("position", "scale", "period"),
+    [
+        (np.degrees(np.mod(20.0 * POSITION, 2.0 * np.pi)), np.radians(1.0), 2.0 * np.pi),
+        (np.mod(20.0 * POSITION + np.pi, 2.0 * np.pi) - np.pi, 1.0, 2.0 * np.pi),
+        (np.mod(np.round(20.0 * POSITION * 1000.0), 4096.0), 1e-3, 4.096),
+        (np.degrees(np.mod(20.0 * POSITION, 2.0 * np.pi)), 1.0, 360.0),
+    ],
+    ids=["0 to 360", "pi", "counter", "degrees"],
+)
+def test_a_position_that_wraps_is_counted_on(
+    tmp_path: Path, position: np.ndarray, scale: float, period: float
+) -> None:
+    position[100] = np.nan
+    path = written(tmp_path / "a.csv", position=position)
+    columns = AxisColumns(unit="rad", position_scale=str(scale), reference="position")
+    record = read_axis_record(path, columns)
+    assert record.wraps.period == pytest.approx(period)
+    assert np.abs(np.diff(record.position)).max() < 0.1 * period
+    np.testing.assert_array_equal(record.reference, record.position)
+    found = {one.code for one in record_findings(record) if one.severity != "error"}
+    assert "wrap" in found
+    assert ("axis-unit" in found) == (scale == 1.0 and period == 360.0)
+
+
+@pytest.mark.parametrize("jump", [2.0, 6.28])
+def test_a_jump_that_is_no_turn_stays(tmp_path: Path, jump: float) -> None:
+    """A jump of another size, and one beside steps that are nearly as large."""
+    position = POSITION.copy() if jump == 2.0 else 30.0 * POSITION
+    position[300:] += jump
+    record = read_axis_record(written(tmp_path / "a.csv", position=position), AxisColumns(unit="rad"))
+    assert record.wraps.count == 0
+    np.testing.assert_array_equal(record.position, position)

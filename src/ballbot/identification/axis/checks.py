@@ -26,6 +26,7 @@ from ballbot.identification.axis.model import AXIS_LAWS
 from ballbot.identification.axis.record import GAP, NO_LOAD, AxisRecord, PositionVelocityLoop
 from ballbot.identification.axis.structure import AxisModel
 from ballbot.identification.axis.terms import select_terms
+from ballbot.identification.axis.wrapping import DEGREES, TURN
 
 #: share of the force that the motion must explain
 _EXPLAINED, _WELL_EXPLAINED = 0.3, 0.8
@@ -80,6 +81,7 @@ def record_findings(record: AxisRecord, *, bandwidth: float | None = None) -> tu
         *_of_travel(record),
         *_of_reference(record),
         *_of_gaps(record),
+        *_of_wraps(record),
         *_of_limit(record),
     ]
     follows = all(one.code != "axis-reference" for one in findings)
@@ -178,6 +180,23 @@ def _of_gaps(record: AxisRecord) -> Iterator[Finding]:
             "the force in them is unknown, and no prediction runs across them."
         )
         yield _finding("gap", "note", text.replace("1 gaps", "1 gap") if gaps == 1 else text, "t")
+
+
+def _of_wraps(record: AxisRecord) -> Iterator[Finding]:
+    wraps = record.wraps
+    if not wraps.count:
+        return
+    size = {TURN: "one turn", DEGREES: "360"}.get(wraps.period, f"{wraps.period:.6g} {record.unit}")
+    text = f"The position jumps by {size} in {wraps.count} row{'s' if wraps.count > 1 else ''}; it is counted on."
+    yield _finding("wrap", "note", text, "position")
+    if wraps.period not in (TURN, DEGREES):
+        return
+    options = [] if record.unit == "rad" else ["--unit rad"]
+    options += [f"--position-scale {np.radians(1.0):.6g}"] if wraps.period == DEGREES else []
+    if options:
+        kind = "an angle in degrees" if wraps.period == DEGREES else "an angle"
+        text = f"A position that jumps by {wraps.period:.4g} is {kind}: {' '.join(options)}."
+        yield _finding("axis-unit", "warning", text, "position")
 
 
 def _of_limit(record: AxisRecord) -> Iterator[Finding]:

@@ -1,4 +1,4 @@
-"""Findings on the identification of an axis: its law, an asymmetry, doubtful parameters, methods that differ."""
+"""Findings on the identification of an axis: its law, an asymmetry, doubtful parameters."""
 
 from __future__ import annotations
 
@@ -23,8 +23,6 @@ _UNDETERMINED, _SHARE_OF_FORCE = 2.0, 0.1
 _BETTER = 0.95
 #: beyond so many standard errors, two parts of a record differ
 _DIFFERENT = 2.0
-#: methods differ beyond so many of their errors, and by this share of the parameter
-_APART, _SHARE_APART = 3.0, 0.1
 
 
 def axis_findings(
@@ -44,7 +42,6 @@ def axis_findings(
         *_asymmetry_findings(record, laws, best.model.law, asymmetry),
         *_lost_minimum(records, best, estimates),
         *_open_parameters(best, records),
-        *_apart(best, estimates, record.unit),
     )
 
 
@@ -158,40 +155,3 @@ def _open_parameters(best: Estimate, records: Sequence[AxisRecord]) -> list[Find
         elif half > abs(value) and not small and not label.startswith("drift_"):
             found.append(note("poorly-determined", f"{kind.symbol} is poorly determined: {interval}."))
     return found
-
-
-#: the fit of whole records minimizes another error, and is not compared
-_COMPARED = ("inverse", "closed loop")
-
-
-def _apart(best: Estimate, estimates: Sequence[Estimate], unit: str) -> list[Finding]:
-    """Return where methods of one law differ by more than their errors."""
-    found = []
-    for other in estimates:
-        if other.method not in _COMPARED or other.model.law.name != best.model.law.name:
-            continue
-        for name in ("mass", "viscous", "coulomb"):
-            if name not in best.values or name not in other.values:
-                continue
-            difference = abs(best.values[name] - other.values[name])
-            error = np.hypot(best.standard_errors[name], other.standard_errors[name])
-            if difference > _APART * error and difference > _SHARE_APART * abs(best.values[name]):
-                kind, causes = PARAMETERS[name], _CAUSES[name]
-                if other.method == "closed loop":
-                    causes += ", or the drive's loop is not quite the one simulated"
-                found.append(
-                    warning(
-                        "methods-differ",
-                        f"{kind.symbol} is {best.values[name]:.3g} {unit_for(kind, unit)} by the open loop and "
-                        f"{other.values[name]:.3g} by the {other.method} method, {difference / error:.0f} standard "
-                        f"errors apart: {causes}.",
-                    )
-                )
-    return found
-
-
-_CAUSES = {
-    "mass": "the force is late or early against the position, or the position is noisy",
-    "viscous": "friction changes with time, load or temperature, or the force is late or early",
-    "coulomb": "friction changes near rest or with time, or a force is missing",
-}

@@ -13,6 +13,7 @@ from ballbot.errors import InputError, suggest
 from ballbot.findings import Finding
 from ballbot.fitting.model_selection import Gain
 from ballbot.fitting.run import DEFAULT_RUN, Run
+from ballbot.identification.axis.comparison import methods_differ
 from ballbot.identification.axis.conclusions import axis_findings
 from ballbot.identification.axis.force_timing import delay_findings, delayed, force_delay, is_interpolated
 from ballbot.identification.axis.inverse import (
@@ -161,6 +162,7 @@ def identify_axis(
         *axis_findings(
             bench.all, selection, by_law[chosen.name], estimates, asymmetry, by_user=wanted is not None
         ),
+        *methods_differ(bench.records, by_law[chosen.name], estimates, bandwidth=options.bandwidth),
         *residual_findings(tests, chosen, records),
         *_elsewhere(bench, fits[chosen.name], expected),
     )
@@ -169,9 +171,7 @@ def identify_axis(
         unit=records[0].unit,
         model=model.with_law(chosen),
         terms=terms,
-        drift=max(
-            float(np.ptp(a.force - b.force)) for a, b in zip(drifting.records, bench.records, strict=True)
-        ),
+        drift=bench.drift_from(drifting),
         horizon=horizon,
         inverse=inverse,
         laws=selection,
@@ -332,6 +332,11 @@ class _Bench:
         moved = (tuple(delayed(one, rows) for one in several) for several in (self.records, self.others))
         records, others = moved
         return replace(self, records=records, others=others)
+
+    def drift_from(self, drifting: _Bench) -> float:
+        """Return the largest range [N] of the drift that was subtracted from the forces of `drifting`."""
+        pairs = zip(drifting.records, self.records, strict=True)
+        return max(float(np.ptp(one.force - flat.force)) for one, flat in pairs)
 
     def band(self, record: AxisRecord) -> float:
         """Return the bandwidth of a record's motion [Hz]."""

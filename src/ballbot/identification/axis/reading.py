@@ -1,8 +1,8 @@
 """Records of one axis from files: which column or variable is what, and what has to be done to the rows.
 
 A file of any format of logs holds a record, as columns or named variables (docs/logs.md). Rows at uneven times are kept
-with their times. Rows with a missing value are left out, so that a gap remains. An axis whose velocity is recorded and
-not its position has the position that the velocity gives by integration.
+with their times. Rows with a missing value are left out, so that a gap remains. A position that wraps is counted on. An
+axis whose velocity is recorded and not its position has the position that the velocity gives by integration.
 """
 
 from __future__ import annotations
@@ -17,7 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError, suggest
-from ballbot.identification.axis.record import EVEN, AxisRecord, KnownLoad, PositionVelocityLoop
+from ballbot.identification.axis.record import (
+    EVEN,
+    NO_WRAPS,
+    AxisRecord,
+    KnownLoad,
+    PositionVelocityLoop,
+    Wraps,
+)
+from ballbot.identification.axis.wrapping import unwrapped, wrapping_period
 from ballbot.log.columns import FACTORS, LARGEST_CELL, Columns
 from ballbot.log.formats import read_units, read_variables
 
@@ -198,10 +206,7 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     if added is not None:
         added = file.factor("added_force_scale") * added
         force = force + added if added.shape == force.shape else force
-    travel = file.factor("position_scale")
-    position = travel * _position(file, t)
-    reference = file.optional("reference")
-    reference = None if reference is None else travel * reference
+    position, reference, wraps = _measured_motion(file, t)
     rows = {
         "time": t,
         "force": force,
@@ -230,6 +235,7 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
         load=load,
         known_load=_known_load(file),
         beyond_limit=beyond,
+        wraps=wraps,
     )
     loop = _loop(file, scale, limit)
     if loop is None:
@@ -384,6 +390,25 @@ def _position(file: _File, t: NDArray[np.float64]) -> NDArray[np.float64]:
     clock = np.interp(np.arange(len(t)), np.flatnonzero(known), t[known])
     travelled = np.append(0.0, np.cumsum(0.5 * (whole[1:] + whole[:-1]) * np.diff(clock)))
     return np.where(known, travelled, np.nan)
+
+
+def _measured_motion(
+    file: _File, t: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, Wraps]:
+    """Return position and reference (N,) counted on from turn to turn, and how often the position wrapped."""
+    scale = file.factor("position_scale")
+    position, reference = scale * _position(file, t), file.optional("reference")
+    reference = None if reference is None else scale * reference
+    period = wrapping_period(position, scale)
+    if not period:
+        return position, reference, NO_WRAPS
+    position, count = unwrapped(position, period)
+    if reference is not None and wrapping_period(reference, scale) == period:
+        reference, _ = unwrapped(reference, period)
+        if reference.shape == position.shape:
+            # both may begin in different turns
+            reference = reference - period * np.round(np.nanmedian(reference - position) / period)
+    return position, reference, Wraps(count=count, period=period)
 
 
 def _known_load(file: _File) -> KnownLoad:

@@ -76,6 +76,17 @@ class KnownLoad:
 NO_LOAD = KnownLoad()
 
 
+@dataclass(frozen=True, kw_only=True)
+class Wraps:
+    """How often a position began again after a turn, before it was counted on."""
+
+    count: int = 0
+    period: float = 0.0  #: after which it began again [m]
+
+
+NO_WRAPS = Wraps()
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AxisRecord:
     """A record of one axis.
@@ -103,6 +114,7 @@ class AxisRecord:
     beyond_limit: float = (
         0.0  #: share of the rows whose recorded force exceeded the limit given; `force` is at it there
     )
+    wraps: Wraps = NO_WRAPS  #: that the position had in its file; `position` has none
 
     def __post_init__(self) -> None:
         if not 0.0 < self.sample_time < np.inf:

@@ -1,0 +1,97 @@
+"""Where the methods that identify an axis disagree by more than their errors.
+
+Methods of one law are compared parameter by parameter. The inverse model knows straight lines of friction over speed
+only. Against a result with another law, it is fitted to the force that the result requires for the recorded motion, on
+the same rows: what it finds there is what it should find in the recorded force if the result is right. A Stribeck
+curve is then no difference, and a dry friction that the result has dropped is one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ballbot.errors import InputError
+from ballbot.findings import Finding, warning
+from ballbot.identification.axis.inverse import free_inverse_fit
+from ballbot.identification.axis.model import PARAMETERS, unit_for
+from ballbot.identification.axis.motion import default_bandwidth, smoothed_motion
+from ballbot.identification.axis.record import AxisRecord
+from ballbot.identification.axis.result import Estimate
+
+#: methods differ beyond so many of their errors, and by this share of the parameter
+_APART, _SHARE_APART = 3.0, 0.1
+#: of the other number, this share is a rounding error
+_NOTHING = 1e-6
+#: the fit of whole records minimizes another error, and is not compared
+_COMPARED = ("inverse", "closed loop")
+_CAUSES = {
+    "mass": "the force is late or early against the position, or the position is noisy",
+    "viscous": "friction changes with time, load or temperature, or the force is late or early",
+    "coulomb": "friction changes near rest or with time, or a force is missing",
+}
+
+
+def methods_differ(
+    records: Sequence[AxisRecord],
+    best: Estimate,
+    estimates: Sequence[Estimate],
+    *,
+    bandwidth: float | None = None,
+) -> list[Finding]:
+    """Return a warning for each parameter in which a method differs from the result by more than their errors."""
+    found = []
+    for other in estimates:
+        if other.method not in _COMPARED:
+            continue
+        ours = best.values
+        if other.law.name != best.law.name:
+            ours = _as_the_inverse_model_finds(records, best, other, bandwidth)
+        for name in _CAUSES:
+            if name in ours and name in other.values:
+                found += _apart(name, ours[name], best, other, records[0].unit)
+    return found
+
+
+def _as_the_inverse_model_finds(
+    records: Sequence[AxisRecord], best: Estimate, inverse: Estimate, bandwidth: float | None
+) -> Mapping[str, float]:
+    """Return what the inverse model finds in the force that the result requires; empty if it finds nothing."""
+    required = []
+    for number, record in enumerate(records):
+        band = default_bandwidth(record) if bandwidth is None else bandwidth
+        motion = smoothed_motion(record, bandwidth=band)
+        force = best.axis(number).needed_force(record, motion.position, motion.speed, motion.acceleration)
+        required.append(replace(record, force=force, added=None, loop=None))
+    # this force is that of the row's own motion, and not held since the row before
+    model = replace(inverse.model, interpolated=True)
+    try:
+        return free_inverse_fit(required, model=model, bandwidth=bandwidth, moving=True).by_name
+    except InputError:
+        return {}
+
+
+def _apart(name: str, ours: float, best: Estimate, other: Estimate, unit: str) -> list[Finding]:
+    theirs, kind = other.values[name], PARAMETERS[name]
+    # a parameter that the law does not have is zero, without an error
+    error = float(np.hypot(best.standard_errors.get(name, 0.0), other.standard_errors[name]))
+    difference = abs(ours - theirs)
+    size = abs(ours) if name in best.values else max(abs(ours), abs(theirs))
+    if not (difference > _APART * error and difference > _SHARE_APART * size):
+        return []
+    causes = _CAUSES[name]
+    if other.method == "closed loop":
+        causes += ", or the drive's loop is not quite the one simulated"
+    unit_text = unit_for(kind, unit)
+    if name not in best.values and abs(ours) < _NOTHING * abs(theirs):
+        by = f"zero by the open loop, with the law {best.law.name}, and"
+    else:
+        law = "" if other.law.name == best.law.name else f", with the law {best.law.name},"
+        by = f"{ours:.3g} {unit_text} by the open loop{law} and"
+    text = (
+        f"{kind.symbol} is {by} {theirs:.3g} by the {other.method} method, {difference / error:.0f} standard errors "
+        f"apart: {causes}."
+    )
+    return [warning("methods-differ", text)]

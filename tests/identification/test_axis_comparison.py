@@ -1,0 +1,71 @@
+"""Methods that identify an axis are compared whatever laws they have, and only where they can be."""
+
+from functools import cache
+
+from ballbot.identification.axis import AXIS_LAWS, AxisRecord, inverse_fit
+from ballbot.identification.axis.comparison import methods_differ
+from ballbot.identification.axis.result import Estimate
+from ballbot.identification.axis.structure import AxisModel
+from tests.support.axis_examples import TRUTH, simulated_record
+
+STRIBECK = TRUTH | {"stribeck": 12.0, "stribeck_speed": 0.05}
+
+
+@cache
+def record(law: str) -> AxisRecord:
+    return simulated_record(law=law, values=STRIBECK if law == "stribeck" else TRUTH, duration=9.0, noise=1.0)
+
+
+def estimate(method: str, law: str, values: dict[str, float], error: float = 0.01) -> Estimate:
+    errors = {name: error * abs(value) for name, value in values.items()}
+    return Estimate(
+        method=method,
+        model=AxisModel(law=AXIS_LAWS[law]),
+        values=values,
+        standard_errors=errors,
+        half_widths={name: 2.0 * one for name, one in errors.items()},
+        errors=(),
+    )
+
+
+def inverse(of: AxisRecord) -> Estimate:
+    fit = inverse_fit(of, model=AxisModel(law=AXIS_LAWS["coulomb"]), moving=True)
+    errors = dict(zip(fit.names, fit.clustered_errors.tolist(), strict=True))
+    return Estimate(
+        method="inverse",
+        model=AxisModel(law=AXIS_LAWS["coulomb"]),
+        values=fit.by_name,
+        standard_errors=errors,
+        half_widths=errors,
+        errors=(),
+    )
+
+
+def differences(of: AxisRecord, best: Estimate) -> list[str]:
+    return [one.text for one in methods_differ([of], best, [inverse(of), best])]
+
+
+def test_a_law_without_dry_friction_is_compared_with_the_inverse_model() -> None:
+    best = estimate("open loop", "viscous", {"mass": 95.0, "viscous": 290.0, "offset": -3.0})
+    texts = differences(record("coulomb"), best)
+    assert any("b is 290 N s/m by the open loop, with the law viscous, and 20" in text for text in texts)
+    assert any("c is zero by the open loop, with the law viscous, and " in text for text in texts)
+    assert not any(text.startswith("M ") for text in texts)
+
+
+def test_a_stribeck_curve_is_no_difference() -> None:
+    """The inverse model's straight lines are far from b and c of the curve, and as far as they should be."""
+    found = inverse(record("stribeck"))
+    assert abs(found.values["viscous"] / STRIBECK["viscous"] - 1.0) > 0.1
+    assert differences(record("stribeck"), estimate("open loop", "stribeck", STRIBECK)) == []
+
+
+def test_a_wrong_mass_is_found_beside_a_stribeck_curve() -> None:
+    wrong = estimate("open loop", "stribeck", STRIBECK | {"mass": 120.0})
+    (text,) = differences(record("stribeck"), wrong)
+    assert text.startswith("M is 120 kg by the open loop, with the law stribeck, and 9")
+
+
+def test_methods_of_one_law_are_compared_by_their_numbers() -> None:
+    (text,) = differences(record("coulomb"), estimate("open loop", "coulomb", TRUTH | {"viscous": 300.0}))
+    assert text.startswith("b is 300 N s/m by the open loop and ")
