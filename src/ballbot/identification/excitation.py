@@ -40,6 +40,7 @@ from ballbot.log.columns import wheel_speed_names
 from ballbot.log.signals import turning_points
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
+from ballbot.summary import counted
 
 #: a wheel turns in a window where its root mean square speed there is above this [rad/s]; encoder and gyro
 #: noise of a robot at rest stay below
@@ -85,7 +86,7 @@ def check_count(windows: Windows, *, fitted: int, parameters: int) -> None:
         # the same share of the windows is held out
         needed = math.ceil(math.ceil(least * len(windows) / max(fitted, 1)) * length)
         raise InputError(
-            f"The logs have {len(windows)} windows of {length:g} s without gaps or "
+            f"The logs have {counted(len(windows), 'window')} of {length:g} s without gaps or "
             f"missing values, of which {fitted} are used to fit {parameters} parameters; "
             f"this needs at least {least}. Log the robot balancing for about {needed} s in all."
         )

@@ -23,6 +23,7 @@ from ballbot.report.validation_figures import (
     wheels_figure,
 )
 from ballbot.report.words import state_mark, with_symbols
+from ballbot.summary import counted
 from ballbot.validation import ErrorPair, Validation
 from ballbot.validation.models import ModelPair, Trajectories
 from ballbot.validation.residuals import ResidualAnalysis, residual_findings
@@ -126,7 +127,8 @@ def _open_loop_section(validation: Validation, example_of: str) -> Section:
     )
     caption = (
         "Open-loop errors. Error: |x − x̂| / n, the mean over "
-        f"{loop.errors.runs} runs. It shrinks with a run's length n, where RMSE does not. Normalised: RMSE over the "
+        f"{counted(loop.errors.runs, 'run')}. It shrinks with a run's length n, where RMSE does not. "
+        "Normalised: RMSE over the "
         f"standard deviation of what was measured. Better or worse: the model {first}, where the interval is wholly "
         "above or below one. A shaded line: not shown to be better."
     )
@@ -158,7 +160,7 @@ def _closed_loop_section(validation: Validation, example_of: str) -> Section:
         error_sheet(
             validation,
             closed.restarted,
-            f"{restarted}{closed.restarted.runs} runs.",
+            f"{restarted}{counted(closed.restarted.runs, 'run')}.",
             folded=validation.open_loop is not None,
         ),
         error_sheet(

@@ -167,7 +167,7 @@ class Robot(RobotValues):
 
 def _mechanical_rows(robot: Robot) -> tuple[tuple[str, str], ...]:
     ball, body, wheels = robot.ball, robot.body, robot.wheels
-    about = body.inertia_about.replace("_", " ")
+    about = "ball's centre" if body.inertia_about == "ball_center" else "centre of mass"
     return (
         ("ball", f"radius {ball.radius:.4g} m, mass {ball.mass:.4g} kg, inertia {ball.inertia:.4g} kg m^2"),
         (

@@ -110,9 +110,11 @@ def _blocks(prediction: Prediction) -> NDArray[np.int64]:
 def _no_wheels(prediction: Prediction) -> str | None:
     if prediction.wheel_angles is None or prediction.wheel_speeds is None:
         return "the log lacks the encoder angles or speeds"
-    seconds = len(prediction.residuals) * prediction.sample_time
-    if seconds < LEAST_BLOCKS * _BLOCK:
-        return f"{seconds:.1f} s are too short; at least {LEAST_BLOCKS * _BLOCK:.0f} s are needed"
+    # a log of N rows has N - 1 steps, and lasts as long as it has rows
+    seconds = (len(prediction.residuals) + len(prediction.segments)) * prediction.sample_time
+    least = LEAST_BLOCKS * _BLOCK
+    if seconds < least - 0.5 * prediction.sample_time:
+        return f"{seconds:.4g} s are too short; at least {least:.0f} s are needed"
     return None
 
 
@@ -239,7 +241,8 @@ def _pair_findings(found: Correlations) -> list[str]:
         f"Residuals that are coupled: {', '.join(pairs)}; {reason}." for reason, pairs in expected.items()
     ]
     tested = len(labels) * len(STATE_NAMES) - len(STATE_NAMES) * (len(STATE_NAMES) + 1) // 2
-    marks = f"{marked} of the {tested} pairs of a residual with another or a torque are significant"
+    verb = "is" if marked == 1 else "are"
+    marks = f"{marked} of the {tested} pairs of a residual with another or a torque {verb} significant"
     if unexpected:
         return [
             *sentences,
@@ -266,7 +269,8 @@ def _whiteness_finding(found: Whiteness | None) -> str:
         share = ""
         if colour == "coloured":
             shares = found.predicted_share[places]
-            share = f" ({100 * shares.min():.0f} to {100 * shares.max():.0f} % of the variance)"
+            ends = dict.fromkeys(f"{100 * end:.0f}" for end in (shares.min(), shares.max()))
+            share = f" ({' to '.join(ends)} % of the variance)"
         parts.append(f"{names}: {words}{share}")
     return f"Whiteness. {'; '.join(parts)}."
 

@@ -215,8 +215,9 @@ def _open_loop_verdict(validation: Validation) -> str:
     if loop is None:
         return f"No open-loop validation: {validation.no_open_loop}"
     length = float(loop.errors.first.samples.mean()) * validation.sample_time
+    runs = counted(loop.errors.runs, "run")
     return (
-        f"Open loop, {loop.errors.runs} runs of {length:.2g} s on average ({100 * loop.past_recovery:.0f} % of them "
+        f"Open loop, {runs} of {length:.2g} s on average ({100 * loop.past_recovery:.0f} % of them "
         f"ended by a lean past recovery, {np.degrees(loop.recoverable_lean):.0f} degrees): "
         f"{better_in(loop.errors, validation.models)}."
     )

@@ -479,5 +479,10 @@ def _clock_finding(comparison: WheelComparison) -> str:
     )
     return (
         f"{where}{tilted}; the log's zero is at {clock.offset:.4f} ± {comparison.offset_half_width:.4f} s of the "
-        f"video, whose clock runs {1e6 * clock.rate:+.0f} ppm fast."
+        f"video, whose clock runs {rate_words(clock.rate)}."
     )
+
+
+def rate_words(rate: float) -> str:
+    """Return how a clock runs: 617 ppm slow, 12 ppm fast."""
+    return f"{1e6 * abs(rate):.0f} ppm {'slow' if rate < 0.0 else 'fast'}"
