@@ -151,9 +151,13 @@ def identify_axis(
         *simulated,
         by_law[chosen.name],
     ]
-    asymmetry = asymmetry_over_time(drifting.records[0]) if len(records) == 1 else np.empty((0, 2))
+    asymmetry = drifting.asymmetry
     tests = residual_tests(
-        bench.records, model, bandwidth=options.bandwidth, over_position=needed is prepared
+        bench.records,
+        model,
+        bandwidth=options.bandwidth,
+        over_position=needed is prepared,
+        stribeck_speed=fits[chosen.name].values.get("stribeck_speed"),
     )
     expected = _expected(bench, drifting, fits[chosen.name], squares[chosen.name], blocks, horizon.chosen)
     run.progress(Progress(stage="done", done=1.0, total=1.0))
@@ -326,6 +330,11 @@ class _Bench:
     def sightings(self) -> list[Sighting]:
         """The records that are fitted, with their filtered motion."""
         return [sighting(one, self.band(one)) for one in self.records]
+
+    @property
+    def asymmetry(self) -> NDArray[np.float64]:
+        """The asymmetry of the only record over time (parts, 2); empty for several."""
+        return asymmetry_over_time(self.records[0]) if len(self.records) == 1 else np.empty((0, 2))
 
     def delayed(self, rows: float) -> _Bench:
         """Return records whose forces act so many rows later."""

@@ -3,7 +3,11 @@
 The columns that a missing effect would need are added to those of the inverse model, and all are fitted together:
 friction that depends on load or temperature is a change of c or b with it. Each group of columns is tested as a whole
 (Hotelling's T^2, `ballbot.fitting.least_squares`). A dependence is reported if it is significant (`CHANCE`) and
-explains enough of the residual's variance (`SHARE`).
+explains enough of the residual's variance (`SHARE`); one that explains most of it needs less significance, which a
+record of a few blocks cannot show.
+
+The load is what the drive transmits: the forces over position of the model and the weight of a known load. Of a law
+whose friction falls with speed the inverse model has that curve, too, with the law's Stribeck speed.
 """
 
 from __future__ import annotations
@@ -14,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.findings import Finding, note
+from ballbot.findings import Finding, note, warning
 from ballbot.fitting.least_squares import fit_linear
 from ballbot.identification.axis.inverse import RegressionRows, regression_rows
 from ballbot.identification.axis.model import AxisLaw
@@ -23,6 +27,8 @@ from ballbot.identification.axis.structure import AxisModel
 
 #: a dependence of the residual is significant below this p-value, and reported above this share of its variance
 CHANCE, SHARE = 1e-3, 0.05
+#: of a dependence that explains more than this share of the variance, the largest p-value
+LARGE_SHARE, LARGE_CHANCE = 0.5, 1e-2
 _ADVICE = {
     "position": "a force over position is missing: try --harmonics, --period or --spring",
     "speed": "friction is no straight line over speed: compare the laws, or try --law stribeck or asymmetric",
@@ -45,7 +51,12 @@ class ResidualTest:
     @property
     def dependent(self) -> bool:
         """Whether the dependence is reported."""
-        return self.p_value < CHANCE and self.share > SHARE
+        return (self.p_value < CHANCE and self.share > SHARE) or self.large
+
+    @property
+    def large(self) -> bool:
+        """Whether it explains most of the residual."""
+        return self.p_value < LARGE_CHANCE and self.share > LARGE_SHARE
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
@@ -63,16 +74,22 @@ def residual_tests(
     *,
     bandwidth: float | None = None,
     over_position: bool = True,
+    stribeck_speed: float | None = None,
 ) -> tuple[ResidualTest, ...]:
-    """Return the tests of each quantity that the records have.
+    """Return the tests of each quantity that the records have, of the inverse model with a law's Stribeck speed [m/s].
 
     Not of the position if the open loop has refuted a force `over_position` that the inverse model would have, nor of
     an axis that only a load's weight moves, which has the shape of what an inertia requires.
     """
     rows = regression_rows(records, model, bandwidth=bandwidth, moving=True)
     base = np.column_stack(list(rows.columns.values()))
+    if stribeck_speed is not None:
+        v = rows.seen["speed"]
+        curve = (np.sign(v) * np.exp(-np.abs(v) / stribeck_speed))[:, None]
+        kept = _independent(base, curve)
+        base = base if kept is None else np.column_stack([base, kept])
     plain = fit_linear(base, rows.force, rows.block)
-    tested = _columns(rows, model, len(records))
+    tested = _columns(rows, model, records)
     if not over_position or moved_by_one_load(records):
         del tested["position"]
     total = float(np.mean(plain.residuals**2))
@@ -95,7 +112,9 @@ def residual_tests(
     return tuple(found)
 
 
-def _columns(rows: RegressionRows, model: AxisModel, records: int) -> dict[str, NDArray[np.float64]]:
+def _columns(
+    rows: RegressionRows, model: AxisModel, records: Sequence[AxisRecord]
+) -> dict[str, NDArray[np.float64]]:
     """Return by quantity the columns (n, k) that a dependence on it needs."""
     q, v, t = (rows.seen[name] for name in ("position", "speed", "time"))
     sign, fast = np.sign(v), np.abs(v) / np.sqrt(np.mean(v**2))
@@ -110,26 +129,30 @@ def _columns(rows: RegressionRows, model: AxisModel, records: int) -> dict[str, 
         found["speed"] = found["speed"][:, :2]
     load = rows.seen.get("load")
     if load is None:
-        load = _position_load(rows)
+        load = _transmitted_load(rows, records)
     if load is not None:
         found["load"] = np.column_stack([np.abs(load) * sign, load * v])
     if "temperature" in rows.seen:
         warmth = _centred(rows.seen["temperature"])
         found["temperature"] = np.column_stack([warmth * sign, warmth * v])
-    if records > 1:
+    if len(records) > 1:
         number = rows.seen["record"]
-        found["record"] = np.column_stack([(number == i).astype(float) for i in range(1, records)])
+        found["record"] = np.column_stack([(number == i).astype(float) for i in range(1, len(records))])
     return found
 
 
-def _position_load(rows: RegressionRows) -> NDArray[np.float64] | None:
-    """Return the force over position of the model, which loads the gears; None for a model without one."""
+def _transmitted_load(rows: RegressionRows, records: Sequence[AxisRecord]) -> NDArray[np.float64] | None:
+    """Return the force over position and the known loads' weights, which load the gears; None if there are none."""
     names = [name for name in rows.columns if name.startswith(("sin_", "cos_", "spring"))]
-    if not names:
+    known = [one.known_load for one in records]
+    if not names and not any(one.weight for one in known):
         return None
     X = np.column_stack(list(rows.columns.values()))
     found = dict(zip(rows.columns, np.linalg.lstsq(X, rows.force, rcond=None)[0], strict=True))
-    return np.sum([found[name] * rows.columns[name] for name in names], axis=0)
+    load = np.sum([found[name] * rows.columns[name] for name in names], axis=0) + np.zeros(len(rows.force))
+    own = rows.seen["record"].astype(int)
+    weight, hanging = (np.array([getattr(one, name) for one in known])[own] for name in ("weight", "hanging"))
+    return load + weight * np.sin(rows.seen["position"] - hanging)
 
 
 def _centred(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -163,15 +186,23 @@ def residual_findings(
             "record": f"the load hangs straight down at another angle (--hanging), or {advice['record']}"
         }
     unit = records[0].force_unit
-    # a friction that falls with speed is in the law and not in the inverse model
+    # a friction that falls with speed is in the law; the inverse model has only its Stribeck speed
     explained = {"speed"} if "stribeck" in law.names else set[str]()
-    return [
-        note(
-            "axis-residuals",
+    found = []
+    for one in tests:
+        if not one.dependent or one.quantity in explained:
+            continue
+        text = (
             f"The residual force depends on {'the ' if one.quantity != 'time' else ''}{one.quantity} "
             f"(p = {one.p_value:.1g}; {one.size:.3g} {unit} RMS, {100.0 * one.share:.0f} % of its variance): "
-            f"{advice[one.quantity]}.",
+            f"{advice[one.quantity]}."
         )
-        for one in tests
-        if one.dependent and one.quantity not in explained
-    ]
+        if one.quantity == "load" and one.large:
+            text += (
+                " This is most of what the model leaves: c, and perhaps b, contain friction that grows with the load, "
+                "as of loaded gears, and are too large for the axis without it. Do not use them for other loads."
+            )
+            found.append(warning("axis-residuals", text))
+        else:
+            found.append(note("axis-residuals", text))
+    return found
