@@ -44,7 +44,11 @@ __all__ = ["__version__", *sorted(_HOME)]
 
 def __getattr__(name: str) -> object:
     if name not in _HOME:
-        raise AttributeError(f"Module 'ballbot' has no attribute {name!r}.")
+        from ballbot.errors import nearest
+
+        near = nearest(name, _HOME)
+        hint = f" Did you mean {near[0]!r}?" if near else ""
+        raise AttributeError(f"Module 'ballbot' has no attribute {name!r}.{hint}")
     value = getattr(import_module(_HOME[name]), name)
     globals()[name] = value
     return value

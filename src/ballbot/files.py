@@ -18,7 +18,7 @@ import tomllib
 from pathlib import Path
 
 from ballbot.arrays import format_bytes
-from ballbot.errors import InputError
+from ballbot.errors import InputError, either, nearest
 
 #: bytes of the largest table; as text it takes about six times as much memory
 LARGEST_TABLE = 500_000_000
@@ -46,15 +46,48 @@ def check_regular(path: str | Path) -> int:
     try:
         status = os.stat(path)
     except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
+        near = nearest_file(path)
+        hint = f"; did you mean {near}?" if near else "."
+        raise InputError(f"{path} cannot be read: {error.strerror or error}{hint}") from None
     except ValueError:
         raise InputError(f"{str(path)!r} contains a zero byte and cannot be a file name.") from None
     if stat.S_ISDIR(status.st_mode):
-        raise InputError(f"{path} cannot be read: Is a directory.")
+        raise folder_refusal(path)
     if not stat.S_ISREG(status.st_mode):
         kind = "a pipe" if stat.S_ISFIFO(status.st_mode) else "a device"
         raise InputError(f"{path} is {kind}, which may have no end; copy its content into a file first.")
     return status.st_size
+
+
+def folder_refusal(folder: str | Path) -> InputError:
+    """Return the error of a folder in the place of a file; it names the files in it that are meant perhaps."""
+    inside = _files_to_read(folder)
+    hint = f" Name a file in it, such as {either(inside)}." if inside else ""
+    return InputError(f"{folder} cannot be read: Is a directory.{hint}")
+
+
+#: of the files that commands read, those of a record or a result first
+_READ = ("log.*", "robot.toml", "controller.toml", "*.csv", "*.toml")
+
+
+def _files_to_read(folder: str | Path) -> list[str]:
+    """Return the first files in a folder that a command could read; none if it cannot be listed."""
+    try:
+        found = [path for pattern in _READ for path in sorted(Path(folder).glob(pattern)) if path.is_file()]
+    except OSError:
+        return []
+    return [str(path) for path in dict.fromkeys(found)][:2]
+
+
+def nearest_file(path: str | Path) -> str:
+    """Return the file whose name is most like that of one that is not there; empty if none is."""
+    path = Path(path)
+    try:
+        names = [one.name for one in path.parent.iterdir() if one.is_file()]
+    except OSError:
+        return ""
+    near = nearest(path.name, names, likeness=0.75)
+    return str(path.with_name(near[0])) if near and near[0] != path.name else ""
 
 
 def read_bytes(path: str | Path, *, largest: int = LARGEST_TABLE) -> bytes:

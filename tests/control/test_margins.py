@@ -161,6 +161,7 @@ def test_broken_loop_has_named_signals_in_python_control():
     pytest.importorskip("control")
     loop = robot_loop(controller("nominal"))
     system = loop.to_control()
+    assert (system.name, system.output_labels[0]) == ("loop", "u1_commanded")
     assert system.input_labels == ["u1", "u2", "u3"]
     assert system.dt == loop.sample_time
     omega = 7.0
@@ -298,5 +299,5 @@ def test_step_response_is_that_of_the_law_that_runs(name):
 
 @pytest.mark.parametrize(("given", "named"), [("nominal", "'nominal'"), (alten(), "an object of type Robot")])
 def test_margins_without_a_robot_are_refused_in_a_sentence(given, named):
-    with pytest.raises(InputError, match=f"{named}; they need a Controller, which knows its robot"):
+    with pytest.raises(InputError, match=f"margins of {named} are not known; give a Controller, which knows its robot"):
         loop_margins(given)

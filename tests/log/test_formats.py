@@ -32,6 +32,7 @@ from ballbot.log.formats import npz as npz_file
 from ballbot.log.formats import parquet as parquet_file
 from ballbot.log.formats.inference import infer_text_table
 from ballbot.log.formats.text import TextLayout, read_text_table
+from ballbot.robot import Robot
 from tests.support.log_examples import smooth_log
 
 COLUMN_NAMES = st.text(st.characters(codec="utf-8", categories=["L", "N"]), min_size=1, max_size=12)
@@ -537,3 +538,36 @@ def test_a_date_that_does_not_exist_is_a_word(tmp_path):
     path.write_text("stamp,a\n2024-13-03 14:59:50,1\n2024-13-03 14:59:51,1\n")
     with pytest.raises(InputError, match="none of its lines consists only of numbers"):
         infer_text_table(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "sentence"),
+    [
+        ("a.csv", b",t,x\n0,0.0,1.0\n1,0.1,2.0\n", r"If pandas wrote it with its index, write it with to_csv\("),
+        ("a.csv.gz", b"\x1f\x8b", r"is compressed; unpack it first, as with `gunzip --keep "),
+        ("a.csv.zst", b"\x28\xb5", "is compressed; unpack it first, as with `unzstd "),
+    ],
+)
+def test_file_of_another_tool_is_refused_with_the_remedy(tmp_path, name, content, sentence):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match=sentence):
+        Log.read(tmp_path / name)
+
+
+def test_archive_of_objects_is_not_called_empty(tmp_path):
+    np.savez(tmp_path / "a.npz", log=np.array({"t": 1.0}, dtype=object))
+    with pytest.raises(InputError, match="arrays of objects are not read; save each column"):
+        Log.read(tmp_path / "a.npz")
+
+
+def test_folder_and_misspelt_file_are_answered_by_the_log_that_is_meant(tmp_path):
+    with pytest.raises(InputError, match=r"Is a directory\.$"):
+        Log.read(tmp_path)
+    for name in ("log.csv", "robot.toml"):
+        (tmp_path / name).write_text("t,x\n0,1\n1,2\n")
+    with pytest.raises(InputError, match=r"Name a file in it, such as .*log\.csv or .*robot\.toml"):
+        Log.read(tmp_path)
+    with pytest.raises(InputError, match=r"did you mean .*/log\.csv\?"):
+        Log.read(tmp_path / "lg.csv")
+    with pytest.raises(InputError, match=r"did you mean the file .*/robot\.toml\?"):
+        Robot.load(tmp_path / "rboot.toml")

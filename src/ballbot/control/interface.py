@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from ballbot.estimation.interface import EstimatorName, checked_name
 LARGEST_STATE = 1e6
 
 
+@runtime_checkable
 class Feedback(Protocol):
     """A controller: `ballbot.Controller`, or a user's own."""
 

@@ -237,9 +237,15 @@ class RobotLoop:
         except ImportError:
             raise missing_package("A StateSpace", "python-control", extra="interop") from None
         A, B, C = self.broken()
-        outputs = [f"{name}_asked" for name in self.wheels]
         return StateSpace(
-            A, B, -C, np.zeros((len(C), B.shape[1])), self.sample_time, inputs=[*self.wheels], outputs=outputs
+            A,
+            B,
+            -C,
+            np.zeros((len(C), B.shape[1])),
+            self.sample_time,
+            inputs=[*self.wheels],
+            outputs=[f"{name}_commanded" for name in self.wheels],
+            name="loop",
         )
 
 

@@ -14,17 +14,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
+from ballbot.arguments import checked_arguments
 from ballbot.errors import InputError
 from ballbot.log.columns import STATE_NAMES
-from ballbot.mechanics.model import Model
-from ballbot.robot import Robot, RobotLike
+from ballbot.mechanics.model import ModelLike, as_model
 from ballbot.summary import Summary, plotted, pole_words, summarized
 
 if TYPE_CHECKING:
@@ -47,6 +46,7 @@ class StateSpace(Protocol):
     def B(self) -> NDArray[np.float64]: ...
 
 
+@runtime_checkable
 class Linearizable(Protocol):
     """Anything that gives such matrices: `ballbot.Model`."""
 
@@ -103,8 +103,9 @@ def matrix_rows(matrix: NDArray[np.float64], names: Sequence[str]) -> tuple[tupl
     return tuple(zip((f"  {name}" for name in names), cells, strict=True))
 
 
+@checked_arguments
 def lqr(
-    model: Linearizable | StateSpace | RobotLike,
+    model: Linearizable | StateSpace | ModelLike,
     Q: ArrayLike,
     R: ArrayLike,
     sample_time: float | None = None,
@@ -135,9 +136,10 @@ def lqr(
         If a weight is not what it must be, an unstable pole is out of the inputs' reach, or no gain is both
         stabilising and optimal because a pole on the border of stability costs nothing.
     """
-    if isinstance(model, Robot | str | Path):
-        model = Model(model)
-    space = model if isinstance(model, StateSpace) else model.linearize()
+    if isinstance(model, StateSpace):
+        space = model
+    else:
+        space = (model if isinstance(model, Linearizable) else as_model(model)).linearize()
     A, B = np.asarray(space.A, float), np.asarray(space.B, float)
     m, n = B.shape
     Q, R = _weight("Q", Q, m), _weight("R", R, n)

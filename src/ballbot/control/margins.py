@@ -26,6 +26,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,8 +36,10 @@ from scipy.optimize import minimize, root_scalar
 from ballbot.control.controller import Controller
 from ballbot.control.linear import Matrix, RobotLoop, robot_loop
 from ballbot.control.lqr import sampling_words
+from ballbot.control.presets import ControllerLike, as_controller
 from ballbot.errors import InputError
 from ballbot.results import reported
+from ballbot.robot import RobotLike
 from ballbot.summary import Summary, plotted, summarized
 
 if TYPE_CHECKING:
@@ -165,26 +168,30 @@ def _range(least: float, greatest: float) -> str:
     return f"{least:.2f} to {greatest:.3g}" if math.isfinite(greatest) else f"{least:.2f} or more"
 
 
-def loop_margins(loop: RobotLoop | Controller) -> Margins:
+def loop_margins(loop: RobotLoop | ControllerLike, *, robot: RobotLike | None = None) -> Margins:
     """Return the margins of a robot's loop.
 
     Parameters
     ----------
-    loop : RobotLoop or Controller
+    loop : RobotLoop, Controller, "nominal", "precise" or controller file
         See `ballbot.control.linear` for what of a controller counts.
+    robot : Robot, preset or robot file, optional
+        Of a controller that is given by name or as a file.
 
     Raises
     ------
     InputError
         If the loop is unstable as it is, or it is not a loop or a controller of Ballbot.
     """
+    if isinstance(loop, str | Path) and robot is not None:
+        loop = as_controller(loop, robot)
     if isinstance(loop, Controller):
         loop = robot_loop(loop)
     elif not isinstance(loop, RobotLoop):
         given = repr(loop) if isinstance(loop, str) else f"an object of type {type(loop).__name__}"
         raise InputError(
-            f"The margins are asked of {given}; they need a Controller, which knows its robot, such as "
-            "ballbot.control.presets.nominal_controller('alten')."
+            f"The margins of {given} are not known; give a Controller, which knows its robot, or the name of a "
+            "ready-made one with the robot, as in loop_margins('nominal', robot='alten')."
         )
     radius = _radius(loop.closed()[None])[0]
     if not radius < 1.0:

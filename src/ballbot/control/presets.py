@@ -31,7 +31,7 @@ from ballbot.control.parts.floor_adaptation import FloorAdaptation
 from ballbot.control.parts.integral import IntegralAction
 from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.parts.reference_shaping import ReferenceShaping
-from ballbot.errors import InputError, suggest
+from ballbot.errors import InputError, either, suggest
 from ballbot.mechanics.geometry import wheel_load
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
@@ -235,8 +235,14 @@ def as_controller(source: ControllerLike, robot: RobotLike) -> Feedback:
     InputError
         If it is none of these, or the file is not of that robot.
     """
-    if not isinstance(source, str | Path):
+    if isinstance(source, Feedback):
         return source
+    if not isinstance(source, str | Path):
+        raise InputError(
+            f"A controller is given as an object of type {type(source).__name__}; give a Controller, an object with "
+            f"sample_time, reset() and update(t, state, reference), {either(map(repr, PRESETS))}, or the path of a "
+            "controller file."
+        )
     if source in PRESETS:
         return PRESETS[str(source)](robot)
     if not Path(source).exists():

@@ -260,6 +260,11 @@ def as_reference(source: ReferenceLike) -> Reference:
     """
     if callable(source):
         return source
+    if not isinstance(source, str | Path):
+        raise InputError(
+            f"A reference is given as an object of type {type(source).__name__}; give a function f(t) of ten numbers, "
+            "a name such as 'square', or the path of a reference file."
+        )
     return read_reference(source) if is_reference_file(source) else named_reference(str(source))
 
 

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ballbot.arguments import checked_arguments
 from ballbot.arrays import format_duration
 from ballbot.errors import InputError
 from ballbot.log.columns import (
@@ -78,6 +79,7 @@ class Log:
         return (Log, (dict(self.columns), self.ended))
 
     @staticmethod
+    @checked_arguments
     def read(path: str | Path, *, mapping: str | Path | LogMapping | None = None) -> Log:
         """Read a log from a file.
 
@@ -165,6 +167,11 @@ class Log:
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         """Return one column (N,), NaN included; read-only."""
+        if not isinstance(name, str):
+            raise InputError(
+                f"A log is indexed by the name of one column, such as log['x'], and not by a {type(name).__name__}; "
+                "log.select(slice(0, 10)) has the first ten rows, log.between(0, 2) the first two seconds."
+            )
         try:
             return self.columns[name]
         except KeyError:
@@ -248,6 +255,7 @@ class Log:
                     "s). Fill them, or use a part of the log without them."
                 )
 
+    @checked_arguments
     def between(self, start: float, end: float) -> Log:
         """Return the rows with start <= t < end [s].
 
@@ -266,6 +274,11 @@ class Log:
 
     def select(self, rows: slice) -> Log:
         """Return the rows of a slice with a positive step; InputError if it selects none."""
+        if not isinstance(rows, slice):
+            raise InputError(
+                "select takes rows, such as log.select(slice(0, 100)); one column is log['x'], and a part in time is "
+                "log.between(0, 2)."
+            )
         return Log({name: values[rows] for name, values in self.columns.items()})
 
     def with_columns(self, columns: Mapping[str, ArrayLike]) -> Log:
@@ -324,6 +337,10 @@ def _read_mapping(mapping: str | Path | LogMapping | None) -> LogMapping | None:
         from ballbot.log.mapping_file import read_mapping
 
         return read_mapping(mapping)
+    if not (mapping is None or hasattr(mapping, "layout")):
+        raise InputError(
+            f"A mapping is given as an object of type {type(mapping).__name__}; give the path of a mapping file."
+        )
     return mapping
 
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ballbot.arguments import checked_arguments
 from ballbot.arrays import positive_number, real_array
 from ballbot.errors import InputError, missing_package
 from ballbot.mechanics.engine.arrays import (
@@ -113,6 +114,7 @@ class Model:
     step: float = 1e-3
     pivoting: float | None = None
 
+    @checked_arguments
     def __init__(
         self,
         robot: RobotLike,

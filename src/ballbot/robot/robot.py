@@ -11,7 +11,9 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ballbot.arguments import checked_arguments
 from ballbot.errors import InputError, nearest
+from ballbot.files import nearest_file
 from ballbot.robot.checks import check_correlation, check_deviations, check_robot
 from ballbot.robot.components import (
     BY_NAME,
@@ -54,6 +56,7 @@ class Robot(RobotValues):
         check_deviations(self)
         check_correlation(self)
 
+    @checked_arguments
     def replace(
         self,
         *,
@@ -95,6 +98,7 @@ class Robot(RobotValues):
             correlation=self.correlation,
         )
 
+    @checked_arguments
     def annotated(
         self,
         *,
@@ -132,10 +136,16 @@ class Robot(RobotValues):
         presets = Robot.presets()
         if source in presets:
             return _preset(str(source))
+        if not isinstance(source, str | Path):
+            raise _not_a_robot(source)
         if not Path(source).exists():
-            near = nearest(str(source), presets)
+            near, file = nearest(str(source), presets), nearest_file(source)
             hint = (
-                f"did you mean the preset {near[0]!r}?" if near else f"the presets are {', '.join(presets)}."
+                f"did you mean the preset {near[0]!r}?"
+                if near
+                else f"did you mean the file {file}?"
+                if file
+                else f"the presets are {', '.join(presets)}."
             )
             raise InputError(f"There is no robot file or preset {str(source)!r}; {hint}")
         if is_model_file(source):
@@ -237,7 +247,11 @@ def as_robot(source: RobotLike) -> Robot:
         return source
     if isinstance(source, str | Path):
         return Robot.load(source)
-    raise InputError(
+    raise _not_a_robot(source)
+
+
+def _not_a_robot(source: object) -> InputError:
+    return InputError(
         f"A robot is given as an object of type {type(source).__name__}; give a Robot, a preset's name or the path "
         "of a robot file."
     )

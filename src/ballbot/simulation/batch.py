@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ballbot.arguments import checked_arguments
 from ballbot.arrays import real_array, whole_number
 from ballbot.control.controller import Controller, refusal
 from ballbot.control.law import MEMORY_SIZE, control_law
@@ -186,6 +187,7 @@ def _compiled_controllers(
     return [controller]
 
 
+@checked_arguments
 def simulate_batch(
     model: ModelLike,
     controller: Controller | str | Path | Sequence[Controller | str | Path],

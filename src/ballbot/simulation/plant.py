@@ -7,7 +7,7 @@ user's own simulator, a robot on a wire. Simulation, recording and firmware test
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,6 +36,7 @@ class Measurement:
     ended: str | None = None  #: why the run must stop ("fallen: ..."), or None
 
 
+@runtime_checkable
 class Plant(Protocol):
     """Wheel torques in, measurements out."""
 

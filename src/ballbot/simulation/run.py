@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ballbot.arguments import checked_arguments
 from ballbot.arrays import MOST_CELLS, format_duration, real_array
 from ballbot.control.presets import ControllerLike, as_controller
 from ballbot.control.references import ReferenceLike, as_reference
@@ -17,7 +16,6 @@ from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, torque_names, wheel_an
 from ballbot.mechanics.model import Model, ModelLike, as_model
 from ballbot.notebook import in_notebook
 from ballbot.progress import Progress, ProgressCallback
-from ballbot.robot import Robot
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement, Plant
 
@@ -27,6 +25,7 @@ _REFERENCES = (0, 1, 4)
 _MOST = MOST_CELLS // 45
 
 
+@checked_arguments
 def simulate(
     plant: Plant | ModelLike,
     controller: ControllerLike,
@@ -69,8 +68,8 @@ def simulate(
     InputError
         If the duration or the initial state is invalid, or the controller returns anything but n numbers.
     """
-    modelled = isinstance(plant, Model | Robot | str | Path)
-    active = ModelPlant(as_model(plant)) if modelled else plant
+    # an object of any other kind is refused as a robot
+    active = plant if isinstance(plant, Plant) and not isinstance(plant, Model) else ModelPlant(as_model(plant))
     controller, wanted_at = as_controller(controller, active.robot), as_reference(reference)
     samples = sample_count(duration, controller.sample_time)
     guarded = (

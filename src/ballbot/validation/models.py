@@ -88,8 +88,8 @@ class ModelPair:
         none = Friction.none(robot.wheel_count)
         if robot.friction == none:
             raise InputError(
-                f"The robot {robot.name} has no friction to validate. Identify it with `ballbot identify`, or compare "
-                "two models with --against."
+                f"The robot {robot.name} has no friction to validate. Identify it first, or validate it beside "
+                "another robot or formulation: --against on the command line, ballbot.validation.ModelPair in Python."
             )
         return ModelPair(
             first=NamedModel(name="with friction", model=model),

@@ -8,6 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from ballbot.arguments import checked_arguments
 from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback
 from ballbot.control.presets import ControllerLike, as_controller
@@ -45,6 +46,7 @@ from ballbot.validation.statistics import find_updates
 from ballbot.validation.wheel_effects import find_dither
 
 
+@checked_arguments
 def validate(
     robot: RobotLike,
     logs: LogsLike,

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from ballbot.arrays import check_table
 from ballbot.errors import InputError, either, nearest, suggest
+from ballbot.files import check_regular
 from ballbot.log.columns import KNOWN_NAMES, Columns, check_column_names, mark_missing
 from ballbot.log.formats.bag import is_bag_folder, read_bag_folder
 from ballbot.log.formats.inference import (
@@ -48,6 +49,7 @@ from ballbot.log.formats.text import (
     read_text_table,
     write_text_table,
 )
+from ballbot.printable import shell_line
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,6 +100,14 @@ FORMATS: tuple[LogFormat, ...] = (
     LogFormat(name="MCAP", suffixes=(".mcap",), read=read_mcap, write=write_mcap, extra="formats"),
     LogFormat(name="ROS 2 bag", suffixes=(".db3",), read=read_ros_bag, write=write_ros_bag, extra="formats"),
 )
+#: what unpacks a compressed file and keeps it, by its suffix
+_COMPRESSED = {
+    ".gz": ("gunzip", "--keep"),
+    ".zst": ("unzstd",),
+    ".xz": ("unxz", "--keep"),
+    ".bz2": ("bunzip2", "--keep"),
+    ".zip": ("unzip",),
+}
 #: how a folder is read, whatever its name
 _FOLDER = LogFormat(name="ROS 2 bag", suffixes=(), read=read_bag_folder, extra="formats")
 #: suffixes of the files that are written, the default first
@@ -242,8 +252,11 @@ def _known_format(path: str | Path) -> LogFormat:
     one = _format_of(path)
     if one is not None:
         return one
-    if not path.exists():
-        raise InputError(f"{path} cannot be read: No such file or directory.")
+    check_regular(path)
+    if path.suffix.lower() in _COMPRESSED:
+        raise InputError(
+            f"{path} is compressed; unpack it first, as with `{shell_line([*_COMPRESSED[path.suffix.lower()], path])}`."
+        )
     near = nearest(path.suffix.lower(), _suffixes())
     hint = f"did you mean {near[0]}? Its name must end" if near else "give a file that ends"
     raise InputError(f"{path} is not a log that Ballbot reads; {hint} in {either(_suffixes())}.")

@@ -13,7 +13,7 @@ from pathlib import Path, PurePath
 
 from ballbot.arrays import format_bytes
 from ballbot.errors import InputError
-from ballbot.files import DEEPEST, LARGEST_SETTINGS, LARGEST_TABLE, read_bytes, read_text
+from ballbot.files import DEEPEST, LARGEST_SETTINGS, LARGEST_TABLE, folder_refusal, read_bytes, read_text
 from ballbot.log.columns import Columns
 from ballbot.log.formats.mcap import McapContent, mcap_columns, mcap_messages
 from ballbot.log.formats.messages import Topic
@@ -105,7 +105,7 @@ def bag_files(folder: str | Path) -> list[Path]:
         except OSError as error:
             raise InputError(f"{folder} cannot be read: {error.strerror or error}.") from None
         if not parts:
-            raise InputError(f"{folder} cannot be read: Is a directory.")
+            raise folder_refusal(folder)
         alone = [name for name in parts if not name.endswith(_PACKED)]
         raise InputError(
             f"{folder} is a folder without {METADATA}, which names the files of a ROS 2 bag; write it with: ros2 bag "

@@ -46,7 +46,13 @@ def read_npz(path: str | Path) -> Columns:
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             _check_archive(path, archive)
-            return dict(_arrays(archive))
+            found = dict(_arrays(archive))
+            if not found and any(one.endswith(_SUFFIX) for one in archive.namelist()):
+                raise InputError(
+                    f"{path} has no array of real numbers, and arrays of objects are not read; save each column as an "
+                    "array of numbers: numpy.savez(file, t=t, theta=theta)."
+                )
+            return found
     except InputError:
         raise
     except _DAMAGED:

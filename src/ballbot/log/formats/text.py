@@ -197,7 +197,11 @@ def check_names(path: str | Path, number: int, names: list[str]) -> None:
             f"{path}, line {number}: this line has numbers; it must be the header with the column names."
         )
     if "" in names:
-        raise InputError(f"{path}, line {number}: column {names.index('') + 1} of the header has no name.")
+        by_pandas = names[0] == "" and names.count("") == 1 and len(names) > 1
+        hint = " If pandas wrote it with its index, write it with to_csv(..., index=False)." if by_pandas else ""
+        raise InputError(
+            f"{path}, line {number}: column {names.index('') + 1} of the header has no name.{hint}"
+        )
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise InputError(f"{path}, line {number}: the column name {twice[0]} appears twice.")
