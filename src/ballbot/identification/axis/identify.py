@@ -44,7 +44,7 @@ from ballbot.identification.axis.prediction import (
     with_unknown_parameters,
 )
 from ballbot.identification.axis.record import AxisRecord
-from ballbot.identification.axis.residuals import residual_findings, residual_tests
+from ballbot.identification.axis.residuals import ResidualTest, residual_findings, residual_tests
 from ballbot.identification.axis.result import AxisIdentification, Estimate
 from ballbot.identification.axis.selection import (
     Blocks,
@@ -152,13 +152,7 @@ def identify_axis(
         by_law[chosen.name],
     ]
     asymmetry = drifting.asymmetry
-    tests = residual_tests(
-        bench.records,
-        model,
-        bandwidth=options.bandwidth,
-        over_position=needed is prepared,
-        stribeck_speed=fits[chosen.name].values.get("stribeck_speed"),
-    )
+    tests = bench.residual_tests(model, fits[chosen.name].values, over_position=needed is prepared)
     expected = _expected(bench, drifting, fits[chosen.name], squares[chosen.name], blocks, horizon.chosen)
     run.progress(Progress(stage="done", done=1.0, total=1.0))
     findings = (
@@ -335,6 +329,18 @@ class _Bench:
     def asymmetry(self) -> NDArray[np.float64]:
         """The asymmetry of the only record over time (parts, 2); empty for several."""
         return asymmetry_over_time(self.records[0]) if len(self.records) == 1 else np.empty((0, 2))
+
+    def residual_tests(
+        self, model: AxisModel, found: Mapping[str, float], *, over_position: bool
+    ) -> tuple[ResidualTest, ...]:
+        """Return the tests of the inverse model's residual, with the Stribeck speed that was found."""
+        return residual_tests(
+            self.records,
+            model,
+            bandwidth=self.bandwidth,
+            over_position=over_position,
+            stribeck_speed=found.get("stribeck_speed"),
+        )
 
     def delayed(self, rows: float) -> _Bench:
         """Return records whose forces act so many rows later."""
