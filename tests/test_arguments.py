@@ -57,10 +57,22 @@ def test_an_argument_of_any_type_is_taken_or_refused_in_a_sentence(name):
         (lambda: LOG[["x", "y"]], "indexed by the name of one column"),
         (lambda: LOG[0:10], r"not by a slice; log.select\(slice\(0, 10\)\)"),
         (lambda: ROBOT.replace(ball=3), "ball is 3; it must be a Ball."),
-        (lambda: ballbot.simulate(ROBOT, 5, "square", duration=1.0), "A controller is given as an object of type int"),
-        (lambda: ballbot.simulate(ROBOT, "nominal", 5, duration=1.0), "A reference is given as an object of type int"),
-        (lambda: ballbot.simulate(ROBOT, "nominal", "square", duration="1"), "duration is '1'; it must be a number."),
-        (lambda: ballbot.identify(ROBOT, LOG, free="friction"), "free is 'friction'; it must be a list of texts."),
+        (
+            lambda: ballbot.simulate(ROBOT, 5, "square", duration=1.0),
+            "A controller is given as an object of type int",
+        ),
+        (
+            lambda: ballbot.simulate(ROBOT, "nominal", 5, duration=1.0),
+            "A reference is given as an object of type int",
+        ),
+        (
+            lambda: ballbot.simulate(ROBOT, "nominal", "square", duration="1"),
+            "duration is '1'; it must be a number.",
+        ),
+        (
+            lambda: ballbot.identify(ROBOT, LOG, free="friction"),
+            "free is 'friction'; it must be a list of texts.",
+        ),
         (lambda: ballbot.loop_margins("nominal"), "loop_margins\\('nominal', robot='alten'\\)"),
     ],
 )
@@ -70,7 +82,10 @@ def test_refusal_says_what_to_give(call, sentence):
 
 
 def test_margins_of_a_ready_made_controller_are_those_of_its_object():
-    assert ballbot.loop_margins("nominal", robot=ROBOT).rows() == ballbot.loop_margins(nominal_controller(ROBOT)).rows()
+    assert (
+        ballbot.loop_margins("nominal", robot=ROBOT).rows()
+        == ballbot.loop_margins(nominal_controller(ROBOT)).rows()
+    )
 
 
 def test_misspelt_name_of_the_package_has_the_nearest():

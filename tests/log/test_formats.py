@@ -543,7 +543,11 @@ def test_a_date_that_does_not_exist_is_a_word(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "sentence"),
     [
-        ("a.csv", b",t,x\n0,0.0,1.0\n1,0.1,2.0\n", r"If pandas wrote it with its index, write it with to_csv\("),
+        (
+            "a.csv",
+            b",t,x\n0,0.0,1.0\n1,0.1,2.0\n",
+            r"If pandas wrote it with its index, write it with to_csv\(",
+        ),
         ("a.csv.gz", b"\x1f\x8b", r"is compressed; unpack it first, as with `gunzip --keep "),
         ("a.csv.zst", b"\x28\xb5", "is compressed; unpack it first, as with `unzstd "),
     ],

@@ -69,7 +69,9 @@ def simulate(
         If the duration or the initial state is invalid, or the controller returns anything but n numbers.
     """
     # an object of any other kind is refused as a robot
-    active = plant if isinstance(plant, Plant) and not isinstance(plant, Model) else ModelPlant(as_model(plant))
+    active = (
+        plant if isinstance(plant, Plant) and not isinstance(plant, Model) else ModelPlant(as_model(plant))
+    )
     controller, wanted_at = as_controller(controller, active.robot), as_reference(reference)
     samples = sample_count(duration, controller.sample_time)
     guarded = (

@@ -198,7 +198,9 @@ def check_names(path: str | Path, number: int, names: list[str]) -> None:
         )
     if "" in names:
         by_pandas = names[0] == "" and names.count("") == 1 and len(names) > 1
-        hint = " If pandas wrote it with its index, write it with to_csv(..., index=False)." if by_pandas else ""
+        hint = (
+            " If pandas wrote it with its index, write it with to_csv(..., index=False)." if by_pandas else ""
+        )
         raise InputError(
             f"{path}, line {number}: column {names.index('') + 1} of the header has no name.{hint}"
         )
