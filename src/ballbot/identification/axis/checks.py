@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from ballbot.findings import Finding, Place, Severity, by_severity
 from ballbot.fitting.least_squares import fit_linear
+from ballbot.identification.axis.columns import force_findings, reference_findings, stuck_findings
 from ballbot.identification.axis.inverse import InverseFit, free_inverse_fit, regression_rows
 from ballbot.identification.axis.model import AXIS_LAWS
 from ballbot.identification.axis.record import GAP, NO_LOAD, AxisRecord, PositionVelocityLoop
@@ -57,6 +58,7 @@ ERROR_CODES = (
     "scale",
     "speed-limit",
     "spike",
+    "stuck",
 )
 _FACTORS = {1e-3: "1/1000", 1e3: "1000", 1e6: "1,000,000", 1e-6: "1/1,000,000"}
 
@@ -83,6 +85,8 @@ def record_findings(record: AxisRecord, *, bandwidth: float | None = None) -> tu
         *_of_gaps(record),
         *_of_wraps(record),
         *_of_limit(record),
+        *stuck_findings(record),
+        *reference_findings(record),
     ]
     follows = all(one.code != "axis-reference" for one in findings)
     moved = np.ptp(record.force) > 0.0 or record.known_load.weight > 0.0
@@ -93,7 +97,11 @@ def record_findings(record: AxisRecord, *, bandwidth: float | None = None) -> tu
         # with the forces over position that the record supports
         model, _ = select_terms((record,), AxisModel(law=AXIS_LAWS["coulomb"]), bandwidth=bandwidth)
         fit = free_inverse_fit(record, model=model, bandwidth=bandwidth, moving=True)
-        findings += list(_of_speed(record, model, bandwidth)) or [
+        rows = regression_rows((record,), model, bandwidth=bandwidth, moving=True)
+        causes = [*_of_speed(record, model, bandwidth)]
+        causes = causes or [*force_findings(record, rows)]
+        findings += (causes if any(one.severity == "error" for one in causes) else []) or [
+            *causes,
             *_of_motion(record, fit),
             *_of_hanging(record, bandwidth),
             *_of_added(record, bandwidth),
@@ -235,7 +243,7 @@ def _of_spikes(record: AxisRecord) -> Iterator[Finding]:
         text = (
             f"The position jumps to {position[first]:.4g} {record.unit} in row {first + 1} ({record.t[first]:.4g} s "
             f"after the first one) and back; it is from {low:.4g} to {high:.4g} {record.unit} otherwise"
-            + (f", as in {rows.size - 1} more rows" if rows.size > 1 else "")
+            + (f", as in {rows.size - 1} more row{'s' if rows.size > 2 else ''}" if rows.size > 1 else "")
             + ". Remove such rows (gaps are allowed), or leave their cells empty."
         )
         yield _finding("spike", "error", text, "position")
@@ -375,11 +383,12 @@ def _of_motion(record: AxisRecord, fit: InverseFit) -> Iterator[Finding]:
         yield _finding("force-unrelated", "error", text, "force", "position")
     elif mass <= 0.0:
         both = dry < 0.0 or viscous < 0.0
+        loaded = " or the known load is wrong (--load-mass, --load-arm)" if record.known_load.inertia else ""
         cause = (
-            "the force, or the position, has the opposite sign."
+            f"the force, or the position, has the opposite sign{',' if loaded else ''}{loaded}."
             if both
             else "the force is delayed against the position, its "
-            "column is wrong, or the axis hardly accelerates."
+            f"column is wrong,{loaded[3:] + ',' if loaded else ''} or the axis hardly accelerates."
         )
         text = (
             f"The inverse model estimates a mass of {mass:.3g} and a dry "
