@@ -94,14 +94,17 @@ _UNITS, _SAME = (1.0, float(np.degrees(1.0)), 100.0, 1000.0), 0.05
 def reference_findings(record: AxisRecord) -> Iterator[Finding]:
     """Find a force that is the position some rows later, in metres or radians, degrees, centimetres or millimetres."""
     force, position = record.force, record.position
-    if np.ptp(force) == 0.0:
+    # values so small that their squares vanish have no correlation
+    if np.std(force) == 0.0 or np.std(position) == 0.0:
         return
     most = min(int(_LEAD / record.sample_time), len(record) // 4)
     leads = range(0, most + 1, max(1, most // 40))
 
     def alike(rows: int) -> float:
-        ahead = force[: len(force) - rows]
-        return float(np.corrcoef(ahead, position[rows:])[0, 1]) if np.ptp(ahead) > 0.0 else 0.0
+        ahead, behind = force[: len(force) - rows], position[rows:]
+        return (
+            float(np.corrcoef(ahead, behind)[0, 1]) if np.std(ahead) > 0.0 and np.std(behind) > 0.0 else 0.0
+        )
 
     if alike(best := max(leads, key=alike)) < _FOLLOWS:
         return
