@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from ballbot.log.mapping_inference.column_values import roles_by_data, settled
+from ballbot.log.mapping_inference.column_values import roles_by_data
 from ballbot.log.mapping_inference.evidence import CONFIDENT, Conclusion
+from ballbot.log.mapping_inference.open_names import settled, with_heading_behind
 from ballbot.log.mapping_inference.roles import Roles, half_turn_of, quaternion_of, roles_by_name
 from tests.support.foreign_log_examples import Habits, columns_of, small_robot, swaying_log
 
@@ -127,6 +128,31 @@ def test_no_confidence_is_shown_as_certain_or_above_what_it_is(confidence, shown
     assert Conclusion(name="", value="", confidence=confidence, evidence="").percent == shown
 
 
+def by_letters(turned: float) -> Roles:
+    """Return the roles of a log with a compass heading [deg], roll and pitch as x, y and z, in a BNO055's order."""
+    columns = columns_of(swaying_log(), Habits())
+    heading = np.mod(turned - columns["theta_z"], 360.0)
+    table = {"t": columns["t_now"], "orientation_x": heading}
+    table |= {"orientation_y": columns["theta_x"], "orientation_z": columns["theta_y"]}
+    table |= {f"enc{k}": columns[f"psi_{k}"] for k in (1, 2, 3)}
+    return with_heading_behind(roles_by_name(table, wheel_count=3), table, small_robot())
+
+
+@pytest.mark.parametrize("turned", [200.0, 0.0])
+def test_a_compass_heading_as_x_is_the_heading(turned):
+    found = by_letters(turned)
+    assert found.attitude == ("orientation_y", "orientation_z", "orientation_x")
+    assert not found.alternatives
+
+
+def test_angles_x_y_and_z_in_the_usual_order_keep_it():
+    columns = columns_of(swaying_log(), Habits())
+    table = {"t": columns["t_now"], **{f"orientation_{a}": columns[f"theta_{a}"] for a in "xyz"}}
+    table |= {f"enc{k}": columns[f"psi_{k}"] for k in (1, 2, 3)}
+    named = roles_by_name(table, wheel_count=3)
+    assert with_heading_behind(named, table, small_robot()) == named
+
+
 def swaying_quaternion(yaw: float) -> dict[str, np.ndarray]:
     """Return w, x, y and z of a robot that leans a little around a heading, in a file with other columns."""
     t = 0.01 * np.arange(500)
@@ -144,6 +170,9 @@ def swaying_quaternion(yaw: float) -> dict[str, np.ndarray]:
         ("QuatW QuatX QuatY QuatZ", "wxyz"),
         ("q0 q1 q2 q3", "wxyz"),
         ("q[1] q[2] q[3] q[4]", "xyzw"),
+        ("quatI quatJ quatK quatReal", "xyzw"),
+        ("rot_i rot_j rot_k rot_r", "xyzw"),
+        ("QUAT_REAL QUAT_I QUAT_J QUAT_K", "wxyz"),
     ],
 )
 @pytest.mark.parametrize("yaw", [0.0, 1.2, -2.0])

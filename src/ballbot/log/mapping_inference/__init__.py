@@ -1,7 +1,10 @@
 """How a foreign log becomes one of Ballbot's: a mapping inferred, tested against the robot, with its evidence.
 
 names, name_words        what a column's name says: kind, axis or wheel, unit
-roles                    which column is which quantity, by name or by values
+roles                    which column is which quantity, by name
+column_values            which column is which quantity, by its values
+open_names               the choices that names leave, by the values
+recognition              the columns of a file with their roles, by all of these
 units                    units of time, lean, wheels and gyro
 file_signals             the columns on even rows, filtered; the axes of the gyro
 placement                how the lean responds to the wheels

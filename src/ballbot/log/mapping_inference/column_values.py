@@ -6,15 +6,12 @@ the ball's rolling (`ballbot.log.mapping_inference.placement`), whatever their u
 columns from those computed from them. The commands are those neighbours that the motion explains best, and the heading
 is the column behind roll and pitch, if wheels and lean explain its rate. How many times better the best explanation is
 than the next gives the confidence.
-
-Series of columns whose names say no more than that there is one for each wheel (m1, e1, w1) are settled in the same way
-(`settled`): wheels follow from commands by integration, so that angles are the slowest of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +22,7 @@ from ballbot.log.mapping_inference.placements import every_way
 from ballbot.log.mapping_inference.roles import Roles
 from ballbot.log.mapping_inference.units import step_of, time_scale
 from ballbot.log.mapping_inference.wheel_response import RIDGE
-from ballbot.log.signals import INTERVAL, Smooth, even_rows, smooth
+from ballbot.log.signals import Smooth, even_rows, smooth
 from ballbot.robot import Robot
 
 #: filter of the lean and the wheels [s]
@@ -75,7 +72,7 @@ def roles_by_data(columns: Mapping[str, NDArray[np.float64]], robot: Robot) -> R
         return None
     lean, wheels, margin = found
     every = list(columns)
-    motion = _Motion.of(rows, [smoothed[name] for name in lean], [smoothed[name] for name in wheels])
+    motion = Motion.of(rows, [smoothed[name] for name in lean], [smoothed[name] for name in wheels])
     commands, command_margin = _commands(every, (time, *lean, *wheels), motion, smoothed, len(wheels))
     heading, clear = _heading(every, lean, (*wheels, *commands), motion, smoothed)
     margins = (margin, command_margin) if commands else (margin,)
@@ -130,11 +127,11 @@ def _lean_and_wheels(
         speeds = np.column_stack([smoothed[name].rate[:, 0] for name in wheels])
         angles = np.column_stack([smoothed[name].value[:, 0] for name in wheels])
         accelerations = np.column_stack([smoothed[name].acceleration[:, 0] for name in wheels])
-        moving = _moving(speeds)
+        moving = moving_rows(speeds)
         for lean in _neighbours(names, smoothed, 2):
             if set(lean) & set(wheels) or not (smooth_lean or _alike(lean, steps)):
                 continue
-            rest = _rest(lean, smoothed, (angles, accelerations), moving, robot, kappa)
+            rest = lean_rest(lean, smoothed, (angles, accelerations), moving, robot, kappa)
             if rest < least * (BETTER if best else 1.0):
                 next_best = least if best else 1.0
                 best, least = (lean, wheels), rest
@@ -152,7 +149,7 @@ def _alike(names: tuple[str, ...], steps: Mapping[str, float | None]) -> bool:
     return first is not None and all(step is not None and abs(step / first - 1.0) < 0.01 for step in known)
 
 
-def _rest(
+def lean_rest(
     lean: tuple[str, ...],
     smoothed: Mapping[str, Smooth],
     wheels: tuple[NDArray[np.float64], NDArray[np.float64]],
@@ -203,7 +200,7 @@ SLOW = 0.1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Motion:
+class Motion:
     """Smoothed wheels and lean, in the file's units, from which other columns are explained."""
 
     rows: NDArray[np.float64]  #: (N,) [s]
@@ -211,7 +208,7 @@ class _Motion:
     usable: NDArray[np.bool_]  #: (N,)
 
     @staticmethod
-    def of(rows: NDArray[np.float64], lean: Sequence[Smooth], wheels: Sequence[Smooth]) -> _Motion:
+    def of(rows: NDArray[np.float64], lean: Sequence[Smooth], wheels: Sequence[Smooth]) -> Motion:
         """Return the motion that the wheels' needs are made of: their accelerations and speeds, friction, the lean."""
         speed = np.hstack([one.rate for one in wheels])
         acceleration = np.hstack([one.acceleration for one in wheels])
@@ -220,7 +217,7 @@ class _Motion:
         )
         size = np.sqrt((speed**2).mean(axis=0)) + TINY
         total = np.sqrt((speed**2).sum(axis=1))
-        return _Motion(
+        return Motion(
             rows=rows,
             terms=np.hstack([acceleration, speed, np.tanh(speed / (SLOW * size)), tilt]),
             usable=total > 0.1 * float(np.quantile(total, 0.99)),
@@ -244,7 +241,7 @@ class _Motion:
 
 
 def _commands(
-    names: list[str], taken: tuple[str, ...], motion: _Motion, smoothed: Mapping[str, Smooth], count: int
+    names: list[str], taken: tuple[str, ...], motion: Motion, smoothed: Mapping[str, Smooth], count: int
 ) -> tuple[tuple[str, ...], float]:
     """Return the commands' names and how many times more the next best columns leave unexplained.
 
@@ -273,7 +270,7 @@ def _heading(
     names: list[str],
     lean: tuple[str, ...],
     taken: tuple[str, ...],
-    motion: _Motion,
+    motion: Motion,
     smoothed: Mapping[str, Smooth],
 ) -> tuple[tuple[str, ...], bool]:
     """Return the name of the heading, if there is one, and whether that is certain.
@@ -302,167 +299,6 @@ def _heading(
     )
 
 
-#: a speed and the rate of its angle correlate so well if the name may be that of a speed, and otherwise: a duty follows
-#: the speed, too
-NAMED_SPEED, SPEED = 0.9, 0.995
-
-
-def settled(named: Roles, columns: Mapping[str, NDArray[np.float64]], robot: Robot) -> Roles:
-    """Return roles by name in which the values decide what the series with open names are.
-
-    A wheel's angle follows from its command by two integrations, so that it is slower than commands and lean, and the
-    wheels explain the lean. A series that is the rate of the angles is their speeds. Of the others the commands are
-    those that the motion explains. If the slowest series is not clearly slower, the columns are in doubt.
-
-    Parameters
-    ----------
-    named : Roles
-    columns : mapping of str to (M,) array
-    robot : Robot
-        Gives azimuths and the effect of gravity.
-    """
-    series = named.open_series
-    # one series alone, of which no name says that they are angles, is left to `roles_by_data`
-    if named.time is None or not series or (len(series) == 1 and not named.angles):
-        return named
-    signals = _open_signals(named, columns)
-    if signals is None:
-        return named
-    rows, smoothed = signals
-    lean, every = named.attitude[:2], [*series]
-    rated = {
-        one: _rest_of(lean, one, smoothed, robot) for one in every if all(name in smoothed for name in one)
-    }
-    able = [one for one in rated if rated[one] < LARGEST_REST] if lean else list(rated)
-    if not able:
-        return replace(named, confidence=0.6, alternatives=("other columns are the wheel angles",))
-    angles = min(able, key=lambda one: _frequency(one, smoothed))
-    elsewhere = () if named.speeds in every else named.speeds
-    speeds = next((one for one in every if _are_rates(named, one, angles, smoothed)), elsewhere)
-    others = [one for one in every if one not in (angles, speeds) and one in rated]
-    commands, clear = named.commands, True
-    if not commands or commands in every:
-        motion = _Motion.of(rows, [smoothed[name] for name in lean], [smoothed[name] for name in angles])
-        explained = {one: min(motion.explained(smoothed[name].value[:, 0]) for name in one) for one in others}
-        fitting = [one for one in others if explained[one] > LEAST_EXPLAINED]
-        motors = [one for one in others if _is_motor(named, one)]
-        commands = max(fitting or motors, key=lambda one: explained[one], default=())
-        clear = commands in fitting and len(fitting) == 1 if commands else True
-    compared = [one for one in (*others, commands, lean) if one and all(name in smoothed for name in one)]
-    alternatives = [f"{', '.join(one)} are the wheel angles" for one in others]
-    if speeds in every and not commands and _likeness(speeds, angles, smoothed) < SPEED:
-        # a duty follows the speed
-        clear, alternatives = False, [f"{', '.join(speeds)} are the commands", *alternatives]
-    slowest = min((_frequency(one, smoothed) for one in compared), default=np.inf)
-    clear = clear and slowest > CLEAR_MARGIN * _frequency(angles, smoothed)
-    return replace(
-        named,
-        angles=angles,
-        speeds=speeds if speeds not in (angles, commands) else (),
-        commands=commands,
-        confidence=1.0 if clear else 0.6,
-        alternatives=() if clear else tuple(alternatives) or (f"{', '.join(angles)} are no wheel angles",),
-    )
-
-
-#: taken for speeds, columns must leave so many times less of the lean than taken for angles: true angles leave up to 2
-#: times less (80 variants of the development halves), counts a row and counts a second 5 and 10
-AS_SPEEDS = 3.0
-
-
-def seem_speeds(named: Roles, columns: Mapping[str, NDArray[np.float64]], robot: Robot) -> bool:
-    """Return whether the lean follows from columns called wheel angles as from speeds, or from increments in a row."""
-    if len(named.attitude) < 2 or named.time is None:
-        return False
-    signals = _open_signals(replace(named, commands=(), open_series=(named.angles,)), columns)
-    if signals is None or not {*named.angles, *named.attitude[:2]} <= set(signals[1]):
-        return False
-    smoothed = signals[1]
-    integrals = {
-        name: Smooth(
-            value=INTERVAL * np.cumsum(smoothed[name].value, axis=0),
-            rate=smoothed[name].value,
-            acceleration=smoothed[name].rate,
-        )
-        for name in named.angles
-    }
-    lean = named.attitude[:2]
-    as_speeds = _rest_of(lean, named.angles, {**smoothed, **integrals}, robot)
-    return as_speeds < LARGEST_REST and AS_SPEEDS * as_speeds < _rest_of(lean, named.angles, smoothed, robot)
-
-
-def _is_motor(named: Roles, series: tuple[str, ...]) -> bool:
-    reading = named.reading(series)
-    return reading is not None and reading.kind == "wheel angle"
-
-
-def _open_signals(
-    named: Roles, columns: Mapping[str, NDArray[np.float64]]
-) -> tuple[NDArray[np.float64], dict[str, Smooth]] | None:
-    """Return even rows, and on them the smooth lean, commands and open series that move; None without a time."""
-    time = columns[named.time or ""]
-    reading = named.reading((named.time or "",))
-    scale = time_scale(time, reading.unit if reading else None)
-    if scale is None:
-        return None
-    names = dict.fromkeys(
-        [*named.attitude[:2], *named.commands, *(name for one in named.open_series for name in one)]
-    )
-    moving = [name for name in names if np.nanmax(columns[name]) > np.nanmin(columns[name])]
-    kept = np.isfinite(time) & np.all([np.isfinite(columns[name]) for name in moving], axis=0)
-    t = time[kept] * scale.factor
-    rising = np.concatenate(([True], np.diff(np.maximum.accumulate(t)) > 0.0))
-    if rising.sum() < FEWEST_ROWS:
-        return None
-    t = t[rising]
-    rows = even_rows(t)
-    return rows, {
-        name: smooth(rows, t, columns[name][kept][rising, None], width=LEAN_WIDTH) for name in moving
-    }
-
-
-#: fewer rows show nothing
-FEWEST_ROWS = 200
-
-
-def _frequency(series: Sequence[str], smoothed: Mapping[str, Smooth]) -> float:
-    """Return the root mean square of the rates over that of the values [1/s]."""
-    rate = sum(float((smoothed[name].rate ** 2).mean()) for name in series)
-    size = sum(float(smoothed[name].value.var()) for name in series)
-    return float(np.sqrt(rate / max(size, TINY)))
-
-
-def _rest_of(
-    lean: tuple[str, ...], wheels: tuple[str, ...], smoothed: Mapping[str, Smooth], robot: Robot
-) -> float:
-    """Return the fraction of the lean's acceleration that columns taken for wheel angles leave; 1 without a lean."""
-    if not all(name in smoothed for name in lean) or not lean:
-        return 1.0
-    speeds = np.column_stack([smoothed[name].rate[:, 0] for name in wheels])
-    angles = np.column_stack([smoothed[name].value[:, 0] for name in wheels])
-    accelerations = np.column_stack([smoothed[name].acceleration[:, 0] for name in wheels])
-    return _rest(lean, smoothed, (angles, accelerations), _moving(speeds), robot, torque_free_gains(robot)[0])
-
-
-def _moving(speeds: NDArray[np.float64]) -> NDArray[np.bool_]:
+def moving_rows(speeds: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return the rows (N,) in which a wheel turns."""
     return np.abs(speeds).max(axis=1) > 0.1 * np.quantile(np.abs(speeds), 0.99)
-
-
-def _are_rates(
-    named: Roles, series: tuple[str, ...], angles: tuple[str, ...], smoothed: Mapping[str, Smooth]
-) -> bool:
-    """Return whether each column is the rate of an angle, in any unit."""
-    reading = named.reading(series)
-    if series == angles or reading is None or any(name not in smoothed for name in series):
-        return False
-    least = NAMED_SPEED if reading.kind == "wheel speed" else SPEED
-    return _likeness(series, angles, smoothed) > least
-
-
-def _likeness(series: tuple[str, ...], angles: tuple[str, ...], smoothed: Mapping[str, Smooth]) -> float:
-    """Return the least correlation of a column with the rate of its angle, whatever its sign."""
-    return min(
-        abs(float(np.corrcoef(smoothed[one].value[:, 0], smoothed[other].rate[:, 0])[0, 1]))
-        for one, other in zip(series, angles, strict=True)
-    )

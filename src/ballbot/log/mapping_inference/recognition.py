@@ -17,8 +17,9 @@ from ballbot.errors import InputError
 from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.imu_angles import QUATERNION_ANGLES, quaternion_angles
 from ballbot.log.mapping import repeated_rows
-from ballbot.log.mapping_inference.column_values import roles_by_data, seem_speeds, settled
+from ballbot.log.mapping_inference.column_values import roles_by_data
 from ballbot.log.mapping_inference.names import read_name, read_names
+from ballbot.log.mapping_inference.open_names import seem_speeds, settled, with_heading_behind
 from ballbot.log.mapping_inference.roles import (
     PLAIN,
     Roles,
@@ -115,7 +116,11 @@ def _roles(
     if quaternion and not named.attitude:
         named = replace(named, attitude=QUATERNION_ANGLES, quaternion=quaternion)
     _check_wheel_count(path, names, named, robot)
+    named = with_heading_behind(named, table.columns, robot)
+    doubted = named.alternatives
     named = settled(named, table.columns, robot)
+    if doubted:
+        named = replace(named, confidence=0.6, alternatives=(*doubted, *named.alternatives))
     known = table.named and named.time is not None and named.angles
     if known and (named.attitude or len(table.columns) < len(named.angles) + len(named.commands) + 3):
         return named, False

@@ -5,7 +5,7 @@ wheels, numbered from 1 or 0. Of several the plainest name is taken, a command b
 
 A name of one letter and a number, or of unknown words and a number, leaves open what its column is: m1 may be a motor's
 command or its angle, w1 a wheel's angle or its speed, e1 an encoder or an error. Unless other names say plainly which
-columns are the angles, such series are settled by their values (`ballbot.log.mapping_inference.column_values`).
+columns are the angles, such series are settled by their values (`ballbot.log.mapping_inference.open_names`).
 """
 
 from __future__ import annotations
@@ -51,6 +51,8 @@ UNIT_NORM, UNIT_ROWS = 0.02, 0.99
 #: squares of a quaternion's x and y over those of another pair
 CLEARLY_LESS = 0.25
 _QUATERNION_MARKS = {"w": "wxyz", "W": "WXYZ", "0": "0123", "1": "1234"}
+#: beside i, j and k, the scalar part is called so, in small letters
+_REAL = ("real", "r", "re", "w", "s", "scalar")
 
 
 #: a name says plainly that its column is an angle with at least this weight
@@ -98,23 +100,42 @@ def _open_series(readings: list[Reading], count: int, plainly: set[str]) -> tupl
 def quaternion_of(columns: Mapping[str, NDArray[np.float64]]) -> tuple[str, ...]:
     """Return the names of the w, x, y and z of an IMU's quaternion; empty if the columns hold none.
 
-    Names say so by the letters w, x, y and z in one place, or by four numbers from 0 or 1, as q0 to q3; the values by
-    a sum of squares that is one. Of numbered columns the two that stay small are x and y. Of several, one of the
-    odometry comes last.
+    Names say so by the letters w, x, y and z in one place, by i, j, k and real, or by four numbers from 0 or 1, as q0
+    to q3; the values by a sum of squares that is one. Of numbered columns the two that stay small are x and y. Of
+    several, one of the odometry comes last.
     """
     found = []
     for name in columns:
         if read_name(name).kind == "reference":
             continue
+        found += [series for series in _with_real(name, columns) if _is_quaternion(_rows_of(series, columns))]
         for place, mark in enumerate(name):
             marks = _QUATERNION_MARKS.get(mark, "")
             series = tuple(name[:place] + one + name[place + 1 :] for one in marks)
             if series and all(one in columns for one in series):
-                values = np.array([columns[one] for one in series])
-                values = values[:, np.isfinite(values).all(axis=0)]
+                values = _rows_of(series, columns)
                 if _is_quaternion(values):
                     found += [series] if mark.isalpha() else _in_order(series, values)
     return min(found, key=lambda series: "odom" in series[0].lower(), default=())
+
+
+def _with_real(name: str, columns: Iterable[str]) -> list[tuple[str, ...]]:
+    """Return the real part, i, j and k of the quaternions of which a column is the i by its name: quatI, rot_i."""
+    spelled, found = {one.lower(): one for one in columns}, []
+    for place in (place for place, mark in enumerate(name.lower()) if mark == "i"):
+        before, after = name[:place].lower(), name[place + 1 :].lower()
+        parts = [spelled.get(before + mark + after) for mark in "ijk"]
+        real = next((spelled[key] for word in _REAL if (key := before + word + after) in spelled), None)
+        vector = [one for one in parts if one is not None]
+        if real is not None and len(vector) == len(parts):
+            found.append((real, *vector))
+    return found
+
+
+def _rows_of(series: tuple[str, ...], columns: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return columns (k, N) without the rows in which one has no value."""
+    values = np.array([columns[one] for one in series])
+    return values[:, np.isfinite(values).all(axis=0)]
 
 
 def _is_quaternion(values: NDArray[np.float64]) -> bool:
