@@ -9,9 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ballbot.log.mapping_inference.evidence import CONFIDENT
-from ballbot.log.mapping_inference.file_signals import Raw, gyro_of, signals_of
+from ballbot.log.mapping_inference.file_signals import GyroTest, Raw, gyro_of, signals_of
 from ballbot.log.mapping_inference.frame import HeadingTest, frame_of, heading_test
 from ballbot.log.mapping_inference.placement import _advantage, lean_test, torque_free_gains
+from ballbot.log.mapping_inference.roles import roles_by_name
+from ballbot.log.mapping_inference.units import Scale
 from ballbot.log.signals import INTERVAL, Smooth
 from ballbot.robot import Friction, Robot
 from tests.support.foreign_log_examples import small_robot
@@ -118,21 +120,67 @@ def test_four_wheels_without_a_heading_are_those_that_a_ball_can_turn():
     assert found.confidence > CONFIDENT
 
 
-@given(pitch_sign=st.sampled_from([1, -1]), yaw_sign=st.sampled_from([1, -1]), seed=st.integers(0, 2**32 - 1))
-@settings(deadline=None, max_examples=10)
-def test_a_gyro_shows_the_handedness_of_its_angles(pitch_sign, yaw_sign, seed):
-    random = np.random.default_rng(seed)
+def exact_gyro(random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Return roll, pitch and yaw [rad], and a gyro's rates of the aerospace order [rad/s]."""
     roll, pitch = slow_sines(random, 0.02), slow_sines(random, 0.02)
     yaw, yaw_dot = 0.5 * np.sin(ROWS), 0.5 * np.cos(ROWS)
-    # rates of the aerospace order, exact
     gyro = np.column_stack(
         [
             roll[1] - yaw_dot * np.sin(pitch[0]),
             pitch[1] * np.cos(roll[0]) + yaw_dot * np.sin(roll[0]) * np.cos(pitch[0]),
             -pitch[1] * np.sin(roll[0]) + yaw_dot * np.cos(roll[0]) * np.cos(pitch[0]),
         ]
-    ) * [1, pitch_sign, yaw_sign]
-    angles = np.column_stack([roll[0], pitch_sign * pitch[0], yaw_sign * yaw])
+    )
+    return np.column_stack([roll[0], pitch[0], yaw]), gyro
+
+
+def raw_counts(per_degree: float, *, yaw: bool, offset: float = 0.0) -> GyroTest | None:
+    """Return the test of a gyro that counts so often for a deg/s, its z with an offset [rad/s]."""
+    random = np.random.default_rng(5)
+    angles, gyro = exact_gyro(random)
+    wheels = np.column_stack([np.sin(2.0 * ROWS + k) - 2.0 * angles[:, 2] for k in range(3)])
+    angles = angles[:, : 3 if yaw else 2]
+    angles[:, :2] += 5e-4 * random.standard_normal((len(ROWS), 2))
+    columns = {"gx": gyro[:, 0], "gy": gyro[:, 1], "gz": gyro[:, 2] + offset}
+    counted = {name: np.round(np.degrees(one) * per_degree) for name, one in columns.items()}
+    names = ["t", "enc1", "enc2", "enc3", *columns]
+    table = counted | {"t": ROWS} | {f"enc{k + 1}": one for k, one in enumerate(wheels.T)}
+    time = Scale(unit="s", factor=1.0, reason="")
+    raw = Raw.of(table, roles_by_name(names, wheel_count=3), time)
+    assert raw.gyro_counts
+    return gyro_of(raw, signals_of(raw, wheels, ROWS, angles, width=0.05), ROWS, angles)
+
+
+@pytest.mark.parametrize("per_degree", [131.0, 1000.0 / 8.75, 32.8, 1000.0 / 35.0])
+@pytest.mark.parametrize("yaw", [True, False])
+def test_a_gyro_in_counts_of_a_common_scale_is_recognised(per_degree, yaw):
+    found = raw_counts(per_degree, yaw=yaw)
+    assert found is not None
+    assert found.confidence > CONFIDENT
+    assert 1.0 / found.scale == pytest.approx(per_degree)
+    assert found.factor == pytest.approx(np.radians(1.0 / per_degree))
+
+
+@pytest.mark.parametrize("per_degree", [122.0, 45.0, 100.0])
+def test_a_gyro_in_counts_of_no_common_scale_is_not_taken(per_degree):
+    found = raw_counts(per_degree, yaw=True)
+    assert found is not None
+    assert found.confidence < CONFIDENT
+
+
+def test_a_gyro_in_counts_whose_offset_turns_the_heading_is_not_integrated():
+    found = raw_counts(131.0, yaw=False, offset=np.radians(2.0))
+    assert found is not None
+    assert found.confidence < CONFIDENT
+
+
+@given(pitch_sign=st.sampled_from([1, -1]), yaw_sign=st.sampled_from([1, -1]), seed=st.integers(0, 2**32 - 1))
+@settings(deadline=None, max_examples=10)
+def test_a_gyro_shows_the_handedness_of_its_angles(pitch_sign, yaw_sign, seed):
+    random = np.random.default_rng(seed)
+    angles, gyro = exact_gyro(random)
+    gyro = gyro * [1, pitch_sign, yaw_sign]
+    angles = angles * [1, pitch_sign, yaw_sign]
     angles[:, :2] += 5e-4 * random.standard_normal((len(ROWS), 2))
     wheels = np.column_stack([np.sin(2.0 * ROWS + k) for k in range(3)])
     raw = Raw(t=ROWS, angles=wheels, attitude=angles, commands=None, gyro=gyro, gyro_unit=None)

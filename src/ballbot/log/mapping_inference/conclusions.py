@@ -13,6 +13,7 @@ from ballbot.log.mapping_inference.evidence import (
     advantage_confidence,
     in_percent,
 )
+from ballbot.log.mapping_inference.file_signals import GyroTest
 from ballbot.log.mapping_inference.frame import Frame, HeadingTest
 from ballbot.log.mapping_inference.names import read_name
 from ballbot.log.mapping_inference.placement import LeanTest
@@ -71,7 +72,8 @@ def _time(proposal: Proposal) -> Conclusion:
     tested, gyro, named = proposal.lean_test, proposal.gyro, proposal.roles.reading(proposal.roles.gyro)
     return time_conclusion(
         proposal.time,
-        by_gyro=gyro.gain if gyro else None,
+        # counts of a gyro fit in several scales, and show no unit of the time
+        by_gyro=gyro.gain if gyro and gyro.scale == 1.0 else None,
         gyro_named=bool(named and named.unit),
         by_gravity=(tested.time_ratio, tested.time_error) if tested else (math.nan, math.nan),
     )
@@ -216,7 +218,7 @@ def _turn_and_delay(proposal: Proposal) -> list[Conclusion]:
         found.append(
             Conclusion(
                 name="gyro",
-                value=f"{', '.join(proposal.roles.gyro[place] for place in gyro.order)} in {gyro.unit}, "
+                value=f"{', '.join(proposal.roles.gyro[place] for place in gyro.order)} in {_gyro_words(gyro)}, "
                 f"signs {list(gyro.signs)}",
                 confidence=min(gyro.confidence, MOST),
                 evidence=gyro.reason,
@@ -224,6 +226,10 @@ def _turn_and_delay(proposal: Proposal) -> list[Conclusion]:
             )
         )
     return found
+
+
+def _gyro_words(gyro: GyroTest) -> str:
+    return gyro.unit if gyro.scale == 1.0 else f"counts, {1.0 / gyro.scale:.4g} per {gyro.unit}"
 
 
 def _commands(proposal: Proposal) -> list[Conclusion]:

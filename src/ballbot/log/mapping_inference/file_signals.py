@@ -20,7 +20,13 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.log.imu_angles import less_half_a_turn
-from ballbot.log.mapping_inference.evidence import TINY, jackknife_error, solved, without_each_block
+from ballbot.log.mapping_inference.evidence import (
+    CONFIDENT,
+    TINY,
+    jackknife_error,
+    solved,
+    without_each_block,
+)
 from ballbot.log.mapping_inference.placements import lean_sums_of
 from ballbot.log.mapping_inference.roles import Roles
 from ballbot.log.mapping_inference.units import Scale
@@ -50,6 +56,7 @@ class Raw:
     commands: NDArray[np.float64] | None
     gyro: NDArray[np.float64] | None
     gyro_unit: str | None  #: by its name
+    gyro_counts: bool = False  #: whether it may be a register's numbers: whole, or called raw, without a unit
 
     @staticmethod
     def of(columns: dict[str, NDArray[np.float64]], roles: Roles, time: Scale) -> Raw:
@@ -71,7 +78,16 @@ class Raw:
             commands=stacked(roles.commands),
             gyro=stacked(roles.gyro),
             gyro_unit=named.unit if named else None,
+            gyro_counts=_may_be_counts(columns, roles),
         )
+
+
+def _may_be_counts(columns: dict[str, NDArray[np.float64]], roles: Roles) -> bool:
+    readings = [roles.reading((name,)) for name in roles.gyro]
+    if any(one is None or one.unit is not None for one in readings):
+        return False
+    whole = all(np.all(_filled(columns[name]) == np.round(_filled(columns[name]))) for name in roles.gyro)
+    return bool(whole or all("raw" in name.lower() for name in roles.gyro))
 
 
 def _filled(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -161,6 +177,10 @@ def gyro_of(
     if signals.usable.sum() < 200:
         return None
     found = _gyro_test(gyro, seen, signals.usable, raw.gyro_unit, with_yaw=with_yaw)
+    if found is not None and raw.gyro_counts and found.confidence < CONFIDENT:
+        wide = smooth(signals.rows, sampled[kept] + found.lag, raw.gyro[kept], width=COUNTS_WIDTH)
+        seen_wide = smooth(signals.rows, sampled[kept], angles[kept], width=COUNTS_WIDTH)
+        found = _in_counts(found, wide, seen_wide, signals, with_yaw=with_yaw)
     if found is None or not with_yaw:
         return found
     turned = raw.gyro[:, list(found.order)] * found.factor * np.asarray(found.signs)
@@ -184,6 +204,7 @@ class GyroTest:
     gain: float  #: gyro over rates of the angles, of the axis that agrees best, in the unit that follows
     unit: str
     factor: float  #: what turns the file's number into rad/s
+    scale: float = 1.0  #: part of the factor that the unit does not have: of raw counts
     correlations: tuple[float, ...]  #: of x, y, z
     lag: float  #: angles later than the gyro [s]
     confidence: float
@@ -267,6 +288,67 @@ def _handedness(gyro: Smooth, attitude: Smooth, usable: NDArray[np.bool_]) -> tu
         estimates.append((float(solved(sums.sum(axis=0))[0]), max(jackknife_error(each), 1e-3)))
     weights = np.array([error**-2 for _, error in estimates])
     return float(weights @ [sigma for sigma, _ in estimates] / weights.sum()), float(weights.sum() ** -0.5)
+
+
+#: counts per deg/s of common gyros: MPU-6050, MPU-9250, ICM-20948 and BMI160 count 32768 for 250 to 2000 deg/s,
+#: LSM6DS3, LSM9DS1 and L3GD20 in 8.75 to 70 mdeg/s
+GYRO_COUNTS = (131.0, 65.5, 32.8, 16.4, 1000.0 / 8.75, 1000.0 / 17.5, 1000.0 / 35.0, 1000.0 / 70.0)
+#: a scale this far [log] outside of the two regressions fits no more: less than half of the least ratio of two scales
+COUNTS_DEVIATION = 0.06
+#: filter of gyro and angles before their scale is estimated [s]: noise of the angles, and what is late, matter less
+COUNTS_WIDTH = 0.16
+#: a gyro's offset that turns the heading by more than this over the log [rad] is not integrated: half of what the
+#: lean's direction may be off
+LARGEST_DRIFT = 0.1
+
+
+def _in_counts(
+    found: GyroTest, gyro: Smooth, attitude: Smooth, signals: Signals, *, with_yaw: bool
+) -> GyroTest:
+    """Return a gyro in counts of the only common scale that fits the rates of the angles; as it is if none does.
+
+    Noise of the angles makes the regression on their rates too small, noise of the gyro makes the other one too large:
+    the scale is between them. Without a yaw, a gyro whose offset would turn the heading is not taken either.
+    """
+    usable, rates = signals.usable, _body_rates(attitude)
+    axes = range(3 if with_yaw else 2)
+    x = np.concatenate([rates[usable, axis] - rates[usable, axis].mean() for axis in axes])
+    turned = gyro.value[:, list(found.order)] * np.asarray(found.signs)
+    y = np.concatenate([turned[usable, axis] - turned[usable, axis].mean() for axis in axes])
+    product = float(x @ y)
+    if product <= 0.0:
+        return found
+    least, largest = product / max(float(x @ x), TINY), float(y @ y) / product
+    margin = math.exp(COUNTS_DEVIATION)
+    factors = [math.pi / 180.0 / counts for counts in GYRO_COUNTS]
+    fitting = [one for one in factors if least * one < margin and largest * one > 1.0 / margin]
+    if len(fitting) != 1:
+        return found
+    factor = fitting[0]
+    per_degree = math.pi / 180.0 / factor
+    if not with_yaw and _drift(turned[:, 2] * factor, signals) > LARGEST_DRIFT:
+        return found
+    return replace(
+        found,
+        gain=math.sqrt(least * largest) * factor,
+        unit="deg/s",
+        factor=factor,
+        scale=1.0 / per_degree,
+        confidence=0.99 if min(found.correlations[:2]) > 0.75 else 0.92,
+        reason=f"raw counts, {per_degree:.4g} per deg/s: by the rates of the angles "
+        f"{least * math.pi / 180.0:.4g} to {largest * math.pi / 180.0:.4g}",
+    )
+
+
+def _drift(rate: NDArray[np.float64], signals: Signals) -> float:
+    """Return by how much [rad] the offset of the heading's rate (N,) turns the heading over the log.
+
+    The heading turns as the wheels do: of its integral, the offset is what grows with time and not with their angles.
+    """
+    t = signals.rows - signals.rows.mean()
+    heading, angles = INTERVAL * np.cumsum(rate), signals.wheels.value
+    X = np.column_stack([angles - angles.mean(axis=0), t, np.ones(len(t))])
+    return abs(float(np.linalg.lstsq(X, heading, rcond=None)[0][-2])) * float(np.ptp(t))
 
 
 def _gyro_unit(gain: float, named: str | None) -> tuple[str, float, float]:

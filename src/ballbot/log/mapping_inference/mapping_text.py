@@ -148,6 +148,7 @@ def _attitude_lines(proposal: Proposal, concluded: Mapping[str, Conclusion]) -> 
         rates = {
             "from": [proposal.roles.gyro[place] for place in gyro.order],
             "unit": gyro.unit,
+            **({"scale": gyro.scale} if gyro.scale != 1.0 else {}),
             "sign": list(rates_signs(proposal)),
             "delay": rates_delay(proposal),
         }
