@@ -31,6 +31,7 @@ from ballbot.log.formats import mat as mat_file
 from ballbot.log.formats import npz as npz_file
 from ballbot.log.formats import parquet as parquet_file
 from ballbot.log.formats.inference import infer_text_table
+from ballbot.log.formats.serial import plain
 from ballbot.log.formats.text import TextLayout, read_text_table
 from ballbot.robot import Robot
 from tests.support.log_examples import smooth_log
@@ -442,6 +443,36 @@ def test_separator_decimal_sign_and_header_of_variables_are_inferred(tmp_path, t
     values = [variables[name].tolist() for name in ("Zeit", "Weg", "Kraft")]
     assert values == [[0.5, 1.5], [1.25, 2.5], [-3.0, 0.4]]
     assert infer_text_table(path).layout.names == tuple(variables)
+
+
+SERIAL_TEXTS = {
+    "labels and blanks": "t_ms:0 roll:0.5 enc[1]:-3\nt_ms:10 roll:-1.5 enc[1]:4e1\n",
+    "labels, commas and tabs": "t_ms:0,\troll: 0.5,enc[1]:-3,\nt_ms:10,\troll: -1.5,enc[1]:4e1,\n",
+    "labels after a clock and words": "12:04:00.9 -> ready\n12:04:01.0 -> t_ms:0 roll:.5 enc[1]:-3\n"
+    "12:04:01.1 -> t_ms:10 roll:-1.5 enc[1]:40\n12:04:01.2 -> t_ms:20 ro\n",
+    "a clock before cells": "12:04:00.999 -> t_ms,roll,enc[1]\n12:04:01.000 -> 0,0.5,-3\n12:04:01.000 -> 10,-1.5,40\n",
+}
+
+
+@pytest.mark.parametrize("text", SERIAL_TEXTS.values(), ids=SERIAL_TEXTS)
+def test_what_the_arduino_ide_shows_is_a_table(tmp_path, text):
+    path = tmp_path / "serial.txt"
+    path.write_text(text)
+    table = infer_text_table(path)
+    assert {name: values.tolist() for name, values in table.columns.items()} == {
+        "t_ms": [0.0, 10.0],
+        "roll": [0.5, -1.5],
+        "enc[1]": [-3.0, 40.0],
+    }
+    assert table.named
+    # a mapping file states the layout, and leads to the same table
+    again = read_text_table(path, table.layout)
+    assert all(np.array_equal(again[name], values) for name, values in table.columns.items())
+
+
+@pytest.mark.parametrize("line", ["12:04:01,1,2", "a:1", "a:1 b", "http://a:80 b:1", "2024-01-01T12:04:01 -> 3"])
+def test_other_lines_with_colons_stay_as_they_are(line):
+    assert plain([line, line]).lines == [line, line]
 
 
 def test_a_row_of_units_is_read(tmp_path):

@@ -2,6 +2,7 @@
 
 text      tables of text: Ballbot's own CSV, and others by a `TextLayout`
 inference the layout of a table of text that is not Ballbot's own
+serial    text as the Arduino IDE shows it: time stamps, labels before the numbers
 json      JSON, a list of objects or an object of lists
 parquet   Parquet, by pyarrow
 npz       NumPy archives

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ballbot.arrays import check_table
 from ballbot.errors import InputError
 from ballbot.files import decode_text, read_bytes
+from ballbot.log.formats.serial import plain
 from ballbot.log.formats.text import (
     TextLayout,
     check_names,
@@ -64,7 +65,8 @@ def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = No
     InputError
         If the file cannot be read or has no table of numbers.
     """
-    lines = _foreign_lines(path)
+    text = plain(_foreign_lines(path))
+    lines = text.lines
     separator, decimal_comma = _likely_separator(lines)
     mark = _SEPARATORS[separator]
     if decimal_comma:
@@ -86,7 +88,8 @@ def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = No
     width = max(widths, key=lambda count: widths[count])
     check_table(len(lines), width, source=str(path))
     quoted = lines[first].lstrip().startswith('"')
-    guessed = _guessed_names(cells[:first], width, quoted=quoted) if given_names is None else None
+    head = [list(text.labels)] if len(text.labels) == width else cells[:first]
+    guessed = _guessed_names(head, width, quoted=quoted) if given_names is None else None
     names, notes = guessed or (list(given_names or ()), [])
     if len(names) != width:
         raise InputError(
@@ -117,7 +120,7 @@ def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = No
         layout=layout,
         separator=separator,
         columns=read_text_table(path, layout),
-        named=given_names is not None or any(cells[:first]),
+        named=given_names is not None or any(head),
         notes=tuple(notes),
         units=units,
     )
@@ -145,7 +148,7 @@ class _Head:
 
 
 def _head_of(path: str | Path) -> _Head:
-    lines = text_start(path).split("\n")
+    lines = plain(text_start(path).split("\n")).lines
     separator, decimal_comma = _likely_separator(lines)
     layout = TextLayout(
         separator=_SEPARATORS[separator], decimal_comma=decimal_comma, missing=_MARKS_OF_MISSING

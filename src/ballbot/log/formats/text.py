@@ -25,6 +25,7 @@ from ballbot.arrays import check_table
 from ballbot.errors import InputError
 from ballbot.files import check_regular, decode_text, read_text, write_text
 from ballbot.log.columns import check_column_names, mark_missing
+from ballbot.log.formats.serial import plain
 from ballbot.printable import shell_line
 
 
@@ -165,7 +166,7 @@ def _read_lines(path: str | Path) -> list[str]:
     text = read_text(path)
     if not text.strip():
         raise InputError(f"{path} is empty; a log needs a line of column names and rows of numbers.")
-    return text.split("\n")
+    return plain(text.split("\n")).lines
 
 
 def _names(path: str | Path, lines: list[str], layout: TextLayout, *, mapped: bool) -> list[str]:
