@@ -7,11 +7,19 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
+from ballbot.log.formats import read_foreign_table
 from ballbot.log.mapping_inference.column_values import roles_by_data
 from ballbot.log.mapping_inference.evidence import CONFIDENT, Conclusion
 from ballbot.log.mapping_inference.open_names import settled, with_heading_behind
+from ballbot.log.mapping_inference.recognition import recognise
 from ballbot.log.mapping_inference.roles import Roles, half_turn_of, quaternion_of, roles_by_name
-from tests.support.foreign_log_examples import Habits, columns_of, small_robot, swaying_log
+from tests.support.foreign_log_examples import (
+    Habits,
+    columns_of,
+    small_robot,
+    swaying_log,
+    write_foreign,
+)
 
 
 def unnamed(habits: Habits, *names: str) -> tuple[Roles | None, list[str]]:
@@ -151,6 +159,24 @@ def test_angles_x_y_and_z_in_the_usual_order_keep_it():
     table |= {f"enc{k}": columns[f"psi_{k}"] for k in (1, 2, 3)}
     named = roles_by_name(table, wheel_count=3)
     assert with_heading_behind(named, table, small_robot()) == named
+
+
+def test_beside_wheels_without_a_name_plain_names_are_believed(tmp_path):
+    """The motion explains a gyro's rates as well as commands, and does not explain a heading turned by hand."""
+    columns = columns_of(swaying_log(), Habits())
+    t = columns["t_now"]
+    table = {"Zeit_s": t, "Rollwinkel": columns["theta_x"], "Nickwinkel": columns["theta_y"]}
+    table |= {"Gierwinkel": np.cumsum(np.random.default_rng(2).standard_normal(len(t)))}
+    table |= {f"Drehrate_{axis}": np.gradient(columns[f"psi_{k}"], t) for k, axis in enumerate("XYZ", start=1)}
+    table |= {f"Stift_{'PQR'[k - 1]}": columns[f"psi_{k}"] for k in (1, 2, 3)}
+    table |= {f"Motorstrom{k}_mA": columns[f"u{k}"] for k in (1, 2, 3)}
+    path = write_foreign(tmp_path / "log.txt", table, Habits())
+    found = recognise(path, read_foreign_table(path), small_robot())
+    assert found.by_data
+    assert found.roles.angles == ("Stift_P", "Stift_Q", "Stift_R")
+    assert found.roles.attitude == ("Rollwinkel", "Nickwinkel", "Gierwinkel")
+    assert found.roles.commands == series("Motorstrom{}_mA")
+    assert found.roles.confidence > CONFIDENT
 
 
 def swaying_quaternion(yaw: float) -> dict[str, np.ndarray]:

@@ -5,6 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ballbot.log.mapping_inference.names import UNITS, read_name, read_names
+from ballbot.log.mapping_inference.roles import roles_by_name
 
 #: words, and what they say: kind, axis, number, input kind
 KNOWN = {
@@ -184,3 +185,43 @@ def test_corners_that_number_a_series_are_its_numbers_in_the_order_of_the_file(f
         (name, "wheel angle", place) for place, name in enumerate(names, start=1)
     ]
     assert read_names(names[:3]) == [read_name(name) for name in names[:3]]
+
+
+@pytest.mark.parametrize(
+    ("name", "reading"),
+    [
+        ("wielhoek1 [rad]", ("wheel angle", None, 1, "rad", None)),
+        ("motorkoppel2 [Nm]", ("command", None, 2, "N m", "torque")),
+        ("tijd [s]", ("time", None, None, "s", None)),
+        ("Inkremente_Rad1", ("wheel angle", None, 1, None, None)),
+        ("beccheggio_gradi", ("attitude", "y", None, "deg", None)),
+        ("corrente_motore_3_mA", ("command", None, 3, "mA", "current")),
+        ("\u00e2ngulo_roda1_rad", ("wheel angle", None, 1, "rad", None)),
+        ("tens\u00e3o2", ("command", None, 2, None, "voltage")),
+        ("k\u0105t_ko\u0142a_2", ("wheel angle", None, 2, None, None)),
+        ("hjulvinkel1", ("wheel angle", None, 1, None, None)),
+        ("motorstr\u00f6m1", ("command", None, 1, None, "current")),
+        ("vitesse_roue_1", ("wheel speed", None, 1, None, None)),
+        ("vesc1_tachometer", ("wheel angle", None, 1, None, None)),
+        ("vesc1_duty_cycle", ("command", None, 1, None, "duty")),
+        ("cycle_time", ("other", None, None, None, None)),
+    ],
+)
+def test_words_of_other_languages_and_motor_controllers(name, reading):
+    found = read_name(name)
+    assert (found.kind, found.axis, found.index, found.unit, found.input_kind) == reading
+
+
+def test_stamp_is_pitch_in_dutch_and_a_time_elsewhere():
+    assert [one.kind for one in read_names(["rol", "stamp", "gier"])] == ["attitude"] * 3
+    assert read_names(["header.stamp", "roll"])[0].kind == "time"
+
+
+def test_an_effort_beside_position_and_velocity_is_in_newton_metres():
+    joints = [f"/{k}/{word}" for k in (1, 2, 3) for word in ("position", "velocity", "effort")]
+    roles = roles_by_name(["t", *joints], wheel_count=3)
+    commands = roles.reading(roles.commands)
+    assert commands is not None
+    assert (commands.name, commands.unit) == ("/1/effort", "N m")
+    alone = roles_by_name(["t", "effort1", "effort2", "effort3"], wheel_count=3)
+    assert read_names(alone.commands, alone.units)[0].unit is None

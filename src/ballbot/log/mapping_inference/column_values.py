@@ -40,7 +40,13 @@ FALLEN = 8.0
 COMPUTED = 0.985
 
 
-def roles_by_data(columns: Mapping[str, NDArray[np.float64]], robot: Robot) -> Roles | None:
+def roles_by_data(
+    columns: Mapping[str, NDArray[np.float64]],
+    robot: Robot,
+    *,
+    yaw: str | None = None,
+    motors: tuple[str, ...] = (),
+) -> Roles | None:
     """Return the roles by the columns' values, or None if no lean and wheels agree with a rolling ball.
 
     Parameters
@@ -49,6 +55,10 @@ def roles_by_data(columns: Mapping[str, NDArray[np.float64]], robot: Robot) -> R
         In the file's order.
     robot : Robot
         Gives azimuths and the effect of gravity.
+    yaw : str, optional
+        The heading's column by its name, if that says it plainly.
+    motors : tuple of str
+        The commands' columns by their names, if these say it plainly.
     """
     time = _time(columns)
     if time is None:
@@ -74,7 +84,11 @@ def roles_by_data(columns: Mapping[str, NDArray[np.float64]], robot: Robot) -> R
     every = list(columns)
     motion = Motion.of(rows, [smoothed[name] for name in lean], [smoothed[name] for name in wheels])
     commands, command_margin = _commands(every, (time, *lean, *wheels), motion, smoothed, len(wheels))
+    if motors and not {*motors} & {time, *lean, *wheels}:
+        commands, command_margin = motors, 2.0 * CLEAR_MARGIN
     heading, clear = _heading(every, lean, (*wheels, *commands), motion, smoothed)
+    if yaw is not None and yaw not in (time, *lean, *wheels, *commands):
+        heading, clear = (yaw,), True
     margins = (margin, command_margin) if commands else (margin,)
     confidence = min(0.95 if one > CLEAR_MARGIN else 0.85 if one > UNCLEAR_MARGIN else 0.6 for one in margins)
     if not clear or (not commands and len(columns) > len(wheels) + 4):

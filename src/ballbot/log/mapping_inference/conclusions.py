@@ -58,14 +58,26 @@ def _columns(proposal: Proposal) -> Conclusion:
     by_values = [one for one in (roles.angles, roles.speeds, roles.commands) if one in roles.open_series]
     if by_values and not proposal.by_data:
         named += f", {' and '.join(', '.join(one) for one in by_values)} by their values"
+    value = f"{roles.time}, {', '.join((*roles.attitude, *roles.angles, *roles.commands))}"
+    if proposal.by_data and not (roles.alternatives or roles.quaternion or roles.time_parts):
+        value = f"--columns {_columns_option(proposal)}"
     return Conclusion(
         name="columns",
-        value=f"{roles.time}, {', '.join((*roles.attitude, *roles.angles, *roles.commands))}",
+        value=value,
         confidence=min(roles.confidence, MOST),
         evidence=f"time, lean, wheel angles and commands are recognised {named}",
         alternatives=roles.alternatives,
         key="--columns",
     )
+
+
+def _columns_option(proposal: Proposal) -> str:
+    """Return the names that --columns takes, in the file's order: what each column is; _ for one without a role."""
+    roles = proposal.roles
+    named = {roles.time: "t", **dict(zip(roles.attitude, ("roll", "pitch", "yaw"), strict=False))}
+    named |= {name: f"wheel{place}_angle" for place, name in enumerate(roles.angles, start=1)}
+    named |= {name: f"command{place}" for place, name in enumerate(roles.commands, start=1)}
+    return ",".join(named.get(name, "_") for name in proposal.table.columns)
 
 
 def _time(proposal: Proposal) -> Conclusion:

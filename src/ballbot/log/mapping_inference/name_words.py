@@ -1,6 +1,6 @@
 """The words and units that names of foreign columns are made of; `ballbot.log.mapping_inference.names` reads them.
 
-English and German.
+English and German; words of other languages are translated (`TRANSLATED`).
 """
 
 from __future__ import annotations
@@ -11,19 +11,19 @@ InputKind = Literal["torque", "current", "duty", "voltage"]
 
 #: by unit, how names write it: lower case, without separators
 UNITS: dict[str, tuple[str, ...]] = {
-    "s": ("s", "sec", "secs", "second", "seconds"),
+    "s": ("s", "sec", "secs", "second", "seconds", "sek", "sekunden", "seconden", "secondi", "segundos", "secondes"),
     "ms": ("ms", "msec", "millis", "milliseconds", "millisec"),
     "us": ("us", "usec", "micros", "microseconds", "µs", "μs"),
     "ns": ("ns", "nsec", "nanos", "nanoseconds", "nanosec"),
     "rad": ("rad", "rads", "radian", "radians"),
-    "deg": ("deg", "degs", "degree", "degrees", "°", "grad"),
+    "deg": ("deg", "degs", "degree", "degrees", "°", "grad", "graden", "grader", "gradi", "grados", "graus"),
     "mrad": ("mrad", "mrads", "milliradians"),
     "cdeg": ("cdeg", "cdegs", "centideg", "centidegrees"),
-    "turn": ("turn", "turns", "rev", "revs", "revolutions"),
-    "counts": ("count", "counts", "cnt", "cnts", "tick", "ticks", "pulses"),
+    "turn": ("turn", "turns", "rev", "revs", "revolutions", "umdrehungen", "omwentelingen", "varv", "giri"),
+    "counts": ("count", "counts", "cnt", "cnts", "tick", "ticks", "pulses", "pulsen", "pulser", "pulsos"),
     "rad/s": ("rad/s", "radps", "radpers", "radpersec", "radpersecond"),
     "deg/s": ("deg/s", "dps", "degps", "degpers", "degpersec", "degreespersecond", "°/s"),
-    "rpm": ("rpm", "revpermin"),
+    "rpm": ("rpm", "revpermin", "u/min", "tr/min", "varv/min", "giri/min", "obr/min"),
     "turn/s": ("turn/s", "turns/s", "rev/s", "revs/s", "revps", "revpersec", "revpers"),
     # revolutions or radians a second, as teams write it for either: a unit that the name leaves open
     "rps": ("rps",),
@@ -195,6 +195,7 @@ WHEEL = {
     "mot",
     "m",
     "joint",
+    "vesc",
     "whl",
     "w",
     "rad",
@@ -215,6 +216,8 @@ WHEEL_ANGLE = {
     "th",
     "theta",
     "phi",
+    "tacho",
+    "tachometer",
 }
 INPUT: dict[str, InputKind | None] = {
     "torque": "torque",
@@ -264,6 +267,52 @@ EMPTY = {
     "body",
     "cur",
     "states",
+    "field",
     "ist",
     "soll",
 }
+#: English for words of other languages, without their accents: Dutch, Italian, Spanish, Portuguese, French, Polish,
+#: Swedish, and of German what the tables above lack. Words that mean something else in English are left out
+_TRANSLATIONS = {
+    "time": "tijd tijdstempel tempo tiempo temps czas tid",
+    "roll": "rol rollio roulis alabeo balanceo rolagem przechylenie rollning",
+    "pitch": "nick beccheggio tangage cabeceo arfagem pochylenie tippning",
+    "yaw": "gier imbardata lacet guinada odchylenie girning",
+    "angle": "hoek angolo angulo kat vinkel",
+    "wheel": "wiel ruota roue rueda roda kolo kola hjul",
+    "motor": "moteur motore silnik silnika",
+    "position": "positie posizione posicion posicao pozycja",
+    "torque": "koppel coppia couple binario vridmoment",
+    "current": "stroom corrente corriente courant prad",
+    "voltage": "spanning tensione tension tensao napiecie voltaje",
+    "velocity": "snelheid velocita velocidad velocidade vitesse predkosc hastighet",
+    "acceleration": "versnelling accelerazione aceleracion aceleracao przyspieszenie",
+    "gyro": "gyroscoop giroscopio zyroskop",
+    "tilt": "neigung helling inclinazione inclinacion inclinacao inclinaison lutning",
+    "counts": "inkremente inkrement pulsen impulsi pulsos pulser impulsy",
+    "battery": "accu batteria bateria",
+    "error": "fout errore erreur",
+    "reference": "gewenst riferimento referencia consigna consigne zadana borvarde",
+}
+TRANSLATED = {word: english for english, words in _TRANSLATIONS.items() for word in words.split()}
+#: what words are put together of in Dutch, German and Swedish (wielhoek, motorkoppel, hjulvinkel): first and last parts
+FIRST_PART = {
+    **TRANSLATED,
+    "motor": "motor",
+    "rad": "wheel",
+    "roll": "roll",
+    "stamp": "pitch",
+    "tipp": "pitch",
+    "gir": "yaw",
+}
+LAST_PART = {
+    **TRANSLATED,
+    "winkel": "angle",
+    "strom": "current",
+    "spannung": "voltage",
+    "moment": "torque",
+    "drehzahl": "speed",
+    "geschwindigkeit": "velocity",
+}
+#: words beside which "stamp" is the Dutch for pitch
+DUTCH_ANGLES = {"rol", "rolhoek", "gier", "gierhoek"}

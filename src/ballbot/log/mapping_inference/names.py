@@ -20,6 +20,7 @@ weight, from 0 to 1: `enc1_counts` says more than `m1`.
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -31,16 +32,20 @@ from ballbot.log.mapping_inference.name_words import (
     ATTITUDE,
     COUNTER,
     DERIVATIVE,
+    DUTCH_ANGLES,
     EMPTY,
+    FIRST_PART,
     GYRO,
     INPUT,
     INPUT_OF_UNIT,
+    LAST_PART,
     OTHER,
     RATE,
     RATES,
     REFERENCE,
     SPLIT_UNITS,
     TIME,
+    TRANSLATED,
     UNIT_OF,
     UNITS,
     UNITS_OF_KIND,
@@ -90,11 +95,20 @@ def read_names(names: Sequence[str], units: Mapping[str, str] | None = None) -> 
         By name, as a row below the header has them; a unit in the name itself comes first.
     """
     found = []
+    dutch = any(word in DUTCH_ANGLES for name in names for word in re.findall("[a-z]+", name.lower()))
     for name in names:
         numbered, unit = _numbered(name, names), (units or {}).get(name, "").strip("[](){}<> ")
+        if dutch:
+            numbered = re.sub(r"(?<![A-Za-z])stamp(?![A-Za-z])", "pitch", numbered, flags=re.IGNORECASE)
         with_unit = f"{numbered} [{unit}]" if unit and _words_and_unit(numbered)[1] is None else numbered
         found.append(replace(read_name(with_unit), name=name))
     return found
+
+
+def efforts(names: Collection[str]) -> dict[str, str]:
+    """Return N m by the names of the efforts that have a position and a velocity beside them, as in messages of ROS."""
+    beside = {name: {name.replace("effort", one) for one in ("position", "velocity")} for name in names}
+    return {name: "Nm" for name in names if "effort" in name and beside[name] <= set(names)}
 
 
 #: a letter that is a word: cur_A, I_A_mA, encA
@@ -196,6 +210,7 @@ Found = tuple[Kind, float, str | None, InputKind | None]
 def _words_and_unit(name: str) -> tuple[list[str], str | None]:
     """Return the words of a name in lower case without its unit, and the unit."""
     unit = None
+    name = _without_accents(name)
     for content in re.findall(r"[\(\[\{]([^\)\]\}]*)[\)\]\}]", name):
         spelled = re.sub(r"[\s_·*\.]", "", content.lower())
         if spelled in UNIT_OF:
@@ -210,7 +225,7 @@ def _words_and_unit(name: str) -> tuple[list[str], str | None]:
         if unit in _ONE_LETTER and not {part.lower() for part in rest} & set(INPUT):
             unit = None
         parts = [*rest, parts[-1]] if unit else parts
-    words = [word.lower() for part in parts for word in _split_part(part)]
+    words = [one for part in parts for word in _split_part(part) for one in _in_english(word.lower())]
     if unit is None and len(words) > 1:
         # camel case: timeMs, angleDeg; one letter alone is an axis or a number
         last = words[-1]
@@ -221,6 +236,21 @@ def _words_and_unit(name: str) -> tuple[list[str], str | None]:
         ):
             unit, words = UNIT_OF[last], words[:-1]
     return words, unit
+
+
+def _without_accents(name: str) -> str:
+    """Return a name with plain letters for those with accents; signs such as µ and ° stay."""
+    parted = unicodedata.normalize("NFD", name.replace("ł", "l").replace("Ł", "L"))
+    return "".join(mark for mark in parted if not unicodedata.combining(mark))
+
+
+def _in_english(word: str) -> list[str]:
+    """Return a word in English, or the two that a word of another language is put together of, or the word itself."""
+    if word in TRANSLATED:
+        return [TRANSLATED[word]]
+    cuts = ((word[:place], word[place:]) for place in range(3, len(word) - 2))
+    parts = next((one for one in cuts if one[0] in FIRST_PART and one[1] in LAST_PART), None)
+    return [FIRST_PART[parts[0]], LAST_PART[parts[1]]] if parts else [word]
 
 
 _ONE_LETTER = ("A", "g", "m", "s", "V")
@@ -333,7 +363,7 @@ def _is_set_point(words: list[str]) -> bool:
 def _time(cut: _Cut) -> Found | None:
     words, bare, axis, index = cut.words, cut.bare, cut.axis, cut.index
     present = set(bare) - EMPTY
-    if "loop" in present or "cycle" in present or "exec" in present:
+    if present & {"loop", "exec"} or ("cycle" in present and "duty" not in present):
         return ("other", 0.6, None, None)
     if index is None and axis is None:
         if present & TIME:
@@ -403,6 +433,8 @@ def _wheel(cut: _Cut) -> Found | None:
     if index is None or axis:
         return None
     of_unit = INPUT_OF_UNIT.get(unit or "")
+    if "duty" in present:
+        present -= {"cycle"}
     known = present <= {*WHEEL, *WHEEL_ANGLE, *DERIVATIVE, *INPUT, "left", "right", "control", "ctrl", "req"}
     if present and not known and of_unit in ("torque", "current"):
         return ("command", 0.4, None, of_unit)  # words of any language

@@ -126,7 +126,7 @@ def _roles(
         return named, False
     if not known and table.named and named.time is not None and named.speeds:
         _check_has_angles(path, named)
-    found = roles_by_data(_perhaps_lean(table.columns) if known else table.columns, robot)
+    found = roles_by_data(_perhaps_lean(table.columns), robot) if known else _by_data(table, robot, named)
     if known:
         if found is None or found.angles != named.angles:
             return named, False
@@ -144,6 +144,22 @@ def _roles(
             f"or write a mapping file."
         )
     return found, True
+
+
+def _by_data(table: ForeignTable, robot: Robot, named: Roles) -> Roles | None:
+    """Return the roles by values, with the heading and the commands that names say plainly.
+
+    Columns whose names say plainly that they are something else are left out, unless nothing is found without them.
+    """
+    plain = [one for one in read_names(list(table.columns), table.units) if one.weight >= PLAIN]
+    yaw = next((one.name for one in plain if (one.kind, one.axis) == ("attitude", "z")), None)
+    motors = named.commands if {*named.commands} <= {one.name for one in plain} else ()
+    others = {one.name for one in plain if one.kind in ("gyro", "accelerometer", "reference")}
+    rest = {name: values for name, values in table.columns.items() if name not in others}
+    found = roles_by_data(rest, robot, yaw=yaw, motors=motors)
+    if found is None and others:
+        found = roles_by_data(table.columns, robot, yaw=yaw, motors=motors)
+    return found
 
 
 def _check_wheel_count(path: str | Path, names: list[str], named: Roles, robot: Robot) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.log.mapping_inference.name_words import ANGLE_WORDS
-from ballbot.log.mapping_inference.names import Kind, Reading, read_name, read_names
+from ballbot.log.mapping_inference.names import Kind, Reading, efforts, read_name, read_names
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,8 +61,10 @@ PLAIN = 0.6
 
 def roles_by_name(names: Iterable[str], *, wheel_count: int, units: Mapping[str, str] | None = None) -> Roles:
     """Return what the names, and the units in a row below them, say; see the module's text."""
-    units = units or {}
-    readings = read_names(list(names), units)
+    names = list(names)
+    # one name alone does not say what its neighbours' names say of it
+    units = efforts(names) | dict(units or {})
+    readings = read_names(names, units)
     angles = _numbered(readings, "wheel angle", wheel_count)
     speeds = _numbered(readings, "wheel speed", wheel_count)
     plainly = {one.name for one in readings if one.weight >= PLAIN}
