@@ -268,8 +268,8 @@ def renamed(folder, names: dict[str, str]) -> Proposal:
 
 def test_roll_and_pitch_whose_names_say_nothing_are_found_beside_wheels_whose_names_do(tmp_path):
     """Without them the log would be taken for one of wheels that turn free."""
-    found = renamed(tmp_path, {"theta_x": "Roulis", "theta_y": "Tangage", "theta_z": "Lacet"})
-    assert found.roles.attitude == ("Roulis", "Tangage", "Lacet")
+    found = renamed(tmp_path, {"theta_x": "Kallistus", "theta_y": "Nousu", "theta_z": "Suunta"})
+    assert found.roles.attitude == ("Kallistus", "Nousu", "Suunta")
     assert found.roles.angles == ("psi_1", "psi_2", "psi_3")
     assert found.roles.commands == ("u1", "u2", "u3")
     assert found.by_data
