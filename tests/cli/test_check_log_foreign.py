@@ -141,7 +141,7 @@ def test_commands_without_a_sign_are_refused_and_not_asked_for_order_and_signs(f
 def test_missing_cells_and_slow_rows_are_named_where_commands_show_no_effect(folder, capsys):
     columns = columns_of(swaying_log(), Habits())
     random = np.random.default_rng(0)
-    columns["u2"] = np.where(random.random(len(columns["u2"])) < 0.25, np.nan, columns["u2"])
+    columns |= {f"u{i}": random.standard_normal(len(columns["u1"])) for i in (1, 2, 3)}
     columns["theta_x"] = np.where(random.random(len(columns["u2"])) < 0.25, np.nan, columns["theta_x"])
     said = shown_for(folder, capsys, columns)
     assert "order and signs of the commands" in said

@@ -12,8 +12,9 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.checks.kinematics import wheel_speeds_of_states
 from ballbot.log.imu_angles import QUATERNION_ANGLES, from_roll_pitch_yaw, less_half_a_turn, quaternion_angles
-from ballbot.log.mapping import DutyInput, without_resets
+from ballbot.log.mapping import DutyInput
 from ballbot.log.pose import with_odometry, with_position
+from ballbot.log.signals import without_holes, without_resets
 from ballbot.mechanics.geometry import rotation
 from ballbot.robot import Robot
 from tests.support.log_examples import smooth_log, with_wheels
@@ -220,3 +221,32 @@ def test_without_a_yaw_the_heading_is_the_gyros_integral(tmp_path):
     # the trapezoidal rule is exact for a rate that grows evenly; the table has six decimals
     np.testing.assert_allclose(log["psi"], 0.5 * log.t + 0.1 * log.t**2, atol=1e-5)
     np.testing.assert_allclose(log["psi_dot"], 0.5 + 0.2 * log.t, atol=1e-5)
+
+
+def test_missing_cells_stay_missing_and_move_nothing_else():
+    t = 0.01 * np.arange(500.0)
+    angle = 3.0 * np.sin(t)
+    broken = np.where(np.arange(500) == 100, np.nan, angle + 30.0 * (t > 2.0))
+    found = without_resets(t, broken, 40.0)
+    assert np.flatnonzero(np.isnan(found)).tolist() == [100]
+    np.testing.assert_allclose(found[np.isfinite(found)], angle[np.isfinite(found)], atol=0.031)
+
+
+def test_short_holes_are_filled_and_long_ones_are_not():
+    t = np.arange(100) / 100
+    values = 2.0 * t
+    values[[10, 11, *range(40, 60)]] = np.nan
+    filled, held = without_holes(t, values), without_holes(t, values, held=True)
+    assert filled[10:12] == pytest.approx([0.2, 0.22])
+    assert held[10:12] == pytest.approx([0.18, 0.18])
+    assert np.isnan(filled[40:60]).all()
+    assert np.isnan(held[40:60]).all()
+
+
+def test_even_rows_go_on_after_missing_cells(tmp_path):
+    cells = [("" if k == 50 else f"{0.02 * k!r}", "" if k == 50 else "1.0") for k in range(100)]
+    table = "time,x,u\n" + "\n".join(f"{0.01 * k!r},{x},{u}" for k, (x, u) in enumerate(cells))
+    mapping = '[time]\nsample_time=0.01\n[columns]\nt="time"\nx="x"\n[input]\nkind="torque"\nfrom=["u"]\ndelay=0.0\n'
+    log = read(tmp_path, table, mapping)
+    np.testing.assert_allclose(log["x"], 2.0 * log.t, atol=1e-9)
+    np.testing.assert_allclose(log["u1"][:-1], 1.0, atol=1e-9)

@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ballbot.findings import Finding
 from ballbot.log.checks.kinematics import check_wheels
 from ballbot.log.mapping_inference.proposal import propose
+from ballbot.log.mapping_inference.refusal import contradiction, errors_of
 from ballbot.log.mapping_inference.report import Evaluation, evaluate
 from tests.support.foreign_log_examples import Habits, columns_of, small_robot, swaying_log, write_foreign
 
@@ -91,3 +93,45 @@ def test_a_wheel_that_turns_unlike_the_others_is_named():
     (found,) = (one for one in check_wheels(slow, small_robot()) if one.code == "wheel-unlike")
     assert "wheel 2 is unlike the others" in found.text
     assert not [one for one in check_wheels(log, small_robot()) if one.code == "wheel-unlike"]
+
+
+def test_an_encoder_that_sticks_for_a_while_stops_the_mapping_which_keeps_the_rest(evaluated, plain: Columns):
+    angle, t = plain["psi_2"].copy(), plain["t_now"]
+    rows = (t > 10.0) & (t < 15.0)
+    angle[rows] = angle[rows][0]
+    found: Evaluation = evaluated(plain | {"psi_2": angle})
+    assert "psi_2 holds its value from 10" in found.refusal
+    assert "[time] keep is the rest" in found.refusal
+    assert all(end < 10.1 or start > 14.9 for start, end in found.proposal.keep or ())
+    # what the rest says is as if the log had no such rows
+    assert found.proposal.frame.order == (1, 2, 3)
+
+
+def test_a_torque_that_is_not_recorded_stops_the_mapping(evaluated, plain: Columns):
+    found: Evaluation = evaluated(plain | {"torque2_Nm": 0.0 * plain["torque2_Nm"]})
+    assert "u2 is zero throughout though its wheel moves" in found.refusal
+    assert [one.severity for one in found.findings if one.code == "contradiction"] == ["error"]
+
+
+def test_every_error_is_shown_and_those_of_the_recording_do_not_stop_the_mapping():
+    scale = Finding(code="torque-scale", severity="error", text="The torques are too large.")
+    missing = Finding(code="missing", severity="error", text="Rows are missing.")
+    note = Finding(code="use", severity="note", text="A column is missing.")
+    errors = errors_of([note, missing, scale])
+    assert [(one.code, one.severity) for one in errors] == [("contradiction", "error"), ("missing", "error")]
+    assert "The torques are too large. Correct mapping.toml" in contradiction(errors, "mapping.toml")
+    assert contradiction(errors_of([missing]), "mapping.toml") == ""
+
+
+def test_missing_cells_leave_the_conclusions_and_no_unbelieved_delay_is_told(evaluated, plain: Columns):
+    angle, roll = plain["psi_2"].copy(), plain["theta_x"].copy()
+    angle[[300, 900, 1500]] = np.nan
+    roll[200:2000:90] = np.nan
+    found: Evaluation = evaluated(plain | {"psi_2": angle, "theta_x": roll})
+    assert found.log is not None, found.refusal
+    assert found.proposal.wheel.unit == "counts"
+    (missing,) = (one for one in found.findings if one.code == "missing")
+    assert "23 cells of theta_x, psi_2 are missing" in missing.text
+    (drive,) = (one for one in found.findings if one.code == "drive")
+    applied = found.proposal.command_delay.applied
+    assert ("after the command" in drive.text) == (applied > 0.0)

@@ -12,7 +12,8 @@ shift and resample, convert an IMU's angles into Ballbot's, differentiate, compu
 mapping. Delays are undone: a sensor's value that reached the log `delay` late describes the time t - delay, and a
 command logged at t acts at t + delay, held until the next. Rows at the ends for which a delayed column has no value are
 cut off. Rows at even intervals get sensors interpolated between the file's rows, and each command's mean over the
-time to the next row, so that its impulse is kept.
+time to the next row, so that its impulse is kept. For that, missing cells between known ones that are near in time
+(`without_holes`) are filled; rows in longer holes stay without a value.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ from ballbot.log.imu_angles import (
     quaternion_angles,
     yaw_ahead,
 )
-from ballbot.log.signals import new_messages, sampling_times
+from ballbot.log.signals import new_messages, sampling_times, unwrapped, without_holes, without_resets
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -220,7 +221,8 @@ def _applied(
     count = len(mapping.columns) + len(mapping.derivatives) + 10
     rows = t if even is None else _even_rows(t, even, t[0] if even_from is None else even_from, columns=count)
     columns: Columns = {"t": rows}
-    shift = not np.array_equal(rows, sampled)
+    # even rows get values between the file's, and for its missing cells
+    shift = even is not None or mapping.timing.repair
     for name, source in mapping.columns.items():
         if name != "t":
             columns[name] = _measured_at(rows, sampled, raw[name], source.delay, shift=shift)
@@ -238,27 +240,6 @@ def _applied(
     if mapping.motors is not None:
         columns |= _torques(mapping.motors, columns)
     return _kept(columns, mapping.timing.keep)
-
-
-def without_resets(
-    t: NDArray[np.float64], angle: NDArray[np.float64], largest_speed: float
-) -> NDArray[np.float64]:
-    """Return an encoder's angle (N,) without the steps that no wheel can make: resets and overflows.
-
-    Parameters
-    ----------
-    t, angle : ndarray (N,)
-        [s], [rad].
-    largest_speed : float
-        A speed that the wheel cannot reach [rad/s].
-    """
-    steps = np.diff(angle)
-    if not steps.size:
-        return angle
-    # three usual intervals, so that a late row is not taken for a reset
-    allowed = largest_speed * np.maximum(np.diff(t), 3.0 * np.median(np.diff(t)))
-    steps[np.abs(steps) > allowed] = 0.0
-    return angle[0] + np.concatenate(([0.0], np.cumsum(steps)))
 
 
 def row_times(mapping: LogMapping, table: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
@@ -348,9 +329,9 @@ def _sampled(mapping: LogMapping, t: NDArray[np.float64], raw: Columns) -> NDArr
     names = _wheel_angles(raw)
     if len(names) < 2:
         raise InputError("[time] repair needs the angles of at least two wheels.")
-    angles = np.column_stack([raw[name] for name in names])
+    angles = np.column_stack([without_holes(t, raw[name]) for name in names])
     if not np.isfinite(angles).all():
-        raise InputError("[time] repair needs wheel angles without missing values.")
+        raise InputError("[time] repair needs wheel angles without long holes.")
     return sampling_times(t, angles)
 
 
@@ -366,7 +347,7 @@ def _measured_at(
     if not (shift or delay):
         return values
     first = new_messages(sampled) if shift else slice(None)
-    return np.interp(rows + delay, sampled[first], values[first])
+    return np.interp(rows + delay, sampled[first], without_holes(sampled[first], values[first]))
 
 
 def _attitude(
@@ -383,7 +364,7 @@ def _attitude(
         if place == 0 and attitude.upside_down:
             values = less_half_a_turn(values, math.pi)
         if place == 2:
-            values = np.unwrap(values)
+            values = unwrapped(values)
         angles[:, place] = _measured_at(rows, sampled, values, source.delay, shift=shift)
     measured = [
         _measured_at(rows, sampled, _scaled(name, source, table), source.delay, shift=shift)
@@ -431,11 +412,18 @@ def _acting_at(t: NDArray[np.float64], values: NDArray[np.float64], delay: float
 def _mean_acting(
     t: NDArray[np.float64], rows: NDArray[np.float64], values: NDArray[np.float64], delay: float
 ) -> NDArray[np.float64]:
-    """Return the mean of the command that acts from each row to the next."""
-    impulse = np.concatenate(([0.0], np.cumsum(values[:-1] * np.diff(t))))
+    """Return the mean of the command that acts from each row to the next; missing where a part of it is."""
     step = rows[1] - rows[0] if len(rows) > 1 else 1.0
     edges = np.append(rows, rows[-1] + step) - delay
-    return np.diff(np.interp(edges, t, impulse)) / step
+    values = without_holes(t, values, held=True)
+    known = np.isfinite(values)
+
+    def mean(acting: NDArray[np.float64]) -> NDArray[np.float64]:
+        impulse = np.concatenate(([0.0], np.cumsum(acting[:-1] * np.diff(t))))
+        return np.diff(np.interp(edges, t, impulse)) / step
+
+    means = mean(np.where(known, values, 0.0))
+    return means if known.all() else np.where(mean((~known).astype(float)) > 1e-9, np.nan, means)
 
 
 def _delays(mapping: LogMapping) -> tuple[list[float], list[float]]:

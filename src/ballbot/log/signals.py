@@ -185,6 +185,66 @@ def _course_rows(t: NDArray[np.float64]) -> int:
     return max(4, round(COURSE_REACH / usual))
 
 
+#: missing cells are filled between known ones at most so far apart [s], or two and a half usual rows if rows come more
+#: slowly: balancing happens at 1 to 3 Hz, so that a line over a twentieth of a second is off by a few per cent
+LONGEST_HOLE = 0.05
+
+
+def without_holes(
+    t: NDArray[np.float64], values: NDArray[np.float64], *, held: bool = False
+) -> NDArray[np.float64]:
+    """Return values (N,) with short holes filled, by a line or with the last known value; longer ones stay missing.
+
+    Parameters
+    ----------
+    t, values : ndarray (N,)
+        Times [s], increasing; values, NaN where missing.
+    held : bool
+        Whether the last known value fills a hole, as commands are held.
+    """
+    known = np.isfinite(values)
+    if known.all() or known.sum() < 2:
+        return values
+    places, every = np.flatnonzero(known), np.arange(len(values))
+    before = places[np.clip(np.searchsorted(places, every, side="right") - 1, 0, None)]
+    after = places[np.clip(np.searchsorted(places, every), None, len(places) - 1)]
+    inside = ~known & (t[after] - t[before] <= max(LONGEST_HOLE, 2.5 * float(np.median(np.diff(t)))))
+    inside &= (before < every) & (every < after)
+    return np.where(inside, values[before] if held else np.interp(t, t[known], values[known]), values)
+
+
+def unwrapped(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return an angle (N,) [rad] without jumps of whole turns; missing values stay missing."""
+    known = np.isfinite(angle)
+    found = angle.copy()
+    found[known] = np.unwrap(angle[known])
+    return found
+
+
+def without_resets(
+    t: NDArray[np.float64], angle: NDArray[np.float64], largest_speed: float
+) -> NDArray[np.float64]:
+    """Return an encoder's angle (N,) without the steps that no wheel can make: resets and overflows.
+
+    Parameters
+    ----------
+    t, angle : ndarray (N,)
+        [s], [rad]; missing values stay missing.
+    largest_speed : float
+        A speed that the wheel cannot reach [rad/s].
+    """
+    known = np.isfinite(angle)
+    steps = np.diff(angle[known])
+    if not steps.size:
+        return angle
+    # three usual intervals, so that a late row is not taken for a reset
+    allowed = largest_speed * np.maximum(np.diff(t[known]), 3.0 * np.median(np.diff(t)))
+    steps[np.abs(steps) > allowed] = 0.0
+    found = angle.copy()
+    found[known] = angle[known][0] + np.concatenate(([0.0], np.cumsum(steps)))
+    return found
+
+
 #: interval of the even rows [s]
 INTERVAL = 0.005
 #: standard deviation of the weights [s]: balancing happens at 1 to 3 Hz, an IMU's noise is above

@@ -3,6 +3,7 @@
 time_and_rates   time, missing cells; positions and angles against their rates: units, signs, swapped columns
 values           spikes, dead and saturated columns, unknown names, falls, jumps, offsets
 repetition       values, rows or a whole log that froze or repeats
+stuck_encoders   encoders that hold their angle while their wheels turn
 kinematics       wheel columns against the states
 torques          torques by themselves: dead, unrelated to the motion, late
 lean             lean axes against the ball's acceleration
@@ -32,6 +33,7 @@ from ballbot.findings import (
 )
 from ballbot.log.checks.kinematics import ALIKE, check_disturbance, check_wheels
 from ballbot.log.checks.repetition import check_copied, check_held, check_stuck
+from ballbot.log.checks.stuck_encoders import check_stuck_encoders
 from ballbot.log.checks.time_and_rates import (
     check_gaps,
     check_gyro,
@@ -136,6 +138,7 @@ def check(log: Log, *, robot: Robot | None = None) -> tuple[Finding, ...]:
 
 def _log_findings(log: Log, robot: Robot | None, examined: PhysicsOfLog | None) -> tuple[Finding, ...]:
     limit = robot.drive.torque_limit if robot else None
+    wheel_count = robot.wheel_count if robot else _wheels_of(log)
     rates = check_rates(log)
     findings = [
         *check_rows(log),
@@ -155,8 +158,9 @@ def _log_findings(log: Log, robot: Robot | None, examined: PhysicsOfLog | None) 
         *check_lean_course(log),
         *check_saturation(log, torque_limit=limit),
         *(_of_motion(log, robot, examined.findings if examined else ()) if _in_seconds(rates) else []),
+        *(check_stuck_encoders(log, wheel_count=wheel_count) if _in_seconds(rates) else []),
         *check_names(log),
-        *check_uses(log, wheel_count=robot.wheel_count if robot else _wheels_of(log)),
+        *check_uses(log, wheel_count=wheel_count),
     ]
     if examined:
         findings = join_common_causes(findings, examined)

@@ -17,5 +17,6 @@ tolerances               what an unknown delay, turn or dead band would change, 
 proposal                 all of this for one file (`propose`)
 conclusions              the conclusions of a proposal
 mapping_text             the mapping file
+refusal                  why a proposal cannot be used
 report                   findings, the mapping file and the log that it makes (`evaluate`)
 """

@@ -63,7 +63,7 @@ class Raw:
         """Return the columns of a file."""
 
         def stacked(names: tuple[str, ...]) -> NDArray[np.float64] | None:
-            return np.column_stack([_filled(columns[name]) for name in names]) if names else None
+            return np.column_stack([filled(columns[name]) for name in names]) if names else None
 
         angles, named = stacked(roles.angles), roles.reading(roles.gyro)
         if angles is None:
@@ -86,17 +86,18 @@ def _may_be_counts(columns: dict[str, NDArray[np.float64]], roles: Roles) -> boo
     readings = [roles.reading((name,)) for name in roles.gyro]
     if any(one is None or one.unit is not None for one in readings):
         return False
-    whole = all(np.all(_filled(columns[name]) == np.round(_filled(columns[name]))) for name in roles.gyro)
+    whole = all(np.all(filled(columns[name]) == np.round(filled(columns[name]))) for name in roles.gyro)
     return bool(whole or all("raw" in name.lower() for name in roles.gyro))
 
 
-def _filled(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a column with missing values interpolated."""
+def filled(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a column with missing values interpolated; counts stay whole numbers."""
     known = np.isfinite(values)
     if known.all() or not known.any():
         return np.where(known, values, 0.0)
     places = np.arange(len(values))
-    return np.interp(places, places[known], values[known])
+    found = np.interp(places, places[known], values[known])
+    return np.round(found) if np.array_equal(values[known], np.round(values[known])) else found
 
 
 def signals_of(

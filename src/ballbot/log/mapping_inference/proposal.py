@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.log.checks.stuck_encoders import Balancing, StuckEncoder, stuck_encoders
 from ballbot.log.formats import read_foreign_table
 from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.mapping import (
@@ -25,11 +26,10 @@ from ballbot.log.mapping import (
     Timing,
     TorqueInput,
     without_repeated_rows,
-    without_resets,
 )
 from ballbot.log.mapping_inference.drive import DriveEvidence, drive_evidence
 from ballbot.log.mapping_inference.evidence import CONFIDENT
-from ballbot.log.mapping_inference.file_signals import GyroTest, Raw, Signals, gyro_of, signals_of
+from ballbot.log.mapping_inference.file_signals import GyroTest, Raw, Signals, filled, gyro_of, signals_of
 from ballbot.log.mapping_inference.frame import Frame, HeadingTest, frame_of, heading_test
 from ballbot.log.mapping_inference.placement import LeanTest, lean_test
 from ballbot.log.mapping_inference.recognition import recognise
@@ -50,12 +50,14 @@ from ballbot.log.mapping_inference.wheel_response import (
     command_test,
 )
 from ballbot.log.signals import (
+    REACH,
     new_messages,
     repaired_noise,
     row_spans,
     sampling_times,
     smooth,
     speed_noise,
+    without_resets,
 )
 from ballbot.robot import Robot
 from ballbot.robot.derived import wheel_speed_limit
@@ -106,6 +108,7 @@ class Proposal:
     keep: tuple[tuple[float, float], ...] | None  #: spans of balancing [s]; None keeps all
     sample_time: float  #: of even rows [s]
     signals: Signals
+    stuck: tuple[StuckEncoder, ...]  #: encoders that hold their angle while their wheels turn
     #: duty that the firmware adds, as the user says; None if it is not known
     dead_band: float | None = None
 
@@ -144,16 +147,10 @@ def propose(
     cut = {name: values[first:last] for name, values in table.columns.items()}
     cut = without_repeated_rows(cut, roles.time or "")
     raw = Raw.of(cut, roles, time)
-    units = _Units.assumed(raw, roles, robot)
-    measured = _measured(raw, units, robot)
-    heading = _test_heading(measured.signals, measured.lean_test, robot)
-    for _ in range(2):
-        changed = units.judged_by(measured.lean_test, heading)
-        if changed.factors == units.factors:
-            break
-        units, measured = changed, _measured(raw, changed, robot)
-        heading = _test_heading(measured.signals, measured.lean_test, robot)
-    units = units.judged_by(measured.lean_test, heading)
+    units, measured, heading = _settled(raw, _Units.assumed(raw, roles, robot), robot)
+    stuck = _stuck(raw, units, measured)
+    if stuck:  # what they say meanwhile is wrong
+        units, measured, heading = _settled(raw, units, robot, stuck)
     signals, tested = measured.signals, measured.lean_test
     frame = frame_of(robot, tested, heading, measured.gyro)
     usable = tested.balancing if tested else signals.usable
@@ -180,6 +177,7 @@ def propose(
         keep=_keep(signals, tested),
         sample_time=_sample_time(raw.t),
         signals=signals,
+        stuck=stuck,
         dead_band=dead_band,
     )
     if raw.commands is None:
@@ -189,8 +187,25 @@ def propose(
     expected = [
         (frame.order.index(wheel), frame.signs[wheel - 1]) for wheel in range(1, len(frame.order) + 1)
     ]
-    drive = drive_evidence(mapping, cut, raw.commands, robot, reading=reading, expected=expected)
+    # a hole in one column does not keep the commands' effect from showing
+    whole_table = {name: values if name == roles.time else filled(values) for name, values in cut.items()}
+    drive = drive_evidence(mapping, whole_table, raw.commands, robot, reading=reading, expected=expected)
     return replace(proposal, drive=drive)
+
+
+def _settled(
+    raw: Raw, units: _Units, robot: Robot, stuck: Sequence[StuckEncoder] = ()
+) -> tuple[_Units, _Measured, HeadingTest | None]:
+    """Return the units that the motion confirms, with what the sensors show with them and with the heading's test."""
+    measured = _measured(raw, units, robot, stuck)
+    heading = _test_heading(measured.signals, measured.lean_test, robot)
+    for _ in range(2):
+        changed = units.judged_by(measured.lean_test, heading)
+        if changed.factors == units.factors:
+            break
+        units, measured = changed, _measured(raw, changed, robot, stuck)
+        heading = _test_heading(measured.signals, measured.lean_test, robot)
+    return units.judged_by(measured.lean_test, heading), measured, heading
 
 
 def log_mapping(proposal: Proposal, *, delay: float) -> LogMapping:
@@ -315,13 +330,13 @@ class _Measured:
     lean_test: LeanTest | None
 
 
-def _measured(raw: Raw, units: _Units, robot: Robot) -> _Measured:
+def _measured(raw: Raw, units: _Units, robot: Robot, stuck: Sequence[StuckEncoder]) -> _Measured:
     limit = IMPOSSIBLE_SPEED * _speed_limit(robot)
     angles = raw.angles * units.wheel.factor
     carried = np.column_stack([without_resets(raw.t, column, limit) for column in angles.T])
     timing, sampled = _timing(raw.t, carried)
     attitude = None if raw.attitude is None or units.lean is None else raw.attitude * units.lean.factor
-    signals = signals_of(raw, carried, sampled, attitude, width=LEAN_WIDTHS[0])
+    signals = _without(stuck, signals_of(raw, carried, sampled, attitude, width=LEAN_WIDTHS[0]))
     gyro = gyro_of(raw, signals, sampled, attitude)
     if gyro is not None and gyro.confidence < CONFIDENT:
         gyro = None  # the angles are differentiated
@@ -330,7 +345,7 @@ def _measured(raw: Raw, units: _Units, robot: Robot) -> _Measured:
         tests = [
             (seen, lean_test(robot, seen.lean, seen.wheels, seen.heading, seen.usable))
             for width in LEAN_WIDTHS
-            for seen in [signals_of(raw, carried, sampled, attitude, width=width, gyro=gyro)]
+            for seen in [_without(stuck, signals_of(raw, carried, sampled, attitude, width=width, gyro=gyro))]
             if seen.lean is not None
         ]
         known = [(seen, one) for seen, one in tests if one is not None]
@@ -345,6 +360,33 @@ def _measured(raw: Raw, units: _Units, robot: Robot) -> _Measured:
         gyro=gyro,
         lean_test=tested,
     )
+
+
+def _without(stuck: Sequence[StuckEncoder], signals: Signals) -> Signals:
+    """Return signals of which the rows near an encoder's hold are not usable."""
+    usable, reach = signals.usable.copy(), REACH * LEAN_WIDTHS[-1]
+    for one in stuck:
+        usable &= (signals.rows < one.start - reach) | (signals.rows > one.end + reach)
+    return replace(signals, usable=usable) if stuck else signals
+
+
+def _stuck(raw: Raw, units: _Units, measured: _Measured) -> tuple[StuckEncoder, ...]:
+    """Return the holds of encoders during which the rest of the motion says that their wheels turned."""
+    if raw.attitude is None or units.lean is None:
+        return ()
+    late = measured.lean_test.lag if measured.lean_test else 0.0
+    angles = np.column_stack(
+        [raw.attitude[:, :2], np.unwrap(raw.attitude[:, 2:] * units.lean.factor, axis=0)]
+    )
+    angles[:, :2] *= units.lean.factor
+    angles = np.column_stack([np.interp(raw.t + late, raw.t, column) for column in angles.T])
+    motion = Balancing(
+        t=raw.t,
+        wheels=measured.angles,
+        lean=angles[:, :2],
+        heading=angles[:, 2] if angles.shape[1] > 2 else None,
+    )
+    return tuple(stuck_encoders(motion))
 
 
 def _doubt(tested: LeanTest) -> float:

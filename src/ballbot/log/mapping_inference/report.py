@@ -7,7 +7,6 @@ makes a log with torques of the wrong sign is refused, whatever the confidence o
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from ballbot.errors import InputError
 from ballbot.findings import Finding, Place, Severity, by_severity
 from ballbot.log.checks import check
 from ballbot.log.checks.kinematics import disturbance_findings
+from ballbot.log.checks.stuck_encoders import stuck_findings
 from ballbot.log.columns import FACTORS
 from ballbot.log.log import Log
 from ballbot.log.mapping import apply_mapping
@@ -28,8 +28,10 @@ from ballbot.log.mapping_inference.evidence import CONFIDENT, Conclusion
 from ballbot.log.mapping_inference.mapping_text import mapping_text
 from ballbot.log.mapping_inference.names import read_names
 from ballbot.log.mapping_inference.proposal import Proposal
+from ballbot.log.mapping_inference.refusal import contradiction, errors_of, refusal_of
+from ballbot.log.mapping_inference.tolerances import EXPLAINED_FOR_DELAY
 from ballbot.log.pose import with_odometry
-from ballbot.log.signals import INTERVAL, fallen_rows, local_fit
+from ballbot.log.signals import INTERVAL, LONGEST_HOLE, fallen_rows, local_fit
 from ballbot.robot import Robot
 
 #: the turn of the IMU is certain if its standard error is below this [rad]
@@ -57,41 +59,13 @@ class Evaluation:
         return tuple(one for one in self.conclusions if not one.determined)
 
 
-#: findings about the mapped log that contradict the mapping
-CONTRADICTIONS = frozenset(
-    (
-        "ball-axes",
-        "heading-sign",
-        "lean-axes",
-        "lean-scale",
-        "torque-order",
-        "torque-sign",
-        "torque-unrelated",
-        "time-scale",
-    )
-)
-
-
-def _contradicts(found: Finding) -> bool:
-    """Return whether a finding on the log that a mapping makes contradicts the mapping."""
-    dead = found.code == "constant" and any(name.startswith("wheel") for name in found.where.columns)
-    return (
-        dead or found.code == "wheel-unlike" or (found.severity == "error" and found.code in CONTRADICTIONS)
-    )
-
-
 def evaluate(proposal: Proposal, robot: Robot, *, file: Path, out: Path | None = None) -> Evaluation:
     """Return a proposal's findings, its mapping file, and the log that it makes; `out` is the folder that gets them."""
     conclusions, findings = conclusions_of(proposal), findings_of(proposal)
     text = mapping_text(proposal, robot, file=file)
     mapping = str(out / "mapping.toml") if out else "the mapping file"
-    open_questions = [one for one in conclusions if not one.determined]
-    log, refusal = None, ""
-    if unsigned := _unsigned(proposal):
-        refusal = unsigned
-    elif open_questions:
-        refusal = _question(open_questions, mapping) + _likely_cause(proposal, open_questions)
-    else:
+    log, refusal = None, refusal_of(proposal, conclusions, mapping)
+    if not refusal:
         try:
             parsed = parse_mapping(text, source=mapping)
             log = Log(apply_mapping(parsed, _rows_of(proposal)))
@@ -99,81 +73,12 @@ def evaluate(proposal: Proposal, robot: Robot, *, file: Path, out: Path | None =
         except InputError as error:
             refusal = f"the mapping makes no log: {error}"
     if log is not None:
-        wrong = [one for one in check(log, robot=robot) if _contradicts(one)]
-        findings = by_severity((*findings, *(_contradiction(one) for one in wrong)))
-        if wrong:
-            refusal = (
-                f"the log that the mapping makes contradicts the robot: {_without_advice(wrong[0].text)} Correct "
-                f"{mapping} or the robot file."
-            )
+        wrong = errors_of(check(log, robot=robot))
+        findings = by_severity((*findings, *wrong))
+        refusal = contradiction(wrong, mapping)
     return Evaluation(
         proposal=proposal, conclusions=conclusions, findings=findings, text=text, log=log, refusal=refusal
     )
-
-
-def _without_advice(sentences: str) -> str:
-    """Return a finding's text without a last sentence that says to correct columns and mapping."""
-    said, stop, advice = sentences.rpartition(". ")
-    return f"{said}." if stop and advice.startswith("Correct ") else sentences
-
-
-def _question(open_questions: Sequence[Conclusion], mapping: str) -> str:
-    first = open_questions[0]
-    more = (
-        f" ({len(open_questions) - 1} more, see the lines with cannot determine)"
-        if len(open_questions) > 1
-        else ""
-    )
-    if first.key == "--columns":
-        return f"cannot determine: {first.question}; name them with --columns in the file's order{more}."
-    return f"cannot determine: {first.question}; write it in {mapping}, {first.key}{more}."
-
-
-def _unsigned(proposal: Proposal) -> str:
-    """Return that the commands of a balancing robot have no sign; empty if they have one, or turn a wheel in a rig."""
-    columns, commands = proposal.table.columns, proposal.roles.commands
-    if proposal.lean_test is None or not commands:
-        return ""
-    values = np.concatenate([columns[name][np.isfinite(columns[name])] for name in commands])
-    if not len(values) or values.min() < 0.0 < values.max():
-        return ""
-    direction = [
-        one.name
-        for one in read_names(list(columns))
-        if one.index is not None
-        and one.kind == "other"
-        and len(np.unique(columns[one.name][np.isfinite(columns[one.name])])) == 2
-    ]
-    hint = f" (is it in {', '.join(direction)}?)" if len(direction) == len(commands) else ""
-    return (
-        f"the commands {', '.join(commands)} never change sign, but a balancing robot drives its wheels in both "
-        f"directions: log each command with its sign{hint}."
-    )
-
-
-#: slower rows [s] show little of what commands do to wheels
-SLOW_ROWS = 0.02
-
-
-def _likely_cause(proposal: Proposal, open_questions: Sequence[Conclusion]) -> str:
-    """Return what of the file may keep the commands' effect from showing, if a question is about that."""
-    if not any(one.name == "order and signs of the commands" for one in open_questions):
-        return ""
-    columns, roles = proposal.table.columns, proposal.roles
-    names = (roles.time or "", *roles.attitude, *roles.angles, *roles.commands, *roles.gyro)
-    used = np.column_stack([columns[name] for name in names if name in columns])
-    missing = float((~np.isfinite(used)).any(axis=1).mean())
-    interval = float(np.median(np.diff(used[:, 0]))) * proposal.time.factor
-    causes = []
-    if missing > 0.0:
-        causes.append(f"{100.0 * missing:.2g} % of the rows lack a value")
-    if interval > SLOW_ROWS:
-        causes.append(f"rows come only every {1e3 * interval:.3g} ms")
-    return f" A likely cause: {' and '.join(causes)}." if causes else ""
-
-
-def _contradiction(found: Finding) -> Finding:
-    return Finding(code="contradiction", severity="error", text=found.text, where=found.where)
 
 
 def _rows_of(proposal: Proposal) -> dict[str, NDArray[np.float64]]:
@@ -186,9 +91,11 @@ def findings_of(proposal: Proposal) -> tuple[Finding, ...]:
     found = [
         *[_finding("note", "file", note) for note in proposal.table.notes],
         *_rows(proposal),
+        *_missing(proposal),
         *_roles(proposal),
         *_contradictions(proposal),
         *_encoders(proposal),
+        *stuck_findings(proposal.stuck, names=proposal.roles.angles),
         *_timing(proposal),
         *_placement(proposal),
         *_heading(proposal),
@@ -212,6 +119,21 @@ def _rows(proposal: Proposal) -> list[Finding]:
         f"Time does not always increase, as if runs were joined: rows {first} to {last} are the longest run."
     )
     return [_finding("warning", "time", sentence)]
+
+
+def _missing(proposal: Proposal) -> list[Finding]:
+    """Return how many cells of the columns that are used are missing."""
+    roles, columns = proposal.roles, _rows_of(proposal)
+    names = (*roles.attitude, *roles.angles, *roles.commands, *roles.gyro)
+    holes = {name: int((~np.isfinite(columns[name])).sum()) for name in names if name in columns}
+    incomplete = tuple(name for name, count in holes.items() if count)
+    if not incomplete:
+        return []
+    sentence = (
+        f"{sum(holes.values())} cells of {', '.join(incomplete)} are missing; they are filled between values "
+        f"{LONGEST_HOLE:g} s apart or less."
+    )
+    return [_finding("warning", "missing", sentence, incomplete)]
 
 
 def _roles(proposal: Proposal) -> list[Finding]:
@@ -466,16 +388,17 @@ def _commands(proposal: Proposal) -> list[Finding]:
             "friction: give the duty that the firmware adds with --dead-band, 0 if it adds none."
         )
         found.append(_finding("warning", "dead-band", sentence))
-    delay = round(1e3 * tested.delay)
-    sentence = (
-        (
-            f"Commands are logged {-delay} ms after the response of the motors"
-            if delay < 0
-            else f"Motors respond {delay} ms after the command"
-        )
-        + (f", the lean is logged {1e3 * proposal.lean_test.lag:.0f} ms late" if proposal.lean_test else "")
-        + "; torque constant and winding resistance are assumed. "
-        "A free-wheel sweep gives their ratios, a data sheet the scale."
+    # a delay that is not believed is not applied; none below zero is, though it may be seen
+    early = tested.delay < 0.0 and tested.explained >= EXPLAINED_FOR_DELAY
+    delay = round(1e3 * (tested.delay if early else proposal.command_delay.applied))
+    delays = [f"Commands are logged {-delay} ms after the response of the motors"] if delay < 0 else []
+    delays += [f"Motors respond {delay} ms after the command"] if delay > 0 else []
+    late = round(1e3 * proposal.sensor_delay)
+    delays += [f"{'the' if delays else 'The'} lean is logged {late} ms late"] if late > 0 else []
+    assumed = (
+        "Torque constant and winding resistance are assumed. A free-wheel sweep gives their ratios, a data sheet the "
+        "scale."
     )
+    sentence = f"{', '.join(delays)}. {assumed}" if delays else assumed
     found.append(_finding("note", "drive", sentence))
     return found

@@ -1,0 +1,211 @@
+"""An encoder that holds its angle while its wheel turns, as shown by the lean, the heading and the other wheels.
+
+A wheel may rightly stand still while the others turn: dry friction holds it, or the ball rolls along its axle. Its
+encoder is stuck if the rest of the motion does not allow that. A balancing robot obeys linear relations, whatever its
+friction and its torques are,
+
+    y = C x + r          y: accelerations of the lean, of the heading, and of every wheel beyond the third
+                         x: lean, accelerations of three wheels, the held one among them, and one
+
+which are fitted where no encoder holds. If wheel i turns though its encoder does not, r grows along the column of C of
+that wheel, and along no other direction, as it would if hands were on the robot. r is scaled by its covariance where
+the relations were fitted, so that a relation that does not hold, as that of the heading of a ball that pivots, says
+nothing. No units, radii or masses enter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.findings import Finding, Place
+from ballbot.log.columns import wheel_angle_names
+from ballbot.log.log import Log
+from ballbot.log.signals import INTERVAL, Smooth, balancing_rows, even_rows, smooth
+
+#: rows interpolated across a longer gap [s] are not used
+LONGEST_GAP = 0.05
+TINY = 1e-30
+
+#: shortest hold that is tested [s]: dry friction holds a wheel for less while a robot balances at 1 to 3 Hz, and what
+#: the filter leaves of a shorter one is too little
+SHORTEST_HOLD = 2.0
+#: standard deviations of the filter's weights [s]: the angles' noise is far above, and what a wheel misses grows
+#: downwards. Rows nearer to a hold's ends than so many of them have filtered values of both sides
+WIDTHS, APART = (0.2, 0.3), 3.0
+#: what is left of the motion is compared over windows so long [s]
+WINDOW = 0.5
+#: fewest seconds that the relations are fitted by
+FEWEST_SECONDS = 4.0
+#: a hold is a fault if a quarter of its windows leaves at least so many times as much as all but a twentieth of the
+#: windows elsewhere, and turning of the wheel explains that part of it. In the 12 recordings of the test half of
+#: campaigns/mapping_recordings.py, true holds leave at most 0.6 times as much, and their wheels explain at most 0.6 of
+#: it. Of 72 encoders stopped at random for 2.5 to 10 s all are found; they leave 2 to 39 times as much, 0.88 of it or
+#: more along their wheels
+TIMES, ALONG = 2.0, 0.85
+
+
+@dataclass(frozen=True, kw_only=True)
+class StuckEncoder:
+    """A hold of an encoder during which its wheel turned."""
+
+    wheel: int  #: from 0
+    start: float  #: [s]
+    end: float  #: [s]
+    times: float  #: size of what is left of the motion meanwhile, over that elsewhere
+    along: float  #: part of it that turning of the wheel explains
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Balancing:
+    """What is logged of a balancing robot, in the frame that turns with it."""
+
+    t: NDArray[np.float64]  #: (M,) [s], increasing
+    wheels: NDArray[np.float64]  #: (M, n) angles [rad], continued across resets
+    lean: NDArray[np.float64]  #: (M, 2) [rad]
+    heading: NDArray[np.float64] | None  #: (M,) [rad], continuous
+
+
+def check_stuck_encoders(log: Log, *, wheel_count: int) -> list[Finding]:
+    """Return an error for each hold of an encoder during which the rest of the motion says that its wheel turned."""
+    names = wheel_angle_names(wheel_count)
+    if wheel_count < 3 or not {"theta", "phi", *names} <= set(log.names) or len(log) < 2:
+        return []
+    heading = log["psi"] if "psi" in log else None  # noqa: SIM401, a log has no get
+    known = np.isfinite(np.column_stack([log[n] for n in ("theta", "phi", *names)])).all(axis=1)
+    known &= np.isfinite(heading) if heading is not None else True
+    if known.sum() < 2:
+        return []
+    lean = log["theta"] + 1j * log["phi"]
+    lean = lean * np.exp(-1j * heading) if heading is not None else lean
+    motion = Balancing(
+        t=log.t[known],
+        wheels=np.column_stack([log[name][known] for name in names]),
+        lean=np.column_stack([lean.real[known], lean.imag[known]]),
+        heading=None if heading is None else heading[known],
+    )
+    return stuck_findings(stuck_encoders(motion), names=names)
+
+
+def stuck_encoders(motion: Balancing) -> list[StuckEncoder]:
+    """Return the holds of encoders during which their wheels turned, by time."""
+    n = motion.wheels.shape[1]
+    holds = [_holds(motion.t, motion.wheels[:, wheel]) for wheel in range(n)]
+    if n < 3 or not any(holds):
+        return []
+    found: dict[tuple[int, float], StuckEncoder] = {}
+    for width in WIDTHS:
+        for one in _held_against_the_rest(motion, holds, width):
+            found.setdefault((one.wheel, one.start), one)
+    return sorted(found.values(), key=lambda one: one.start)
+
+
+def stuck_findings(found: Iterable[StuckEncoder], *, names: tuple[str, ...]) -> list[Finding]:
+    """Return an error for each hold of `stuck_encoders`; `names` are the columns of the wheels' angles."""
+    return [
+        Finding(
+            severity="error",
+            code="stuck",
+            text=f"{names[one.wheel]} holds its value from {one.start:.6g} to {one.end:.6g} s though its wheel turns: "
+            f"the lean, the heading and the other wheels leave {one.times:.2g} times as much of the motion unexplained "
+            f"as elsewhere, and {100 * one.along:.0f} % of that is what turning of this wheel would do. The encoder or "
+            "its cable failed, or messages were lost.",
+            where=Place(columns=(names[one.wheel],), time=one.start),
+        )
+        for one in found
+    ]
+
+
+def _holds(t: NDArray[np.float64], angle: NDArray[np.float64]) -> list[tuple[float, float]]:
+    """Return the intervals of at least `SHORTEST_HOLD` in which an encoder changes by no more than one step."""
+    known = np.isfinite(angle)
+    t, angle = t[known], angle[known]
+    steps = np.abs(np.diff(angle))
+    if not (steps > 0.0).any():
+        return []
+    step = 1.01 * float(np.quantile(steps[steps > 0.0], 0.01))
+    found, first = [], 0
+    listed = angle.tolist()
+    for row in (np.flatnonzero(steps) + 1).tolist():
+        if abs(listed[row] - listed[first]) > step:
+            found.append((first, row - 1))
+            first = row
+    found.append((first, len(t) - 1))
+    return [(float(t[a]), float(t[b])) for a, b in found if t[b] - t[a] >= SHORTEST_HOLD]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Filtered:
+    """The motion on even rows."""
+
+    rows: NDArray[np.float64]
+    width: float
+    wheels: NDArray[np.float64]  #: (N, n), accelerations
+    lean: Smooth
+    heading: NDArray[np.float64]  #: (N, 1), acceleration; (N, 0) without a heading
+    usable: NDArray[np.bool_]  #: moving, not fallen and not interpolated across a gap
+
+
+def _held_against_the_rest(
+    motion: Balancing, holds: list[list[tuple[float, float]]], width: float
+) -> list[StuckEncoder]:
+    """Return the faults that the motion shows through a filter of a width."""
+    t, rows = motion.t, even_rows(motion.t)
+    lean, wheels = smooth(rows, t, motion.lean, width=width), smooth(rows, t, motion.wheels, width=width)
+    usable = balancing_rows(lean.value, wheels.rate, None)
+    usable &= np.diff(t)[np.clip(np.searchsorted(t, rows, side="right") - 1, 0, len(t) - 2)] < LONGEST_GAP
+    heading = np.empty((len(rows), 0))
+    if motion.heading is not None:
+        heading = smooth(rows, t, motion.heading[:, None], width=width).acceleration
+    seen = _Filtered(
+        rows=rows, width=width, wheels=wheels.acceleration, lean=lean, heading=heading, usable=usable
+    )
+    free = usable.copy()
+    for start, end in (one for of_wheel in holds for one in of_wheel):
+        free &= (rows < start - APART * width) | (rows > end + APART * width)
+    if free.sum() * INTERVAL < FEWEST_SECONDS:
+        return []
+    return [stuck for wheel, own in enumerate(holds) if own for stuck in _faults_of(wheel, own, seen, free)]
+
+
+def _faults_of(
+    wheel: int, holds: list[tuple[float, float]], seen: _Filtered, free: NDArray[np.bool_]
+) -> list[StuckEncoder]:
+    """Return which of a wheel's holds are faults, by relations that are fitted on the free rows."""
+    n = seen.wheels.shape[1]
+    # a wheel and its neighbours are independent in every arrangement around the ball
+    own = [wheel, (wheel + 1) % n, (wheel - 1) % n]
+    others = [k for k in range(n) if k not in own]
+    x = np.column_stack([seen.wheels[:, own], seen.lean.value, np.ones(len(seen.rows))])
+    y = np.column_stack([seen.lean.acceleration, seen.wheels[:, others], seen.heading])
+    C = np.linalg.lstsq(x[free], y[free], rcond=None)[0]
+    left = y - x @ C
+    covariance = np.cov(left[free], rowvar=False)
+    # a signal that is nearly constant must not make it singular
+    covariance += 1e-9 * np.trace(covariance) * np.eye(len(covariance))
+    whitening = np.linalg.inv(np.linalg.cholesky(covariance)).T
+    left, column = left @ whitening, C[0] @ whitening
+    along = np.square(left @ (column / max(float(np.linalg.norm(column)), TINY)))
+    total = np.square(left).sum(axis=1)
+    usual = float(np.quantile(_windows(along, free), 0.95))
+    found, apart = [], APART * seen.width
+    for start, end in holds:
+        inside = seen.usable & (seen.rows > start + apart) & (seen.rows < end - apart)
+        if inside.sum() * INTERVAL < WINDOW:
+            continue
+        times = float(np.sqrt(np.quantile(_windows(along, inside), 0.75) / max(usual, TINY)))
+        part = float(along[inside].sum() / max(float(total[inside].sum()), TINY))
+        if times > TIMES and part > ALONG:
+            found.append(StuckEncoder(wheel=wheel, start=start, end=end, times=times, along=part))
+    return found
+
+
+def _windows(values: NDArray[np.float64], kept: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the means of a signal over windows of the kept rows."""
+    rows = round(WINDOW / INTERVAL)
+    values = values[kept]
+    whole = len(values) // rows * rows
+    return values[:whole].reshape(-1, rows).mean(axis=1)

@@ -1,0 +1,130 @@
+"""Why a proposed mapping cannot be used as it is: one sentence, of the cause before what follows from it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ballbot.findings import Finding
+from ballbot.log.checks.stuck_encoders import stuck_findings
+from ballbot.log.mapping_inference.evidence import Conclusion
+from ballbot.log.mapping_inference.names import read_names
+from ballbot.log.mapping_inference.proposal import Proposal
+
+#: errors of a log that are faults of the recording, under whatever mapping: they stop the analysis of the log, which
+#: names them again, and not the mapping. None of the others is found in the 84 variants of
+#: campaigns/mapping_corpus.py that were tried, of 5 to 60 s
+OF_THE_RECORDING = frozenset(
+    ("copied", "corrupted", "gap", "held", "jump", "missing", "rows", "spike", "stuck", "torque-clipped")
+)
+
+
+def errors_of(found: Iterable[Finding]) -> list[Finding]:
+    """Return the findings on the log that a mapping makes that are errors, those that contradict the mapping first."""
+    errors = [
+        replace(one, severity="error", code="contradiction") if _contradicts(one) else one
+        for one in found
+        if one.severity == "error" or _contradicts(one)
+    ]
+    return sorted(errors, key=lambda one: one.code != "contradiction")
+
+
+def _contradicts(found: Finding) -> bool:
+    """Return whether a finding on the log that a mapping makes contradicts the mapping or the robot file."""
+    dead = found.code == "constant" and any(name.startswith("wheel") for name in found.where.columns)
+    of_mapping = found.severity == "error" and found.code not in OF_THE_RECORDING
+    return dead or of_mapping or found.code == "wheel-unlike"
+
+
+def contradiction(errors: Sequence[Finding], mapping: str) -> str:
+    """Return that the log that a mapping makes contradicts the robot; empty if no error of `errors_of` says so."""
+    if not errors or errors[0].code != "contradiction":
+        return ""
+    return (
+        f"the log that the mapping makes contradicts the robot: {_without_advice(errors[0].text)} Correct "
+        f"{mapping} or the robot file."
+    )
+
+
+def refusal_of(proposal: Proposal, conclusions: Sequence[Conclusion], mapping: str) -> str:
+    """Return why a proposal makes no log; empty if it does."""
+    open_questions = [one for one in conclusions if not one.determined]
+    if unsigned := _unsigned(proposal):
+        return unsigned
+    if proposal.stuck:
+        return _without_stuck_rows(proposal, open_questions, mapping)
+    if open_questions:
+        return _question(open_questions, mapping) + _likely_cause(proposal, open_questions)
+    return ""
+
+
+def _without_advice(sentences: str) -> str:
+    """Return a finding's text without a last sentence that says to correct columns and mapping."""
+    said, stop, advice = sentences.rpartition(". ")
+    return f"{said}." if stop and advice.startswith("Correct ") else sentences
+
+
+def _question(open_questions: Sequence[Conclusion], mapping: str) -> str:
+    first = open_questions[0]
+    more = (
+        f" ({len(open_questions) - 1} more, see the lines with cannot determine)"
+        if len(open_questions) > 1
+        else ""
+    )
+    if first.key == "--columns":
+        return f"cannot determine: {first.question}; name them with --columns in the file's order{more}."
+    return f"cannot determine: {first.question}; write it in {mapping}, {first.key}{more}."
+
+
+def _unsigned(proposal: Proposal) -> str:
+    """Return that the commands of a balancing robot have no sign; empty if they have one, or turn a wheel in a rig."""
+    columns, commands = proposal.table.columns, proposal.roles.commands
+    if proposal.lean_test is None or not commands:
+        return ""
+    values = np.concatenate([columns[name][np.isfinite(columns[name])] for name in commands])
+    if not len(values) or values.min() < 0.0 < values.max():
+        return ""
+    direction = [
+        one.name
+        for one in read_names(list(columns))
+        if one.index is not None
+        and one.kind == "other"
+        and len(np.unique(columns[one.name][np.isfinite(columns[one.name])])) == 2
+    ]
+    hint = f" (is it in {', '.join(direction)}?)" if len(direction) == len(commands) else ""
+    return (
+        f"the commands {', '.join(commands)} never change sign, but a balancing robot drives its wheels in both "
+        f"directions: log each command with its sign{hint}."
+    )
+
+
+def _without_stuck_rows(proposal: Proposal, open_questions: Sequence[Conclusion], mapping: str) -> str:
+    """Return that an encoder is stuck, and how to go on without its rows."""
+    found = stuck_findings(proposal.stuck, names=proposal.roles.angles)[0].text
+    if open_questions or not proposal.keep:
+        return f"{found} Remove these rows from the file, or use another log."
+    spans = ", ".join(f"{start:.6g} to {end:.6g} s" for start, end in proposal.keep)
+    return f"{found} In {mapping}, [time] keep is the rest, {spans}: if that is enough, go on with --mapping."
+
+
+#: slower rows [s] show little of what commands do to wheels
+SLOW_ROWS = 0.02
+
+
+def _likely_cause(proposal: Proposal, open_questions: Sequence[Conclusion]) -> str:
+    """Return what of the file may keep the commands' effect from showing, if a question is about that."""
+    if not any(one.name == "order and signs of the commands" for one in open_questions):
+        return ""
+    columns, roles = proposal.table.columns, proposal.roles
+    names = (roles.time or "", *roles.attitude, *roles.angles, *roles.commands, *roles.gyro)
+    used = np.column_stack([columns[name] for name in names if name in columns])
+    missing = float((~np.isfinite(used)).any(axis=1).mean())
+    interval = float(np.median(np.diff(used[:, 0]))) * proposal.time.factor
+    causes = []
+    if missing > 0.0:
+        causes.append(f"{100.0 * missing:.2g} % of the rows lack a value")
+    if interval > SLOW_ROWS:
+        causes.append(f"rows come only every {1e3 * interval:.3g} ms")
+    return f" A likely cause: {' and '.join(causes)}." if causes else ""
