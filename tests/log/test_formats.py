@@ -470,7 +470,9 @@ def test_what_the_arduino_ide_shows_is_a_table(tmp_path, text):
     assert all(np.array_equal(again[name], values) for name, values in table.columns.items())
 
 
-@pytest.mark.parametrize("line", ["12:04:01,1,2", "a:1", "a:1 b", "http://a:80 b:1", "2024-01-01T12:04:01 -> 3"])
+@pytest.mark.parametrize(
+    "line", ["12:04:01,1,2", "a:1", "a:1 b", "http://a:80 b:1", "2024-01-01T12:04:01 -> 3"]
+)
 def test_other_lines_with_colons_stay_as_they_are(line):
     assert plain([line, line]).lines == [line, line]
 

@@ -167,7 +167,9 @@ def test_beside_wheels_without_a_name_plain_names_are_believed(tmp_path):
     t = columns["t_now"]
     table = {"Zeit_s": t, "Rollwinkel": columns["theta_x"], "Nickwinkel": columns["theta_y"]}
     table |= {"Gierwinkel": np.cumsum(np.random.default_rng(2).standard_normal(len(t)))}
-    table |= {f"Drehrate_{axis}": np.gradient(columns[f"psi_{k}"], t) for k, axis in enumerate("XYZ", start=1)}
+    table |= {
+        f"Drehrate_{axis}": np.gradient(columns[f"psi_{k}"], t) for k, axis in enumerate("XYZ", start=1)
+    }
     table |= {f"Stift_{'PQR'[k - 1]}": columns[f"psi_{k}"] for k in (1, 2, 3)}
     table |= {f"Motorstrom{k}_mA": columns[f"u{k}"] for k in (1, 2, 3)}
     path = write_foreign(tmp_path / "log.txt", table, Habits())

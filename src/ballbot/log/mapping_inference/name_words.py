@@ -11,7 +11,19 @@ InputKind = Literal["torque", "current", "duty", "voltage"]
 
 #: by unit, how names write it: lower case, without separators
 UNITS: dict[str, tuple[str, ...]] = {
-    "s": ("s", "sec", "secs", "second", "seconds", "sek", "sekunden", "seconden", "secondi", "segundos", "secondes"),
+    "s": (
+        "s",
+        "sec",
+        "secs",
+        "second",
+        "seconds",
+        "sek",
+        "sekunden",
+        "seconden",
+        "secondi",
+        "segundos",
+        "secondes",
+    ),
     "ms": ("ms", "msec", "millis", "milliseconds", "millisec"),
     "us": ("us", "usec", "micros", "microseconds", "µs", "μs"),
     "ns": ("ns", "nsec", "nanos", "nanoseconds", "nanosec"),

@@ -131,9 +131,16 @@ def with_heading_behind(named: Roles, columns: Mapping[str, NDArray[np.float64]]
     compass does and they explain it no worse. If it jumps and they do not say more, the columns are in doubt.
     """
     readings = [one for name in named.attitude if (one := named.reading((name,)))]
-    if named.time is None or not named.angles or len({one.stem for one in readings}) != 1 or len(readings) < 3:
+    if (
+        named.time is None
+        or not named.angles
+        or len({one.stem for one in readings}) != 1
+        or len(readings) < 3
+    ):
         return named
-    first, second = (_rest_by_names(named, lean, columns, robot) for lean in (named.attitude[:2], named.attitude[1:]))
+    first, second = (
+        _rest_by_names(named, lean, columns, robot) for lean in (named.attitude[:2], named.attitude[1:])
+    )
     jumps = _jumps(columns[named.attitude[0]]) and not _jumps(columns[named.attitude[2]])
     turned = replace(named, attitude=(*named.attitude[1:], named.attitude[0]))
     if second < LARGEST_REST and second * (1.0 if jumps else CLEAR_MARGIN) < first:
@@ -213,7 +220,9 @@ def _rest_of(
     speeds = np.column_stack([smoothed[name].rate[:, 0] for name in wheels])
     angles = np.column_stack([smoothed[name].value[:, 0] for name in wheels])
     accelerations = np.column_stack([smoothed[name].acceleration[:, 0] for name in wheels])
-    return lean_rest(lean, smoothed, (angles, accelerations), moving_rows(speeds), robot, torque_free_gains(robot)[0])
+    return lean_rest(
+        lean, smoothed, (angles, accelerations), moving_rows(speeds), robot, torque_free_gains(robot)[0]
+    )
 
 
 def _are_rates(

@@ -14,7 +14,7 @@ from ballbot.log.mapping_inference.names import read_names
 from ballbot.log.mapping_inference.proposal import Proposal
 
 #: errors of a log that are faults of the recording, under whatever mapping: they stop the analysis of the log, which
-#: names them again, and not the mapping. None of the others is found in the 84 variants of
+#: names them again, and not the mapping. None of the others is found in the 90 variants of
 #: campaigns/mapping_corpus.py that were tried, of 5 to 60 s
 OF_THE_RECORDING = frozenset(
     ("copied", "corrupted", "gap", "held", "jump", "missing", "rows", "spike", "stuck", "torque-clipped")
