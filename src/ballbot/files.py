@@ -60,7 +60,7 @@ def check_regular(path: str | Path) -> int:
 
 
 def folder_refusal(folder: str | Path) -> InputError:
-    """Return the error of a folder in the place of a file; it names the files in it that are meant perhaps."""
+    """Return the error of a folder in the place of a file; it names files in it that may be meant."""
     inside = _files_to_read(folder)
     hint = f" Name a file in it, such as {either(inside)}." if inside else ""
     return InputError(f"{folder} cannot be read: Is a directory.{hint}")

@@ -95,7 +95,7 @@ def test_free_wheel_sweep_is_recognised(shared_data, robot):
     assert set(proposal.commands.signs) == {1}
     told = " ".join(finding.text for finding in findings_of(proposal))
     assert "drivelines only" in told
-    assert "Commands are logged 5 ms after the response of the motors. Torque constant" in told
+    assert "Commands are logged 5 ms after the motors respond. Torque constant" in told
 
 
 def test_glitches_in_logged_speeds_are_found(proposal_of):

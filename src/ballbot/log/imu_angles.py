@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.log.columns import Columns
+from ballbot.log.signals import unwrapped
 
 #: names beside a file's own for the angles that are made of its quaternion
 QUATERNION_ANGLES = (
@@ -39,7 +40,7 @@ def quaternion_angles(wxyz: NDArray[np.float64]) -> Columns:
     known = norm > _LEAST_NORM
     angles = np.full((len(wxyz), 3), np.nan)
     angles[known] = roll_pitch_yaw(*(wxyz[known] / norm[known, None]).T).T
-    angles[known, 2] = np.unwrap(angles[known, 2])
+    angles[:, 2] = unwrapped(angles[:, 2])
     return dict(zip(QUATERNION_ANGLES, angles.T, strict=True))
 
 
@@ -67,9 +68,7 @@ def from_roll_pitch_yaw(angles: NDArray[np.float64], *, turn: float = 0.0) -> ND
     z = np.stack([c_y * s_p * c_r + s_y * s_r, s_y * s_p * c_r - c_y * s_r, c_p * c_r])
     x, y = np.cos(turn) * x - np.sin(turn) * y, np.sin(turn) * x + np.cos(turn) * y
     theta, phi = np.arctan2(-z[1], z[2]), np.arcsin(np.clip(z[0], -1.0, 1.0))
-    psi = np.arctan2(-y[0], x[0])
-    known = np.isfinite(psi)
-    psi[known] = np.unwrap(psi[known])
+    psi = unwrapped(np.arctan2(-y[0], x[0]))
     return np.column_stack([theta, phi, psi])
 
 

@@ -213,11 +213,11 @@ def without_holes(
     return np.where(inside, values[before] if held else np.interp(t, t[known], values[known]), values)
 
 
-def unwrapped(angle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return an angle (N,) [rad] without jumps of whole turns; missing values stay missing."""
+def unwrapped(angle: NDArray[np.float64], *, period: float = 2.0 * np.pi) -> NDArray[np.float64]:
+    """Return an angle (N,) [rad], or in units of `period`, without jumps of a period; missing values stay missing."""
     known = np.isfinite(angle)
     found = angle.copy()
-    found[known] = np.unwrap(angle[known])
+    found[known] = np.unwrap(angle[known], period=period)
     return found
 
 

@@ -420,7 +420,7 @@ class ErrorPair:
 
     @property
     def normalised_rmse(self) -> NDArray[np.float64]:
-        """RMSE of the first and the second over `spread` (2, 10); NaN for a state that was as good as constant."""
+        """RMSE of the first and the second over `spread` (2, 10); NaN where the spread is not above `floor`."""
         spread = self.spread
         rmse = np.array([self.first.rmse, self.second.rmse])
         moved = spread > self.floor

@@ -31,6 +31,7 @@ from ballbot.log.columns import (
     wheel_speed_names,
 )
 from ballbot.log.pose import with_position
+from ballbot.log.signals import unwrapped
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.robot import Robot
 
@@ -104,7 +105,7 @@ def motion_of(log: Log, robot: Robot) -> Motion:
     ball, ball_source = _ball_rotation(log, robot)
     notes = [*notes, f"Ball rotation: {ball_source}.", f"Wheel angles: {source}.", BODY_NOTE]
     columns = {name: _between(times, log.t, log[name]) for name in ("x", "y", "theta", "phi")}
-    columns["psi"] = _between(times, log.t, _unwrapped(log["psi"]))
+    columns["psi"] = _between(times, log.t, unwrapped(log["psi"]))
     columns |= dict(zip(wheel_angle_names(robot.wheel_count), _rows_at(times, log.t, wheels).T, strict=True))
     columns |= dict(zip(_QUATERNION, _rows_at(times, log.t, ball).T, strict=True))
     columns |= _references(log, times)
@@ -184,14 +185,6 @@ def _rows_at(
     return np.column_stack([_between(times, t, column) for column in table.T])
 
 
-def _unwrapped(angle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return an angle (N,) without jumps of a whole turn; NaN stays."""
-    known = np.isfinite(angle)
-    whole = angle.copy()
-    whole[known] = np.unwrap(angle[known])
-    return whole
-
-
 def _has(log: Log, names: Sequence[str]) -> bool:
     """Return whether the log has columns with a value in every row."""
     return all(name in log and bool(np.isfinite(log[name]).all()) for name in names)
@@ -199,7 +192,7 @@ def _has(log: Log, names: Sequence[str]) -> bool:
 
 def _attitude(log: Log) -> NDArray[np.float64]:
     """Return theta, phi and psi (N, 3) in every row."""
-    angles = (log["theta"], log["phi"], _unwrapped(log["psi"]))
+    angles = (log["theta"], log["phi"], unwrapped(log["psi"]))
     return np.column_stack([_between(log.t, log.t, one) for one in angles])
 
 

@@ -19,9 +19,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.findings import Finding, Place, Severity, by_severity
+from ballbot.findings import Finding, by_severity
 from ballbot.fitting.least_squares import fit_linear
-from ballbot.identification.axis.columns import force_findings, reference_findings, stuck_findings
+from ballbot.identification.axis.columns import (
+    column_finding,
+    force_findings,
+    reference_findings,
+    stuck_findings,
+)
 from ballbot.identification.axis.inverse import InverseFit, free_inverse_fit, regression_rows
 from ballbot.identification.axis.model import AXIS_LAWS
 from ballbot.identification.axis.record import GAP, NO_LOAD, AxisRecord, PositionVelocityLoop
@@ -134,7 +139,7 @@ def _of_speed(record: AxisRecord, model: AxisModel, bandwidth: float | None) -> 
             "record with less force. For a robot's drivelines use `ballbot identify-driveline`, which leaves such "
             "rows out."
         )
-        yield _finding("speed-limit", "error", text, "force", "position")
+        yield column_finding("speed-limit", "error", text, "force", "position")
 
 
 def _of_hanging(record: AxisRecord, bandwidth: float | None) -> Iterator[Finding]:
@@ -150,7 +155,7 @@ def _of_hanging(record: AxisRecord, bandwidth: float | None) -> Iterator[Finding
             f"The pendulum swings about an angle of about {about:.2g} rad, and its load is said to hang straight down "
             f"at {hanging:.2g}: give that angle, --hanging. Mass and friction are wrong otherwise."
         )
-        yield _finding("axis-load", "warning", text, "position")
+        yield column_finding("axis-load", "warning", text, "position")
 
 
 def _of_added(record: AxisRecord, bandwidth: float | None) -> Iterator[Finding]:
@@ -171,12 +176,12 @@ def _of_added(record: AxisRecord, bandwidth: float | None) -> Iterator[Finding]:
             f"The added force acts the other way: the motion shows {ratio:.2g} times it. "
             "Negate it: --added-force-scale -1."
         )
-        yield _finding("force-sign", "error", text, "added_force")
+        yield column_finding("force-sign", "error", text, "added_force")
     elif abs(ratio - 1.0) > max(5.0 * error, 0.5):
         text = (
             f"The motion shows {_times(ratio)} the added force; check its unit, or give --added-force-scale."
         )
-        yield _finding("scale", "warning", text, "added_force")
+        yield column_finding("scale", "warning", text, "added_force")
 
 
 def _of_gaps(record: AxisRecord) -> Iterator[Finding]:
@@ -187,7 +192,7 @@ def _of_gaps(record: AxisRecord) -> Iterator[Finding]:
             f"{gaps} gaps of more than {GAP:.0f} intervals of {usual:.3g} ms; "
             "the force in them is unknown, and no prediction runs across them."
         )
-        yield _finding("gap", "note", text.replace("1 gaps", "1 gap") if gaps == 1 else text, "t")
+        yield column_finding("gap", "note", text.replace("1 gaps", "1 gap") if gaps == 1 else text, "t")
 
 
 def _of_wraps(record: AxisRecord) -> Iterator[Finding]:
@@ -195,8 +200,10 @@ def _of_wraps(record: AxisRecord) -> Iterator[Finding]:
     if not wraps.count:
         return
     size = {TURN: "one turn", DEGREES: "360"}.get(wraps.period, f"{wraps.period:.6g} {record.unit}")
-    text = f"The position jumps by {size} in {wraps.count} row{'s' if wraps.count > 1 else ''}; it is counted on."
-    yield _finding("wrap", "note", text, "position")
+    text = (
+        f"The position jumps by {size} in {wraps.count} row{'s' if wraps.count > 1 else ''}; it is unwrapped."
+    )
+    yield column_finding("wrap", "note", text, "position")
     if wraps.period not in (TURN, DEGREES):
         return
     options = [] if record.unit == "rad" else ["--unit rad"]
@@ -204,7 +211,7 @@ def _of_wraps(record: AxisRecord) -> Iterator[Finding]:
     if options:
         kind = "an angle in degrees" if wraps.period == DEGREES else "an angle"
         text = f"A position that jumps by {wraps.period:.4g} is {kind}: {' '.join(options)}."
-        yield _finding("axis-unit", "warning", text, "position")
+        yield column_finding("axis-unit", "warning", text, "position")
 
 
 def _of_limit(record: AxisRecord) -> Iterator[Finding]:
@@ -213,7 +220,7 @@ def _of_limit(record: AxisRecord) -> Iterator[Finding]:
             f"The recorded force exceeds --limit in {100.0 * record.beyond_limit:.2g} % of the rows; it is taken as a "
             "demand, of which no more than the limit acts."
         )
-        yield _finding("force-limit", "note", text, "force")
+        yield column_finding("force-limit", "note", text, "force")
 
 
 def _of_time(record: AxisRecord) -> Iterator[Finding]:
@@ -225,10 +232,10 @@ def _of_time(record: AxisRecord) -> Iterator[Finding]:
         if fitting is not None:
             cause = f"t appears to be in {fitting[0]} ({fitting[1] * h:.3g} s): --time-scale {fitting[1]:g}"
         text = f"Rows come every {h:.3g} s, too slowly for an axis; {cause}."
-        yield _finding("scale", "error", text, "t")
+        yield column_finding("scale", "error", text, "t")
     elif h < _SAMPLING[0]:
         text = f"Rows come every {h:.3g} s, faster than axes are logged; check the unit of t."
-        yield _finding("scale", "error", text, "t")
+        yield column_finding("scale", "error", text, "t")
 
 
 def _of_spikes(record: AxisRecord) -> Iterator[Finding]:
@@ -246,7 +253,7 @@ def _of_spikes(record: AxisRecord) -> Iterator[Finding]:
             + (f", as in {rows.size - 1} more row{'s' if rows.size > 2 else ''}" if rows.size > 1 else "")
             + ". Remove such rows (gaps are allowed), or leave their cells empty."
         )
-        yield _finding("spike", "error", text, "position")
+        yield column_finding("spike", "error", text, "position")
 
 
 def _of_travel(record: AxisRecord) -> Iterator[Finding]:
@@ -257,7 +264,7 @@ def _of_travel(record: AxisRecord) -> Iterator[Finding]:
             f"millimetres ({0.001 * travel:.4g} m), which makes mass and viscous "
             "friction a thousand times too small: --position-scale 0.001. For angles give --unit rad."
         )
-        yield _finding("axis-unit", "warning", text, "position")
+        yield column_finding("axis-unit", "warning", text, "position")
     often = float(np.mean(np.abs(np.diff(record.position)))) / record.sample_time > _OFTEN * travel
     if record.unit == "rad" and _DEGREES[0] < travel < _DEGREES[1] and often:
         text = (
@@ -265,7 +272,7 @@ def _of_travel(record: AxisRecord) -> Iterator[Finding]:
             f"({np.radians(travel):.4g} rad), inertia and viscous friction are {np.degrees(1.0):.0f} times too small: "
             f"--position-scale {np.radians(1.0):.6g}."
         )
-        yield _finding("axis-unit", "warning", text, "position")
+        yield column_finding("axis-unit", "warning", text, "position")
 
 
 def _of_reference(record: AxisRecord) -> Iterator[Finding]:
@@ -277,7 +284,7 @@ def _of_reference(record: AxisRecord) -> Iterator[Finding]:
             f"The reference is {wanted[0]:g} {record.unit} throughout "
             "while the axis moves; check which column it is."
         )
-        yield _finding("axis-reference", "error", text, "reference")
+        yield column_finding("axis-reference", "error", text, "reference")
         return
     ratio = float(np.std(wanted) / np.std(position))
     correlation = float(np.corrcoef(wanted, position)[0, 1])
@@ -286,19 +293,19 @@ def _of_reference(record: AxisRecord) -> Iterator[Finding]:
             "The reference and the position move in opposite directions "
             f"(correlation {correlation:.2f}); negate one of them."
         )
-        yield _finding("axis-reference", "error", text, "reference", "position")
+        yield column_finding("axis-reference", "error", text, "reference", "position")
     elif not 1.0 / _TRACKING < ratio < _TRACKING:
         text = (
             f"The reference moves {_times(ratio)} as far as the position: "
             "they have different units, or the reference is another column."
         )
-        yield _finding("axis-reference", "error", text, "reference", "position")
+        yield column_finding("axis-reference", "error", text, "reference", "position")
     elif correlation < 0.5:
         text = (
             "The position does not follow the reference (correlation "
             f"{correlation:.2f}): one of them is another column or from another run."
         )
-        yield _finding("axis-reference", "error", text, "reference", "position")
+        yield column_finding("axis-reference", "error", text, "reference", "position")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -345,30 +352,30 @@ def _of_loop(
             "force unexplained: force, reference or position is another column, or the axis has "
             "another control law. Without --reference and the gains the record is used in open loop."
         )
-        yield _finding("axis-loop", "error", text, "force", "reference")
+        yield column_finding("axis-loop", "error", text, "force", "reference")
     elif a1 < 0.0 and a2 < 0.0:
         text = (
             "The recorded force has the opposite sign of the control law; negate the force or --force-scale."
         )
-        yield _finding("force-sign", "error", text, "force")
+        yield column_finding("force-sign", "error", text, "force")
     elif a1 < 0.0 or a2 < 0.0:
         text = (
             "The position part and the velocity part of the control law have "
             "opposite signs in this record; check the signs of the gains."
         )
-        yield _finding("axis-loop", "error", text, "force")
+        yield column_finding("axis-loop", "error", text, "force")
     elif not 1.0 / _LOOP_FACTOR < a1 < _LOOP_FACTOR and 1.0 / _LOOP_FACTOR < a1 / a2 < _LOOP_FACTOR:
         text = (
             f"The recorded force is {_times(a1)} the force of the control law: --force-scale, "
             "--velocity-gain or the unit of the position is wrong by that factor."
         )
-        yield _finding("axis-loop", "error", text, "force")
+        yield column_finding("axis-loop", "error", text, "force")
     elif not 1.0 / _LOOP_FACTOR < a2 / a1 < _LOOP_FACTOR:
         text = (
             f"Relative to the position part, the velocity part of the control law is {_times(a2 / a1)} "
             "what the gains give: the time base or --position-gain is wrong by that factor."
         )
-        yield _finding("axis-loop", "error", text, "t", "force")
+        yield column_finding("axis-loop", "error", text, "t", "force")
 
 
 def _of_motion(record: AxisRecord, fit: InverseFit) -> Iterator[Finding]:
@@ -380,7 +387,7 @@ def _of_motion(record: AxisRecord, fit: InverseFit) -> Iterator[Finding]:
             f"The motion of the axis explains only {100.0 * max(explained, 0.0):.0f} % of the force: "
             "the force is another column, noise or from another run, or something else moves the axis."
         )
-        yield _finding("force-unrelated", "error", text, "force", "position")
+        yield column_finding("force-unrelated", "error", text, "force", "position")
     elif mass <= 0.0:
         both = dry < 0.0 or viscous < 0.0
         loaded = " or the known load is wrong (--load-mass, --load-arm)" if record.known_load.inertia else ""
@@ -394,25 +401,25 @@ def _of_motion(record: AxisRecord, fit: InverseFit) -> Iterator[Finding]:
             f"The inverse model estimates a mass of {mass:.3g} and a dry "
             f"friction of {dry:.3g} {unit}; both must be above zero: {cause}"
         )
-        yield _finding("force-sign", "error", text, "force", "position")
+        yield column_finding("force-sign", "error", text, "force", "position")
     elif dry < 0.0 and abs(dry) > 3.0 * fit.clustered_errors[fit.names.index("coulomb")]:
         text = (
             f"The inverse model estimates a dry friction of {dry:.3g} {unit}, below zero: a "
             "force is missing (--added-force), or force and position are not simultaneous."
         )
-        yield _finding("force-unrelated", "warning", text, "force")
+        yield column_finding("force-unrelated", "warning", text, "force")
     elif explained < _WELL_EXPLAINED:
         text = (
             f"The motion of the axis explains {100.0 * explained:.0f} "
             "% of the force; something else moves it as well."
         )
-        yield _finding("force-unrelated", "warning", text, "force")
+        yield column_finding("force-unrelated", "warning", text, "force")
     if mass > 0.0 and viscous < 0.0:
         text = (
             f"The inverse model estimates a viscous friction of {viscous:.3g}, below zero; it "
             "is fixed at zero. The speeds of the record do not separate it from dry friction."
         )
-        yield _finding("force-friction", "warning", text, "force")
+        yield column_finding("force-friction", "warning", text, "force")
 
 
 def _times(ratio: float) -> str:
@@ -421,7 +428,3 @@ def _times(ratio: float) -> str:
     if abs(np.log(abs(ratio) / nearest)) < np.log(1.5):
         return f"{_FACTORS[nearest]} times"
     return f"{ratio:.3g} times"
-
-
-def _finding(code: str, severity: Severity, text: str, *columns: str) -> Finding:
-    return Finding(code=code, severity=severity, text=text, where=Place(columns=columns))

@@ -18,7 +18,7 @@ from ballbot.identification.axis.inverse import RegressionRows
 from ballbot.identification.axis.motion import default_bandwidth, smoothed_motion
 from ballbot.identification.axis.record import AxisRecord
 
-#: a value that is repeated for so long [s], and over so many rows, is not one that only happens to be repeated
+#: a value that is repeated for this time [s] and over this many rows does not repeat by chance
 _LONG, _ROWS = 0.2, 40
 #: after it, the position jumps by so many of the largest other steps
 _JUMP = 3.0
@@ -59,7 +59,7 @@ def stuck_findings(record: AxisRecord) -> Iterator[Finding]:
             f"{record.t[first]:.4g} s after the first one), {follows}: the log repeats its last value. "
             "Leave these cells empty."
         )
-        yield _finding("stuck", "error", text, name)
+        yield column_finding("stuck", "error", text, name)
 
 
 def _stuck_position(record: AxisRecord, longest: _Repetition) -> bool:
@@ -85,7 +85,7 @@ def _stuck_force(record: AxisRecord, longest: _Repetition) -> bool:
     return bool(np.std(acceleration[rows]) > _LIVELY * np.std(acceleration))
 
 
-#: a force that leads the position by at most so long [s] and correlates with it so well, ...
+#: a force that leads the position by at most this time [s] and has this correlation with it, ...
 _LEAD, _FOLLOWS = 0.2, 0.995
 #: in one of these units of the position, to this share, is its reference
 _UNITS, _SAME = (1.0, float(np.degrees(1.0)), 100.0, 1000.0), 0.05
@@ -118,7 +118,7 @@ def reference_findings(record: AxisRecord) -> Iterator[Finding]:
         f"The force is {times}the position {1e3 * best * record.sample_time:.3g} ms later: it appears to be the "
         "reference of the position, and not a force. Name the column of the force, current or voltage with --force."
     )
-    yield _finding("force-unrelated", "error", text, "force")
+    yield column_finding("force-unrelated", "error", text, "force")
 
 
 #: a hypothesis is looked for if the motion leaves more than this share of the force's square, and is found if
@@ -153,9 +153,8 @@ def force_findings(record: AxisRecord, rows: RegressionRows) -> Iterator[Finding
         left = []
         for start in (speed, rows.columns["mass"]):
             sign = np.sign(start)
-            for _ in range(
-                20
-            ):  # each sign is that of the model's own force; this settles within a few rounds
+            # each sign is that of the model's own force; this settles within a few rounds
+            for _ in range(20):
                 sign = np.sign(Q @ (Q.T @ (sign * size)))
             left.append(unexplained(sign * size))
         if min(left) < _EXPLAINS * usual:
@@ -163,7 +162,7 @@ def force_findings(record: AxisRecord, rows: RegressionRows) -> Iterator[Finding
                 "The force never changes its sign, and the motion explains it far better with changing signs: it is "
                 "the magnitude of a force or current. Record it with its sign."
             )
-            yield _finding("force-sign", "error", text, "force")
+            yield column_finding("force-sign", "error", text, "force")
             return
     yield from _limit_finding(record, F, speed, usual, unexplained)
 
@@ -203,12 +202,13 @@ def _limit_finding(
     else:
         text = (
             f"The motion explains {after} of the force, and not only {before}, if the largest force falls from about "
-            f"{limit:.3g} {unit} at rest to zero at about {free:.3g} {record.unit}/s, as the supply's voltage lets it: "
+            f"{limit:.3g} {unit} at rest to zero at about {free:.3g} {record.unit}/s, as the supply voltage limits it: "
             "the recorded force does not act at high speed. Remove these rows (gaps are allowed), record with less "
             "force or speed, or record the current."
         )
-    yield _finding("speed-limit" if np.isfinite(free) else "force-unrelated", "warning", text, "force")
+    yield column_finding("speed-limit" if np.isfinite(free) else "force-unrelated", "warning", text, "force")
 
 
-def _finding(code: str, severity: Severity, text: str, *columns: str) -> Finding:
+def column_finding(code: str, severity: Severity, text: str, *columns: str) -> Finding:
+    """Return a finding about columns of a record."""
     return Finding(code=code, severity=severity, text=text, where=Place(columns=columns))

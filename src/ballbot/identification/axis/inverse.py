@@ -330,6 +330,11 @@ def _columns(motion: Motion, model: AxisModel, record: AxisRecord) -> dict[str, 
     return columns
 
 
+def break_away_column(speed: NDArray[np.float64], stribeck_speed: float) -> NDArray[np.float64]:
+    """Return the column (N,) of a break-away force above Coulomb friction: exp(-|v/v_s|) sgn(v)."""
+    return np.sign(speed) * np.exp(-np.abs(speed) / stribeck_speed)
+
+
 def _condition(record: AxisRecord, names: tuple[str, ...], X: NDArray[np.float64]) -> float:
     lengths = np.linalg.norm(X, axis=0)
     if not lengths.all():

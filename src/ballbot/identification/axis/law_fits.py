@@ -18,7 +18,7 @@ from scipy.optimize import lsq_linear
 
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run
-from ballbot.identification.axis.inverse import InverseFit, inverse_fit, regression_rows
+from ballbot.identification.axis.inverse import InverseFit, break_away_column, inverse_fit, regression_rows
 from ballbot.identification.axis.model import AXIS_LAWS, PARAMETERS, Values, unit_for
 from ballbot.identification.axis.output_error import OutputErrorFit, Sighting, memoized
 from ballbot.identification.axis.record import AxisRecord
@@ -98,7 +98,7 @@ def _break_away(
     best, found = _CLEARLY * lsq_linear(base, rows.force, (least[:-1], np.inf)).cost, {}
     for share in _STRIBECK_SPEEDS:
         slowest = share * sightings[0].usual_speed
-        column = np.sign(speed) * np.exp(-np.abs(speed) / slowest)
+        column = break_away_column(speed, slowest)
         fit = lsq_linear(np.column_stack([base, column]), rows.force, (least, np.inf))
         if fit.cost < best:
             best = fit.cost

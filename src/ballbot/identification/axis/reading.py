@@ -1,7 +1,7 @@
 """Records of one axis from files: which column or variable is what, and what has to be done to the rows.
 
 A file of any format of logs holds a record, as columns or named variables (docs/logs.md). Rows at uneven times are kept
-with their times. Rows with a missing value are left out, so that a gap remains. A position that wraps is counted on. An
+with their times. Rows with a missing value are left out, so that a gap remains. A position that wraps is unwrapped. An
 axis whose velocity is recorded and not its position has the position that the velocity gives by integration.
 """
 
@@ -25,7 +25,7 @@ from ballbot.identification.axis.record import (
     PositionVelocityLoop,
     Wraps,
 )
-from ballbot.identification.axis.wrapping import unwrapped, wrapping_period
+from ballbot.identification.axis.wrapping import without_wraps, wrapping_period
 from ballbot.log.columns import FACTORS, LARGEST_CELL, Columns
 from ballbot.log.formats import read_units, read_variables
 
@@ -395,16 +395,16 @@ def _position(file: _File, t: NDArray[np.float64]) -> NDArray[np.float64]:
 def _measured_motion(
     file: _File, t: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, Wraps]:
-    """Return position and reference (N,) counted on from turn to turn, and how often the position wrapped."""
+    """Return position and reference (N,) unwrapped, and how often the position wrapped."""
     scale = file.factor("position_scale")
     position, reference = scale * _position(file, t), file.optional("reference")
     reference = None if reference is None else scale * reference
     period = wrapping_period(position, scale)
     if not period:
         return position, reference, NO_WRAPS
-    position, count = unwrapped(position, period)
+    position, count = without_wraps(position, period)
     if reference is not None and wrapping_period(reference, scale) == period:
-        reference, _ = unwrapped(reference, period)
+        reference, _ = without_wraps(reference, period)
         if reference.shape == position.shape:
             # both may begin in different turns
             reference = reference - period * np.round(np.nanmedian(reference - position) / period)

@@ -78,7 +78,7 @@ NO_LOAD = KnownLoad()
 
 @dataclass(frozen=True, kw_only=True)
 class Wraps:
-    """How often a position began again after a turn, before it was counted on."""
+    """How often a position began again after a turn, before it was unwrapped."""
 
     count: int = 0
     period: float = 0.0  #: after which it began again [m]

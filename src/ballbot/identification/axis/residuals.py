@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ballbot.findings import Finding, note, warning
 from ballbot.fitting.least_squares import fit_linear
-from ballbot.identification.axis.inverse import RegressionRows, regression_rows
+from ballbot.identification.axis.inverse import RegressionRows, break_away_column, regression_rows
 from ballbot.identification.axis.model import AxisLaw
 from ballbot.identification.axis.record import AxisRecord, moved_by_one_load
 from ballbot.identification.axis.structure import AxisModel
@@ -84,8 +84,7 @@ def residual_tests(
     rows = regression_rows(records, model, bandwidth=bandwidth, moving=True)
     base = np.column_stack(list(rows.columns.values()))
     if stribeck_speed is not None:
-        v = rows.seen["speed"]
-        curve = (np.sign(v) * np.exp(-np.abs(v) / stribeck_speed))[:, None]
+        curve = break_away_column(rows.seen["speed"], stribeck_speed)[:, None]
         kept = _independent(base, curve)
         base = base if kept is None else np.column_stack([base, kept])
     plain = fit_linear(base, rows.force, rows.block)

@@ -1,14 +1,16 @@
 """Positions that begin again after a turn, or after the whole range of a counter.
 
-A step of nearly one such period is no motion if all other steps are far smaller. A position that wraps is counted on
-from turn to turn. The periods looked for are a turn, in radians and in degrees, and the ranges of counters of 8 to 32
-bits, in the unit that the position's factor gives them.
+A step of nearly one such period is no motion if all other steps are far smaller: the position is unwrapped. The periods
+looked for are a turn, in radians and in degrees, and the ranges of counters of 8 to 32 bits, in the unit that the
+position's factor gives them.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ballbot.log.signals import unwrapped
 
 TURN, DEGREES = 2.0 * np.pi, 360.0
 _BITS = (8, 10, 12, 13, 14, 15, 16, 17, 18, 20, 24, 32)
@@ -47,10 +49,8 @@ def wrapping_period(position: NDArray[np.float64], scale: float) -> float:
     return 0.0
 
 
-def unwrapped(position: NDArray[np.float64], period: float) -> tuple[NDArray[np.float64], int]:
-    """Return a position (N,) counted on from period to period, NaN where it is NaN, and how often it wraps."""
-    found, known = position.copy(), np.isfinite(position)
-    whole = np.unwrap(position[known], period=period)
-    found[known] = whole
-    turns = np.round((whole - position[known]) / period)
-    return found, int(np.count_nonzero(np.diff(turns)))
+def without_wraps(position: NDArray[np.float64], period: float) -> tuple[NDArray[np.float64], int]:
+    """Return a position (N,) unwrapped, NaN where it is NaN, and how often it wraps."""
+    found = unwrapped(position, period=period)
+    turns = np.round((found - position) / period)
+    return found, int(np.count_nonzero(np.diff(turns[np.isfinite(turns)])))

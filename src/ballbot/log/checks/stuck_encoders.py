@@ -36,7 +36,7 @@ SHORTEST_HOLD = 2.0
 #: standard deviations of the filter's weights [s]: the angles' noise is far above, and what a wheel misses grows
 #: downwards. Rows nearer to a hold's ends than so many of them have filtered values of both sides
 WIDTHS, APART = (0.2, 0.3), 3.0
-#: what is left of the motion is compared over windows so long [s]
+#: length of the windows over which the unexplained motion is compared [s]
 WINDOW = 0.5
 #: fewest seconds that the relations are fitted by
 FEWEST_SECONDS = 4.0
@@ -55,7 +55,7 @@ class StuckEncoder:
     wheel: int  #: from 0
     start: float  #: [s]
     end: float  #: [s]
-    times: float  #: size of what is left of the motion meanwhile, over that elsewhere
+    times: float  #: size of the unexplained motion during the hold, over its size elsewhere
     along: float  #: part of it that turning of the wheel explains
 
 

@@ -391,7 +391,7 @@ def _commands(proposal: Proposal) -> list[Finding]:
     # a delay that is not believed is not applied; none below zero is, though it may be seen
     early = tested.delay < 0.0 and tested.explained >= EXPLAINED_FOR_DELAY
     delay = round(1e3 * (tested.delay if early else proposal.command_delay.applied))
-    delays = [f"Commands are logged {-delay} ms after the response of the motors"] if delay < 0 else []
+    delays = [f"Commands are logged {-delay} ms after the motors respond"] if delay < 0 else []
     delays += [f"Motors respond {delay} ms after the command"] if delay > 0 else []
     late = round(1e3 * proposal.sensor_delay)
     delays += [f"{'the' if delays else 'The'} lean is logged {late} ms late"] if late > 0 else []
