@@ -7,7 +7,7 @@ import os
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from time import monotonic
 
 from ballbot.printable import printable_line
@@ -83,6 +83,36 @@ def in_parts(callback: ProgressCallback, seconds: Sequence[float]) -> tuple[Prog
     return tuple(
         part_of(callback, first / whole, last / whole, planned=whole) for first, last in pairwise(ends)
     )
+
+
+def by_usual_times(callback: ProgressCallback, seconds: Mapping[str, float]) -> ProgressCallback:
+    """Return a callback that replaces the share of each report by that of the time its stage usually begins at.
+
+    For work whose own shares count its stages, however long each of them takes.
+
+    Parameters
+    ----------
+    callback : callable
+    seconds : mapping of str to float
+        How long each stage usually takes [s], in their order, by its name; stages of which only the first word is
+        here share its time by their steps. What is reported of another stage keeps the last share, and a report of
+        share 1 stays.
+    """
+    names, ends = list(seconds), [0.0, *accumulate(seconds.values())]
+    whole, last = ends[-1], 0.0
+
+    def report(progress: Progress) -> None:
+        nonlocal last
+        name, step = progress.stage, 0.0
+        if name not in seconds and progress.total:
+            name, step = name.partition(" ")[0], progress.done / progress.total
+        if name in seconds:
+            last = max(last, (ends[names.index(name)] + step * seconds[name]) / whole)
+        if progress.share >= 1.0:
+            last = 1.0
+        callback(replace(progress, share=last, planned=whole))
+
+    return report
 
 
 def on_all_cores(seconds: float) -> float:
@@ -211,6 +241,14 @@ class EtaEstimator:
         self._times: list[float] = []  # [s], when work was done
         self._worked: list[float] = []  # which share of the whole until then
         self._not_counted, self._stage = 0.0, ""  # [s] of the first steps of stages, and the last stage
+        self._answered = 0.0  # [s], when
+        self._answer: float | None = None  # [s], the last estimate
+
+    def seconds_left_now(self) -> float | None:
+        """Return how long the rest takes [s] by the last estimate and the time since; None if that is not known."""
+        if self._answer is None:
+            return None
+        return steps_left(self._clock() - self._answered, usual=self._answer, most=math.inf)
 
     def seconds_left(self, progress: Progress) -> float | None:
         """Note what is done now, and return how long the rest takes [s]; None if that is not known yet."""
@@ -228,7 +266,9 @@ class EtaEstimator:
             self._times.append(now)
             self._worked.append(worked)
         pace = self._pace(now, progress.planned)
-        return None if pace is None else pace * (1.0 - self._share)
+        self._answered = self._clock()
+        self._answer = None if pace is None else pace * (1.0 - self._share)
+        return self._answer
 
     def _longest_first_step(self, work: float, planned: float) -> float:
         """Return how long a stage's first step is counted at most [s]."""
@@ -260,7 +300,17 @@ class EtaEstimator:
 def time_left(progress: Progress, pace: EtaEstimator) -> str:
     """Return the time left in words, by the pace so far; empty if it is not known or nothing is left."""
     seconds = pace.seconds_left(progress)
-    return "" if seconds is None or progress.share >= 1.0 else f"about {as_clock(seconds)} left"
+    return "" if seconds is None or progress.share >= 1.0 else _left_in_words(seconds)
+
+
+def time_left_now(pace: EtaEstimator) -> str:
+    """Return the time left in words between two reports of progress; empty if it is not known."""
+    seconds = pace.seconds_left_now()
+    return "" if seconds is None else _left_in_words(seconds)
+
+
+def _left_in_words(seconds: float) -> str:
+    return f"about {as_clock(seconds)} left"
 
 
 def stage_words(progress: Progress) -> str:

@@ -115,6 +115,18 @@ def test_long_work_prints_its_stages_on_standard_error(piped, capsys, monkeypatc
     ]
 
 
+def test_a_long_step_gets_lines_with_the_time_left_in_the_middle_of_it(piped, capsys, monkeypatch):
+    monkeypatch.setattr(output, "_BEFORE_LINES", 0.0)
+    monkeypatch.setattr(output, "_BETWEEN_LINES", 0.5)
+    with progress_bar(piped, "fitting") as bar:
+        bar.report(Progress(stage="descent", done=0, total=1, planned=30.0))
+        time.sleep(1.8)
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) >= 3
+    # the last one is at least 0.5 s after the first; nothing that happens later is known
+    assert re.fullmatch(r"ballbot: descent, 0 %, about 0:2[89] left", lines[-1])
+
+
 def test_writing_the_report_is_the_last_stage_of_planned_work(piped, capsys, monkeypatch):
     monkeypatch.setattr(output, "_BEFORE_LINES", 0.05)
     with progress_bar(piped, "fitting", writing=10.0) as bar:
@@ -146,15 +158,15 @@ def test_time_left_of_an_identification_is_within_a_factor_of_two(tmp_path, caps
     """By processor time on one core, which other work on the machine does not change."""
     watched: list[tuple[float, float]] = []
 
-    def time_left(progress: Progress, pace: EtaEstimator) -> str:
-        seconds = pace.seconds_left(progress)
-        assert seconds is not None
-        watched.append((time.process_time(), seconds))
-        return f"{seconds:.0f} s"
+    class Watched(EtaEstimator):
+        def seconds_left(self, progress: Progress) -> float | None:
+            seconds = super().seconds_left(progress)
+            assert seconds is not None
+            watched.append((time.process_time(), seconds))
+            return seconds
 
     monkeypatch.setattr("os.cpu_count", lambda: 1)
-    monkeypatch.setattr(output, "EtaEstimator", partial(EtaEstimator, time.process_time))
-    monkeypatch.setattr(output, "time_left", time_left)
+    monkeypatch.setattr(output, "EtaEstimator", partial(Watched, time.process_time))
     monkeypatch.setattr(output, "_BEFORE_LINES", 0.0)
     log = tmp_path / "log.csv"
     noisy(balancing_log(), seed=6).between(6.0, 18.0).write(log)

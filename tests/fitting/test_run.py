@@ -10,7 +10,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot.progress import EtaEstimator, Progress, ProgressReporter, Stage, as_clock, in_parts, part_of
+from ballbot.progress import (
+    EtaEstimator,
+    Progress,
+    ProgressReporter,
+    Stage,
+    as_clock,
+    by_usual_times,
+    in_parts,
+    part_of,
+)
 from tests.support.processes import PATIENCE, Child
 
 
@@ -70,6 +79,31 @@ def test_time_left_grows_while_no_step_finishes():
     assert left[-1] == pytest.approx(6.0)
     clock.now += 60.0
     assert pace.seconds_left(at(0.4)) == pytest.approx(63.0 / 0.3 * 0.6)
+
+
+def test_time_left_between_two_steps_falls_but_not_to_nothing():
+    pace, clock, left = watched([(0.0, 0.0), (60.0, 0.1), (60.0, 0.2)])
+    assert pace.seconds_left_now() == left[-1] == pytest.approx(480.0)
+    clock.now += 90.0
+    assert pace.seconds_left_now() == pytest.approx(390.0)
+    clock.now = clock.now - 90.0 + 600.0  # the step takes longer than all that was expected
+    assert pace.seconds_left_now() == pytest.approx(200.0)
+
+
+def test_shares_by_usual_times_follow_the_stages_and_never_fall():
+    shown: list[Progress] = []
+    report = by_usual_times(shown.append, {"horizon": 2.0, "law a": 6.0, "law b": 2.0})
+    for stage, done, share in (
+        ("horizon 0.1 s", 0, 0.0),
+        ("horizon 0.2 s", 1, 0.3),
+        ("law a", 1, 0.9),
+        ("something new", 1, 0.2),
+        ("law b", 0, 0.1),
+        ("end", 0, 1.0),
+    ):
+        report(Progress(stage=stage, done=done, total=2, share=share))
+    assert [one.share for one in shown] == pytest.approx([0.0, 0.1, 0.2, 0.2, 0.8, 1.0])
+    assert {one.planned for one in shown} == {10.0}
 
 
 def test_no_time_left_before_the_first_step():

@@ -17,9 +17,31 @@ from ballbot.identification.axis import identify_axis as identify_record
 from ballbot.identification.axis.checks import ERROR_CODES, record_findings
 from ballbot.identification.axis.model import PARAMETERS
 from ballbot.identification.axis.reading import AxisColumns, read_axis_records
+from ballbot.progress import by_usual_times
 from ballbot.report.axis import axis_parts, axis_report
 
 _WRITTEN = (PAGE, "results.json")
+#: processor time of each stage [s], between those of records of 12 to 24 s. Stribeck's law takes from a sixth to three
+#: times as long, as its search comes close to a speed of zero or not
+USUAL_TIMES = {
+    "inverse model": 1.2,
+    "horizon": 2.8,
+    "open loop, law viscous": 0.4,
+    "open loop, law coulomb": 0.4,
+    "open loop, law stribeck": 8.0,
+    "open loop, law dahl": 2.0,
+    "open loop, law lugre": 3.4,
+    "open loop, law asymmetric": 1.2,
+    "law viscous": 0.4,
+    "law coulomb": 0.4,
+    "law stribeck": 24.0,
+    "law dahl": 1.0,
+    "law lugre": 1.6,
+    "law asymmetric": 0.8,
+    "closed loop": 0.2,
+    "whole records": 4.8,
+}
+_WRITING = 1.5  #: of the page [s]
 
 
 @Parameter(name="*")
@@ -102,21 +124,24 @@ def identify_axis(
     depends_on = {f"--{name.replace('_', '-')}": value for name, value in vars(columns).items()}
     depends_on |= {f"--{name}": value for name, value in vars(method).items()}
     depends_on["--also"] = len(fitted)
-    with open_long_result(
-        out,
-        command="identify-axis",
-        writes=_WRITTEN,
-        inputs=input_files(record, (*fitted[1:], *against)),
-        belongs_to=identity_of({"records": parts}, depends_on),
-        run=RunOptions(resume=resume),
-    ) as result:
-        with result.progress("inverse model") as bar:
-            found = identify_record(
-                read[: len(fitted)],
-                options=options,
-                validation_records=read[len(fitted) :],
-                run=result.run_with(bar.report),
-            )
+    with (
+        open_long_result(
+            out,
+            command="identify-axis",
+            writes=_WRITTEN,
+            inputs=input_files(record, (*fitted[1:], *against)),
+            belongs_to=identity_of({"records": parts}, depends_on),
+            run=RunOptions(resume=resume),
+        ) as result,
+        result.progress("inverse model", writing=_WRITING) as bar,
+    ):
+        found = identify_record(
+            read[: len(fitted)],
+            options=options,
+            validation_records=read[len(fitted) :],
+            run=result.run_with(by_usual_times(bar.report, USUAL_TIMES)),
+        )
+        bar.begin_writing()
         with result.replaced() as new:
             result.write_json(found.to_dict(), new, findings=[*findings, *found.findings])
             result.write_page(axis_report(found, read[0], result.origin, findings), new)

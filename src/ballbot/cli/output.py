@@ -12,12 +12,12 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from threading import Timer
+from threading import Event, Lock, Thread
 from time import monotonic
 from types import MappingProxyType
 
 from rich.console import Console, RenderableType
-from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, ProgressColumn, Task, TaskID, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as RichProgress
 from rich.table import Table
 from rich.text import Text
@@ -25,7 +25,7 @@ from rich.text import Text
 from ballbot.cli import OUTPUT
 from ballbot.file_formats import results_text
 from ballbot.printable import printable_line
-from ballbot.progress import EtaEstimator, Progress, part_of, progress_line, stage_words, time_left
+from ballbot.progress import EtaEstimator, Progress, part_of, progress_line, stage_words, time_left_now
 from ballbot.report.console import PLAIN_WIDTH, PlainConsole
 
 _BEFORE_LINES = 3.0  #: [s] before the first line of progress, if no bar can be drawn
@@ -136,14 +136,23 @@ class _DrawnBar(Bar):
         self._progress, self._task, self._pace = progress, task, EtaEstimator()
 
     def _show(self, progress: Progress) -> None:
-        left = time_left(progress, self._pace)
+        self._pace.seconds_left(progress)
         self._progress.update(
             self._task,
             completed=progress.share,
             description=stage_words(progress) or None,
             note=printable_line(progress.note),
-            left=left,
+            left=self._pace if progress.share < 1.0 else None,
         )
+
+
+class _LeftColumn(ProgressColumn):
+    """The time left, which falls between two steps too."""
+
+    def render(self, task: Task) -> Text:
+        """Return the time left by the estimator in the task's field `left`, if there is one."""
+        pace: EtaEstimator | None = task.fields["left"]
+        return Text(time_left_now(pace) if pace else "")
 
 
 class _WrittenLines(Bar):
@@ -154,29 +163,40 @@ class _WrittenLines(Bar):
 
     def __init__(self, doing: str, writing: float) -> None:
         super().__init__(writing)
-        self._doing, self._line, self._pace = doing, doing, EtaEstimator()
+        self._doing, self._pace = doing, EtaEstimator()
+        self._last: Progress | None = None  # reported
         self._written_of = ""  # the stage of the last line
         self._next = monotonic() + _BEFORE_LINES
-        self._first = Timer(_BEFORE_LINES, self._write)
-        self._first.daemon = True
-        self._first.start()
+        self._ended, self._writing_line = Event(), Lock()
+        Thread(target=self._write_now_and_then, daemon=True).start()
 
     def _show(self, progress: Progress) -> None:
-        self._line = progress_line(progress, time_left(progress, self._pace), doing=self._doing)
-        self._doing = stage_words(progress) or self._doing
-        stage_is_new = bool(self._written_of) and self._doing != self._written_of
-        if stage_is_new or monotonic() > self._next:
-            self._write()
+        self._pace.seconds_left(progress)
+        with self._writing_line:
+            self._last, self._doing = progress, stage_words(progress) or self._doing
+            if self._written_of and self._doing != self._written_of:
+                self._write()
 
     def end(self) -> None:
         """Write nothing more."""
-        self._first.cancel()
+        with self._writing_line:
+            self._ended.set()
+
+    def _write_now_and_then(self) -> None:
+        """Write a line whenever the last one is old, in the middle of a long step too."""
+        while not self._ended.wait(max(self._next - monotonic(), 0.0)):
+            with self._writing_line:
+                if monotonic() >= self._next and not self._ended.is_set():
+                    self._write()
 
     def _write(self) -> None:
-        self._first.cancel()
         self._written_of = self._doing
         self._next = monotonic() + _BETWEEN_LINES
-        print(f"ballbot: {printable_line(self._line)}", file=sys.stderr, flush=True)
+        line = self._doing
+        if self._last is not None:
+            left = "" if self._last.share >= 1.0 else time_left_now(self._pace)
+            line = progress_line(self._last, left, doing=self._doing)
+        print(f"ballbot: {printable_line(line)}", file=sys.stderr, flush=True)
 
 
 @contextmanager
@@ -208,8 +228,8 @@ def progress_bar(console: Console, doing: str, *, writing: float = 0.0) -> Itera
         TextColumn("{task.percentage:>3.0f} %"),
         TextColumn("{task.fields[note]}", markup=False),
         TimeElapsedColumn(),
-        TextColumn("{task.fields[left]}"),
+        _LeftColumn(),
     )
     with RichProgress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task(printable_line(doing), total=1.0, note="", left="")
+        task = progress.add_task(printable_line(doing), total=1.0, note="", left=None)
         yield _DrawnBar(progress, task, writing)
