@@ -43,7 +43,7 @@ from ballbot.robot.file import robot_text
 from ballbot.robot.parameters import value_of
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario
-from ballbot.twin.scenario import load_scenario, scenario_text
+from ballbot.twin.scenario_file import load_scenario, scenario_text
 from ballbot.vision.video import open_video
 from ballbot.workflows.courses import built_in_sets, read_courses
 from ballbot.workflows.excite import deviations_found

@@ -21,7 +21,8 @@ from ballbot.link.recorder import read_recording
 from ballbot.log.mapping_file import parse_mapping, read_mapping
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
-from ballbot.twin.scenario import Scenario, load_scenario, scenario_text
+from ballbot.twin.scenario import Scenario
+from ballbot.twin.scenario_file import load_scenario, scenario_text
 from ballbot.viewer import replay_page
 from ballbot.workflows.controller_prediction import checksum_of
 from ballbot.workflows.courses import built_in_sets, read_courses

@@ -43,7 +43,7 @@ from ballbot.log.signals import local_fit
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
 from ballbot.simulation.run import sample_count
-from ballbot.twin.scenario import load_scenario
+from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.courses import read_courses
 from ballbot.workflows.excite import deviations_found
 from tests.support.log_examples import smooth_log

@@ -3,6 +3,7 @@
 import copy
 import pickle
 import re
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from matplotlib.figure import Figure
 from ballbot.control.controller import Controller
 from ballbot.control.lqr import LqrDesign
 from ballbot.control.presets import IntegralDesign, nominal_controller
-from ballbot.findings import warning
+from ballbot.findings import Finding, note, warning
 from ballbot.fitting.checkpoint import digest
 from ballbot.identification.driveline import DrivelineFit
 from ballbot.identification.upside_down import UpsideDown
@@ -21,7 +22,10 @@ from ballbot.identification.windows import Span
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
-from ballbot.summary import HEIGHT, WIDTH, Summary
+from ballbot.simulation.batch_result import ClosedLoopBatch
+from ballbot.summary import HEIGHT, WIDTH, Summary, first_texts
+from ballbot.twin.scenario import Scenario
+from ballbot.twin.scenario_file import EXAMPLES, scenario_of
 from ballbot.workflows.controller_design import design_controller
 from ballbot.workflows.limits import Bounds, Plane, RobotLimits
 from ballbot.workflows.perturbed_robots import CostUnits, PerturbationRanges
@@ -118,7 +122,30 @@ def limits() -> RobotLimits:
     )
 
 
+def batch() -> ClosedLoopBatch:
+    never = np.inf
+    return ClosedLoopBatch(
+        t=np.array([0.5, 1.0]),
+        states=np.full((4, 2, 10), 0.1),
+        torques=np.ones((4, 2, 3)),
+        ended=np.array([never, 0.5, 0.75, 0.25]),
+        settled=np.array([0.8, never, never, never]),
+        lifted=np.array([False, False, False, True]),
+        slipped=np.zeros(4, dtype=bool),
+        torque_change=np.linspace(0.0, 1.0, 4),
+    )
+
+
+def scenario_with_everything() -> Scenario:
+    tables = {name: [asdict(one)] if name == "pushes" else asdict(one) for name, one in EXAMPLES.items()}  # pyright: ignore[reportArgumentType]
+    return scenario_of(tables, alten(), default_name="everything")
+
+
 RESULTS = {
+    "linear model": lambda: Model("alten").linearize(),
+    "batch": batch,
+    "scenario": lambda: Scenario.nominal(alten()),
+    "scenario with everything": scenario_with_everything,
     "robot": lambda: alten(FRICTION),
     "robot of four wheels": lambda: four_wheeled(friction=True),
     "log": lambda: with_wheels(smooth_log(rows=40), alten()),
@@ -162,10 +189,41 @@ def test_plot_of_a_controller_whose_loop_is_unstable_shows_its_poles():
     assert RESULTS["controller"]().plot().axes[0].get_ylabel() == "gain [dB]"
 
 
-def test_linear_model_shows_its_matrices_on_a_screen():
-    lines = repr(Model("alten").linearize()).splitlines()
-    assert len(lines) <= HEIGHT
-    assert max(map(len, lines)) <= 100
+def test_linear_model_shows_every_acceleration():
+    model = Model("alten").linearize()
+    rows = dict(model.summary().rows)
+    assert rows["theta"] == tuple(f"{value + 0.0:.4g}" for value in model.A[5:, 2].round(9))
+    assert rows["u2"] == tuple(f"{value + 0.0:.4g}" for value in model.B[5:, 1].round(9))
+    assert not model.summary().sentences
+    assert replace(model, A=2.0 * model.A).summary().sentences  # the rates are not those of the states then
+
+
+def test_batch_counts_how_its_lanes_ended():
+    rows = dict(batch().summary().rows)
+    assert rows["ran to the end"] == "1 of 4 (25 %)"
+    assert rows["fell"] == "2 of 4 (50 %), from 0.5 to 0.75 s"
+    assert rows["lifted off"] == "1 of 4 (25 %), at 0.25 s"
+    assert "slipped" not in rows
+    assert rows["settled"] == "1 of 4 (25 %), at 0.8 s"
+
+
+def test_scenario_shows_what_is_on_with_its_unit():
+    resonant, nominal = (
+        dict(Scenario.named(name, alten()).summary().rows) for name in ("resonant", "nominal")
+    )
+    assert resonant["compliance"] == "frequency 40 Hz, damping ratio 0.1"
+    assert "compliance" not in nominal
+    assert nominal["torque noise"] == "0.01 N m"
+
+
+def test_first_findings_are_the_most_serious_ones():
+    findings = [
+        note("a", "Note."),
+        warning("b", "First."),
+        Finding(code="c", severity="error", text="Error."),
+        warning("d", "Second."),
+    ]
+    assert first_texts(findings) == ("Error.", "First.", "Second.", "1 more finding")
 
 
 def test_log_without_known_columns_is_plotted():

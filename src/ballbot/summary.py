@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.findings import Finding, texts
+from ballbot.findings import Finding, by_severity, texts
 from ballbot.printable import printable_line
 from ballbot.rounding import between, digits, plus_minus
 
@@ -203,9 +203,9 @@ def _with_error(value: float, error: float, ends: tuple[float, float] | None) ->
 
 
 def first_texts(findings: Sequence[Finding], *, most: int = 3) -> tuple[str, ...]:
-    """Return the sentences of the first findings, and how many more there are."""
+    """Return the sentences of the most serious findings, and how many more there are."""
     more = len(findings) - most
-    return (*texts(findings[:most]), *([counted(more, "more finding")] if more > 0 else []))
+    return (*texts(by_severity(findings)[:most]), *([counted(more, "more finding")] if more > 0 else []))
 
 
 def counted(number: int, what: str) -> str:
@@ -224,7 +224,7 @@ def range_words(values: NDArray[np.float64], unit: str = "") -> str:
 def pole_words(poles: NDArray[np.complex128]) -> str:
     """Return poles with three digits, equal and conjugate ones once: -0.7, -1.2 +- 0.5j."""
     shown = dict.fromkeys(
-        f"{pole.real:.3g}" + (f" +- {abs(pole.imag):.3g}j" if abs(pole.imag) > 1e-9 * abs(pole) else "")
+        f"{pole.real + 0.0:.3g}" + (f" +- {abs(pole.imag):.3g}j" if abs(pole.imag) > 1e-9 * abs(pole) else "")
         for pole in poles
     )
     return ", ".join(shown)

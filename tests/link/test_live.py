@@ -27,7 +27,7 @@ from ballbot.simulation.held_robot import HeldRobot
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin.imperfections import imperfections_of, true_model
-from ballbot.twin.scenario import load_scenario
+from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.metrics import score
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")

@@ -12,7 +12,7 @@ from ballbot.simulation.driveline import Driveline, simulate_drivelines
 from ballbot.simulation.held_robot import HeldRobot
 from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
 from ballbot.twin.imperfections import true_model
-from ballbot.twin.scenario import load_scenario
+from ballbot.twin.scenario_file import load_scenario
 
 STEP = 0.005
 

@@ -23,7 +23,7 @@ from ballbot.twin.faults import (
     Supply,
     Timing,
 )
-from ballbot.twin.scenario import EXAMPLES, load_scenario, scenario_text, write_scenario
+from ballbot.twin.scenario_file import EXAMPLES, load_scenario, scenario_text, write_scenario
 from tests.support.paths import ROOT
 
 ALTEN = Robot.load("alten")

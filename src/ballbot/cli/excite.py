@@ -34,7 +34,7 @@ from ballbot.report.excitation import (
 )
 from ballbot.report.style import drawn
 from ballbot.robot import Robot
-from ballbot.twin.scenario import load_scenario, scenario_text
+from ballbot.twin.scenario_file import load_scenario, scenario_text
 from ballbot.workflows.excitation_design import DesignEffort
 from ballbot.workflows.excitation_task import Law, RunLimits
 from ballbot.workflows.excite import Excitation, ExcitationOptions, deviations_found

@@ -140,7 +140,7 @@ def _law(name: str, controller: object) -> Controller:
 
 
 def _truth(scenario: str, robot: Robot) -> Scenario:
-    from ballbot.twin.scenario import load_scenario
+    from ballbot.twin.scenario_file import load_scenario
 
     return load_scenario(scenario, robot)
 

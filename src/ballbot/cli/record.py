@@ -28,7 +28,7 @@ from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.simulation.run import sample_count
 from ballbot.twin.recording import DURATIONS, Experiment, Recording
-from ballbot.twin.scenario import load_scenario
+from ballbot.twin.scenario_file import load_scenario
 from ballbot.viewer.foxglove import write_with_scene
 from ballbot.workflows.record import (
     RecordJob,

@@ -35,7 +35,7 @@ from ballbot.report.console import PlainConsole, table
 from ballbot.report.live import View, state_line, state_table
 from ballbot.robot import Robot
 from ballbot.simulation.held_robot import Hold
-from ballbot.twin.scenario import load_scenario
+from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.courses import PlantName
 
 #: of an emulated robot whose file is not given

@@ -23,7 +23,7 @@ from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import simulate as run
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin.imperfections import imperfections_of
-from ballbot.twin.scenario import load_scenario
+from ballbot.twin.scenario_file import load_scenario
 from ballbot.viewer.foxglove import write_with_scene
 from ballbot.workflows.metrics import run_results
 

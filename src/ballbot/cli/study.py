@@ -26,7 +26,7 @@ from ballbot.log.checks import CheckedLogs
 from ballbot.report.study import summary
 from ballbot.report.study_files import STUDY_FILES, write_study
 from ballbot.robot import Robot
-from ballbot.twin.scenario import load_scenario, scenario_text
+from ballbot.twin.scenario_file import load_scenario, scenario_text
 from ballbot.workflows.controller_choice import available_plant
 from ballbot.workflows.courses import PlantName
 from ballbot.workflows.study import StudyOptions

@@ -14,7 +14,7 @@ from ballbot.report.console import table
 from ballbot.robot import Robot
 from ballbot.twin import twin_mjcf
 from ballbot.twin.mjcf import Mounting
-from ballbot.twin.scenario import load_scenario, write_scenario
+from ballbot.twin.scenario_file import load_scenario, write_scenario
 
 _ABOUT = """The twin's MuJoCo model, its scenarios, and the thesis's recommendations tried on it.
 

@@ -31,7 +31,7 @@ from ballbot.link.frames import Frame, decode, message_of
 from ballbot.link.messages import TO_HOST, TO_ROBOT, Arm, Capability, Hello, Welcome
 from ballbot.link.transport import LinkError, Transport, datagram_socket, is_loopback, open_transport
 from ballbot.robot import Robot
-from ballbot.twin.scenario import load_scenario
+from ballbot.twin.scenario_file import load_scenario
 
 DEFAULT_PORT = 5005
 #: after which another host may come [s]

@@ -34,12 +34,13 @@ from ballbot.mechanics.friction import wheel_law
 from ballbot.mechanics.parameters import Exact, Formulation, Pivoting, Thesis, pack, selector
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.state import STATE_NAMES, torque_names
-from ballbot.summary import Summary, summarized
+from ballbot.summary import Summary, pole_words, summarized
 
 if TYPE_CHECKING:
     from control import StateSpace
 
 
+@summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LinearModel:
     """x_dot = A x + B u about upright at psi = 0; x = [x y theta phi psi and their rates], u = wheel torques [N m]."""
@@ -47,11 +48,24 @@ class LinearModel:
     A: NDArray[np.float64]  #: (10, 10)
     B: NDArray[np.float64]  #: (10, n)
 
-    def __repr__(self) -> str:
-        """Return both matrices with four decimals, a row a line."""
-        with np.printoptions(precision=4, linewidth=200, suppress=True):
-            A, B = (matrix.round(4) + 0.0 for matrix in (self.A, self.B))
-            return f"LinearModel: x_dot = A x + B u\nA =\n{A}\nB =\n{B}"
+    def summary(self) -> Summary:
+        """Return the accelerations by each state and torque, and the poles."""
+        half, torques = len(self.A) // 2, torque_names(self.B.shape[1])
+        names = STATE_NAMES if len(self.A) == len(STATE_NAMES) else [f"x{i + 1}" for i in range(len(self.A))]
+        by_each = np.hstack([self.A[half:], self.B[half:]])
+        # what is left of a sum that is zero
+        by_each = np.where(abs(by_each) < 1e-12 * abs(by_each).max(), 0.0, by_each)
+        cells = [tuple(f"{value:.4g}" for value in column) for column in by_each.T.tolist()]
+        whole = not self.B[:half].any() and np.array_equal(self.A[:half], np.eye(half, 2 * half, half))
+        return Summary(
+            title="x_dot = A x + B u about upright: accelerations by each state and torque",
+            rows=(
+                ("of", tuple(names[:half])),
+                *zip([*names, *torques], cells, strict=True),
+                ("poles", f"{pole_words(self.poles())} rad/s"),
+            ),
+            sentences=() if whole else ("The first rows of A and B are not shown.",),
+        )
 
     def poles(self) -> NDArray[np.complex128]:
         """Return the eigenvalues of A (10,) [rad/s], the largest real part first."""

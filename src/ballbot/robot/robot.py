@@ -162,7 +162,7 @@ class Robot(RobotValues):
     def summary(self) -> Summary:
         """Return the robot's main parameters, and where they came from."""
         kinds = Counter(source.partition(":")[0] for source in self.sources.values())
-        rows = (*_mechanical_rows(self), *_drive_rows(self), *_friction_rows(self.friction))
+        rows = (*_mechanical_rows(self), *_drive_rows(self), *friction_rows(self.friction))
         sources = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
         stated = f"of {len(self.standard_deviations)} parameters" if self.standard_deviations else "none"
         return Summary(
@@ -210,7 +210,8 @@ def _drive_rows(robot: Robot) -> tuple[tuple[str, str], ...]:
     )
 
 
-def _friction_rows(friction: Friction) -> tuple[tuple[str, str], ...]:
+def friction_rows(friction: Friction) -> tuple[tuple[str, str], ...]:
+    """Return a row of a summary for each kind of friction."""
     if friction == Friction.none(len(friction.viscous)):
         return (("friction", "none"),)
     wheels = [

@@ -40,6 +40,7 @@ from ballbot.mechanics.friction import wheel_law
 from ballbot.mechanics.model import Model, ModelLike, as_model
 from ballbot.mechanics.parameters import pack, selector
 from ballbot.robot import Robot, RobotLike, as_robot
+from ballbot.simulation.batch_result import ClosedLoopBatch
 from ballbot.simulation.conditions import FALLING_PART, Conditions, pack_conditions
 from ballbot.simulation.model_plant import checked_states, friction_needed, lift_off, pack_contacts, sinking
 from ballbot.simulation.run import sample_count
@@ -145,32 +146,6 @@ def _within(bounds, state, reference):
         if not abs(size) <= 1.0:
             return False
     return True
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ClosedLoopBatch:
-    """What `simulate_batch` returns, a lane for each robot."""
-
-    t: NDArray[np.float64]  #: (records,) [s]
-    states: NDArray[np.float64]  #: (lanes, records, 10); a lane that ended or settled stays where it was
-    torques: NDArray[np.float64]  #: (lanes, records, n) held over the sample that ends at t [N m]
-    ended: NDArray[np.float64]  #: (lanes,) time [s] at which a lane ended; infinity where it did not
-    #: (lanes,) time [s] at which a `Verdict` saw it settled; infinity where none did
-    settled: NDArray[np.float64]
-    lifted: NDArray[np.bool_]  #: (lanes,) whether it ended because the floor would have had to pull
-    slipped: NDArray[np.bool_]  #: (lanes,) whether it ended because a wheel would have slipped on the ball
-    #: (lanes,) root mean square from sample to sample, of all wheels [N m]
-    torque_change: NDArray[np.float64]
-
-    @property
-    def finals(self) -> NDArray[np.float64]:
-        """The last states (lanes, 10)."""
-        return self.states[:, -1]
-
-    @property
-    def survived(self) -> NDArray[np.bool_]:
-        """Whether each lane (lanes,) ran to the end."""
-        return np.isinf(self.ended)
 
 
 def _compiled_controllers(

@@ -27,7 +27,8 @@ from ballbot.twin.driveline import Driveline, Shafts
 from ballbot.twin.engine import Engine, attitude_of, ball_rate, body_rate, encoder_speeds
 from ballbot.twin.faults import Push, Roughness, Timing
 from ballbot.twin.mjcf import floor_normal, twin_mjcf
-from ballbot.twin.scenario import Scenario, load_scenario
+from ballbot.twin.scenario import Scenario
+from ballbot.twin.scenario_file import load_scenario
 
 
 class TimingModel:

@@ -27,7 +27,8 @@ from ballbot.robot import Robot
 from ballbot.robot.components import scaled_friction
 from ballbot.schema import validate_table
 from ballbot.simulation.plant import Measurement
-from ballbot.twin.scenario import Scenario, load_scenario
+from ballbot.twin.scenario import Scenario
+from ballbot.twin.scenario_file import load_scenario
 from ballbot.viewer.bodies import Body, ModelBody, TwinBody
 from ballbot.viewer.motion import INTERVAL
 from ballbot.viewer.page import LiveLayout, LivePage, live_page

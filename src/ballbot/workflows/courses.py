@@ -26,7 +26,8 @@ from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.schema import renamed_keys, validate_table
 from ballbot.simulation.plant import Plant
-from ballbot.twin.scenario import Scenario, scenario_of
+from ballbot.twin.scenario import Scenario
+from ballbot.twin.scenario_file import scenario_of
 from ballbot.twin.twin import Twin
 from ballbot.workflows.metrics import SETTLE
 

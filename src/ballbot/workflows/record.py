@@ -39,7 +39,8 @@ from ballbot.result_folder import read_manifest, result_folder
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
 from ballbot.twin.recording import Experiment, MotionCapture, Recording, record_balance, record_bench
-from ballbot.twin.scenario import Scenario, scenario_text
+from ballbot.twin.scenario import Scenario
+from ballbot.twin.scenario_file import scenario_text
 from ballbot.twin.twin import Twin
 from ballbot.workflows.metrics import run_results
 

@@ -35,8 +35,9 @@ from ballbot.log.columns import torque_names, wheel_speed_names
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress, in_parts, on_all_cores, part_of
 from ballbot.robot import Robot, RobotLike, as_robot
-from ballbot.summary import Summary, counted, listed, plotted, summarized
-from ballbot.twin.scenario import Scenario, load_scenario
+from ballbot.summary import Summary, counted, first_texts, listed, plotted, summarized
+from ballbot.twin.scenario import Scenario
+from ballbot.twin.scenario_file import load_scenario
 from ballbot.validation import ModelPair, Validation, join_validations, validate_pair
 from ballbot.validation.models import Interval
 from ballbot.workflows.controller_choice import (
@@ -147,11 +148,8 @@ class Study:
             *_controller_rows(self.choice),
             ("compared on", f"{counted(len(self.choice.plants), 'plant')} of the {self.plant}"),
         )
-        warnings = [one.text for one in (*self.log_findings, *self.found.findings)]
-        more = (counted(len(warnings) - 2, "more finding"),) if len(warnings) > 2 else ()
-        return Summary(
-            title=f"Study of the robot {self.robot.name}", rows=rows, sentences=(*warnings[:2], *more)
-        )
+        findings = first_texts([*self.log_findings, *self.found.findings], most=2)
+        return Summary(title=f"Study of the robot {self.robot.name}", rows=rows, sentences=findings)
 
     def plot(self) -> Figure:
         """Return a figure of each candidate's path on the course, on one of the plants."""

@@ -1,0 +1,164 @@
+"""Scenario files.
+
+A scenario file states the differences from a named scenario, "nominal" if it names none, in SI units:
+
+    base = "nominal"
+    backlash = 0.0
+
+    [compliance]
+    frequency = 12.0
+    damping_ratio = 0.05
+
+`compliance = false` switches off a fault of the base. A file that `write_scenario` writes has every fault that is on
+and, commented out, an example of every other one; it reads back as the same scenario.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, fields, is_dataclass, replace
+from pathlib import Path
+from types import NoneType
+from typing import get_args, get_type_hints
+
+from ballbot.errors import InputError, OldFileFormat, suggest
+from ballbot.file_formats import format_line, take_format
+from ballbot.files import read_toml, write_text
+from ballbot.mechanics.friction_laws import BRISTLE_LAWS
+from ballbot.robot import RobotLike, as_robot
+from ballbot.robot.parameters import DIMENSIONLESS, parameters_of
+from ballbot.schema import renamed_keys, toml_line, validate_table
+from ballbot.twin.faults import read_laws
+from ballbot.twin.scenario import Scenario, check_scenario
+
+#: keys of earlier versions, by table
+_RENAMED = {"load_dependence": {"share": "fraction"}}
+
+#: a fault of each kind, of a size that a robot like the thesis's could have
+EXAMPLES: dict[str, object] = {
+    one.name: one.metadata["example"] for one in fields(Scenario) if one.metadata.get("example") is not None
+}
+
+_HEADER = """\
+# A scenario for Ballbot's twin: the robot's true properties, unknown to the identification. Units are SI.
+# Record with it: ballbot record FILE --out DIR. A key that a file omits has the value of its base. A fault that is off
+# is commented out; remove the # at the beginning of its lines to switch it on.
+
+base = "nominal"
+"""
+
+
+def load_scenario(source: str | Path, robot: RobotLike) -> Scenario:
+    """Return the scenario of that name, or the one in that TOML file, for a robot.
+
+    Warns with `OldFileFormat` if an earlier version wrote the file.
+
+    Raises
+    ------
+    InputError
+        If there is neither, or the file cannot be read, misspells a key or describes no scenario of that robot.
+    """
+    if source in Scenario.names():
+        return Scenario.named(str(source), robot)
+    path = Path(source)
+    if not path.exists():
+        hint = suggest(str(source), Scenario.names(), otherwise="the named ones are")
+        raise InputError(f"There is no scenario or scenario file {str(source)!r}; {hint}")
+    tree = read_toml(path)
+    try:
+        return scenario_of(take_format(tree, "scenario"), robot, default_name=path.stem, source=str(path))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def scenario_of(
+    tree: Mapping[str, object], robot: RobotLike, *, default_name: str, source: str = "The scenario"
+) -> Scenario:
+    """Return the scenario that the tables of a scenario file describe, for a robot.
+
+    Parameters
+    ----------
+    tree : mapping
+        The tables as nested dictionaries; without any it is `nominal`.
+    robot : Robot
+    default_name : str
+        Name of the scenario if the tables have none.
+    source : str
+        Source of the tables, for the warning `OldFileFormat` if an earlier version wrote them.
+
+    Raises
+    ------
+    InputError
+        If they misspell a key or describe no scenario of that robot.
+    """
+    changes, hints = renamed_keys(tree, _RENAMED)
+    base = changes.pop("base", "nominal")
+    if not isinstance(base, str):
+        raise InputError(f"base is {base!r}; it must be a text in quotes, such as {Scenario.names()[0]!r}.")
+    start = Scenario.named(base, robot)
+    laws = changes.pop("driveline_laws", None)
+    values = _merged(asdict(replace(start, driveline_laws=())), {"name": default_name, **changes})
+    scenario = validate_table(Scenario, values, of="a scenario file")
+    scenario = replace(scenario, driveline_laws=start.driveline_laws if laws is None else read_laws(laws))
+    check_scenario(scenario, as_robot(robot))
+    if hints:
+        warnings.warn(
+            f"{source} was written by an earlier version: {'; '.join(hints)}.", OldFileFormat, stacklevel=2
+        )
+    return scenario
+
+
+def _merged(base: Mapping[str, object], changes: Mapping[str, object]) -> dict[str, object]:
+    """Return the base with the changes in it, table by table; false switches a fault off."""
+    merged, hints = dict(base), get_type_hints(Scenario)
+    for key, value in changes.items():
+        known = merged.get(key)
+        if isinstance(known, dict) and isinstance(value, dict):
+            merged[key] = _merged(known, value)
+        else:
+            merged[key] = None if value is False and NoneType in get_args(hints.get(key)) else value
+    return merged
+
+
+def write_scenario(scenario: Scenario, path: str | Path) -> None:
+    """Write a scenario as a TOML file that reads back as the same one; InputError if this fails."""
+    write_text(path, scenario_text(scenario))
+
+
+def scenario_text(scenario: Scenario) -> str:
+    """Return the text that `write_scenario` writes."""
+    keys: list[str] = []
+    tables: list[str] = []
+    for one in fields(scenario):
+        value = getattr(scenario, one.name)
+        if "heading" not in one.metadata:
+            keys += _lines({one.name: value}, "")
+        elif value is None or (value == () and one.name in EXAMPLES):
+            off = _table(one.name, EXAMPLES[one.name])
+            tables += ["", f"# Off: {one.metadata['heading']}", *(f"# {line}" for line in off)]
+        else:
+            for content in value if isinstance(value, tuple) else (value,):
+                tables += ["", f"# {one.metadata['heading']}", *_table(one.name, content)]
+    return "\n".join([_HEADER + "\n".join([format_line("scenario"), *keys]), *tables]) + "\n"
+
+
+def _table(name: str, content: object) -> list[str]:
+    """Return the lines of a table, in double brackets if there may be several."""
+    assert is_dataclass(content)
+    law = next((law for law, kind in BRISTLE_LAWS.items() if isinstance(content, kind)), None)
+    return [
+        f"[[{name}]]" if name in ("pushes", "driveline_laws") else f"[{name}]",
+        *([toml_line("law", law)] if law else []),
+        *_lines({one.name: getattr(content, one.name) for one in fields(content)}, f"{name}."),
+    ]
+
+
+def _lines(values: Mapping[str, object], place: str) -> Iterator[str]:
+    """Yield a line for each key that is not empty; a key of a friction law has no comment."""
+    stated = {one.name: one for one in parameters_of(Scenario)}
+    for key, value in values.items():
+        one = stated.get(f"{place}{key}")
+        unit = f" [{one.unit}]" if one and one.unit != DIMENSIONLESS else ""
+        if value != ():
+            yield toml_line(key, value, f"{one.meaning}{unit}" if one else "")
