@@ -40,6 +40,8 @@ class Machine:
     cogging: tuple[int, float, float] = (0, 0.0, 0.0)  #: harmonic, of its sine and cosine [N m]
     spring: float = 0.0  #: [N m/rad]
     load: KnownLoad = NO_LOAD
+    #: Coulomb friction over the load of its gears, and the shares of the drive's force and of that over position in it
+    gears: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +64,7 @@ class Logging:
 
 
 @numba.njit(cache=True)
-def _simulate(numbers, gravity, cogging, reference, rates, gains, every, limit, drift, warming, start):
+def _simulate(numbers, gravity, cogging, gears, reference, rates, gains, every, limit, drift, warming, start):
     """Return position, speed, force and time of each controller step; `every` simulation steps are one."""
     inertia, b, c, s, v_s, offset, spring = numbers
     rows = len(reference)
@@ -77,11 +79,13 @@ def _simulate(numbers, gravity, cogging, reference, rates, gains, every, limit, 
         for _ in range(every):
             load = gravity[0] * math.sin(q) + gravity[1] * math.cos(q) + spring * q
             load += cogging[1] * math.sin(cogging[0] * q) + cogging[2] * math.cos(cogging[0] * q)
-            net = u - load - offset - drift * (share - 0.5)
-            if w == 0.0 and abs(net) <= friction * (c + s):
+            acting = u - offset - drift * (share - 0.5)
+            net = acting - load
+            dry = c + gears[0] * abs(gears[1] * acting + gears[2] * load)
+            if w == 0.0 and abs(net) <= friction * (dry + s):
                 continue
             way = math.copysign(1.0, w if w != 0.0 else net)
-            level = c + s * math.exp(-((w / v_s) ** 2))
+            level = dry + s * math.exp(-((w / v_s) ** 2))
             faster = w + STEP * (net - friction * (b * w + level * way)) / inertia
             if w != 0.0 and faster * w < 0.0:
                 faster = 0.0
@@ -123,6 +127,7 @@ def record_of(machine: Machine, logging: Logging, seed: int, name: str = "machin
         numbers,
         np.array(gravity),
         np.array(machine.cogging, dtype=np.float64),
+        np.array(machine.gears),
         reference,
         rates,
         np.array([inertia * natural**2, 1.4 * inertia * natural]),
@@ -275,7 +280,16 @@ def _cart(random: np.random.Generator) -> tuple[Machine, Logging]:
     return machine, logging
 
 
-MACHINES = MappingProxyType({"pendulum": _pendulum, "arm": _arm, "motor": _motor, "cart": _cart})
+def _servo(random: np.random.Generator) -> tuple[Machine, Logging]:
+    """A pendulum whose gears rub more under load, by one of three definitions of the load."""
+    machine, logging = _pendulum(random)
+    shares = ((0.0, 1.0), (0.5, 0.5), (1.0, 0.0))[random.integers(3)]
+    return replace(machine, kind="servo", gears=(random.uniform(0.05, 0.2), *shares)), logging
+
+
+MACHINES = MappingProxyType(
+    {"pendulum": _pendulum, "arm": _arm, "motor": _motor, "cart": _cart, "servo": _servo}
+)
 #: by the name of a fault, the fields of `Logging` that it changes
 FAULTS: Mapping[str, Mapping[str, float | bool]] = MappingProxyType(
     {

@@ -20,7 +20,7 @@ from ballbot.errors import InputError
 from ballbot.findings import texts
 from ballbot.identification.axis import AxisIdentification, AxisOptions, AxisRecord, identify_axis
 from ballbot.identification.axis.checks import record_findings
-from ballbot.identification.axis.model import AXIS_LAWS
+from ballbot.identification.axis.laws import AXIS_LAWS
 from ballbot.identification.axis.motion import default_bandwidth
 from ballbot.identification.axis.output_error import OutputErrorFit
 from ballbot.identification.axis.prediction import axis_errors

@@ -15,7 +15,8 @@ from ballbot.identification.axis import AxisRecord, inverse_fit
 from ballbot.identification.axis.checks import record_findings
 from ballbot.identification.axis.inverse import free_inverse_fit
 from ballbot.identification.axis.law_fits import initial_values
-from ballbot.identification.axis.model import AXIS_LAWS, Axis
+from ballbot.identification.axis.laws import AXIS_LAWS
+from ballbot.identification.axis.model import Axis
 from ballbot.identification.axis.motion import default_bandwidth
 from ballbot.identification.axis.output_error import OutputErrorFit, sighting
 from ballbot.identification.axis.prediction import AxisErrors, axis_errors, failure_findings

@@ -158,7 +158,9 @@ def with_gravity() -> AxisModel:
 def test_a_law_that_explains_a_dependence_is_not_advised() -> None:
     test = ResidualTest(quantity="speed", p_value=1e-9, share=0.3, size=1.0)
     text = {
-        name: " ".join(one.text for one in residual_findings([test], law, [record_of(ARM, LOGGED, 1)]))
+        name: " ".join(
+            one.text for one in residual_findings([test], PLAIN.with_law(law), [record_of(ARM, LOGGED, 1)])
+        )
         for name, law in AXIS_LAWS.items()
     }
     assert text["coulomb"].endswith("try --law stribeck or asymmetric.")
@@ -173,9 +175,9 @@ def test_an_angle_at_which_a_load_hangs_is_asked_for() -> None:
         for weight in (1.0, 2.0)
     ]
     test = ResidualTest(quantity="record", p_value=1e-9, share=0.3, size=1.0)
-    (several,) = residual_findings([test], AXIS_LAWS["coulomb"], loads)
+    (several,) = residual_findings([test], PLAIN, loads)
     assert "the load hangs straight down at another angle (--hanging), or the records differ" in several.text
-    (alike,) = residual_findings([test], AXIS_LAWS["coulomb"], [loads[0], loads[0]])
+    (alike,) = residual_findings([test], PLAIN, [loads[0], loads[0]])
     assert "--hanging" not in alike.text
     free = replace(loads[0], force=np.zeros(len(loads[0])), known_load=NO_LOAD)
     with pytest.raises(InputError, match="or give the load of a pendulum by --load-mass and --load-arm"):

@@ -6,7 +6,8 @@ from scipy.integrate import solve_ivp
 
 from ballbot.errors import InputError
 from ballbot.identification.axis import AXIS_LAWS, AxisRecord
-from ballbot.identification.axis.model import PARAMETERS, Axis
+from ballbot.identification.axis.laws import PARAMETERS
+from ballbot.identification.axis.model import Axis
 from ballbot.identification.axis.motion import speed_at_start
 from ballbot.identification.axis.output_error import (
     ClosedLoop,

@@ -1,5 +1,6 @@
 """The residual force of an axis is tested against the load that its drive transmits, and beside a Stribeck curve."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -9,6 +10,7 @@ from ballbot.identification.axis.record import KnownLoad
 from ballbot.identification.axis.residuals import ResidualTest, residual_findings, residual_tests
 from ballbot.identification.axis.structure import AxisModel
 
+PLAIN = AxisModel(law=AXIS_LAWS["coulomb"], interpolated=True)
 T = np.arange(5000) * 4e-3
 WEIGHT = 1.5  #: of the known load [N m]
 
@@ -32,17 +34,19 @@ def turned(friction: float = 0.0, stribeck: float = 0.0) -> AxisRecord:
 
 @cache
 def dependences(friction: float, stribeck: float, speed: float | None) -> dict[str, ResidualTest]:
-    model = AxisModel(law=AXIS_LAWS["coulomb"], interpolated=True)
-    found = residual_tests([turned(friction, stribeck)], model, stribeck_speed=speed)
+    found = residual_tests([turned(friction, stribeck)], PLAIN, stribeck_speed=speed)
     return {one.quantity: one for one in found}
 
 
 def test_friction_that_grows_with_a_known_load_is_a_warning() -> None:
     found = dependences(0.1, 0.0, None)["load"]
     assert found.large
-    (one,) = residual_findings([found], AXIS_LAWS["coulomb"], [turned()])
+    (one,) = residual_findings([found], PLAIN, [turned()])
     assert one.severity == "warning"
     assert "c, and perhaps b, contain friction that grows with the load" in one.text
+    (other,) = residual_findings([found], replace(PLAIN, load="drive"), [turned()])
+    assert other.severity == "note"
+    assert "another --load-friction may suit it" in other.text
 
 
 def test_friction_that_does_not_depend_on_a_known_load_is_none() -> None:

@@ -10,7 +10,8 @@ import pytest
 from ballbot.findings import note
 from ballbot.fitting.model_selection import Gain
 from ballbot.identification.axis import AxisIdentification, AxisOptions, AxisRecord, identify_axis
-from ballbot.identification.axis.model import AXIS_LAWS, Axis
+from ballbot.identification.axis.laws import AXIS_LAWS
+from ballbot.identification.axis.model import Axis
 from ballbot.report.axis import (
     axis_friction_figure,
     axis_report,

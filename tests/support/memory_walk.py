@@ -25,7 +25,8 @@ from ballbot.control.references import hold
 from ballbot.control.safety import SafeController
 from ballbot.estimation import Fix, OnboardState, Reading
 from ballbot.estimation.kalman import KalmanFilter
-from ballbot.identification.axis.model import AXIS_LAWS, Axis
+from ballbot.identification.axis.laws import AXIS_LAWS
+from ballbot.identification.axis.model import Axis
 from ballbot.identification.axis.record import AxisRecord, PositionVelocityLoop
 from ballbot.identification.driveline_innovations import Track, innovations
 from ballbot.identification.swing import Swing

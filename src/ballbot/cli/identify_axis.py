@@ -15,7 +15,7 @@ from ballbot.fitting.checkpoint import identity_of
 from ballbot.identification.axis import AxisOptions, AxisRecord
 from ballbot.identification.axis import identify_axis as identify_record
 from ballbot.identification.axis.checks import ERROR_CODES, record_findings
-from ballbot.identification.axis.model import PARAMETERS
+from ballbot.identification.axis.laws import PARAMETERS
 from ballbot.identification.axis.reading import AxisColumns, read_axis_records
 from ballbot.progress import by_usual_times
 from ballbot.report.axis import axis_parts, axis_report
@@ -61,6 +61,10 @@ class MethodOptions:
 
     spring: bool | None = None
     """Whether a force is proportional to position, as of a spring or a cable."""
+
+    load_friction: str | None = None
+    """The load that dry friction depends on: position (the force over position), drive (the drive's force),
+    transmitted (their mean), recorded (the column --load) or none."""
 
     drift: bool | None = None
     """Whether the constant force drifts slowly."""
@@ -122,7 +126,7 @@ def identify_axis(
     findings = _checked(dict(zip(paths, read, strict=True)), method.bandwidth, accept)
     parts = [getattr(one, field.name) for one in read for field in fields(one)]
     depends_on = {f"--{name.replace('_', '-')}": value for name, value in vars(columns).items()}
-    depends_on |= {f"--{name}": value for name, value in vars(method).items()}
+    depends_on |= {f"--{name.replace('_', '-')}": value for name, value in vars(method).items()}
     depends_on["--also"] = len(fitted)
     with (
         open_long_result(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -13,7 +14,8 @@ from rich.text import Text
 
 from ballbot.findings import Finding, texts
 from ballbot.identification.axis import AxisIdentification, AxisRecord
-from ballbot.identification.axis.model import PARAMETERS, unit_for
+from ballbot.identification.axis.laws import PARAMETERS, unit_for
+from ballbot.identification.axis.load import LOADS
 from ballbot.identification.axis.motion import default_bandwidth, smoothed_motion, speed_at_start
 from ballbot.identification.axis.result import Estimate
 from ballbot.identification.axis.structure import base_name
@@ -44,6 +46,12 @@ def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figur
     axis = found.estimate("inverse").axis()
     needed = axis.needed_force(record, motion.position, np.zeros(len(record)), motion.acceleration)
     friction = record.force - needed
+    if axis.load:
+        under_load, without = (
+            one.needed_force(record, motion.position, motion.speed, motion.acceleration)
+            for one in (axis, replace(axis, load=None))
+        )
+        friction -= under_load - without
     fastest = float(np.abs(motion.speed).max())
     moving = np.flatnonzero(np.abs(motion.speed) > _SLOW * fastest)
     moving = moving[:: max(1, len(moving) // _MOST_POINTS)]
@@ -179,9 +187,8 @@ def _values_sentence(found: AxisIdentification) -> str:
         if base_name(label) not in PARAMETERS or base_name(label) in _NO_FRICTION:
             continue
         kind, is_mass = best.model.parameter(label), base_name(label) == "mass"
-        number = (
-            f"{kind.symbol} = {with_error(value, best.standard_errors[label])} {unit_for(kind, found.unit)}"
-        )
+        number = f"{kind.symbol} = {with_error(value, best.standard_errors[label])} "
+        number = f"{number}{unit_for(kind, found.unit)}".rstrip()
         words[is_mass].append(number if is_mass else f"{kind.meaning} {number}")
     known = f"Mass or inertia {', '.join(words[True])}; " if words[True] else ""
     sentence = f"{known}friction by the law {found.chosen.name}: {', '.join(words[False])}."
@@ -199,9 +206,8 @@ def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section
         "are the result."
     )
     headings = ("symbol", "meaning", "unit", *(f"{one.method} ({one.law.name})" for one in found.estimates))
-    friction = (
-        f"Friction over speed{of_record}: force less inertia, offset and other forces, and the laws found."
-    )
+    others = "other forces and the friction under load" if found.model.load else "other forces"
+    friction = f"Friction over speed{of_record}: force less inertia, offset, {others}, and the laws found."
     terms = term_rows(found, record.force_unit)
     yield section(
         "Parameters",
@@ -211,7 +217,7 @@ def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section
         Sheet(
             headings=("force", "less error of the force", "95 % interval"),
             rows=terms,
-            caption="Forces that depend on position or time, selected by the error of the force on held-out blocks.",
+            caption="Forces over position, load or time, selected by the error of the force on held-out blocks.",
         )
         if terms
         else None,
@@ -311,6 +317,7 @@ def term_rows(found: AxisIdentification, force_unit: str) -> list[tuple[str, ...
             {
                 "spring": "proportional to position",
                 "drift": f"drift of the constant force, by {digits(found.drift)} {force_unit} in all",
+                **{f"load {kind}": f"dry friction that grows with {words}" for kind, words in LOADS.items()},
             }.get(name, name),
             f"{digits(100.0 * gain.share)} %",
             f"{digits(100.0 * gain.lower)} to {digits(100.0 * gain.upper)} %",

@@ -2,7 +2,7 @@
 
 from ballbot.identification.axis.identify import AxisOptions, identify_axis
 from ballbot.identification.axis.inverse import InverseFit, inverse_fit
-from ballbot.identification.axis.model import AXIS_LAWS, AxisLaw
+from ballbot.identification.axis.laws import AXIS_LAWS, AxisLaw
 from ballbot.identification.axis.record import AxisRecord, KnownLoad, PositionVelocityLoop
 from ballbot.identification.axis.result import AxisIdentification
 

@@ -28,7 +28,7 @@ from ballbot.identification.axis.columns import (
     stuck_findings,
 )
 from ballbot.identification.axis.inverse import InverseFit, free_inverse_fit, regression_rows
-from ballbot.identification.axis.model import AXIS_LAWS
+from ballbot.identification.axis.laws import AXIS_LAWS
 from ballbot.identification.axis.record import GAP, NO_LOAD, AxisRecord, PositionVelocityLoop
 from ballbot.identification.axis.structure import AxisModel
 from ballbot.identification.axis.terms import select_terms

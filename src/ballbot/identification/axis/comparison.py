@@ -16,7 +16,7 @@ import numpy as np
 from ballbot.errors import InputError
 from ballbot.findings import Finding, warning
 from ballbot.identification.axis.inverse import free_inverse_fit
-from ballbot.identification.axis.model import PARAMETERS, unit_for
+from ballbot.identification.axis.laws import PARAMETERS, unit_for
 from ballbot.identification.axis.motion import default_bandwidth, smoothed_motion
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.result import Estimate

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ballbot.findings import Finding, note, warning
 from ballbot.fitting.model_selection import ModelSelection
-from ballbot.identification.axis.model import PARAMETERS, AxisLaw, unit_for
+from ballbot.identification.axis.laws import PARAMETERS, AxisLaw, unit_for
 from ballbot.identification.axis.prediction import failure_findings
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.result import Estimate

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ballbot.findings import Finding
 from ballbot.identification.axis.inverse import SLOW_SAMPLING
-from ballbot.identification.axis.model import AXIS_LAWS, Values
+from ballbot.identification.axis.laws import AXIS_LAWS, Values
 from ballbot.identification.axis.output_error import Sighting
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.selection import Blocks, fit_all

@@ -23,7 +23,8 @@ from ballbot.identification.axis.inverse import (
     without_drift,
 )
 from ballbot.identification.axis.law_fits import check_determined, fit_laws, improved, initial_values
-from ballbot.identification.axis.model import AXIS_LAWS, PARAMETERS, AxisLaw, axis_law_named
+from ballbot.identification.axis.laws import AXIS_LAWS, PARAMETERS, AxisLaw, axis_law_named
+from ballbot.identification.axis.load import NO_LOAD_FRICTION, load_named, possible_loads
 from ballbot.identification.axis.motion import default_bandwidth
 from ballbot.identification.axis.output_error import (
     ClosedLoop,
@@ -73,6 +74,9 @@ class AxisOptions:
     bandwidth: float | None = None  #: of the motion [Hz]; from sampling and noise by default
     harmonics: tuple[int, ...] | None = None  #: of a force over position
     spring: bool | None = None  #: whether a force is proportional to position
+    load_friction: str | None = (
+        None  #: the kind of load that dry friction depends on, one of `LOADS`, or "none"
+    )
     drift: bool | None = None  #: whether the offset drifts
     period: float | None = None  #: of the first harmonic [m]; one turn of an axis that turns by default
     separate: tuple[str, ...] = ()  #: parameters of which each record has its own
@@ -80,6 +84,8 @@ class AxisOptions:
     def __post_init__(self) -> None:
         if self.law is not None:
             axis_law_named(self.law)
+        if self.load_friction not in (None, NO_LOAD_FRICTION):
+            load_named(self.load_friction)
         for name, meaning in _ABOVE_ZERO.items():
             value = getattr(self, name)
             if value is not None and not 0.0 < value < np.inf:
@@ -161,7 +167,7 @@ def identify_axis(
             bench.all, selection, by_law[chosen.name], estimates, asymmetry, by_user=wanted is not None
         ),
         *methods_differ(bench.records, by_law[chosen.name], estimates, bandwidth=options.bandwidth),
-        *residual_findings(tests, chosen, records),
+        *residual_findings(tests, model.with_law(chosen), records),
         *_elsewhere(bench, fits[chosen.name], expected),
     )
     return AxisIdentification(
@@ -393,7 +399,18 @@ def _structure(bench: _Bench, options: AxisOptions) -> tuple[AxisModel, tuple[tu
         kinds.append("harmonic")
     if options.drift is None:
         kinds.append("drift")
-    return select_terms(bench.records, model, kinds=kinds, bandwidth=options.bandwidth)
+    if options.load_friction is None:
+        kinds.append("load")
+    found, selected = select_terms(bench.records, model, kinds=kinds, bandwidth=options.bandwidth)
+    if options.load_friction not in (None, NO_LOAD_FRICTION):
+        load = load_named(options.load_friction)
+        if load not in possible_loads(bench.records, over_position=bool(found.terms)):
+            missing = "a load in every record (--load)" if load == "recorded" else "a force over position"
+            raise InputError(
+                f"--load-friction {load}: the friction can depend on that load only with {missing}."
+            )
+        found = replace(found, load=load)
+    return found, selected
 
 
 def _inverse_fits(bench: _Bench, model: AxisModel) -> dict[str, InverseFit]:

@@ -19,7 +19,7 @@ them, and lets a held force act half a sample after its row however fast rows co
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
@@ -29,7 +29,9 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.fitting.least_squares import fit_linear
-from ballbot.identification.axis.model import AXIS_LAWS, drift_shapes
+from ballbot.identification.axis.laws import AXIS_LAWS
+from ballbot.identification.axis.load import Load, force_with_load_friction, load_at, recorded_load
+from ballbot.identification.axis.model import drift_shapes
 from ballbot.identification.axis.motion import (
     LEAST_SEGMENT,
     Decimation,
@@ -50,7 +52,8 @@ LARGEST_CONDITION = 1e4
 Form = Literal["coulomb", "asymmetric"]
 
 #: coefficients that cannot be below zero; a mass below zero is a finding of its own
-_FRICTION = ("viscous", "coulomb", "viscous_plus", "coulomb_plus", "viscous_minus", "coulomb_minus")
+_FRICTION = ("viscous", "coulomb", "viscous_plus", "coulomb_plus", "viscous_minus", "coulomb_minus", "load")
+_OVER_POSITION = ("sin_", "cos_", "spring")
 #: an axis slower than this share of its usual speed is at rest
 REST = 0.02
 #: of records sampled more slowly than this [s], half a sample matters, by which a held force acts later than its row
@@ -189,9 +192,32 @@ class RegressionRows:
 def regression_rows(
     records: Sequence[AxisRecord], model: AxisModel, *, bandwidth: float | None = None, moving: bool = False
 ) -> RegressionRows:
-    """Return the decimated rows of the inverse model; see `free_inverse_fit`."""
+    """Return the decimated rows of the inverse model; see `free_inverse_fit`.
+
+    A load that contains forces over position takes them from fits to the same rows, without load friction and with it.
+    """
+    if model.load in (None, "recorded"):
+        return _rows_with(records, model, {}, bandwidth, moving=moving)
+    found: dict[str, float] = {}
+    for one in (replace(model, load=None), model):
+        rows = _rows_with(records, one, found, bandwidth, moving=moving)
+        X = np.column_stack(list(rows.columns.values()))
+        found = dict(zip(rows.columns, np.linalg.lstsq(X, rows.force, rcond=None)[0].tolist(), strict=True))
+    return _rows_with(records, model, found, bandwidth, moving=moving)
+
+
+def _rows_with(
+    records: Sequence[AxisRecord],
+    model: AxisModel,
+    found: Mapping[str, float],
+    bandwidth: float | None,
+    *,
+    moving: bool,
+) -> RegressionRows:
+    """Return the decimated rows with the load of forces with coefficients that were found."""
     parts = [
-        _rows_of(record, model, number, bandwidth, moving=moving) for number, record in enumerate(records)
+        _rows_of(record, model, number, found, bandwidth, moving=moving)
+        for number, record in enumerate(records)
     ]
     blocks, begin = [], 0
     for part in parts:
@@ -210,7 +236,13 @@ def regression_rows(
 
 
 def _rows_of(
-    record: AxisRecord, model: AxisModel, number: int, bandwidth: float | None, *, moving: bool
+    record: AxisRecord,
+    model: AxisModel,
+    number: int,
+    found: Mapping[str, float],
+    bandwidth: float | None,
+    *,
+    moving: bool,
 ) -> RegressionRows:
     band = default_bandwidth(record) if bandwidth is None else bandwidth
     motion = smoothed_motion(record, bandwidth=band)
@@ -219,7 +251,11 @@ def _rows_of(
         # the motion at a row is that of the force held before and after it
         force = 0.5 * (force + np.append(force[0], force[:-1]))
     force = force - load_force(record, motion)
-    columns = {model.label(name, number): column for name, column in _columns(motion, model, record).items()}
+    own = _columns(motion, model, record)
+    if model.load:
+        values = {name: found.get(model.label(name, number), 0.0) for name in model.names}
+        own["load"] = _load_of(record, model.load, motion, own, values) * _dry(motion, model)
+    columns = {model.label(name, number): column for name, column in own.items()}
     rows = Decimation(record, bandwidth=band)
     kept, factor = rows.kept, rows.factor
     seen = {
@@ -308,10 +344,39 @@ def asymmetry_over_time(record: AxisRecord, *, parts: int = 4) -> NDArray[np.flo
     return np.array(rows)
 
 
+def _load_of(
+    record: AxisRecord,
+    load: Load,
+    motion: Motion,
+    columns: Mapping[str, NDArray[np.float64]],
+    values: Mapping[str, float],
+) -> NDArray[np.float64]:
+    """Return the load (N,) that dry friction depends on, of an axis with such values.
+
+    The drive's force in it is that of the model: the noise of a recorded one would be in the column, too.
+    """
+    known = record.known_load
+    field = known.weight * np.sin(motion.position - known.hanging)
+    needed = known.inertia * motion.acceleration + field
+    for name, column in columns.items():
+        part = values[name] * column
+        if name.startswith(_OVER_POSITION):
+            field = field + part
+        if name != "offset" and not name.startswith("drift_"):
+            needed = needed + part
+    recorded, way = recorded_load(load, record), np.sign(motion.speed)
+    force = force_with_load_friction(load, values["load"], needed, field, recorded, way)
+    return load_at(load, force, field, recorded)
+
+
+def _dry(motion: Motion, model: AxisModel) -> NDArray[np.float64]:
+    """Return the direction of dry friction (N,), from -1 to 1."""
+    return bent_bristles(motion.position, model.bending) if model.bending else np.sign(motion.speed)
+
+
 def _columns(motion: Motion, model: AxisModel, record: AxisRecord) -> dict[str, NDArray[np.float64]]:
-    """Return the linear part of a model by parameter (N,)."""
-    v = motion.speed
-    dry = bent_bristles(motion.position, model.bending) if model.bending else np.sign(v)
+    """Return the linear part of a model by parameter (N,), without the load's."""
+    v, dry = motion.speed, _dry(motion, model)
     if model.law.symmetric:
         plain = {"mass": motion.acceleration, "viscous": v, "coulomb": dry, "offset": np.ones_like(v)}
     else:

@@ -19,7 +19,7 @@ from scipy.optimize import lsq_linear
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run
 from ballbot.identification.axis.inverse import InverseFit, break_away_column, inverse_fit, regression_rows
-from ballbot.identification.axis.model import AXIS_LAWS, PARAMETERS, Values, unit_for
+from ballbot.identification.axis.laws import AXIS_LAWS, PARAMETERS, Values, unit_for
 from ballbot.identification.axis.output_error import OutputErrorFit, Sighting, memoized
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.selection import Blocks, at_constant_speed, fit_all, problem_of
@@ -34,7 +34,7 @@ _FACTORS = {"stribeck": (1.0, 3.0), "stribeck_speed": (1.0, 0.3), "stiffness": (
 #: its squared error to less than this share
 _STRIBECK_SPEEDS, _CLEARLY = (0.03, 0.1, 0.3, 1.0), 0.9
 #: coefficients that cannot be below zero
-_DISSIPATES = ("viscous", "coulomb", "stribeck")
+_DISSIPATES = ("viscous", "coulomb", "stribeck", "load")
 #: shares of the usual force: a dry friction to start from at least, and one where a law is all but the one within it
 _LEAST_FRICTION, _NO_FRICTION = 1e-3, 1e-4
 #: errors that differ by less than this share are the same
@@ -64,6 +64,8 @@ def initial_values(
                 values[label] = _initial_mass(records[0], fit, label)
             elif base.startswith(("viscous", "coulomb")):
                 values[label] = max(values[label], least)
+            elif base == "load":
+                values[label] = max(values[label], _LEAST_FRICTION)
         dry = max(values.get("coulomb", least), least)
         stiffness = dry / (model.bending or _BRISTLE_TRAVEL * travel)
         extra = {

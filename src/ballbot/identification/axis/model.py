@@ -1,15 +1,4 @@
-"""One axis as a model: its parameters, the friction laws tried, forces that depend on position, and its motion.
-
-The nested friction laws of one axis:
-
-    viscous       M, b, offset
-    coulomb       and c                                    tau = b v + c sgn(v)
-    stribeck      and s, v_s                               and s exp(-|v/v_s|) sgn(v)
-    dahl          coulomb and sigma_0                      bristles that bend before they slide
-    lugre         dahl and s, v_s, sigma_1                 (Canudas de Wit 1995)
-    asymmetric    coulomb with b, c of either direction    of which offset and c+ - c- are one while it slides
-
-The laws are those of `ballbot.mechanics.friction_laws`; Dahl's is LuGre's without s and sigma_1.
+"""The motion of one axis under its friction and forces that depend on position.
 
 Forces that depend on position: G(q) = k q + sum_n (S_n sin(w n q) + C_n cos(w n q)), with w = 2 pi / period, and a
 period of one turn unless another is given. n = 1 is gravity on an axis that turns; higher ones are cogging and gear
@@ -24,166 +13,32 @@ a record.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import positive_number, real_array, real_number
-from ballbot.errors import InputError, suggest
-from ballbot.fitting.parameter import Parameter, Scale
+from ballbot.errors import InputError
+from ballbot.identification.axis.laws import LEAST_COULOMB, AxisLaw, Values
+from ballbot.identification.axis.load import (
+    Load,
+    LoadNumbers,
+    force_with_load_friction,
+    load_numbers,
+    loaded,
+    recorded_load,
+)
 from ballbot.identification.axis.motion import bent_bristles
 from ballbot.identification.axis.record import GAP, NO_LOAD, AxisRecord, KnownLoad
 from ballbot.mechanics.engine.arrays import fill
 from ballbot.mechanics.engine.compiled import compiled, inlined
-from ballbot.mechanics.friction_laws.classical import Classical
 from ballbot.mechanics.friction_laws.interface import move, settle
-from ballbot.mechanics.friction_laws.lugre import LuGre
 from ballbot.simulation.driveline import Driveline
-
-Values = Mapping[str, float]
-Law = Classical | LuGre
 
 #: so long that bristles are bent fully [s]
 _LONG = 1e4
-#: bristles need some Coulomb friction to slide
-_LEAST_COULOMB = 1e-9
-
-
-def _parameter(name: str, symbol: str, unit: str, meaning: str, *, scale: Scale = "amount") -> Parameter:
-    bounds = (-math.inf, math.inf) if scale == "signed" else (0.0, math.inf)
-    default = 1.0 if scale == "ratio" else 0.0
-    return Parameter(
-        name=name, symbol=symbol, unit=unit, scale=scale, bounds=bounds, default=default, meaning=meaning
-    )
-
-
-#: by name; units are those of an axis that moves along a line, see `unit_for`
-PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
-    {
-        one.name: one
-        for one in (
-            _parameter("mass", "M", "kg", "mass or inertia", scale="ratio"),
-            _parameter("viscous", "b", "N s/m", "viscous"),
-            _parameter("coulomb", "c", "N", "Coulomb"),
-            _parameter("offset", "offset", "N", "constant force", scale="signed"),
-            _parameter("stribeck", "s", "N", "break-away above Coulomb"),
-            _parameter("stribeck_speed", "v_s", "m/s", "Stribeck speed", scale="ratio"),
-            _parameter("stiffness", "sigma_0", "N/m", "bristles' stiffness", scale="ratio"),
-            _parameter("micro_damping", "sigma_1", "N s/m", "bristles' damping", scale="ratio"),
-            _parameter("viscous_plus", "b+", "N s/m", "viscous, forwards"),
-            _parameter("viscous_minus", "b-", "N s/m", "viscous, backwards"),
-            _parameter("coulomb_plus", "c+", "N", "Coulomb, forwards"),
-            _parameter("coulomb_minus", "c-", "N", "Coulomb, backwards"),
-            _parameter("spring", "k", "N/m", "spring or cable", scale="signed"),
-        )
-    }
-)
-
-
-#: the highest harmonic of a force over position
-MOST_HARMONICS = 500
-
-
-def parameter_named(name: str) -> Parameter:
-    """Return the parameter of that name, a harmonic's or a drift's too: "sin_1", "cos_1", "drift_1"."""
-    if name in PARAMETERS:
-        return PARAMETERS[name]
-    kind, _, number = name.partition("_")
-    if kind == "drift":
-        return _parameter(name, f"drift {number}", "N", "change of the constant force", scale="signed")
-    symbol = {"sin": "S", "cos": "C"}[kind]
-    return _parameter(name, f"{symbol}_{number}", "N", f"{kind}({number} w q)", scale="signed")
-
-
-def unit_for(parameter: Parameter, axis_unit: str) -> str:
-    """Return a parameter's unit for an axis of positions in "m" or "rad"."""
-    if axis_unit == "m":
-        return parameter.unit
-    turning = {"kg": "kg m^2", "N s/m": "N m s/rad", "N": "N m", "m/s": "rad/s", "N/m": "N m/rad"}
-    return turning.get(parameter.unit, parameter.unit)
-
-
-@dataclass(frozen=True, kw_only=True)
-class AxisLaw:
-    """One law of the ladder."""
-
-    name: str
-    below: str | None  #: the law within it
-    names: tuple[str, ...]  #: its parameters
-
-    @property
-    def symmetric(self) -> bool:
-        """Whether both directions have one friction."""
-        return "viscous" in self.names
-
-    def laws(self, values: Values) -> tuple[Law, Law]:
-        """Return the friction forwards and backwards."""
-        if not self.symmetric:
-            sides = (("viscous_plus", "coulomb_plus"), ("viscous_minus", "coulomb_minus"))
-            plus, minus = (Classical(viscous=values[b], coulomb=values[c]) for b, c in sides)
-            return plus, minus
-        law = self._bristles(values) if "stiffness" in self.names else self._classical(values)
-        return law, law
-
-    @staticmethod
-    def _classical(values: Values) -> Classical:
-        return Classical(
-            viscous=values["viscous"],
-            coulomb=values.get("coulomb", 0.0),
-            stribeck=values.get("stribeck", 0.0),
-            stribeck_speed=values.get("stribeck_speed", 1.0),
-            stribeck_exponent=1.0,
-        )
-
-    @staticmethod
-    def _bristles(values: Values) -> LuGre:
-        return LuGre(
-            viscous=values["viscous"],
-            coulomb=max(values["coulomb"], _LEAST_COULOMB),
-            stribeck=values.get("stribeck", 0.0),
-            stribeck_speed=values.get("stribeck_speed", 1.0),
-            stribeck_exponent=1.0,
-            stiffness=values["stiffness"],
-            micro_damping=values.get("micro_damping", 0.0),
-            may_drive=True,  # a search passes such values; its end is checked
-        )
-
-
-_COULOMB = ("mass", "viscous", "coulomb", "offset")
-
-AXIS_LAWS: Mapping[str, AxisLaw] = MappingProxyType(
-    {
-        law.name: law
-        for law in (
-            AxisLaw(name="viscous", below=None, names=("mass", "viscous", "offset")),
-            AxisLaw(name="coulomb", below="viscous", names=_COULOMB),
-            AxisLaw(name="stribeck", below="coulomb", names=(*_COULOMB, "stribeck", "stribeck_speed")),
-            AxisLaw(name="dahl", below="coulomb", names=(*_COULOMB, "stiffness")),
-            AxisLaw(
-                name="lugre",
-                below="dahl",
-                names=(*_COULOMB, "stiffness", "stribeck", "stribeck_speed", "micro_damping"),
-            ),
-            AxisLaw(
-                name="asymmetric",
-                below="coulomb",
-                names=("mass", "viscous_plus", "coulomb_plus", "viscous_minus", "coulomb_minus"),
-            ),
-        )
-    }
-)
-
-
-def axis_law_named(name: str) -> AxisLaw:
-    """Return the law of that name; InputError if no law has it."""
-    if name not in AXIS_LAWS:
-        hint = suggest(name, AXIS_LAWS, otherwise="the laws are")
-        raise InputError(f"There is no friction law {name!r} (--law); {hint}")
-    return AXIS_LAWS[name]
 
 
 @inlined
@@ -204,6 +59,7 @@ class _Numbers(NamedTuple):
     inertia: NamedTuple
     rest: NDArray[np.float64]  #: the laws' state at rest
     field: NDArray[np.float64]  #: see `field_force`
+    load: LoadNumbers  #: on which friction depends
 
 
 class _Windows(NamedTuple):
@@ -221,6 +77,7 @@ class _Drive(NamedTuple):
     forces: NDArray[np.float64]
     rises: NDArray[np.float64]
     durations: NDArray[np.float64]
+    loads: NDArray[np.float64]  #: recorded, on which friction depends; zero if it does not
 
 
 class _Loop(NamedTuple):
@@ -232,16 +89,26 @@ class _Loop(NamedTuple):
     reference: NDArray[np.float64]  #: (n,) [m]
     added: NDArray[np.float64]  #: (n,) forces [N] beside the loop's that the recorded force contains
     acting: NDArray[np.float64]  #: (n,) other forces [N]
+    loads: NDArray[np.float64]  #: (n,) recorded, as in `_Drive`
 
 
 @inlined
-def _step(axis, state, position, speed, force, h) -> tuple[float, float]:
-    """Return position and speed after h [s] under a force, less that of the position halfway."""
-    force -= field_force(axis.field, position + 0.5 * h * speed)
+def _load_friction(axis, force, field, recorded):
+    """Return the Coulomb friction [N] that the load adds."""
+    load = axis.load
+    return load.mu * abs(load.of_force * force + load.of_field * field + recorded)
+
+
+@inlined
+def _step(axis, state, position, speed, force, recorded, h) -> tuple[float, float]:
+    """Return position and speed after h [s] under a force, less that of the position halfway, and a recorded load."""
+    field = field_force(axis.field, position + 0.5 * h * speed)
+    more = _load_friction(axis, force, field, recorded)
+    force -= field
     if speed > 0.0 or (speed == 0.0 and force > 0.0):
-        speed, travel = move(axis.plus, axis.inertia, force, state, speed, h)
+        speed, travel = move(loaded(axis.plus, more), axis.inertia, force, state, speed, h)
     else:
-        speed, travel = move(axis.minus, axis.inertia, force, state, speed, h)
+        speed, travel = move(loaded(axis.minus, more), axis.inertia, force, state, speed, h)
     return position + travel, speed
 
 
@@ -253,17 +120,20 @@ def follow_windows(axis, windows, drive, steps, positions):
     for w in range(len(windows.firsts)):
         position, speed, bent = windows.starts[w, 0], windows.starts[w, 1], windows.starts[w, 2]
         fill(state, axis.rest)
+        first = windows.firsts[w]
+        field = field_force(axis.field, position)
+        more = _load_friction(axis, drive.forces[first], field, drive.loads[first])
         if bent > 0.0:
-            settle(axis.plus, state, abs(speed), abs(speed), _LONG)
+            settle(loaded(axis.plus, more), state, abs(speed), abs(speed), _LONG)
         elif bent < 0.0:
-            settle(axis.minus, state, -abs(speed), -abs(speed), _LONG)
+            settle(loaded(axis.minus, more), state, -abs(speed), -abs(speed), _LONG)
         for i in range(len(state)):
             state[i] *= abs(bent)
-        for k in range(windows.firsts[w], windows.firsts[w] + windows.counts[w]):
+        for k in range(first, first + windows.counts[w]):
             part = drive.durations[k] / steps
             for i in range(steps):
                 force = drive.forces[k] + drive.rises[k] * (i + 0.5) / steps
-                position, speed = _step(axis, state, position, speed, force, part)
+                position, speed = _step(axis, state, position, speed, force, drive.loads[k], part)
             positions[place] = position
             place += 1
 
@@ -285,7 +155,7 @@ def follow_loop(axis, loop, start, steps, positions, forces):
         forces[k] = force_per_input * min(max(u, -limit), limit) + loop.added[k]
         held = forces[k] + loop.acting[k]
         for _ in range(steps):
-            position, speed = _step(axis, state, position, speed, held, part)
+            position, speed = _step(axis, state, position, speed, held, loop.loads[k], part)
 
 
 #: explicit steps are at most this part of the axis's fastest time constant
@@ -311,6 +181,7 @@ class Axis:
     law: AxisLaw
     values: Values
     period: float = 2.0 * math.pi  #: of the first harmonic [m]
+    load: Load | None = None  #: on which dry friction depends
 
     def open_loop(
         self, forces: ArrayLike, *, position: float, speed: float, sample_time: float
@@ -332,6 +203,7 @@ class Axis:
             forces=acting - self.values.get("offset", 0.0),
             rises=np.zeros(count),
             durations=np.full(count, sample_time),
+            loads=np.zeros(count),
         )
         whole = _Windows(firsts=np.zeros(1, dtype=np.int64), counts=np.array([count]), starts=start)
         return self._follow(whole, drive, sample_time, NO_LOAD)
@@ -362,7 +234,12 @@ class Axis:
         longest = float(record.durations.max()) if record.even else GAP * record.sample_time
         return self._follow(
             _Windows(firsts=firsts, counts=counts, starts=starts),
-            _Drive(forces=acting, rises=rises, durations=record.durations),
+            _Drive(
+                forces=acting,
+                rises=rises,
+                durations=record.durations,
+                loads=recorded_load(self.load, record),
+            ),
             longest,
             record.known_load,
         )
@@ -371,7 +248,7 @@ class Axis:
         """Return how far bristles are bent in a motion (N,), from -1 to 1; the speed's sign for a law without them."""
         if "stiffness" not in self.law.names:
             return np.sign(speed)
-        return bent_bristles(position, max(self.values["coulomb"], _LEAST_COULOMB) / self.values["stiffness"])
+        return bent_bristles(position, max(self.values["coulomb"], LEAST_COULOMB) / self.values["stiffness"])
 
     def acting(self, record: AxisRecord) -> NDArray[np.float64]:
         """Return the force (N,) on the axis: the recorded force less the offset and its drift."""
@@ -407,6 +284,7 @@ class Axis:
             reference=record.reference,
             added=np.zeros(len(record)) if record.added is None else record.added,
             acting=self.acting(record) - record.force,
+            loads=recorded_load(self.load, record),
         )
         start = np.array([float(record.position[0]), speed])
         follow_loop(self._numbers(record.sample_time / steps, known), driven, start, steps, positions, forces)
@@ -430,12 +308,19 @@ class Axis:
         """Return the force (N,) that a motion (N,) needs on a record's load, drift and all."""
         plus, minus = self.law.laws(self.values)
         friction = np.where(speed >= 0.0, plus.steady_friction(speed), minus.steady_friction(speed))
+        sign = np.sign(speed)
         if "stiffness" in self.law.names:
             sliding = friction - self.values["viscous"] * speed
-            friction += (np.sign(speed) * self.bends(position, speed) - 1.0) * sliding
+            bends = self.bends(position, speed)
+            friction += (sign * bends - 1.0) * sliding
+            sign = np.abs(sign) * bends
         known = record.known_load
-        offset = record.force - self.acting(record)
-        return self._mass(known) * acceleration + friction + offset + self.position_force(position, known)
+        field = self.position_force(position, known)
+        needed = self._mass(known) * acceleration + friction + field
+        if self.load:
+            mu, recorded = self.values["load"], recorded_load(self.load, record)
+            needed = force_with_load_friction(self.load, mu, needed, field, recorded, sign)
+        return needed + record.force - self.acting(record)
 
     def _follow(
         self, windows: _Windows, drive: _Drive, longest: float, known: KnownLoad
@@ -455,6 +340,7 @@ class Axis:
             inertia=Driveline(inertia=self._mass(known), friction=plus).numbers(),
             rest=plus.initial_state(step),
             field=self._field(known),
+            load=load_numbers(self.load, self.values.get("load", 0.0)),
         )
 
     def _mass(self, known: KnownLoad) -> float:

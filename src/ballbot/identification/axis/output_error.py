@@ -28,7 +28,7 @@ from ballbot.fitting.parameter import RelativeSpace
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import evolve
 from ballbot.fitting.uncertainty import block_length, covariance_in_time
-from ballbot.identification.axis.model import Values
+from ballbot.identification.axis.laws import Values
 from ballbot.identification.axis.motion import (
     Motion,
     first_row,

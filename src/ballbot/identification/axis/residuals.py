@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from ballbot.findings import Finding, note, warning
 from ballbot.fitting.least_squares import fit_linear
 from ballbot.identification.axis.inverse import RegressionRows, break_away_column, regression_rows
-from ballbot.identification.axis.model import AxisLaw
 from ballbot.identification.axis.record import AxisRecord, moved_by_one_load
 from ballbot.identification.axis.structure import AxisModel
 
@@ -32,7 +31,7 @@ LARGE_SHARE, LARGE_CHANCE = 0.5, 1e-2
 _ADVICE = {
     "position": "a force over position is missing: try --harmonics, --period or --spring",
     "speed": "friction is no straight line over speed: compare the laws, or try --law stribeck or asymmetric",
-    "load": "friction depends on the load, so that c and b hold for the loads of these records",
+    "load": "friction depends on the load: try --load-friction; c and b hold for the loads of these records",
     "temperature": "friction depends on temperature, so that c and b hold for the temperatures of these records",
     "time": "friction changes within the record, so that c and b are averages over it",
     "record": "the records differ: try --separate offset, or --separate with the parameter that differs",
@@ -130,7 +129,9 @@ def _columns(
     if load is None:
         load = _transmitted_load(rows, records)
     if load is not None:
-        found["load"] = np.column_stack([np.abs(load) * sign, load * v])
+        # dry friction under load is in the model, or tested; the former's filtered column differs where v changes sign
+        dry = [] if model.load else [np.abs(load) * sign]
+        found["load"] = np.column_stack([*dry, load * v])
     if "temperature" in rows.seen:
         warmth = _centred(rows.seen["temperature"])
         found["temperature"] = np.column_stack([warmth * sign, warmth * v])
@@ -175,10 +176,15 @@ def _independent(base: NDArray[np.float64], columns: NDArray[np.float64]) -> NDA
 
 
 def residual_findings(
-    tests: Sequence[ResidualTest], law: AxisLaw, records: Sequence[AxisRecord]
+    tests: Sequence[ResidualTest], model: AxisModel, records: Sequence[AxisRecord]
 ) -> list[Finding]:
-    """Return a finding for each quantity that the residual force depends on and that the law does not explain."""
+    """Return a finding for each quantity that the residual force depends on and that the model does not explain."""
+    law = model.law
     advice = _ADVICE | ({} if law.symmetric else {"speed": _ADVICE["speed"].removesuffix(" or asymmetric")})
+    if model.load:
+        advice |= {
+            "load": "friction depends on the load otherwise than by mu: another --load-friction may suit it"
+        }
     loads = {one.known_load.weight for one in records}
     if len(loads) > 1 and not any(one.known_load.hanging for one in records):
         advice |= {
@@ -196,7 +202,7 @@ def residual_findings(
             f"(p = {one.p_value:.1g}; {one.size:.3g} {unit} RMS, {100.0 * one.share:.0f} % of its variance): "
             f"{advice[one.quantity]}."
         )
-        if one.quantity == "load" and one.large:
+        if one.quantity == "load" and one.large and not model.load:
             text += (
                 " This is most of what the model leaves: c, and perhaps b, contain friction that grows with the load, "
                 "as of loaded gears, and are too large for the axis without it. Do not use them for other loads."

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from ballbot.findings import Finding, finding_results
 from ballbot.fitting.model_selection import Candidate, Gain, ModelSelection
 from ballbot.identification.axis.inverse import InverseFit
-from ballbot.identification.axis.model import Axis, AxisLaw, unit_for
+from ballbot.identification.axis.laws import AxisLaw, unit_for
+from ballbot.identification.axis.model import Axis
 from ballbot.identification.axis.prediction import AxisErrors, PredictedError
 from ballbot.identification.axis.residuals import ResidualTest
 from ballbot.identification.axis.selection import HorizonChoice
@@ -147,11 +148,7 @@ class AxisIdentification:
 
 def _unit(found: AxisIdentification, label: str) -> str:
     """Return the unit of a parameter; empty for one without, or of a drift's shape."""
-    return (
-        ""
-        if label.startswith("drift_")
-        else unit_for(found.model.parameter(label), found.unit).removeprefix("1")
-    )
+    return "" if label.startswith("drift_") else unit_for(found.model.parameter(label), found.unit)
 
 
 def _law_result(one: Candidate[AxisLaw]) -> dict[str, object]:

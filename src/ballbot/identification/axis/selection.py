@@ -29,7 +29,7 @@ from ballbot.fitting.model_selection import (
 )
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.uncertainty import block_length
-from ballbot.identification.axis.model import AXIS_LAWS, AxisLaw, Values
+from ballbot.identification.axis.laws import AXIS_LAWS, AxisLaw, Values
 from ballbot.identification.axis.output_error import (
     OpenLoop,
     OutputErrorFit,

@@ -1,4 +1,4 @@
-"""The parameters of an axis that are estimated: of a friction law, forces over position and a drift.
+"""The parameters of an axis that are estimated: of a friction law, forces over position, a load and a drift.
 
 A parameter is common to all records or separate for each. A separate one has a label for each record, "offset[2]" for
 that of the second; a common one has its name. A drift of the offset belongs to its record.
@@ -15,13 +15,9 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.fitting.parameter import Parameter, RelativeSpace
-from ballbot.identification.axis.model import (
-    MOST_HARMONICS,
-    Axis,
-    AxisLaw,
-    Values,
-    parameter_named,
-)
+from ballbot.identification.axis.laws import MOST_HARMONICS, AxisLaw, Values, parameter_named
+from ballbot.identification.axis.load import LOADS, Load
+from ballbot.identification.axis.model import Axis
 
 TURN = 2.0 * math.pi
 
@@ -42,6 +38,7 @@ class AxisModel:
 
     law: AxisLaw
     terms: tuple[str, ...] = ()  #: of the force over position: "spring", "sin_1", "cos_1", ...
+    load: Load | None = None  #: on which dry friction depends
     drifts: int = 0  #: straight pieces of each record's drifting offset
     period: float = TURN  #: of the first harmonic [m]
     separate: tuple[str, ...] = ()  #: parameters of which each record has its own
@@ -53,7 +50,8 @@ class AxisModel:
     @property
     def names(self) -> tuple[str, ...]:
         """The parameters of one record."""
-        return (*self.law.names, *self.terms, *(f"drift_{i + 1}" for i in range(self.drifts)))
+        load = ("load",) if self.load else ()
+        return (*self.law.names, *self.terms, *load, *(f"drift_{i + 1}" for i in range(self.drifts)))
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -103,12 +101,17 @@ class AxisModel:
     def axis(self, values: Values, record: int | None) -> Axis:
         """Return the axis of one of the records, or of another one."""
         own = self.values_elsewhere(values) if record is None else self.values_for(values, record)
-        return Axis(law=self.law, values=own, period=self.period)
+        return Axis(law=self.law, values=own, period=self.period, load=self.load)
 
     def parameter(self, label: str) -> Parameter:
         """Return what a label is."""
         name = base_name(label)
-        return replace(parameter_named(name), symbol=parameter_named(name).symbol + label[len(name) :])
+        kind = parameter_named(name)
+        if name == "load" and self.load:
+            # a recorded load may have any unit
+            unit, words = ("N", "per unit of") if self.load == "recorded" else (kind.unit, "as a share of")
+            kind = replace(kind, meaning=f"Coulomb, {words} {LOADS[self.load]}", unit=unit)
+        return replace(kind, symbol=kind.symbol + label[len(name) :])
 
     def space(self, start: Values) -> RelativeSpace:
         """Return the parameters, scaled by their values at `start`."""

@@ -7,7 +7,7 @@ tried are the first one of an axis that turns, and those at which the residual f
 Noise of the position biases the inverse model: it takes some of the mass's force away, and if an axis repeats its
 motion, a force over position may stand for what is missing. The open loop does not have that bias. Forces whose
 coefficients are all within `_REFUTED` standard errors of zero there are dropped, if the fit without them predicts
-held-out blocks no worse.
+held-out blocks no worse; so is friction under load, whatever its coefficient.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from ballbot.fitting.least_squares import fit_linear
 from ballbot.fitting.model_selection import Gain, gain_between, neighbours
 from ballbot.identification.axis.inverse import RegressionRows, regression_rows
-from ballbot.identification.axis.model import Values
+from ballbot.identification.axis.laws import Values
+from ballbot.identification.axis.load import possible_loads
 from ballbot.identification.axis.output_error import Sighting
 from ballbot.identification.axis.presliding import bristles_travel
 from ballbot.identification.axis.record import AxisRecord, moved_by_one_load
@@ -37,8 +38,9 @@ LEAST_GAIN = 0.01
 _MOST_TERMS, _HIGHEST_HARMONIC = 6, 120
 #: a harmonic is searched in rows between which its phase moves by less [rad], if there are so many
 _FASTEST_PHASE, _LEAST_SLOW_ROWS = 1.5, 50
-#: weight of a spring's gain on an axis that turns
-_SPRING_WORTH = 0.3
+#: weight of the gain of a spring on an axis that turns, and of a load: gravity comes before a spring, which resembles
+#: it over a small travel, and before friction that depends on the drive's force, which contains a gravity not yet found
+_SPRING_WORTH, _LOAD_WORTH = 0.3, 0.3
 #: least travel over which a harmonic is searched, in its periods
 _PERIODS = 0.75
 #: a drift has a piece for so long [s], at most so many
@@ -49,8 +51,8 @@ _LARGEST_CONDITION = 300.0
 _REFUTED = 2.0
 
 #: kinds of forces that can be selected
-Kind = Literal["spring", "harmonic", "drift"]
-KINDS: tuple[Kind, ...] = ("spring", "harmonic", "drift")
+Kind = Literal["spring", "harmonic", "load", "drift"]
+KINDS: tuple[Kind, ...] = ("spring", "harmonic", "load", "drift")
 
 
 def select_terms(
@@ -73,8 +75,8 @@ def select_terms(
             found = _gain_of(records, candidate, rows, squares, bandwidth, chance)
             if not found:
                 continue
-            # gravity comes before a spring, which resembles it over a small travel
             worth = found[1].share * (_SPRING_WORTH if name == "spring" and turns else 1.0)
+            worth *= _LOAD_WORTH if name.startswith("load ") else 1.0
             if best is None or worth > best[0]:
                 best = (worth, name, candidate, found[1], found[0])
         if best is None:
@@ -100,6 +102,9 @@ def _wider(
         shortest = min(record.duration for record in records)
         pieces = int(min(_MOST_PIECES, max(2.0, shortest / _DRIFT_PIECE)))
         found.append(("drift", replace(model, drifts=pieces)))
+    if "load" in kinds and model.load is None and not falling:
+        possible = possible_loads(records, over_position=bool(model.terms))
+        found += [(f"load {one}", replace(model, load=one)) for one in possible]
     if "harmonic" in kinds and (records[0].unit == "rad" or model.period != TURN):
         numbers = [*([] if falling else [1]), *_strongest_harmonics(model, rows)]
         for number in dict.fromkeys(numbers):
@@ -203,10 +208,17 @@ def without_refuted(
         if not (own := coefficients_of(force))
         or any(differs(label) for label in model.labels if base_name(label) in own)
     )
+    if kept == selected and model.load:
+        # a friction that other causes resemble must gain in the open loop as well
+        kept = tuple((force, gain) for force, gain in selected if not force.startswith("load "))
     if kept == selected:
         return model, selected
     dropped = {name for one in selected if one not in kept for name in coefficients_of(one[0])}
-    narrow = replace(model, terms=tuple(name for name in model.terms if name not in dropped))
+    narrow = replace(
+        model,
+        terms=tuple(name for name in model.terms if name not in dropped),
+        load=None if "load" in dropped else model.load,
+    )
     own = {label: full.values[label] for label in narrow.labels}
     fits = (full, fit_all(narrow, own, sightings, blocks, horizon))
     wide, thin = (
@@ -217,6 +229,6 @@ def without_refuted(
 
 
 def coefficients_of(force: str) -> tuple[str, ...]:
-    """Return the parameters of a force over position that is selected by name; none of a drift."""
+    """Return the parameters of a force that is selected by name; none of a drift, which is subtracted before."""
     kind, _, number = force.partition(" ")
-    return harmonic(int(number)) if kind == "harmonic" else ("spring",) if kind == "spring" else ()
+    return harmonic(int(number)) if kind == "harmonic" else () if kind == "drift" else (kind,)
