@@ -1,11 +1,16 @@
 """Simulated robots on one floor: pushes, falls, and changes of their world while they balance."""
 
+import os
+import signal
+import time
+
 import numpy as np
 import pytest
 
 from ballbot.errors import InputError
 from ballbot.robot import Robot
 from ballbot.viewer.live import LivePush, World, frame_size, homes, live_entries, live_view_page
+from ballbot.viewer.live_process import LiveProcess
 from ballbot.viewer.motion import INTERVAL
 from ballbot.workflows.candidates import parse_candidates
 
@@ -143,3 +148,13 @@ def test_robots_are_named_by_what_differs():
 def test_too_many_robots_are_refused():
     with pytest.raises(InputError, match="at most 4"):
         live_view_page(live_entries(ALTEN, parse_candidates([f"c{k}=none" for k in range(5)])))
+
+
+def test_ctrl_c_does_not_stop_the_simulation_while_it_imports():
+    """The terminal sends it to every process of a command; the command itself ends the others."""
+    with LiveProcess(live_entries(ALTEN, parse_candidates(("full",)))) as source:
+        process = source._process
+        assert process.pid is not None
+        os.kill(process.pid, signal.SIGINT)
+        time.sleep(0.5)  # the imports take longer
+        assert process.is_alive()

@@ -46,7 +46,8 @@ def live_view(*words):
         assert found, line
         yield found[0]
         child.send(signal.SIGINT)  # Ctrl-C
-        assert child.end(within=PATIENCE) == 0, child.errors()
+        assert child.end(within=PATIENCE) == 130, child.errors()
+        assert child.errors() == "ballbot: the live view has ended.\n"
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import webbrowser
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -129,6 +128,8 @@ def _serve(page: LivePage, source: Source, options: LiveOptions, ready: Callable
         elif options.browser:
             open_page(address)
 
-    with suppress(KeyboardInterrupt):
-        access = Access(host=options.host)
+    access = Access(host=options.host)
+    try:
         asyncio.run(serve_live(page, source, access=access, port=options.port, ready=announce))
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("the live view has ended.") from None

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict
 
 from ballbot.errors import InputError
-from ballbot.processes import begin_as_worker
+from ballbot.processes import begin_as_worker, uninterrupted
 from ballbot.schema import validate_table
 from ballbot.viewer.live import Entry, LivePush, Settings, World, frame_size
 from ballbot.viewer.motion import INTERVAL
@@ -143,7 +143,8 @@ class LiveProcess:
         self._process = context.Process(
             target=run_live, args=(tuple(entries), self._frames, theirs), name="live simulation", daemon=True
         )
-        self._process.start()
+        with uninterrupted():  # while it imports; see `begin_as_worker`
+            self._process.start()
         theirs.close()
         self._sent = 0
         self.status = Status(phase="compiling")
