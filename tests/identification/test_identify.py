@@ -60,8 +60,8 @@ def test_known_friction_is_found_within_its_standard_errors(found):
 
 @pytest.mark.slow
 def test_windows_it_did_not_fit_are_predicted_better_with_friction_in_every_state(found):
-    assert set(found.held_out.ratios) == set(STATE_NAMES)
-    assert max(found.held_out.ratios.values()) < 0.5
+    assert set(found.held_out.with_over_without) == set(STATE_NAMES)
+    assert max(found.held_out.with_over_without.values()) < 0.5
     fitted = {(span.log, span.start) for span in found.fit_windows}
     held_out = {(span.log, span.start) for span in found.held_out_windows}
     assert not fitted & held_out
@@ -283,15 +283,15 @@ def test_measured_logs_of_the_stand_in_robot(shared_data):
     logs = [Log.read(shared_data / "bbr" / name).between(0.0, 24.0) for name in names]
     found = identify(Robot.load("alten"), logs, options=BRIEF)
     # a trial reached 0.14 (phi_dot) to 0.43 (psi); play and rollers leave the heading least predictable
-    assert max(found.held_out.ratios.values()) < 0.5
+    assert max(found.held_out.with_over_without.values()) < 0.5
     step, stiff = (
         cross_validate(found, Log.read(shared_data / "bbr" / f"{name}.csv"), name=name)
         for name in ("thesis_step_soft", "square_stiff")
     )
-    assert max(step.errors.ratios.values()) < 0.5
+    assert max(step.errors.with_over_without.values()) < 0.5
     assert step.findings == ()
     # the wheels chatter within the play: friction makes the lean's prediction worse, and a finding gives the reason
-    worse = [state for state, ratio in stiff.errors.ratios.items() if ratio >= 1.0]
+    worse = [state for state, ratio in stiff.errors.with_over_without.items() if ratio >= 1.0]
     assert [finding for finding in texts(stiff.findings) if "within the gearbox's play" in finding]
     assert all(
         any(f" {state} is not predicted" in finding for finding in texts(stiff.findings)) for state in worse

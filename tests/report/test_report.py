@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import cast
 from xml.etree import ElementTree
 
 import numpy as np
@@ -24,7 +25,7 @@ from ballbot.identification.variation import Variation
 from ballbot.identification.windows import Span
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.driveline import driveline_findings, parameter_rows
-from ballbot.report.friction import friction_curve, interval_figure
+from ballbot.report.friction import friction_curve, interval_figure, search_figure
 from ballbot.report.identification_page import _rows_within
 from ballbot.report.study import friction_sentence
 from ballbot.report.style import drawn, thinned, with_peaks
@@ -377,3 +378,14 @@ def test_windows_shown_lie_within_the_held_out_ones_even_if_they_begin_later():
     assert rows(0.0) == [4, 5, 6, 18]
     assert rows(0.02) == [4, 5]
     assert rows(11.0) == []
+
+
+def test_the_search_figure_has_short_labels_even_where_the_search_has_converged():
+    costs = np.log(0.094123 + 1e-8 * np.arange(12))
+    found = cast("Identification", SimpleNamespace(evolution_cost=costs[:6], gauss_newton_cost=costs[6:]))
+    figure = search_figure(found)
+    figure.canvas.draw()
+    for axes in figure.axes:
+        labels = [one.get_text() for one in axes.get_yticklabels()]
+        assert len(set(labels)) >= 3
+        assert max(map(len, labels)) <= len("0.0945")

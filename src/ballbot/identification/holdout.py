@@ -218,7 +218,7 @@ class HoldoutResult:
         by_horizon = [one.to_dict() for one in self.horizons]
         return {
             "errors": self.errors.to_dict(),
-            "ratios": self.errors.ratios,
+            "with_over_without": self.errors.with_over_without,
             "horizons": {"causal_starts": self.causal, "errors": by_horizon},
             "findings": finding_results(self.findings),
         }
@@ -253,14 +253,14 @@ def cross_validate(
     if not len(windows):
         raise InputError(f"{name} has no window of {found.window:g} s without gaps or missing values.")
     found_errors = errors(predictor, windows, found.values)
-    worse = [state for state, ratio in found_errors.ratios.items() if not ratio < 1.0]
+    worse = [state for state, ratio in found_errors.with_over_without.items() if not ratio < 1.0]
     moved = chatter(log, predictor.robot)
     horizons = friction_by_horizon(horizon_errors(predictor, found.values, log, starts=starts))
     findings = [
         warning(
             "not-predicted",
             f"In {name}, {state} is not predicted better with friction than without "
-            f"(error ratio {found_errors.ratios[state]:.2f}).",
+            f"({found_errors.with_over_without[state]:.2f} times the error).",
         )
         for state in worse
     ]

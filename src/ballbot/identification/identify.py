@@ -369,7 +369,7 @@ def _findings(
         *error_findings(coordinates, uncertainty.scaled_errors),
         *interval_findings(uncertainty.intervals),
         *dict.fromkeys(apart),
-        *prediction_findings(held_out.ratios),
+        *prediction_findings(held_out.with_over_without),
     ]
 
 

@@ -78,7 +78,7 @@ class WindowErrors:
         return self._by_state(self.rmse_without / np.sqrt(self.samples))
 
     @property
-    def ratios(self) -> dict[str, float]:
+    def with_over_without(self) -> dict[str, float]:
         """Error with friction over error without, for each state."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return self._by_state(self.rmse_with / self.rmse_without)
@@ -173,7 +173,7 @@ class Identification:
             unit = "" if BY_NAME[name].unit == "1" else BY_NAME[name].unit
             ends = profile_ends(self.intervals, BY_NAME[name].labels(self.layout.wheel_count))
             rows.append((symbol, estimated(value, self.standard_errors[symbol], unit, intervals=ends)))
-        ratios = np.array(list(self.held_out.ratios.values()))
+        ratios = np.array(list(self.held_out.with_over_without.values()))
         share = f"{np.nanmedian(ratios):.3g}" if np.isfinite(ratios).any() else "unknown"
         rows.append(
             ("prediction error", f"{share} of that without friction (median of the states, held out)")
@@ -481,12 +481,12 @@ def _symbol(label: str) -> str:
 
 
 def prediction_findings(ratios: Mapping[str, float]) -> list[Finding]:
-    """Return a finding for each state that friction does not help to predict; error ratios by state."""
+    """Return a finding for each state that friction does not help to predict, from errors with over errors without."""
     return [
         warning(
             "not-predicted",
             f"{state} is not predicted better with friction than "
-            f"without (error ratio {ratio:.2f} on held-out windows).",
+            f"without ({ratio:.2f} times the error on held-out windows).",
         )
         for state, ratio in ratios.items()
         if not ratio < 1.0

@@ -319,13 +319,24 @@ def search_figure(found: Identification) -> Figure:
         )
         axes.set_xlabel(across)
         axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=6))
-        axes.yaxis.get_major_formatter().set_useOffset(False)
+        _with_few_digits(axes, np.exp(costs))
     panels[0].set_ylabel("error / no friction")
     return figure
 
 
+def _with_few_digits(axes: Axes, values: NDArray[np.float64]) -> None:
+    """Let a vertical axis cover at least a hundredth of its values, so that its labels differ in three digits."""
+    lower, upper, middle = values.min(), values.max(), values.mean()
+    if upper - lower < _LEAST_RANGE * middle:
+        axes.set_ylim(middle - _LEAST_RANGE * middle, middle + _LEAST_RANGE * middle)
+    axes.yaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
+    axes.ticklabel_format(axis="y", useOffset=False)
+
+
 #: points of a line that carry a marker each
 _MOST_MARKERS = 40
+#: of the search's errors, as a share: what is less than that is no difference between models
+_LEAST_RANGE = 0.01
 
 
 #: of laws in words
@@ -383,7 +394,7 @@ def parameter_table(found: Identification, *, framed: bool) -> TextTable:
 
 
 def error_table(found: Identification, holdouts: Sequence[HoldoutResult], *, framed: bool) -> TextTable:
-    """Return the root mean square of the open-loop errors of each state, and their ratios on other logs."""
+    """Return the open-loop errors of each state (RMSE), and those with over those without friction on other logs."""
     ours = found.held_out
     rows = [
         (
@@ -392,14 +403,22 @@ def error_table(found: Identification, holdouts: Sequence[HoldoutResult], *, fra
             digits(with_friction),
             digits(without),
             f"{ratio:.2f}",
-            *(f"{one.errors.ratios[state]:.2f}" for one in holdouts),
+            *(f"{one.errors.with_over_without[state]:.2f}" for one in holdouts),
         )
         for (state, ratio), with_friction, without in zip(
-            ours.ratios.items(), ours.rmse_with, ours.rmse_without, strict=True
+            ours.with_over_without.items(), ours.rmse_with, ours.rmse_without, strict=True
         )
     ]
-    title = f"Open-loop RMSE on {ours.windows} held-out windows" + ("; ratio on other logs" * bool(holdouts))
-    headings = ("state", "unit", "with friction", "without", "ratio", *(one.name for one in holdouts))
+    others = "; with / without friction on other logs" if holdouts else ""
+    title = f"Open-loop RMSE on {ours.windows} held-out windows{others}"
+    headings = (
+        "state",
+        "unit",
+        "with friction",
+        "without",
+        "with / without",
+        *(one.name for one in holdouts),
+    )
     return table(title, headings, rows, framed=framed)
 
 

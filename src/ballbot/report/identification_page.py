@@ -86,7 +86,7 @@ def _studied(found: Identification, name: str, place: int, log: Log) -> StudiedL
 
 def _prediction_sentence(found: Identification) -> str:
     errors = found.held_out
-    ratios = np.array(list(errors.ratios.values()))
+    ratios = np.array(list(errors.with_over_without.values()))
     return (
         f"On {errors.windows} windows that the fit did not see, the error with the friction found is "
         f"{digits(float(np.median(ratios)), 2)} times that without friction (median of the states)."
