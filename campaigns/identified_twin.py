@@ -121,7 +121,10 @@ def identified_errors() -> Section:
     rows = []
     for place, state in enumerate(STATE_NAMES):
         thesis = [with_it / without for with_it, without in (TABLE_4_1[state], TABLE_4_2[state])]
-        windows = [found.held_out.with_over_without[state], *(one.errors.with_over_without[state] for one in judged)]
+        windows = [
+            found.held_out.with_over_without[state],
+            *(one.errors.with_over_without[state] for one in judged),
+        ]
         ratios = [thesis[0], float(closed[place]), thesis[1], float(opened[place]), *windows]
         rows.append([state.replace("_", r"\_"), *(f"{ratio:.2f}" for ratio in ratios)])
     below = [int(np.sum([ratio < 1.0 for ratio in one.errors.with_over_without.values()])) for one in judged]
