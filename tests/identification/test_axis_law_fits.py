@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from ballbot.errors import InputError
@@ -12,7 +13,7 @@ from ballbot.identification.axis.law_fits import check_determined, improved, ini
 from ballbot.identification.axis.motion import default_bandwidth
 from ballbot.identification.axis.output_error import OutputErrorFit, sighting
 from ballbot.identification.axis.result import Estimate
-from ballbot.identification.axis.selection import blocks_of, problem_of
+from ballbot.identification.axis.selection import SAME, blocks_of, least_errors, problem_of
 from ballbot.identification.axis.structure import AxisModel
 from campaigns.axis_machines import Logging, Machine, record_of
 from tests.support.axis_examples import TRUTH, simulated_record
@@ -144,3 +145,12 @@ def test_a_fit_no_better_than_a_constant_speed_is_refused() -> None:
         InputError, match=r"does not determine mass and friction: .* The inverse model, .* gives M ="
     ):
         check_determined(heavy, inverse, seen, blocks, 0.2)
+
+
+def test_of_horizons_that_predict_the_same_the_shortest_is_chosen() -> None:
+    errors = np.array([[1.0, 4.0, 9.0], [1.0, 4.0, 9.0], [1.0, 4.0, 9.0]])
+    errors[1] *= 1.0 - 0.5 * SAME
+    errors[2] *= 1.0 - 0.2 * SAME
+    assert least_errors(errors) == 0
+    errors[2] *= 1.0 - 10.0 * SAME
+    assert least_errors(errors) == 2

@@ -22,7 +22,7 @@ from ballbot.identification.axis.inverse import InverseFit, break_away_column, i
 from ballbot.identification.axis.laws import AXIS_LAWS, PARAMETERS, Values, unit_for
 from ballbot.identification.axis.output_error import OutputErrorFit, Sighting, memoized
 from ballbot.identification.axis.record import AxisRecord
-from ballbot.identification.axis.selection import Blocks, at_constant_speed, fit_all, problem_of
+from ballbot.identification.axis.selection import SAME, Blocks, at_constant_speed, fit_all, problem_of
 from ballbot.identification.axis.structure import AxisModel, base_name
 from ballbot.progress import Progress
 
@@ -37,8 +37,6 @@ _STRIBECK_SPEEDS, _CLEARLY = (0.03, 0.1, 0.3, 1.0), 0.9
 _DISSIPATES = ("viscous", "coulomb", "stribeck", "load")
 #: shares of the usual force: a dry friction to start from at least, and one where a law is all but the one within it
 _LEAST_FRICTION, _NO_FRICTION = 1e-3, 1e-4
-#: errors that differ by less than this share are the same
-SAME = 1e-3
 #: a law's error is below this share of that of a constant speed, if the records determine it
 _INFORMATIVE = 0.9
 

@@ -51,6 +51,8 @@ SHORTEST_BLOCK, LEAST_BLOCK_ROWS = 0.4, 24
 #: lengths of windows tried [s]; a window has at least so many rows
 HORIZONS = (0.1, 0.2, 0.5, 1.0, 2.0)
 LEAST_WINDOW_ROWS = 10
+#: errors that differ by less than this share are the same
+SAME = 1e-3
 #: slower than this share of its usual speed, an axis reverses or rests
 _SLOW = 0.1
 
@@ -252,7 +254,10 @@ def select_horizon(
     blocks: Blocks,
     run: Run = DEFAULT_RUN,
 ) -> HorizonChoice:
-    """Return the length of windows whose fit predicts held-out blocks best, over windows of all lengths."""
+    """Return the length of windows whose fit predicts held-out blocks best, over windows of all lengths.
+
+    Of lengths that predict the same, it is the shortest.
+    """
     horizons = horizons_for(blocks, [one.record for one in sightings])
     if len(horizons) == 1:
         return HorizonChoice(horizons=horizons, errors=np.full((1, 1), np.nan), chosen=horizons[0])
@@ -268,8 +273,16 @@ def select_horizon(
 
         rows.append(run.memoize(f"horizon {horizon:g}", model.vector(start), answer)[0])
     errors = np.array(rows)
-    best = int(np.argmin(np.log(np.maximum(errors, np.finfo(float).tiny)).mean(axis=1)))
-    return HorizonChoice(horizons=horizons, errors=errors, chosen=horizons[best])
+    return HorizonChoice(horizons=horizons, errors=errors, chosen=horizons[least_errors(errors)])
+
+
+def least_errors(errors: NDArray[np.float64]) -> int:
+    """Return the row of errors (fitted, predicted) with the least geometric mean; the first of those that are the same.
+
+    Rounding differs from processor to processor, and would choose among these.
+    """
+    means = np.exp(np.log(np.maximum(errors, np.finfo(float).tiny)).mean(axis=1))
+    return int(np.argmax(means <= (1.0 + SAME) * means.min()))
 
 
 #: laws that are judged on all windows, each with the law within it, and those of bristles
