@@ -129,6 +129,24 @@ def test_columns_between_lean_and_wheels_that_may_be_a_heading_leave_it_open():
     assert found.confidence < CONFIDENT
 
 
+@pytest.mark.parametrize("lean", [LEAN, LEAN[:2]])
+def test_a_lean_that_the_wheels_explain_badly_is_found_if_every_column_then_has_a_role(lean):
+    logged = columns_of(swaying_log(), Habits())
+    # 1 deg at 1 to 3 Hz, such as a soft mount's: so much that the fit of the lean alone finds nothing
+    hann = np.hanning(30) / np.linalg.norm(np.hanning(30))
+    white = np.random.default_rng(6).standard_normal((2, len(logged["t_now"])))
+    shaken = [np.convolve(one, hann, mode="same") for one in white]
+    logged |= {name: logged[name] + one for name, one in zip(LEAN[:2], shaken, strict=True)}
+    table = {name: logged[name] for name in ("t_now", *lean, *WHEELS, *COMMANDS)}
+    found = roles_by_data(table, small_robot())
+    assert found is not None
+    assert (found.attitude, found.angles, found.commands) == (lean, WHEELS, COMMANDS)
+    assert found.confidence >= CONFIDENT
+    # a column beside the lean that has no role may be a part of it
+    doubted = roles_by_data({"t_now": table.pop("t_now"), "a": shaken[0], **table}, small_robot())
+    assert doubted is None or doubted.confidence < CONFIDENT
+
+
 @pytest.mark.parametrize(
     ("confidence", "shown"), [(0.999, "> 99"), (0.991, "> 99"), (0.98, "98"), (0.8999, "89")]
 )
