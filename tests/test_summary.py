@@ -198,6 +198,13 @@ def test_linear_model_shows_every_acceleration():
     assert replace(model, A=2.0 * model.A).summary().sentences  # the rates are not those of the states then
 
 
+def test_a_long_log_says_how_long_in_hours():
+    log = Log({"t": 1000.0 + np.arange(50_000) * 0.5})
+    summary = log.summary()
+    assert summary.title == "Log of 50000 rows: 25000 s (6:56:40) at 2 Hz"
+    assert dict(summary.rows)["time"] == "1000 to 25999.5 s"
+
+
 def test_batch_counts_how_its_lanes_ended():
     rows = dict(batch().summary().rows)
     assert rows["ran to the end"] == "1 of 4 (25 %)"

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from ballbot.findings import Finding, by_severity, texts
 from ballbot.printable import printable_line
+from ballbot.progress import as_clock
 from ballbot.rounding import between, digits, plus_minus
 
 if TYPE_CHECKING:
@@ -211,6 +212,11 @@ def first_texts(findings: Sequence[Finding], *, most: int = 3) -> tuple[str, ...
 def counted(number: int, what: str) -> str:
     """Return a number of things: 1 log, 2 logs."""
     return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def duration_words(seconds: float) -> str:
+    """Return a duration, in hours and minutes too if it is long: 12.5 s, 5025 s (1:23:45)."""
+    return f"{seconds:.4g} s" if seconds < 1000.0 else f"{seconds:.0f} s ({as_clock(seconds)})"
 
 
 def range_words(values: NDArray[np.float64], unit: str = "") -> str:

@@ -133,7 +133,7 @@ def test_misspelling_comes_before_what_is_missing(
     assert len(said.splitlines()) == 1
 
 
-@pytest.mark.parametrize("line", ["-V --json", "--json --version"])
+@pytest.mark.parametrize("line", ["-V --json", "--json --version", "version --json"])
 def test_version_as_json(line: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(line.split()) == 0
     assert json.loads(capsys.readouterr().out) == {"version": version()}

@@ -46,7 +46,7 @@ def test_ballbot_alone_names_three_commands_that_exist_and_where_help_is(
     assert "`ballbot help`" in START
 
 
-@pytest.mark.parametrize("flag", ["-V", "--version"])
+@pytest.mark.parametrize("flag", ["-V", "--version", "version"])
 def test_version(flag: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([flag]) == 0
     assert capsys.readouterr().out.strip() == ballbot.__version__

@@ -235,7 +235,7 @@ def test_new_makes_models_and_reads_them(tmp_path, capsys):
     assert main(["new", "first", "--out", str(model)]) == 0
     assert "every roller as one contact" in capsys.readouterr().out
     assert main(["new", "second", "--from", str(model), "--like", "cmu", "--out", str(robot)]) == 0
-    assert "nothing that differs from the robot file in it" in capsys.readouterr().out
+    assert "the robot file in it, with no value changed" in capsys.readouterr().out
     assert Robot.load(str(robot)) == ALTEN.replace(name="second")
     assert main(["check", str(model)]) == 2
     assert f"make it a robot file with: ballbot new NAME --from {model}" in capsys.readouterr().err

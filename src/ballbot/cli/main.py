@@ -102,8 +102,8 @@ def _run(tokens: list[str]) -> int:
     if not named:
         print(START, end="")
         return 0
-    if named[0] in VERSION_FLAGS and "--json" in tokens:
-        print(json.dumps({"version": version()}))
+    if named[0] in VERSION_FLAGS or named == ["version"]:
+        print(json.dumps({"version": version()}) if "--json" in tokens else version())
         return 0
     tokens = _with_new_names(tokens, command=named[0])
     app = build_app(named)

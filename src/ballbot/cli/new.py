@@ -82,7 +82,7 @@ def new(
 def _read(source: str, model: ReadModel, like: str) -> list[str]:
     """Return sentences on what a model states and what is assumed."""
     lines = [
-        f"Read from {source}: {', '.join(model.stated) or 'nothing that differs from the robot file in it'}."
+        f"Read from {source}: {', '.join(model.stated) or 'the robot file in it, with no value changed'}."
     ]
     if model.assumed:
         lines.append(f"Assumed, mostly as in {like}: {', '.join(model.assumed)}. Check these.")

@@ -42,7 +42,8 @@ class CameraOptions:
     """What the picture shows."""
 
     seam: str = "thesis"
-    """thesis, tennis or basketball."""
+    """tennis, basketball, or thesis: one closed curve like a tennis ball's with narrower necks, as of tape on a plain
+    ball."""
 
     colour: str | None = None
     """The seam's colour, as red,green,blue from 0 to 255. Estimated if not given."""
@@ -79,7 +80,7 @@ def spin(
     """Measure the ball's angular velocity from a video of its seam, seen from above on the upside-down robot.
 
     Finds the ball, its seam and the camera's distance, follows the seam frame by frame, and with a log compares the
-    result with T_obw times the wheels' speeds (the thesis's Figure V.2). Writes report.html, spin.csv (t, ball_omega_x,
+    result with the ball's velocity by the wheels' speeds. Writes report.html, spin.csv (t, ball_omega_x,
     _y, _z, their standard errors, tracked), results.json, velocity.svg and overlay.png; with a log also difference.svg
     and log.csv, the log with ball_omega.
 

@@ -161,11 +161,12 @@ class ModelOptions:
     """The two models that are compared."""
 
     against: str | None = None
-    """The second model: another robot (preset or file), or this robot in the other formulation, thesis or exact. By
-    default the same robot without friction."""
+    """The second model: another robot (preset or file), or this robot with other equations of motion, exact or thesis.
+    By default the same robot without friction."""
 
     formulation: Formulation = "exact"
-    """Equations of motion of both robots: exact, or as the thesis prints them."""
+    """Equations of motion of both robots: exact, or thesis (approximate ones of a published ballbot model, to compare
+    with)."""
 
 
 _PAIR = ModelOptions()
@@ -192,8 +193,6 @@ def validate(
     Example: ballbot validate found/robot.toml step.csv --out checked
 
     Example: ballbot validate found/robot.toml step.csv --against viscous/robot.toml --out laws
-
-    Example: ballbot validate found/robot.toml step.csv --against thesis --out formulations
 
     With --prediction, compare a log with a study's prediction for its controller on the same course: which
     quantities lie outside their 95 % intervals, likely causes, and whether to keep, weaken or revert the

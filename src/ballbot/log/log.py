@@ -32,7 +32,7 @@ from ballbot.log.columns import (
     similar_column,
     unit_of,
 )
-from ballbot.summary import Summary, counted, plotted, range_words, summarized
+from ballbot.summary import Summary, counted, duration_words, plotted, range_words, summarized
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -314,13 +314,15 @@ class Log:
         """Return the log's length and rate, and the range of its columns by groups; see also `summarize`."""
         duration = float(self.t[-1] - self.t[0])
         rate = f" at {(len(self) - 1) / duration:.4g} Hz" if duration > 0.0 else ""
-        rows = [("time", range_words(self.t, "s")), *_range_rows(self)]
+        rows = [("time", f"{self.t[0]:.6g} to {self.t[-1]:.6g} s"), *_range_rows(self)]
         missing = {name: int(np.count_nonzero(~np.isfinite(values))) for name, values in self.columns.items()}
         lacking = ", ".join(f"{count} of {name}" for name, count in missing.items() if count)
         rows.append(("missing values", lacking or "none"))
         if self.ended:
             rows.append(("ended early", self.ended))
-        return Summary(title=f"Log of {counted(len(self), 'row')}: {duration:.4g} s{rate}", rows=tuple(rows))
+        return Summary(
+            title=f"Log of {counted(len(self), 'row')}: {duration_words(duration)}{rate}", rows=tuple(rows)
+        )
 
     def plot(self) -> Figure:
         """Return a figure of the path, position, lean and torques over time, as far as the log has them."""
