@@ -9,18 +9,20 @@ from functools import partial
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatter, StrMethodFormatter
+from matplotlib.ticker import LogFormatter, MaxNLocator, StrMethodFormatter
 from numpy.typing import NDArray
 from rich.console import RenderableType
 from rich.text import Text
 
-from ballbot.report.blocks import Picture, Report, Sheet, section
+from ballbot.identification.quantities import BY_NAME
+from ballbot.report.blocks import Paragraph, Picture, Report, Sheet, section
 from ballbot.report.console import TextTable, table
 from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Look, Panel, TimeSeries, wheel_lines
 from ballbot.report.style import drawn_picture, thinned
 from ballbot.robot import Robot
+from ballbot.robot.parameters import DIMENSIONLESS
 from ballbot.rounding import digits
 from ballbot.workflows.excitation_task import RunLimits, run_on_model
 from ballbot.workflows.excite import Excitation, Trial
@@ -128,6 +130,8 @@ def _draw_path(axes: Axes, shown: Followed, limits: RunLimits) -> None:
     axes.plot(0.0, 0.0, marker="o", color=MUTED, markersize=3.5)
     axes.set_aspect("equal")
     axes.set_title(f"path {shown.title}, limits dashed")
+    for along in (axes.xaxis, axes.yaxis):
+        along.set_major_locator(MaxNLocator(5))
     axes.set_xlabel("$x$ [m]")
     axes.set_ylabel("$y$ [m]")
 
@@ -156,12 +160,19 @@ def _limits_table(result: Excitation, *, framed: bool) -> TextTable:
         )
         for name, (unit, _) in _SHOWN.items()
     ]
-    return table("Limits, and the largest values of each run", ("limit", "", *runs), rows, framed=framed)
+    return table(
+        "Limits, and the largest values of each run", ("quantity", "limit", *runs), rows, framed=framed
+    )
 
 
 def _errors_table(result: Excitation, *, framed: bool) -> TextTable:
     """Return the standard errors: expected, and of identifications from the twin's logs; the worst of each last."""
-    question = result.task.question
+    question, wheels = result.task.question, result.task.robot.wheel_count
+    units = {
+        label: "" if one.unit == DIMENSIONLESS else one.unit
+        for one in BY_NAME.values()
+        for label in one.labels(wheels)
+    }
     believed = question.coordinates.physical(question.point)[question.coordinates.free]
     scaled = {"square": result.square.errors, "designed": result.design.errors}
     columns = {name: question.in_units(errors) for name, errors in scaled.items()}
@@ -169,12 +180,18 @@ def _errors_table(result: Excitation, *, framed: bool) -> TextTable:
         scaled[f"{name}, twin"] = trial.errors
         columns[f"{name}, twin"] = _errors_in_units(trial)[question.coordinates.free]
     rows = [
-        (label, digits(float(believed[i])), *(digits(float(one[i]), 2) for one in columns.values()))
+        (
+            label,
+            units[label],
+            digits(float(believed[i])),
+            *(digits(float(one[i]), 2) for one in columns.values()),
+        )
         for i, label in enumerate(question.labels)
     ]
-    rows.append(("worst, % of bounds", "", *(_worst(errors) for errors in scaled.values())))
-    headings = ("parameter", "assumed", *columns)
-    return table("Standard errors: expected, and from the twin's logs", headings, rows, framed=framed)
+    rows.append(("worst, % of bounds", "", "", *(_worst(errors) for errors in scaled.values())))
+    headings = ("parameter", "unit", "assumed", *columns)
+    title = "Standard errors expected" + (", and from the twin's logs" if result.trials else "")
+    return table(title, headings, rows, framed=framed)
 
 
 def _verdict(result: Excitation) -> list[str]:
@@ -262,6 +279,7 @@ def excitation_report(result: Excitation, robot: Robot, *, errors: Picture, made
                 Sheet.of(_limits_table(result, framed=False)),
                 drawn_picture("path", partial(path_figure, shown, limits), "Dashed: the limit of the floor."),
                 _followed_series(shown, limits),
+                Paragraph(text=_HOW_TO_RUN),
             ),
             section(
                 "Expected errors",
@@ -272,6 +290,13 @@ def excitation_report(result: Excitation, robot: Robot, *, errors: Picture, made
         undecided=undecided,
         made=made,
     )
+
+
+_HOW_TO_RUN = (
+    "Let the robot follow reference.csv of this folder, with the options --reference reference.csv and --controller "
+    "controller.toml of ballbot run; any other controller that follows positions will do. Then give the log of the run "
+    "to ballbot identify."
+)
 
 
 #: of x, y and the heading beside wheels and lean
