@@ -26,7 +26,7 @@ from ballbot.report.provenance import Provenance
 from ballbot.report.series import IN_TURN, Line, Panel, TimeSeries
 from ballbot.report.style import drawn_picture
 from ballbot.report.words import with_error
-from ballbot.rounding import digits
+from ballbot.rounding import digits, value_and_error
 
 #: a point of the friction figure is drawn only where the axis moves faster than this share of its fastest
 _SLOW = 0.02
@@ -247,8 +247,11 @@ def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section
     )
     caption = (
         "Least squares of the force over the filtered motion. Its force error is of the rows that it was fitted to, "
-        "filtered alike and fewer; the prediction errors above are of all rows, unfiltered."
+        "filtered alike and fewer; the prediction errors above are of all rows, unfiltered. The form complete is the "
+        "method inverse of the tables above."
     )
+    if len(found.inverse) > 1:
+        caption += " The others are those of published identifications, for comparison."
     yield section("The inverse model", Sheet(headings=inverse, rows=_inverse_rows(found), caption=caption))
 
 
@@ -401,16 +404,11 @@ def _inverse_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
             if value == 0.0:
                 rows.append((form, symbol, "0", "fixed at zero", "", ""))
                 continue
-            share = f"{digits(100.0 * abs(deviation / value))} %"
-            numbers = [_decimals(number) for number in (value, deviation, clustered)]
-            rows.append((form, symbol, numbers[0], numbers[1], share, numbers[2]))
-        rows.append((form, "force error", f"{100.0 * fit.relative_force_error:.4f} %", "", "", ""))
+            share = f"{digits(100.0 * abs(deviation / value), 2)} %"
+            shown, error = value_and_error(value, clustered)
+            rows.append((form, symbol, shown, digits(deviation, 2), share, error))
+        rows.append((form, "force error", f"{digits(100.0 * fit.relative_force_error)} %", "", "", ""))
     return rows
-
-
-def _decimals(value: float) -> str:
-    """Return four decimals, as published, or four digits of a small number."""
-    return f"{value:.4f}" if abs(value) >= 0.01 else f"{value:.4g}"
 
 
 ERROR_HEADINGS = (
