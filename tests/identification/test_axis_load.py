@@ -140,3 +140,21 @@ def test_a_load_that_the_records_do_not_have_is_refused() -> None:
         identify_axis(slide, options=replace(flat, load_friction="drive"))
     with pytest.raises(InputError, match=r"no load 'transmited'.*transmitted"):
         load_named("transmited")
+
+
+@pytest.mark.sample
+def test_of_loads_that_resemble_each_other_the_open_loop_takes_the_closest() -> None:
+    # of seven records of such a machine of which the inverse model names another load, three are put right, this too
+    small = Machine(
+        kind="pendulum",
+        inertia=0.0077,
+        viscous=0.023,
+        coulomb=0.196,
+        gravity=(0.68, 0.0),
+        gears=(0.06, *SHARES["transmitted"]),
+    )
+    logged = Logging(duration=12.0, rate=100.0, amplitude=1.2, counts=4096.0, force_noise=0.014)
+    record = record_of(small, logged, 8)
+    assert select_terms([record], PLAIN)[0].load == "drive"
+    options = AxisOptions(law="coulomb", harmonics=(1,), spring=False, drift=False)
+    assert identify_axis(record, options=options).model.load == "transmitted"

@@ -51,12 +51,13 @@ from ballbot.identification.axis.selection import (
     Blocks,
     blocks_of,
     errors_on,
+    fit_all,
     held_out_errors,
     select_horizon,
     select_law,
 )
 from ballbot.identification.axis.structure import TURN, AxisModel, base_name, terms_of
-from ballbot.identification.axis.terms import Kind, select_terms, without_refuted
+from ballbot.identification.axis.terms import Kind, gain_of_load, select_terms, without_refuted
 from ballbot.progress import Progress, part_of
 
 
@@ -142,6 +143,7 @@ def identify_axis(
     horizon = select_horizon(
         prepared.model.with_law(dry), prepared.starts[dry.name], bench.sightings, blocks, choosing
     )
+    prepared = _with_best_load(prepared, dry, blocks, horizon.chosen)
     needed = _without_refuted(prepared, dry, blocks, horizon.chosen)
     model, terms, starts = needed.model, needed.terms, needed.starts
     inverse = _inverse_fits(bench, model)
@@ -215,6 +217,32 @@ def _prepared_in_time(bench: _Bench, options: AxisOptions, blocks: Blocks) -> tu
     prepared = _prepared(bench, options, blocks)
     rows = force_delay(prepared.bench.sightings, prepared.model, prepared.starts, blocks)
     return (_prepared(bench.delayed(rows), options, blocks), rows) if rows else (prepared, 0.0)
+
+
+def _with_best_load(prepared: _Prepared, law: AxisLaw, blocks: Blocks, horizon: float) -> _Prepared:
+    """Return what was prepared, with that of the loads whose fit is closest, if one was selected.
+
+    The loads resemble each other, and the inverse model's error, which noise of the position biases, hardly tells them
+    apart.
+    """
+    selected = next((name for name, _ in prepared.terms if name.startswith("load ")), None)
+    if selected is None:
+        return prepared
+    bench, seen = prepared.bench, prepared.bench.sightings
+    found = [prepared]
+    for load in possible_loads(bench.records, over_position=bool(prepared.model.terms)):
+        model = replace(prepared.model, load=load)
+        gain = gain_of_load(bench.records, model, bandwidth=bench.bandwidth)
+        if load == prepared.model.load or gain is None:
+            continue
+        terms = tuple((f"load {load}", gain) if one[0] == selected else one for one in prepared.terms)
+        starts = initial_values(seen, model, bandwidth=bench.bandwidth)
+        found.append(replace(prepared, model=model, terms=terms, starts=starts))
+
+    def error(one: _Prepared) -> float:
+        return fit_all(one.model.with_law(law), one.starts[law.name], seen, blocks, horizon, restarts=1).rms
+
+    return min(found, key=error) if len(found) > 1 else prepared
 
 
 def _without_refuted(prepared: _Prepared, law: AxisLaw, blocks: Blocks, horizon: float) -> _Prepared:

@@ -90,6 +90,15 @@ def select_terms(
     return model, tuple(gains)
 
 
+def gain_of_load(
+    records: Sequence[AxisRecord], model: AxisModel, *, bandwidth: float | None = None
+) -> Gain | None:
+    """Return what friction over a model's load gains; None if the records do not support it."""
+    rows = regression_rows(records, replace(model, load=None), bandwidth=bandwidth, moving=True)
+    found = _gain_of(records, model, rows, _held_out_force(rows), bandwidth, LARGEST_CHANCE)
+    return found[1] if found else None
+
+
 def _wider(
     records: Sequence[AxisRecord], model: AxisModel, rows: RegressionRows, kinds: Collection[Kind]
 ) -> list[tuple[str, AxisModel]]:
