@@ -105,15 +105,16 @@ def coulomb_sentence(found: CoulombEquivalent, names: Sequence[str]) -> str:
     """Return the sentences of a report on the quantities `names` of the law; empty without dry friction."""
     if "coulomb" not in names:
         return ""
+    if "stribeck" not in names:  # then it is c, whose numbers are in the table
+        return "Compare the Coulomb friction c of each wheel with other logs and robots."
     each = ", ".join(
         plus_minus(float(value), float(error))
         for value, error in zip(found.values, found.standard_errors, strict=True)
     )
-    if "stribeck" not in names:
-        return f"Coulomb friction of each wheel: {each} N m. Compare this with other logs and robots."
     top = ", ".join(f"{speed:.2g}" for speed in found.speeds)
     return (
         f"Coulomb equivalent of each wheel: {each} N m. Compare this with other logs and robots, not c or s, which are "
         "less well determined. It is the value at rest of the straight line nearest to the dry friction up to "
-        f"{top} rad/s. Standard errors are for the conditions of these logs; v_s or delta at a bound is taken as exact."
+        f"{top} rad/s. Its standard errors, for the conditions of these logs, are from the larger of those clustered by "
+        "window and those of a bootstrap; v_s or delta at a bound is taken as exact."
     )
