@@ -527,6 +527,24 @@ def test_the_fields_of_a_matlab_structure_are_columns(tmp_path):
     # two structures, or a variable of the same name, keep their names
     assert {"log.t", "other.t"} <= set(read({"log": fields, "other": {"t": numbers}}))
     assert {"log.roll", "roll"} <= set(read({"log": fields, "roll": 0.0}))
+    # a structure of single numbers, as of parameters, is none of a log
+    assert {"t", "roll", "robot.mass"} <= set(read({"log": fields, "robot": {"mass": 17.0, "gear": 26.0}}))
+
+
+def test_two_runs_in_one_matlab_file_are_refused_by_their_names(tmp_path):
+    run = {"t": np.arange(60.0), "x": np.zeros(60)}
+    scipy.io.savemat(tmp_path / "log.mat", {"first": run, "second": run})
+    with pytest.raises(InputError, match=r"holds several runs: first, second\. Save each"):
+        Log.read(tmp_path / "log.mat")
+
+
+def test_parquet_columns_have_their_units_as_metadata(tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    Log({"t": [0.0, 1.0], "u1": [0.0, 1.0], "other": [2.0, 3.0]}).write(tmp_path / "log.parquet")
+    schema = parquet.read_schema(tmp_path / "log.parquet")
+    assert schema.field("t").metadata == {b"unit": b"s"}
+    assert schema.field("u1").metadata == {b"unit": b"N m"}
+    assert schema.field("other").metadata is None
 
 
 def test_a_damaged_matlab_structure_ends_in_a_sentence():

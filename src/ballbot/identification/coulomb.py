@@ -115,6 +115,6 @@ def coulomb_sentence(found: CoulombEquivalent, names: Sequence[str]) -> str:
     return (
         f"Coulomb equivalent of each wheel: {each} N m. Compare this with other logs and robots, not c or s, which are "
         "less well determined. It is the value at rest of the straight line nearest to the dry friction up to "
-        f"{top} rad/s. Its standard errors, for the conditions of these logs, are from the larger of those clustered by "
-        "window and those of a bootstrap; v_s or delta at a bound is taken as exact."
+        f"{top} rad/s. Its standard errors, for the conditions of these logs, are from the larger of those clustered "
+        "by window and those of a bootstrap; v_s or delta at a bound is taken as exact."
     )

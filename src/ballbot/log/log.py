@@ -395,6 +395,11 @@ def _column(name: str, values: ArrayLike) -> NDArray[np.float64]:
 
 def _check_shape(columns: Mapping[str, NDArray[np.float64]]) -> None:
     if "t" not in columns:
+        runs = [name.removesuffix(".t") for name in columns if name.endswith(".t")]
+        if len(runs) > 1:  # structures of a MATLAB file
+            raise InputError(
+                f"The file holds several runs: {', '.join(runs)}. Save each in a file of its own."
+            )
         raise InputError(
             "A log needs the column t, the time in seconds. For a foreign "
             "file, `ballbot check-log FILE --robot ROBOT --out checked` proposes a mapping."

@@ -1,6 +1,7 @@
 """MATLAB files of version 4 to 7: their real numeric variables; everything else in them is passed over.
 
-The fields of a structure are variables, too: `log.roll` is roll if the file has one structure, else log.roll.
+The fields of a structure are variables, too: `log.roll` is roll if no other structure of the file has series, else
+log.roll.
 
 A long matrix, such as the angles of three wheels or a whole log, is also given by its columns: `wheel` of N rows and
 three columns is wheel_1, wheel_2, wheel_3.
@@ -119,10 +120,19 @@ def _by_name(variables: Iterator[tuple[str, NDArray[np.float64]]]) -> Columns:
 def _without_prefix(
     variables: list[tuple[str, NDArray[np.float64]]],
 ) -> list[tuple[str, NDArray[np.float64]]]:
-    """Return variables with the fields of the file's only structure by their own names, if these are no others'."""
+    """Return variables with the fields of the file's only structure by their own names, if these are no others'.
+
+    Structures of single numbers, such as a robot's parameters beside its log, do not count if one has series.
+    """
     structures = {name.partition(".")[0] for name, _ in variables if "." in name}
-    names = [name.partition(".")[2] or name for name, _ in variables]
-    if len(structures) != 1 or len(set(names)) < len(names):
+    series = {name.partition(".")[0] for name, values in variables if "." in name and values.size > 1}
+    chosen = series if len(series) == 1 else structures
+    parts = [name.partition(".") for name, _ in variables]
+    names = [
+        field if field and first in chosen else name
+        for (first, _, field), (name, _) in zip(parts, variables, strict=True)
+    ]
+    if len(chosen) != 1 or len(set(names)) < len(names):
         return variables
     return [(short, values) for short, (_, values) in zip(names, variables, strict=True)]
 

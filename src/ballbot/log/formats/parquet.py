@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ballbot.arrays import check_table, format_bytes
 from ballbot.errors import InputError
 from ballbot.files import LARGEST_TABLE, read_bytes, write_bytes
-from ballbot.log.columns import Columns
+from ballbot.log.columns import Columns, unit_of
 
 
 def read_parquet_table(path: str | Path) -> Columns:
@@ -74,7 +74,7 @@ def _check_size(path: str | Path, metadata, schema) -> None:  # pyarrow's FileMe
 
 
 def write_parquet_table(path: str | Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
-    """Write columns (N,) to a Parquet file, whole or not at all.
+    """Write columns (N,) to a Parquet file, whole or not at all; the metadata of Ballbot's columns have their unit.
 
     Raises
     ------
@@ -85,7 +85,11 @@ def write_parquet_table(path: str | Path, columns: Mapping[str, NDArray[np.float
     from pyarrow import parquet
 
     stream = io.BytesIO()
-    parquet.write_table(pyarrow.table(dict(columns)), stream)
+    fields = [
+        pyarrow.field(name, pyarrow.float64(), metadata={"unit": unit} if (unit := unit_of(name)) else None)
+        for name in columns
+    ]
+    parquet.write_table(pyarrow.table(dict(columns), schema=pyarrow.schema(fields)), stream)
     write_bytes(path, stream.getvalue())
 
 
