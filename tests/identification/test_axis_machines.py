@@ -220,3 +220,12 @@ def test_the_error_expected_elsewhere_contains_the_spread_of_separate_parameters
     # each record by its own offset is predicted far better
     assert max(one.window_rmse for one in found.best.errors[:3]) < 0.6 * elsewhere
     assert found.expected.lower < elsewhere < found.expected.upper
+
+
+@pytest.mark.parametrize("seed", [1, 3, 5, 7])
+def test_gravity_over_a_small_swing_is_a_spring_and_no_cogging(seed: int) -> None:
+    machine, logging = draw("arm", "as it is", seed)
+    record = record_of(machine, replace(logging, amplitude=0.15), seed)
+    assert np.ptp(record.position) < 0.4
+    model, _ = select_terms((record,), PLAIN)
+    assert model.terms == ("spring",)

@@ -41,8 +41,8 @@ _FASTEST_PHASE, _LEAST_SLOW_ROWS = 1.5, 50
 #: weight of the gain of a spring on an axis that turns, and of a load: gravity comes before a spring, which resembles
 #: it over a small travel, and before friction that depends on the drive's force, which contains a gravity not yet found
 _SPRING_WORTH, _LOAD_WORTH = 0.3, 0.3
-#: least travel over which a harmonic is searched, in its periods
-_PERIODS = 0.75
+#: least travel over which a harmonic is searched, in its periods; gravity over less resembles it
+_PERIODS = 1.5
 #: a drift has a piece for so long [s], at most so many
 _DRIFT_PIECE, _MOST_PIECES = 8.0, 6
 #: of the columns of a wider model, each of length one
