@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ballbot.errors import InputError
 from ballbot.findings import Finding
 from ballbot.log.checks.kinematics import check_wheels
 from ballbot.log.mapping_inference.proposal import propose
@@ -135,3 +136,85 @@ def test_missing_cells_leave_the_conclusions_and_no_unbelieved_delay_is_told(eva
     (drive,) = (one for one in found.findings if one.code == "drive")
     applied = found.proposal.command_delay.applied
     assert ("after the command" in drive.text) == (applied > 0.0)
+
+
+WHEELS = ("psi_1", "psi_2", "psi_3")
+
+
+@pytest.fixture(scope="module")
+def angles() -> Columns:
+    """Return the columns with wheel angles [rad] whose steps no longer show the encoder."""
+    columns, random = written(columns_of(swaying_log(), Habits())), np.random.default_rng(0)
+    fine = {name: 1e-5 * random.standard_normal(len(columns["t_now"])) for name in WHEELS}
+    return columns | {name: columns[name] + fine[name] for name in WHEELS}
+
+
+def test_degrees_are_not_certain_where_a_path_in_mm_fits_as_well(evaluated, angles: Columns):
+    """48 mm a radian is 0.84 times 57.3 degrees."""
+    path = 1e3 * small_robot().wheels.radius
+    found: Evaluation = evaluated(angles | {name: path * angles[name] for name in WHEELS})
+    (asked,) = found.undetermined
+    assert asked.name == "unit of the wheel angles"
+    assert "mm of path" in asked.answers
+    assert "deg" in asked.answers
+    # degrees are never a path without such doubt
+    degrees: Evaluation = evaluated(angles | {name: np.degrees(angles[name]) for name in WHEELS})
+    assert degrees.proposal.wheel.unit == "deg"
+    assert not degrees.refusal
+
+
+def test_a_path_in_mm_by_name_is_mapped(evaluated, angles: Columns):
+    path = 1e3 * small_robot().wheels.radius
+    named = {f"{name}_mm" if name in WHEELS else name: values for name, values in angles.items()}
+    found: Evaluation = evaluated(named | {f"{name}_mm": path * angles[name] for name in WHEELS})
+    assert found.log is not None, found.refusal
+    turned, true = found.log["wheel1"], np.interp(found.log.t, swaying_log().t, swaying_log()["wheel1"])
+    assert np.std(turned - true) < 0.01 * np.std(true)
+
+
+@pytest.mark.parametrize(("factor", "asked"), [(4.0, "17920 a turn"), (0.25, "1120 a turn")])
+def test_counts_of_other_edges_are_offered_exactly(evaluated, plain: Columns, factor: float, asked: str):
+    """The heading shows 17700 and 1110."""
+    found: Evaluation = evaluated(plain | {name: np.round(factor * plain[name]) for name in WHEELS})
+    assert asked in found.refusal
+    assert "the robot file's 4480" in found.undetermined[0].evidence
+
+
+@pytest.mark.parametrize("stretched", [0.5, 1.0 / 1.5, 1.5, 2.0])
+def test_a_wrong_clock_is_named_before_what_follows_from_it(evaluated, plain: Columns, stretched: float):
+    found: Evaluation = evaluated(plain | {"t_now": stretched * plain["t_now"]})
+    assert found.undetermined[0].name == "clock"
+    assert found.refusal.startswith("cannot determine: clock")
+    seconds = float(found.undetermined[0].alternatives[0].split(" s of")[0].split()[-1])
+    # by the lean's acceleration, which noise of the angles makes too small
+    assert seconds == pytest.approx(1.0 / stretched, rel=0.15)
+
+
+def test_a_set_point_among_the_commands_is_named(evaluated, plain: Columns):
+    found: Evaluation = evaluated(plain | {"torque2_Nm": np.sin(1.3 * plain["t_now"])})
+    (asked,) = found.undetermined
+    assert asked.name == "columns of the commands"
+    assert "torque2_Nm as a set point" in asked.answers
+
+
+def test_speeds_by_one_letter_are_refused_with_the_entry_for_them(evaluated, angles: Columns):
+    t = angles["t_now"]
+    columns = {"t": t, "tilt_x": angles["theta_x"], "tilt_y": angles["theta_y"]}
+    columns |= {f"w{k}": np.gradient(angles[f"psi_{k}"], t) for k in (1, 2, 3)}
+    columns |= {f"tau{k}": angles[f"torque{k}_Nm"] for k in (1, 2, 3)}
+    with pytest.raises(InputError, match=r'there are speeds \(w1, w2, w3\), but no angles.*unit = "rad/s"'):
+        evaluated(columns)
+
+
+def test_a_gyro_with_an_offset_is_left_out_for_that_reason(evaluated, plain: Columns):
+    """131 counts per deg/s and an offset of 3 deg/s, without a yaw."""
+    log, t = swaying_log(), plain["t_now"] - 0.0175
+    rates = (log["theta_dot"] + 1j * log["phi_dot"]) * np.exp(-1j * log["psi"])
+    gyro = zip("xyz", (rates.real, rates.imag, log["psi_dot"]), strict=True)
+    columns = {name: values for name, values in plain.items() if name != "theta_z"}
+    for axis, rate in gyro:
+        offset = 3.0 if axis == "z" else 0.0
+        columns[f"gyro_{axis}"] = np.round(131.0 * (np.degrees(np.interp(t, log.t, rate)) + offset))
+    found: Evaluation = evaluated(columns)
+    (text,) = (one.text for one in found.findings if "is not used" in one.text)
+    assert "its offset about the vertical would turn the heading by" in text

@@ -224,7 +224,10 @@ def unwrapped(angle: NDArray[np.float64], *, period: float = 2.0 * np.pi) -> NDA
 def without_resets(
     t: NDArray[np.float64], angle: NDArray[np.float64], largest_speed: float
 ) -> NDArray[np.float64]:
-    """Return an encoder's angle (N,) without the steps that no wheel can make: resets and overflows.
+    """Return an encoder's angle (N,) without the steps that no wheel can make: resets, overflows, and ends of a turn.
+
+    An angle that stays within one turn, and jumps from end to end of it again and again, is unwrapped: on a fast wheel
+    or with slow rows such a jump may be less than what the wheel could turn.
 
     Parameters
     ----------
@@ -237,12 +240,28 @@ def without_resets(
     steps = np.diff(angle[known])
     if not steps.size:
         return angle
+    if _is_wrapped(angle[known], steps):
+        return unwrapped(angle)
     # three usual intervals, so that a late row is not taken for a reset
     allowed = largest_speed * np.maximum(np.diff(t[known]), 3.0 * np.median(np.diff(t)))
     steps[np.abs(steps) > allowed] = 0.0
     found = angle.copy()
     found[known] = angle[known][0] + np.concatenate(([0.0], np.cumsum(steps)))
     return found
+
+
+#: an angle is wrapped if it fills this share of a turn, with so many jumps of more than half a turn at least: one that
+#: was reset jumps to a fixed value, and fills the turn from there by chance
+_FILLED, _FEWEST_JUMPS = 0.97, 3
+
+
+def _is_wrapped(angle: NDArray[np.float64], steps: NDArray[np.float64]) -> bool:
+    """Return whether an angle (N,) [rad] with these steps (N - 1,) is wrapped at the ends of a turn."""
+    turn = 2.0 * np.pi
+    if not _FILLED * turn < np.ptp(angle) < 1.0001 * turn:
+        return False
+    jumps = np.abs(steps) > 0.5 * turn
+    return int(jumps.sum()) >= _FEWEST_JUMPS
 
 
 #: interval of the even rows [s]

@@ -64,6 +64,22 @@ class Assignment:
     confidence: float
     #: whether mixtures of all wheels' torques explain the commands far better than any order of single ones
     mixed: bool = False
+    shares: tuple[
+        float, ...
+    ] = ()  #: of each command's variance, what the wheel explains that explains it best
+
+    @property
+    def strange(self) -> int | None:
+        """The file's command (from 0) that no wheel explains as it does the others; None if there is none."""
+        left = [1.0 - share for share in self.shares]
+        most = max(range(len(left)), key=lambda place: left[place], default=0)
+        others = [one for place, one in enumerate(left) if place != most]
+        return most if others and left[most] > max(_STRANGE_LEFT, _STRANGE_TIMES * max(others)) else None
+
+
+#: what a wheel leaves of a command that is none: as much, and so many times as much as of the others; a set point for
+#: the motion leaves 0.28 where true commands leave 0.02
+_STRANGE_LEFT, _STRANGE_TIMES = 0.15, 5.0
 
 
 def assign(driving: Driving, expected: Sequence[tuple[int, int]]) -> Assignment:
@@ -94,7 +110,21 @@ def assign(driving: Driving, expected: Sequence[tuple[int, int]]) -> Assignment:
         next_best=f"commands for wheels {tuple(i + 1 for i in other)} with signs {other_signs}",
         confidence=min(_probability(found, driving.torque), MOST) * enough * (0.5 if mixed else 1.0),
         mixed=mixed,
+        shares=_shares(driving),
     )
+
+
+def _shares(driving: Driving) -> tuple[float, ...]:
+    """Return of each command the share that the torque of one wheel explains, with gains of its own."""
+    best = np.zeros(driving.torque.shape[1])
+    u = driving.torque - driving.torque.mean(axis=0)
+    power = np.maximum(np.square(u).sum(axis=0), 1e-30)
+    for wheel in range(len(best)):
+        own = (driving.needed[:, wheel], *driving.friction[:, wheel].T, np.ones(len(u)))
+        X = np.column_stack(own)
+        rest = u - X @ np.linalg.lstsq(X, u, rcond=None)[0]
+        best = np.maximum(best, 1.0 - np.square(rest).sum(axis=0) / power)
+    return tuple(float(share) for share in best)
 
 
 #: share of the commands that an order of single wheels must leave, and what mixtures may leave of that, for mixtures;

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from ballbot.log.mapping_inference.commands import FULL_DUTIES, Unit
+from ballbot.log.mapping_inference.commands import FULL_DUTIES, Assignment, Unit
 from ballbot.log.mapping_inference.evidence import (
     CONFIDENT,
     MOST,
@@ -88,6 +88,7 @@ def _time(proposal: Proposal) -> Conclusion:
         by_gyro=gyro.gain if gyro and gyro.scale == 1.0 else None,
         gyro_named=bool(named and named.unit),
         by_gravity=(tested.time_ratio, tested.time_error) if tested else (math.nan, math.nan),
+        gain=tested.placements[0].gain if tested else 1.0,
     )
 
 
@@ -259,6 +260,8 @@ def _commands(proposal: Proposal) -> list[Conclusion]:
             ),
             *_kind(proposal),
         ]
+    if assigned.strange is not None and assigned.confidence < CONFIDENT:
+        return [_strange_command(proposal, assigned, assigned.strange)]
     own = [wheel + 1 for wheel in assigned.wheels]
     found = [
         Conclusion(
@@ -290,6 +293,21 @@ def _commands(proposal: Proposal) -> list[Conclusion]:
         key="[input] delay",
     )
     return [*found, delay, *_dead_band(proposal)]
+
+
+def _strange_command(proposal: Proposal, assigned: Assignment, strange: int) -> Conclusion:
+    """Return which column taken for a command is none; what else is unclear of the commands follows from that."""
+    name, shares = proposal.roles.commands[strange], assigned.shares
+    least = min(share for place, share in enumerate(shares) if place != strange)
+    return Conclusion(
+        name="columns of the commands",
+        value=f"{name} as a motor's command",
+        confidence=min(assigned.confidence, 0.5),
+        evidence=f"one wheel's torque and friction explain at most {100 * shares[strange]:.0f} % of {name}, and at "
+        f"least {100 * least:.0f} % of each other command",
+        alternatives=(f"{name} as a set point or another quantity, so that this motor's column is missing",),
+        key="[input] from",
+    )
 
 
 def _kind(proposal: Proposal) -> list[Conclusion]:

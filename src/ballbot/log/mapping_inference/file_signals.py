@@ -210,6 +210,7 @@ class GyroTest:
     lag: float  #: angles later than the gyro [s]
     confidence: float
     reason: str
+    unusable: str = ""  #: why it is not used though its rates fit
     handedness: float = math.nan  #: sigma of the module's text; nan without a yaw
     handedness_error: float = math.inf  #: its standard error
 
@@ -327,8 +328,12 @@ def _in_counts(
         return found
     factor = fitting[0]
     per_degree = math.pi / 180.0 / factor
-    if not with_yaw and _drift(turned[:, 2] * factor, signals) > LARGEST_DRIFT:
-        return found
+    drift = 0.0 if with_yaw else _drift(turned[:, 2] * factor, signals)
+    if drift > LARGEST_DRIFT:
+        return replace(
+            found,
+            unusable=f"its offset about the vertical would turn the heading by {math.degrees(drift):.0f} deg",
+        )
     return replace(
         found,
         gain=math.sqrt(least * largest) * factor,

@@ -12,6 +12,7 @@ from ballbot.log.mapping_inference.commands import Unit
 from ballbot.log.mapping_inference.conclusions import conclusions_of
 from ballbot.log.mapping_inference.evidence import Conclusion, in_percent
 from ballbot.log.mapping_inference.proposal import Proposal, rates_delay, rates_signs
+from ballbot.log.mapping_inference.units import PATH
 from ballbot.printable import printable_line
 from ballbot.robot import Robot
 from ballbot.schema import toml_line
@@ -200,7 +201,9 @@ def _wheel_lines(proposal: Proposal) -> list[str]:
 def _angle_table(proposal: Proposal) -> dict[str, object]:
     wheel = proposal.wheel
     angle: dict[str, object] = {"from": proposal.roles.angles, "unit": wheel.unit}
-    if wheel.unit == "counts":
+    if wheel.unit == PATH:
+        angle |= {"unit": "rad", "scale": float(f"{wheel.factor:.8g}")}
+    elif wheel.unit == "counts":
         angle["counts_per_turn"] = float(f"{2.0 * math.pi / wheel.factor:g}")
     elif wheel.scale != 1.0:
         angle["scale"] = wheel.scale

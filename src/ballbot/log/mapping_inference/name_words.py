@@ -88,7 +88,7 @@ UNITS_OF_KIND: dict[str, tuple[str, ...]] = {
     "attitude": ("rad", "deg", "mrad", "cdeg"),
     "gyro": ("rad/s", "deg/s"),
     "accelerometer": ("m/s^2", "g"),
-    "wheel angle": ANGLE,
+    "wheel angle": (*ANGLE, "mm"),  # of path
     "wheel speed": RATE,
     "command": ("N m", "mN m", "N cm", "A", "mA", "V", "mV", "%"),
     "ball position": ("m", "cm", "mm"),

@@ -97,6 +97,7 @@ class Proposal:
     largest_speed: float | None  #: [rad/s], if an encoder was reset
     lean: Scale | None
     gyro: GyroTest | None
+    unused_gyro: str  #: why a gyro is not used though its rates fit; empty without a reason of its own
     timing: TimingRepair
     lean_test: LeanTest | None
     heading: HeadingTest | None
@@ -166,6 +167,7 @@ def propose(
         largest_speed=measured.largest_speed,
         lean=units.lean,
         gyro=measured.gyro,
+        unused_gyro=measured.unused_gyro,
         timing=measured.timing,
         lean_test=tested,
         heading=heading,
@@ -327,6 +329,7 @@ class _Measured:
     timing: TimingRepair
     signals: Signals
     gyro: GyroTest | None
+    unused_gyro: str
     lean_test: LeanTest | None
 
 
@@ -337,9 +340,9 @@ def _measured(raw: Raw, units: _Units, robot: Robot, stuck: Sequence[StuckEncode
     timing, sampled = _timing(raw.t, carried)
     attitude = None if raw.attitude is None or units.lean is None else raw.attitude * units.lean.factor
     signals = _without(stuck, signals_of(raw, carried, sampled, attitude, width=LEAN_WIDTHS[0]))
-    gyro = gyro_of(raw, signals, sampled, attitude)
+    gyro, unused_gyro = gyro_of(raw, signals, sampled, attitude), ""
     if gyro is not None and gyro.confidence < CONFIDENT:
-        gyro = None  # the angles are differentiated
+        gyro, unused_gyro = None, gyro.unusable  # the angles are differentiated
     tested = None
     if attitude is not None:
         tests = [
@@ -358,6 +361,7 @@ def _measured(raw: Raw, units: _Units, robot: Robot, stuck: Sequence[StuckEncode
         timing=timing,
         signals=signals,
         gyro=gyro,
+        unused_gyro=unused_gyro,
         lean_test=tested,
     )
 

@@ -137,6 +137,8 @@ def _roles(
     if table.named and named.time is None and named.angles and named.attitude and (found is None or counts):
         raise _no_time(path, table, named)
     if found is None:
+        if table.named and named.time is not None and not named.angles:
+            _check_has_angles(path, named, least=0.0)
         raise InputError(
             f"{path}: cannot determine which columns are the time, the lean and the wheel angles, neither by "
             f"names nor by numbers (the columns are {', '.join(table.columns)}). Name them in the file's order, "
@@ -203,14 +205,17 @@ def _perhaps_lean(columns: Mapping[str, NDArray[np.float64]]) -> dict[str, NDArr
 
 #: how plainly a name must say that a column is a wheel's speed: w1 may be its angle
 _PLAINLY = 0.7
+#: stems of speeds in rad/s
+_OMEGA = ("w", "omega")
 
 
-def _check_has_angles(path: str | Path, named: Roles) -> None:
-    """Raise InputError if the names say plainly that the wheels have speeds and no angles, with the entry to write."""
+def _check_has_angles(path: str | Path, named: Roles, *, least: float = _PLAINLY) -> None:
+    """Raise InputError if names say, at least so plainly, that wheels have speeds and no angles, with the entry."""
     reading = named.reading(named.speeds)
-    if reading is None or reading.weight < _PLAINLY:
+    if reading is None or reading.weight < least:
         return
-    unit = {"turn/s": "rpm", None: "rpm"}.get(reading.unit, reading.unit)
+    unknown = "rad/s" if reading.stem in _OMEGA else "rpm"
+    unit = {"turn/s": "rpm", None: unknown}.get(reading.unit, reading.unit)
     columns = ", ".join(f'"{name}"' for name in named.speeds)
     entry = f'speed = {{ from = [{columns}], unit = "{unit}" }}'
     if reading.unit == "rps":

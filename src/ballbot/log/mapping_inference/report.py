@@ -217,8 +217,8 @@ def _encoders(proposal: Proposal) -> list[Finding]:
     found = []
     if proposal.largest_speed is not None:
         sentence = (
-            "A wheel angle jumps by more than the wheel can turn: its "
-            "encoder was reset, and the angle is continued from there."
+            "A wheel angle jumps by more than the wheel can turn: its encoder was reset, or starts again after a turn; "
+            "the angle is continued."
         )
         found.append(_finding("warning", "reset", sentence, proposal.roles.angles))
     found += _glitches(proposal)
@@ -357,10 +357,14 @@ def _episodes(proposal: Proposal) -> list[Finding]:
 def _gyro(proposal: Proposal) -> list[Finding]:
     if not proposal.roles.gyro or proposal.gyro is not None or not proposal.roles.attitude:
         return []
-    sentence = (
-        f"The gyro ({', '.join(proposal.roles.gyro)}) does not follow the rates of the angles clearly enough to use "
-        "it; the angles are differentiated. Name its axes, unit and signs in [attitude] rates if you know them."
+    why = proposal.unused_gyro or "it does not follow the rates of the angles clearly enough"
+    remedy = (
+        "Subtract its mean at rest from the columns."
+        if proposal.unused_gyro
+        else "Name its axes, unit and signs in [attitude] rates if you know them."
     )
+    gyro = ", ".join(proposal.roles.gyro)
+    sentence = f"The gyro ({gyro}) is not used: {why}. The angles are differentiated. {remedy}"
     return [_finding("warning", "columns", sentence)]
 
 

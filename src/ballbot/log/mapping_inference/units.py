@@ -31,6 +31,8 @@ from ballbot.robot import Robot
 
 #: intervals between rows that a log may have [s]
 INTERVALS = (2e-4, 0.2)
+#: a wheel's path in place of its angle
+PATH = "mm"
 #: seconds of the robot over seconds of the file that contradict the unit of the time; noise makes the ratio too small
 TIME_RATIOS = (0.15, 2.2)
 
@@ -51,6 +53,8 @@ class Scale:
         """The unit, with the scale if there is one."""
         if self.unit == "counts":
             return f"counts, {2.0 * math.pi / self.factor:g} a turn"
+        if self.unit == PATH:
+            return "mm of path, the wheel's radius times its angle"
         return self.unit if self.scale == 1.0 else f"{self.unit} of the motor"
 
 
@@ -91,8 +95,40 @@ def time_scale(t: NDArray[np.float64], named: str | None) -> Scale | None:
     return Scale(unit=unit, factor=factor, reason=rows, confidence=0.95)
 
 
+#: a clock off by a factor c changes gravity's part of the lean's acceleration by c^2, and with it the lean's response
+#: to the wheels, by c^2 where the robot is slow and not at all where it is quick: logarithm of the latter over that of
+#: c, whose sign is known. Noise of the lean changes the first alone, a height of the centre of mass hardly the second
+CLOCK_EXPONENTS = (0.8, 2.3)
+#: changes [log] of c and of the response that are clearly none, and the largest standard error of c's
+CLOCK_RATIO, CLOCK_GAIN, CLOCK_ERROR = 0.25, 0.3, 0.1
+
+
+def wrong_clock(by_gravity: tuple[float, float], gain: float) -> float | None:
+    """Return the seconds of the robot in one of the file if the motion shows that they are not one; else None.
+
+    Parameters
+    ----------
+    by_gravity : tuple of float
+        As `time_conclusion` takes it.
+    gain : float
+        Response of the lean to the wheels, over the robot's.
+    """
+    ratio, error = by_gravity
+    if not (math.isfinite(ratio) and error < CLOCK_ERROR and gain > 0.0):
+        return None
+    if abs(math.log(ratio)) < CLOCK_RATIO or abs(math.log(gain)) < CLOCK_GAIN:
+        return None
+    exponent = -math.log(gain) / math.log(ratio)
+    return ratio if CLOCK_EXPONENTS[0] < exponent < CLOCK_EXPONENTS[1] else None
+
+
 def time_conclusion(
-    time: Scale, *, by_gyro: float | None, gyro_named: bool, by_gravity: tuple[float, float]
+    time: Scale,
+    *,
+    by_gyro: float | None,
+    gyro_named: bool,
+    by_gravity: tuple[float, float],
+    gain: float = 1.0,
 ) -> Conclusion:
     """Return what is concluded on the unit of the time from names, intervals and the motion.
 
@@ -106,6 +142,8 @@ def time_conclusion(
         Whether units in names leave the gain of the gyro no freedom.
     by_gravity : tuple of float
         Seconds of the robot in one of the file, by the lean's acceleration, and the standard error of its logarithm.
+    gain : float
+        Response of the lean to the wheels, over the robot's.
     """
     confidence, evidence = time.confidence, time.reason
     if by_gyro is not None and 0.7 < by_gyro < 1.4:
@@ -124,6 +162,17 @@ def time_conclusion(
             evidence += "; gravity's part of the lean's acceleration fits"
         if TIME_RATIOS[0] < ratio < TIME_RATIOS[1] and time.confidence < 0.9:
             confidence = max(confidence, 0.93 if 0.4 < ratio < 1.6 else 0.8)
+    seconds = wrong_clock(by_gravity, gain)
+    if seconds is not None:
+        return Conclusion(
+            name="clock",
+            value=f"{time.unit} as written",
+            confidence=min(confidence, 0.5),
+            evidence=f"{time.reason}; but by gravity's part of the lean's acceleration, and by its response to the "
+            f"wheels, which is {gain:.2g} times the robot's, a second of the file is about {seconds:.2g} s",
+            alternatives=(f"a second of the file is about {seconds:.2g} s of the robot",),
+            key="[columns] t",
+        )
     return Conclusion(
         name="unit of the time",
         value=time.unit,
@@ -167,6 +216,8 @@ TURNING_CORRELATION = 0.9
 OTHER_COUNTS, OTHER_COUNTS_DEVIATION = 0.1, 1.1
 #: such counts are known to some per cent and must be asked for
 MOST_BY_HEADING = 0.6
+#: counts a turn over the robot file's if one file has lines, and the other all edges of two channels, or one's
+_OTHER_EDGES = (4.0, 2.0, 0.5, 0.25)
 #: a name that has a unit is believed so much
 _NAMED = 0.98
 
@@ -210,6 +261,7 @@ def wheel_units(angles: NDArray[np.float64], robot: Robot, named: str | None) ->
             0.0,
         )
     )
+    candidates.append((PATH, 1e-3 / robot.wheels.radius, 1.0, "path by the wheel's radius", 0.0))
     if gear != 1.0:
         motor = [
             (unit, factor / gear, 1.0 / gear, f"{unit} of the motor", -3.0) for unit, factor in wheel_factors
@@ -232,7 +284,8 @@ def wheel_units(angles: NDArray[np.float64], robot: Robot, named: str | None) ->
 def _unit_weight(unit: str, named: str | None, whole: bool) -> float:
     if unit == "counts" and not whole:
         return -20.0
-    weight = {"rad": 0.0, "deg": -1.0, "turn": -3.0, "counts": -1.0}[unit]
+    # a path is so rare, and fits so near to degrees, that the motion must exclude it for degrees to be certain
+    weight = {"rad": 0.0, "deg": -1.0, "turn": -3.0, "counts": -1.0, PATH: -3.0}[unit]
     if whole:
         weight += 8.0 if unit == "counts" else 0.0
     if named is not None:
@@ -275,17 +328,35 @@ class UnitEvidence:
             weight += math.log((1.0 - PIVOTS) * _density(off, TURNING_DEVIATION) + pivoting)
         return weight
 
-    def counts_by_heading(self, lean: Scale, counts: Scale) -> tuple[Scale, float] | None:
+    def counts_by_heading(self, lean: Scale, counts: Scale, declared: float) -> tuple[Scale, float] | None:
         """Return the counts per turn by which the wheels turn as the heading does, with its log weight over `counts`.
 
-        None if the log does not show it.
+        Parameters
+        ----------
+        lean, counts : Scale
+        declared : float
+            Counts a turn of the wheel by the robot file.
+
+        Returns
+        -------
+        tuple of Scale and float, or None
+            None if the log does not show it.
         """
         if self.turning is None:
             return None
         change = counts.factor / self.assumed[1].factor / (lean.factor / self.assumed[0].factor)
         off = self.turning * change
-        per_turn = float(f"{2.0 * math.pi / counts.factor * off:.3g}")
+        measured = 2.0 * math.pi / counts.factor * off
+        per_turn = float(f"{measured:.3g}")
         reason = f"by the heading, about {per_turn:g} counts a turn of the wheel, not the robot file's"
+        near = min(_OTHER_EDGES, key=lambda one: abs(math.log(measured / (one * declared))))
+        if abs(math.log(measured / (near * declared))) < TURNING_DEVIATION:
+            per_turn = near * declared
+            times = f"{near:g} times" if near > 1.0 else f"1/{1.0 / near:g} of"
+            reason = (
+                f"by the heading, about {measured:.3g} counts a turn of the wheel: {times} the robot file's "
+                f"{declared:g}, as if other edges of the encoder's lines were counted"
+            )
         other = replace(counts, factor=2.0 * math.pi / per_turn, reason=reason)
         # in place of the heading's own term, how usual such a mistake is
         weight = math.log(OTHER_COUNTS * _density(math.log(off), OTHER_COUNTS_DEVIATION))
@@ -309,10 +380,12 @@ def paired_units(
     motion : UnitEvidence
     """
     weights, by_heading = {}, set()
+    turns = [2.0 * math.pi / one.factor for one in wheels if one.unit == "counts"]
+    declared = max(turns, default=0.0)  # of the wheel, behind the gear
     for lean, lean_weight in leans.items():
         for wheel, wheel_weight in wheels.items():
             weights[lean, wheel] = lean_weight + wheel_weight + motion.log_weight(lean, wheel)
-            other = motion.counts_by_heading(lean, wheel) if wheel.unit == "counts" else None
+            other = motion.counts_by_heading(lean, wheel, declared) if wheel.unit == "counts" else None
             if other is not None:
                 # the encoder's counts and those of a turn of the wheel lead to the same number
                 weight = lean_weight + wheel_weight + other[1]
