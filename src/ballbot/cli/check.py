@@ -35,8 +35,8 @@ class SwingOptions:
     """A free swing of the body."""
 
     swing: Path | None = None
-    """A log (gyro or angle) or a video of the body swinging freely, from which its inertia is determined as in the
-    thesis's Appendix III."""
+    """A log (gyro or angle) or a video of the body swinging freely, hung up as a pendulum, from which its inertia is
+    determined."""
 
     swing_column: str | None = None
     """The swinging column of the log, if it is not one of gyro_x .. gyro_z, theta, phi, psi."""
@@ -67,9 +67,9 @@ def check(
 ) -> None:
     """Check that a robot is plausible, print quantities that follow from its parameters, and draw it.
 
-    Prints derived quantities, the thesis's transformation matrices, A, B and the poles of the exact model about
-    upright, the stability margins with a controller, and a drawing to scale. Standard deviations in the file are
-    propagated to the unstable pole.
+    Prints derived quantities, the transformation matrices between ball and wheels, A, B and the poles of the exact
+    model about upright, the stability margins with a controller, and a drawing to scale. Standard deviations in the
+    file are propagated to the unstable pole.
 
     Example: `ballbot check alten --figure alten.svg`
 

@@ -50,7 +50,7 @@ def compare(
         none, full and partial (the nominal gain with that compensation), precise, controller files, or your own in
         Python as FILE.py:NAME, where NAME(robot) returns the controller. LABEL=... renames one. On the twin, each
         uses the estimator that it names (estimator = "kalman" in its file, or an attribute of your class),
-        otherwise the thesis's; a trailing @kalman or @onboard overrides this. All others are compared with the
+        otherwise onboard; a trailing @kalman or @onboard overrides this. All others are compared with the
         first.
     plant
         model (perfect sensors), or twin: a MuJoCo robot with the faults of each course.

@@ -53,7 +53,7 @@ class WeightOptions:
     """How the gain is designed."""
 
     kind: Kind = "nominal"
-    """nominal: the thesis's soft gain; precise: a stiff one that holds its position."""
+    """nominal: a soft gain; precise: a stiff one that holds its position."""
 
     q: str | None = None
     """Weights of x y theta phi psi and of their rates: ten numbers separated by commas. If not given, those of the

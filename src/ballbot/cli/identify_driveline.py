@@ -53,8 +53,7 @@ def identify_driveline(
 ) -> None:
     """Identify b, c, s, v_s and delta of each driveline from a torque sweep with the wheels off the ball.
 
-    The first of the thesis's three stages (section 3.1), with its Figures 3.1 and 3.2. Writes report.html,
-    results.json and robot.toml (with each wheel's b, c and s, the means of v_s and delta, and
+    Writes report.html, results.json and robot.toml (with each wheel's b, c and s, the means of v_s and delta, and
     their standard deviations and correlations). Friction in the robot file that states standard deviations is compared.
 
     Example: ballbot identify-driveline alten sweep/log.csv --out found

@@ -51,11 +51,11 @@ def identify_upside_down(
 ) -> None:
     """Identify the friction of drivelines and ball-wheel contacts with the robot clamped upside down.
 
-    The second of the thesis's three stages: the ball lies on the wheels, and a camera gives its angular velocity. If
+    The ball lies on the wheels, and a camera gives its angular velocity. If
     the robot file already has friction, as after `ballbot identify`, both are validated on the same windows.
 
     Writes report.html, robot.toml (the robot with the identified friction), results.json, prediction.svg and
-    movement.svg (the thesis's Figure 3.4).
+    movement.svg (the ball's rotation with and without friction).
 
     Example: ballbot identify-upside-down alten upside_down.csv --out found
 

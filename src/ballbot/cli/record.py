@@ -107,8 +107,8 @@ def record(
         A preset's name or a robot file. The controller compensates this robot's friction; the twin has the friction
         of its scenario.
     estimator
-        The state estimate that the controller feeds back and the log contains: onboard, as in the thesis (a sum of
-        wheel speeds); or kalman, a filter that also uses the scenario's fixes. If not given, the one that the
+        The state estimate that the controller feeds back and the log contains: onboard (a sum of wheel
+        speeds); or kalman, a filter that also uses the scenario's fixes. If not given, the one that the
         controller's file names.
     out
         The folder to write into.

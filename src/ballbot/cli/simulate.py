@@ -36,7 +36,7 @@ class PlantOptions:
     """What is simulated."""
 
     formulation: Formulation = "exact"
-    """exact, or thesis (Appendix II as printed)."""
+    """exact, or thesis (approximate equations of a published ballbot model)."""
 
     scenario: str | None = None
     """A scenario of the twin (name or file), whose sensors, delay, play, torque noise and floor are added to the

@@ -395,8 +395,8 @@ def reference_verdict(margins: ReferenceMargins, name: str) -> list[str]:
     power = closed.peak_power if margins.peak_power is None else max(margins.peak_power, closed.peak_power)
     lines.append(
         f"The motors deliver at most {power:.3g} W, {power / margins.supply_voltage:.3g} A at "
-        f"{margins.supply_voltage:g} V, without the losses of the windings. A robot file has no limit of "
-        "power."
+        f"{margins.supply_voltage:g} V, without the losses of the windings. Compare that with "
+        "your supply: a robot file states no limit."
     )
     return lines
 
