@@ -114,7 +114,7 @@ def test_an_encoders_reset_is_carried_on(jump):
 
 @pytest.mark.parametrize("start", [0.0, -np.pi])
 def test_an_angle_that_starts_again_after_a_turn_is_unwrapped_though_the_wheel_may_turn_so_fast(start):
-    t = 0.02 * np.arange(500)
+    t = 0.02 * np.arange(500.0)
     angle = 20.0 * np.sin(2.0 * t)
     wrapped = np.mod(angle - start, 2.0 * np.pi) + start
     # three rows at this speed are more than a turn
