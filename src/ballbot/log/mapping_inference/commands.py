@@ -64,9 +64,8 @@ class Assignment:
     confidence: float
     #: whether mixtures of all wheels' torques explain the commands far better than any order of single ones
     mixed: bool = False
-    shares: tuple[
-        float, ...
-    ] = ()  #: of each command's variance, what the wheel explains that explains it best
+    #: of each command's variance, what the wheel explains that explains it best
+    shares: tuple[float, ...] = ()
 
     @property
     def strange(self) -> int | None:
