@@ -104,6 +104,24 @@ def test_an_added_force_of_the_wrong_sign_or_unit_is_found(factor: float, code: 
     assert found == ({code} if code else set())
 
 
+@pytest.mark.parametrize(
+    ("names", "columns", "options"),
+    [
+        (("t", "q", "tau"), AxisColumns(), "position or force; it has t, q, tau.*--position q --force tau$"),
+        (("Time (s)", "Angle", "i_q"), AxisColumns(force="i_q"), r"--time 'Time \(s\)' --position Angle$"),
+        (("t", "q_dot", "F"), AxisColumns(velocity="q_dot"), "called force; it has t, q_dot, F.*--force F$"),
+        (("t", "a", "b"), AxisColumns(), "--position NAME --force NAME$"),
+    ],
+)
+def test_variables_that_are_not_named_are_all_asked_for_at_once(
+    tmp_path: Path, names: tuple[str, str, str], columns: AxisColumns, options: str
+) -> None:
+    path = tmp_path / "a.csv"
+    write_text_table(path, dict(zip(names, (T, POSITION, FORCE), strict=True)))
+    with pytest.raises(InputError, match=options):
+        read_axis_record(path, columns)
+
+
 def test_a_force_may_be_a_number(tmp_path: Path) -> None:
     columns = AxisColumns(force="0", unit="rad", load_mass="1", load_arm="0.2")
     assert np.ptp(read_axis_record(written(tmp_path / "a.csv"), columns).force) == 0.0

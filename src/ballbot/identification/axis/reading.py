@@ -8,6 +8,7 @@ axis whose velocity is recorded and not its position has the position that the v
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError, suggest
+from ballbot.errors import InputError, either, suggest
 from ballbot.identification.axis.record import (
     EVEN,
     NO_WRAPS,
@@ -194,6 +195,7 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     """
     file = _File(name=Path(path).name, variables=read_variables(path), columns=columns)
     name = file.name
+    _check_names(file)
     _check_units(file, read_units(path))
     t = file.factor("time_scale", negative=False) * file.column("time")
     scale = file.factor("force_scale")
@@ -250,6 +252,42 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
             "leave out the gains."
         )
     return replace(record, loop=_with_span(record, reference, loop))
+
+
+#: words of names that such a variable often has, the plainest first
+_USUAL_NAMES = {
+    "time": ("time", "t", "timestamp", "stamp", "seconds", "sec"),
+    "position": ("position", "pos", "angle", "q", "qm", "theta", "phi", "x"),
+    "force": ("force", "torque", "tau", "effort", "f", "current", "voltage", "u", "i"),
+}
+
+
+def _check_names(file: _File) -> None:
+    """Raise InputError if a variable that a record must have is missing and not named, with what may be meant."""
+    columns = file.columns
+    lacking = {
+        field: getattr(columns, field) or field
+        for field, absent in (
+            ("time", columns.time == AxisColumns.time),
+            ("position", columns.position is None and columns.velocity is None),
+            ("force", columns.force == AxisColumns.force),
+        )
+        if absent and (getattr(columns, field) or field) not in file.variables
+    }
+    if lacking:
+        options = [
+            f"{option_of(field)} {shlex.quote(_usual(field, file.variables) or 'NAME')}" for field in lacking
+        ]
+        raise InputError(
+            f"{file.name} has no variable called {either(lacking.values())}; it has {', '.join(file.variables)}. "
+            f"Name what is meant, perhaps with {' '.join(options)}"
+        )
+
+
+def _usual(field: str, variables: Collection[str]) -> str | None:
+    """Return the variable whose name has the plainest of the usual words for a quantity; None if none has any."""
+    words = {name: re.split(r"[^a-z]+", name.lower()) for name in variables}
+    return next((name for word in _USUAL_NAMES[field] for name in words if word in words[name]), None)
 
 
 #: by the unit of positions, what each quantity may be in, with the factor to its unit
