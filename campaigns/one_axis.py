@@ -18,7 +18,13 @@ import numpy as np
 
 from ballbot.errors import InputError
 from ballbot.findings import texts
-from ballbot.identification.axis import AxisIdentification, AxisOptions, AxisRecord, identify_axis
+from ballbot.identification.axis import (
+    AxisIdentification,
+    AxisOptions,
+    AxisRecord,
+    identify_axis,
+    inverse_fit,
+)
 from ballbot.identification.axis.checks import record_findings
 from ballbot.identification.axis.laws import AXIS_LAWS
 from ballbot.identification.axis.motion import default_bandwidth
@@ -76,7 +82,8 @@ def campaign() -> Section:
     """Identify the axis and return the section of docs/generated/evidence.md."""
     record = emps_record()
     found = identify_axis(record)
-    inverse = found.inverse["coulomb"]
+    bandwidth, horizon = default_bandwidth(record), found.horizon.chosen
+    inverse = inverse_fit(record, form="coulomb", bandwidth=bandwidth)
     rows = [
         ["published (inverse model)", *(f"{v:.4f} ± {s:.4f}" for v, s in PUBLISHED.values()), "", "5.848"]
     ]
@@ -86,7 +93,6 @@ def campaign() -> Section:
     ]
     model = AxisModel(law=AXIS_LAWS["coulomb"])
     fit = OutputErrorFit(model=model, values=inverse.by_name, standard_errors=inverse.by_name, rms=0.0)
-    bandwidth, horizon = default_bandwidth(record), found.horizon.chosen
     errors = axis_errors(fit, record, 0, bandwidth=bandwidth, horizon=horizon)
     rows.append(
         ["inverse model, as published", *texts, *_errors(errors.open_loop_rmse, errors.closed_loop_force)]

@@ -442,9 +442,13 @@ def _structure(bench: _Bench, options: AxisOptions) -> tuple[AxisModel, tuple[tu
 
 
 def _inverse_fits(bench: _Bench, model: AxisModel) -> dict[str, InverseFit]:
-    """Return the inverse model's fits: as published for one record, and of the moving axis, complete."""
+    """Return the inverse model's fits: of the moving axis, complete, and as published for one record of a slide.
+
+    The published forms have no forces but friction and the offset, and would give numbers without meaning to an axis
+    that has others.
+    """
     found = {}
-    if len(bench.records) == 1:
+    if len(bench.records) == 1 and not model.terms and model.load is None:
         for form in ("coulomb", "asymmetric"):
             found[form] = inverse_fit(bench.records[0], form=form, bandwidth=bench.bandwidth)
     found["complete"] = inverse_fit(bench.records, model=model, bandwidth=bench.bandwidth, moving=True)
