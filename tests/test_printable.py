@@ -81,6 +81,7 @@ def test_progress_prints_names_literally(monkeypatch):
     assert "\x1b[2J" not in shown
 
 
+@pytest.mark.filterwarnings("ignore:No artists with labels")  # of a name that nothing is left of
 @given(name=TEXTS)
 def test_every_name_can_be_drawn_and_written(name):
     def draw() -> Figure:
