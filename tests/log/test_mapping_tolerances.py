@@ -9,16 +9,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ballbot.log.checks.torque_balance import Driving
+from ballbot.log.checks.torques import DELAY_EXPLAINED, response_delay
 from ballbot.log.mapping_inference.commands import Assignment, Response, assign, unit_probabilities
 from ballbot.log.mapping_inference.drive import _compared, _senses_and_signs, _turning_against
 from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.file_signals import Signals
+from ballbot.log.mapping_inference.placement import LeanTest
 from ballbot.log.mapping_inference.tolerances import (
     LARGEST_DEAD_BAND,
     PLAY_DELAY,
     command_delay,
     dead_band_confidence,
     harmless,
+    lean_delay,
     quickness,
 )
 from ballbot.log.mapping_inference.wheel_response import CommandTest
@@ -116,6 +119,61 @@ def test_a_delay_is_not_undone_if_the_commands_explain_little():
     late = command_delay(little, commanded(2.0), every, interval=0.005)
     assert late.applied == 0.0
     assert "too few (75 %)" in late.evidence
+
+
+def leaning(lag: float, error: float) -> LeanTest:
+    """A lean that the wheels explain best so much earlier; what else the test found has no influence here."""
+    return LeanTest(
+        placements=(),
+        confidence=1.0,
+        phase_error=None,
+        gain_error=0.0,
+        lag=lag,
+        lag_error=error,
+        time_ratio=math.nan,
+        time_error=math.nan,
+        same_handedness=0.0,
+        forwards=0.0,
+        body_frame=0.0,
+        headings=0.0,
+        disturbance=0.0,
+        balancing=np.ones(4000, dtype=bool),
+        pushed=np.zeros(4000, dtype=bool),
+    )
+
+
+@pytest.mark.parametrize(
+    ("latest", "applied"),
+    [
+        (math.inf, 0.035),
+        (0.05, 0.035),
+        (0.025, 0.025),  # within the standard error of 0.01 s
+        (0.005, 0.035),  # contradicts, and the check of the log that the mapping makes says so
+    ],
+)
+def test_a_lean_is_no_later_than_the_commands_that_respond_to_it_allow(latest, applied):
+    signals = commanded(2.0)
+    turning = replace(signals.wheels, rate=np.full((4000, 3), 1e3))  # play takes nothing
+    waves = signals.commands
+    assert waves is not None
+    lean = Smooth(value=waves[:, :2], rate=waves[:, 1:], acceleration=waves[:, 1:])
+    signals = replace(signals, wheels=turning, lean=lean)
+    late = lean_delay(leaning(0.035, 0.008), signals, latest=latest)
+    assert late.applied == pytest.approx(applied, abs=1e-4)
+    assert ("by the commands" in late.evidence) == (applied == latest)
+
+
+@pytest.mark.parametrize("rows", [0, 4, 12])
+def test_the_lag_of_a_response_is_found_from_the_noise_of_what_it_is_given(rows):
+    random = np.random.default_rng(rows)
+    t = 0.005 * np.arange(4000)
+    sensed = np.column_stack([np.sin(2.0 * t), np.cos(3.0 * t)]) + 1e-3 * random.standard_normal((4000, 2))
+    own = 5e-3 * random.standard_normal((4000, 3))  # a gyro's, which no column has
+    torques = np.roll(sensed, rows, axis=0) @ random.normal(0.0, 10.0, (2, 3)) + own
+    found = response_delay(sensed, torques, 0.005)
+    assert found is not None
+    assert found.lag == pytest.approx(0.005 * rows)
+    assert found.explained > DELAY_EXPLAINED
 
 
 @pytest.mark.parametrize("late", [0.2, 1.0])

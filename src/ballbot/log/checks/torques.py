@@ -210,20 +210,38 @@ class TorqueDelay:
 def torque_delay(log: Log, robot: Robot) -> TorqueDelay | None:
     """Return the lag at which the torques respond to the states; None without the columns or with too few rows."""
     names = torque_names(robot.wheel_count)
-    if not {*STATE_NAMES, *names} <= set(log.names) or len(log) < FEWEST_ROWS:
+    if not {*STATE_NAMES, *names} <= set(log.names):
         return None
-    table = np.column_stack([_heading_frame_states(log), *(log[name] for name in names)])[:ENOUGH_ROWS]
+    torques = np.column_stack([log[name] for name in names])
+    return response_delay(_heading_frame_states(log), torques, log.sample_time)
+
+
+def response_delay(
+    sensed: NDArray[np.float64], torques: NDArray[np.float64], sample_time: float
+) -> TorqueDelay | None:
+    """Return the lag at which torques respond to the noise of what a controller is given; None with too few rows.
+
+    Parameters
+    ----------
+    sensed : ndarray (N, s)
+        What it is given, in any units; rows with a NaN are left out.
+    torques : ndarray (N, n)
+        In any units and order.
+    sample_time : float
+        Between rows [s].
+    """
+    table = np.column_stack([sensed, torques])[:ENOUGH_ROWS]
     table = np.diff(table[np.isfinite(table).all(axis=1)], axis=0)
     if len(table) < FEWEST_ROWS:
         return None
     size = LARGE_CHANGE * np.median(np.abs(table), axis=0)
-    alive = size > 0.0
-    if not alive[10:].any():
+    alive, count = size > 0.0, sensed.shape[1]
+    if not alive[:count].any() or not alive[count:].any():
         return None
     table = np.clip(table, -size, size)[:, alive]
     table -= table.mean(axis=0)
-    torques = int(alive[10:].sum())
-    return _best_delay(table[:, :-torques], table[:, -torques:], log.sample_time)
+    moved = int(alive[count:].sum())
+    return _best_delay(table[:, :-moved], table[:, -moved:], sample_time)
 
 
 def delay_findings(found: TorqueDelay | None, *, names: tuple[str, ...]) -> list[Finding]:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.log.checks.stuck_encoders import Balancing, StuckEncoder, stuck_encoders
+from ballbot.log.checks.torques import DELAY_EXPLAINED, LARGEST_DELAY, response_delay
 from ballbot.log.formats import read_foreign_table
 from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.mapping import (
@@ -157,6 +158,9 @@ def propose(
     usable = tested.balancing if tested else signals.usable
     # by then all wheels count the same way round
     commands = _test_commands(signals, measured.angles * np.asarray(frame.signs), measured.sampled, usable)
+    interval = float(np.median(np.diff(raw.t)))
+    late = command_delay(commands, signals, usable, interval=interval)
+    latest = _latest_lean(raw, interval) - late.applied
     proposal = Proposal(
         table=table,
         roles=roles,
@@ -172,8 +176,8 @@ def propose(
         lean_test=tested,
         heading=heading,
         commands=commands,
-        lean_delay=lean_delay(tested, signals) if tested else None,
-        command_delay=command_delay(commands, signals, usable, interval=float(np.median(np.diff(raw.t)))),
+        lean_delay=lean_delay(tested, signals, latest=latest) if tested else None,
+        command_delay=late,
         frame=frame,
         drive=None,
         keep=_keep(signals, tested),
@@ -208,6 +212,16 @@ def _settled(
         units, measured = changed, _measured(raw, changed, robot, stuck)
         heading = _test_heading(measured.signals, measured.lean_test, robot)
     return units.judged_by(measured.lean_test, heading), measured, heading
+
+
+def _latest_lean(raw: Raw, interval: float) -> float:
+    """Return the longest delay of the lean [s] with which the commands still respond to its noise in time."""
+    if raw.attitude is None or raw.commands is None:
+        return math.inf
+    found = response_delay(raw.attitude[:, :2], raw.commands, interval)
+    if found is None or found.explained < DELAY_EXPLAINED or abs(found.lag) > LARGEST_DELAY:
+        return math.inf
+    return LARGEST_DELAY - 0.5 * interval - found.lag  # the check sees whole rows
 
 
 def log_mapping(proposal: Proposal, *, delay: float) -> LogMapping:

@@ -61,6 +61,8 @@ APPLIED = 1.0
 LONGEST_LEAN_DELAY, LONGEST_COMMAND_DELAY = 0.02, 0.015
 #: delays that no robot that balances has [s]: they come from something else
 IMPOSSIBLE_LEAN_DELAY, IMPOSSIBLE_COMMAND_DELAY = 0.045, 0.025
+#: standard errors by which a delay may be longer than the commands' response to the lean allows
+LATE = 2.5
 #: filter of the commands before their quickness is taken [s]
 COMMAND_FILTER = 0.05
 
@@ -92,8 +94,8 @@ def quickness(signal: Smooth, usable: NDArray[np.bool_]) -> float:
     return float(np.sqrt(rate.var(axis=0).sum())) / size if size > 0.0 else 0.0
 
 
-def lean_delay(tested: LeanTest, signals: Signals) -> Delay:
-    """Return the lean's delay after the wheels."""
+def lean_delay(tested: LeanTest, signals: Signals, *, latest: float = math.inf) -> Delay:
+    """Return the lean's delay after the wheels; `latest` is the longest with which the commands respond in time [s]."""
     if signals.lean is None:
         return Delay(applied=0.0, error=math.inf, quickness=0.0, confidence=0.5, evidence="there is no lean")
     usable = tested.balancing
@@ -108,6 +110,9 @@ def lean_delay(tested: LeanTest, signals: Signals) -> Delay:
         f"the wheels explain the lean best {1e3 * tested.lag:.1f} ms earlier, of which play of "
         f"{math.degrees(PLAY):.1f} deg would take {1e3 * play:.0f} ms"
     )
+    if latest < estimate < latest + LATE * error:
+        evidence += f"; by the commands, which respond to the lean's noise, at most {1e3 * latest:.0f} ms"
+        estimate = latest
     return _delay(
         estimate,
         error,
