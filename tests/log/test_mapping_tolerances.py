@@ -10,7 +10,13 @@ from hypothesis import strategies as st
 
 from ballbot.log.checks.torque_balance import Driving
 from ballbot.log.checks.torques import DELAY_EXPLAINED, response_delay
-from ballbot.log.mapping_inference.commands import Assignment, Response, assign, unit_probabilities
+from ballbot.log.mapping_inference.commands import (
+    Assignment,
+    Response,
+    assign,
+    back_emf_damping,
+    unit_probabilities,
+)
 from ballbot.log.mapping_inference.drive import _compared, _senses_and_signs, _turning_against
 from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.file_signals import Signals
@@ -226,6 +232,26 @@ def test_a_torque_is_told_from_a_current_by_a_quarter_not_by_an_eighth(per_amper
     torque = sum(p for one, p in found.items() if one.kind == "torque")
     assert next(iter(found)).kind == "torque"
     assert (torque > CONFIDENT) == determined
+
+
+def test_few_whole_numbers_are_a_duty_rather_than_a_torque():
+    """Full duty of 255 is the motor's torque limit, and here a number is as much torque as 1 mN m of the motor."""
+    robot = Robot.load("alten")
+    robot = robot.replace(drive=replace(robot.drive, gear_ratio=1e3 * robot.drive.torque_limit / 255.0))
+    number = robot.drive.torque_limit / 255.0
+    emf = back_emf_damping(robot)
+    seen = Response(
+        gain=1.07 / number, gain_error=0.03, damping=emf, damping_error=emf
+    )  # too little to decide
+
+    def torque(largest: float) -> float:
+        commands = np.round(largest * np.sin(np.arange(300.0))).reshape(100, 3)
+        found = unit_probabilities(robot, seen, commands, named_kind=None, named_unit=None)
+        return sum(p for one, p in found.items() if one.kind == "torque")
+
+    few, many = torque(30.0), torque(150.0)
+    assert few < 0.5 * many
+    assert few > 0.01  # and no proof
 
 
 @pytest.mark.parametrize("seed", [0, 3, 5])

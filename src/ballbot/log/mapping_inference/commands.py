@@ -442,6 +442,10 @@ def contradicting_factor(
     return math.exp(off) if abs(off) > _CONTRADICTED * deviation else None
 
 
+#: largest whole number of torques, currents and voltages with too few steps for a driver; chosen
+_COARSE = 100.0
+
+
 def _prior(unit: Unit, named_kind: InputKind | None, named_unit: str | None) -> float:
     prior = _PRIOR[unit.kind] * _RARE_UNITS.get(unit.unit, 1.0)
     if unit.kind == "duty":
@@ -461,8 +465,10 @@ def _size_weight(unit: Unit, per_number: float, commands: NDArray[np.float64], r
     largest = float(known.max(initial=0.0))
     if unit.kind != "duty":
         share = largest * per_number / robot.drive.torque_limit
+        coarse = largest < _COARSE and bool(np.all(known == np.round(known)))
         # beyond the limit: possible of a command that is limited later
-        return -2.0 * max(math.log(max(share, 1e-12) / 1.5), 0.0) + _too_small(share)
+        beyond = -2.0 * max(math.log(max(share, 1e-12) / 1.5), 0.0)
+        return beyond + _too_small(share) + (math.log(0.3) if coarse else 0.0)
     full = 1.0 / unit.scale
     if largest > 1.1 * full:
         return -20.0
