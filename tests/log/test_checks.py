@@ -54,6 +54,13 @@ def test_a_gap_is_found_where_it_is(row, lost):
     assert f"row {row} " in finding.text
 
 
+def test_a_long_pause_is_a_gap_and_no_other_fault():
+    t = CLEAN.t + 50.0 * (np.arange(len(CLEAN)) >= 1200)
+    errors = [one.code for one in check(CLEAN.with_columns({"t": t})) if one.severity == "error"]
+    assert errors == []
+    assert only(CLEAN.with_columns({"t": t}), "gap")
+
+
 @given(st.floats(0.08, 0.3), st.integers(0, 1000))
 @settings(deadline=None, max_examples=30)
 def test_jitter_is_reported_and_is_not_a_gap(size, seed):

@@ -79,8 +79,19 @@ def test_torques_about_the_bodys_axes_are_not_taken_for_the_motors(evaluated, pl
 
 
 def test_a_dead_encoder_stops_the_mapping(evaluated, plain: Columns):
-    found: Evaluation = evaluated(plain | {"psi_2": np.zeros_like(plain["psi_2"])})
-    assert "wheel2 is 0 throughout, as if its sensor or cable were dead" in found.refusal
+    with pytest.raises(InputError, match="psi_2 is 0 in every row while other wheels turn: a dead encoder"):
+        evaluated(plain | {"psi_2": np.zeros_like(plain["psi_2"])})
+
+
+@pytest.mark.parametrize("jump", [30.0, 3600.0])
+def test_a_clock_that_is_set_while_the_log_runs_leaves_the_longer_part(
+    evaluated, plain: Columns, jump: float
+):
+    t = plain["t_now"]
+    row = 2 * len(t) // 3
+    found: Evaluation = evaluated(plain | {"t_now": t + jump * (np.arange(len(t)) >= row)})
+    assert found.proposal.rows == (1, row)
+    assert any("jumps by more than 10 s" in one.text for one in found.findings)
 
 
 def test_an_encoder_of_half_the_counts_is_not_mapped(evaluated, plain: Columns):

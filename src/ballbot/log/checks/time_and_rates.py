@@ -117,6 +117,10 @@ _TIMES = {1e-3: "ms", 1e-6: "us", 1e-9: "ns", 1.0 / 60.0: "minutes"}
 _GYRO = ("gyro_x", "gyro_y", "gyro_z")
 
 
+#: rows that take this many times as long as usual have a gap between them
+LONGEST_SPAN = 3.0
+
+
 @dataclass(frozen=True, kw_only=True)
 class Agreement:
     """How two signals that should be the same agree."""
@@ -207,7 +211,9 @@ def _change_against_rate(log: Log, name: str, rate_name: str) -> Agreement | Non
     integral = np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))))
     slow = log.sample_time >= SLOW
     rows = int(np.clip(SLOW_ROWS if slow else round(COMPARED_TIME / log.sample_time), 1, len(t) // 4))
-    return agreement(angle[rows:] - angle[:-rows], integral[rows:] - integral[:-rows])
+    spans = t[rows:] - t[:-rows]
+    whole = spans < LONGEST_SPAN * np.median(spans)  # not over a gap, where the rate is unknown
+    return agreement((angle[rows:] - angle[:-rows])[whole], (integral[rows:] - integral[:-rows])[whole])
 
 
 def _runs_backwards(found: Mapping[str, Agreement]) -> bool:

@@ -69,7 +69,7 @@ def recognise(path: str | Path, table: ForeignTable, robot: Robot) -> Recognised
         roles = replace(roles, confidence=min(roles.confidence, 0.6), alternatives=copies)
     time = _time(path, table, roles)
     repeated = repeated_rows(table.columns, roles.time or "")
-    rows = _longest_rise(table.columns[roles.time or ""], repeated)
+    rows = _longest_rise(time.factor * table.columns[roles.time or ""], repeated)
     if repeated.any():
         note = f"{int(repeated.sum())} rows repeat the time and all values of the row before: they are one."
         table = replace(table, notes=(*table.notes, note))
@@ -281,9 +281,14 @@ def _words(name: str) -> set[str]:
     return set(re.findall(r"[a-z]+", name.lower()))
 
 
+#: time that jumps by more is another clock or another run [s]
+_LONGEST_PAUSE = 10.0
+
+
 def _longest_rise(t: NDArray[np.float64], repeated: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return first and end of the longest stretch of rising time, but for repeated rows."""
-    breaks = np.flatnonzero(~(np.diff(t) > 0.0) & ~repeated[1:]) + 1
+    """Return first and end of the longest stretch of time [s] that rises without a jump, but for repeated rows."""
+    steps = np.diff(t)
+    breaks = np.flatnonzero(~((steps > 0.0) & (steps < _LONGEST_PAUSE)) & ~repeated[1:]) + 1
     edges = np.concatenate(([0], breaks, [len(t)]))
     longest = int(np.argmax(np.diff(edges)))
     return int(edges[longest]), int(edges[longest + 1])

@@ -116,7 +116,8 @@ def _rows(proposal: Proposal) -> list[Finding]:
         return []
     first, last = proposal.rows
     sentence = (
-        f"Time does not always increase, as if runs were joined: rows {first} to {last} are the longest run."
+        "Time does not always increase, or jumps by more than 10 s, as if runs were joined: "
+        f"rows {first} to {last} are the longest run."
     )
     return [_finding("warning", "time", sentence)]
 
