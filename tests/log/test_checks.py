@@ -54,11 +54,14 @@ def test_a_gap_is_found_where_it_is(row, lost):
     assert f"row {row} " in finding.text
 
 
-def test_a_long_pause_is_a_gap_and_no_other_fault():
-    t = CLEAN.t + 50.0 * (np.arange(len(CLEAN)) >= 1200)
-    errors = [one.code for one in check(CLEAN.with_columns({"t": t})) if one.severity == "error"]
-    assert errors == []
-    assert only(CLEAN.with_columns({"t": t}), "gap")
+def test_a_rate_is_not_compared_over_a_pause():
+    """The robot turns once, while the clock is set by 50 s."""
+    t = 0.005 * np.arange(3000)
+    turning = np.exp(-(((t - 7.5) / 0.3) ** 2))  # [rad/s]
+    psi = np.cumsum(0.005 * turning)
+    pause = 50.0 * (t >= 7.5)
+    log = Log({"t": t + pause, "psi": psi, "psi_dot": turning})
+    assert [one.text for one in check(log) if one.severity == "error"] == []
 
 
 @given(st.floats(0.08, 0.3), st.integers(0, 1000))

@@ -169,9 +169,27 @@ def test_a_lean_is_no_later_than_the_commands_that_respond_to_it_allow(latest, a
     assert ("by the commands" in late.evidence) == (applied == latest)
 
 
-@pytest.mark.parametrize("rows", [0, 4, 12])
+@pytest.mark.parametrize(
+    ("tested", "applied"),
+    [
+        (None, 0.04),  # not measured otherwise
+        (responding(0.005, 1e-3), 0.04),
+        (responding(0.021, 1e-3), 0.021),
+    ],
+)
+def test_commands_do_not_respond_to_what_is_not_there_yet(tested, applied):
+    every, earliest = np.ones(4000, dtype=bool), 0.04 if applied == 0.04 else 0.015
+    late = command_delay(tested, commanded(2.0), every, interval=0.005, earliest=earliest)
+    assert late.applied == pytest.approx(applied)
+    assert ("respond to the lean's noise" in late.evidence) == (applied == earliest)
+    # a lag of less than a row is none
+    at_once = command_delay(None, commanded(2.0), every, interval=0.005, earliest=0.004)
+    assert at_once.applied == 0.0
+
+
+@pytest.mark.parametrize("rows", [-3, 0, 4, 12])
 def test_the_lag_of_a_response_is_found_from_the_noise_of_what_it_is_given(rows):
-    random = np.random.default_rng(rows)
+    random = np.random.default_rng(rows + 3)
     t = 0.005 * np.arange(4000)
     sensed = np.column_stack([np.sin(2.0 * t), np.cos(3.0 * t)]) + 1e-3 * random.standard_normal((4000, 2))
     own = 5e-3 * random.standard_normal((4000, 3))  # a gyro's, which no column has

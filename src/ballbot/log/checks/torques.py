@@ -205,6 +205,7 @@ class TorqueDelay:
     lag: float  #: [s], positive if the torques come after the states
     explained: float  #: explained fraction of the torques' changes at this lag
     usual: float  #: largest explained fraction at the lags that a controller may have
+    at_once: float  #: explained fraction without a lag
 
 
 def torque_delay(log: Log, robot: Robot) -> TorqueDelay | None:
@@ -290,4 +291,5 @@ def _best_delay(states: NDArray[np.float64], torques: NDArray[np.float64], sampl
         lag=float(lags[best] * sample_time),
         explained=float(explained[best]),
         usual=float(explained[usual].max()),
+        at_once=float(explained[reach]),
     )

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.log.checks.stuck_encoders import Balancing, StuckEncoder, stuck_encoders
-from ballbot.log.checks.torques import DELAY_EXPLAINED, LARGEST_DELAY, response_delay
+from ballbot.log.checks.torques import DELAY_EXPLAINED, DELAY_MARGIN, LARGEST_DELAY, response_delay
 from ballbot.log.formats import read_foreign_table
 from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.mapping import (
@@ -160,9 +160,7 @@ def propose(
     usable = tested.balancing if tested else signals.usable
     # by then all wheels count the same way round
     commands = _test_commands(signals, measured.angles * np.asarray(frame.signs), measured.sampled, usable)
-    interval = float(np.median(np.diff(raw.t)))
-    late = command_delay(commands, signals, usable, interval=interval)
-    latest = _latest_lean(raw, interval) - late.applied
+    lean, late = _delays(raw, signals, usable, commands, tested)
     proposal = Proposal(
         table=table,
         roles=roles,
@@ -178,7 +176,7 @@ def propose(
         lean_test=tested,
         heading=heading,
         commands=commands,
-        lean_delay=lean_delay(tested, signals, latest=latest) if tested else None,
+        lean_delay=lean,
         command_delay=late,
         frame=frame,
         drive=None,
@@ -227,14 +225,34 @@ def _settled(
     return units.judged_by(measured.lean_test, heading), measured, heading
 
 
-def _latest_lean(raw: Raw, interval: float) -> float:
-    """Return the longest delay of the lean [s] with which the commands still respond to its noise in time."""
+def _delays(
+    raw: Raw,
+    signals: Signals,
+    usable: NDArray[np.bool_],
+    commands: CommandTest | None,
+    tested: LeanTest | None,
+) -> tuple[Delay | None, Delay]:
+    """Return the delays of lean and commands, with which the latter respond to the former's noise in time."""
+    interval = float(np.median(np.diff(raw.t)))
+    feedback = _feedback(raw, interval)
+    lean = lean_delay(tested, signals) if tested else None
+    earliest = 0.0 if feedback is None else -feedback - (lean.applied if lean else 0.0)
+    late = command_delay(commands, signals, usable, interval=interval, earliest=earliest)
+    if tested and feedback is not None:
+        # the check of the log that the mapping makes sees whole rows
+        latest = LARGEST_DELAY - 0.5 * interval - feedback - late.applied
+        lean = lean_delay(tested, signals, latest=latest)
+    return lean, late
+
+
+def _feedback(raw: Raw, interval: float) -> float | None:
+    """Return the lag at which commands respond to the noise of roll and pitch [s]; None if the log does not show it."""
     if raw.attitude is None or raw.commands is None:
-        return math.inf
+        return None
     found = response_delay(raw.attitude[:, :2], raw.commands, interval)
-    if found is None or found.explained < DELAY_EXPLAINED or abs(found.lag) > LARGEST_DELAY:
-        return math.inf
-    return LARGEST_DELAY - 0.5 * interval - found.lag  # the check sees whole rows
+    if found is None or found.explained < DELAY_EXPLAINED or found.lag > LARGEST_DELAY:
+        return None
+    return found.lag if found.lag >= 0.0 or found.explained > found.at_once + DELAY_MARGIN else None
 
 
 def log_mapping(proposal: Proposal, *, delay: float) -> LogMapping:

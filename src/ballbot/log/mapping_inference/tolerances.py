@@ -124,9 +124,27 @@ def lean_delay(tested: LeanTest, signals: Signals, *, latest: float = math.inf) 
 
 
 def command_delay(
-    tested: CommandTest | None, signals: Signals, usable: NDArray[np.bool_], *, interval: float
+    tested: CommandTest | None,
+    signals: Signals,
+    usable: NDArray[np.bool_],
+    *,
+    interval: float,
+    earliest: float = 0.0,
 ) -> Delay:
-    """Return the delay from a command to the motor; `interval` is that of the file's rows [s]."""
+    """Return the delay from a command to the motor.
+
+    Parameters
+    ----------
+    tested : CommandTest, optional
+    signals : Signals
+    usable : ndarray (N,)
+        Rows that count.
+    interval : float
+        Between the file's rows [s].
+    earliest : float
+        The shortest delay with which the commands respond to the lean's noise no earlier than it is there [s]; it
+        counts from a row's length on.
+    """
     if signals.commands is None:
         return Delay(applied=0.0, error=0.0, quickness=0.0, confidence=0.5, evidence="there are no commands")
     calm = smooth(signals.rows, signals.rows, signals.commands, width=COMMAND_FILTER)
@@ -150,6 +168,15 @@ def command_delay(
         aliased = 2.0 * interval * _chatter(signals.commands, calm, usable)
         error = math.hypot(tested.delay_error, error, aliased)
         estimate = tested.delay
+    if earliest >= interval and not (math.isfinite(error) and estimate >= earliest):
+        evidence += f"; they respond to the lean's noise {1e3 * earliest:.0f} ms before it is in the log"
+        return Delay(
+            applied=round(earliest, 4),
+            error=interval,
+            quickness=quick,
+            confidence=harmless(interval * quick, TORQUE_PHASE),
+            evidence=evidence,
+        )
     return _delay(
         estimate,
         error,
