@@ -448,6 +448,8 @@ def test_separator_decimal_sign_and_header_of_variables_are_inferred(tmp_path, t
 SERIAL_TEXTS = {
     "labels and blanks": "t_ms:0 roll:0.5 enc[1]:-3\nt_ms:10 roll:-1.5 enc[1]:4e1\n",
     "labels, commas and tabs": "t_ms:0,\troll: 0.5,enc[1]:-3,\nt_ms:10,\troll: -1.5,enc[1]:4e1,\n",
+    "a word, labels and equal signs": "DATA t_ms=0 roll=0.5 enc[1]=-3\nDATA t_ms=10 roll=-1.5 enc[1]=40\n",
+    "a kind of message and labels": "$LOG,t_ms:0,roll:0.5,enc[1]:-3\n$LOG,t_ms:10,roll:-1.5,enc[1]:40\n",
     "labels after a clock and words": "12:04:00.9 -> ready\n12:04:01.0 -> t_ms:0 roll:.5 enc[1]:-3\n"
     "12:04:01.1 -> t_ms:10 roll:-1.5 enc[1]:40\n12:04:01.2 -> t_ms:20 ro\n",
     "a clock before cells": "12:04:00.999 -> t_ms,roll,enc[1]\n12:04:01.000 -> 0,0.5,-3\n12:04:01.000 -> 10,-1.5,40\n",

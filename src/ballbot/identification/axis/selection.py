@@ -94,8 +94,8 @@ def blocks_of(records: Sequence[AxisRecord]) -> Blocks:
     duration = max(total / MOST_BLOCKS, SHORTEST_BLOCK, LEAST_BLOCK_ROWS * usual)
     if duration * LEAST_BLOCKS > total:
         raise InputError(
-            f"{records[0].name} lasts {total:.3g} s; to select a law, the records must last "
-            f"{duration * LEAST_BLOCKS:.3g} s together."
+            f"{records[0].name} lasts {total:.3g} s; to estimate friction and to judge it on parts that were held out, "
+            f"the records must last {duration * LEAST_BLOCKS:.3g} s together."
         )
     spans = [
         (number, span)
@@ -106,7 +106,7 @@ def blocks_of(records: Sequence[AxisRecord]) -> Blocks:
     if len(spans) < LEAST_BLOCKS:
         raise InputError(
             f"{records[0].name} has {len(spans)} parts of {duration:.2g} s without a gap; "
-            f"to select a law takes {LEAST_BLOCKS}."
+            f"to estimate friction and to judge it on parts that were held out takes {LEAST_BLOCKS}."
         )
     return Blocks(spans=tuple(spans), duration=duration)
 

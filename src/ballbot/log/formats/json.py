@@ -7,7 +7,8 @@ JSON Lines have one such object in each line, without a list around them.
 
 An object may hold the table beside other keys, {"robot": "r2", "data": [..]}. Lists of several numbers under one name
 become columns with the number behind the name: "psi": [1, 2, 3] is psi_1, psi_2, psi_3; inner objects join their names
-with a point: "imu": {"roll": 0.1} is imu.roll. null, true and false are a missing value, 1 and 0.
+with a point: "imu": {"roll": 0.1} is imu.roll, and "motor": [{"pos": 1}] is motor_1.pos. null, true and false are a
+missing value, 1 and 0.
 """
 
 from __future__ import annotations
@@ -113,6 +114,10 @@ def flattened(row: Mapping[str, object], *, before: str = "", depth: int = 0) ->
             found |= flattened(value, before=f"{name}.", depth=depth + 1)
         elif isinstance(value, list) and len(value) <= _WIDEST and all(_is_cell(cell) for cell in value):
             found |= {f"{name}_{place}": _number(cell) for place, cell in enumerate(value, start=1)}
+        elif isinstance(value, list) and len(value) <= _WIDEST and depth < _DEEPEST:
+            for place, item in enumerate(value, start=1):
+                if isinstance(item, Mapping):
+                    found |= flattened(item, before=f"{name}_{place}.", depth=depth + 1)
     return found
 
 

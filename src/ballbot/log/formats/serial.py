@@ -2,6 +2,7 @@
 
     12:04:01.234 -> 10,0.03,-0.01        the serial monitor with time stamps
     roll:0.03 pitch:-0.01 enc1:12        the serial plotter, with blanks, commas or tabs between the pairs
+    DATA roll=0.03 pitch=-0.01 enc1=12   the same with equal signs, or a word before the first label
 
 `plain` removes the clock, which is when the computer received the line, and makes rows of numbers of the pairs. It
 decides by a file's first lines; other text stays as it is. Lines stay lines, so that messages name the file's own.
@@ -17,7 +18,9 @@ from itertools import islice
 
 _STAMP = re.compile(r"\s*\d{1,2}:\d\d:\d\d(?:[.,]\d+)?\s*->[ ]?")
 _NUMBER = r"[-+]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|nan|inf)"
-_PAIR = re.compile(rf"""([^\W\d][^\s:,;"']*)[ ]?:[ \t]*({_NUMBER})(?=[\s,;]|$)""", re.IGNORECASE)
+_PAIR = re.compile(rf"""([^\W\d][^\s:=,;"']*)[ ]?[:=][ \t]*({_NUMBER})(?=[\s,;]|$)""", re.IGNORECASE)
+#: a word of its own before the first label, as of a kind of message
+_WORD = re.compile(r"[$#]?\w+[\s,;]+(?=[^\W\d][^\s:=,;]*[ ]?[:=])")
 _BETWEEN = re.compile(r"[\s,;]*")
 #: lines that decide, and the share of them that must be so: others are a sketch's first words
 _EXAMINED, _MOST = 200, 0.5
@@ -55,7 +58,7 @@ def _mostly(lines: list[str], fits: Callable[[str], bool]) -> bool:
 def _pairs(line: str) -> list[tuple[str, str]]:
     """Return the labels and numbers of which a line consists; none if it has anything else."""
     found, place = [], 0
-    line = line.strip()
+    line = _WORD.sub("", line.strip(), count=1) if _WORD.match(line.strip()) else line.strip()
     while place < len(line):
         pair = _PAIR.match(line, place)
         if pair is None:

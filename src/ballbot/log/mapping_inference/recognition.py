@@ -248,6 +248,8 @@ def _no_time(path: str | Path, table: ForeignTable, roles: Roles) -> InputError:
         values = table.columns[one.name]
         steps = np.diff(values[np.isfinite(values)])
         words = _words(one.name)
+        if one.kind == "time" and not np.isfinite(values).any():
+            hints.append(f"{one.name} has no number in any row")
         if one.name in (*roles.attitude, *roles.angles, *roles.commands) or not len(steps):
             continue
         if words & {"dt", "period"} and values[np.isfinite(values)].min() > 0.0:

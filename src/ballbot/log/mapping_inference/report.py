@@ -142,7 +142,8 @@ def _roles(proposal: Proposal) -> list[Finding]:
     if proposal.by_data:
         sentence = (
             f"The columns are recognised by their values: {roles.time} is the time, "
-            f"{', '.join(roles.attitude)} roll and pitch, {', '.join(roles.angles)} "
+            f"{', '.join(roles.attitude)} roll{', pitch and yaw' if len(roles.attitude) > 2 else ' and pitch'}, "
+            f"{', '.join(roles.angles)} "
             f"the wheel angles, {', '.join(roles.commands) or 'none'} commands."
         )
         found.append(_finding("warning", "columns", sentence))
