@@ -333,7 +333,10 @@ def _kind(proposal: Proposal) -> list[Conclusion]:
     contradiction = (
         ()
         if drive.contradicting_factor is None
-        else (f"another scale, as this one is {drive.contradicting_factor:.2g} times what the motion needs",)
+        else (
+            f"another scale, or a robot unlike its file: these are {drive.contradicting_factor:.2g} times what the "
+            "motion needs",
+        )
     )
     kind_found = Conclusion(
         name="kind of the command",
