@@ -211,7 +211,7 @@ class TorqueDelay:
 def torque_delay(log: Log, robot: Robot) -> TorqueDelay | None:
     """Return the lag at which the torques respond to the states; None without the columns or with too few rows."""
     names = torque_names(robot.wheel_count)
-    if not {*STATE_NAMES, *names} <= set(log.names):
+    if not {*STATE_NAMES, *names} <= set(log.names) or len(log) < FEWEST_ROWS:
         return None
     torques = np.column_stack([log[name] for name in names])
     return response_delay(_heading_frame_states(log), torques, log.sample_time)

@@ -174,8 +174,8 @@ def _handedness(proposal: Proposal) -> Conclusion:
         name="axes of the IMU",
         value=value,
         confidence=frame.handedness,
-        evidence=f"lean and yaw of the same handedness fit the turning of the heading {z:.1f} standard errors "
-        f"better{shown}",
+        evidence=f"lean and yaw of the same handedness fit the turning of the heading {abs(z):.1f} standard errors "
+        f"{'better' if z >= 0.0 else 'worse'}{shown}",
         alternatives=("right-handed",) if reversed_axes else ("pitch or yaw reversed",),
         key="[attitude] sign",
     )
