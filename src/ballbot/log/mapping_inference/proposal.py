@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError
 from ballbot.log.checks.stuck_encoders import Balancing, StuckEncoder, stuck_encoders
 from ballbot.log.checks.torques import DELAY_EXPLAINED, DELAY_MARGIN, LARGEST_DELAY, response_delay
 from ballbot.log.formats import read_foreign_table
@@ -150,7 +149,6 @@ def propose(
     cut = {name: values[first:last] for name, values in table.columns.items()}
     cut = without_repeated_rows(cut, roles.time or "")
     raw = Raw.of(cut, roles, time)
-    _check_alive(path, raw, roles)
     units, measured, heading = _settled(raw, _Units.assumed(raw, roles, robot), robot)
     stuck = _stuck(raw, units, measured)
     if stuck:  # what they say meanwhile is wrong
@@ -197,17 +195,6 @@ def propose(
     whole_table = {name: values if name == roles.time else filled(values) for name, values in cut.items()}
     drive = drive_evidence(mapping, whole_table, raw.commands, robot, reading=reading, expected=expected)
     return replace(proposal, drive=drive)
-
-
-def _check_alive(path: str | Path, raw: Raw, roles: Roles) -> None:
-    """Raise InputError if a wheel's angle never changes while the robot balances."""
-    still = np.ptp(raw.angles, axis=0) == 0.0
-    if roles.attitude and still.any() and not still.all():
-        place = int(np.flatnonzero(still)[0])
-        raise InputError(
-            f"{path}: {roles.angles[place]} is {raw.angles[0, place]:g} in every row while other wheels turn: a dead "
-            "encoder, or a column that was not recorded. Record a log with every wheel's angle."
-        )
 
 
 def _settled(

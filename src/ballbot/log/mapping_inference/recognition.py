@@ -70,6 +70,9 @@ def recognise(path: str | Path, table: ForeignTable, robot: Robot) -> Recognised
     time = _time(path, table, roles)
     repeated = repeated_rows(table.columns, roles.time or "")
     rows = _longest_rise(time.factor * table.columns[roles.time or ""], repeated)
+    if roles.attitude:
+        _check_motion(path, table, roles, slice(*rows))
+        table, roles = _without_still_heading(table, roles, slice(*rows))
     if repeated.any():
         note = f"{int(repeated.sum())} rows repeat the time and all values of the row before: they are one."
         table = replace(table, notes=(*table.notes, note))
@@ -165,18 +168,31 @@ def _by_data(table: ForeignTable, robot: Robot, named: Roles) -> Roles | None:
 
 
 def _check_wheel_count(path: str | Path, names: list[str], named: Roles, robot: Robot) -> None:
-    """Raise InputError if plain names number more or fewer wheels than the robot has."""
+    """Raise InputError if names number more or fewer wheels than the robot has.
+
+    Either the names say plainly that they are wheel angles, or two series have as many columns, as encoders and motors.
+    """
     if named.angles:
         return
     series: dict[str, list[str]] = {}
+    plain = set[str]()
     for one in read_names(names, named.units):
-        if one.kind == "wheel angle" and one.index is not None and one.weight >= PLAIN:
+        if one.index is not None:
             series.setdefault(one.stem, []).append(one.name)
-    several = [one for one in series.values() if len(one) > 2 and len(one) != robot.wheel_count]
-    if several:
+        if one.kind == "wheel angle" and one.weight >= PLAIN:
+            plain.add(one.stem)
+    others = {stem: one for stem, one in series.items() if len(one) > 2 and len(one) != robot.wheel_count}
+    clear = [one for stem, one in others.items() if stem in plain]
+    if clear:
         raise InputError(
-            f"{path} has the angles of {len(several[0])} wheels ({', '.join(several[0])}), but the robot {robot.name} "
+            f"{path} has the angles of {len(clear[0])} wheels ({', '.join(clear[0])}), but the robot {robot.name} "
             f"has {robot.wheel_count}: give the robot file of the robot that wrote the log."
+        )
+    if len(others) == len(series) > 1 and len({len(one) for one in others.values()}) == 1:
+        columns = " and ".join(f"{one[0]} to {one[-1]}" for one in others.values())
+        raise InputError(
+            f"{path} has {len(next(iter(others.values())))} columns each of {columns}, but the robot {robot.name} has "
+            f"{robot.wheel_count} wheels: give the robot file of the robot that wrote the log."
         )
 
 
@@ -281,6 +297,45 @@ _CLOCK_COUNTS = {"tick", "ticks", "count", "counts", "cycle", "cycles", "clk"}
 def _words(name: str) -> set[str]:
     """Return the words of a name in lower case."""
     return set(re.findall(r"[a-z]+", name.lower()))
+
+
+def _is_still(values: NDArray[np.float64]) -> bool:
+    known = values[np.isfinite(values)]
+    return not len(known) or float(np.ptp(known)) == 0.0
+
+
+def _check_motion(path: str | Path, table: ForeignTable, roles: Roles, rows: slice) -> None:
+    """Raise InputError if the angle of a wheel, or of all, or one motor's command never changes."""
+    still = [name for name in roles.angles if _is_still(table.columns[name][rows])]
+    if still and len(still) == len(roles.angles):
+        raise InputError(
+            f"{path}: no wheel turns ({', '.join(still)} keep their values), so that the log shows nothing of how the "
+            "wheels drive the robot. Record the robot while it balances and moves."
+        )
+    if still:
+        value = table.columns[still[0]][rows][0] + 0.0  # not -0
+        raise InputError(
+            f"{path}: {still[0]} is {value:g} in every row while other wheels turn: a dead encoder, or a column that "
+            "was not recorded. Record a log with every wheel's angle."
+        )
+    dead = [name for name in roles.commands if _is_still(table.columns[name][rows])]
+    if dead and len(dead) < len(roles.commands):
+        value = table.columns[dead[0]][rows][0] + 0.0  # not -0
+        raise InputError(
+            f"{path}: {dead[0]} is {value:g} in every row while other motors' commands vary and all wheels turn: a "
+            "dead motor, or a command that was not recorded. Record a log with every motor's command."
+        )
+
+
+def _without_still_heading(table: ForeignTable, roles: Roles, rows: slice) -> tuple[ForeignTable, Roles]:
+    """Return the roles without a heading that never changes, which no robot on a ball has, and a note that says so."""
+    if len(roles.attitude) < 3 or roles.quaternion:
+        return table, roles
+    heading = roles.attitude[2]
+    if not _is_still(table.columns[heading][rows]):
+        return table, roles
+    note = f"{heading} has one value in all rows and is not used: the wheels give the heading."
+    return replace(table, notes=(*table.notes, note)), replace(roles, attitude=roles.attitude[:2])
 
 
 #: time that jumps by more is another clock or another run [s]
