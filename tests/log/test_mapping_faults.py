@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,8 @@ import pytest
 from ballbot.errors import InputError
 from ballbot.findings import Finding
 from ballbot.log.checks.kinematics import check_wheels
+from ballbot.log.mapping_inference.commands import Response, unit_probabilities
+from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.proposal import propose
 from ballbot.log.mapping_inference.refusal import contradiction, errors_of
 from ballbot.log.mapping_inference.report import Evaluation, evaluate
@@ -60,6 +63,32 @@ def test_torques_of_the_motors_shaft_are_multiplied_by_the_gear_ratio(evaluated,
             for one in (np.interp(found.log.t, truth.t, truth[f"u{i}"]), found.log[f"u{i}"])
         )
         assert np.vdot(true, own) / np.vdot(true, true) == pytest.approx(1.0, abs=0.1)
+
+
+def test_currents_under_the_name_of_torques_are_not_taken_for_torques(evaluated, plain: Columns):
+    drive = small_robot().drive
+    milliampere = 1e3 / (drive.gear_ratio * drive.torque_constant)
+    found: Evaluation = evaluated({k: milliampere * v if "_Nm" in k else v for k, v in plain.items()})
+    (unit,) = (one for one in found.conclusions if one.name == "unit of the command")
+    assert unit.value == "mA"
+
+
+def test_a_name_of_a_wrong_unit_is_no_proof_of_the_kind():
+    # at 1.16 N m an ampere mN m are 16 % beside mA, as near as the robot file's masses are known
+    robot = small_robot()
+    per_ampere = 1.16
+    drive = replace(robot.drive, torque_constant=per_ampere / robot.drive.gear_ratio)
+    log = swaying_log()
+    milliampere = np.column_stack([log[f"u{i}"] for i in (1, 2, 3)]) * 1e3 / per_ampere
+    found = unit_probabilities(
+        replace(robot, drive=drive),
+        Response(gain=1e3 / per_ampere, gain_error=0.03, damping=0.01, damping_error=0.01),
+        milliampere,
+        named_kind="torque",
+        named_unit="N m",
+    )
+    kinds = {kind: sum(p for one, p in found.items() if one.kind == kind) for kind in ("torque", "current")}
+    assert max(kinds.values()) < CONFIDENT
 
 
 @pytest.mark.parametrize("factor", [0.3, 1.6])
