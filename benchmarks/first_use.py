@@ -2,9 +2,9 @@
 
 .venv/bin/python -m benchmarks.first_use [--environments 5]
 
-The wheel is built and installed without extras into fresh environments, each with nothing compiled on disk, and
-`ballbot demo` runs in each: until it names the page, and until the page has its result. Then what stands beside it, in
-environments of their own. Needs a package index.
+The wheel is built and installed without extras into fresh environments, each with nothing compiled on disk. In each a
+first simulation runs, then `ballbot demo`: until it names the page, and until the page has its result. Then the same
+with a wheel without machine code, and what stands beside it, in environments of their own. Needs a package index.
 """
 
 from __future__ import annotations
@@ -74,6 +74,9 @@ print("report", fitted["damping"].value, flush=True)
 """
 
 
+#: a first call from the README
+_SIMULATE = "simulate alten --reference circle --duration 20 --out run1"
+
 _NOT_PASSED_ON = ("PYTHONPATH", "VIRTUAL_ENV", "NUMBA_CACHE_DIR")
 
 
@@ -111,6 +114,7 @@ class FirstUse:
     """Seconds of one fresh environment."""
 
     install: float
+    call: float  #: a first simulation, from its start to its end
     picture: float  #: until the command names the page, or the page has come
     report: float  #: until the result is there
     cpu: float  #: of the command, without the installation
@@ -123,13 +127,21 @@ def fresh(folder: Path, package: object) -> tuple[Path, float]:
     return python, timed([python, "-m", "pip", "install", "--quiet", package], folder).wall
 
 
-def demo(folder: Path, wheel: Path) -> FirstUse:
-    """Return how long a fresh environment took with `ballbot demo`."""
+def first_use(folder: Path, wheel: Path) -> FirstUse:
+    """Return how long a fresh environment took with a first simulation and with `ballbot demo`."""
     python, install = fresh(folder, wheel)
+    call = timed([python, "-m", "ballbot", *_SIMULATE.split()], folder).wall
+    for cached in folder.rglob("*.nb[ci]"):
+        if "machine_code" not in cached.parts:
+            cached.unlink()  # so that the demo finds nothing compiled either
     run = timed([python, "-m", "ballbot", "demo", "--no-browser", "--out", "look"], folder)
     assert "look" in run.lines[0][1] or "compiling" in run.lines[0][1], run.lines
     return FirstUse(
-        install=install, picture=run.until("demo.html"), report=run.until("Identified on"), cpu=run.cpu
+        install=install,
+        call=call,
+        picture=run.until("demo.html"),
+        report=run.until("Identified on"),
+        cpu=run.cpu,
     )
 
 
@@ -146,50 +158,69 @@ def main() -> None:
     count = parser.parse_args().environments
     with tempfile.TemporaryDirectory(prefix="ballbot-first-use-") as name:
         folder = Path(name)
-        line = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", folder, ROOT]
-        timed(line, folder)
-        (wheel,) = folder.glob("ballbot-*.whl")
-        runs = []
-        for number in range(count):
-            runs.append(demo(folder / f"ballbot{number}", wheel))
-            print(runs[-1], flush=True)
+        wheel, building = build(folder / "wheel")
+        runs = [first_use(folder / f"ballbot{number}", wheel) for number in range(count)]
+        os.environ["BALLBOT_WITHOUT_MACHINE_CODE"] = "1"
+        plain, _ = build(folder / "plain")
+        compiling = first_use(folder / "compiling", plain)
         busy = os.getloadavg()[1]
         viser = other(folder / "viser", "viser", _VISER)
         sysid = other(folder / "sysid", "mujoco[sysid]>=4", _SYSID)
-    write_text(PAGE, page(runs, viser, sysid, busy=busy))
+    others = (
+        (
+            "viser, a server with one ball, until its page has come",
+            f"{viser[0]:.1f}",
+            "",
+            f"{viser[1]:.1f}",
+            "",
+            "",
+        ),
+        ("mujoco.sysid, one parameter of a pendulum", f"{sysid[0]:.1f}", "", "", f"{sysid[1]:.1f}", ""),
+    )
+    rows = (_row("Ballbot", runs), _row("the same, without machine code", [compiling]), *others)
+    write_text(PAGE, page(rows, count, building=building, busy=busy))
     print(PAGE.read_text(encoding="utf-8"))
 
 
-def page(
-    runs: Sequence[FirstUse], viser: tuple[float, float], sysid: tuple[float, float], *, busy: float
-) -> str:
+def build(folder: Path) -> tuple[Path, float]:
+    """Return the wheel, built into a folder, and the seconds that this took."""
+    line = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", folder, ROOT]
+    folder.mkdir()
+    seconds = timed(line, folder).wall
+    (wheel,) = folder.glob("ballbot-*.whl")
+    return wheel, seconds
+
+
+def _row(name: str, runs: Sequence[FirstUse]) -> tuple[str, ...]:
+    """Return the row of Ballbot's table."""
+
+    def shown(what: str) -> str:
+        values = sorted(getattr(run, what) for run in runs)
+        spread = f" ({values[0]:.1f} to {values[-1]:.1f})" if len(values) > 1 else ""
+        return f"{median(values):.1f}{spread}"
+
+    return name, *(shown(what) for what in ("install", "call", "picture", "report", "cpu"))
+
+
+def page(rows: Sequence[tuple[str, ...]], count: int, *, building: float, busy: float) -> str:
     """Return the page's text."""
-
-    def shown(name: str) -> str:
-        values = sorted(getattr(run, name) for run in runs)
-        return f"{median(values):.1f} ({values[0]:.1f} to {values[-1]:.1f})"
-
-    rows = (
-        ("`ballbot demo`", shown("install"), shown("picture"), shown("report"), shown("cpu")),
-        ("viser, a server with one ball, until its page has come", *(f"{t:.1f}" for t in viser), "", ""),
-        ("mujoco.sysid, one parameter of a pendulum", f"{sysid[0]:.1f}", "", f"{sysid[1]:.1f}", ""),
-    )
     return f"""# The first half minute
 
 `python -m benchmarks.first_use` writes this page: seconds by the clock in fresh environments with nothing compiled on
-disk, the wheel installed without extras; the median of {len(runs)} environments, with the least and the most.
+disk, the wheel installed without extras; the median of {count} environments, with the least and the most.
 {processor()}, {os.cpu_count()} cores, load average {busy:.0f}. The targets are 5 s
-for the picture and 30 s for the report.
+for the first call and the picture, and 30 s for the report.
 
-| | install | first picture | first report | processor time |
-|---|---:|---:|---:|---:|
+| | install | first call | first picture | first report | processor time of the demo |
+|---|---:|---:|---:|---:|---:|
 {chr(10).join("| " + " | ".join(row) + " |" for row in rows)}
 
-First picture: the command names an HTML page that plays two recorded runs. First report: that page shows the friction
-identified from the first run's log. Most of the time between them is Numba's compilation of the simulator; a second
-start reads it from disk. Beside other programs the report comes later than the processor time. The other two are the
-smallest uses of their packages that show a picture or a report; neither ships recorded runs, and what they show is not
-the same.
+First call: `ballbot {_SIMULATE}`, from its start to its end.
+First picture: `ballbot demo` names an HTML page that plays two recorded runs. First report: that page shows the
+friction identified from the first run's log. The wheel brings the machine code that these commands need. Building it
+took {building:.0f} s, which `pip install` from a clone takes as well. Without that code, or on a processor that cannot
+run it, both commands compile first: the second row, one environment. The other two are the smallest uses of their
+packages that show a picture or a report; neither ships recorded runs, and what they show is not the same.
 """
 
 

@@ -53,7 +53,20 @@ def try_wheel(folder: Path) -> None:
     (wheel,) = folder.glob("ballbot-*.whl")
     python = _environment(folder / "environment")
     _run(python, "-m", "pip", "install", "--quiet", wheel)
+    try_first_call(python, folder)
     try_commands(python, folder)
+
+
+def try_first_call(python: Path, folder: Path) -> None:
+    """Run a first simulation, and see that it compiles nothing if the wheel's machine code runs here."""
+    runs = "from ballbot.mechanics.engine.shipped import FOLDER, _runs_here; print(FOLDER.is_dir() and _runs_here())"
+    shipped = _run(python, "-c", runs, cwd=folder).strip() == "True"
+    kept = folder / "kept"
+    begun = time.monotonic()
+    line = "simulate alten --reference circle --duration 20 --out first"
+    _run(python, "-m", "ballbot", *line.split(), cwd=folder, NUMBA_CACHE_DIR=str(kept))
+    print(f"{time.monotonic() - begun:6.1f} s  ballbot {line}, with{'out' * shipped} compilation", flush=True)
+    assert shipped != any(kept.rglob("*.nbc"))
 
 
 def try_lowest(folder: Path) -> None:
@@ -113,9 +126,10 @@ def _environment(folder: Path) -> Path:
     return folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
 
 
-def _run(*words: object, cwd: Path | None = None) -> str:
+def _run(*words: object, cwd: Path | None = None, **variables: str) -> str:
     """Run a command outside this environment and return what it prints; stop with its messages if it fails."""
     own = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
+    own |= variables
     line: Sequence[str] = [str(word) for word in words]
     done = subprocess.run(line, cwd=cwd, env=own, capture_output=True, text=True, check=False)
     if done.returncode:

@@ -23,7 +23,7 @@ import llvmlite.binding as llvm
 from llvmlite.binding import newpassmanagers
 from numba import njit
 from numba.core import event
-from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache
 from numba.core.codegen import CPUCodegen, JITCodeLibrary
 from numba.core.compiler import Compiler, CompileResult
 from numba.core.cpu import CPUContext
@@ -31,6 +31,7 @@ from numba.core.typing.context import Context
 from numba.extending import overload
 
 from ballbot.errors import CompiledCodeNotKept
+from ballbot.mechanics.engine.shipped import ShippedCode
 
 _OVERRIDDEN_OR_CALLED = (
     (JITCodeLibrary, "_optimize_functions"),
@@ -61,8 +62,12 @@ def cache_of_inner_code(function: Callable) -> FunctionCache:
 class ForgivingCache(FunctionCache):
     """Numba's code on disk; without it the work goes on, if its folder is full, read-only or damaged."""
 
-    def load_overload(self, sig: object, target_context: CPUContext) -> CompileResult | None:
-        """Return the code cached for a signature; None if it is missing or cannot be read."""
+    shipped: ShippedCode | None = None  #: the function's code in the wheel
+
+    def load_overload(self, sig: tuple, target_context: CPUContext) -> CompileResult | None:
+        """Return the code shipped or cached for a signature; None if it is missing or cannot be read."""
+        if self.shipped is not None and (code := self.shipped.load(sig, target_context)) is not None:
+            return code
         try:
             return super().load_overload(sig, target_context)
         except Exception:  # a damaged pickle raises anything
@@ -77,6 +82,23 @@ class ForgivingCache(FunctionCache):
         except OSError:
             self.disable()
             warn_that_code_is_not_kept()
+
+
+class _NoFolder(NullCache):
+    """What stands for a cache where Numba finds no folder that it may write to."""
+
+    def __init__(self, shipped: ShippedCode | None) -> None:
+        self.shipped = shipped
+
+    def load_overload(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, sig: tuple, target_context: CPUContext
+    ) -> CompileResult | None:
+        """Return the shipped code; None if there is none."""
+        return None if self.shipped is None else self.shipped.load(sig, target_context)
+
+    def save_overload(self, sig: object, cres: CompileResult) -> None:  # noqa: ARG002 (Numba's)
+        """Warn that the next start compiles again."""
+        warn_that_code_is_not_kept()
 
 
 @cache
@@ -264,12 +286,14 @@ def _kept(
     in any compiled source of its package, or of one it may use, counts.
     """
     package = function.__module__.partition(".")[2].partition(".")[0]
+    stamp = _sources_stamp(package)
+    shipped = ShippedCode(function, stamp) if make_cache is ForgivingCache else None
     try:
         kept = make_cache(function)
+        kept._cache_file._source_stamp = stamp  # pyright: ignore[reportAttributeAccessIssue]
     except RuntimeError:  # Numba finds no folder that it may write to
-        warn_that_code_is_not_kept()
-        return dispatcher
-    kept._cache_file._source_stamp = _sources_stamp(package)  # pyright: ignore[reportAttributeAccessIssue]
+        kept = _NoFolder(shipped)
+    kept.shipped = shipped  # pyright: ignore[reportAttributeAccessIssue]
     dispatcher._cache = kept  # pyright: ignore[reportFunctionMemberAccess]
     return dispatcher
 
