@@ -135,7 +135,7 @@ def first_use(folder: Path, wheel: Path) -> FirstUse:
         if "machine_code" not in cached.parts:
             cached.unlink()  # so that the demo finds nothing compiled either
     run = timed([python, "-m", "ballbot", "demo", "--no-browser", "--out", "look"], folder)
-    assert "look" in run.lines[0][1] or "compiling" in run.lines[0][1], run.lines
+    assert "look" in run.lines[0][1] or "preparing" in run.lines[0][1], run.lines
     return FirstUse(
         install=install,
         call=call,

@@ -59,7 +59,7 @@ def try_wheel(folder: Path) -> None:
 
 def try_first_call(python: Path, folder: Path) -> None:
     """Run a first simulation, and see that it compiles nothing if the wheel's machine code runs here."""
-    runs = "from ballbot.mechanics.engine.shipped import FOLDER, _runs_here; print(FOLDER.is_dir() and _runs_here())"
+    runs = "from ballbot.mechanics.engine.shipped import FOLDER, runs_here; print(FOLDER.is_dir() and runs_here())"
     shipped = _run(python, "-c", runs, cwd=folder).strip() == "True"
     kept = folder / "kept"
     begun = time.monotonic()

@@ -26,14 +26,14 @@ def wheel(tmp_path: Path, monkeypatch) -> Iterator[Path]:
     monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "first"))
     monkeypatch.setattr(shipped, "FOLDER", folder)
     monkeypatch.setattr(shipped, "baseline", lambda: Baseline("this one", frozenset()))
-    shipped._runs_here.cache_clear()
+    shipped.runs_here.cache_clear()
     halving: Any = compiled_alone(halve)
     assert halving(3.0) == 1.5
     for signature, code in halving.overloads.items():
         halving._cache.shipped.save(folder, signature, code)
     monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "second"))
     yield folder
-    shipped._runs_here.cache_clear()
+    shipped.runs_here.cache_clear()
     warn_that_code_is_not_kept.cache_clear()
 
 
@@ -65,7 +65,7 @@ def test_other_types_are_compiled() -> None:
 
 def test_code_for_a_better_processor_is_ignored(monkeypatch) -> None:
     monkeypatch.setattr(shipped, "baseline", lambda: Baseline("this one", frozenset({"a feature of 2040"})))
-    shipped._runs_here.cache_clear()
+    shipped.runs_here.cache_clear()
     assert compilations_of_a_call() == 1
 
 

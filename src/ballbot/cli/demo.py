@@ -55,7 +55,7 @@ def demo(
     folder, console = _folder(out), standard_output()
     runs = read_runs()
     title = "One robot, two controllers, the same square"
-    write_text(folder / _RESULT, result_text(_state_before(0.0, "compiling the model")))
+    write_text(folder / _RESULT, result_text(_state_before(0.0, "preparing the model")))
     page = replay_page(runs, robot_of_runs(), title=title, lead=_lead(runs), result_beside=_RESULT)
     write_text(folder / _PAGE, page)
     show_written(folder / _PAGE)
@@ -65,7 +65,7 @@ def demo(
     shown = ResultState(heading=_HEADING, sentences=("The command was stopped before it was found.",))
     written = -1
     try:
-        with progress_bar(console, "compiling the model") as bar:
+        with progress_bar(console, "preparing the model") as bar:
 
             def report(progress: Progress) -> None:
                 nonlocal written

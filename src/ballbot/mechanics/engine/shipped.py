@@ -44,8 +44,13 @@ def baseline() -> Baseline | None:
 
 
 @cache
-def _runs_here() -> bool:
-    needed, own = baseline(), llvm.get_host_cpu_features()
+def runs_here() -> bool:
+    """Return whether this machine's processor can run a wheel's code."""
+    needed = baseline()
+    try:
+        own = llvm.get_host_cpu_features()
+    except RuntimeError:  # LLVM does not know this processor
+        return False
     return needed is not None and all(own.get(feature, False) for feature in needed.features)
 
 
@@ -58,7 +63,7 @@ class ShippedCode:
 
     def load(self, signature: tuple, target: CPUContext) -> CompileResult | None:
         """Return the code for arguments of these types; None if there is none, or none that runs here."""
-        if not FOLDER.is_dir() or not _runs_here():
+        if not FOLDER.is_dir() or not runs_here():
             return None
         target.refresh()
         try:
