@@ -9,6 +9,7 @@ BALLBOT_WITHOUT_MACHINE_CODE=1 leaves it out of a wheel.
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -54,10 +55,15 @@ class BuildPy(build_py):
         if self.editable_mode or _without_code():
             return
         package = Path(self.build_lib).resolve()
+        code = package / "ballbot" / "machine_code"
+        shutil.rmtree(code, ignore_errors=True)  # an earlier build's
         with tempfile.TemporaryDirectory(prefix="ballbot-build-") as folder:
             own = os.environ | {"PYTHONPATH": str(package), "NUMBA_CACHE_DIR": folder}
-            line = [sys.executable, __file__, str(package / "ballbot" / "machine_code"), folder]
-            subprocess.run(line, env=own, cwd=folder, check=True)
+            done = subprocess.run([sys.executable, __file__, code, folder], env=own, cwd=folder, check=False)
+        if done.returncode:
+            print(
+                "warning: the wheel has no machine code; first calls will compile what they need.", flush=True
+            )
 
 
 def main(code: Path, folder: Path) -> None:
