@@ -12,6 +12,8 @@ import pytest
 from ballbot.cli import main as program
 from ballbot.cli.app import COMMANDS, Command
 from ballbot.cli.main import main
+from ballbot.control.file import write_controller
+from ballbot.control.presets import nominal_controller
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
@@ -134,6 +136,15 @@ def test_check_prints_and_writes_derived_quantities(
         heading = printed[: printed.index(f"{name} =")].rsplit("\n\n", 1)[1]
         assert "For comparison only, no fault of the robot: the thesis's mistake" in heading
     assert printed.count("For comparison only") == 2
+
+
+def test_check_computes_the_margins_of_a_controller_without_a_reference(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "controller.toml"
+    write_controller(nominal_controller("alten"), file)
+    assert main(["check", "alten", "--controller", str(file)]) == 0
+    assert f"Loop with the controller {file}" in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.parametrize("command", ["check", "design"])
