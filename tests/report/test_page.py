@@ -230,6 +230,7 @@ def test_a_table_of_many_blocks_is_folded_on_a_phone():
     rows = [(f"wheel{i}_dot", "rad/s", "-5.655", "6.597", "358.4", "0") for i in range(30)]
     assert "Show the table (30 rows)" in page(Sheet(headings=headings, rows=rows))
     assert "Show the table" not in page(Sheet(headings=headings, rows=rows[:4]))
+    assert "Show the table" not in page(Sheet(headings=("file", "bytes"), rows=[("law.c", "12")] * 20))
 
 
 def test_a_printed_table_becomes_one_of_the_page():
