@@ -47,7 +47,6 @@ from ballbot.log.columns import wheel_angle_names
 from ballbot.mechanics.friction_laws.classical import Classical
 from ballbot.progress import Progress, part_of
 from ballbot.robot import Robot
-from ballbot.rounding import digits
 from ballbot.simulation.driveline import Driveline, SpeedClamp, simulate_drivelines
 from ballbot.summary import Summary, estimated, plotted, summarized
 
@@ -490,7 +489,7 @@ def fit_drivelines(
     printed: list[PrintedFit] = []
 
     def report(now: Progress) -> None:
-        run.progress(replace(now, note=f"error {digits(math.exp(now.cost))}"))
+        run.progress(replace(now, note=f"error {math.exp(now.cost):.4g}"))
 
     for i, sweep in enumerate(sweeps):
         of_wheel = part_of(report, i / len(sweeps), (i + 1) / len(sweeps), stage=f"wheel {i + 1}")
