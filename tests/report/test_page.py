@@ -225,6 +225,10 @@ def test_powers_of_units_are_raised():
     assert "^" not in shown
 
 
+def test_no_line_breaks_within_the_unit_of_a_torque():
+    assert "0.28 N\u00a0m at" in shown_text(page(Paragraph(text="It is 0.28 N m at any speed.")))
+
+
 def test_a_table_of_many_blocks_is_folded_on_a_phone():
     headings = ("column", "unit", "from", "to", "changes per second", "missing")
     rows = [(f"wheel{i}_dot", "rad/s", "-5.655", "6.597", "358.4", "0") for i in range(30)]
