@@ -73,8 +73,8 @@ def test_an_argument_of_any_type_is_taken_or_refused_in_a_sentence(name):
             "duration is '1'; it must be a number.",
         ),
         (
-            lambda: ballbot.identify(ROBOT, LOG, free="friction"),
-            "free is 'friction'; it must be a list of texts.",
+            lambda: ballbot.identify(ROBOT, LOG, free=5),
+            "free is 5; it must be a list of texts or a text.",
         ),
         (lambda: ballbot.loop_margins("nominal"), "loop_margins\\('nominal', robot='alten'\\)"),
     ],

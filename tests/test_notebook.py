@@ -54,9 +54,9 @@ def test_long_work_is_one_line_that_ends_at_the_whole(monkeypatch):
     shown, clock = FakeNotebook(monkeypatch), Clock()
     work(NotebookProgress(clock), clock)
     (line,) = shown.lines
-    assert line[0].startswith("gauss newton, 12 %, error x 1.2")
+    assert line[0].startswith("Gauss-Newton, 12 %, error x 1.2")
     assert any("about 0:05 left" in text for text in line)
-    assert line[-1] == "gauss newton, 100 %, error x 1.2"
+    assert line[-1] == "Gauss-Newton, 100 %, error x 1.2"
 
 
 def test_each_work_has_its_own_line_even_after_one_that_failed(monkeypatch):
@@ -69,15 +69,15 @@ def test_each_work_has_its_own_line_even_after_one_that_failed(monkeypatch):
         progress(Progress(stage="stopped", done=share, total=1.0))
     work(progress, clock)
     assert [line[-1] for line in shown.lines] == [
-        "gauss newton, 100 %, error x 1.2",
-        "gauss newton, 100 %, error x 1.2",
+        "Gauss-Newton, 100 %, error x 1.2",
+        "Gauss-Newton, 100 %, error x 1.2",
         "stopped, 50 %, about 0:03 left",
-        "gauss newton, 100 %, error x 1.2",
+        "Gauss-Newton, 100 %, error x 1.2",
     ]
 
 
 @pytest.mark.parametrize(
-    ("success", "last"), [(True, "gauss newton, 100 %"), (False, "gauss newton, 60 %, about")]
+    ("success", "last"), [(True, "Gauss-Newton, 100 %"), (False, "Gauss-Newton, 60 %, about")]
 )
 def test_bar_of_work_that_never_says_its_end_is_full_when_its_cell_has_run(monkeypatch, success, last):
     shown, clock = FakeNotebook(monkeypatch), Clock()

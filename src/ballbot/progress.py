@@ -315,7 +315,11 @@ def _left_in_words(seconds: float) -> str:
 
 def stage_words(progress: Progress) -> str:
     """Return what is being done, in words."""
-    return printable_line(progress.stage).replace("_", " ")
+    return _METHODS.get(progress.stage, printable_line(progress.stage).replace("_", " "))
+
+
+#: stages that are methods with a name
+_METHODS = {"gauss_newton": "Gauss-Newton"}
 
 
 def progress_line(progress: Progress, left: str, *, doing: str = "") -> str:

@@ -19,6 +19,12 @@ def digits(value: float, count: int = 3) -> str:
     return f"{round(value, count - 1 - leading):.{places}f}"
 
 
+def percent(share: float) -> str:
+    """Return a share as a percentage: whole, or below one to its first digit, so that little is not none."""
+    hundredths = 100.0 * share
+    return f"{digits(hundredths, 1) if 0.0 < abs(hundredths) < 0.95 else f'{hundredths:.0f}'} %"
+
+
 def value_and_error(value: float, error: float) -> tuple[str, str]:
     """Return a value and its error, both to the error's second digit; without an error three digits and a dash."""
     if not (math.isfinite(value) and math.isfinite(error) and error > 0.0):

@@ -140,6 +140,18 @@ def test_writing_the_report_is_the_last_stage_of_planned_work(piped, capsys, mon
     ]
 
 
+def test_a_line_has_the_time_so_far_if_the_time_left_is_not_known(piped, capsys, monkeypatch):
+    monkeypatch.setattr(output, "_BEFORE_LINES", 0.05)
+    monkeypatch.setattr(output, "_LONG", 0.0)
+    with progress_bar(piped, "checking the robot") as bar:
+        time.sleep(0.2)
+        bar.show(0.5, doing="reading")
+    assert capsys.readouterr().err.splitlines() == [
+        "ballbot: checking the robot, 0:00 so far",
+        "ballbot: reading, 50 %, 0:00 so far",
+    ]
+
+
 def test_writing_the_report_after_work_without_a_plan_begins_at_the_last_share(piped, capsys, monkeypatch):
     monkeypatch.setattr(output, "_BEFORE_LINES", 0.05)
     with progress_bar(piped, "fitting") as bar:
@@ -174,7 +186,7 @@ def test_time_left_of_an_identification_is_within_a_factor_of_two(tmp_path, caps
     assert main(["identify", "alten", str(log), "--law", "coulomb", "--out", str(tmp_path / "out")]) == 0
     end = time.process_time()
     written = capsys.readouterr().err
-    for stage in ("evolution", "gauss newton", "initial states", "writing the report"):
+    for stage in ("evolution", "Gauss-Newton", "initial states", "writing the report"):
         assert f"ballbot: {stage}, " in written
     # of the page, the last second or two, only a usual time is known
     ratios = [

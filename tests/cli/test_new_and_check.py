@@ -12,6 +12,8 @@ import pytest
 from ballbot.cli import main as program
 from ballbot.cli.app import COMMANDS, Command
 from ballbot.cli.main import main
+from ballbot.control.file import write_controller
+from ballbot.control.presets import nominal_controller
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
@@ -42,6 +44,20 @@ def test_new_writes_beside_you_by_default(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.chdir(tmp_path)
     assert main(["new", "mine"]) == 0
     assert Robot.load("mine.toml").name == "mine"
+
+
+@pytest.mark.parametrize("file", ["mine.toml", "mine.urdf"])
+def test_new_takes_the_file_for_the_name(file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", file, "--from", "cmu"]) == 0
+    assert [one.name for one in tmp_path.iterdir()] == [file]
+    if file == "mine.toml":
+        assert Robot.load(file).name == "mine"
+
+
+def test_the_twin_is_not_written_as_urdf(capsys: pytest.CaptureFixture[str]) -> None:
+    message = refused(capsys, "twin", "export", "alten", "--out", "a.urdf")
+    assert "ballbot new a.urdf --from alten" in message
 
 
 def test_new_overwrites_only_when_forced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -134,6 +150,15 @@ def test_check_prints_and_writes_derived_quantities(
         heading = printed[: printed.index(f"{name} =")].rsplit("\n\n", 1)[1]
         assert "For comparison only, no fault of the robot: the thesis's mistake" in heading
     assert printed.count("For comparison only") == 2
+
+
+def test_check_computes_the_margins_of_a_controller_without_a_reference(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "controller.toml"
+    write_controller(nominal_controller("alten"), file)
+    assert main(["check", "alten", "--controller", str(file)]) == 0
+    assert f"Loop with the controller {file}" in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.parametrize("command", ["check", "design"])

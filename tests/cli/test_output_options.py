@@ -110,6 +110,14 @@ def test_misspelt_word_is_answered_with_the_nearest(
     assert len(refusal.splitlines()) == 1
 
 
+def test_a_word_too_many_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["identify-geometry", "alten", "log.csv", "--out", "out"]) == 2
+    refusal = capsys.readouterr().err
+    assert refusal.startswith(
+        "ballbot: identify-geometry has no argument left for 'log.csv'; give it to an option."
+    )
+
+
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.name)
 def test_every_command_gives_results_to_json(command: Command) -> None:
     if command.name == "help":

@@ -40,6 +40,14 @@ def test_saved_page_has_the_logs_by_their_labels(capsys):
 
 
 @pytest.mark.usefixtures("folder")
+def test_a_log_of_the_usual_name_is_called_as_its_folder():
+    Path("run7").mkdir()
+    shutil.copy("log.csv", "run7/log.csv")
+    assert main(["view", "run7/log.csv", "--robot", "alten", "--save", "replay.html"]) == 0
+    assert "<title>run7</title>" in Path("replay.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.usefixtures("folder")
 def test_page_is_opened_without_save(capsys, monkeypatch):
     monkeypatch.setattr("ballbot.cli.view.has_live_view", lambda: False)
     assert main(["view", "alten"]) == 0

@@ -95,6 +95,7 @@ def test_fixed_quantities_keep_their_values():
 
 def test_group_names_expand_and_misspellings_are_reported():
     assert names_in(["torque", "coulomb"]) == ("coulomb", "torque_gain", "torque_offset", "delay")
+    assert names_in("torque, coulomb") == names_in(["torque", "coulomb"])
     with pytest.raises(InputError, match=r"'torqe_gain' is not a quantity .* did you mean 'torque_gain'\?"):
         names_in(["torqe_gain"])
 

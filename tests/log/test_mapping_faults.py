@@ -284,3 +284,13 @@ def test_a_gyro_with_an_offset_is_left_out_for_that_reason(evaluated, plain: Col
     found: Evaluation = evaluated(columns)
     (text,) = (one.text for one in found.findings if "is not used" in one.text)
     assert "its offset about the vertical would turn the heading by" in text
+
+
+def test_a_log_of_a_robot_with_more_wheels_is_refused():
+    log = swaying_log()
+    more = log.with_columns({"u4": log["u1"], "wheel4_dot": log["wheel1_dot"]})
+    (found,) = check_wheels(more, small_robot())
+    assert found.severity == "error"
+    assert found.text.startswith("The log has values of u4, wheel4_dot, but the robot has 3 wheels.")
+    unused = log.with_columns({"u4": np.zeros(len(log))})
+    assert check_wheels(unused, small_robot()) == check_wheels(log, small_robot())

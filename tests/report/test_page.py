@@ -207,6 +207,36 @@ def test_an_interval_without_a_limit_counts_as_a_number():
     assert Sheet(headings=("parameter", "95 %"), rows=rows).numeric == [False, True]
 
 
+def test_no_line_breaks_between_the_dashes_and_the_name_of_an_option():
+    made = Provenance(command="ballbot try --out <a>", files=(), seed=3, versions={"python": "3"})
+    report = Report(
+        title="a", lead="", verdict=[], sections=[], undecided=["`ballbot try --seeds 3`"], made=made
+    )
+    shown = page_of(report)
+    for option in ("out", "seeds"):
+        assert f'<span class="option">--{option}</span>' in shown
+    assert "&lt;a&gt;" in shown
+
+
+def test_powers_of_units_are_raised():
+    shown = shown_text(page(Sheet(headings=("quantity", "value [m s^-2]"), rows=[("inertia [kg m^2]", "1")])))
+    assert "kg m²" in shown
+    assert "[m\u00a0s⁻²]" in shown
+    assert "^" not in shown
+
+
+def test_no_line_breaks_within_the_unit_of_a_torque():
+    assert "0.28 N\u00a0m at" in shown_text(page(Paragraph(text="It is 0.28 N m at any speed.")))
+
+
+def test_a_table_of_many_blocks_is_folded_on_a_phone():
+    headings = ("column", "unit", "from", "to", "changes per second", "missing")
+    rows = [(f"wheel{i}_dot", "rad/s", "-5.655", "6.597", "358.4", "0") for i in range(30)]
+    assert "Show the table (30 rows)" in page(Sheet(headings=headings, rows=rows))
+    assert "Show the table" not in page(Sheet(headings=headings, rows=rows[:4]))
+    assert "Show the table" not in page(Sheet(headings=("file", "bytes"), rows=[("law.c", "12")] * 20))
+
+
 def test_a_printed_table_becomes_one_of_the_page():
     made = table("Errors", ("state", "error"), [("x", "1.5")], framed=False)
     sheet = Sheet.of(made)

@@ -214,6 +214,15 @@ def test_the_friction_in_words_is_that_of_the_law(dry, viscous, words):
     assert words in friction_sentence(replace(_found(), robot=true_robot().replace(friction=friction)))
 
 
+def test_the_friction_in_words_names_parameters_without_a_limit():
+    found = _found()
+    assert "do not limit" not in friction_sentence(found)
+    open_ones = {label: Interval(lower=0.0, upper=np.inf, method="profile") for label in ("c2", "c3")}
+    one_sided = {"v_s": Interval(lower=0.3, upper=np.inf, method="profile")}
+    found = replace(found, intervals={**open_ones, **one_sided})
+    assert friction_sentence(found).endswith("The logs do not limit c2, c3: any value fits.")
+
+
 def test_sentences_and_summary_name_no_parameter_that_the_law_lacks():
     found = _found()
     bounds = found.bounds.copy()

@@ -143,7 +143,7 @@ def test_row_of_a_log_is_a_picture():
     [
         ({"t": [0.0, 1.0]}, "no theta and no phi and no psi"),
         ({"t": [0.0, LONGEST + 1.0]}, "--start and --end"),
-        ({"t": [0.0, 1.0], "wheel4": [0.0, 0.0]}, "3 wheels"),
+        ({"t": [0.0, 1.0], "wheel4": [0.0, 1.0]}, "3 wheels"),
         (
             {"t": [0.0], "x": [0.0], "y": [0.0], "theta": [0.0], "phi": [0.0], "psi": [np.nan]},
             "no values of psi",

@@ -162,11 +162,6 @@ def _robot_findings(robot: Robot, accept: list[str] | None) -> tuple[Finding, ..
 
 def _following(robot: Robot, reference: str | None, controller: Path | None) -> CheckedReference | None:
     if reference is None:
-        if controller is not None:
-            raise InputError(
-                "--controller is the controller that follows a reference; "
-                "give the reference with --reference NAME or FILE."
-            )
         return None
     from ballbot.workflows.robot_check import follow_reference
 
@@ -192,11 +187,12 @@ def _swing(robot: Robot, options: SwingOptions, accept: list[str] | None) -> Che
 def _log(robot: Robot, source: str, path: Path, accept: list[str] | None) -> CheckedLogs:
     from ballbot.log import Log
     from ballbot.log.checks import CheckedLogs
+    from ballbot.workflows.robot_check import stop_without_deviations
 
     log = Log.read(path)
-    return CheckedLogs(
-        logs={str(path): log}, findings=check_input(robot, {path: log}, accept=accept, source=source)
-    )
+    findings = check_input(robot, {path: log}, accept=accept, source=source)
+    stop_without_deviations(robot)
+    return CheckedLogs(logs={str(path): log}, findings=findings)
 
 
 def _save_figure(robot: Robot, path: Path) -> None:

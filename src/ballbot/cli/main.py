@@ -16,6 +16,7 @@ from cyclopts import (
     MissingArgumentError,
     UnknownCommandError,
     UnknownOptionError,
+    UnusedCliTokensError,
 )
 
 from ballbot.cli import ARGV, OUTPUT, Output
@@ -77,6 +78,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _refuse(f"{_unknown_option(error)} Try: {_help_of(tokens)}")
     except MissingArgumentError as error:
         return _refuse(f"{_missing(error, tokens)} Try: {_help_of(tokens)}")
+    except UnusedCliTokensError as error:
+        return _refuse(f"{_unused(error)} Try: {_help_of(tokens)}")
     except CoercionError as error:
         return _refuse(f"{_wrong_number(error)} Try: {_help_of(tokens)}")
     except CycloptsError as error:
@@ -198,6 +201,12 @@ def _missing(error: MissingArgumentError, tokens: Sequence[str]) -> str:
             return str(wrong)
     needed = argument.name if argument.name != "--out" else "--out FOLDER"
     return f"{' '.join(chain)} needs {needed}."
+
+
+def _unused(error: UnusedCliTokensError) -> str:
+    """Return the sentence on a word beyond a command's arguments."""
+    word = (error.unused_tokens or [""])[0]
+    return f"{' '.join(error.command_chain or ('ballbot',))} has no argument left for {word!r}; give it to an option."
 
 
 def _no_option(option: str, names: Sequence[str]) -> str:

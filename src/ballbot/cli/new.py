@@ -42,7 +42,7 @@ def new(
     Parameters
     ----------
     name : str
-        The new robot's name.
+        The new robot's name, or the file to write, which gives its name.
     from_ : str
         Preset or robot file to copy; or a model: .xml or .mjcf (MJCF), .urdf.
     like : str
@@ -52,6 +52,8 @@ def new(
     force : bool
         Replace an existing file.
     """
+    if out is None and (Path(name).suffix.lower() == ".toml" or is_model_file(name)):
+        out, name = Path(name), Path(name).stem
     path = out or Path(f"{name}.toml")
     if printable_line(name) != name:
         raise InputError(f"{name!r} cannot be a robot's name; remove the characters that cannot be printed.")

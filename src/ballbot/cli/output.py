@@ -25,10 +25,19 @@ from rich.text import Text
 from ballbot.cli import OUTPUT
 from ballbot.file_formats import results_text
 from ballbot.printable import printable_line
-from ballbot.progress import EtaEstimator, Progress, part_of, progress_line, stage_words, time_left_now
+from ballbot.progress import (
+    EtaEstimator,
+    Progress,
+    as_clock,
+    part_of,
+    progress_line,
+    stage_words,
+    time_left_now,
+)
 from ballbot.report.console import PLAIN_WIDTH, PlainConsole
 
 _BEFORE_LINES = 3.0  #: [s] before the first line of progress, if no bar can be drawn
+_LONG = 10.0  #: [s] from which on a line has the time so far, if the time left is not known
 _BETWEEN_LINES = 15.0  #: [s] between lines of progress within a stage
 
 
@@ -166,7 +175,8 @@ class _WrittenLines(Bar):
         self._doing, self._pace = doing, EtaEstimator()
         self._last: Progress | None = None  # reported
         self._written_of = ""  # the stage of the last line
-        self._next = monotonic() + _BEFORE_LINES
+        self._begun = monotonic()
+        self._next = self._begun + _BEFORE_LINES
         self._ended, self._writing_line = Event(), Lock()
         Thread(target=self._write_now_and_then, daemon=True).start()
 
@@ -192,9 +202,12 @@ class _WrittenLines(Bar):
     def _write(self) -> None:
         self._written_of = self._doing
         self._next = monotonic() + _BETWEEN_LINES
-        line = self._doing
+        left = "" if self._last is not None and self._last.share >= 1.0 else time_left_now(self._pace)
+        spent = monotonic() - self._begun
+        if not left and spent > _LONG:
+            left = f"{as_clock(spent)} so far"
+        line = ", ".join(filter(None, (self._doing, left)))
         if self._last is not None:
-            left = "" if self._last.share >= 1.0 else time_left_now(self._pace)
             line = progress_line(self._last, left, doing=self._doing)
         print(f"ballbot: {printable_line(line)}", file=sys.stderr, flush=True)
 

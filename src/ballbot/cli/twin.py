@@ -9,6 +9,7 @@ from cyclopts import App
 
 from ballbot.cli.context import PAGE, input_files, open_result, parse_seeds
 from ballbot.cli.output import show_written
+from ballbot.errors import InputError
 from ballbot.files import check_file, check_new_file, write_text
 from ballbot.report.console import table
 from ballbot.robot import Robot
@@ -40,7 +41,7 @@ def export(
     Example: ballbot twin export alten --scenario nominal --out twin.xml
 
     Effects that depend on speed or time are left out: dry friction has its value at rest; motors, supply and pushes
-    are missing.
+    are missing. `ballbot new NAME.urdf --from alten` writes the robot alone, as MJCF or URDF, and reads it again.
 
     Parameters
     ----------
@@ -51,9 +52,14 @@ def export(
     mounting
         floor, stand (held, wheels in the air) or upside_down (held, the ball on the wheels).
     out
-        The file to write.
+        The file to write, .xml.
     """
     described = Robot.load(robot)
+    if out.suffix.lower() != ".xml":
+        raise InputError(
+            f"{out} must end in .xml: the twin is written as MJCF. The robot alone, without the twin's faults, is "
+            f"written as MJCF or URDF by: ballbot new {out.stem}.urdf --from {robot}"
+        )
     check_file(out)
     write_text(out, twin_mjcf(described, load_scenario(scenario, described), mounting=mounting) + "\n")
     show_written(out)

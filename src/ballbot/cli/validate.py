@@ -248,7 +248,7 @@ def validate(
         results = validation_results(validation)
         results["by_log"] = {name: validation_results(part) for name, part in parts.items()}
         first, second = models.names
-        title = f"{described.name}: the model {first} and {second} against its logs"
+        title = f"{described.name}: the models {first} and {second} against its logs"
         page = validation_report(
             validation,
             title=title,

@@ -114,7 +114,7 @@ class Margins:
     def sentence(self) -> str:
         """Return the margins of all wheels' torques as a clause."""
         _, gain, phase, delay, *_ = self.rows()[-1]
-        return f"all torques may change by a factor of {gain}, by {phase}, or by {delay}"
+        return f"all torques may be scaled by {gain}, shifted by {phase}, or delayed by {delay}"
 
     def summary(self) -> Summary:
         """Return the margins at each wheel and at all of them."""

@@ -489,7 +489,7 @@ def fit_drivelines(
     printed: list[PrintedFit] = []
 
     def report(now: Progress) -> None:
-        run.progress(replace(now, note=f"error {math.exp(now.cost):.3g}"))
+        run.progress(replace(now, note=f"error {math.exp(now.cost):.4g}"))
 
     for i, sweep in enumerate(sweeps):
         of_wheel = part_of(report, i / len(sweeps), (i + 1) / len(sweeps), stage=f"wheel {i + 1}")

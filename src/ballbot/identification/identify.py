@@ -79,7 +79,7 @@ def identify(
     robot: RobotLike,
     logs: LogsLike | CheckedLogs,
     *,
-    free: Sequence[str] = ("friction",),
+    free: Sequence[str] | str = ("friction",),
     law: LawName = "stribeck",
     bounds: BoundsLike | None = None,
     window: float = 0.25,
@@ -97,8 +97,9 @@ def identify(
     logs : Log or log file, several in a list or a mapping, or CheckedLogs
         With the ten state columns and the torques u1 .. un, of one sample time. Windows with missing values, gaps
         or a fallen robot are skipped. The logs are checked first, unless they come as `CheckedLogs`.
-    free : sequence of str
-        Quantities to estimate: names of `ballbot.identification.quantities.QUANTITIES`, or of its groups.
+    free : sequence of str, or str
+        Quantities to estimate: names of `ballbot.identification.quantities.QUANTITIES`, or of its groups; in a string
+        with commas between.
     law : str
         The friction law, of `ballbot.identification.laws.LAWS`, if "friction" is estimated.
     bounds : Bounds or bounds file, optional
@@ -222,7 +223,9 @@ def identify_by_law(
     return fit(law, options.warm_start), None
 
 
-def estimated_parameters(robot: Robot, *, free: Sequence[str], law: LawName, bounds: Bounds) -> Coordinates:
+def estimated_parameters(
+    robot: Robot, *, free: Sequence[str] | str, law: LawName, bounds: Bounds
+) -> Coordinates:
     """Return which parameters `identify` deals with, and within which bounds.
 
     Raises

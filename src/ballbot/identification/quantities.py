@@ -407,14 +407,18 @@ GROUPS = MappingProxyType(
 )
 
 
-def names_in(free: Sequence[str]) -> tuple[str, ...]:
+def names_in(free: Sequence[str] | str) -> tuple[str, ...]:
     """Return the quantities' names that these names and names of groups stand for, in the table's order.
+
+    A string has commas between the names.
 
     Raises
     ------
     InputError
         If one is neither, or the list is empty.
     """
+    if isinstance(free, str):
+        free = [name.strip() for name in free.split(",") if name.strip()]
     if not free:
         raise InputError(f"There is nothing to estimate. Name some of {', '.join([*GROUPS, *BY_NAME])}.")
     named: set[str] = set()

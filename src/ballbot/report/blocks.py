@@ -38,6 +38,8 @@ _NUMERIC = re.compile(r"[≥≈<>]?\s?[+\-−±]?[.\d].*|[–-]?|unknown|open( \
 _WORDY, _MOST_BESIDE = 28, 5
 #: a phone's width in characters of a table, the most that the first column takes of it, and the gap between columns
 _PHONE, _WIDEST_FIRST, _GAP = 48, 20, 2
+#: rows of a table that a narrow page shows as blocks, or as lines, without being asked
+_MOST_BLOCKS, _MOST_LINES = 12, 24
 #: classes of cells with words: more characters than these, and the least width of the column [characters]
 _CLASSES = {"long": (60, 25), "some": (18, 15)}
 
@@ -102,6 +104,11 @@ class Sheet:
         least = [_least_width(heading, cells, wraps=not numeric) for heading, cells, numeric in columns]
         least[0] = min(least[0], _WIDEST_FIRST)
         return sum(least) > _PHONE
+
+    @property
+    def folds(self) -> bool:
+        """Whether a narrow page shows the caption only, as the table would be screens long."""
+        return self.folded or len(self.rows) > (_MOST_BLOCKS if self.stacked else _MOST_LINES)
 
     @property
     def numbered(self) -> bool:

@@ -377,7 +377,7 @@ def _course_section(league: League, robot: Robot, course: Course, place: int) ->
     )
     return section(
         _title(course.name),
-        Paragraph(text=f"{course.about} {course.duration:g} s."),
+        Paragraph(text=f"{course.about} A run lasts {course.duration:g} s."),
         Sheet(headings=("", *league.controllers), rows=metric_rows(league, course.name), caption=caption),
         drawn_picture(f"course-{place}", partial(course_figure, league, course), floor),
         course_series(league, course),

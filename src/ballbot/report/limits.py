@@ -13,6 +13,7 @@ from matplotlib.patches import Patch
 from matplotlib.projections.polar import PolarAxes
 from numpy.typing import NDArray
 
+from ballbot.control.overcompensation import has_friction
 from ballbot.report.blocks import Picture, Report, Sheet, section
 from ballbot.report.console import TextTable, table
 from ballbot.report.palette import BLUE, GREEN, INK, LOWER, MUTED, ORANGE, UPPER, VIOLET, YELLOW
@@ -213,6 +214,12 @@ def limit_pictures(
     }
 
 
+#: of a robot whose compensating controllers are all the same
+NO_FRICTION = (
+    "The robot file has no friction, so compensation changes nothing; `ballbot identify` finds it from logs."
+)
+
+
 def limits_report(
     robot: Robot,
     found: Mapping[str, RobotLimits],
@@ -228,6 +235,8 @@ def limits_report(
         words = "up to the first number no wheel slips, up to the second if wheels never slip"
         text = f"Recovers in every direction from a tilt at rest of {tilt} degrees and an impulse of {impulse} N s"
         verdict.append((name, f"{text}: {words}." if not verdict else f"{text}."))
+    if len(found) > 1 and not has_friction(robot.friction):
+        verdict.append(("", NO_FRICTION))
     tables = limit_parts(found, on_twin, framed=False)
     return Report(
         title=f"{robot.name}: the largest tilts and impulses that it recovers from",

@@ -19,6 +19,7 @@ from ballbot.link.messages import State
 from ballbot.link.session import stop_reason
 from ballbot.link.wiring import Turn, WiringCheck
 from ballbot.report.console import finding_line, table
+from ballbot.rounding import percent
 from ballbot.workflows.alternation import Alternation, Gain
 from ballbot.workflows.controller_verdict import QUANTITY_NAMES
 
@@ -42,7 +43,7 @@ def sample_line(sample: Sample, *, torque_limit: float) -> str:
     return (
         f"{sample.t:.1f} s, at ({x:+.3f}, {y:+.3f}) m, psi {math.degrees(psi):+.1f} degrees, "
         f"{1e3 * _distance(sample):.0f} mm from the reference, lean {math.degrees(_lean(sample)):.1f} degrees, "
-        f"torque {_share(sample, torque_limit):.0%} of the limit"
+        f"torque {percent(_share(sample, torque_limit))} of the limit"
     )
 
 
@@ -56,7 +57,7 @@ def sample_table(sample: Sample, *, torque_limit: float) -> Table:
         ("distance from the reference", f"{1e3 * _distance(sample):.0f} mm"),
         ("lean", f"{math.degrees(_lean(sample)):.2f} degrees"),
         ("torques", "  ".join(f"{one:+.2f}" for one in sample.torques) + " N m"),
-        ("largest torque", f"{_share(sample, torque_limit):.0%} of the limit"),
+        ("largest torque", f"{percent(_share(sample, torque_limit))} of the limit"),
     ]
     return table("Armed (Ctrl-C disarms)", ("", ""), rows, framed=True)
 
@@ -66,7 +67,7 @@ def bench_line(sample: Sample, *, torque_limit: float) -> str:
     speeds = " ".join(f"{one:+.1f}" for one in sample.wheel_speeds)
     torques = " ".join(f"{one:+.2f}" for one in sample.torques)
     return (
-        f"{sample.t:.1f} s, torques {torques} N m ({_share(sample, torque_limit):.0%} of the limit), "
+        f"{sample.t:.1f} s, torques {torques} N m ({percent(_share(sample, torque_limit))} of the limit), "
         f"wheel speeds {speeds} rad/s"
     )
 
@@ -76,7 +77,7 @@ def bench_table(sample: Sample, *, torque_limit: float) -> Table:
     rows = [
         ("time", f"{sample.t:.1f} s"),
         ("torques", "  ".join(f"{one:+.2f}" for one in sample.torques) + " N m"),
-        ("largest torque", f"{_share(sample, torque_limit):.0%} of the limit"),
+        ("largest torque", f"{percent(_share(sample, torque_limit))} of the limit"),
         ("wheel speeds", "  ".join(f"{one:+.2f}" for one in sample.wheel_speeds) + " rad/s"),
     ]
     return table("Armed and held (Ctrl-C disarms)", ("", ""), rows, framed=True)

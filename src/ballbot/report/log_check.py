@@ -160,7 +160,7 @@ def _wheel_table(wheels: WheelAgreement, *, framed: bool) -> TextTable:
         for i, (place, sign, gain, correlation) in enumerate(found, start=1)
     ]
     headings = ("robot's wheel", "log's wheel", "sign", "gain", "correlation")
-    return table("Wheels, compared with the robot's kinematics", headings, rows, framed=framed)
+    return table("Wheels, compared with the robot's kinematics.", headings, rows, framed=framed)
 
 
 def log_check_report(checked: CheckedLog, robot: Robot | None, made: Provenance) -> Report:

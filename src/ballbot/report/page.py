@@ -22,9 +22,13 @@ from ballbot.printable import printable
 from ballbot.report.blocks import Film, Report
 from ballbot.report.palette import themed
 from ballbot.report.series import TimeSeries
-from ballbot.report.words import with_symbols
+from ballbot.report.words import RAISED, with_symbols
 from ballbot.viewer.page import hash_source, web_file
 
+_OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
+_UNIT = re.compile(r"[(\[][^()\[\]]{1,12}[)\]]")
+_TORQUE = re.compile(r"\bN m\b")
+_POWER = re.compile(r"\^(-?\d)\b")
 #: of a letter in a figure, as Matplotlib writes it
 _OUTLINE = re.compile(r'<path id="(?P<name>[^"]+)"(?P<shape> d="[^"]+" transform="scale\(0\.015625\)")/>\n?')
 
@@ -95,6 +99,7 @@ def render(
         lstrip_blocks=True,
     )
     environment.globals |= {"symbols": with_symbols, "themed": _FigureMarkup(), "words": _with_code}
+    environment.globals |= {"heading_words": _heading, "typeset": _typeset, "command": _whole_options}
     own = _script(charts)
     allowed = " ".join(hash_source(one) for one in (own, *scripts))
     policy = (
@@ -116,8 +121,24 @@ def _printable_text(value: object) -> object:
 
 
 def _with_code(text: str) -> Markup:
-    """Return a text, escaped if it is none of ours, in which `commands` stand as code."""
-    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(_printable_text(text)))))
+    """Return a text, escaped if it is none of ours, in which `commands` stand as code and powers are raised."""
+    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(_whole_options(_typeset(text)))))
+
+
+def _whole_options(text: str) -> Markup:
+    """Return a text, escaped if it is none of ours, in which no line breaks after the dashes of an option."""
+    return Markup(_OPTION.sub(r'<span class="option">\g<0></span>', str(escape(_printable_text(text)))))
+
+
+def _heading(text: str) -> Markup:
+    """Return a column's heading, of which no line breaks within a unit."""
+    return _with_code(type(text)(_UNIT.sub(lambda found: found[0].replace(" ", "\u00a0"), str(text))))
+
+
+def _typeset(text: str) -> str:
+    """Return a text with kg m^2 as kg m², of which no line breaks within N m."""
+    raised = _POWER.sub(lambda found: found[1].translate(RAISED), str(text))
+    return type(text)(_TORQUE.sub("N\u00a0m", raised))
 
 
 class _FigureMarkup:

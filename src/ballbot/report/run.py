@@ -17,7 +17,7 @@ from ballbot.report.blocks import Block, Film, Paragraph, Report, Section, Sheet
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.robot import Robot
-from ballbot.rounding import digits
+from ballbot.rounding import digits, percent
 from ballbot.viewer.page import replay_part
 from ballbot.workflows.metrics import (
     BAND,
@@ -191,11 +191,7 @@ def _numbers(log: Log, robot: Robot | None) -> list[Block]:
         rows.append(("largest lean", f"{_rounded(_largest_lean(log))}°", "whole run"))
     if torques := _columns(log, torque_names(MAX_WHEELS)):
         largest = _largest(torques)
-        share = (
-            ""
-            if robot is None
-            else f"{100.0 * largest / robot.drive.torque_limit:.0f} % of the robot's limit"
-        )
+        share = "" if robot is None else f"{percent(largest / robot.drive.torque_limit)} of the robot's limit"
         rows += [
             ("largest torque of a wheel", f"{digits(largest)} N m", share),
             ("torque, RMS", f"{digits(rms_torque(log))} N m", "all wheels, whole run"),

@@ -40,8 +40,14 @@ def friction_sentence(found: Identification) -> str:
     return (
         f"{_wheel_words(friction, float(found.coulomb.speeds.max()))} {_friction_terms_words(friction)}"
         f"The rolling friction of the ball is {digits(robot.rolling_force, 2)} N "
-        f"(C_rr = {digits(friction.rolling, 2)})."
+        f"(C_rr = {digits(friction.rolling, 2)}).{_without_limit(found)}"
     )
+
+
+def _without_limit(found: Identification) -> str:
+    """Return a sentence on the parameters of which any value fits; empty if there are none."""
+    labels = [label for label, one in found.intervals.items() if np.isinf(one.upper) and not one.lower > 0.0]
+    return f" The logs do not limit {', '.join(labels)}: any value fits." if labels else ""
 
 
 def _wheel_words(friction: Friction, fastest: float) -> str:

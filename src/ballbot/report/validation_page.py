@@ -42,7 +42,11 @@ def validation_report(
         lead=lead,
         verdict=[("", verdict)],
         sections=[
-            *([section("What was found", Bullets(items=others))] if others else []),
+            *(
+                [section("What was found", Bullets(items=[with_symbols(one) for one in others]))]
+                if others
+                else []
+            ),
             *validation_sections(validation, example_of=example_of),
         ],
         undecided=undecided_by(validation),

@@ -49,7 +49,7 @@ def millimetres(metres: float) -> str:
 
 #: a ratio of a controller that fails, or from few seeds, may be farther from one than this: then a power of ten is read
 _PLAIN_RATIO = 1e4
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def ratio_digits(ratio: float) -> str:
@@ -57,7 +57,7 @@ def ratio_digits(ratio: float) -> str:
     if not 0.0 < ratio < math.inf or 1.0 / _PLAIN_RATIO <= ratio < _PLAIN_RATIO:
         return digits(ratio)
     mantissa, exponent = f"{ratio:.2e}".split("e")
-    return f"{mantissa}·10{str(int(exponent)).translate(_RAISED)}"
+    return f"{mantissa}·10{str(int(exponent)).translate(RAISED)}"
 
 
 def with_error(value: float, error: float) -> str:

@@ -256,7 +256,7 @@ def _mark_tilt(axes: Axes, robot: Robot) -> None:
 
 
 def _mark_axes(axes: Axes, corner: tuple[float, float], names: tuple[str, str]) -> None:
-    origin, length = np.array(corner) + 0.02, 0.06
+    origin, length = np.array(corner) + 0.02, 0.045
     for name, direction in zip(names, np.eye(2), strict=True):
         tip, place = origin + length * direction, origin + (length + 0.015) * direction
         style = {"arrowstyle": "-|>", "color": _INK, "linewidth": 0.9, "shrinkA": 0, "shrinkB": 0}

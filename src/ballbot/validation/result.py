@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -155,7 +156,9 @@ def describe_dither(validation: Validation) -> str | None:
     dither = validation.dither
     if dither is None:
         return None
-    v_s = validation.models.first.model.robot.friction.stribeck_speed
+    friction = validation.models.first.model.robot.friction
+    has_stribeck = any(one > 0.0 for one in friction.stribeck)
+    fades = f", and the Stribeck speed is {friction.stribeck_speed:.2f} rad/s" if has_stribeck else ""
     fast, heading, reversals, slow_reversals = (
         float(values.mean())
         for values in (dither.dither, dither.heading, dither.reversals, dither.reversals_of_motion)
@@ -163,7 +166,7 @@ def describe_dither(validation: Validation) -> str | None:
     return (
         f"Above {dither.corner:.1f} Hz, faster than the robot can balance, the wheel speeds shake by "
         f"{fast:.3f} rad/s RMS ({dither.encoder:.3f} of it is encoder quantisation). Turning about the "
-        f"vertical asks for {heading:.3f} rad/s, and the Stribeck speed is {v_s:.2f} rad/s. The wheels "
+        f"vertical asks for {heading:.3f} rad/s{fades}. The wheels "
         f"reverse {reversals:.2f} times a second, {slow_reversals:.2f} times without the shaking."
     )
 
@@ -234,9 +237,13 @@ def _closed_loop_verdict(validation: Validation) -> str:
         verdict += (
             " Over the whole log without a restart, models and robot get out of phase in "
             f"the limit cycle, and the error of the model {validation.models.first.name} "
-            f"is not the smaller one in {', '.join(behind)}."
+            f"is not the smaller one in {_states(behind)}."
         )
     return verdict
+
+
+def _states(names: Sequence[str]) -> str:
+    return "any state" if len(names) == len(STATE_NAMES) else ", ".join(names)
 
 
 def _horizon_verdict(validation: Validation) -> str:

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.log import Log
+from ballbot.log.checks.kinematics import other_wheels
 from ballbot.log.columns import (
     POSITION_NAMES,
     STATE_NAMES,
@@ -123,13 +124,9 @@ def _check(log: Log, robot: Robot) -> None:
         raise InputError(
             f"The log is {span:.4g} s long; a replay shows at most {LONGEST:g} s. Choose a part with --start and --end."
         )
-    extra = f"wheel{robot.wheel_count + 1}"
-    for name in (extra, f"{extra}_dot", f"u{robot.wheel_count + 1}"):
-        if name in log:
-            raise InputError(
-                f"The log has a column {name}, but the robot {robot.name!r} has {robot.wheel_count} wheels. Name the "
-                "log's own robot with --robot."
-            )
+    others = other_wheels(log, robot.wheel_count)
+    if others:
+        raise InputError(others)
 
 
 def _posed(log: Log, robot: Robot) -> tuple[Log, list[str]]:

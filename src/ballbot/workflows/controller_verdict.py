@@ -24,6 +24,7 @@ from ballbot.findings import Finding, warning
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import torque_names
 from ballbot.robot import Robot
+from ballbot.rounding import percent
 from ballbot.workflows.controller_causes import Cause, ranked_causes, signature_of
 from ballbot.workflows.controller_prediction import Prediction, PredictionInterval, checksum_of
 from ballbot.workflows.metrics import QUANTITIES, Performance, rms
@@ -272,7 +273,7 @@ def _complete(log: Log, robot: Robot) -> Log:
     if missing > _MAX_MISSING * len(log):
         raise InputError(
             f"{missing} of {len(log)} rows of the log lack a state, a torque or the reference; at most "
-            f"{_MAX_MISSING:.0%} may. Record the course again."
+            f"{percent(_MAX_MISSING)} may. Record the course again."
         )
     return log if not missing else Log({name: log[name][known] for name in log.names}, log.ended)
 

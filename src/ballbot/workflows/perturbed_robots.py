@@ -28,6 +28,7 @@ from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.robot.derived import encoder_step
 from ballbot.robot.parameters import Value
 from ballbot.robot.variations import draw_robots
+from ballbot.rounding import percent
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.conditions import MAX_SLOPE, Conditions
 
@@ -278,7 +279,7 @@ def cost_units(nominal: RunMeasures) -> CostUnits:
     """
     if np.mean(nominal.fell) > 0.5:
         raise InputError(
-            f"The nominal gain falls with {np.mean(nominal.fell):.0%} of the perturbed robots, so costs "
+            f"The nominal gain falls with {percent(np.mean(nominal.fell))} of the perturbed robots, so costs "
             "cannot be compared with its cost. Reduce the perturbation."
         )
     stood = ~nominal.fell

@@ -29,6 +29,7 @@ from ballbot.mechanics.friction import dry_friction_size
 from ballbot.mechanics.model import Model
 from ballbot.results import key, left_out, reported, to_results
 from ballbot.robot import Robot
+from ballbot.rounding import percent
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.conditions import FALLING_PART, Conditions
 from ballbot.simulation.model_plant import friction_needed_along, pack_contacts
@@ -378,12 +379,14 @@ def reference_verdict(margins: ReferenceMargins, name: str) -> list[str]:
         uses = (*margins.uses, *margins.closed.uses)
         tightest = max(uses, key=lambda use: use.share)
         margin = "a thin margin" if tightest.share > THIN else "its tightest margin"
-        lines = [f"The robot can follow {name}; {margin} is {tightest.quantity}, {tightest.share:.0%} used."]
+        lines = [
+            f"The robot can follow {name}; {margin} is {tightest.quantity}, {percent(tightest.share)} used."
+        ]
     closed = margins.closed
     if closed.ended == np.inf:
         lines.append(
             f"With this controller its largest distance from the reference is {closed.peak_error:.3f} m, and "
-            f"its torques are at their limit {closed.share_at_torque_limit:.1%} of the time."
+            f"its torques are {_time_at_limit(closed.share_at_torque_limit)}."
         )
     if margins.jumps:
         t, size = margins.jumps[0]
@@ -399,6 +402,10 @@ def reference_verdict(margins: ReferenceMargins, name: str) -> list[str]:
         "your supply: a robot file states no limit."
     )
     return lines
+
+
+def _time_at_limit(share: float) -> str:
+    return f"at their limit {percent(share)} of the time" if share > 0.0 else "never at their limit"
 
 
 def margin_rows(margins: ReferenceMargins) -> list[list[str]]:
@@ -423,8 +430,8 @@ def _reasons(margins: ReferenceMargins) -> list[str]:
     reasons += [f"in closed loop {_reason(use)}" for use in uses]
     if closed.ended < np.inf:
         reasons.append(
-            f"in closed loop it falls at t = {closed.ended:.2f} s, after its torques were at their limit "
-            f"{closed.share_at_torque_limit:.0%} of the time"
+            f"in closed loop it falls at t = {closed.ended:.2f} s, after its torques were "
+            f"{_time_at_limit(closed.share_at_torque_limit)}"
         )
     return reasons
 
@@ -466,4 +473,4 @@ def _row(use: Use) -> list[str]:
     name = use.quantity if use.wheel is None else f"{use.quantity}, wheel {use.wheel}"
     name += f" ({unit})" if unit else ""
     shown = ["lifted", f"{limit:.3g}", "-"] if value > _NO_LOAD else []
-    return [name, *(shown or [f"{value:.3g}", f"{limit:.3g}", f"{use.share:.0%}"]), f"{use.t:.2f}"]
+    return [name, *(shown or [f"{value:.3g}", f"{limit:.3g}", percent(use.share)]), f"{use.t:.2f}"]

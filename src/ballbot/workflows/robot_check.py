@@ -173,11 +173,7 @@ def prediction_band(
     InputError
         If no parameter has a standard deviation, `draws` is below 2, or the log has no window.
     """
-    if not any(np.any(np.asarray(one) > 0.0) for one in robot.standard_deviations.values()):
-        raise InputError(
-            f"No value of {robot.name} has a standard deviation; add standard_deviation to some values in "
-            "its file."
-        )
+    stop_without_deviations(robot)
     if draws < 2:
         raise InputError(f"The number of draws is {draws}; it must be 2 or more, such as 200.")
     windows = cut_windows([log], wheel_count=robot.wheel_count, duration=window)
@@ -213,6 +209,15 @@ def prediction_band(
         lower=lower,
         upper=upper,
     )
+
+
+def stop_without_deviations(robot: Robot) -> None:
+    """Raise InputError if no parameter of a robot has a standard deviation."""
+    if not uncertain(robot):
+        raise InputError(
+            f"No value of {robot.name} has a standard deviation; add standard_deviation to some values in "
+            "its file."
+        )
 
 
 def _by_state(values: NDArray[np.float64]) -> dict[str, float]:

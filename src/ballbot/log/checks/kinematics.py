@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.findings import Finding, Place
-from ballbot.log.columns import STATE_NAMES, wheel_angle_names, wheel_speed_names
+from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, wheel_angle_names, wheel_speed_names
 from ballbot.log.log import Log
 from ballbot.robot import Robot
 
@@ -203,9 +203,28 @@ def _by_blocks(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return values[:whole].reshape(-1, BLOCK_ROWS).sum(axis=1)
 
 
+def other_wheels(log: Log, wheel_count: int) -> str:
+    """Return a sentence on columns with values of wheels that a robot of so many does not have; empty without any."""
+    names = [
+        name
+        for number in range(wheel_count + 1, MAX_WHEELS + 1)
+        for name in (f"u{number}", f"wheel{number}", f"wheel{number}_dot")
+        if name in log and np.unique(log[name][np.isfinite(log[name])]).size > 1
+    ]
+    if not names:
+        return ""
+    listed = ", ".join(names)
+    return (
+        f"The log has values of {listed}, but the robot has {wheel_count} wheels. Name the log's own robot."
+    )
+
+
 def check_wheels(log: Log, robot: Robot) -> list[Finding]:
-    """Return findings on the wheels' columns for this robot: order, sign, gain, or that they cannot be checked."""
+    """Return findings on the wheels' columns for this robot: number, order, sign, gain, or that none can be checked."""
     columns = wheel_speed_names(robot.wheel_count)
+    others = other_wheels(log, robot.wheel_count)
+    if others:
+        return [Finding(severity="error", code="wheels", text=others)]
     misread = misread_axes(log, robot)
     if misread:
         return [misread]
