@@ -17,11 +17,13 @@ from ballbot.log.mapping_inference.commands import (
     back_emf_damping,
     unit_probabilities,
 )
+from ballbot.log.mapping_inference.conclusions import delay_evidence, delay_words
 from ballbot.log.mapping_inference.drive import _compared, _senses_and_signs, _turning_against
 from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.file_signals import Signals
 from ballbot.log.mapping_inference.placement import LeanTest
 from ballbot.log.mapping_inference.tolerances import (
+    COMMAND_ERROR,
     LARGEST_DEAD_BAND,
     PLAY_DELAY,
     command_delay,
@@ -125,6 +127,35 @@ def test_a_delay_is_not_undone_if_the_commands_explain_little():
     late = command_delay(little, commanded(2.0), every, interval=0.005)
     assert late.applied == 0.0
     assert "too few (75 %)" in late.evidence
+
+
+@pytest.mark.parametrize("slow", [True, False])
+def test_a_delay_is_undone_only_if_it_is_clearly_none_of_zero(slow):
+    every, error = np.ones(4000, dtype=bool), math.hypot(0.002, COMMAND_ERROR / 0.9)
+    signals = commanded(2.0 if slow else 20.0)
+    unclear, clear = (
+        command_delay(responding(times * error, 0.002), signals, every, interval=0.005)
+        for times in (1.5, 2.5)
+    )
+    assert unclear.applied == 0.0
+    assert "no clear difference from zero" in unclear.evidence
+    assert clear.applied == pytest.approx(2.5 * error, abs=1e-4)
+    assert clear.error == pytest.approx(error, rel=0.1)
+    assert unclear.measured
+    # the larger error of one that is not undone counts
+    assert unclear.error > 1.5 * error
+    assert unclear.confidence > 0.99 if slow else unclear.confidence < 0.9
+
+
+@pytest.mark.parametrize(
+    ("frequency", "said"), [(2.0, "harmless in this log"), (40.0, "which matters in this log")]
+)
+def test_a_delay_that_is_not_measured_says_whether_that_matters(frequency, said):
+    late = command_delay(None, commanded(frequency), np.ones(4000, dtype=bool), interval=0.005)
+    assert not late.measured
+    assert delay_words(late) == "0.0 ms, assumed"
+    assert delay_evidence(late, late.confidence).endswith(said)
+    assert "does not measure it: up to 15 ms" in late.evidence
 
 
 def leaning(lag: float, error: float) -> LeanTest:

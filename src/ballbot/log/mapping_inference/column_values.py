@@ -22,6 +22,7 @@ from ballbot.log.mapping_inference.placements import every_way
 from ballbot.log.mapping_inference.roles import Roles
 from ballbot.log.mapping_inference.units import step_of, time_scale
 from ballbot.log.mapping_inference.wheel_response import RIDGE
+from ballbot.log.row_order import increasing_rows
 from ballbot.log.signals import Smooth, even_rows, smooth
 from ballbot.robot import Robot
 
@@ -70,9 +71,8 @@ def roles_by_data(
     scale = time_scale(columns[time], None)
     t = columns[time] * (scale.factor if scale else 1.0)
     columns = {name: values for name, values in columns.items() if np.isfinite(values).any()} | {time: t}
-    rising = np.concatenate(([True], np.diff(t) > 0.0))
-    finite = np.all([np.isfinite(values) for values in columns.values()], axis=0)
-    kept = rising & finite
+    kept = np.all([np.isfinite(values) for values in columns.values()], axis=0)
+    kept[kept] = increasing_rows(t[kept])
     # a column that increases by the same step throughout counts rows
     names = [name for name, values in columns.items() if name != time and np.ptp(np.diff(values[kept])) > 0.0]
     rows = even_rows(t[kept])

@@ -372,7 +372,7 @@ _GAIN_DEVIATION: dict[InputKind, float] = {"torque": 0.13, "current": 0.16, "dut
 _FREE_DEVIATION = 1.5
 #: friction that the terms do not contain makes the gain too large by this [log]: mean of 115 logs of the development
 #: halves, whose standard deviation is 0.09 for torques and currents
-_GAIN_BIAS = 0.07
+GAIN_BIAS = 0.07
 #: viscous friction and its deviation, over the torque limit [s/rad]; the medians of the development halves' robots are
 #: 0.001 to 0.011
 _VISCOUS, _VISCOUS_DEVIATION = 0.005, 0.006
@@ -411,7 +411,7 @@ def unit_probabilities(
             off = math.log(found.gain * per_number)
             own = _GAIN_DEVIATION[unit.kind] if known_inertia else _FREE_DEVIATION
             deviation = math.hypot(own, found.gain_error)
-            weight += normal_log_weight(off - _GAIN_BIAS, deviation, outlier=1e-4) - math.log(deviation)
+            weight += normal_log_weight(off - GAIN_BIAS, deviation, outlier=1e-4) - math.log(deviation)
             # of wheels that turn free, the torque that a speed needs, by this unit
             weight += _damping_weight(unit, found, robot, 1.0 if known_inertia else math.exp(off))
         weights[unit] = weight
@@ -439,7 +439,7 @@ def contradicting_factor(
     """
     if found is None or not math.isfinite(found.gain) or not known_inertia:
         return None
-    off = math.log(found.gain * per_number) - _GAIN_BIAS
+    off = math.log(found.gain * per_number) - GAIN_BIAS
     deviation = math.hypot(_GAIN_DEVIATION[unit.kind], found.gain_error)
     return math.exp(off) if abs(off) > _CONTRADICTED * deviation else None
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 
 from ballbot.log.mapping_inference.commands import FULL_DUTIES, Assignment, Unit
+from ballbot.log.mapping_inference.drive import DriveEvidence, resistance_confidence
 from ballbot.log.mapping_inference.evidence import (
     CONFIDENT,
     MOST,
@@ -16,15 +18,16 @@ from ballbot.log.mapping_inference.evidence import (
 from ballbot.log.mapping_inference.file_signals import GyroTest
 from ballbot.log.mapping_inference.frame import Frame, HeadingTest
 from ballbot.log.mapping_inference.names import read_name
-from ballbot.log.mapping_inference.placement import LeanTest
+from ballbot.log.mapping_inference.placement import LEAST_TIME, LeanTest
 from ballbot.log.mapping_inference.proposal import Proposal
 from ballbot.log.mapping_inference.tolerances import (
     TURN,
+    Delay,
     command_delay_confidence,
     dead_band_confidence,
     turn_confidence,
 )
-from ballbot.log.mapping_inference.units import Scale, time_conclusion
+from ballbot.log.mapping_inference.units import GAIN_DEVIATION, Scale, time_conclusion
 
 #: prior probability that columns are about the world's axes, chosen and not measured: theta and phi, as papers on ball
 #: balancing call them; angles of one letter, theta_x and theta_y, as an IMU's three are often called; roll and pitch
@@ -43,10 +46,14 @@ def conclusions_of(proposal: Proposal) -> tuple[Conclusion, ...]:
     found = [
         _columns(proposal),
         _time(proposal),
-        _scale("unit of the wheel angles", proposal.wheel, "[wheels] angle"),
+        _unit_of_wheels(proposal),
     ]
     if proposal.lean is not None:
-        found += [_scale("unit of the lean", proposal.lean, "[attitude] unit"), *_frame(proposal)]
+        found.append(_scale("unit of the lean", proposal.lean, "[attitude] unit"))
+        heading = proposal.heading_unit
+        if heading is not None and (heading.unit != proposal.lean.unit or heading.confidence < CONFIDENT):
+            found.append(_scale("unit of the heading", heading, "[attitude] unit"))
+        found += _frame(proposal)
     if proposal.roles.commands:
         found += _commands(proposal)
     return tuple(found)
@@ -103,10 +110,32 @@ def _scale(name: str, scale: Scale, key: str) -> Conclusion:
     )
 
 
+#: by how many standard deviations [log] the lean's response to the wheels must be off to contradict units and robot
+#: file; noise of the wheels makes it too small, so that such a one counts as less
+GAIN_CONTRADICTED, TOO_SMALL = 2.5, 1.3
+
+
+def _unit_of_wheels(proposal: Proposal) -> Conclusion:
+    """Return the unit of the wheel angles, in doubt if the lean responds to the wheels unlike the robot's."""
+    found, tested = _scale("unit of the wheel angles", proposal.wheel, "[wheels] angle"), proposal.lean_test
+    if tested is None or not math.isfinite(tested.gain_error):
+        return found
+    gain = tested.placements[0].gain
+    off, deviation = math.log(max(gain, 1e-12)), math.hypot(GAIN_DEVIATION, tested.gain_error)
+    if abs(off) < GAIN_CONTRADICTED * deviation * (TOO_SMALL if off < 0.0 else 1.0):
+        return found
+    unlike = (
+        f"a robot unlike its file: the lean responds to the wheels {gain:.2g} times as strongly as it should"
+    )
+    return replace(found, confidence=min(found.confidence, 0.5), alternatives=(*found.alternatives, unlike))
+
+
 def _frame(proposal: Proposal) -> list[Conclusion]:
     tested, frame, heading = proposal.lean_test, proposal.frame, proposal.heading
     if tested is None:
-        sentence = "the log has too little balancing to test where the wheels are"
+        sentence = (
+            f"the log has less than {LEAST_TIME:.0f} s of balancing, too few to test where the wheels are"
+        )
         return [
             Conclusion(
                 name="order and signs of the wheels",
@@ -219,9 +248,9 @@ def _turn_and_delay(proposal: Proposal) -> list[Conclusion]:
         ),
         Conclusion(
             name="delay of the lean",
-            value=f"{1e3 * proposal.sensor_delay:.1f} ms",
+            value=delay_words(late),
             confidence=late.confidence,
-            evidence=late.evidence,
+            evidence=delay_evidence(late, late.confidence),
             error=1e3 * late.error,
             unit="ms",
             key="[attitude] delay",
@@ -239,6 +268,18 @@ def _turn_and_delay(proposal: Proposal) -> list[Conclusion]:
             )
         )
     return found
+
+
+def delay_words(late: Delay) -> str:
+    """Return a delay as it is undone."""
+    return f"{1e3 * late.applied:.1f} ms{'' if late.measured else ', assumed'}"
+
+
+def delay_evidence(late: Delay, confidence: float) -> str:
+    """Return a delay's evidence; the confidence is that its error is harmless, and may be high of one not measured."""
+    if late.measured:
+        return late.evidence
+    return f"{late.evidence}, {'harmless' if confidence >= CONFIDENT else 'which matters'} in this log"
 
 
 def _gyro_words(gyro: GyroTest) -> str:
@@ -283,11 +324,12 @@ def _commands(proposal: Proposal) -> list[Conclusion]:
         *_kind(proposal),
     ]
     late = proposal.command_delay
+    confidence = command_delay_confidence(late, drive.braked)
     delay = Conclusion(
         name="delay of the commands",
-        value=f"{1e3 * late.applied:.1f} ms",
-        confidence=command_delay_confidence(late, drive.braked),
-        evidence=late.evidence,
+        value=delay_words(late),
+        confidence=confidence,
+        evidence=delay_evidence(late, confidence),
         error=1e3 * late.error,
         unit="ms",
         key="[input] delay",
@@ -330,12 +372,13 @@ def _kind(proposal: Proposal) -> list[Conclusion]:
             f"{found.gain:.3g} units of the command act as 1 N m (error {100 * found.gain_error:.0f} %), and "
             f"{found.damping:.3f} N m s/rad of damping (error {found.damping_error:.3f})"
         )
+    by_duty = best.kind in ("duty", "voltage")
     contradiction = (
         ()
         if drive.contradicting_factor is None
         else (
-            f"another scale, or a robot unlike its file: these are {drive.contradicting_factor:.2g} times what the "
-            "motion needs",
+            f"another scale, {'another resistance, ' if by_duty else ''}or a robot unlike its file: these are "
+            f"{drive.contradicting_factor:.2g} times what the motion needs",
         )
     )
     kind_found = Conclusion(
@@ -366,6 +409,32 @@ def _kind(proposal: Proposal) -> list[Conclusion]:
             ),
             key="[input] scale",
         ),
+        *([] if contradiction else _resistance(drive)),
+    ]
+
+
+def _resistance(drive: DriveEvidence) -> list[Conclusion]:
+    """Return whether the resistance that the torque limit gives is the motors', if they are driven by duties."""
+    ratio = drive.torque_ratio
+    if drive.unit.kind not in ("duty", "voltage") or ratio is None:
+        return []
+    times, error = ratio
+    confidence = min(resistance_confidence(times, error), MOST)
+    shown = (
+        f"the motion and the robot file's masses give {times * drive.resistance:.3g} ohm, standard error "
+        f"{100 * error:.0f} %"
+    )
+    return [
+        Conclusion(
+            name="resistance of the motors",
+            value=f"{drive.resistance:.3g} ohm, with which full duty gives the torque limit",
+            confidence=confidence,
+            evidence=shown,
+            alternatives=()
+            if confidence >= CONFIDENT
+            else (f"{times * drive.resistance:.3g} ohm, by the motion",),
+            key="[input] resistance",
+        )
     ]
 
 
