@@ -39,6 +39,7 @@ from ballbot.log.mapping_inference.commands import (
     unit_probabilities,
     units_of,
 )
+from ballbot.log.mapping_inference.dead_band import DeadBandEstimate, dead_band_estimate
 from ballbot.log.mapping_inference.evidence import TINY
 from ballbot.log.mapping_inference.names import Reading
 from ballbot.log.pose import with_odometry
@@ -62,6 +63,7 @@ class DriveEvidence:
     #: part of a wheel's own torques that a dead band of the size of all wheels' adds beyond what dry friction takes, of
     #: the wheel where it is largest
     turning_against: float = math.nan
+    dead_band: DeadBandEstimate | None = None  #: None if the log is too short
     resistance: float = math.nan  #: of `stall_resistance` [ohm]
     known_inertia: bool = True  #: whether what the wheels need is that of a whole robot
     #: how many times as large as the motion needs the commands of the likeliest unit are, if that contradicts it
@@ -166,12 +168,13 @@ def drive_evidence(
         known_inertia=known_inertia,
     )
     unit = next(iter(units))
-    braked, turning_against = math.nan, math.nan
+    braked, turning_against, dead_band = math.nan, math.nan, None
     if compared is not None and assigned and found:
         braking = back_emf_damping(robot) if unit.kind in ("duty", "voltage") else 0.0
         size, driving = (_sizes(compared.driving, assigned, found.gain * one) for one in (0.0, braking))
         braked = float(np.linalg.norm(size) / max(float(np.linalg.norm(driving)), TINY))
         turning_against = _turning_against(compared, assigned, driving)
+        dead_band = dead_band_estimate(compared.driving, assigned, compared.signs, driving)
     return DriveEvidence(
         assigned=assigned,
         response=found,
@@ -179,6 +182,7 @@ def drive_evidence(
         standstill=units_of(robot),
         braked=braked,
         turning_against=turning_against,
+        dead_band=dead_band,
         resistance=stall_resistance(robot),
         known_inertia=known_inertia,
         contradicting_factor=contradicting_factor(

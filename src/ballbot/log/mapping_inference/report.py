@@ -29,7 +29,7 @@ from ballbot.log.mapping_inference.mapping_text import mapping_text
 from ballbot.log.mapping_inference.names import read_names
 from ballbot.log.mapping_inference.proposal import Proposal
 from ballbot.log.mapping_inference.refusal import contradiction, errors_of, refusal_of, too_short
-from ballbot.log.mapping_inference.tolerances import APPLIED, COMMAND_ERROR, EXPLAINED_FOR_DELAY
+from ballbot.log.mapping_inference.tolerances import APPLIED, EXPLAINED_FOR_DELAY
 from ballbot.log.pose import with_odometry
 from ballbot.log.row_order import rows_in_order, without_repeated_rows
 from ballbot.log.signals import INTERVAL, LONGEST_HOLE, fallen_rows, local_fit
@@ -400,8 +400,7 @@ def _commands(proposal: Proposal) -> list[Finding]:
         )
         found.append(_finding("warning", "dead-band", sentence))
     # a delay that is not believed is not applied; none below zero is, though it may be seen
-    error = math.hypot(tested.delay_error, COMMAND_ERROR)
-    early = tested.delay < -APPLIED * error and tested.explained >= EXPLAINED_FOR_DELAY
+    early = tested.delay < -APPLIED * tested.delay_error and tested.explained >= EXPLAINED_FOR_DELAY
     delay = round(1e3 * (tested.delay if early else proposal.command_delay.applied))
     delays = [f"Commands are logged {-delay} ms after the motors respond"] if delay < 0 else []
     delays += [f"Motors respond {delay} ms after the command"] if delay > 0 else []

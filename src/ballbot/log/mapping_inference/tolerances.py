@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.log.mapping_inference.evidence import MOST
+from ballbot.log.mapping_inference.evidence import CONFIDENT, MOST
 from ballbot.log.mapping_inference.file_signals import Signals
 from ballbot.log.mapping_inference.placement import LeanTest
 from ballbot.log.mapping_inference.wheel_response import CommandTest
@@ -80,6 +80,18 @@ class Delay:
     confidence: float  #: that the error is harmless
     evidence: str  #: one sentence
     measured: bool = False  #: whether the log shows the delay, be it zero
+
+
+def delay_words(late: Delay) -> str:
+    """Return a delay as it is undone."""
+    return f"{1e3 * late.applied:.1f} ms{'' if late.measured else ', assumed'}"
+
+
+def delay_evidence(late: Delay, confidence: float) -> str:
+    """Return a delay's evidence; the confidence is that its error is harmless, and may be high of one not measured."""
+    if late.measured:
+        return late.evidence
+    return f"{late.evidence}, {'harmless' if confidence >= CONFIDENT else 'which matters'} in this log"
 
 
 def harmless(error: float, tolerance: float) -> float:
@@ -231,18 +243,6 @@ def _delay(
         evidence=f"{evidence}; {said}; {effect}",
         measured=known,
     )
-
-
-def dead_band_confidence(turning_against: float) -> float:
-    """Return the confidence that a dead band that nobody states only makes dry friction appear less.
-
-    Parameters
-    ----------
-    turning_against : float
-        As `DriveEvidence` has it. The error is this times the root mean square of dead bands evenly distributed up to
-        `LARGEST_DEAD_BAND`.
-    """
-    return harmless(LARGEST_DEAD_BAND / math.sqrt(3.0) * turning_against, TORQUE_PART)
 
 
 def command_delay_confidence(late: Delay, braked: float) -> float:
