@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,7 +78,7 @@ def roles_by_data(
     names = [name for name, values in columns.items() if name != time and np.ptp(np.diff(values[kept])) > 0.0]
     rows = even_rows(t[kept])
     smoothed = {name: smooth(rows, t[kept], columns[name][kept, None], width=LEAN_WIDTH) for name in names}
-    steps = {name: step_of(columns[name][kept]) for name in names}
+    steps = _shared_steps({name: columns[name][kept] for name in names})
     candidates = _candidates(list(columns), smoothed, steps, robot)
     file = _File(time=time, names=list(columns), rows=rows, smoothed=smoothed, yaw=yaw, motors=motors)
     # an IMU's columns usually have steps, which columns computed from them lack
@@ -232,6 +233,24 @@ def _best(candidates: Sequence[_Candidate]) -> tuple[_Candidate, float] | None:
     return None if best is None else (best, next_best / max(least, 1e-12))
 
 
+#: a step is that of a column whose changes are whole multiples of it to this part, in this share of the rows
+WHOLE_STEP, WHOLE_ROWS = 0.05, 0.95
+
+
+def _shared_steps(columns: Mapping[str, NDArray[np.float64]]) -> dict[str, float | None]:
+    """Return the columns' steps; one that changes too fast to show its own has that of the column beside it."""
+    steps = {name: step_of(values) for name, values in columns.items()}
+    names = list(columns)
+    for order in (names, names[::-1]):
+        for before, name in pairwise(order):
+            step, changes = steps[before], np.diff(columns[name])
+            if step is None or steps[name] is not None or not changes.any():
+                continue
+            whole = np.abs(changes / step - np.round(changes / step)) < WHOLE_STEP
+            steps[name] = step if whole.mean() > WHOLE_ROWS else None
+    return steps
+
+
 def _alike(names: tuple[str, ...], steps: Mapping[str, float | None]) -> bool:
     """Return whether columns have the same step, as equal sensors do; true if no column of the file has one."""
     if all(step is None for step in steps.values()):
@@ -258,6 +277,8 @@ def lean_rest(
     usual = np.median(np.abs(value - np.median(value, axis=0)), axis=0)
     upright = np.all(np.abs(value - np.median(value, axis=0)) < FALLEN * usual + 1e-12, axis=1)
     rows = moving & upright
+    if not rows.any() or _slower_than_a_fall(value[rows], driven[rows] + kappa * value[rows], kappa):
+        return 1.0
     y = (driven[:, 0] + 1j * driven[:, 1])[rows]
     y = y - np.median(y.real) - 1j * np.median(y.imag)
     # medians, since hands and pushes are not excluded yet
@@ -271,6 +292,17 @@ def lean_rest(
         rest = y - x * (np.vdot(x, y) / max(float(np.vdot(x, x).real), TINY))
         unexplained = min(unexplained, (float(np.median(np.abs(rest))) / size) ** 2)
     return unexplained
+
+
+#: times that gravity's part of a lean's acceleration may be as large as the acceleration (medians): of windows of 6 to
+#: 40 s of the development halves up to 21, and of a set point that changes by 0.5 rad/s 32 and more
+SLOW_LEAN = 30.0
+
+
+def _slower_than_a_fall(value: NDArray[np.float64], acceleration: NDArray[np.float64], kappa: float) -> bool:
+    """Return whether one of two columns (N, 2) changes so slowly that a robot that leaned so would fall."""
+    v, a = (np.median(np.abs(one - np.median(one, axis=0)), axis=0) for one in (value, acceleration))
+    return bool((kappa * v > SLOW_LEAN * a).any())
 
 
 def _unexplained_fraction(angles: NDArray[np.float64], value: NDArray[np.float64]) -> float:
