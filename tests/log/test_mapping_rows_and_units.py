@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ballbot.errors import InputError
 from ballbot.log.mapping_inference.conclusions import conclusions_of
 from ballbot.log.mapping_inference.drive import resistance_confidence
 from ballbot.log.mapping_inference.evidence import CONFIDENT
@@ -169,3 +170,11 @@ def test_counts_without_the_gear_are_asked_for():
 def test_a_log_that_is_too_short_says_so_and_how_long_it_must_be(evaluated, plain: Columns):
     found: Evaluation = evaluated({name: values[:390] for name, values in plain.items()})
     assert "too short for this: record at least 15 s" in found.refusal
+
+
+def test_a_wheel_that_stands_still_in_a_short_log_may_have_had_nothing_to_do(evaluated, plain: Columns):
+    short = {name: values[:400] for name, values in plain.items()}
+    with pytest.raises(
+        InputError, match=r"in a log of 5 s, a wheel that had nothing to do\. Record at least 15 s"
+    ):
+        evaluated(short | {"psi_2": 0.0 * short["psi_2"]})

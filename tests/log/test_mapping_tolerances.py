@@ -17,14 +17,18 @@ from ballbot.log.mapping_inference.commands import (
     back_emf_damping,
     unit_probabilities,
 )
-from ballbot.log.mapping_inference.dead_band import DeadBandEstimate, dead_band_confidence, dead_band_estimate
+from ballbot.log.mapping_inference.dead_band import (
+    LARGEST_DEAD_BAND,
+    DeadBandEstimate,
+    dead_band_confidence,
+    dead_band_estimate,
+)
 from ballbot.log.mapping_inference.drive import _compared, _senses_and_signs, _turning_against
 from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.file_signals import Signals
 from ballbot.log.mapping_inference.placement import LeanTest
 from ballbot.log.mapping_inference.tolerances import (
     COMMAND_ERROR,
-    LARGEST_DEAD_BAND,
     PLAY_DELAY,
     command_delay,
     delay_evidence,

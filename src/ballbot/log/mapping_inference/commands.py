@@ -19,9 +19,9 @@ A dead band d_0 that the firmware adds, in the direction of the duty, is counted
 turns the way its duty drives it moves, below the duty limit, with a dead band d_0 and dry friction c >= d_0 exactly as
 with none and dry friction c - d_0. One that sticks breaks away at the same duty in the duty's direction, but at a
 smaller load in the other direction. While wheels turn, the two differ only in rows in which a wheel turns against its
-duty. There are few such rows, with slow wheels and near reversals, where play and static friction act as well: an
-estimate from them (the torque's jump at zero duty) was off by up to the dead band itself, whether there was one or not.
-Where there are many, it is asked for.
+duty. There are few such rows, with slow wheels and near reversals, where play and static friction act as well. Where
+there are many, they may show how large the dead band is (`ballbot.log.mapping_inference.dead_band`); if not, it is
+asked for.
 """
 
 from __future__ import annotations

@@ -29,15 +29,17 @@ from ballbot.log.mapping_inference.evidence import (
     solved,
     without_each_block,
 )
-from ballbot.log.mapping_inference.tolerances import LARGEST_DEAD_BAND, TORQUE_PART, harmless
+from ballbot.log.mapping_inference.tolerances import TORQUE_PART, harmless
 
+#: largest dead band that must be expected, over the size of what drives: chosen, twice that of the corpus
+LARGEST_DEAD_BAND = 0.7
 #: commands below this part of their size have no clear sign
 UNCLEAR_SIGN = 0.15
 #: an estimate's error beyond its jackknife, over the size of what drives
 ESTIMATE_ERROR = 0.15
 #: largest jackknife error of an estimate that is believed, and by how many errors it may be below zero: of one log of
 #: the third development half the estimate is -1.1, whatever its dead band, and its jackknife error 0.2
-LARGEST_ERROR, BELOW_ZERO = 0.2, 2.0
+LARGEST_ERROR, BELOW_ZERO = 0.3, 2.0
 
 
 @dataclass(frozen=True, kw_only=True)

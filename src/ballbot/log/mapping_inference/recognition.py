@@ -75,7 +75,7 @@ def recognise(path: str | Path, table: ForeignTable, robot: Robot) -> Recognised
     t = time.factor * table.columns[roles.time or ""]
     rows = longest_run(t, repeated)
     if roles.attitude:
-        _check_motion(path, table, roles, slice(*rows))
+        _check_motion(path, table, roles, slice(*rows), float(np.ptp(t[slice(*rows)])))
         table, roles = _without_still_heading(table, roles, slice(*rows))
     if repeated.any():
         note = f"{int(repeated.sum())} rows repeat the time and all values of the row before: they are one."
@@ -318,8 +318,12 @@ def _is_still(values: NDArray[np.float64]) -> bool:
     return not len(known) or float(np.ptp(known)) == 0.0
 
 
-def _check_motion(path: str | Path, table: ForeignTable, roles: Roles, rows: slice) -> None:
-    """Raise InputError if the angle of a wheel, or of all, or one motor's command never changes."""
+#: in a shorter log [s], a robot that hardly moves, or along one line, may leave a wheel where it is
+SHORT_LOG = 15.0
+
+
+def _check_motion(path: str | Path, table: ForeignTable, roles: Roles, rows: slice, duration: float) -> None:
+    """Raise InputError if the angle of a wheel, or of all, or one motor's command never changes in a duration [s]."""
     still = [name for name in roles.angles if _is_still(table.columns[name][rows])]
     if still and len(still) == len(roles.angles):
         raise InputError(
@@ -328,10 +332,13 @@ def _check_motion(path: str | Path, table: ForeignTable, roles: Roles, rows: sli
         )
     if still:
         value = table.columns[still[0]][rows][0] + 0.0  # not -0
-        raise InputError(
-            f"{path}: {still[0]} is {value:g} in every row while other wheels turn: a dead encoder, or a column that "
-            "was not recorded. Record a log with every wheel's angle."
-        )
+        causes = "a dead encoder, or a column that was not recorded. Record a log with every wheel's angle."
+        if duration < SHORT_LOG:
+            causes = (
+                f"a dead encoder, a column that was not recorded, or, in a log of {duration:.0f} s, a wheel that had "
+                f"nothing to do. Record at least {SHORT_LOG:.0f} s that sway in all directions."
+            )
+        raise InputError(f"{path}: {still[0]} is {value:g} in every row while other wheels turn: {causes}")
     dead = [name for name in roles.commands if _is_still(table.columns[name][rows])]
     if dead and len(dead) < len(roles.commands):
         value = table.columns[dead[0]][rows][0] + 0.0  # not -0

@@ -1,4 +1,4 @@
-"""What an unknown delay, turn or dead band would change in the log, and the confidence that it changes little.
+"""What an unknown delay or turn would change in the log, and the confidence that it changes little.
 
 None of them is ever known exactly. A delay that is off by e turns a signal's phase by w e, with w the root mean square
 of the signal's rate over that of its value: harmless in a slow log, ruin in a quick one. So the confidence in a
@@ -34,8 +34,6 @@ TORQUE_PHASE = 0.2
 TURN = math.radians(12.0)
 #: part of the torques, by size, that an unknown dead band may change
 TORQUE_PART = 0.2
-#: largest dead band that must be expected, over the size of what drives: chosen, twice that of the corpus
-LARGEST_DEAD_BAND = 0.7
 #: play of a wheel's gear that must be expected [rad]: one degree is usual, and two of small gear motors
 PLAY = math.radians(1.5)
 #: play's delay is PLAY_DELAY b / (speed, root mean square): 4 / pi (b / 2) / amplitude is the phase, sqrt(2) the peak
