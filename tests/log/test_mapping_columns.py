@@ -262,8 +262,9 @@ def test_a_column_too_fast_to_show_its_step_has_that_of_its_neighbour():
     random, t = np.random.default_rng(4), np.arange(1000)
     slow = np.cumsum(random.integers(-1, 2, 1000)).astype(float)
     fast = np.round(9e4 * np.sin(0.05 * t))
-    found = _shared_steps({"slow": slow, "fast": fast, "lean": random.standard_normal(1000)})
-    assert found == {"slow": 1.0, "fast": 1.0, "lean": None}
+    lean = random.standard_normal(1000)
+    found = _shared_steps({"slow": slow, "fast": fast, "lean": lean, "small": 0.01 * lean})
+    assert found == {"slow": 1.0, "fast": 1.0, "lean": None, "small": None}
     # and of the one behind it
     assert _shared_steps({"fast": 0.01 * fast, "slow": 0.01 * slow})["fast"] == pytest.approx(0.01)
 

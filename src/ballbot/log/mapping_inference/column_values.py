@@ -246,7 +246,8 @@ def _shared_steps(columns: Mapping[str, NDArray[np.float64]]) -> dict[str, float
             step, changes = steps[before], np.diff(columns[name])
             if step is None or steps[name] is not None or not changes.any():
                 continue
-            whole = np.abs(changes / step - np.round(changes / step)) < WHOLE_STEP
+            multiples = changes[changes != 0.0] / step
+            whole = (np.abs(multiples - np.round(multiples)) < WHOLE_STEP) & (np.abs(multiples) > 0.5)
             steps[name] = step if whole.mean() > WHOLE_ROWS else None
     return steps
 
