@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from ballbot.log.formats import read_foreign_table
-from ballbot.log.mapping_inference.column_values import roles_by_data
+from ballbot.log.mapping_inference.column_values import _shared_steps, _slower_than_a_fall, roles_by_data
 from ballbot.log.mapping_inference.evidence import CONFIDENT, Conclusion
 from ballbot.log.mapping_inference.open_names import settled, with_heading_behind
 from ballbot.log.mapping_inference.recognition import recognise
@@ -256,3 +256,23 @@ def test_a_roll_near_half_a_turn_is_that_of_an_imu_upside_down():
     ):  # the last: 3.1 deg beside upright, all its time
         assert half_turn_of(upright, None) is None
     assert half_turn_of(np.full(10, np.nan), None) is None
+
+
+def test_a_column_too_fast_to_show_its_step_has_that_of_its_neighbour():
+    random, t = np.random.default_rng(4), np.arange(1000)
+    slow = np.cumsum(random.integers(-1, 2, 1000)).astype(float)
+    fast = np.round(9e4 * np.sin(0.05 * t))
+    lean = random.standard_normal(1000)
+    found = _shared_steps({"slow": slow, "fast": fast, "lean": lean, "small": 0.01 * lean})
+    assert found == {"slow": 1.0, "fast": 1.0, "lean": None, "small": None}
+    # and of the one behind it
+    assert _shared_steps({"fast": 0.01 * fast, "slow": 0.01 * slow})["fast"] == pytest.approx(0.01)
+
+
+def test_a_set_point_that_changes_slowly_is_no_lean():
+    t = np.linspace(0.0, 20.0, 4000)
+    lean = np.column_stack([np.sin(3.0 * t), np.cos(2.0 * t)])
+    rates = np.array([3.0, 2.0])
+    assert not _slower_than_a_fall(lean, -(rates**2) * lean, 11.0)
+    lean[:, 1], rates[1] = np.sin(0.5 * t), 0.5
+    assert _slower_than_a_fall(lean, -(rates**2) * lean, 11.0)

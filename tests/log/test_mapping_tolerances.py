@@ -17,15 +17,22 @@ from ballbot.log.mapping_inference.commands import (
     back_emf_damping,
     unit_probabilities,
 )
+from ballbot.log.mapping_inference.dead_band import (
+    LARGEST_DEAD_BAND,
+    DeadBandEstimate,
+    dead_band_confidence,
+    dead_band_estimate,
+)
 from ballbot.log.mapping_inference.drive import _compared, _senses_and_signs, _turning_against
 from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.file_signals import Signals
 from ballbot.log.mapping_inference.placement import LeanTest
 from ballbot.log.mapping_inference.tolerances import (
-    LARGEST_DEAD_BAND,
+    COMMAND_ERROR,
     PLAY_DELAY,
     command_delay,
-    dead_band_confidence,
+    delay_evidence,
+    delay_words,
     harmless,
     lean_delay,
     quickness,
@@ -125,6 +132,35 @@ def test_a_delay_is_not_undone_if_the_commands_explain_little():
     late = command_delay(little, commanded(2.0), every, interval=0.005)
     assert late.applied == 0.0
     assert "too few (75 %)" in late.evidence
+
+
+@pytest.mark.parametrize("slow", [True, False])
+def test_a_delay_is_undone_only_if_it_is_clearly_none_of_zero(slow):
+    every, error = np.ones(4000, dtype=bool), math.hypot(0.002, COMMAND_ERROR / 0.9)
+    signals = commanded(2.0 if slow else 20.0)
+    unclear, clear = (
+        command_delay(responding(times * error, 0.002), signals, every, interval=0.005)
+        for times in (1.5, 2.5)
+    )
+    assert unclear.applied == 0.0
+    assert "no clear difference from zero" in unclear.evidence
+    assert clear.applied == pytest.approx(2.5 * error, abs=1e-4)
+    assert clear.error == pytest.approx(error, rel=0.1)
+    assert unclear.measured
+    # the larger error of one that is not undone counts
+    assert unclear.error > 1.5 * error
+    assert unclear.confidence > 0.99 if slow else unclear.confidence < 0.9
+
+
+@pytest.mark.parametrize(
+    ("frequency", "said"), [(2.0, "harmless in this log"), (40.0, "which matters in this log")]
+)
+def test_a_delay_that_is_not_measured_says_whether_that_matters(frequency, said):
+    late = command_delay(None, commanded(frequency), np.ones(4000, dtype=bool), interval=0.005)
+    assert not late.measured
+    assert delay_words(late) == "0.0 ms, assumed"
+    assert delay_evidence(late, late.confidence).endswith(said)
+    assert "does not measure it: up to 15 ms" in late.evidence
 
 
 def leaning(lag: float, error: float) -> LeanTest:
@@ -237,6 +273,46 @@ def test_a_dead_band_is_less_dry_friction_unless_wheels_turn_against_their_dutie
     assert dead_band_confidence(0.1) > 0.99
     assert dead_band_confidence(0.7) < 0.6
     assert dead_band_confidence(math.nan) < 0.9
+
+
+@pytest.mark.parametrize("added", [0.0, 0.3])
+def test_a_dead_band_shows_where_wheels_turn_against_their_duties(added):
+    """The wheels' speed lags what they need, so that they often turn against their duties."""
+    random, t = np.random.default_rng(3), INTERVAL * np.arange(6000)
+    needed = np.column_stack([np.sin(2.0 * t + k) + 0.5 * np.sin(3.1 * t - k) for k in range(3)])
+    speed = np.column_stack([np.sin(2.0 * t + k - 1.2) + 0.5 * np.sin(3.1 * t - k - 1.2) for k in range(3)])
+    friction = np.stack([np.sign(speed), speed, np.sign(speed) * np.exp(-np.abs(speed))], axis=-1)
+    acting = needed + 0.2 * np.sign(speed) + 0.2 * random.standard_normal(needed.shape)
+    u = np.sign(acting) * np.maximum(np.abs(acting) - added, 1e-6)
+    driving = Driving(
+        torque=u,
+        needed=needed,
+        friction=friction,
+        turning=np.ones_like(u),
+        block=(t // 1.0).astype(np.intp),
+    )
+    own = Assignment(
+        wheels=(0, 1, 2), signs=(1, 1, 1), explained=1.0, advantage=9.0, next_best="", confidence=1.0
+    )
+    signs = np.repeat(np.sign(u)[:, None, :], 3, axis=1)
+    found = dead_band_estimate(driving, own, signs, u.std(axis=0))
+    assert found is not None
+    assert found.believed
+    # duties below the dead band have lost their size, which makes it seem larger or smaller
+    assert found.value * found.size == pytest.approx(added, abs=0.1)
+
+
+def test_a_dead_band_that_the_motion_shows_is_judged_by_its_size():
+    small, large, unknown = (
+        DeadBandEstimate(value=value, error=error, size=1.0)
+        for value, error in ((0.0, 0.18), (0.6, 0.18), (0.0, 0.5))
+    )
+    assert dead_band_confidence(0.5) < CONFIDENT
+    assert dead_band_confidence(0.5, unknown) == dead_band_confidence(0.5)
+    assert dead_band_confidence(0.5, small) > CONFIDENT
+    assert dead_band_confidence(0.5, large) < 0.2
+    # far below zero: something else is wrong
+    assert not DeadBandEstimate(value=-1.1, error=0.2, size=1.0).believed
 
 
 @pytest.mark.parametrize(("per_ampere", "determined"), [(0.75, True), (0.87, False)])

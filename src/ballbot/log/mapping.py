@@ -40,6 +40,7 @@ from ballbot.log.imu_angles import (
     quaternion_angles,
     yaw_ahead,
 )
+from ballbot.log.row_order import rows_in_order, without_repeated_rows
 from ballbot.log.signals import new_messages, sampling_times, unwrapped, without_holes, without_resets
 
 
@@ -166,6 +167,7 @@ class LogMapping:
     #: [rad/s]; a wheel angle that changes faster was reset and is continued from there
     largest_speed: float | None = None
     drop_repeated: bool = False  #: whether rows that repeat the row before are one
+    drop_unordered: bool = False  #: whether rows that are not later than the row before are left out
 
 
 #: [s] by which rounding may move a delayed row past the one it belongs to
@@ -250,10 +252,7 @@ def row_times(mapping: LogMapping, table: Mapping[str, NDArray[np.float64]]) -> 
     InputError
         If they do not increase.
     """
-    source = mapping.columns["t"]
-    t = _scaled("t", source, table)
-    if source.nanoseconds is not None:
-        t = t + _scaled("the nanoseconds", Source(column=source.nanoseconds, factor=1e-9), table)
+    t = _clock(mapping.columns["t"], table)
     unknown = np.flatnonzero(~np.isfinite(t))
     if unknown.size:
         raise InputError(
@@ -270,26 +269,22 @@ def row_times(mapping: LogMapping, table: Mapping[str, NDArray[np.float64]]) -> 
 
 def whole_rows(mapping: LogMapping, table: Mapping[str, NDArray[np.float64]]) -> Columns:
     """Return a file's table with the rows that a mapping takes."""
-    return without_repeated_rows(table, mapping.columns["t"].column) if mapping.drop_repeated else {**table}
+    source = mapping.columns["t"]
+    if source.column not in table:  # which `row_times` reports
+        return {**table}
+    if mapping.drop_repeated:
+        table = without_repeated_rows(table, source.column)
+    if mapping.drop_unordered:
+        table = rows_in_order(table, _clock(source, table))
+    return {**table}
 
 
-def without_repeated_rows(table: Mapping[str, NDArray[np.float64]], time: str) -> Columns:
-    """Return a table without the rows that repeat the time and every other value of the row before."""
-    repeated = repeated_rows(table, time)
-    return {name: values[~repeated] for name, values in table.items()} if repeated.any() else {**table}
-
-
-def repeated_rows(table: Mapping[str, NDArray[np.float64]], time: str) -> NDArray[np.bool_]:
-    """Return which rows (N,) repeat the time and every other value of the row before."""
-    if time not in table:  # which `row_times` reports
-        return np.zeros(0, dtype=np.bool_)
-    repeated = np.zeros(len(table[time]), dtype=np.bool_)
-    repeated[1:] = np.diff(table[time]) == 0.0
-    if repeated.any():
-        for values in table.values():
-            missing = np.isnan(values)
-            repeated[1:] &= (values[1:] == values[:-1]) | (missing[1:] & missing[:-1])
-    return repeated
+def _clock(source: Source, table: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return the times of all rows (N,) by the file's own clock [s]."""
+    t = _scaled("t", source, table)
+    if source.nanoseconds is None:
+        return t
+    return t + _scaled("the nanoseconds", Source(column=source.nanoseconds, factor=1e-9), table)
 
 
 def sensor_delay(mapping: LogMapping) -> float:

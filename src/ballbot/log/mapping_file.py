@@ -10,6 +10,7 @@ An example with everything in it::
     names = ["i", "t_now"]        # the columns' names, if the header has none or wrong ones
     damaged_rows = "drop"         # skip rows of another width or with words; "refuse" (default)
     repeated_rows = "drop"        # rows that repeat the row before, its time too, are one; "refuse" (default)
+    unordered_rows = "drop"       # leave out rows that are not later than the row before; "refuse" (default)
     rows = [1, 5000]              # first and last row to take, from 1; may be left out
 
     [time]                        # may be left out
@@ -25,7 +26,7 @@ An example with everything in it::
 
     [attitude]                    # instead of theta, phi and psi in [columns]: an IMU's roll, pitch, yaw
     from = ["theta_x", "theta_y", "theta_z"]   # yaw may be left out; four columns are a quaternion w, x, y, z
-    unit = "deg"
+    unit = "deg"                  # one for all, or a list
     sign = [1, 1, 1]              # one for all, or a list
     turn = 30.0                   # [deg], of the IMU's x axis from the robot's, towards the left
     upside_down = false           # true if the IMU hangs upside down: its roll is then near half a turn
@@ -60,25 +61,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import fields
 from pathlib import Path
-from typing import Annotated, Literal
-
-from pydantic import (
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    FiniteFloat,
-    NonNegativeInt,
-    PositiveFloat,
-    PositiveInt,
-)
 
 from ballbot.errors import InputError, suggest
 from ballbot.file_formats import take_format
 from ballbot.files import LARGEST_SETTINGS, parse_toml, read_text
 from ballbot.findings import Finding, Place
-from ballbot.log.columns import KNOWN_NAMES, MAX_WHEELS, check_column_names, factor_to, unit_of
+from ballbot.log.columns import KNOWN_NAMES, check_column_names, factor_to, unit_of
 from ballbot.log.formats.text import TextLayout
 from ballbot.log.imu_angles import QUATERNION_ANGLES
 from ballbot.log.mapping import (
@@ -89,142 +79,21 @@ from ballbot.log.mapping import (
     LogMapping,
     MotorInput,
     Source,
-    Timing,
     TorqueInput,
 )
+from ballbot.log.mapping_tables import (
+    AttitudeTable,
+    ColumnTable,
+    CurrentTable,
+    DutyTable,
+    FileTable,
+    MappingTable,
+    RatesTable,
+    TorqueTable,
+    WheelColumnsTable,
+    WheelsTable,
+)
 from ballbot.schema import validate_table
-
-Sign = Literal[1, -1]
-
-
-@dataclass(frozen=True, kw_only=True)
-class FileTable:
-    """[file]: the layout of the text."""
-
-    separator: Literal["comma", "semicolon", "tab", "blanks"] = "comma"
-    decimal: Literal["point", "comma"] = "point"
-    missing: tuple[str, ...] = ()
-    header_lines: NonNegativeInt = 1
-    names: tuple[str, ...] | None = None
-    damaged_rows: Literal["refuse", "drop"] = "refuse"
-    repeated_rows: Literal["refuse", "drop"] = "refuse"
-    rows: tuple[PositiveInt, PositiveInt] | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class RatesTable:
-    """`rates` of [attitude]: the gyro of the IMU."""
-
-    sources: Annotated[tuple[str, ...], Field(alias="from", min_length=3, max_length=3)]
-    unit: str | None = None
-    scale: FiniteFloat = 1.0
-    sign: Sign | tuple[Sign, ...] = 1
-    delay: FiniteFloat = 0.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class AttitudeTable:
-    """[attitude]: roll, pitch and yaw of an IMU, or its quaternion w, x, y, z."""
-
-    sources: Annotated[tuple[str, ...], Field(alias="from", min_length=2, max_length=4)]
-    unit: str | None = None
-    sign: Sign | tuple[Sign, ...] = 1
-    turn: FiniteFloat = 0.0
-    upside_down: bool = False
-    delay: FiniteFloat = 0.0
-    rates: RatesTable | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class ColumnTable:
-    """An entry of [columns]."""
-
-    source: Annotated[str | None, Field(alias="from")] = None
-    derivative_of: str | None = None
-    unit: str | None = None
-    counts_per_turn: PositiveFloat | None = None
-    scale: FiniteFloat = 1.0
-    sign: Sign = 1
-    offset: FiniteFloat = 0.0
-    delay: FiniteFloat = 0.0
-    nanoseconds: str | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class WheelColumnsTable:
-    """`angle` and `speed` of [wheels]: a column of the file for each wheel."""
-
-    sources: Annotated[tuple[str, ...] | None, Field(alias="from", min_length=1, max_length=MAX_WHEELS)] = (
-        None
-    )
-    derivative_of: Literal["angle"] | None = None
-    unit: str | None = None
-    counts_per_turn: PositiveFloat | None = None
-    scale: FiniteFloat = 1.0
-    delay: FiniteFloat = 0.0
-    largest_speed: PositiveFloat | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class WheelsTable:
-    """[wheels]."""
-
-    order: tuple[int, ...] | None = None
-    sign: Sign | tuple[Sign, ...] = 1
-    angle: WheelColumnsTable | None = None
-    speed: WheelColumnsTable | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class MotorsTable:
-    """The keys of every kind of [input]."""
-
-    sources: Annotated[tuple[str, ...], Field(alias="from", min_length=1, max_length=MAX_WHEELS)]
-    sign: Sign | tuple[Sign, ...] = 1
-    scale: FiniteFloat = 1.0
-    delay: FiniteFloat = 0.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class TorqueTable(MotorsTable, TorqueInput):
-    """[input] of kind torque [N m at the wheel]."""
-
-    kind: Literal["torque"]
-    unit: str | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class CurrentTable(MotorsTable, CurrentInput):
-    """[input] of kind current [A]."""
-
-    kind: Literal["current"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class DutyTable(MotorsTable, DutyInput):
-    """[input] of kind pwm [duty, -1..1]."""
-
-    kind: Literal["pwm"]
-
-
-def _column_table(value: object) -> object:
-    return {"from": value} if isinstance(value, str) else value
-
-
-@dataclass(frozen=True, kw_only=True)
-class MappingTable:
-    """A whole mapping file."""
-
-    __pydantic_config__ = ConfigDict(extra="forbid")  # also of the tables in it
-
-    complete: bool = True
-    file: FileTable = FileTable()
-    time: Timing = field(default_factory=Timing)
-    columns: dict[str, Annotated[ColumnTable, BeforeValidator(_column_table)]]
-    attitude: AttitudeTable | None = None
-    wheels: WheelsTable = WheelsTable()
-    input: Annotated[TorqueTable | CurrentTable | DutyTable, Field(discriminator="kind")] | None = None
-
 
 _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "blanks": None}
 
@@ -314,6 +183,7 @@ def _mapping(table: MappingTable) -> LogMapping:
         timing=table.time,
         largest_speed=table.wheels.angle.largest_speed if table.wheels.angle else None,
         drop_repeated=table.file.repeated_rows == "drop",
+        drop_unordered=table.file.unordered_rows == "drop",
     )
 
 
@@ -335,11 +205,17 @@ def _attitude(table: AttitudeTable, columns: dict[str, Source]) -> Attitude:
             f"[attitude] takes four columns, a quaternion w, x, y, z, which has no unit; remove unit = {table.unit!r}"
         )
     angles = QUATERNION_ANGLES if quaternion else table.sources
-    factor = _unit_factor("[attitude]", "theta", table.unit, None)
+    units = [table.unit] * len(angles) if table.unit is None or isinstance(table.unit, str) else table.unit
+    if len(units) != len(angles):
+        raise InputError(
+            f"[attitude] unit has {len(units)} values; it needs one, or one for each of the {len(angles)}"
+        )
     signs = _signs("[attitude]", table.sign, len(angles), "angles")
     sources = tuple(
-        Source(column=column, factor=sign * factor, delay=table.delay)
-        for column, sign in zip(angles, signs, strict=True)
+        Source(
+            column=column, factor=sign * _unit_factor("[attitude]", "theta", unit, None), delay=table.delay
+        )
+        for column, sign, unit in zip(angles, signs, units, strict=True)
     )
     return Attitude(
         sources=sources,

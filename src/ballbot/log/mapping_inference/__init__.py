@@ -6,16 +6,19 @@ column_values            which column is which quantity, by its values
 open_names               the choices that names leave, by the values
 recognition              the columns of a file with their roles, by all of these
 units                    units of time, lean, wheels and gyro
+measured                 what the sensors show with units, and the units that the motion confirms
 file_signals             the columns on even rows, filtered; the axes of the gyro
 placement                how the lean responds to the wheels
 placements               every order and sign of the wheels, compared
 frame                    order, signs, the IMU's turn and reversed axes that follow
 wheel_response           how late the wheels answer to the commands
 commands, drive          which command drives which wheel, its kind and scale, how often wheels turn against it
+dead_band                how large the dead band is, by the motion
 evidence                 a conclusion with its confidence
-tolerances               what an unknown delay, turn or dead band would change, and the confidence that follows
+tolerances               what an unknown delay or turn would change, and the confidence that follows
 proposal                 all of this for one file (`propose`)
 conclusions              the conclusions of a proposal
+command_conclusions      those on its commands
 mapping_text             the mapping file
 refusal                  why a proposal cannot be used
 report                   findings, the mapping file and the log that it makes (`evaluate`)

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from ballbot.log.mapping_inference.placements import every_way
 from ballbot.log.mapping_inference.roles import Roles
 from ballbot.log.mapping_inference.units import step_of, time_scale
 from ballbot.log.mapping_inference.wheel_response import RIDGE
+from ballbot.log.row_order import increasing_rows
 from ballbot.log.signals import Smooth, even_rows, smooth
 from ballbot.robot import Robot
 
@@ -70,14 +72,13 @@ def roles_by_data(
     scale = time_scale(columns[time], None)
     t = columns[time] * (scale.factor if scale else 1.0)
     columns = {name: values for name, values in columns.items() if np.isfinite(values).any()} | {time: t}
-    rising = np.concatenate(([True], np.diff(t) > 0.0))
-    finite = np.all([np.isfinite(values) for values in columns.values()], axis=0)
-    kept = rising & finite
+    kept = np.all([np.isfinite(values) for values in columns.values()], axis=0)
+    kept[kept] = increasing_rows(t[kept])
     # a column that increases by the same step throughout counts rows
     names = [name for name, values in columns.items() if name != time and np.ptp(np.diff(values[kept])) > 0.0]
     rows = even_rows(t[kept])
     smoothed = {name: smooth(rows, t[kept], columns[name][kept, None], width=LEAN_WIDTH) for name in names}
-    steps = {name: step_of(columns[name][kept]) for name in names}
+    steps = _shared_steps({name: columns[name][kept] for name in names})
     candidates = _candidates(list(columns), smoothed, steps, robot)
     file = _File(time=time, names=list(columns), rows=rows, smoothed=smoothed, yaw=yaw, motors=motors)
     # an IMU's columns usually have steps, which columns computed from them lack
@@ -232,6 +233,25 @@ def _best(candidates: Sequence[_Candidate]) -> tuple[_Candidate, float] | None:
     return None if best is None else (best, next_best / max(least, 1e-12))
 
 
+#: a step is that of a column whose changes are whole multiples of it to this part, in this share of the rows
+WHOLE_STEP, WHOLE_ROWS = 0.05, 0.95
+
+
+def _shared_steps(columns: Mapping[str, NDArray[np.float64]]) -> dict[str, float | None]:
+    """Return the columns' steps; one that changes too fast to show its own has that of the column beside it."""
+    steps = {name: step_of(values) for name, values in columns.items()}
+    names = list(columns)
+    for order in (names, names[::-1]):
+        for before, name in pairwise(order):
+            step, changes = steps[before], np.diff(columns[name])
+            if step is None or steps[name] is not None or not changes.any():
+                continue
+            multiples = changes[changes != 0.0] / step
+            whole = (np.abs(multiples - np.round(multiples)) < WHOLE_STEP) & (np.abs(multiples) > 0.5)
+            steps[name] = step if whole.mean() > WHOLE_ROWS else None
+    return steps
+
+
 def _alike(names: tuple[str, ...], steps: Mapping[str, float | None]) -> bool:
     """Return whether columns have the same step, as equal sensors do; true if no column of the file has one."""
     if all(step is None for step in steps.values()):
@@ -258,6 +278,8 @@ def lean_rest(
     usual = np.median(np.abs(value - np.median(value, axis=0)), axis=0)
     upright = np.all(np.abs(value - np.median(value, axis=0)) < FALLEN * usual + 1e-12, axis=1)
     rows = moving & upright
+    if not rows.any() or _slower_than_a_fall(value[rows], driven[rows] + kappa * value[rows], kappa):
+        return 1.0
     y = (driven[:, 0] + 1j * driven[:, 1])[rows]
     y = y - np.median(y.real) - 1j * np.median(y.imag)
     # medians, since hands and pushes are not excluded yet
@@ -271,6 +293,17 @@ def lean_rest(
         rest = y - x * (np.vdot(x, y) / max(float(np.vdot(x, x).real), TINY))
         unexplained = min(unexplained, (float(np.median(np.abs(rest))) / size) ** 2)
     return unexplained
+
+
+#: times that gravity's part of a lean's acceleration may be as large as the acceleration (medians): of windows of 6 to
+#: 40 s of the development halves up to 21, and of a set point that changes by 0.5 rad/s 32 and more
+SLOW_LEAN = 30.0
+
+
+def _slower_than_a_fall(value: NDArray[np.float64], acceleration: NDArray[np.float64], kappa: float) -> bool:
+    """Return whether one of two columns (N, 2) changes so slowly that a robot that leaned so would fall."""
+    v, a = (np.median(np.abs(one - np.median(one, axis=0)), axis=0) for one in (value, acceleration))
+    return bool((kappa * v > SLOW_LEAN * a).any())
 
 
 def _unexplained_fraction(angles: NDArray[np.float64], value: NDArray[np.float64]) -> float:

@@ -19,9 +19,9 @@ A dead band d_0 that the firmware adds, in the direction of the duty, is counted
 turns the way its duty drives it moves, below the duty limit, with a dead band d_0 and dry friction c >= d_0 exactly as
 with none and dry friction c - d_0. One that sticks breaks away at the same duty in the duty's direction, but at a
 smaller load in the other direction. While wheels turn, the two differ only in rows in which a wheel turns against its
-duty. There are few such rows, with slow wheels and near reversals, where play and static friction act as well: an
-estimate from them (the torque's jump at zero duty) was off by up to the dead band itself, whether there was one or not.
-Where there are many, it is asked for.
+duty. There are few such rows, with slow wheels and near reversals, where play and static friction act as well. Where
+there are many, they may show how large the dead band is (`ballbot.log.mapping_inference.dead_band`); if not, it is
+asked for.
 """
 
 from __future__ import annotations
@@ -372,7 +372,7 @@ _GAIN_DEVIATION: dict[InputKind, float] = {"torque": 0.13, "current": 0.16, "dut
 _FREE_DEVIATION = 1.5
 #: friction that the terms do not contain makes the gain too large by this [log]: mean of 115 logs of the development
 #: halves, whose standard deviation is 0.09 for torques and currents
-_GAIN_BIAS = 0.07
+GAIN_BIAS = 0.07
 #: viscous friction and its deviation, over the torque limit [s/rad]; the medians of the development halves' robots are
 #: 0.001 to 0.011
 _VISCOUS, _VISCOUS_DEVIATION = 0.005, 0.006
@@ -411,7 +411,7 @@ def unit_probabilities(
             off = math.log(found.gain * per_number)
             own = _GAIN_DEVIATION[unit.kind] if known_inertia else _FREE_DEVIATION
             deviation = math.hypot(own, found.gain_error)
-            weight += normal_log_weight(off - _GAIN_BIAS, deviation, outlier=1e-4) - math.log(deviation)
+            weight += normal_log_weight(off - GAIN_BIAS, deviation, outlier=1e-4) - math.log(deviation)
             # of wheels that turn free, the torque that a speed needs, by this unit
             weight += _damping_weight(unit, found, robot, 1.0 if known_inertia else math.exp(off))
         weights[unit] = weight
@@ -439,7 +439,7 @@ def contradicting_factor(
     """
     if found is None or not math.isfinite(found.gain) or not known_inertia:
         return None
-    off = math.log(found.gain * per_number) - _GAIN_BIAS
+    off = math.log(found.gain * per_number) - GAIN_BIAS
     deviation = math.hypot(_GAIN_DEVIATION[unit.kind], found.gain_error)
     return math.exp(off) if abs(off) > _CONTRADICTED * deviation else None
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from dataclasses import replace
 
-from ballbot.log.mapping_inference.commands import FULL_DUTIES, Assignment, Unit
+from ballbot.log.mapping_inference.command_conclusions import command_conclusions
 from ballbot.log.mapping_inference.evidence import (
     CONFIDENT,
     MOST,
@@ -16,15 +16,15 @@ from ballbot.log.mapping_inference.evidence import (
 from ballbot.log.mapping_inference.file_signals import GyroTest
 from ballbot.log.mapping_inference.frame import Frame, HeadingTest
 from ballbot.log.mapping_inference.names import read_name
-from ballbot.log.mapping_inference.placement import LeanTest
+from ballbot.log.mapping_inference.placement import LEAST_TIME, LeanTest
 from ballbot.log.mapping_inference.proposal import Proposal
 from ballbot.log.mapping_inference.tolerances import (
     TURN,
-    command_delay_confidence,
-    dead_band_confidence,
+    delay_evidence,
+    delay_words,
     turn_confidence,
 )
-from ballbot.log.mapping_inference.units import Scale, time_conclusion
+from ballbot.log.mapping_inference.units import GAIN_DEVIATION, Scale, time_conclusion
 
 #: prior probability that columns are about the world's axes, chosen and not measured: theta and phi, as papers on ball
 #: balancing call them; angles of one letter, theta_x and theta_y, as an IMU's three are often called; roll and pitch
@@ -32,10 +32,6 @@ WORLD_THETA_PHI, WORLD_ONE_LETTER, WORLD_ROLL_PITCH = 0.5, 0.15, 0.01
 #: a heading that turns by less than this [rad] around its mean leaves no question of the lean's axes: the other
 #: reading turns the lean by no more
 STEADY_HEADING = math.radians(4.0)
-#: logarithm of the ratio of two scales that no log separates, such as 1000 and 1023
-ALIKE = 0.05
-#: logarithm of the ratio of the torques of two kinds that are one answer: half of what torques may be off
-ALIKE_TORQUES = 0.1
 
 
 def conclusions_of(proposal: Proposal) -> tuple[Conclusion, ...]:
@@ -43,12 +39,16 @@ def conclusions_of(proposal: Proposal) -> tuple[Conclusion, ...]:
     found = [
         _columns(proposal),
         _time(proposal),
-        _scale("unit of the wheel angles", proposal.wheel, "[wheels] angle"),
+        _unit_of_wheels(proposal),
     ]
     if proposal.lean is not None:
-        found += [_scale("unit of the lean", proposal.lean, "[attitude] unit"), *_frame(proposal)]
+        found.append(_scale("unit of the lean", proposal.lean, "[attitude] unit"))
+        heading = proposal.heading_unit
+        if heading is not None and (heading.unit != proposal.lean.unit or heading.confidence < CONFIDENT):
+            found.append(_scale("unit of the heading", heading, "[attitude] unit"))
+        found += _frame(proposal)
     if proposal.roles.commands:
-        found += _commands(proposal)
+        found += command_conclusions(proposal)
     return tuple(found)
 
 
@@ -103,10 +103,32 @@ def _scale(name: str, scale: Scale, key: str) -> Conclusion:
     )
 
 
+#: by how many standard deviations [log] the lean's response to the wheels must be off to contradict units and robot
+#: file; noise of the wheels makes it too small, so that such a one counts as less
+GAIN_CONTRADICTED, TOO_SMALL = 2.5, 1.3
+
+
+def _unit_of_wheels(proposal: Proposal) -> Conclusion:
+    """Return the unit of the wheel angles, in doubt if the lean responds to the wheels unlike the robot's."""
+    found, tested = _scale("unit of the wheel angles", proposal.wheel, "[wheels] angle"), proposal.lean_test
+    if tested is None or not math.isfinite(tested.gain_error):
+        return found
+    gain = tested.placements[0].gain
+    off, deviation = math.log(max(gain, 1e-12)), math.hypot(GAIN_DEVIATION, tested.gain_error)
+    if abs(off) < GAIN_CONTRADICTED * deviation * (TOO_SMALL if off < 0.0 else 1.0):
+        return found
+    unlike = (
+        f"a robot unlike its file: the lean responds to the wheels {gain:.2g} times as strongly as it should"
+    )
+    return replace(found, confidence=min(found.confidence, 0.5), alternatives=(*found.alternatives, unlike))
+
+
 def _frame(proposal: Proposal) -> list[Conclusion]:
     tested, frame, heading = proposal.lean_test, proposal.frame, proposal.heading
     if tested is None:
-        sentence = "the log has too little balancing to test where the wheels are"
+        sentence = (
+            f"the log has less than {LEAST_TIME:.0f} s of balancing, too few to test where the wheels are"
+        )
         return [
             Conclusion(
                 name="order and signs of the wheels",
@@ -219,9 +241,9 @@ def _turn_and_delay(proposal: Proposal) -> list[Conclusion]:
         ),
         Conclusion(
             name="delay of the lean",
-            value=f"{1e3 * proposal.sensor_delay:.1f} ms",
+            value=delay_words(late),
             confidence=late.confidence,
-            evidence=late.evidence,
+            evidence=delay_evidence(late, late.confidence),
             error=1e3 * late.error,
             unit="ms",
             key="[attitude] delay",
@@ -243,184 +265,3 @@ def _turn_and_delay(proposal: Proposal) -> list[Conclusion]:
 
 def _gyro_words(gyro: GyroTest) -> str:
     return gyro.unit if gyro.scale == 1.0 else f"counts, {1.0 / gyro.scale:.4g} per {gyro.unit}"
-
-
-def _commands(proposal: Proposal) -> list[Conclusion]:
-    drive = proposal.drive
-    assigned = drive.assigned if drive else None
-    if drive is None or assigned is None:
-        return [
-            Conclusion(
-                name="order and signs of the commands",
-                value="as the wheels",
-                confidence=0.5,
-                evidence="the log does not show how the wheels respond to the commands",
-                alternatives=("another order", "negated"),
-                key="[input] from",
-            ),
-            *_kind(proposal),
-        ]
-    if assigned.strange is not None and assigned.confidence < CONFIDENT:
-        return [_strange_command(proposal, assigned, assigned.strange)]
-    own = [wheel + 1 for wheel in assigned.wheels]
-    found = [
-        Conclusion(
-            name="order and signs of the commands",
-            value=f"for wheels {own}, signs {list(assigned.signs)}",
-            confidence=assigned.confidence,
-            evidence=f"the motion explains {100 * assigned.explained:.0f} % of the commands, {assigned.advantage:.1f} "
-            "standard errors better than with any other order or signs"
-            + ("; a mixture of all wheels' torques for each explains far more" if assigned.mixed else ""),
-            alternatives=(
-                ("torques about the body's axes, where a mapping needs each motor's",)
-                if assigned.mixed
-                else ()
-                if assigned.confidence > 0.98
-                else (assigned.next_best,)
-            ),
-            key="[input] sign",
-        ),
-        *_kind(proposal),
-    ]
-    late = proposal.command_delay
-    delay = Conclusion(
-        name="delay of the commands",
-        value=f"{1e3 * late.applied:.1f} ms",
-        confidence=command_delay_confidence(late, drive.braked),
-        evidence=late.evidence,
-        error=1e3 * late.error,
-        unit="ms",
-        key="[input] delay",
-    )
-    return [*found, delay, *_dead_band(proposal)]
-
-
-def _strange_command(proposal: Proposal, assigned: Assignment, strange: int) -> Conclusion:
-    """Return which column taken for a command is none; what else is unclear of the commands follows from that."""
-    name, shares = proposal.roles.commands[strange], assigned.shares
-    least = min(share for place, share in enumerate(shares) if place != strange)
-    return Conclusion(
-        name="columns of the commands",
-        value=f"{name} as a motor's command",
-        confidence=min(assigned.confidence, 0.5),
-        evidence=f"one wheel's torque and friction explain at most {100 * shares[strange]:.0f} % of {name}, and at "
-        f"least {100 * least:.0f} % of each other command",
-        alternatives=(f"{name} as a set point or another quantity, so that this motor's column is missing",),
-        key="[input] from",
-    )
-
-
-def _kind(proposal: Proposal) -> list[Conclusion]:
-    drive = proposal.drive
-    if drive is None:
-        return []
-    best, found = drive.unit, drive.response
-    same: dict[Unit, float] = {unit: 0.0 for unit in drive.units if unit.kind == best.kind}
-    kinds: dict[str, float] = {}
-    for unit, p in drive.units.items():
-        own = unit if unit in same else _equal_unit(unit, same, drive.standstill)
-        kind = unit.kind if own is None else own.kind
-        kinds[kind] = kinds.get(kind, 0.0) + p
-        if own is not None:
-            same[own] += p
-    total = max(sum(same.values()), 1e-12)
-    shown = "names, sizes and whole numbers only"
-    if found is not None and math.isfinite(found.gain):
-        shown = (
-            f"{found.gain:.3g} units of the command act as 1 N m (error {100 * found.gain_error:.0f} %), and "
-            f"{found.damping:.3f} N m s/rad of damping (error {found.damping_error:.3f})"
-        )
-    contradiction = (
-        ()
-        if drive.contradicting_factor is None
-        else (
-            f"another scale, or a robot unlike its file: these are {drive.contradicting_factor:.2g} times what the "
-            "motion needs",
-        )
-    )
-    kind_found = Conclusion(
-        name="kind of the command",
-        value=best.kind,
-        confidence=min(kinds[best.kind], MOST),
-        evidence=shown,
-        alternatives=tuple(one for one, p in kinds.items() if one != best.kind and p > 0.02),
-        key="[input] kind",
-    )
-    if not kind_found.determined:
-        return [kind_found]  # a unit belongs to a kind
-    return [
-        kind_found,
-        Conclusion(
-            name="full scale of the duty" if best.kind == "duty" else "unit of the command",
-            value=_scale_words(best),
-            confidence=min(sum(p for unit, p in same.items() if _alike(unit, best)) / total, MOST)
-            * (1.0 if drive.contradicting_factor is None else 0.5),
-            evidence=shown,
-            alternatives=(
-                *(
-                    _scale_words(unit)
-                    for unit, p in same.items()
-                    if not _alike(unit, best) and p > 0.02 * total
-                ),
-                *contradiction,
-            ),
-            key="[input] scale",
-        ),
-    ]
-
-
-def _equal_unit(unit: Unit, others: Iterable[Unit], standstill: dict[Unit, float]) -> Unit | None:
-    """Return the one of other units that makes nearly the same log: a current, if one ampere gives about one N m."""
-    if unit.kind not in ("torque", "current"):
-        return None
-    torque = standstill[unit]
-    return next(
-        (
-            one
-            for one in others
-            if one.kind in ("torque", "current") and abs(math.log(standstill[one] / torque)) < ALIKE_TORQUES
-        ),
-        None,
-    )
-
-
-def _alike(one: Unit, other: Unit) -> bool:
-    """Return whether two scales differ by less than a motor's data does."""
-    return abs(math.log(one.scale / other.scale)) < ALIKE
-
-
-def _scale_words(unit: Unit) -> str:
-    if unit.kind == "duty":
-        return f"{next(full for full in FULL_DUTIES if abs(full * unit.scale - 1.0) < 1e-9):g}"
-    return unit.unit
-
-
-def _dead_band(proposal: Proposal) -> list[Conclusion]:
-    drive = proposal.drive
-    if drive is None or drive.unit.kind != "duty":
-        return []
-    if proposal.dead_band is not None:
-        return [
-            Conclusion(
-                name="dead band",
-                value=f"{proposal.dead_band:.4f}",
-                confidence=MOST,
-                evidence="as given",
-                key="[input] dead_band",
-            )
-        ]
-    if drive.response is None:
-        return []
-    confidence = dead_band_confidence(drive.turning_against)
-    return [
-        Conclusion(
-            name="dead band",
-            value="counted as less dry friction",
-            confidence=confidence,
-            alternatives=() if confidence >= CONFIDENT else ("the duty that the firmware adds",),
-            evidence="a dead band acts as less dry friction, but for what it adds while a wheel turns against its "
-            f"duty, or coasts: {100.0 * drive.turning_against:.0f} % of its size, beside the torque of the wheel that "
-            "this changes most",
-            key="[input] dead_band",
-        )
-    ]

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.log.columns import FACTORS
 from ballbot.log.imu_angles import less_half_a_turn
 from ballbot.log.mapping_inference.evidence import (
     CONFIDENT,
@@ -56,6 +57,9 @@ class Raw:
     commands: NDArray[np.float64] | None
     gyro: NDArray[np.float64] | None
     gyro_unit: str | None  #: by its name
+    pitch_factor: float = (
+        1.0  #: what turned the pitch into the roll's unit, if their names have different ones
+    )
     gyro_counts: bool = False  #: whether it may be a register's numbers: whole, or called raw, without a unit
 
     @staticmethod
@@ -71,15 +75,27 @@ class Raw:
         if roles.half_turn is not None:
             roll = roles.attitude[0]
             columns = {**columns, roll: less_half_a_turn(columns[roll], roles.half_turn)}
+        attitude, pitch_factor = stacked(roles.attitude), pitch_in_rolls_unit(roles)
+        if attitude is not None:
+            attitude[:, 1] *= pitch_factor
         return Raw(
             t=columns[roles.time or ""] * time.factor,
             angles=angles,
-            attitude=stacked(roles.attitude),
+            attitude=attitude,
             commands=stacked(roles.commands),
             gyro=stacked(roles.gyro),
             gyro_unit=named.unit if named else None,
+            pitch_factor=pitch_factor,
             gyro_counts=_may_be_counts(columns, roles),
         )
+
+
+def pitch_in_rolls_unit(roles: Roles) -> float:
+    """Return what turns the pitch into the roll's unit, if their names have different ones; else 1."""
+    if len(roles.attitude) < 2 or roles.quaternion:
+        return 1.0
+    roll, pitch = (one.unit if (one := roles.reading((name,))) else None for name in roles.attitude[:2])
+    return FACTORS["rad"][pitch] / FACTORS["rad"][roll] if roll and pitch else 1.0
 
 
 def _may_be_counts(columns: dict[str, NDArray[np.float64]], roles: Roles) -> bool:

@@ -7,12 +7,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ballbot.file_formats import format_line
-from ballbot.log.mapping import repeated_rows
+from ballbot.log.columns import FACTORS
 from ballbot.log.mapping_inference.commands import Unit
 from ballbot.log.mapping_inference.conclusions import conclusions_of
+from ballbot.log.mapping_inference.drive import stall_resistance
 from ballbot.log.mapping_inference.evidence import Conclusion, in_percent
 from ballbot.log.mapping_inference.proposal import Proposal, rates_delay, rates_signs
 from ballbot.log.mapping_inference.units import PATH
+from ballbot.log.row_order import repeated_rows
 from ballbot.printable import printable_line
 from ballbot.robot import Robot
 from ballbot.schema import toml_line
@@ -25,7 +27,10 @@ def mapping_text(proposal: Proposal, robot: Robot, *, file: Path) -> str:
         "# Assumptions that were not measured are marked: check them before you rely on the results.",
     ]
     header.append(format_line("mapping"))
-    concluded = {one.key: one for one in conclusions_of(proposal)}
+    concluded: dict[str, Conclusion] = {}
+    for one in conclusions_of(proposal):  # of two about one line, a question stays
+        if one.key not in concluded or concluded[one.key].determined:
+            concluded[one.key] = one
     questions = [one for one in concluded.values() if not one.determined]
     if questions:
         lines = [f"#   {one.key}: {one.question}; {one.evidence}" for one in questions]
@@ -75,6 +80,8 @@ def _file_lines(proposal: Proposal) -> list[str]:
         lines.append(toml_line("damaged_rows", "drop"))
     if repeated_rows(table.columns, proposal.roles.time or "").any():
         lines.append(toml_line("repeated_rows", "drop"))
+    if proposal.unordered:
+        lines.append(toml_line("unordered_rows", "drop"))
     if proposal.rows is not None:
         lines.append(toml_line("rows", proposal.rows, "time starts again outside these rows"))
     return lines
@@ -117,6 +124,20 @@ def _reason(one: Conclusion | None) -> str:
     return f"{reason}; standard error {one.error_text}" if one.error is not None else reason
 
 
+def attitude_units(proposal: Proposal) -> list[str]:
+    """Return the units of roll, pitch and, if there is one, yaw."""
+    by_factor = {FACTORS["rad"][unit]: unit for unit in ("rad", "deg", "mrad", "cdeg")}
+    return [
+        min(by_factor.items(), key=lambda one: abs(math.log(one[0] / factor)))[1]
+        for factor in proposal.attitude_factors
+    ]
+
+
+def one_or_each(units: list[str]) -> str | list[str]:
+    """Return the unit if all are one, else the units."""
+    return units[0] if len(set(units)) == 1 else units
+
+
 def _attitude_lines(proposal: Proposal, concluded: Mapping[str, Conclusion]) -> list[str]:
     if not (proposal.roles.attitude and proposal.lean):
         return []
@@ -127,7 +148,7 @@ def _attitude_lines(proposal: Proposal, concluded: Mapping[str, Conclusion]) -> 
         lines = [
             "[attitude]",
             toml_line("from", proposal.roles.attitude),
-            toml_line("unit", proposal.lean.unit, proposal.lean.reason),
+            toml_line("unit", one_or_each(attitude_units(proposal)), proposal.lean.reason),
         ]
     if proposal.roles.half_turn is not None:
         lines.append(toml_line("upside_down", True, "the roll stays near half a turn"))
@@ -163,10 +184,14 @@ def _world_lines(proposal: Proposal, concluded: Mapping[str, Conclusion]) -> lis
     if asked is None or asked.determined or proposal.lean is None or proposal.roles.quaternion:
         return []
     lines = ["# if it is about the world's axes, these lines in [columns] in place of [attitude]:"]
-    for name, source, sign in zip(
-        ("theta", "phi", "psi"), proposal.roles.attitude, proposal.frame.axis_signs, strict=False
+    for name, source, sign, unit in zip(
+        ("theta", "phi", "psi"),
+        proposal.roles.attitude,
+        proposal.frame.axis_signs,
+        attitude_units(proposal),
+        strict=False,
     ):
-        entry = {"from": source, "unit": proposal.lean.unit, "sign": sign, "delay": proposal.sensor_delay}
+        entry = {"from": source, "unit": unit, "sign": sign, "delay": proposal.sensor_delay}
         lines.append(f"#   {toml_line(name, entry)}")
         if proposal.gyro is not None:  # without one, the rates are derivatives already
             lines.append(f"#   {toml_line(f'{name}_dot', {'derivative_of': name})}")
@@ -246,7 +271,7 @@ def _kind_lines(
     return [
         toml_line("kind", kind, f"{in_percent(share)} %: {unit.description}"),
         toml_line("scale", scale),
-        *_motor_lines(proposal, unit, robot, concluded.get("[input] dead_band")),
+        *_motor_lines(proposal, unit, robot, concluded),
     ]
 
 
@@ -266,8 +291,15 @@ def _other_kinds(proposal: Proposal, robot: Robot, concluded: Mapping[str, Concl
     return lines
 
 
-def _motor_lines(proposal: Proposal, unit: Unit, robot: Robot, dead_band: Conclusion | None) -> list[str]:
+#: why a resistance is written that nobody states
+RESISTANCE_ASSUMED = "assumed: full duty at standstill gives the robot's torque limit"
+
+
+def _motor_lines(
+    proposal: Proposal, unit: Unit, robot: Robot, conclusions: Mapping[str, Conclusion]
+) -> list[str]:
     """Return the lines on the motors that a kind of command needs besides its scale."""
+    dead_band, concluded = conclusions.get("[input] dead_band"), conclusions.get("[input] resistance")
     drive, robot_file = robot.drive, "from the robot file"
     constant = toml_line("torque_constant", drive.torque_constant, robot_file)
     gear_ratio = toml_line("gear_ratio", drive.gear_ratio, robot_file)
@@ -284,20 +316,14 @@ def _motor_lines(proposal: Proposal, unit: Unit, robot: Robot, dead_band: Conclu
         band = toml_line("dead_band", proposal.dead_band, "given: the duty that the firmware adds")
     elif dead_band is not None and not dead_band.determined:
         band = toml_line("dead_band", 0.0, "assumed: the duty that the firmware adds; write it here")
-    resistance = float(f"{stall_resistance(robot):.6g}")
+    resistance, reason = float(f"{stall_resistance(robot):.6g}"), RESISTANCE_ASSUMED
+    if concluded is not None:
+        reason += f"; {concluded.evidence}"
     return [
         band,
         toml_line("supply_voltage", drive.supply_voltage, robot_file),
         constant,
         toml_line("back_emf_constant", 1.0 / drive.speed_constant, f"{robot_file}: 1 / speed constant"),
-        toml_line(
-            "resistance", resistance, "assumed: full duty at standstill gives the robot's torque limit"
-        ),
+        toml_line("resistance", resistance, reason),
         gear_ratio,
     ]
-
-
-def stall_resistance(robot: Robot) -> float:
-    """Return the winding resistance [ohm] with which full duty at standstill gives the robot's torque limit."""
-    drive = robot.drive
-    return drive.gear_ratio * drive.torque_constant * drive.supply_voltage / drive.torque_limit

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +68,9 @@ def settled(named: Roles, columns: Mapping[str, NDArray[np.float64]], robot: Rob
     angles = min(able, key=lambda one: _frequency(one, smoothed))
     elsewhere = () if named.speeds in every else named.speeds
     speeds = next((one for one in every if _are_rates(named, one, angles, smoothed)), elsewhere)
-    others = [one for one in every if one not in (angles, speeds) and one in rated]
+    others = [
+        one for one in every if one not in (angles, speeds) and one in rated and not _is_any_rate(named, one)
+    ]
     commands, clear = named.commands, True
     if not commands or commands in every:
         motion = Motion.of(rows, [smoothed[name] for name in lean], [smoothed[name] for name in angles])
@@ -91,6 +94,41 @@ def settled(named: Roles, columns: Mapping[str, NDArray[np.float64]], robot: Rob
         confidence=1.0 if clear else 0.6,
         alternatives=() if clear else tuple(alternatives) or (f"{', '.join(angles)} are no wheel angles",),
     )
+
+
+#: stems of angular velocities, of a wheel, of the body or of the ball
+_ANY_RATE = ("omega", "omegabody", "bodyomega", "angvel")
+#: correlation of a column with the rate of roll or pitch from which it is a gyro's, though its name does not say so
+NAMED_GYRO = 0.9
+
+
+def _is_any_rate(named: Roles, series: tuple[str, ...]) -> bool:
+    reading = named.reading(series)
+    return reading is not None and reading.stem in _ANY_RATE
+
+
+def with_rates_of(named: Roles, columns: Mapping[str, NDArray[np.float64]]) -> tuple[Roles, str]:
+    """Return roles in which numbered angular velocities are those of wheels or of the IMU, and a note if of neither.
+
+    A matrix `omega` of three columns, as MATLAB's structures have it, may be of the wheels, of the body or of the ball.
+    """
+    series = named.speeds
+    if not (series and named.angles and _is_any_rate(named, series)):
+        return named, ""
+    signals = _open_signals(replace(named, open_series=(named.angles, series)), columns)
+    without = replace(named, speeds=())
+    note = f"{', '.join(series)} are the rates neither of the wheels nor of the lean, and are not used."
+    if signals is None or not {*series, *named.angles} <= set(signals[1]):
+        return without, note
+    smoothed = signals[1]
+    if _likeness(series, named.angles, smoothed) > NAMED_SPEED:
+        return named, ""
+    lean = [name for name in named.attitude[:2] if name in smoothed]
+    if len(lean) == 2 and not named.gyro and len(series) == 3:
+        R = np.abs([[_correlation(smoothed[one], smoothed[other]) for other in lean] for one in series])
+        if max(min(R[i, 0], R[j, 1]) for i, j in permutations(range(3), 2)) > NAMED_GYRO:
+            return replace(without, gyro=series), ""
+    return without, note
 
 
 #: taken for speeds, columns must leave so many times less of the lean than taken for angles: true angles leave up to 2
@@ -239,6 +277,10 @@ def _are_rates(
 def _likeness(series: tuple[str, ...], angles: tuple[str, ...], smoothed: Mapping[str, Smooth]) -> float:
     """Return the least correlation of a column with the rate of its angle, whatever its sign."""
     return min(
-        abs(float(np.corrcoef(smoothed[one].value[:, 0], smoothed[other].rate[:, 0])[0, 1]))
-        for one, other in zip(series, angles, strict=True)
+        abs(_correlation(smoothed[one], smoothed[other])) for one, other in zip(series, angles, strict=True)
     )
+
+
+def _correlation(one: Smooth, other: Smooth) -> float:
+    """Return the correlation of a column with the rate of another."""
+    return float(np.corrcoef(one.value[:, 0], other.rate[:, 0])[0, 1])

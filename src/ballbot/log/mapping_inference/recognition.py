@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.imu_angles import QUATERNION_ANGLES, quaternion_angles
-from ballbot.log.mapping import repeated_rows
 from ballbot.log.mapping_inference.column_values import roles_by_data
 from ballbot.log.mapping_inference.names import read_name, read_names
-from ballbot.log.mapping_inference.open_names import seem_speeds, settled, with_heading_behind
+from ballbot.log.mapping_inference.open_names import seem_speeds, settled, with_heading_behind, with_rates_of
 from ballbot.log.mapping_inference.roles import (
     PLAIN,
     Roles,
@@ -28,6 +27,7 @@ from ballbot.log.mapping_inference.roles import (
     roles_by_name,
 )
 from ballbot.log.mapping_inference.units import Scale, time_scale
+from ballbot.log.row_order import increasing_rows, longest_run, repeated_rows
 from ballbot.robot import Robot
 
 
@@ -39,7 +39,8 @@ class Recognised:
     roles: Roles
     by_data: bool  #: whether the columns were recognised by their values
     time: Scale
-    rows: tuple[int, int]  #: first and end of the longest stretch in which time rises
+    rows: tuple[int, int]  #: first and end of the longest run
+    unordered: bool  #: whether some of these rows are not later than the row before
 
 
 def recognise(path: str | Path, table: ForeignTable, robot: Robot) -> Recognised:
@@ -53,6 +54,8 @@ def recognise(path: str | Path, table: ForeignTable, robot: Robot) -> Recognised
     table, stamp = _with_stamp(table)
     table, quaternion = _with_quaternion(table)
     roles, by_data = _roles(path, table, robot, quaternion, stamp)
+    roles, note = with_rates_of(roles, table.columns)
+    table = replace(table, notes=(*table.notes, note)) if note else table
     if roles.attitude:
         named = roles.reading(roles.attitude)
         half = half_turn_of(table.columns[roles.attitude[0]], named.unit if named else None)
@@ -69,14 +72,25 @@ def recognise(path: str | Path, table: ForeignTable, robot: Robot) -> Recognised
         roles = replace(roles, confidence=min(roles.confidence, 0.6), alternatives=copies)
     time = _time(path, table, roles)
     repeated = repeated_rows(table.columns, roles.time or "")
-    rows = _longest_rise(time.factor * table.columns[roles.time or ""], repeated)
+    t = time.factor * table.columns[roles.time or ""]
+    rows = longest_run(t, repeated)
     if roles.attitude:
-        _check_motion(path, table, roles, slice(*rows))
+        _check_motion(path, table, roles, slice(*rows), float(np.ptp(t[slice(*rows)])))
         table, roles = _without_still_heading(table, roles, slice(*rows))
     if repeated.any():
         note = f"{int(repeated.sum())} rows repeat the time and all values of the row before: they are one."
         table = replace(table, notes=(*table.notes, note))
-    return Recognised(table=table, roles=roles, by_data=by_data, time=time, rows=rows)
+    kept = increasing_rows(t[slice(*rows)][~repeated[slice(*rows)]])
+    unordered = int((~kept).sum())
+    if unordered:
+        note = (
+            f"{unordered} of {len(kept)} rows are not later than the row before, as stamps of a late host or of whole "
+            "milliseconds are: they are left out."
+        )
+        table = replace(table, notes=(*table.notes, note))
+    return Recognised(
+        table=table, roles=roles, by_data=by_data, time=time, rows=rows, unordered=unordered > 0
+    )
 
 
 #: the name of a time that two columns hold
@@ -304,8 +318,12 @@ def _is_still(values: NDArray[np.float64]) -> bool:
     return not len(known) or float(np.ptp(known)) == 0.0
 
 
-def _check_motion(path: str | Path, table: ForeignTable, roles: Roles, rows: slice) -> None:
-    """Raise InputError if the angle of a wheel, or of all, or one motor's command never changes."""
+#: in a shorter log [s], a robot that hardly moves, or along one line, may leave a wheel where it is
+SHORT_LOG = 15.0
+
+
+def _check_motion(path: str | Path, table: ForeignTable, roles: Roles, rows: slice, duration: float) -> None:
+    """Raise InputError if the angle of a wheel, or of all, or one motor's command never changes in a duration [s]."""
     still = [name for name in roles.angles if _is_still(table.columns[name][rows])]
     if still and len(still) == len(roles.angles):
         raise InputError(
@@ -314,10 +332,13 @@ def _check_motion(path: str | Path, table: ForeignTable, roles: Roles, rows: sli
         )
     if still:
         value = table.columns[still[0]][rows][0] + 0.0  # not -0
-        raise InputError(
-            f"{path}: {still[0]} is {value:g} in every row while other wheels turn: a dead encoder, or a column that "
-            "was not recorded. Record a log with every wheel's angle."
-        )
+        causes = "a dead encoder, or a column that was not recorded. Record a log with every wheel's angle."
+        if duration < SHORT_LOG:
+            causes = (
+                f"a dead encoder, a column that was not recorded, or, in a log of {duration:.0f} s, a wheel that had "
+                f"nothing to do. Record at least {SHORT_LOG:.0f} s that sway in all directions."
+            )
+        raise InputError(f"{path}: {still[0]} is {value:g} in every row while other wheels turn: {causes}")
     dead = [name for name in roles.commands if _is_still(table.columns[name][rows])]
     if dead and len(dead) < len(roles.commands):
         value = table.columns[dead[0]][rows][0] + 0.0  # not -0
@@ -336,16 +357,3 @@ def _without_still_heading(table: ForeignTable, roles: Roles, rows: slice) -> tu
         return table, roles
     note = f"{heading} has one value in all rows and is not used: the wheels give the heading."
     return replace(table, notes=(*table.notes, note)), replace(roles, attitude=roles.attitude[:2])
-
-
-#: time that jumps by more is another clock or another run [s]
-_LONGEST_PAUSE = 10.0
-
-
-def _longest_rise(t: NDArray[np.float64], repeated: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return first and end of the longest stretch of time [s] that rises without a jump, but for repeated rows."""
-    steps = np.diff(t)
-    breaks = np.flatnonzero(~((steps > 0.0) & (steps < _LONGEST_PAUSE)) & ~repeated[1:]) + 1
-    edges = np.concatenate(([0], breaks, [len(t)]))
-    longest = int(np.argmax(np.diff(edges)))
-    return int(edges[longest]), int(edges[longest + 1])

@@ -28,9 +28,10 @@ from ballbot.log.mapping_inference.evidence import CONFIDENT, Conclusion
 from ballbot.log.mapping_inference.mapping_text import mapping_text
 from ballbot.log.mapping_inference.names import read_names
 from ballbot.log.mapping_inference.proposal import Proposal
-from ballbot.log.mapping_inference.refusal import contradiction, errors_of, refusal_of
-from ballbot.log.mapping_inference.tolerances import EXPLAINED_FOR_DELAY
+from ballbot.log.mapping_inference.refusal import contradiction, errors_of, refusal_of, too_short
+from ballbot.log.mapping_inference.tolerances import APPLIED, EXPLAINED_FOR_DELAY
 from ballbot.log.pose import with_odometry
+from ballbot.log.row_order import rows_in_order, without_repeated_rows
 from ballbot.log.signals import INTERVAL, LONGEST_HOLE, fallen_rows, local_fit
 from ballbot.robot import Robot
 
@@ -82,8 +83,10 @@ def evaluate(proposal: Proposal, robot: Robot, *, file: Path, out: Path | None =
 
 
 def _rows_of(proposal: Proposal) -> dict[str, NDArray[np.float64]]:
-    first, last = proposal.rows or (1, None)
-    return {name: values[first - 1 : last] for name, values in proposal.table.columns.items()}
+    (first, last), time = proposal.rows or (1, None), proposal.roles.time or ""
+    rows = {name: values[first - 1 : last] for name, values in proposal.table.columns.items()}
+    rows = without_repeated_rows(rows, time)
+    return rows_in_order(rows, proposal.time.factor * rows[time]) if proposal.unordered else rows
 
 
 def findings_of(proposal: Proposal) -> tuple[Finding, ...]:
@@ -194,6 +197,7 @@ def _contradictions(proposal: Proposal) -> list[Finding]:
         ((roles.time or "",), proposal.time.unit),
         (roles.angles, proposal.wheel.unit),
         (roles.attitude, proposal.lean.unit if proposal.lean else None),
+        (roles.attitude[2:], proposal.heading_unit.unit if proposal.heading_unit else None),
         (roles.gyro, proposal.gyro.unit if proposal.gyro else None),
         (
             roles.commands,
@@ -232,8 +236,7 @@ def _glitches(proposal: Proposal) -> list[Finding]:
     names = proposal.roles.speeds
     if not names:
         return []
-    first, last = proposal.rows or (1, len(next(iter(proposal.table.columns.values()))))
-    columns = {name: values[first - 1 : last] for name, values in proposal.table.columns.items()}
+    columns = _rows_of(proposal)
     angles = np.column_stack([columns[name] for name in proposal.roles.angles]) * proposal.wheel.factor
     logged = np.column_stack([columns[name] for name in names])
     _, speeds = local_fit(columns[proposal.roles.time or ""] * proposal.time.factor, angles, rows=3)
@@ -285,7 +288,8 @@ def _placement(proposal: Proposal) -> list[Finding]:
     if tested is None:
         if not proposal.roles.attitude:
             return []
-        sentence = "The log has too little balancing to test the placement of the wheels."
+        short = too_short(proposal)
+        sentence = f"The log does not show where the wheels are{f': {short}' if short else ''}."
         return [_finding("warning", "wheels", sentence)]
     best, found = tested.placements[0], []
     if tested.confidence < CONFIDENT:
@@ -376,9 +380,10 @@ def _commands(proposal: Proposal) -> list[Finding]:
         assigned = proposal.drive.assigned if proposal.drive else None
         if not proposal.roles.commands or (assigned is not None and assigned.confidence >= CONFIDENT):
             return []
-        sentence = (
-            f"The columns {', '.join(proposal.roles.commands)} do not drive the wheels; check their meaning."
-        )
+        names, short = ", ".join(proposal.roles.commands), too_short(proposal)
+        sentence = f"The log does not show what {names} do to the wheels; check their meaning."
+        if short:
+            sentence = f"The log does not show what {names} do to the wheels: {short}."
         return [_finding("warning", "commands", sentence)]
     found, assigned = [], proposal.drive.assigned if proposal.drive else None
     if assigned is not None and assigned.wheels != tuple(range(len(assigned.wheels))):
@@ -395,16 +400,34 @@ def _commands(proposal: Proposal) -> list[Finding]:
         )
         found.append(_finding("warning", "dead-band", sentence))
     # a delay that is not believed is not applied; none below zero is, though it may be seen
-    early = tested.delay < 0.0 and tested.explained >= EXPLAINED_FOR_DELAY
+    early = tested.delay < -APPLIED * tested.delay_error and tested.explained >= EXPLAINED_FOR_DELAY
     delay = round(1e3 * (tested.delay if early else proposal.command_delay.applied))
     delays = [f"Commands are logged {-delay} ms after the motors respond"] if delay < 0 else []
     delays += [f"Motors respond {delay} ms after the command"] if delay > 0 else []
     late = round(1e3 * proposal.sensor_delay)
     delays += [f"{'the' if delays else 'The'} lean is logged {late} ms late"] if late > 0 else []
-    assumed = (
-        "Torque constant and winding resistance are assumed. A free-wheel sweep gives their ratios, a data sheet the "
-        "scale."
-    )
-    sentence = f"{', '.join(delays)}. {assumed}" if delays else assumed
-    found.append(_finding("note", "drive", sentence))
+    sentence = " ".join([f"{', '.join(delays)}."] * bool(delays) + _assumed(proposal))
+    if sentence:
+        found.append(_finding("note", "drive", sentence))
     return found
+
+
+#: a resistance is said to differ by the motion from so many standard errors on
+SAID_ERRORS = 1.5
+
+
+def _assumed(proposal: Proposal) -> list[str]:
+    """Return sentences on what the mapping takes from the robot file for the motors."""
+    drive = proposal.drive
+    if drive is None or drive.unit.kind == "torque":
+        return []
+    if drive.unit.kind == "current":
+        return ["The torque constant is the robot file's; it is not measured."]
+    said = ["Torque constant and winding resistance are assumed."]
+    ratio = drive.torque_ratio
+    if ratio is not None and abs(math.log(ratio[0])) > SAID_ERRORS * ratio[1]:
+        said.append(
+            f"The motion gives {ratio[0] * drive.resistance:.3g} ohm in place of {drive.resistance:.3g} (standard "
+            f"error {100.0 * ratio[1]:.0f} %): write the data sheet's in the mapping."
+        )
+    return [*said, "A free-wheel sweep gives their ratios, a data sheet the scale."]

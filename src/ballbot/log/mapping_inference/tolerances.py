@@ -1,4 +1,4 @@
-"""What an unknown delay, turn or dead band would change in the log, and the confidence that it changes little.
+"""What an unknown delay or turn would change in the log, and the confidence that it changes little.
 
 None of them is ever known exactly. A delay that is off by e turns a signal's phase by w e, with w the root mean square
 of the signal's rate over that of its value: harmless in a slow log, ruin in a quick one. So the confidence in a
@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.log.mapping_inference.evidence import MOST
+from ballbot.log.mapping_inference.evidence import CONFIDENT, MOST
 from ballbot.log.mapping_inference.file_signals import Signals
 from ballbot.log.mapping_inference.placement import LeanTest
 from ballbot.log.mapping_inference.wheel_response import CommandTest
@@ -34,8 +34,6 @@ TORQUE_PHASE = 0.2
 TURN = math.radians(12.0)
 #: part of the torques, by size, that an unknown dead band may change
 TORQUE_PART = 0.2
-#: largest dead band that must be expected, over the size of what drives: chosen, twice that of the corpus
-LARGEST_DEAD_BAND = 0.7
 #: play of a wheel's gear that must be expected [rad]: one degree is usual, and two of small gear motors
 PLAY = math.radians(1.5)
 #: play's delay is PLAY_DELAY b / (speed, root mean square): 4 / pi (b / 2) / amplitude is the phase, sqrt(2) the peak
@@ -55,8 +53,11 @@ TURN_JACKKNIFE = 1.8
 #: share of the wheels' accelerations that the commands must explain for their delay to be known: 100 stretches of the
 #: development halves that explain less find it 16 ms too late, in the mean
 EXPLAINED_FOR_DELAY = 0.75
-#: a delay is undone if it is this many of its standard errors, and so nearer to the estimate than to zero
-APPLIED = 1.0
+#: a delay is undone if it is at least so many of its standard errors: at one, delays of 11 to 18 ms were undone that
+#: were none
+APPLIED = 2.0
+#: an estimate so many standard errors below zero is none
+EARLY = 2.0
 #: delays that are not seen lie between zero and these [s]: an IMU's filter takes up to 20 ms, a driver up to 15
 LONGEST_LEAN_DELAY, LONGEST_COMMAND_DELAY = 0.02, 0.015
 #: delays that no robot that balances has [s]: they come from something else
@@ -76,6 +77,19 @@ class Delay:
     quickness: float  #: w of the delayed signal [rad/s]
     confidence: float  #: that the error is harmless
     evidence: str  #: one sentence
+    measured: bool = False  #: whether the log shows the delay, be it zero
+
+
+def delay_words(late: Delay) -> str:
+    """Return a delay as it is undone."""
+    return f"{1e3 * late.applied:.1f} ms{'' if late.measured else ', assumed'}"
+
+
+def delay_evidence(late: Delay, confidence: float) -> str:
+    """Return a delay's evidence; the confidence is that its error is harmless, and may be high of one not measured."""
+    if late.measured:
+        return late.evidence
+    return f"{late.evidence}, {'harmless' if confidence >= CONFIDENT else 'which matters'} in this log"
 
 
 def harmless(error: float, tolerance: float) -> float:
@@ -110,6 +124,7 @@ def lean_delay(tested: LeanTest, signals: Signals, *, latest: float = math.inf) 
         f"the wheels explain the lean best {1e3 * tested.lag:.1f} ms earlier, of which play of "
         f"{math.degrees(PLAY):.1f} deg would take {1e3 * play:.0f} ms"
     )
+    clear = estimate > APPLIED * error
     if latest < estimate < latest + LATE * error:
         evidence += f"; by the commands, which respond to the lean's noise, at most {1e3 * latest:.0f} ms"
         estimate = latest
@@ -117,6 +132,7 @@ def lean_delay(tested: LeanTest, signals: Signals, *, latest: float = math.inf) 
         estimate,
         error,
         quick,
+        clear=clear,
         tolerance=LEAN_PHASE,
         limits=(LONGEST_LEAN_DELAY, IMPOSSIBLE_LEAN_DELAY),
         evidence=evidence,
@@ -149,11 +165,7 @@ def command_delay(
         return Delay(applied=0.0, error=0.0, quickness=0.0, confidence=0.5, evidence="there are no commands")
     calm = smooth(signals.rows, signals.rows, signals.commands, width=COMMAND_FILTER)
     quick = quickness(calm, usable)
-    evidence, estimate, error = (
-        "not measured: commands and quick accelerations of the wheels differ",
-        0.0,
-        math.inf,
-    )
+    evidence, estimate, error = "commands and quick accelerations of the wheels differ", 0.0, math.inf
     if tested is not None:
         evidence = (
             f"at {1e3 * tested.delay:.1f} ms the commands explain {100 * tested.explained:.0f} % of the wheels' "
@@ -176,11 +188,13 @@ def command_delay(
             quickness=quick,
             confidence=harmless(interval * quick, TORQUE_PHASE),
             evidence=evidence,
+            measured=True,
         )
     return _delay(
         estimate,
         error,
         quick,
+        clear=estimate > APPLIED * error,
         tolerance=TORQUE_PHASE,
         limits=(LONGEST_COMMAND_DELAY, IMPOSSIBLE_COMMAND_DELAY),
         evidence=evidence,
@@ -199,37 +213,34 @@ def _delay(
     error: float,
     quick: float,
     *,
+    clear: bool,
     tolerance: float,
     limits: tuple[float, float],
     evidence: str,
 ) -> Delay:
-    """Return the delay to undo; one that is not seen lies between zero and the first of the limits."""
+    """Return the delay to undo if it is clearly none of zero; one that is not seen is at most the first limit."""
     longest, impossible = limits
     unseen = longest / math.sqrt(3.0)
     # an estimate that is less accurate than what every robot has is none
-    known = error < unseen and -2.0 * APPLIED * error < estimate < impossible
-    applied = round(estimate, 4) if known and estimate > APPLIED * error else 0.0
+    known = error < unseen and -EARLY * error < estimate < impossible
+    applied = round(estimate, 4) if known and clear else 0.0
+    said = f"standard error of the estimate {1e3 * error:.1f} ms"
+    if known and not applied:
+        said += ", so that it is no clear difference from zero and not undone"
+    elif not known:
+        said = f"the log does not measure it: up to {1e3 * longest:.0f} ms must be expected"
     if not applied:
         error = min(math.hypot(estimate, error), unseen) if known else unseen
+    confidence = harmless(error * quick, tolerance)
+    effect = f"an error of {1e3 * error:.0f} ms is {error * quick:.2f} rad of its motion"
     return Delay(
         applied=applied,
         error=error,
         quickness=quick,
-        confidence=harmless(error * quick, tolerance),
-        evidence=f"{evidence}; an error of {1e3 * error:.0f} ms is {error * quick:.2f} rad of its motion",
+        confidence=confidence,
+        evidence=f"{evidence}; {said}; {effect}",
+        measured=known,
     )
-
-
-def dead_band_confidence(turning_against: float) -> float:
-    """Return the confidence that a dead band that nobody states only makes dry friction appear less.
-
-    Parameters
-    ----------
-    turning_against : float
-        As `DriveEvidence` has it. The error is this times the root mean square of dead bands evenly distributed up to
-        `LARGEST_DEAD_BAND`.
-    """
-    return harmless(LARGEST_DEAD_BAND / math.sqrt(3.0) * turning_against, TORQUE_PART)
 
 
 def command_delay_confidence(late: Delay, braked: float) -> float:

@@ -5,16 +5,18 @@ fractions of a second, is believed unless the motion contradicts it; whole numbe
 and need the motion: the gyro against the derivative of the angles (gain 1 in one unit only), or gravity's part of the
 lean's acceleration.
 
-Lean and wheels: every pair of units has a weight, from the names, the encoder's step, the lean's size, and from the
-lean's response to the wheels, which must be the robot's (`ballbot.log.mapping_inference.placement`). Only their ratio
-is in that response: degrees for both fit as well as radians for both, and sizes and steps decide. Where the heading
-turns with the wheels, as it does on a ball that does not pivot, it shows the same ratio, and no mass or height enters:
-counts per turn unlike the robot file's are found so, and asked for.
+Lean, wheels and heading: every choice of their units has a weight, from the names, the encoder's step, the lean's size,
+and from the lean's response to the wheels, which must be the robot's (`ballbot.log.mapping_inference.placement`). Only
+the ratio of lean and wheels is in that response: degrees for both fit as well as radians for both, and sizes and steps
+decide. Where the heading turns with the wheels, as it does on a ball that does not pivot, it shows the ratio of heading
+and wheels, and no mass or height enters: a yaw in degrees beside a lean in radians is found so, and counts per turn
+unlike the robot file's, which are asked for.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -218,6 +220,9 @@ OTHER_COUNTS, OTHER_COUNTS_DEVIATION = 0.1, 1.1
 MOST_BY_HEADING = 0.6
 #: counts a turn over the robot file's if one file has lines, and the other all edges of two channels, or one's
 _OTHER_EDGES = (4.0, 2.0, 0.5, 0.25)
+#: that the numbers fit such counts; and, if they do not, the likeliest reason
+OTHER_EDGES_WORDS = "as if other edges of the encoder's lines were counted"
+OTHER_ROBOT = "a robot unlike its file, whose radii and tilt this number rests on"
 #: a name that has a unit is believed so much
 _NAMED = 0.98
 
@@ -301,11 +306,46 @@ def _with_name(named: str | None, reason: str) -> str:
     return f"the name has the unit {named}; {rest}" if rest else f"the name has the unit {named}"
 
 
+#: a heading in another unit than the lean, where no name says so, and where only the heading's does; chosen
+OTHER_THAN_LEAN, OTHER_BY_NAME = 0.02, 0.3
+#: largest heading [rad] without a wrap that is usual; and how near a jump must be to a turn to be one
+LARGEST_HEADING, NEAR_TURN = 4.0 * math.pi, 0.02
+
+
+def heading_units(
+    heading: NDArray[np.float64], named: str | None, lean: Scale, lean_named: str | None
+) -> dict[Scale, float]:
+    """Return the units of a yaw (N,) beside a lean in a unit, with the logarithms of their weights.
+
+    Parameters
+    ----------
+    heading : ndarray (N,)
+    named, lean_named : str, optional
+        The units in the names of yaw and roll.
+    lean : Scale
+        That of roll and pitch.
+    """
+    known = heading[np.isfinite(heading)]
+    largest = float(np.abs(known - np.median(known)).max(initial=0.0)) if len(known) else 0.0
+    jump = float(np.abs(np.diff(known)).max(initial=0.0))
+    other = 1.0 if named and lean_named else OTHER_BY_NAME if named else OTHER_THAN_LEAN
+    found = {}
+    for unit in dict.fromkeys((lean.unit, "rad", "deg")):
+        turn = 2.0 * math.pi / FACTORS["rad"][unit]
+        weight = 0.0 if named is None else math.log(_NAMED if unit == named else 1.0 - _NAMED)
+        weight += 0.0 if unit == lean.unit else math.log(other)
+        weight -= 4.0 if unit == "rad" and largest > LARGEST_HEADING else 0.0
+        weight += 5.0 if abs(jump / turn - 1.0) < NEAR_TURN else 0.0
+        reason = _with_name(named, f"the heading is within {largest:.2g} of its middle")
+        found[Scale(unit=unit, factor=FACTORS["rad"][unit], reason=reason)] = weight
+    return found
+
+
 @dataclass(frozen=True, kw_only=True)
 class UnitEvidence:
-    """What the motion shows with assumed units of lean and wheels."""
+    """What the motion shows with assumed units of lean, wheels and heading."""
 
-    assumed: tuple[Scale, Scale]  #: of lean and wheels
+    assumed: tuple[Scale, Scale, Scale]  #: of lean, wheels and heading
     gain: (
         float | None
     )  #: response of the lean to the wheels over the robot's; None if the log does not show it
@@ -313,9 +353,10 @@ class UnitEvidence:
     #: turning of the wheels over the heading's, over that of a ball that does not pivot; None if they do not agree
     turning: float | None
 
-    def log_weight(self, lean: Scale, wheel: Scale) -> float:
-        """Return the logarithm of how well two units fit the motion."""
-        change = wheel.factor / self.assumed[1].factor / (lean.factor / self.assumed[0].factor)
+    def log_weight(self, lean: Scale, wheel: Scale, heading: Scale) -> float:
+        """Return the logarithm of how well units fit the motion."""
+        turned = wheel.factor / self.assumed[1].factor
+        change = turned / (lean.factor / self.assumed[0].factor)
         weight = 0.0
         if self.gain is not None:
             deviation = math.hypot(GAIN_DEVIATION, self.gain_error) if math.isfinite(self.gain_error) else 1.0
@@ -323,17 +364,20 @@ class UnitEvidence:
             off = math.log(max(self.gain, 1e-12) / change)
             weight += normal_log_weight(off + 0.1, deviation if off > 0.0 else 1.3 * deviation, outlier=1e-3)
         if self.turning is not None:
-            off = math.log(self.turning * change)
+            off = math.log(self.turning * turned / (heading.factor / self.assumed[2].factor))
             pivoting = PIVOTS * _density(off, PIVOTING_DEVIATION)
             weight += math.log((1.0 - PIVOTS) * _density(off, TURNING_DEVIATION) + pivoting)
         return weight
 
-    def counts_by_heading(self, lean: Scale, counts: Scale, declared: float) -> tuple[Scale, float] | None:
+    def counts_by_heading(
+        self, units: tuple[Scale, Scale, Scale], declared: float
+    ) -> tuple[Scale, float] | None:
         """Return the counts per turn by which the wheels turn as the heading does, with its log weight over `counts`.
 
         Parameters
         ----------
-        lean, counts : Scale
+        units : tuple of Scale
+            Of lean, wheels, which are counts, and heading.
         declared : float
             Counts a turn of the wheel by the robot file.
 
@@ -344,7 +388,8 @@ class UnitEvidence:
         """
         if self.turning is None:
             return None
-        change = counts.factor / self.assumed[1].factor / (lean.factor / self.assumed[0].factor)
+        lean, counts, heading = units
+        change = counts.factor / self.assumed[1].factor / (heading.factor / self.assumed[2].factor)
         off = self.turning * change
         measured = 2.0 * math.pi / counts.factor * off
         per_turn = float(f"{measured:.3g}")
@@ -355,12 +400,12 @@ class UnitEvidence:
             times = f"{near:g} times" if near > 1.0 else f"1/{1.0 / near:g} of"
             reason = (
                 f"by the heading, about {measured:.3g} counts a turn of the wheel: {times} the robot file's "
-                f"{declared:g}, as if other edges of the encoder's lines were counted"
+                f"{declared:g}, {OTHER_EDGES_WORDS}"
             )
         other = replace(counts, factor=2.0 * math.pi / per_turn, reason=reason)
         # in place of the heading's own term, how usual such a mistake is
         weight = math.log(OTHER_COUNTS * _density(math.log(off), OTHER_COUNTS_DEVIATION))
-        return other, weight + replace(self, turning=None).log_weight(lean, other)
+        return other, weight + replace(self, turning=None).log_weight(lean, other, heading)
 
 
 def _density(value: float, deviation: float) -> float:
@@ -368,38 +413,61 @@ def _density(value: float, deviation: float) -> float:
     return max(math.exp(-0.5 * (value / deviation) ** 2) / deviation, 1e-300)
 
 
-def paired_units(
-    leans: dict[Scale, float], wheels: dict[Scale, float], motion: UnitEvidence
-) -> tuple[Scale, Scale]:
-    """Return the likeliest units of lean and wheels together, with their confidence.
+def likeliest_units(
+    leans: dict[Scale, float],
+    wheels: dict[Scale, float],
+    headings: Callable[[Scale], dict[Scale, float]],
+    motion: UnitEvidence,
+) -> tuple[Scale, Scale, Scale]:
+    """Return the likeliest units of lean, wheels and heading together, with their confidence.
 
     Parameters
     ----------
     leans, wheels : dict of Scale to float
         Logarithms of weights.
+    headings : function
+        Those of the heading with a unit of the lean.
     motion : UnitEvidence
     """
     weights, by_heading = {}, set()
     turns = [2.0 * math.pi / one.factor for one in wheels if one.unit == "counts"]
     declared = max(turns, default=0.0)  # of the wheel, behind the gear
-    for lean, lean_weight in leans.items():
-        for wheel, wheel_weight in wheels.items():
-            weights[lean, wheel] = lean_weight + wheel_weight + motion.log_weight(lean, wheel)
-            other = motion.counts_by_heading(lean, wheel, declared) if wheel.unit == "counts" else None
-            if other is not None:
-                # the encoder's counts and those of a turn of the wheel lead to the same number
-                weight = lean_weight + wheel_weight + other[1]
-                weights[lean, other[0]] = max(weight, weights.get((lean, other[0]), -math.inf))
-                by_heading.add(other[0])
+    triples = (
+        ((lean, wheel, heading), lean_weight + wheel_weight + heading_weight)
+        for lean, lean_weight in leans.items()
+        for heading, heading_weight in headings(lean).items()
+        for wheel, wheel_weight in wheels.items()
+    )
+    for units, weight in triples:
+        lean, wheel, heading = units
+        weights[units] = weight + motion.log_weight(lean, wheel, heading)
+        other = motion.counts_by_heading(units, declared) if wheel.unit == "counts" else None
+        if other is not None:
+            # the encoder's counts and those of a turn of the wheel lead to the same number
+            same = lean, other[0], heading
+            weights[same] = max(weight + other[1], weights.get(same, -math.inf))
+            by_heading.add(other[0])
     found = probabilities(weights)
     best = next(iter(found))
-    lean, wheel = (_with_confidence(best[place], _totals(found, place)) for place in range(2))
+    lean, wheel, heading = (_with_confidence(best[place], _totals(found, place)) for place in range(3))
     if best[1] in by_heading:
-        wheel = replace(wheel, confidence=min(wheel.confidence, MOST_BY_HEADING))
-    return lean, wheel
+        other_robot = () if OTHER_EDGES_WORDS in wheel.reason else (OTHER_ROBOT,)
+        wheel = replace(
+            wheel,
+            confidence=min(wheel.confidence, MOST_BY_HEADING),
+            alternatives=(*other_robot, *wheel.alternatives),
+        )
+    elif wheel.unit == "counts" and motion.turning is None and 2.0 * math.pi / wheel.factor < 0.99 * declared:
+        # counts without the gear are rarer than a robot file of another robot
+        wheel = replace(
+            wheel,
+            confidence=min(wheel.confidence, MOST_BY_HEADING),
+            alternatives=(OTHER_ROBOT, *wheel.alternatives),
+        )
+    return lean, wheel, heading
 
 
-def _totals(found: dict[tuple[Scale, Scale], float], place: int) -> dict[Scale, float]:
+def _totals(found: dict[tuple[Scale, Scale, Scale], float], place: int) -> dict[Scale, float]:
     totals: dict[Scale, float] = {}
     for pair, p in found.items():
         totals[pair[place]] = totals.get(pair[place], 0.0) + p

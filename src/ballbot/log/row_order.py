@@ -1,0 +1,107 @@
+"""Rows of a file in the order of their times: repeated rows, rows out of order, runs that were joined.
+
+Time that goes back is one of two things. Of runs that were joined, or a clock that was set, it stays back. The stamps
+of a host that is late at times, or that counts whole milliseconds, go back or stand still for a row or a few, and are
+then where they were: the longest series of rows in which time increases is kept of those.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.log.columns import Columns
+
+#: time that jumps by more is another clock or another run [s]
+LONGEST_PAUSE = 10.0
+#: rows on either side of a step back that show whether time stays back
+_BESIDE = 10
+#: usual intervals, and standard deviations of the stamps, by which time must stay back to be another run: the
+#: difference of two medians of ten rows has 0.55 standard deviations
+_INTERVALS, _DEVIATIONS = 3.0, 3.0
+
+
+def longest_run(t: NDArray[np.float64], repeated: NDArray[np.bool_]) -> tuple[int, int]:
+    """Return first and end of the longest stretch of rows that are one run.
+
+    Parameters
+    ----------
+    t : ndarray (N,)
+        [s]
+    repeated : ndarray (N,)
+        Rows that repeat the row before.
+    """
+    steps = np.diff(t)
+    breaks = ~(np.abs(steps) < LONGEST_PAUSE)  # also where a time is missing
+    back = np.flatnonzero(~breaks & (steps <= 0.0) & ~repeated[1:])
+    if back.size:
+        breaks[back] = _stays_back(t, back)
+    places = np.flatnonzero(breaks) + 1
+    edges = np.concatenate(([0], places, [len(t)]))
+    longest = int(np.argmax(np.diff(edges)))
+    return int(edges[longest]), int(edges[longest + 1])
+
+
+def _stays_back(t: NDArray[np.float64], back: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Return for steps back, after the rows `back`, whether the times that follow are those of another run."""
+    if len(t) <= 2 * _BESIDE:
+        return np.ones(len(back), dtype=np.bool_)
+    usual = float(np.nanmedian(t[2 * _BESIDE :] - t[: -2 * _BESIDE])) / (2 * _BESIDE)
+    middle = t[_BESIDE:-_BESIDE] - 0.5 * (t[: -2 * _BESIDE] + t[2 * _BESIDE :])
+    deviation = 1.4826 * float(np.nanmedian(np.abs(middle))) / np.sqrt(1.5)
+    even = t - usual * np.arange(len(t))
+    allowed = _INTERVALS * usual + _DEVIATIONS * deviation
+    found = []
+    for row in back:
+        before, after = even[max(row + 1 - _BESIDE, 0) : row + 1], even[row + 1 : row + 1 + _BESIDE]
+        found.append(not float(np.median(after) - np.median(before)) > -allowed)
+    return np.array(found)
+
+
+def increasing_rows(t: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which rows (N,) are one of the longest series in which time increases."""
+    last: list[float] = []  # by length, the least time that a series ends with
+    ends: list[int] = []  # and the row of that time
+    before = np.full(len(t), -1)
+    for row, time in enumerate(t.tolist()):
+        place = bisect_left(last, time)
+        if place == len(last):
+            last.append(time)
+            ends.append(row)
+        else:
+            last[place], ends[place] = time, row
+        before[row] = ends[place - 1] if place else -1
+    kept = np.zeros(len(t), dtype=np.bool_)
+    row = ends[-1] if ends else -1
+    while row >= 0:
+        kept[row] = True
+        row = int(before[row])
+    return kept
+
+
+def rows_in_order(table: Mapping[str, NDArray[np.float64]], t: NDArray[np.float64]) -> Columns:
+    """Return a table without the rows that are out of order by their times (N,); missing times stay."""
+    known = np.isfinite(t)
+    kept = np.ones(len(t), dtype=np.bool_)
+    kept[known] = increasing_rows(t[known])
+    return {name: values[kept] for name, values in table.items()}
+
+
+def without_repeated_rows(table: Mapping[str, NDArray[np.float64]], time: str) -> Columns:
+    """Return a table without the rows that repeat the time and every other value of the row before."""
+    repeated = repeated_rows(table, time)
+    return {name: values[~repeated] for name, values in table.items()} if repeated.any() else {**table}
+
+
+def repeated_rows(table: Mapping[str, NDArray[np.float64]], time: str) -> NDArray[np.bool_]:
+    """Return which rows (N,) repeat the time and every other value of the row before."""
+    repeated = np.zeros(len(table[time]), dtype=np.bool_)
+    repeated[1:] = np.diff(table[time]) == 0.0
+    if repeated.any():
+        for values in table.values():
+            missing = np.isnan(values)
+            repeated[1:] &= (values[1:] == values[:-1]) | (missing[1:] & missing[:-1])
+    return repeated
