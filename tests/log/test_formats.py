@@ -23,6 +23,7 @@ from ballbot.log.formats import (
     LogFormat,
     is_foreign,
     read_columns,
+    read_foreign_table,
     read_units,
     read_variables,
     write_columns,
@@ -609,6 +610,9 @@ def test_file_of_another_tool_is_refused_with_the_remedy(tmp_path, name, content
     (tmp_path / name).write_bytes(content)
     with pytest.raises(InputError, match=sentence):
         Log.read(tmp_path / name)
+    if "compressed" in sentence:
+        with pytest.raises(InputError, match=sentence):
+            read_foreign_table(tmp_path / name)
 
 
 def test_archive_of_objects_is_not_called_empty(tmp_path):

@@ -260,3 +260,21 @@ def test_a_time_may_be_seconds_and_nanoseconds_of_two_columns(tmp_path):
         '[file]\nseparator = "blanks"\n[columns]\nt = "t"\nx = "x"\n',
     )
     np.testing.assert_allclose(log_of_clock.t, [86399.99, 86399.995], rtol=1e-12)
+
+
+def test_an_encoder_that_begins_again_is_continued_in_the_files_numbers(tmp_path):
+    counts = 4000 + 90 * np.arange(60)
+    rows = "\n".join(f"{0.01 * k:.2f},{count % 4096},{-count % 4096}" for k, count in enumerate(counts))
+    mapping = """
+[columns]
+t = "t"
+
+[wheels]
+sign = [1, -1]
+angle = { from = ["a", "b"], unit = "counts", counts_per_turn = 20480, wrap = 4096 }
+speed = { derivative_of = "angle" }
+"""
+    log = read(tmp_path, f"t,a,b\n{rows}\n", mapping)
+    for name in ("wheel1", "wheel2"):
+        turned = log[name] - log[name][0]
+        np.testing.assert_allclose(turned, (counts - counts[0]) * 2.0 * np.pi / 20480.0, atol=1e-12)

@@ -216,3 +216,20 @@ def test_explanations_that_are_equally_good_differ_as_chance_does_however_few_bl
     for deviate, share in ((1.0, 0.317), (1.645, 0.100)):
         error = 3.0 * math.sqrt(share * (1.0 - share) / count)
         assert np.mean(np.abs(found) > deviate) == pytest.approx(share, abs=error)
+
+
+@pytest.mark.parametrize(("share", "pushed"), [(0.02, False), (0.5, True)])
+def test_a_second_is_a_push_only_if_the_wheels_do_not_explain_it(share, pushed):
+    """What quick motion leaves may be five times the usual, and is still little beside the motion."""
+    lean, wheels, heading = rolling(small_robot(), turn_rate=0.8)
+    random, size = np.random.default_rng(6), np.sqrt(np.square(lean.acceleration).mean())
+    noise = 0.02 * size * random.standard_normal(lean.acceleration.shape)
+    second = slice(2000, 2200)
+    whole = np.sqrt(np.square(lean.acceleration[second]).mean())
+    noise[second] = math.sqrt(share) * whole * random.standard_normal(noise[second].shape)
+    found = lean_test(
+        small_robot(), replace(lean, acceleration=lean.acceleration + noise), wheels, heading, EVERY
+    )
+    assert found is not None
+    assert found.pushed[2050:2150].all() == pushed
+    assert found.pushed.any() == pushed

@@ -225,3 +225,55 @@ def test_an_effort_beside_position_and_velocity_is_in_newton_metres():
     assert (commands.name, commands.unit) == ("/1/effort", "N m")
     alone = roles_by_name(["t", "effort1", "effort2", "effort3"], wheel_count=3)
     assert read_names(alone.commands, alone.units)[0].unit is None
+
+
+def by_name(*names: str, units: dict[str, str] | None = None) -> dict[str, tuple]:
+    found = read_names(names, units)
+    return {one.name: (one.kind, one.axis, one.index, one.unit) for one in found}
+
+
+@pytest.mark.parametrize(("form", "unit"), [("{}", None), ("{}_dps", "deg/s"), ("imu.{} [rad/s]", "rad/s")])
+def test_p_q_and_r_are_a_gyro_together_and_nothing_alone(form, unit):
+    names = [form.format(letter) for letter in "pqr"]
+    assert list(by_name(*names).values()) == [("gyro", axis, None, unit) for axis in "xyz"]
+    assert by_name(names[0])[names[0]][0] == "other"
+
+
+def test_phi_beside_p_q_and_r_is_the_roll():
+    found = by_name("phi", "theta", "psi", "p", "q", "r")
+    assert [found[name][:2] for name in ("phi", "theta", "psi")] == [("attitude", axis) for axis in "xyz"]
+
+
+def test_r_p_and_y_are_roll_pitch_and_yaw_together():
+    found = by_name("ts", "r", "p", "y", "gx", "gy", "gz")
+    assert [found[name][:2] for name in "rpy"] == [("attitude", axis) for axis in "xyz"]
+    assert by_name("r", "y")["y"][0] == "ball position"
+
+
+def test_sides_number_wheels():
+    sides = ("front", "left", "right")
+    names = [f"joint_states.{kind}.{side}" for kind in ("position", "velocity", "effort") for side in sides]
+    found = roles_by_name(["t", *names], wheel_count=3)
+    assert (found.angles, found.speeds, found.commands) == (
+        tuple(names[:3]),
+        tuple(names[3:6]),
+        tuple(names[6:]),
+    )
+    assert by_name("enc_left", "enc_right")["enc_left"][2] is None
+
+
+@pytest.mark.parametrize("name", ["gx_mdps", "gyro_x [mdeg/s]", "gyro_x_mdeg_s"])
+def test_thousandths_of_a_degree_a_second_are_a_gyros_unit(name):
+    assert by_name(name)[name] == ("gyro", "x", None, "mdeg/s")
+
+
+def test_a_german_table_with_a_row_of_units_is_read_whole():
+    names = ["Zeit", "Roll", "Nick", "Gier", "wx", "wy", "wz", "Weg1", "Weg2", "Weg3", "M1", "M2", "M3"]
+    units = ["s", "deg", "deg", "deg", "deg/s", "deg/s", "deg/s", "deg", "deg", "deg", "Nm", "Nm", "Nm"]
+    found = roles_by_name(names, wheel_count=3, units=dict(zip(names, units, strict=True)))
+    assert (found.time, found.attitude) == ("Zeit", ("Roll", "Nick", "Gier"))
+    assert (found.gyro, found.angles, found.commands) == (
+        tuple(names[4:7]),
+        tuple(names[7:10]),
+        tuple(names[10:]),
+    )

@@ -138,7 +138,13 @@ FACTORS = {
         "mrad": 1e-3,
         "cdeg": math.pi / 18000.0,
     },
-    "rad/s": {"rad/s": 1.0, "deg/s": math.pi / 180.0, "rpm": 2.0 * math.pi / 60.0},
+    "rad/s": {
+        "rad/s": 1.0,
+        "deg/s": math.pi / 180.0,
+        "rpm": 2.0 * math.pi / 60.0,
+        "mdeg/s": math.pi / 180000.0,
+        "mrad/s": 1e-3,
+    },
     "N m": {"N m": 1.0, "mN m": 1e-3, "N cm": 1e-2},
 }
 

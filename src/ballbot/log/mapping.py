@@ -164,6 +164,8 @@ class LogMapping:
     motors: MotorInput | None
     attitude: Attitude | None = None
     timing: Timing = Timing()
+    #: in the file's numbers; a wheel angle begins again after so many and is continued
+    wrap: float | None = None
     #: [rad/s]; a wheel angle that changes faster was reset and is continued from there
     largest_speed: float | None = None
     drop_repeated: bool = False  #: whether rows that repeat the row before are one
@@ -216,6 +218,9 @@ def _applied(
         ]
         table = {**table, **quaternion_angles(np.column_stack(parts))}
     raw = {name: _scaled(name, source, table) for name, source in mapping.columns.items()}
+    if mapping.wrap is not None:
+        periods = {name: abs(mapping.columns[name].factor) * mapping.wrap for name in _wheel_angles(raw)}
+        raw |= {name: unwrapped(raw[name], period=period) for name, period in periods.items()}
     if mapping.largest_speed is not None:
         raw |= {name: without_resets(t, raw[name], mapping.largest_speed) for name in _wheel_angles(raw)}
     sampled = _sampled(mapping, t, raw)

@@ -37,6 +37,7 @@ An example with everything in it::
     order = [1, 3, 2]             # Ballbot's wheels 1, 2, 3 are the 1st, 3rd and 2nd of each list here
     sign = [1, 1, -1]             # of angle and speed, for the file's wheels in the file's order
     angle = { from = ["enc_1", "enc_2", "enc_3"], unit = "counts", counts_per_turn = 4480 }
+    # angle may have wrap = 4096, in the file's numbers: an encoder that begins again after so many is continued
     # angle may have largest_speed = 40.0 [rad/s]: faster steps are encoder resets, across which it continues
     speed = { derivative_of = "angle" }   # or { from = [..], unit = "rpm" }
 
@@ -181,6 +182,7 @@ def _mapping(table: MappingTable) -> LogMapping:
         motors=motors,
         attitude=attitude,
         timing=table.time,
+        wrap=table.wheels.angle.wrap if table.wheels.angle else None,
         largest_speed=table.wheels.angle.largest_speed if table.wheels.angle else None,
         drop_repeated=table.file.repeated_rows == "drop",
         drop_unordered=table.file.unordered_rows == "drop",

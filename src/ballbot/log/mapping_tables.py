@@ -87,6 +87,7 @@ class WheelColumnsTable:
     counts_per_turn: PositiveFloat | None = None
     scale: FiniteFloat = 1.0
     delay: FiniteFloat = 0.0
+    wrap: PositiveFloat | None = None
     largest_speed: PositiveFloat | None = None
 
 

@@ -182,6 +182,7 @@ def read_foreign_table(path: str | Path, *, names: Sequence[str] | None = None) 
         If the file cannot be read or has no table of numbers.
     """
     one = _format_of(path)
+    _check_unpacked(Path(path))
     if one is None or one.is_text:
         return infer_text_table(path, given_names=names)
     columns = _table(one, Path(path))
@@ -254,13 +255,17 @@ def _known_format(path: str | Path) -> LogFormat:
     if one is not None:
         return one
     check_regular(path)
-    if path.suffix.lower() in _COMPRESSED:
-        raise InputError(
-            f"{path} is compressed; unpack it first, as with `{shell_line([*_COMPRESSED[path.suffix.lower()], path])}`."
-        )
+    _check_unpacked(path)
     near = nearest(path.suffix.lower(), _suffixes())
     hint = f"did you mean {near[0]}? Its name must end" if near else "give a file that ends"
     raise InputError(f"{path} is not a log that Ballbot reads; {hint} in {either(_suffixes())}.")
+
+
+def _check_unpacked(path: Path) -> None:
+    """Raise InputError if the suffix of a file is that of a compressed one."""
+    command = _COMPRESSED.get(path.suffix.lower())
+    if command:
+        raise InputError(f"{path} is compressed; unpack it first, as with `{shell_line([*command, path])}`.")
 
 
 def _read(one: LogFormat, path: Path) -> Columns:

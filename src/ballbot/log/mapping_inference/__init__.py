@@ -1,11 +1,15 @@
 """How a foreign log becomes one of Ballbot's: a mapping inferred, tested against the robot, with its evidence.
 
-names, name_words        what a column's name says: kind, axis or wheel, unit
+names, name_series, name_words
+                         what a column's name says: kind, axis or wheel, unit
 roles                    which column is which quantity, by name
 column_values            which column is which quantity, by its values
 open_names               the choices that names leave, by the values
+gyro_columns             the gyro, under any name
+wrapped_encoders         encoders that begin again after a power of two
 recognition              the columns of a file with their roles, by all of these
-units                    units of time, lean, wheels and gyro
+time_units, counted_time the unit of the time, and how long a count is
+units                    units of lean, wheels and heading
 measured                 what the sensors show with units, and the units that the motion confirms
 file_signals             the columns on even rows, filtered; the axes of the gyro
 placement                how the lean responds to the wheels

@@ -21,7 +21,8 @@ from ballbot.log.mapping_inference.evidence import CONFIDENT, TINY
 from ballbot.log.mapping_inference.placement import torque_free_gains
 from ballbot.log.mapping_inference.placements import every_way
 from ballbot.log.mapping_inference.roles import Roles
-from ballbot.log.mapping_inference.units import step_of, time_scale
+from ballbot.log.mapping_inference.time_units import time_scale
+from ballbot.log.mapping_inference.units import step_of
 from ballbot.log.mapping_inference.wheel_response import RIDGE
 from ballbot.log.row_order import increasing_rows
 from ballbot.log.signals import Smooth, even_rows, smooth

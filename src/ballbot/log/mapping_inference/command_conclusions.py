@@ -5,11 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
+import numpy as np
+
 from ballbot.log.mapping_inference.commands import FULL_DUTIES, Assignment, Unit
 from ballbot.log.mapping_inference.dead_band import dead_band_confidence
 from ballbot.log.mapping_inference.drive import DriveEvidence, resistance_confidence
 from ballbot.log.mapping_inference.evidence import CONFIDENT, MOST, Conclusion
+from ballbot.log.mapping_inference.names import read_names
 from ballbot.log.mapping_inference.proposal import Proposal
+from ballbot.log.mapping_inference.roles import PLAIN
 from ballbot.log.mapping_inference.tolerances import (
     command_delay_confidence,
     delay_evidence,
@@ -22,8 +26,24 @@ ALIKE = 0.05
 ALIKE_TORQUES = 0.1
 
 
+def possible_commands(proposal: Proposal) -> tuple[str, ...]:
+    """Return the unused columns that may be the commands of a log without: as many of one name as wheels, that move."""
+    roles, columns = proposal.roles, proposal.table.columns
+    used = {roles.time, *roles.attitude, *roles.angles, *roles.speeds, *roles.gyro}
+    series: dict[str, list[str]] = {}
+    for one in read_names(list(columns)):
+        open_to = one.kind == "command" or (one.kind == "other" and one.weight < PLAIN)
+        values = columns[one.name]
+        if one.name not in used and one.index is not None and open_to:
+            moves = len(np.unique(values[np.isfinite(values)])) > 1
+            series.setdefault(one.stem, []).extend([one.name] * moves)
+    return tuple(name for group in series.values() if len(group) == len(roles.angles) for name in group)
+
+
 def command_conclusions(proposal: Proposal) -> list[Conclusion]:
     """Return the conclusions on the commands."""
+    if not proposal.roles.commands:
+        return _no_commands(proposal)
     drive = proposal.drive
     assigned = drive.assigned if drive else None
     if drive is None or assigned is None:
@@ -72,6 +92,23 @@ def command_conclusions(proposal: Proposal) -> list[Conclusion]:
         key="[input] delay",
     )
     return [*found, delay, *_dead_band(proposal)]
+
+
+def _no_commands(proposal: Proposal) -> list[Conclusion]:
+    """Return whether a log has no commands, if columns may be some; nothing without such columns."""
+    names = possible_commands(proposal)
+    if not names or proposal.roles.body_commands:
+        return []
+    return [
+        Conclusion(
+            name="columns of the commands",
+            value="none",
+            confidence=0.5,
+            evidence=f"{', '.join(names)} are as many as the wheels, and their names do not say what they are",
+            alternatives=(", ".join(names),),
+            key="--columns",
+        )
+    ]
 
 
 def _strange_command(proposal: Proposal, assigned: Assignment, strange: int) -> Conclusion:

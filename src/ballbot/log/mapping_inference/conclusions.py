@@ -18,13 +18,14 @@ from ballbot.log.mapping_inference.frame import Frame, HeadingTest
 from ballbot.log.mapping_inference.names import read_name
 from ballbot.log.mapping_inference.placement import LEAST_TIME, LeanTest
 from ballbot.log.mapping_inference.proposal import Proposal
+from ballbot.log.mapping_inference.time_units import time_conclusion
 from ballbot.log.mapping_inference.tolerances import (
     TURN,
     delay_evidence,
     delay_words,
     turn_confidence,
 )
-from ballbot.log.mapping_inference.units import GAIN_DEVIATION, Scale, time_conclusion
+from ballbot.log.mapping_inference.units import GAIN_DEVIATION, Scale
 
 #: prior probability that columns are about the world's axes, chosen and not measured: theta and phi, as papers on ball
 #: balancing call them; angles of one letter, theta_x and theta_y, as an IMU's three are often called; roll and pitch
@@ -47,9 +48,7 @@ def conclusions_of(proposal: Proposal) -> tuple[Conclusion, ...]:
         if heading is not None and (heading.unit != proposal.lean.unit or heading.confidence < CONFIDENT):
             found.append(_scale("unit of the heading", heading, "[attitude] unit"))
         found += _frame(proposal)
-    if proposal.roles.commands:
-        found += command_conclusions(proposal)
-    return tuple(found)
+    return (*found, *command_conclusions(proposal))
 
 
 def _columns(proposal: Proposal) -> Conclusion:

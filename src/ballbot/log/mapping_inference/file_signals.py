@@ -374,8 +374,11 @@ def _drift(rate: NDArray[np.float64], signals: Signals) -> float:
 
 
 def _gyro_unit(gain: float, named: str | None) -> tuple[str, float, float]:
-    """Return the unit nearest to a gain over rad/s, its factor, and how far it is believed."""
-    units = {"rad/s": 1.0, "deg/s": math.pi / 180.0}
+    """Return the unit nearest to a gain over rad/s, its factor, and how far it is believed.
+
+    Thousandths of a unit are only taken for a gyro whose name says so.
+    """
+    units = {unit: FACTORS["rad/s"][unit] for unit in dict.fromkeys(("rad/s", "deg/s", named)) if unit}
     unit = min(units, key=lambda one: abs(math.log(gain * units[one])))
     off = abs(math.log(gain * units[unit]))
     fits = 1.0 if off < 0.3 else 0.93 if off < 0.6 else 0.4

@@ -232,6 +232,8 @@ def _angle_table(proposal: Proposal) -> dict[str, object]:
         angle["counts_per_turn"] = float(f"{2.0 * math.pi / wheel.factor:g}")
     elif wheel.scale != 1.0:
         angle["scale"] = wheel.scale
+    if proposal.roles.wrap is not None:
+        angle["wrap"] = proposal.roles.wrap
     if proposal.largest_speed is not None:
         angle["largest_speed"] = float(f"{proposal.largest_speed:.4g}")
     return angle

@@ -69,7 +69,7 @@ class AssumedUnits:
     def assumed(raw: Raw, roles: Roles, robot: Robot) -> AssumedUnits:
         """Return the units by name and size."""
         wheel_name, lean_name = roles.reading(roles.angles), roles.reading(roles.attitude)
-        wheels = wheel_units(raw.angles, robot, wheel_name.unit if wheel_name else None)
+        wheels = wheel_units(raw.angles, robot, wheel_name.unit if wheel_name else None, wrap=roles.wrap)
         if raw.attitude is None:
             wheel = max(wheels, key=lambda one: wheels[one])
             return AssumedUnits(

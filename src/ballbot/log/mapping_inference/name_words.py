@@ -35,6 +35,8 @@ UNITS: dict[str, tuple[str, ...]] = {
     "counts": ("count", "counts", "cnt", "cnts", "tick", "ticks", "pulses", "pulsen", "pulser", "pulsos"),
     "rad/s": ("rad/s", "radps", "radpers", "radpersec", "radpersecond"),
     "deg/s": ("deg/s", "dps", "degps", "degpers", "degpersec", "degreespersecond", "°/s"),
+    "mdeg/s": ("mdeg/s", "mdps", "mdegps"),
+    "mrad/s": ("mrad/s", "mradps"),
     "rpm": ("rpm", "revpermin", "u/min", "tr/min", "varv/min", "giri/min", "obr/min"),
     "turn/s": ("turn/s", "turns/s", "rev/s", "revs/s", "revps", "revpersec", "revpers"),
     # revolutions or radians a second, as teams write it for either: a unit that the name leaves open
@@ -67,6 +69,8 @@ SPLIT_UNITS = {
     ("deg", "sec"): "deg/s",
     ("deg", "per", "s"): "deg/s",
     ("deg", "per", "sec"): "deg/s",
+    ("mdeg", "s"): "mdeg/s",
+    ("mrad", "s"): "mrad/s",
     ("rev", "s"): "turn/s",
     ("turn", "s"): "turn/s",
     ("turns", "s"): "turn/s",
@@ -81,12 +85,13 @@ SPLIT_UNITS = {
     ("mn", "m"): "mN m",
     ("n", "cm"): "N cm",
 }
-ANGLE, RATE = ("rad", "deg", "turn", "counts"), ("rad/s", "deg/s", "rpm", "turn/s", "rps", "counts/s")
+ANGLE = ("rad", "deg", "turn", "counts")
+RATE = ("rad/s", "deg/s", "mdeg/s", "mrad/s", "rpm", "turn/s", "rps", "counts/s")
 #: units that a kind can have
 UNITS_OF_KIND: dict[str, tuple[str, ...]] = {
     "time": ("s", "ms", "us", "ns"),
     "attitude": ("rad", "deg", "mrad", "cdeg"),
-    "gyro": ("rad/s", "deg/s"),
+    "gyro": ("rad/s", "deg/s", "mdeg/s", "mrad/s"),
     "accelerometer": ("m/s^2", "g"),
     "wheel angle": (*ANGLE, "mm"),  # of path
     "wheel speed": RATE,
@@ -293,7 +298,8 @@ _TRANSLATIONS = {
     "angle": "hoek angolo angulo kat vinkel",
     "wheel": "wiel ruota roue rueda roda kolo kola hjul",
     "motor": "moteur motore silnik silnika",
-    "position": "positie posizione posicion posicao pozycja",
+    "position": "positie posizione posicion posicao pozycja weg",
+    "encoder": "codeur encodeur codificador codificatore drehgeber",
     "torque": "koppel coppia couple binario vridmoment",
     "current": "stroom corrente corriente courant prad",
     "voltage": "spanning tensione tension tensao napiecie voltaje",

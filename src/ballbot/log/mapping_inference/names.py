@@ -5,7 +5,7 @@ A name is cut into words at separators, brackets, digits and capital letters, so
 kind:
 
 A letter is the number of a wheel if the file has the same name with its neighbours: `cur_A` beside `cur_B` and `cur_C`
-(`read_names`); alone, `cur_A` is a current in amperes.
+(`read_names`, by `ballbot.log.mapping_inference.name_series`); alone, `cur_A` is a current in amperes.
 
 1. A word for a set point (`ref`, `target`, `des`, `goal`, `cmd_vel`) or an error, a gain, a battery: never a
 measurement.
@@ -25,6 +25,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from ballbot.log.mapping_inference.name_series import in_whole_words, numbered
 from ballbot.log.mapping_inference.name_words import (
     ACCELEROMETER,
     ANGLE,
@@ -94,13 +95,16 @@ def read_names(names: Sequence[str], units: Mapping[str, str] | None = None) -> 
     units : mapping of str to str, optional
         By name, as a row below the header has them; a unit in the name itself comes first.
     """
-    found = []
+    found, whole = [], in_whole_words(names)
     dutch = any(word in DUTCH_ANGLES for name in names for word in re.findall("[a-z]+", name.lower()))
     for name in names:
-        numbered, unit = _numbered(name, names), (units or {}).get(name, "").strip("[](){}<> ")
+        spelled, unit = (
+            whole.get(name) or numbered(name, names),
+            (units or {}).get(name, "").strip("[](){}<> "),
+        )
         if dutch:
-            numbered = re.sub(r"(?<![A-Za-z])stamp(?![A-Za-z])", "pitch", numbered, flags=re.IGNORECASE)
-        with_unit = f"{numbered} [{unit}]" if unit and _words_and_unit(numbered)[1] is None else numbered
+            spelled = re.sub(r"(?<![A-Za-z])stamp(?![A-Za-z])", "pitch", spelled, flags=re.IGNORECASE)
+        with_unit = f"{spelled} [{unit}]" if unit and _words_and_unit(spelled)[1] is None else spelled
         found.append(replace(read_name(with_unit), name=name))
     return found
 
@@ -109,43 +113,6 @@ def efforts(names: Collection[str]) -> dict[str, str]:
     """Return N m by the names of the efforts that have a position and a velocity beside them, as in messages of ROS."""
     beside = {name: {name.replace("effort", one) for one in ("position", "velocity")} for name in names}
     return {name: "Nm" for name in names if "effort" in name and beside[name] <= set(names)}
-
-
-#: a letter that is a word: cur_A, I_A_mA, encA
-_LETTER = re.compile(r"(?<![A-Za-z])[A-Fa-f](?![A-Za-z])|(?<=[a-z])[A-F](?![A-Za-z])")
-
-
-#: corners of a robot that number its wheels: enc_FL, enc_RL, enc_RR, enc_FR
-_CORNERS = ({"fl", "fr", "rl", "rr"}, {"lf", "rf", "lr", "rr"}, {"fl", "fr", "bl", "br"})
-_CORNER = re.compile(r"(?<![A-Za-z])[A-Za-z]{2}(?![A-Za-z])|(?<=[a-z])[A-Z]{2}(?![A-Za-z])")
-
-
-def _by_corner(name: str, names: Collection[str]) -> str:
-    """Return a name with a number in place of a corner, in the order of the file, if the names have all corners."""
-    for found in _CORNER.finditer(name):
-        before, after = name[: found.start()], name[found.end() :]
-        beside = [
-            one[found.start() : len(one) - len(after)]
-            for one in names
-            if one.startswith(before) and one.endswith(after) and len(one) == len(name)
-        ]
-        corners = [one for one in beside if any(one.lower() in four for four in _CORNERS)]
-        if {one.lower() for one in corners} in _CORNERS:
-            return f"{before}{corners.index(found.group()) + 1}{after}" if found.group() in corners else name
-    return name
-
-
-def _numbered(name: str, names: Collection[str]) -> str:
-    """Return a name with a number in place of a letter, if the names have it with a, b and c there and no number."""
-    if any(mark.isdigit() for mark in name):
-        return name
-    name = _by_corner(name, names)
-    for found in _LETTER.finditer(name):
-        first = "A" if found.group().isupper() else "a"
-        series = [name[: found.start()] + chr(ord(first) + k) + name[found.end() :] for k in range(3)]
-        if set(series) <= set(names):
-            return f"{name[: found.start()]}{ord(found.group()) - ord(first) + 1}{name[found.end() :]}"
-    return name
 
 
 def read_name(name: str) -> Reading:

@@ -8,7 +8,7 @@ heading, roll and pitch.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import permutations
 
@@ -27,7 +27,7 @@ from ballbot.log.mapping_inference.column_values import (
 from ballbot.log.mapping_inference.evidence import TINY
 from ballbot.log.mapping_inference.placement import torque_free_gains
 from ballbot.log.mapping_inference.roles import Roles
-from ballbot.log.mapping_inference.units import time_scale
+from ballbot.log.mapping_inference.time_units import time_scale
 from ballbot.log.signals import INTERVAL, Smooth, even_rows, smooth
 from ballbot.robot import Robot
 
@@ -125,7 +125,9 @@ def with_rates_of(named: Roles, columns: Mapping[str, NDArray[np.float64]]) -> t
         return named, ""
     lean = [name for name in named.attitude[:2] if name in smoothed]
     if len(lean) == 2 and not named.gyro and len(series) == 3:
-        R = np.abs([[_correlation(smoothed[one], smoothed[other]) for other in lean] for one in series])
+        R = np.abs(
+            [[correlation_with_rate(smoothed[one], smoothed[other]) for other in lean] for one in series]
+        )
         if max(min(R[i, 0], R[j, 1]) for i, j in permutations(range(3), 2)) > NAMED_GYRO:
             return replace(without, gyro=series), ""
     return without, note
@@ -217,14 +219,19 @@ def _open_signals(
     named: Roles, columns: Mapping[str, NDArray[np.float64]]
 ) -> tuple[NDArray[np.float64], dict[str, Smooth]] | None:
     """Return even rows, and on them the smooth lean, commands and open series that move; None without a time."""
+    return smooth_columns(named, columns, (named.attitude[:2], named.commands, *named.open_series))
+
+
+def smooth_columns(
+    named: Roles, columns: Mapping[str, NDArray[np.float64]], series: Iterable[Sequence[str]]
+) -> tuple[NDArray[np.float64], dict[str, Smooth]] | None:
+    """Return even rows [s], and on them those columns of series that move, smooth; None without a time."""
     time = columns[named.time or ""]
     reading = named.reading((named.time or "",))
     scale = time_scale(time, reading.unit if reading else None)
     if scale is None:
         return None
-    names = dict.fromkeys(
-        [*named.attitude[:2], *named.commands, *(name for one in named.open_series for name in one)]
-    )
+    names = dict.fromkeys(name for one in series for name in one)
     moving = [name for name in names if np.nanmax(columns[name]) > np.nanmin(columns[name])]
     kept = np.isfinite(time) & np.all([np.isfinite(columns[name]) for name in moving], axis=0)
     t = time[kept] * scale.factor
@@ -277,10 +284,11 @@ def _are_rates(
 def _likeness(series: tuple[str, ...], angles: tuple[str, ...], smoothed: Mapping[str, Smooth]) -> float:
     """Return the least correlation of a column with the rate of its angle, whatever its sign."""
     return min(
-        abs(_correlation(smoothed[one], smoothed[other])) for one, other in zip(series, angles, strict=True)
+        abs(correlation_with_rate(smoothed[one], smoothed[other]))
+        for one, other in zip(series, angles, strict=True)
     )
 
 
-def _correlation(one: Smooth, other: Smooth) -> float:
+def correlation_with_rate(one: Smooth, other: Smooth) -> float:
     """Return the correlation of a column with the rate of another."""
     return float(np.corrcoef(one.value[:, 0], other.rate[:, 0])[0, 1])

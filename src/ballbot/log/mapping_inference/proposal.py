@@ -225,6 +225,7 @@ def log_mapping(proposal: Proposal, *, delay: float) -> LogMapping:
         motors=MotorInput(sources=motors, drive=TorqueInput()),
         attitude=attitude,
         timing=Timing(repair=timing.worth_it, sample_time=proposal.sample_time, keep=proposal.keep),
+        wrap=roles.wrap,
         largest_speed=proposal.largest_speed,
     )
 

@@ -6,7 +6,7 @@ Names come first (`ballbot.log.mapping_inference.roles`), then values (`ballbot.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.log.formats.inference import ForeignTable
-from ballbot.log.imu_angles import QUATERNION_ANGLES, quaternion_angles
+from ballbot.log.imu_angles import QUATERNION_ANGLES, less_half_a_turn, quaternion_angles
 from ballbot.log.mapping_inference.column_values import roles_by_data
+from ballbot.log.mapping_inference.counted_time import seconds_of_a_count
+from ballbot.log.mapping_inference.gyro_columns import with_gyro
 from ballbot.log.mapping_inference.names import read_name, read_names
 from ballbot.log.mapping_inference.open_names import seem_speeds, settled, with_heading_behind, with_rates_of
 from ballbot.log.mapping_inference.roles import (
@@ -26,8 +28,11 @@ from ballbot.log.mapping_inference.roles import (
     quaternion_of,
     roles_by_name,
 )
-from ballbot.log.mapping_inference.units import Scale, time_scale
+from ballbot.log.mapping_inference.time_units import time_scale
+from ballbot.log.mapping_inference.units import Scale
+from ballbot.log.mapping_inference.wrapped_encoders import wrapped_encoders
 from ballbot.log.row_order import increasing_rows, longest_run, repeated_rows
+from ballbot.log.signals import unwrapped
 from ballbot.robot import Robot
 
 
@@ -53,16 +58,20 @@ def recognise(path: str | Path, table: ForeignTable, robot: Robot) -> Recognised
     """
     table, stamp = _with_stamp(table)
     table, quaternion = _with_quaternion(table)
-    roles, by_data = _roles(path, table, robot, quaternion, stamp)
-    roles, note = with_rates_of(roles, table.columns)
-    table = replace(table, notes=(*table.notes, note)) if note else table
-    if roles.attitude:
-        named = roles.reading(roles.attitude)
-        half = half_turn_of(table.columns[roles.attitude[0]], named.unit if named else None)
-        roles = replace(roles, half_turn=half)
+    wrapped, period = wrapped_encoders(table.columns, table.units, robot.wheel_count) or ((), 0)
+    raw = {name: table.columns[name] for name in wrapped}
+    continued = {name: unwrapped(values, period=period) for name, values in raw.items()}
+    table = replace(table, columns={**table.columns, **continued})
+    roles, by_data = _roles(path, table, robot, quaternion, stamp, wrapped)
+    if wrapped and roles.angles == wrapped:
+        roles = replace(roles, wrap=float(period))
+    table = replace(table, columns=table.columns if roles.wrap else {**table.columns, **raw})
+    roles, notes = _with_gyro_and_notes(table, roles)
+    table = replace(table, notes=(*table.notes, *notes))
+    roles = replace(roles, half_turn=_half_turn(table.columns, roles))
     if stamp and roles.time == _STAMP:
         roles = replace(roles, time_parts=stamp)
-    if not by_data and seem_speeds(roles, table.columns, robot):
+    if not by_data and seem_speeds(roles, _upright(table.columns, roles), robot):
         raise InputError(
             f"{path}: {', '.join(roles.angles)} are called wheel angles, but the lean follows from them as from "
             "speeds, or from increments of a row. Log the angles, or replace these columns by their running sums."
@@ -91,6 +100,37 @@ def recognise(path: str | Path, table: ForeignTable, robot: Robot) -> Recognised
     return Recognised(
         table=table, roles=roles, by_data=by_data, time=time, rows=rows, unordered=unordered > 0
     )
+
+
+def _half_turn(columns: Mapping[str, NDArray[np.float64]], roles: Roles) -> float | None:
+    """Return half a turn in the unit of the roll, if that shows an IMU that hangs upside down."""
+    named = roles.reading(roles.attitude)
+    return half_turn_of(columns[roles.attitude[0]], named.unit if named else None) if roles.attitude else None
+
+
+def _upright(columns: Mapping[str, NDArray[np.float64]], roles: Roles) -> dict[str, NDArray[np.float64]]:
+    """Return columns in which the roll of an IMU that hangs upside down is near zero."""
+    half = _half_turn(columns, roles)
+    if half is None:
+        return dict(columns)
+    return {**columns, roles.attitude[0]: less_half_a_turn(columns[roles.attitude[0]], half)}
+
+
+def _with_gyro_and_notes(table: ForeignTable, roles: Roles) -> tuple[Roles, list[str]]:
+    """Return the roles with the gyro, and sentences on what the columns are taken for."""
+    notes = []
+    if roles.wrap:
+        notes.append(
+            f"{', '.join(roles.angles)} begin again after {roles.wrap:g} counts: the angles are continued there."
+        )
+    if roles.set_points:
+        notes.append(
+            f"{', '.join(roles.commands)} are set points, and the only commands of the motors: the mapping assumes "
+            "that the motors follow them."
+        )
+    roles, of_neither = with_rates_of(roles, table.columns)
+    roles, looks_like = with_gyro(roles, _upright(table.columns, roles))
+    return roles, [*notes, *(one for one in (of_neither, looks_like) if one)]
 
 
 #: the name of a time that two columns hold
@@ -126,16 +166,23 @@ def _with_quaternion(table: ForeignTable) -> tuple[ForeignTable, tuple[str, ...]
 
 
 def _roles(
-    path: str | Path, table: ForeignTable, robot: Robot, quaternion: tuple[str, ...], stamp: tuple[str, ...]
+    path: str | Path,
+    table: ForeignTable,
+    robot: Robot,
+    quaternion: tuple[str, ...],
+    stamp: tuple[str, ...],
+    wrapped: tuple[str, ...],
 ) -> tuple[Roles, bool]:
     names = [name for name in table.columns if name not in {*quaternion, *QUATERNION_ANGLES, *stamp}]
     named = roles_by_name(names, wheel_count=robot.wheel_count, units=table.units)
     if quaternion and not named.attitude:
         named = replace(named, attitude=QUATERNION_ANGLES, quaternion=quaternion)
     _check_wheel_count(path, names, named, robot)
+    if wrapped and not named.angles:
+        named = replace(named, angles=wrapped, open_series=(wrapped,))
     named = with_heading_behind(named, table.columns, robot)
     doubted = named.alternatives
-    named = settled(named, table.columns, robot)
+    named = settled(named, _upright(table.columns, named), robot)
     if doubted:
         named = replace(named, confidence=0.6, alternatives=(*doubted, *named.alternatives))
     known = table.named and named.time is not None and named.angles
@@ -143,7 +190,13 @@ def _roles(
         return named, False
     if not known and table.named and named.time is not None and named.speeds:
         _check_has_angles(path, named)
-    found = roles_by_data(_perhaps_lean(table.columns), robot) if known else _by_data(table, robot, named)
+    found = (
+        roles_by_data(_perhaps_lean(table.columns), robot)
+        if known
+        else _by_data(table, robot, named, {*quaternion, *stamp})
+    )
+    if found is not None and quaternion and found.attitude[:2] == QUATERNION_ANGLES[:2]:
+        found = replace(found, attitude=QUATERNION_ANGLES, quaternion=quaternion)
     if known:
         if found is None or found.angles != named.angles:
             return named, False
@@ -151,6 +204,7 @@ def _roles(
         return replace(named, attitude=found.attitude, confidence=found.confidence), True
     by_values = (found.time or "") if found else ""
     counts = read_name(by_values).kind == "counter" or bool(_words(by_values) & _CLOCK_COUNTS)
+    counts = counts or (named.time is None and _counts_rows(table, by_values))
     if table.named and named.time is None and named.angles and named.attitude and (found is None or counts):
         raise _no_time(path, table, named)
     if found is None:
@@ -165,20 +219,22 @@ def _roles(
     return found, True
 
 
-def _by_data(table: ForeignTable, robot: Robot, named: Roles) -> Roles | None:
+def _by_data(table: ForeignTable, robot: Robot, named: Roles, parts: Collection[str]) -> Roles | None:
     """Return the roles by values, with the heading and the commands that names say plainly.
 
-    Columns whose names say plainly that they are something else are left out, unless nothing is found without them.
+    Columns whose names say plainly that they are something else are left out, unless nothing is found without them;
+    `parts`, of which others are made, always.
     """
+    columns = {name: values for name, values in table.columns.items() if name not in parts}
     plain = [one for one in read_names(list(table.columns), table.units) if one.weight >= PLAIN]
     yaw = next((one.name for one in plain if (one.kind, one.axis) == ("attitude", "z")), None)
     motors = named.commands if {*named.commands} <= {one.name for one in plain} else ()
-    others = {one.name for one in plain if one.kind in ("gyro", "accelerometer", "reference")}
-    rest = {name: values for name, values in table.columns.items() if name not in others}
+    others = {one.name for one in plain if one.kind in ("gyro", "accelerometer", "wheel speed", "reference")}
+    rest = {name: values for name, values in columns.items() if name not in others}
     found = roles_by_data(rest, robot, yaw=yaw, motors=motors)
     if found is None and others:
-        found = roles_by_data(table.columns, robot, yaw=yaw, motors=motors)
-    return found
+        found = roles_by_data(columns, robot, yaw=yaw, motors=motors)
+    return None if found is None else replace(found, units=named.units)
 
 
 def _check_wheel_count(path: str | Path, names: list[str], named: Roles, robot: Robot) -> None:
@@ -290,14 +346,29 @@ def _no_time(path: str | Path, table: ForeignTable, roles: Roles) -> InputError:
         elif np.mean(steps > 0.0) > RISING and (
             one.name == roles.time or one.kind in ("time", "counter", "other")
         ):
-            hints.append(
-                f"{one.name} rises by {float(np.median(steps)):.6g} a row: in [columns] of a mapping file, write "
-                f't = {{ from = "{one.name}", scale = .. }} with the seconds of one of its counts'
-            )
+            hints.append(_counter_hint(table, roles, one.name, float(np.median(steps))))
     hint = "; ".join(hints) or "add a column t in seconds"
     return InputError(
         f"{path}: cannot determine the time: the names show {known}, but no column is a time in a known unit; {hint}."
     )
+
+
+def _counter_hint(table: ForeignTable, roles: Roles, name: str, step: float) -> str:
+    """Return the entry that a counter of the time needs, with the seconds of a count if the gyro shows them."""
+    seconds = seconds_of_a_count(table.columns[name], roles, table.columns)
+    rises = f"{name} rises by {step:.6g} a row: in [columns] of a mapping file, write t = "
+    if seconds is None:
+        return f'{rises}{{ from = "{name}", scale = .. }} with the seconds of one of its counts'
+    return (
+        f'{rises}{{ from = "{name}", scale = {seconds:g} }} if a count is {1e3 * seconds:g} ms, as the gyro and the '
+        "rates of the angles suggest"
+    )
+
+
+def _counts_rows(table: ForeignTable, name: str) -> bool:
+    """Return whether a column rises by one in every row: a counter, whose steps may last any time."""
+    values = table.columns.get(name)
+    return values is not None and bool(np.all(np.diff(values[np.isfinite(values)]) == 1.0))
 
 
 #: share of the rows in which a time, or a counter of it, rises

@@ -22,11 +22,11 @@ from ballbot.log.columns import FACTORS
 from ballbot.log.log import Log
 from ballbot.log.mapping import apply_mapping
 from ballbot.log.mapping_file import parse_mapping
+from ballbot.log.mapping_inference.command_conclusions import possible_commands
 from ballbot.log.mapping_inference.commands import OF_THE_MOTOR
 from ballbot.log.mapping_inference.conclusions import conclusions_of
 from ballbot.log.mapping_inference.evidence import CONFIDENT, Conclusion
 from ballbot.log.mapping_inference.mapping_text import mapping_text
-from ballbot.log.mapping_inference.names import read_names
 from ballbot.log.mapping_inference.proposal import Proposal
 from ballbot.log.mapping_inference.refusal import contradiction, errors_of, refusal_of, too_short
 from ballbot.log.mapping_inference.tolerances import APPLIED, EXPLAINED_FOR_DELAY
@@ -168,23 +168,16 @@ def _roles(proposal: Proposal) -> list[Finding]:
 
 
 def _no_commands(proposal: Proposal) -> Finding:
-    """Return that no column is a command, with the unused columns that may be: as many of one name as wheels."""
-    roles, columns = proposal.roles, proposal.table.columns
-    used = {roles.time, *roles.attitude, *roles.angles, *roles.speeds, *roles.gyro}
-    series: dict[str, list[str]] = {}
-    for one in read_names(list(columns)):
-        numbered = one.name not in used and one.index is not None and one.kind in ("other", "command")
-        values = columns[one.name]
-        if numbered and len(np.unique(values[np.isfinite(values)])) > 1:
-            series.setdefault(one.stem, []).append(one.name)
-    names = [name for group in series.values() if len(group) == len(roles.angles) for name in group]
-    sentence = "No column is recognised as a command of a motor, so that the log will have no torques."
+    """Return that there are no commands, with the unused columns that may be."""
+    names = possible_commands(proposal)
     if not names:
+        sentence = "The log has no commands of the motors, and so no torques."
         return _finding("note", "columns", sentence)
-    sentence += (
-        f" The columns {', '.join(names)} are unused: if they are commands, rename them u1, u2 and so on."
+    sentence = (
+        "No column is recognised as a command of a motor, so that the log will have no torques. The columns "
+        f"{', '.join(names)} are unused: if they are commands, rename them u1, u2 and so on."
     )
-    return _finding("warning", "columns", sentence, tuple(names))
+    return _finding("warning", "columns", sentence, names)
 
 
 def _contradictions(proposal: Proposal) -> list[Finding]:

@@ -10,8 +10,9 @@ columns are the angles, such series are settled by their values (`ballbot.log.ma
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,11 +39,19 @@ class Roles:
     alternatives: tuple[str, ...] = ()  #: other roles that the columns may have, in words
     #: complete series whose names do not say which quantity they are
     open_series: tuple[tuple[str, ...], ...] = ()
+    set_points: bool = (
+        False  #: whether the commands are set points of torque, the only commands that there are
+    )
+    wrap: float | None = (
+        None  #: period of the wheel angles in the file's numbers, if they begin again after it
+    )
     time_parts: tuple[str, ...] = ()  #: the columns of seconds and nanoseconds of which the time is made
     units: Mapping[str, str] = field(default_factory=dict)  #: of columns, as a row below the header has them
 
     def reading(self, names: tuple[str, ...]) -> Reading | None:
         """Return what the name of the first of these columns says; None without columns."""
+        if names and self.set_points and names == self.commands:
+            return read_set_points(names, self.units)[0]
         return read_names(names, self.units)[0] if names else None
 
 
@@ -72,8 +81,9 @@ def roles_by_name(names: Iterable[str], *, wheel_count: int, units: Mapping[str,
     if not commands and len(_triples(readings, "wheel angle", wheel_count)) > 1:
         # m1, m2, m3 beside enc1, enc2, enc3
         commands = _triples(readings, "wheel angle", wheel_count)[1]
+    set_points = () if commands else _set_points(names, units, wheel_count)
     times = [one for one in readings if one.kind == "time"]
-    attitude, gyro = _axes(readings, "attitude"), _axes(readings, "gyro")
+    attitude, gyro = axes_of(readings, "attitude"), axes_of(readings, "gyro")
     return Roles(
         time=max(times, key=lambda one: one.weight).name if times else None,
         attitude=tuple(attitude[axis] for axis in "xyz" if axis in attitude)
@@ -81,12 +91,34 @@ def roles_by_name(names: Iterable[str], *, wheel_count: int, units: Mapping[str,
         else (),
         angles=angles,
         speeds=speeds,
-        commands=commands,
+        commands=commands or set_points,
+        set_points=bool(set_points),
         body_commands=tuple(one.name for one in readings if one.kind == "body command"),
         gyro=tuple(gyro[axis] for axis in "xyz") if len(gyro) == 3 else (),
         open_series=() if set(angles) & plainly else _open_series(readings, wheel_count, plainly),
         units=units,
     )
+
+
+#: words of a set point
+_ASKED = re.compile(
+    r"(?<![A-Za-z])(set_?point|set|soll|ref|reference|target|tgt|des|desired|goal|sp|wanted)(?![A-Za-z])|Set|Soll|Ref",
+    re.IGNORECASE,
+)
+
+
+def _set_points(names: Sequence[str], units: Mapping[str, str], count: int) -> tuple[str, ...]:
+    """Return set points of the motors' torques, currents, duties or voltages: torque_set1, tau_ref_2."""
+    asked = [name for name in names if _ASKED.search(name)]
+    readings = [one for one in read_set_points(asked, units) if one.input_kind is not None]
+    return _numbered(readings, "command", count)
+
+
+def read_set_points(names: Sequence[str], units: Mapping[str, str]) -> list[Reading]:
+    """Return what the names of set points say of what is set."""
+    whole = {_ASKED.sub("", name): name for name in names}
+    given = {short: units[name] for short, name in whole.items() if name in units}
+    return [replace(one, name=whole[one.name]) for one in read_names(list(whole), given)]
 
 
 def _open_series(readings: list[Reading], count: int, plainly: set[str]) -> tuple[tuple[str, ...], ...]:
@@ -203,7 +235,7 @@ def _numbered(readings: list[Reading], kind: Kind, count: int) -> tuple[str, ...
     return next(iter(_triples(readings, kind, count)), ())
 
 
-def _axes(readings: list[Reading], kind: Kind) -> dict[str, str]:
+def axes_of(readings: list[Reading], kind: Kind) -> dict[str, str]:
     """Return the columns of a kind by axis, of one family of names: that with the most axes, then the plainest."""
     families: dict[str, dict[str, Reading]] = {}
     for one in readings:

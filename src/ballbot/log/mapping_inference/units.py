@@ -1,12 +1,7 @@
-"""In which units a foreign file has its time, lean, wheel angles and gyro: by name, by size, and by the motion.
+"""In which units a foreign file has its lean, wheel angles and heading: by name, by size, and by the motion.
 
-Time: rows come every 0.2 ms to 0.2 s, which only one power of 1000 allows. A clock with its unit in its name, or with
-fractions of a second, is believed unless the motion contradicts it; whole numbers without a name may count anything,
-and need the motion: the gyro against the derivative of the angles (gain 1 in one unit only), or gravity's part of the
-lean's acceleration.
-
-Lean, wheels and heading: every choice of their units has a weight, from the names, the encoder's step, the lean's size,
-and from the lean's response to the wheels, which must be the robot's (`ballbot.log.mapping_inference.placement`). Only
+Every choice of their units has a weight, from the names, the encoder's step, the lean's size, and from the lean's
+response to the wheels, which must be the robot's (`ballbot.log.mapping_inference.placement`). Only
 the ratio of lean and wheels is in that response: degrees for both fit as well as radians for both, and sizes and steps
 decide. Where the heading turns with the wheels, as it does on a ball that does not pivot, it shows the ratio of heading
 and wheels, and no mass or height enters: a yaw in degrees beside a lean in radians is found so, and counts per turn
@@ -25,18 +20,13 @@ from numpy.typing import NDArray
 from ballbot.log.columns import FACTORS
 from ballbot.log.mapping_inference.evidence import (
     MOST,
-    Conclusion,
     normal_log_weight,
     probabilities,
 )
 from ballbot.robot import Robot
 
-#: intervals between rows that a log may have [s]
-INTERVALS = (2e-4, 0.2)
 #: a wheel's path in place of its angle
 PATH = "mm"
-#: seconds of the robot over seconds of the file that contradict the unit of the time; noise makes the ratio too small
-TIME_RATIOS = (0.15, 2.2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,131 +48,6 @@ class Scale:
         if self.unit == PATH:
             return "mm of path, the wheel's radius times its angle"
         return self.unit if self.scale == 1.0 else f"{self.unit} of the motor"
-
-
-def time_scale(t: NDArray[np.float64], named: str | None) -> Scale | None:
-    """Return the unit of a column of times by its intervals and name; None if no unit makes it a log's.
-
-    Parameters
-    ----------
-    t : ndarray (N,)
-        As the file has it.
-    named : str, optional
-        The unit in its name.
-    """
-    steps = np.diff(t)
-    usual = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
-    fitting = [u for u, f in FACTORS["s"].items() if INTERVALS[0] <= usual * f < INTERVALS[1]]
-    if not fitting:
-        return None
-    unit = fitting[0]
-    factor = FACTORS["s"][unit]
-    rows = f"rows come every {usual:.6g}, as {1e3 * usual * factor:.4g} ms"
-    if named is not None and named != unit:
-        return Scale(
-            unit=unit,
-            factor=factor,
-            reason=f"{rows}, but the name has the unit {named}",
-            confidence=0.5,
-            alternatives=(named,),
-        )
-    if named is not None:
-        return Scale(
-            unit=unit, factor=factor, reason=f"the name has the unit {named}; {rows}", confidence=0.98
-        )
-    whole = bool(np.all(t == np.round(t)))
-    if whole:
-        reason = f"{rows}; whole numbers without a unit in the name may count anything"
-        return Scale(unit=unit, factor=factor, reason=reason, confidence=0.6, alternatives=("another unit",))
-    return Scale(unit=unit, factor=factor, reason=rows, confidence=0.95)
-
-
-#: a clock off by a factor c changes gravity's part of the lean's acceleration by c^2, and with it the lean's response
-#: to the wheels, by c^2 where the robot is slow and not at all where it is quick: logarithm of the latter over that of
-#: c, whose sign is known. Noise of the lean changes the first alone, a height of the centre of mass hardly the second
-CLOCK_EXPONENTS = (0.8, 2.3)
-#: changes [log] of c and of the response that are clearly none, and the largest standard error of c's
-CLOCK_RATIO, CLOCK_GAIN, CLOCK_ERROR = 0.25, 0.3, 0.1
-
-
-def wrong_clock(by_gravity: tuple[float, float], gain: float) -> float | None:
-    """Return the seconds of the robot in one of the file if the motion shows that they are not one; else None.
-
-    Parameters
-    ----------
-    by_gravity : tuple of float
-        As `time_conclusion` takes it.
-    gain : float
-        Response of the lean to the wheels, over the robot's.
-    """
-    ratio, error = by_gravity
-    if not (math.isfinite(ratio) and error < CLOCK_ERROR and gain > 0.0):
-        return None
-    if abs(math.log(ratio)) < CLOCK_RATIO or abs(math.log(gain)) < CLOCK_GAIN:
-        return None
-    exponent = -math.log(gain) / math.log(ratio)
-    return ratio if CLOCK_EXPONENTS[0] < exponent < CLOCK_EXPONENTS[1] else None
-
-
-def time_conclusion(
-    time: Scale,
-    *,
-    by_gyro: float | None,
-    gyro_named: bool,
-    by_gravity: tuple[float, float],
-    gain: float = 1.0,
-) -> Conclusion:
-    """Return what is concluded on the unit of the time from names, intervals and the motion.
-
-    Parameters
-    ----------
-    time : Scale
-        As `time_scale` found it.
-    by_gyro : float, optional
-        Gyro over the rate of the angles.
-    gyro_named : bool
-        Whether units in names leave the gain of the gyro no freedom.
-    by_gravity : tuple of float
-        Seconds of the robot in one of the file, by the lean's acceleration, and the standard error of its logarithm.
-    gain : float
-        Response of the lean to the wheels, over the robot's.
-    """
-    confidence, evidence = time.confidence, time.reason
-    if by_gyro is not None and 0.7 < by_gyro < 1.4:
-        confidence = max(confidence, 0.99 if gyro_named else 0.97)
-        evidence += f"; gyro over rate of the angles {by_gyro:.2f}"
-    elif by_gyro is not None and gyro_named:
-        confidence = min(confidence, 0.3)
-        evidence += f"; but gyro over rate of the angles is {by_gyro:.3g}"
-    ratio, error = by_gravity
-    if math.isfinite(ratio) and error < 0.4:
-        if not TIME_RATIOS[0] < ratio < TIME_RATIOS[1]:
-            evidence += f"; but by gravity's part of the motion a second of the file is {ratio:.2g} s"
-            confidence = min(confidence, 0.3)
-        else:
-            # a ratio within these limits says no more: noise makes it too small
-            evidence += "; gravity's part of the lean's acceleration fits"
-        if TIME_RATIOS[0] < ratio < TIME_RATIOS[1] and time.confidence < 0.9:
-            confidence = max(confidence, 0.93 if 0.4 < ratio < 1.6 else 0.8)
-    seconds = wrong_clock(by_gravity, gain)
-    if seconds is not None:
-        return Conclusion(
-            name="clock",
-            value=f"{time.unit} as written",
-            confidence=min(confidence, 0.5),
-            evidence=f"{time.reason}; but by gravity's part of the lean's acceleration, and by its response to the "
-            f"wheels, which is {gain:.2g} times the robot's, a second of the file is about {seconds:.2g} s",
-            alternatives=(f"a second of the file is about {seconds:.2g} s of the robot",),
-            key="[columns] t",
-        )
-    return Conclusion(
-        name="unit of the time",
-        value=time.unit,
-        confidence=confidence,
-        evidence=evidence,
-        alternatives=time.alternatives or (() if confidence >= 0.9 else ("another unit",)),
-        key="[columns] t",
-    )
 
 
 def step_of(values: NDArray[np.float64]) -> float | None:
@@ -248,8 +113,19 @@ def lean_units(lean: NDArray[np.float64], named: str | None) -> dict[Scale, floa
     return found
 
 
-def wheel_units(angles: NDArray[np.float64], robot: Robot, named: str | None) -> dict[Scale, float]:
-    """Return the units of wheel angles (N, n) with the logarithms of their weights, by name and encoder step."""
+#: an encoder that begins again after so many counts is absolute; after more, it may be a counter that is full
+LARGEST_ABSOLUTE = 2.0**14
+#: such counts
+OF_THE_ENCODER = "counts of the encoder, after which it begins again"
+
+
+def wheel_units(
+    angles: NDArray[np.float64], robot: Robot, named: str | None, *, wrap: float | None = None
+) -> dict[Scale, float]:
+    """Return the units of wheel angles (N, n) with the logarithms of their weights, by name and encoder step.
+
+    `wrap` is the counts after which encoders begin again, on the wheel or on the motor.
+    """
     gear, counts = robot.drive.gear_ratio, float(robot.sensors.encoder_counts)
     steps = [step for step in (step_of(column) for column in angles.T) if step is not None]
     step = float(np.median(steps)) if steps else None
@@ -267,6 +143,13 @@ def wheel_units(angles: NDArray[np.float64], robot: Robot, named: str | None) ->
         )
     )
     candidates.append((PATH, 1e-3 / robot.wheels.radius, 1.0, "path by the wheel's radius", 0.0))
+    if wrap is not None:
+        rare = 3.0 if wrap <= LARGEST_ABSOLUTE else -3.0
+        candidates = [(*one[:4], one[4] - rare) for one in candidates]
+        candidates += [
+            ("counts", turn / (wrap * each), 1.0, f"{wrap:g} {OF_THE_ENCODER}", rare)
+            for each in dict.fromkeys((1.0, gear))
+        ]
     if gear != 1.0:
         motor = [
             (unit, factor / gear, 1.0 / gear, f"{unit} of the motor", -3.0) for unit, factor in wheel_factors
@@ -430,7 +313,11 @@ def likeliest_units(
     motion : UnitEvidence
     """
     weights, by_heading = {}, set()
-    turns = [2.0 * math.pi / one.factor for one in wheels if one.unit == "counts"]
+    turns = [
+        2.0 * math.pi / one.factor
+        for one in wheels
+        if one.unit == "counts" and OF_THE_ENCODER not in one.reason
+    ]
     declared = max(turns, default=0.0)  # of the wheel, behind the gear
     triples = (
         ((lean, wheel, heading), lean_weight + wheel_weight + heading_weight)
@@ -457,7 +344,12 @@ def likeliest_units(
             confidence=min(wheel.confidence, MOST_BY_HEADING),
             alternatives=(*other_robot, *wheel.alternatives),
         )
-    elif wheel.unit == "counts" and motion.turning is None and 2.0 * math.pi / wheel.factor < 0.99 * declared:
+    elif (
+        wheel.unit == "counts"
+        and OF_THE_ENCODER not in wheel.reason
+        and motion.turning is None
+        and 2.0 * math.pi / wheel.factor < 0.99 * declared
+    ):
         # counts without the gear are rarer than a robot file of another robot
         wheel = replace(
             wheel,
