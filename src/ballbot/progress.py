@@ -124,8 +124,10 @@ def by_stage_times(
         """Return how long a stage takes [s] by those before the present one."""
         before = names[: names.index(current)]
         own = stages[name]
-        if own.follows in before and taken[own.follows] > 0.0:
-            return own.seconds * taken[own.follows] / stages[own.follows].seconds
+        alike = [one for one in before if taken[one] > 0.0 and own.follows in (one, stages[one].follows)]
+        if own.follows and alike:
+            usual = sum(stages[one].seconds for one in alike)
+            return own.seconds * sum(taken[one] for one in alike) / usual
         prior = _SHARE_OF_PLAN * sum(one.seconds for one in stages.values())
         measured = [one for one in before if taken[one] > 0.0 and stages[one].typical]
         usual = sum(stages[one].seconds for one in measured)

@@ -26,6 +26,7 @@ _WRITTEN = (PAGE, "results.json")
 _STAGES = {
     "inverse model": (2.0, ""),
     "horizon": (1.0, ""),
+    "forces": (0.5, ""),
     "open loop, law viscous": (0.3, "horizon"),
     "open loop, law coulomb": (0.3, "horizon"),
     "open loop, law stribeck": (1.6, "horizon"),

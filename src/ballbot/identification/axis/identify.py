@@ -19,13 +19,12 @@ from ballbot.identification.axis.inverse import (
     InverseFit,
     inverse_fit,
 )
-from ballbot.identification.axis.law_fits import check_determined, fit_laws, improved
+from ballbot.identification.axis.law_fits import check_determined, fit_laws, improved, memoized
 from ballbot.identification.axis.laws import AXIS_LAWS, axis_law_named
 from ballbot.identification.axis.output_error import (
     ClosedLoop,
     OutputErrorFit,
     fit_output_error,
-    memoized,
     search_output_error,
     whole_records,
 )
@@ -100,6 +99,7 @@ def identify_axis(
     horizon = select_horizon(
         prepared.model.with_law(dry), prepared.starts[dry.name], bench.sightings, blocks, choosing
     )
+    choosing.progress(Progress(stage="forces", done=1.0, total=1.0))
     prepared = with_best_load(prepared, dry, blocks, horizon.chosen)
     needed = without_refuted_forces(prepared, dry, blocks, horizon.chosen)
     model, terms, starts = needed.model, needed.terms, needed.starts
