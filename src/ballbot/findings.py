@@ -87,6 +87,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "other-record": "how well another record of an axis is predicted, and whether that was expected",
         "physics": "the log cannot show whether lean and torques are right",
         "pivoting": "the ball pivots on the floor",
+        "play": "the reversals of an axis show play between drive and axis, and are left out",
         "poorly-determined": "the standard error of a parameter is large",
         "reset": "an encoder was reset",
         "residuals": "what the one-step residuals of a model show",

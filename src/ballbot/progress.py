@@ -7,7 +7,7 @@ import os
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import accumulate, pairwise
+from itertools import pairwise
 from time import monotonic
 
 from ballbot.printable import printable_line
@@ -85,32 +85,69 @@ def in_parts(callback: ProgressCallback, seconds: Sequence[float]) -> tuple[Prog
     )
 
 
-def by_usual_times(callback: ProgressCallback, seconds: Mapping[str, float]) -> ProgressCallback:
-    """Return a callback that replaces the share of each report by that of the time its stage usually begins at.
+@dataclass(frozen=True, kw_only=True)
+class TimedStage:
+    """A stage of work that reports when it begins."""
 
-    For work whose own shares count its stages, however long each of them takes.
+    seconds: float  #: time that it usually takes
+    follows: str = ""  #: an earlier stage; the more time that takes, the more takes this one
+    typical: bool = True  #: whether its time says something about other stages; not if code is compiled in it
+
+
+#: the time of stages that were measured is compared with the usual one together with so much of the whole plan
+_SHARE_OF_PLAN = 0.05
+#: a stage that takes longer than expected takes at least this share of its time so far once more
+_STAGE_LEFT = 1 / 3
+
+
+def by_stage_times(
+    callback: ProgressCallback, stages: Mapping[str, TimedStage], *, clock: Callable[[], float] = monotonic
+) -> ProgressCallback:
+    """Return a callback that replaces share and time left by those of the stages' times, measured and to be expected.
+
+    For work whose own shares count its stages, however long each of them takes. A stage to come takes its usual time,
+    in proportion to what the stage that it follows took, or to what all stages so far took.
 
     Parameters
     ----------
     callback : callable
-    seconds : mapping of str to float
-        How long each stage usually takes [s], in their order, by its name; stages of which only the first word is
-        here share its time by their steps. What is reported of another stage keeps the last share, and a report of
-        share 1 stays.
+    stages : mapping of str to TimedStage
+        In their order, by name; stages of which only the first word is here are one, done by their steps. During a
+        stage that is not here, the one before goes on. A report of share 1 stays.
+    clock : callable, optional
+        Gives the time [s]; another one is for tests.
     """
-    names, ends = list(seconds), [0.0, *accumulate(seconds.values())]
-    whole, last = ends[-1], 0.0
+    names, taken, begun = list(stages), dict.fromkeys(stages, 0.0), clock()
+    current, step, last, share = names[0], 0.0, begun, 0.0
+
+    def expected(name: str) -> float:
+        """Return how long a stage takes [s] by those before the present one."""
+        before = names[: names.index(current)]
+        own = stages[name]
+        alike = [one for one in before if taken[one] > 0.0 and own.follows in (one, stages[one].follows)]
+        if own.follows and alike:
+            usual = sum(stages[one].seconds for one in alike)
+            return own.seconds * sum(taken[one] for one in alike) / usual
+        prior = _SHARE_OF_PLAN * sum(one.seconds for one in stages.values())
+        measured = [one for one in before if taken[one] > 0.0 and stages[one].typical]
+        usual = sum(stages[one].seconds for one in measured)
+        return own.seconds * (prior + sum(taken[one] for one in measured)) / (prior + usual)
 
     def report(progress: Progress) -> None:
-        nonlocal last
-        name, step = progress.stage, 0.0
-        if name not in seconds and progress.total:
-            name, step = name.partition(" ")[0], progress.done / progress.total
-        if name in seconds:
-            last = max(last, (ends[names.index(name)] + step * seconds[name]) / whole)
-        if progress.share >= 1.0:
-            last = 1.0
-        callback(replace(progress, share=last, planned=whole))
+        nonlocal current, step, last, share
+        now = clock()
+        taken[current] += now - last
+        last, name, done = now, progress.stage, 0.0
+        if name not in stages and progress.total:
+            name, done = name.partition(" ")[0], progress.done / progress.total
+        if name in stages and names.index(name) >= names.index(current):
+            current, step = name, done
+        own = taken[current] / step if step > 0.0 else expected(current)
+        left = max(own - taken[current], _STAGE_LEFT * taken[current])
+        left += sum(expected(one) for one in names[names.index(current) + 1 :])
+        elapsed = now - begun
+        share = 1.0 if progress.share >= 1.0 else max(share, elapsed / max(elapsed + left, 1e-9))
+        callback(replace(progress, share=share, planned=elapsed + left, seconds_left=left))
 
     return report
 
@@ -268,6 +305,8 @@ class EtaEstimator:
         pace = self._pace(now, progress.planned)
         self._answered = self._clock()
         self._answer = None if pace is None else pace * (1.0 - self._share)
+        if progress.seconds_left is not None:  # the work knows better
+            self._answer = progress.seconds_left
         return self._answer
 
     def _longest_first_step(self, work: float, planned: float) -> float:

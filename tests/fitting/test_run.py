@@ -15,8 +15,9 @@ from ballbot.progress import (
     Progress,
     ProgressReporter,
     Stage,
+    TimedStage,
     as_clock,
-    by_usual_times,
+    by_stage_times,
     in_parts,
     part_of,
 )
@@ -90,20 +91,29 @@ def test_time_left_between_two_steps_falls_but_not_to_nothing():
     assert pace.seconds_left_now() == pytest.approx(200.0)
 
 
-def test_shares_by_usual_times_follow_the_stages_and_never_fall():
-    shown: list[Progress] = []
-    report = by_usual_times(shown.append, {"horizon": 2.0, "law a": 6.0, "law b": 2.0})
-    for stage, done, share in (
-        ("horizon 0.1 s", 0, 0.0),
-        ("horizon 0.2 s", 1, 0.3),
-        ("law a", 1, 0.9),
-        ("something new", 1, 0.2),
-        ("law b", 0, 0.1),
-        ("end", 0, 1.0),
-    ):
-        report(Progress(stage=stage, done=done, total=2, share=share))
-    assert [one.share for one in shown] == pytest.approx([0.0, 0.1, 0.2, 0.2, 0.8, 1.0])
-    assert {one.planned for one in shown} == {10.0}
+def test_the_time_of_a_stage_follows_that_of_the_stage_it_follows():
+    """The machine takes three times as long as usual for the horizon, and is as fast as usual otherwise."""
+    clock, shown = Clock(), list[Progress]()
+    plan = {
+        "horizon": TimedStage(seconds=2.0),
+        "law a": TimedStage(seconds=6.0, follows="horizon"),
+        "law b": TimedStage(seconds=2.0),
+    }
+    report = by_stage_times(shown.append, plan, clock=clock)
+    for seconds, stage, done in ((0.0, "horizon 0.1 s", 0), (3.0, "horizon 0.2 s", 1), (3.0, "law a", 0)):
+        clock.now += seconds
+        report(Progress(stage=stage, done=done, total=2))
+    # 10 s as planned; half of the horizon took 3 s; law a takes three times its usual time, and law b, of which nothing
+    # is known, about as much
+    assert [one.seconds_left for one in shown[:2]] == pytest.approx([10.0, 11.0])
+    assert shown[2].seconds_left == pytest.approx(18.0 + 2.0 * (0.5 + 6.0) / (0.5 + 2.0))
+    clock.now += 24.0  # law a takes longer than was expected
+    report(Progress(stage="something new", done=1, total=2))
+    assert shown[3].seconds_left > 8.0
+    report(Progress(stage="end", done=0, total=1, share=1.0))
+    shares = [one.share for one in shown]
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
 
 
 def test_no_time_left_before_the_first_step():

@@ -18,7 +18,13 @@ from ballbot.identification.axis import (
 from ballbot.identification.axis.law_fits import initial_values
 from ballbot.identification.axis.motion import default_bandwidth
 from ballbot.identification.axis.output_error import OutputErrorFit, sighting
-from ballbot.identification.axis.prediction import elsewhere_findings, error_elsewhere, predicted_error
+from ballbot.identification.axis.prediction import (
+    PredictedError,
+    elsewhere_findings,
+    error_elsewhere,
+    predicted_error,
+    with_unknown_parameters,
+)
 from ballbot.identification.axis.record import NO_LOAD
 from ballbot.identification.axis.residuals import ResidualTest, residual_findings, residual_tests
 from ballbot.identification.axis.selection import blocks_of
@@ -220,6 +226,19 @@ def test_the_error_expected_elsewhere_contains_the_spread_of_separate_parameters
     # each record by its own offset is predicted far better
     assert max(one.window_rmse for one in found.best.errors[:3]) < 0.6 * elsewhere
     assert found.expected.lower < elsewhere < found.expected.upper
+
+
+def test_two_records_bound_the_error_that_separate_parameters_make_elsewhere() -> None:
+    """Two offsets alike by chance leave what is assumed of them; without that no size could be excluded."""
+    expected = PredictedError(horizon=0.5, error=1e-4, lower=5e-5, upper=2e-4, records=2)
+    shown, assumed, alike = np.full(9, 1e-6), np.full(9, 4e-6), np.full(9, 1e-8)
+    found = with_unknown_parameters(expected, shown, assumed)
+    # 1.8 mm: three parts of 4 - 0.01 and one of 1 - 0.01; times 3.5, the quantile of t for four degrees of freedom
+    assert found.error == pytest.approx(1.8e-3, rel=0.02)
+    assert found.upper == pytest.approx(6.3e-3, rel=0.02)
+    assert expected.lower < found.lower < found.error
+    chance = with_unknown_parameters(expected, alike, assumed)
+    assert chance.upper > 0.8 * found.upper
 
 
 @pytest.mark.parametrize("seed", [1, 3, 5, 7])

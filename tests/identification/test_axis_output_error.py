@@ -181,3 +181,32 @@ def test_axis_laws_are_nested():
 def test_the_loops_limit_holds():
     record = simulated_record()
     assert np.abs(record.force).max() <= LOOP.limit * LOOP.force_per_input
+
+
+def test_a_stribeck_speed_near_zero_is_simulated_as_coulomb_friction():
+    """A search tries such speeds; with steps as short as their slope asks for, it would take 50 times as long."""
+    forces = 60.0 * np.sin(2.0 * np.pi * np.arange(2000) * SAMPLE_TIME / 0.8)
+    falling = Axis(law=AXIS_LAWS["stribeck"], values=TRUTH | {"stribeck": 1e-3, "stribeck_speed": 1e-7})
+    coulomb = Axis(law=AXIS_LAWS["coulomb"], values=TRUTH)
+    moved, expected = (
+        one.open_loop(forces, position=0.0, speed=0.1, sample_time=SAMPLE_TIME) for one in (falling, coulomb)
+    )
+    # 1 mN of break-away, of 20 N of friction, acts for a moment at each reversal
+    np.testing.assert_allclose(moved, expected, atol=1e-6)
+    assert falling._steps(SAMPLE_TIME, KnownLoad()) == coulomb._steps(SAMPLE_TIME, KnownLoad()) == 1
+
+
+def test_what_was_simulated_last_is_not_simulated_again(monkeypatch):
+    record = simulated_record(duration=4.0)
+    seen, model = sighting(record, 20.0), AxisModel(law=AXIS_LAWS["coulomb"])
+    problem = OpenLoop(model=model, sightings=[seen], windows=[windows_of(seen, equal_spans(record, 0.5))])
+    runs = []
+    windows = Axis.windows
+    monkeypatch.setattr(Axis, "windows", lambda *a, **k: (runs.append(1), windows(*a, **k))[1])
+    first = problem.projection(TRUTH)(problem.errors(TRUTH))
+    # the motion, and those from two other starts
+    assert len(runs) == 3
+    np.testing.assert_array_equal(problem.projection(TRUTH)(problem.errors(TRUTH)), first)
+    assert len(runs) == 3
+    problem.errors(NOT_QUITE | {"offset": 0.0})
+    assert len(runs) == 4

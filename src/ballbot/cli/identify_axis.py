@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated
@@ -17,30 +18,31 @@ from ballbot.identification.axis import identify_axis as identify_record
 from ballbot.identification.axis.checks import ERROR_CODES, record_findings
 from ballbot.identification.axis.laws import PARAMETERS
 from ballbot.identification.axis.reading import AxisColumns, read_axis_records
-from ballbot.progress import by_usual_times
+from ballbot.progress import TimedStage, by_stage_times
 from ballbot.report.axis import axis_parts, axis_report
 
 _WRITTEN = (PAGE, "results.json")
-#: processor time of each stage [s], between those of records of 12 to 24 s. Stribeck's law takes from a sixth to three
-#: times as long, as its search comes close to a speed of zero or not
-USUAL_TIMES = {
-    "inverse model": 1.2,
-    "horizon": 2.8,
-    "open loop, law viscous": 0.4,
-    "open loop, law coulomb": 0.4,
-    "open loop, law stribeck": 8.0,
-    "open loop, law dahl": 2.0,
-    "open loop, law lugre": 3.4,
-    "open loop, law asymmetric": 1.2,
-    "law viscous": 0.4,
-    "law coulomb": 0.4,
-    "law stribeck": 24.0,
-    "law dahl": 1.0,
-    "law lugre": 1.6,
-    "law asymmetric": 0.8,
-    "closed loop": 0.2,
-    "whole records": 4.8,
+#: usual times of stages of records with `_USUAL_ROWS` rows [s], and the stage that each of them follows
+_STAGES = {
+    "inverse model": (2.0, ""),
+    "horizon": (1.0, ""),
+    "forces": (0.5, ""),
+    "open loop, law viscous": (0.3, "horizon"),
+    "open loop, law coulomb": (0.3, "horizon"),
+    "open loop, law stribeck": (1.6, "horizon"),
+    "open loop, law dahl": (0.8, "horizon"),
+    "open loop, law lugre": (1.7, "horizon"),
+    "open loop, law asymmetric": (0.6, "horizon"),
+    "law viscous": (0.3, "open loop, law viscous"),
+    "law coulomb": (0.3, "open loop, law coulomb"),
+    "law stribeck": (0.6, "open loop, law stribeck"),
+    "law dahl": (0.45, "open loop, law dahl"),
+    "law lugre": (0.6, "open loop, law lugre"),
+    "law asymmetric": (0.35, "open loop, law asymmetric"),
+    "closed loop": (0.4, "horizon"),
+    "whole records": (1.2, "horizon"),
 }
+_USUAL_ROWS, _POWER = 5000, 0.6
 _WRITING = 1.5  #: of the page [s]
 
 
@@ -143,7 +145,7 @@ def identify_axis(
             read[: len(fitted)],
             options=options,
             validation_records=read[len(fitted) :],
-            run=result.run_with(by_usual_times(bar.report, USUAL_TIMES)),
+            run=result.run_with(by_stage_times(bar.report, stage_times(read[: len(fitted)]))),
         )
         bar.begin_writing()
         with result.replaced() as new:
@@ -151,6 +153,19 @@ def identify_axis(
             result.write_page(axis_report(found, read[0], result.origin, findings), new)
     result.show(axis_parts(found, framed=result.console.is_terminal))
     result.show_file(PAGE)
+
+
+def stage_times(records: Sequence[AxisRecord]) -> dict[str, TimedStage]:
+    """Return the stages of the identification of records, with the times that they usually take."""
+    rows = sum(len(one) for one in records)
+    looped = all(one.loop is not None for one in records)
+    return {
+        name: TimedStage(
+            seconds=seconds * (rows / _USUAL_ROWS) ** _POWER, follows=follows, typical=name != "inverse model"
+        )
+        for name, (seconds, follows) in _STAGES.items()
+        if looped or name != "closed loop"
+    }
 
 
 def _checked(

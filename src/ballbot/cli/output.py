@@ -11,6 +11,7 @@ import math
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from threading import Event, Lock, Thread
 from time import monotonic
@@ -115,7 +116,10 @@ class Bar:
         if math.isnan(self._planned) and progress.planned > 0.0:
             self._planned = progress.planned + self._writing
             self._work = progress.planned / self._planned
-        part_of(self._show, 0.0, self._work, planned=self._planned)(progress)
+        left = None if progress.seconds_left is None else progress.seconds_left + self._writing
+        part_of(
+            lambda one: self._show(replace(one, seconds_left=left)), 0.0, self._work, planned=self._planned
+        )(progress)
         self._share = self._work * progress.share
 
     def begin_writing(self) -> None:

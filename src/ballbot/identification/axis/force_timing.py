@@ -100,8 +100,8 @@ def delayed(record: AxisRecord, rows: float) -> AxisRecord:
     return replace(record, force=moved(record.force), added=added)
 
 
-def delay_findings(records: Sequence[AxisRecord], rows: float) -> list[Finding]:
-    """Return the finding on a force that was moved."""
+def delay_findings(records: Sequence[AxisRecord], rows: float, *, clear: bool = True) -> list[Finding]:
+    """Return the finding on a force that was moved; `clear`: whether windows between its reversals need that, too."""
     if not rows:
         return []
     usual = 1e3 * abs(rows) * max(one.sample_time for one in records)
@@ -111,4 +111,9 @@ def delay_findings(records: Sequence[AxisRecord], rows: float) -> list[Finding]:
         "all results are with it. A filter, a bus or the order of reading and writing makes such a delay; without it, "
         "mass and viscous friction would be wrong."
     )
+    if not clear:
+        text += (
+            " The force reverses too often to distinguish such a delay from play (backlash) between drive and axis, "
+            "which would make all parameters wrong. Record longer motions in one direction."
+        )
     return [Finding(code="force-delay", severity="warning", text=text)]

@@ -9,18 +9,19 @@ step of the simulation, which does not resolve it. What other methods find may b
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run
 from ballbot.identification.axis.inverse import InverseFit, break_away_column, inverse_fit, regression_rows
 from ballbot.identification.axis.laws import AXIS_LAWS, PARAMETERS, Values, unit_for
-from ballbot.identification.axis.output_error import OutputErrorFit, Sighting, memoized
+from ballbot.identification.axis.output_error import OutputErrorFit, Sighting
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.selection import SAME, Blocks, at_constant_speed, fit_all, problem_of
 from ballbot.identification.axis.structure import AxisModel, base_name
@@ -142,6 +143,26 @@ def fit_laws(
     closest = min(fits.values(), key=lambda one: one.rms)
     check_determined(closest, starts["coulomb"], sightings, blocks, horizon)
     return fits
+
+
+def memoized(
+    run: Run, stage: str, model: AxisModel, start: Values, fit: Callable[[], OutputErrorFit]
+) -> OutputErrorFit:
+    """Return a model's fit from `start`, from a checkpoint if that has it."""
+
+    def answer() -> list[NDArray[np.float64]]:
+        found = fit()
+        numbers = np.array([found.rms, found.freedom], dtype=np.float64)
+        return [model.vector(found.values), model.vector(found.standard_errors), numbers]
+
+    values, errors, (rms, freedom) = run.memoize(f"{stage}, {model.law.name}", model.vector(start), answer)
+    return OutputErrorFit(
+        model=model,
+        values=model.by_label(values),
+        standard_errors=model.by_label(errors),
+        rms=float(rms),
+        freedom=int(freedom),
+    )
 
 
 def _fit_law(

@@ -162,7 +162,7 @@ def follow_loop(axis, loop, start, steps, positions, forces):
 _LARGEST_RATE_STEP = 0.5
 #: and at most this part of the time constant of a force over position [rad]: an error of 1e-3 of its phase
 _LARGEST_FIELD_STEP = 0.15
-#: a sample; a search that tries a Stribeck speed near zero would ask for thousands, and such a law is Coulomb's
+#: a sample
 _MOST_STEPS = 50
 
 
@@ -363,6 +363,9 @@ class Axis:
         slope = max(law.explicit_slope() for law in self.law.laws(self.values))
         mass = self._mass(known)
         wanted = sample_time * slope / mass / _LARGEST_RATE_STEP
+        if wanted > _MOST_STEPS and "stiffness" not in self.law.names:
+            # a Stribeck speed that one step passes: the law is Coulomb's but for its break-away
+            wanted *= max(law.viscous for law in self.law.laws(self.values)) / slope
         first, *harmonics = self._field(known)
         stiffness = abs(first[1]) + sum(w * math.hypot(s, c) for w, s, c in harmonics)
         turning = sample_time * math.sqrt(stiffness / mass) / _LARGEST_FIELD_STEP

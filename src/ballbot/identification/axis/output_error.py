@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 import scipy
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from ballbot.fitting.least_squares import Stopping, minimize_squares
 from ballbot.fitting.parameter import RelativeSpace
-from ballbot.fitting.run import DEFAULT_RUN, Run
+from ballbot.fitting.run import DEFAULT_RUN
 from ballbot.fitting.search import evolve
 from ballbot.fitting.uncertainty import block_length, covariance_in_time
 from ballbot.identification.axis.laws import Values
@@ -135,6 +135,7 @@ def windows_of(seen: Sighting, spans: Sequence[Span], number: int = 0) -> Window
     )
 
 
+_T = TypeVar("_T")
 Projection = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
@@ -203,9 +204,21 @@ class OpenLoop:
     def _measured(self) -> NDArray[np.float64]:
         return np.concatenate([self.sightings[one.record].record.position[one.rows] for one in self.windows])
 
+    @cached_property
+    def _last(self) -> dict[str, tuple[tuple[float, ...], Any]]:
+        """What was computed last, by what it is, and for which values: it is needed again and again."""
+        return {}
+
+    def _again(self, what: str, values: Values, compute: Callable[[], _T]) -> _T:
+        """Return what was computed last for these values, or compute it."""
+        key = tuple(values.values())
+        if self._last.get(what, (None, None))[0] != key:
+            self._last[what] = (key, compute())
+        return self._last[what][1]
+
     def errors(self, values: Values) -> NDArray[np.float64]:
         """Return simulated minus recorded positions (m,)."""
-        return self._positions(values) - self._measured
+        return self._again("positions", values, lambda: self._positions(values)) - self._measured
 
     def _positions(self, values: Values, *, noises: float = 0.0, speeds: float = 0.0) -> NDArray[np.float64]:
         """Return the positions (m,), the starts moved by multiples of the noise and of the usual speed."""
@@ -227,7 +240,7 @@ class OpenLoop:
 
     def projection(self, values: Values) -> Projection:
         """Return the projection that removes the part of errors that other starts of the windows explain."""
-        S, begins, inverse = self._starts_matter(values)
+        S, begins, inverse = self._again("starts", values, lambda: self._starts_matter(values))
 
         def project(errors: NDArray[np.float64]) -> NDArray[np.float64]:
             scores = np.add.reduceat(S * (errors / self._noise)[:, None], begins, axis=0)
@@ -238,7 +251,7 @@ class OpenLoop:
 
     def from_better_starts(self, values: Values) -> OpenLoop:
         """Return the same problem with the starts of its windows estimated from their errors."""
-        S, begins, inverse = self._starts_matter(values)
+        S, begins, inverse = self._again("starts", values, lambda: self._starts_matter(values))
         scores = np.add.reduceat(S * (self.errors(values) / self._noise)[:, None], begins, axis=0)
         shifts, begin, moved = np.einsum("wij,wj->wi", inverse, scores), 0, []
         for one in self.windows:
@@ -252,7 +265,7 @@ class OpenLoop:
         self, values: Values
     ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
         """Return the derivatives S (m, 2) by the starts, where windows begin, and (I + S^T S)^-1 (w, 2, 2)."""
-        middle = self._positions(values)
+        middle = self._again("positions", values, lambda: self._positions(values))
         # in units of the noise, for a start that is off by one standard deviation of its position or of its speed
         S = np.column_stack(
             [
@@ -450,26 +463,6 @@ def search_output_error(model: AxisModel, start: Values, problem: Problem) -> Ou
     )
     found = fit_output_error(model, model.by_label(space.physical(z_of(evolved.best))), problem)
     return min(near, found, key=lambda fit: fit.rms)
-
-
-def memoized(
-    run: Run, stage: str, model: AxisModel, start: Values, fit: Callable[[], OutputErrorFit]
-) -> OutputErrorFit:
-    """Return a model's fit from `start`, from a checkpoint if that has it."""
-
-    def answer() -> list[NDArray[np.float64]]:
-        found = fit()
-        numbers = np.array([found.rms, found.freedom], dtype=np.float64)
-        return [model.vector(found.values), model.vector(found.standard_errors), numbers]
-
-    values, errors, (rms, freedom) = run.memoize(f"{stage}, {model.law.name}", model.vector(start), answer)
-    return OutputErrorFit(
-        model=model,
-        values=model.by_label(values),
-        standard_errors=model.by_label(errors),
-        rms=float(rms),
-        freedom=int(freedom),
-    )
 
 
 def _standard_errors(

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ballbot.findings import Finding, note, warning
 from ballbot.fitting.uncertainty import resamples
+from ballbot.identification.axis.laws import Values
 from ballbot.identification.axis.motion import (
     Decimation,
     default_bandwidth,
@@ -34,6 +35,7 @@ from ballbot.identification.axis.output_error import (
 )
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.selection import Blocks
+from ballbot.identification.axis.structure import AxisModel
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,11 +118,33 @@ def predicted_error(
     )
 
 
-def with_unknown_parameters(expected: PredictedError, squares: NDArray[np.float64]) -> PredictedError:
+#: how much a separate parameter differs between records, as standard deviation: a force by this share of the usual one,
+#: any other by this share of itself; chosen, and no more than a lower limit of what the records show
+_FORCE_SPREAD, _PARAMETER_SPREAD = 0.1, 0.2
+#: it counts as much as so many records
+_ASSUMED_RECORDS = 3
+
+
+def shifted_parameters(model: AxisModel, values: Values, usual_force: float) -> dict[str, float]:
+    """Return parameters by label with the separate ones moved by the spread assumed, up and down by turns."""
+    found = dict(values)
+    for name in model.names:
+        for number in range(model.records):
+            label = model.label(name, number)
+            if label != name and not name.startswith("drift_"):
+                force = model.parameter(label).unit == "N" and model.parameter(label).scale == "signed"
+                size = _FORCE_SPREAD * usual_force if force else _PARAMETER_SPREAD * abs(values[label])
+                found[label] += size if number % 2 else -size
+    return found
+
+
+def with_unknown_parameters(
+    expected: PredictedError, squares: NDArray[np.float64], assumed: NDArray[np.float64]
+) -> PredictedError:
     """Return the error to expect on a record whose separate parameters are its own and not known.
 
-    They may be those of the average, which leaves the lower limit. The part of the error that their spread makes is
-    known from as many records as were fitted.
+    The part of the error that their spread makes is known from as many records as were fitted, and from what is
+    assumed, if that is more: two records alone might be alike by chance, and would leave any size possible.
 
     Parameters
     ----------
@@ -128,10 +152,20 @@ def with_unknown_parameters(expected: PredictedError, squares: NDArray[np.float6
         With each record's own parameters.
     squares : ndarray (blocks,)
         Mean square errors of the blocks, each record's separate parameters averaged over the other records [m^2].
+    assumed : ndarray (blocks,)
+        The same with `shifted_parameters`.
     """
-    error = max(expected.error, float(np.sqrt(squares.mean())))
-    spread = float(scipy.stats.t.ppf(0.975, expected.records - 1)) * np.sqrt(error**2 - expected.error**2)
-    return replace(expected, error=error, upper=float(np.hypot(expected.upper, spread)))
+    known = expected.error**2
+    shown, prior = (max(float(one.mean()) - known, 0.0) for one in (squares, assumed))
+    freedom = expected.records - 1 + _ASSUMED_RECORDS
+    spread = np.sqrt(max(shown, (_ASSUMED_RECORDS * prior + (expected.records - 1) * shown) / freedom))
+    least, most = (spread * float(scipy.stats.t.ppf(share, freedom)) for share in (0.5125, 0.9875))
+    return replace(
+        expected,
+        error=float(np.hypot(expected.error, spread)),
+        lower=float(np.hypot(expected.lower, least)),
+        upper=float(np.hypot(expected.upper, most)),
+    )
 
 
 def error_elsewhere(

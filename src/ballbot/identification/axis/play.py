@@ -1,0 +1,252 @@
+"""Play between the drive and the axis, found by what the rows near reversals of the force do to a fit.
+
+While the force between drive and axis keeps its sign, both move as one mass. When it changes sign, the drive crosses
+the play, the axis coasts or rests meanwhile, and the impact changes its speed at once. No friction law describes that:
+a fit with these rows has too little dry friction and too much of viscous one, finds a break-away force that is not
+there, or takes the lag after each reversal for a delay of the force.
+
+The axis is fitted with all rows, and without those near a reversal (`away_from_reversals`). There is play if every law
+predicts windows of all rows with more than `_CLEARLY` times the error of the windows between reversals, and if mass or
+friction differ between both. Then the rows near reversals are left out of everything. An elastic drive and friction
+that no law describes near rest do the same, and between reversals their effect is as small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.findings import Finding, warning
+from ballbot.identification.axis.laws import AXIS_LAWS, PARAMETERS, Values, unit_for
+from ballbot.identification.axis.model import Axis
+from ballbot.identification.axis.motion import LEAST_SEGMENT, Motion
+from ballbot.identification.axis.output_error import OutputErrorFit, Sighting
+from ballbot.identification.axis.record import AxisRecord
+from ballbot.identification.axis.selection import Blocks, blocks_of, fit_all, horizons_for
+from ballbot.identification.axis.structure import AxisModel, base_name
+
+#: a reversal lasts from where force or speed falls below this share of its usual size to where it exceeds it again
+_SMALL_FORCE, _SMALL_SPEED = 0.1, 0.05
+#: and what follows is left out for one of these times [s], and for so many rows at least
+_AFTER, _LEAST_ROWS_AFTER = (0.04, 0.1), 6
+#: windows of both fits last so long, or the next shorter length that suits the records [s]
+_DURATION = 0.2
+#: the error of windows with reversals is above so many times that of windows without: of 12 simulated machines with
+#: play whose friction a fit of all rows misses, the least is 3.1; of 12 without play the greatest is 1.3
+_CLEARLY = 2.0
+#: if parameters differ and the model is complete between reversals, where its error is below so many times the noise;
+#: otherwise the error is above so many times it
+_COMPLETE, _SURELY = 3.0, 3.0
+#: parameters differ beyond so many of their errors, and by this share
+_APART, _SHARE_APART = 2.0, 0.02
+#: reversals are looked for again, so often at most, while the error between them falls to less than this share
+_ROUNDS, _WORTH_A_ROUND = 3, 0.8
+_LAWS = ("stribeck", "dahl", "lugre", "asymmetric")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contact:
+    """The rows of records between reversals of the force, in which the drive does not cross any play."""
+
+    rows: Sequence[NDArray[np.bool_]]  #: (N,) of each record
+    sightings: Sequence[Sighting]  #: of these rows
+    blocks: Blocks
+    everywhere: OutputErrorFit  #: of the law coulomb to all rows
+    between: OutputErrorFit  #: and to these rows
+    starts: Mapping[str, Values]  #: by law, where fits of this model begin
+
+    @property
+    def share(self) -> float:
+        """The share of rows that are left."""
+        return float(np.mean(np.concatenate(self.rows)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Play:
+    """What the rows near reversals do to a fit."""
+
+    contact: Contact
+    error: float  #: of windows of all rows by the law that predicts them best, root mean square [m]
+    error_between: float  #: of windows between reversals
+    values: Mapping[str, tuple[float, float]]  #: parameters that differ, by name, with all rows and without
+
+
+def away_from_reversals(seen: Sighting, axis: Axis, *, after: float) -> NDArray[np.bool_]:
+    """Return which rows (N,) are not near a reversal of the speed, or of the force that the motion needs.
+
+    Parameters
+    ----------
+    seen : Sighting
+    axis : Axis
+        Gives that force.
+    after : float
+        How long a reversal counts after its end [s].
+    """
+    record, motion = seen.record, seen.motion
+    force = axis.needed_force(record, motion.position, motion.speed, motion.acceleration)
+    force = force - (record.force - axis.acting(record))
+    kept = np.ones(len(record), dtype=bool)
+    rows = max(_LEAST_ROWS_AFTER, round(after / record.sample_time))
+    for values, share in ((force, _SMALL_FORCE), (motion.speed, _SMALL_SPEED)):
+        least = share * float(np.sqrt(np.mean(values**2)))
+        large = np.flatnonzero(np.abs(values) > least)
+        changes = np.flatnonzero(np.diff(np.sign(values[large])) != 0.0)
+        for place in changes:
+            kept[large[place] : large[place + 1] + rows] = False
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], kept, [False]])))
+    for first, last in pairwise(edges.tolist()):
+        if last - first < LEAST_SEGMENT:
+            kept[first:last] = False
+    return kept
+
+
+def with_rows(record: AxisRecord, kept: NDArray[np.bool_]) -> AxisRecord:
+    """Return a record with gaps where rows (N,) are not kept, without its loop, which needs all rows."""
+    names = ("force", "position", "added", "temperature", "load")
+    columns = {name: getattr(record, name) for name in names if getattr(record, name) is not None}
+    picked = {name: column[kept] for name, column in columns.items()}
+    return replace(record, times=record.t[kept], reference=None, loop=None, **picked)
+
+
+def contact_of(
+    sightings: Sequence[Sighting],
+    candidates: Sequence[tuple[AxisModel, Mapping[str, Values]]],
+    blocks: Blocks,
+) -> Contact | None:
+    """Return the rows of records away from reversals, by the law coulomb; of models and of times left out, the best.
+
+    None if they are too few to fit, or if nothing drives an axis, as a pendulum that swings freely.
+    """
+    if any(np.ptp(one.record.force) == 0.0 for one in sightings):
+        return None
+    horizon = _horizon(blocks, sightings)
+
+    def everywhere(model: AxisModel, start: Values) -> OutputErrorFit:
+        return fit_all(model.with_law(AXIS_LAWS["coulomb"]), start, sightings, blocks, horizon)
+
+    fits = [everywhere(model, starts["coulomb"]) for model, starts in candidates]
+    place = min(range(len(fits)), key=lambda one: fits[one].rms)
+    whole, starts = fits[place], candidates[place][1]
+    best = _between(sightings, whole, whole, horizon, starts)
+    for _ in range(_ROUNDS):
+        if best is None or best.between.rms > _WORTH_A_ROUND * whole.rms:
+            break
+        # impacts make the first fit wrong, and with it where the force reverses
+        whole = min(whole, everywhere(whole.model, best.between.values), key=lambda one: one.rms)
+        again = _between(sightings, whole, best.between, horizon, starts)
+        if again is None or again.between.rms > _WORTH_A_ROUND * best.between.rms:
+            best = replace(best, everywhere=whole)
+            break
+        best = again
+    return best
+
+
+def _between(
+    sightings: Sequence[Sighting],
+    whole: OutputErrorFit,
+    fit: OutputErrorFit,
+    horizon: float,
+    starts: Mapping[str, Values],
+) -> Contact | None:
+    """Return the rows away from reversals by a fit, with the fit to them; None if they are too few."""
+    found = list[Contact]()
+    for after in _AFTER:
+        rows = [
+            away_from_reversals(seen, fit.model.axis(fit.values, number), after=after)
+            for number, seen in enumerate(sightings)
+        ]
+        try:
+            parts = [_sighting_of(seen, kept) for seen, kept in zip(sightings, rows, strict=True)]
+            blocks = blocks_of([one.record for one in parts])
+        except InputError:
+            continue
+        for interpolated in {False, whole.model.interpolated}:
+            held = replace(whole.model, interpolated=interpolated)
+            between = fit_all(held, fit.values, parts, blocks, horizon)
+            contact = Contact(
+                rows=rows, sightings=parts, blocks=blocks, everywhere=whole, between=between, starts=starts
+            )
+            found.append(contact)
+    return min(found, key=lambda one: one.between.rms, default=None)
+
+
+def _horizon(blocks: Blocks, sightings: Sequence[Sighting]) -> float:
+    shortest, *others = horizons_for(blocks, [one.record for one in sightings])
+    return max(shortest, *(one for one in others if one <= _DURATION), 0.0)
+
+
+def play_of(contact: Contact, sightings: Sequence[Sighting], blocks: Blocks) -> Play | None:
+    """Return what the rows near reversals do to the fit of any law; None if that is not clear.
+
+    Parameters
+    ----------
+    contact : Contact
+    sightings : sequence of Sighting
+        Of all rows.
+    blocks : Blocks
+        Of all rows.
+    """
+    plain, between, horizon = contact.everywhere, contact.between, _horizon(blocks, sightings)
+    values = _apart(plain, between)
+    noise = max(one.noise for one in sightings)
+    complete = bool(values) and between.rms < _COMPLETE * noise
+    times = _CLEARLY if complete else _SURELY
+    error = plain.rms
+    for law in _LAWS:
+        if not error > times * between.rms:
+            return None
+        own = fit_all(plain.model.with_law(AXIS_LAWS[law]), contact.starts[law], sightings, blocks, horizon)
+        error = min(error, own.rms)
+    if not error > times * between.rms:
+        return None
+    return Play(contact=contact, error=error, error_between=between.rms, values=values)
+
+
+def _apart(plain: OutputErrorFit, between: OutputErrorFit) -> dict[str, tuple[float, float]]:
+    """Return which of mass and friction differ between two fits of a law, with both values."""
+    found = {}
+    for label in plain.values:
+        ours, theirs = plain.values[label], between.values[label]
+        error = float(np.hypot(plain.standard_errors[label], between.standard_errors[label]))
+        difference = abs(ours - theirs)
+        if (
+            base_name(label) in ("mass", "viscous", "coulomb")
+            and difference > _APART * error
+            and difference > _SHARE_APART * abs(theirs)
+        ):
+            found[label] = (ours, theirs)
+    return found
+
+
+def play_findings(records: Sequence[AxisRecord], play: Play | None) -> list[Finding]:
+    """Return the finding on play."""
+    if play is None:
+        return []
+    unit = records[0].unit
+    numbers = ", ".join(
+        f"{PARAMETERS[base_name(label)].symbol} {ours:.3g} and {theirs:.3g} "
+        f"{unit_for(PARAMETERS[base_name(label)], unit)}"
+        for label, (ours, theirs) in play.values.items()
+    )
+    changes = f"With and without the rows near them the fit gives {numbers}. " if numbers else ""
+    left_out = 100.0 * (1.0 - play.contact.share)
+    text = (
+        "Where the force on the axis reverses, no friction law describes the motion: over windows the error of "
+        f"the best of them is {1e3 * play.error:.3g} m{unit}, and {1e3 * play.error_between:.3g} m{unit} between "
+        f"reversals. Play (backlash) between drive and axis does this, or an elastic drive. {changes}The rows near "
+        f"reversals, {left_out:.0f} % of all, are left out of all results, which hold while drive and axis are in "
+        "contact and do not predict reversals. Remove the play, or preload the axis, to identify friction near rest."
+    )
+    return [warning("play", text)]
+
+
+def _sighting_of(seen: Sighting, kept: NDArray[np.bool_]) -> Sighting:
+    motion = Motion(
+        *(column[kept] for column in (seen.motion.position, seen.motion.speed, seen.motion.acceleration))
+    )
+    return replace(seen, record=with_rows(seen.record, kept), motion=motion)

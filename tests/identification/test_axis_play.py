@@ -1,0 +1,92 @@
+"""Play between drive and axis: found by the rows near reversals of the force, and left out of the fit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballbot.identification.axis import AXIS_LAWS, AxisOptions, identify_axis
+from ballbot.identification.axis.law_fits import initial_values
+from ballbot.identification.axis.motion import default_bandwidth
+from ballbot.identification.axis.output_error import sighting
+from ballbot.identification.axis.play import contact_of, play_findings
+from ballbot.identification.axis.preparation import Bench, Prepared, prepared_records
+from ballbot.identification.axis.record import AxisRecord
+from ballbot.identification.axis.selection import blocks_of
+from ballbot.identification.axis.structure import AxisModel
+from campaigns.axis_machines import Logging, Machine, record_of
+from tests.support.play_examples import COULOMB, INERTIA, VISCOUS, record_with_play
+
+TRUTH = {"mass": INERTIA, "viscous": VISCOUS, "coulomb": COULOMB}
+
+ONLY_FRICTION = AxisOptions(harmonics=(), spring=False, drift=False, load_friction="none")
+
+
+def prepared(record: AxisRecord) -> Prepared:
+    bench = Bench(records=(record,), others=(), bandwidth=None)
+    return prepared_records(bench, ONLY_FRICTION, blocks_of([record]))
+
+
+@pytest.mark.parametrize("on_motor", [False, True])
+def test_friction_between_reversals_is_right_in_spite_of_play(on_motor: bool) -> None:
+    record = record_with_play(0.01, on_motor=on_motor)
+    seen, blocks = [sighting(record, default_bandwidth(record))], blocks_of([record])
+    model = AxisModel(law=AXIS_LAWS["coulomb"])
+    found = contact_of(seen, [(model, initial_values(seen, model, bandwidth=None))], blocks)
+    assert found is not None
+    assert found.everywhere.rms > 3.0 * found.between.rms
+    for name, truth in TRUTH.items():
+        # a small share of impacts stays
+        assert found.between.values[name] == pytest.approx(truth, rel=0.02)
+
+
+@pytest.mark.slow
+def test_play_is_found_and_is_no_delay() -> None:
+    found = prepared(record_with_play(0.01))
+    assert found.delay == 0.0
+    assert found.play is not None
+    (finding,) = play_findings(found.bench.records, found.play)
+    assert finding.severity == "warning"
+    assert "Play (backlash) between drive and axis does this" in finding.text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "record",
+    [
+        record_with_play(0.0),
+        record_of(
+            Machine(kind="motor", inertia=0.02, viscous=0.05, coulomb=0.1, stribeck=0.05, stribeck_speed=0.3),
+            Logging(duration=10.0, rate=500.0, counts=65536.0, force_noise=0.002),
+            1,
+        ),
+    ],
+    ids=["rigid", "stribeck"],
+)
+def test_an_axis_without_play_keeps_all_rows(record: AxisRecord) -> None:
+    found = prepared(record)
+    assert found.play is None
+    assert found.bench.records == (record,)
+
+
+@pytest.mark.slow
+def test_a_delay_is_found_between_reversals_too() -> None:
+    record = record_with_play(0.0)
+    late = replace(record, force=np.append(record.force[3:], np.full(3, record.force[-1])))
+    found = prepared(late)
+    # halves of a row are tried
+    assert found.delay == pytest.approx(3.0, abs=0.5)
+    assert found.delay_is_clear
+    assert found.play is None
+
+
+@pytest.mark.slow
+def test_the_friction_of_an_axis_with_play_is_right() -> None:
+    found = identify_axis(record_with_play(0.01, duration=6.0), options=ONLY_FRICTION)
+    codes = {one.code for one in found.findings if one.severity == "warning"}
+    assert "play" in codes
+    assert "force-delay" not in codes
+    for name, truth in TRUTH.items():
+        # a small share of impacts stays
+        assert found.best.values[name] == pytest.approx(truth, rel=0.02)
+    assert found.chosen == AXIS_LAWS["coulomb"]
