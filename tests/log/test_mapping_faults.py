@@ -71,6 +71,11 @@ def test_currents_under_the_name_of_torques_are_not_taken_for_torques(evaluated,
     found: Evaluation = evaluated({k: milliampere * v if "_Nm" in k else v for k, v in plain.items()})
     (unit,) = (one for one in found.conclusions if one.name == "unit of the command")
     assert unit.value == "mA"
+    # the torque constant is right here, and what the motion says of it is within two of its standard errors
+    note = next(one.text for one in found.findings if one.code == "drive")
+    ratio, error = map(float, re.findall(r"([\d.]+) times as large \(standard error (\d+) %\)", note)[0])
+    assert abs(ratio - 1.0) < 0.02 * error
+    assert error >= 10.0  # masses of the robot file are not known better, whatever the log's own scatter
 
 
 def test_a_name_of_a_wrong_unit_is_no_proof_of_the_kind():

@@ -7,9 +7,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ballbot.log.mapping_inference.commands import FULL_DUTIES, Assignment, Unit
+from ballbot.log.mapping_inference.commands import FULL_DUTIES, GAIN_BIAS, Assignment, Unit
 from ballbot.log.mapping_inference.dead_band import dead_band_confidence
-from ballbot.log.mapping_inference.drive import DriveEvidence, resistance_confidence
+from ballbot.log.mapping_inference.drive import RATIO_ERROR, DriveEvidence, resistance_confidence
 from ballbot.log.mapping_inference.evidence import CONFIDENT, MOST, Conclusion
 from ballbot.log.mapping_inference.names import read_names
 from ballbot.log.mapping_inference.proposal import Proposal
@@ -143,8 +143,9 @@ def _kind(proposal: Proposal) -> list[Conclusion]:
     shown = "names, sizes and whole numbers only"
     if found is not None and math.isfinite(found.gain):
         shown = (
-            f"{found.gain:.3g} units of the command act as 1 N m (error {100 * found.gain_error:.0f} %), and "
-            f"{found.damping:.3f} N m s/rad of damping (error {found.damping_error:.3f})"
+            f"{found.gain * math.exp(-GAIN_BIAS):.3g} units of the command act as 1 N m (standard error "
+            f"{100 * math.hypot(RATIO_ERROR, found.gain_error):.0f} %), and {found.damping:.3f} N m s/rad of damping "
+            f"(standard error {found.damping_error:.3f})"
         )
     by_duty = best.kind in ("duty", "voltage")
     contradiction = (

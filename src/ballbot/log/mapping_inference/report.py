@@ -414,10 +414,16 @@ def _assumed(proposal: Proposal) -> list[str]:
     drive = proposal.drive
     if drive is None or drive.unit.kind == "torque":
         return []
-    if drive.unit.kind == "current":
-        return ["The torque constant is the robot file's; it is not measured."]
-    said = ["Torque constant and winding resistance are assumed."]
     ratio = drive.torque_ratio
+    if drive.unit.kind == "current":
+        said = ["The torque constant is the robot file's; it is not measured."]
+        if ratio is not None:
+            said.append(
+                f"By the motion and the robot file's masses the torques are {1.0 / ratio[0]:.2f} times as large "
+                f"(standard error {100.0 * ratio[1]:.0f} %), a gear's losses included."
+            )
+        return said
+    said = ["Torque constant and winding resistance are assumed."]
     if ratio is not None and abs(math.log(ratio[0])) > SAID_ERRORS * ratio[1]:
         said.append(
             f"The motion gives {ratio[0] * drive.resistance:.3g} ohm in place of {drive.resistance:.3g} (standard "
