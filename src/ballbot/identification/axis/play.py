@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.findings import Finding, warning
+from ballbot.findings import Finding, note, warning
 from ballbot.identification.axis.laws import AXIS_LAWS, PARAMETERS, Values, unit_for
 from ballbot.identification.axis.model import Axis
 from ballbot.identification.axis.motion import LEAST_SEGMENT, Motion
@@ -224,8 +224,14 @@ def _apart(plain: OutputErrorFit, between: OutputErrorFit) -> dict[str, tuple[fl
     return found
 
 
-def play_findings(records: Sequence[AxisRecord], play: Play | None) -> list[Finding]:
-    """Return the finding on play."""
+def play_findings(records: Sequence[AxisRecord], play: Play | None, *, tested: bool = True) -> list[Finding]:
+    """Return the finding on play; `tested`: whether there are enough rows between reversals to show it."""
+    if play is None and not tested and all(np.ptp(one.force) > 0.0 for one in records):
+        text = (
+            "The force reverses too often to show whether there is play (backlash) between drive and axis, which would "
+            "make dry friction too small. Record longer motions in one direction if the drive may have play."
+        )
+        return [note("play", text)]
     if play is None:
         return []
     unit = records[0].unit
