@@ -103,7 +103,7 @@ _STAGE_LEFT = 1 / 3
 def by_stage_times(
     callback: ProgressCallback, stages: Mapping[str, TimedStage], *, clock: Callable[[], float] = monotonic
 ) -> ProgressCallback:
-    """Return a callback that replaces share and time left by those of the stages' times, measured and to be expected.
+    """Return a callback that replaces the share by that of the usual times, and gives the time left by measured ones.
 
     For work whose own shares count its stages, however long each of them takes. A stage to come takes its usual time,
     in proportion to what the stage that it follows took, or to what all stages so far took.
@@ -117,8 +117,9 @@ def by_stage_times(
     clock : callable, optional
         Gives the time [s]; another one is for tests.
     """
-    names, taken, begun = list(stages), dict.fromkeys(stages, 0.0), clock()
-    current, step, last, share = names[0], 0.0, begun, 0.0
+    names, taken = list(stages), dict.fromkeys(stages, 0.0)
+    whole = sum(one.seconds for one in stages.values())
+    current, step, last, share = names[0], 0.0, clock(), 0.0
 
     def expected(name: str) -> float:
         """Return how long a stage takes [s] by those before the present one."""
@@ -128,7 +129,7 @@ def by_stage_times(
         if own.follows and alike:
             usual = sum(stages[one].seconds for one in alike)
             return own.seconds * sum(taken[one] for one in alike) / usual
-        prior = _SHARE_OF_PLAN * sum(one.seconds for one in stages.values())
+        prior = _SHARE_OF_PLAN * whole
         measured = [one for one in before if taken[one] > 0.0 and stages[one].typical]
         usual = sum(stages[one].seconds for one in measured)
         return own.seconds * (prior + sum(taken[one] for one in measured)) / (prior + usual)
@@ -145,9 +146,11 @@ def by_stage_times(
         own = taken[current] / step if step > 0.0 else expected(current)
         left = max(own - taken[current], _STAGE_LEFT * taken[current])
         left += sum(expected(one) for one in names[names.index(current) + 1 :])
-        elapsed = now - begun
-        share = 1.0 if progress.share >= 1.0 else max(share, elapsed / max(elapsed + left, 1e-9))
-        callback(replace(progress, share=share, planned=elapsed + left, seconds_left=left))
+        done = (
+            sum(stages[one].seconds for one in names[: names.index(current)]) + step * stages[current].seconds
+        )
+        share = 1.0 if progress.share >= 1.0 else max(share, done / whole)
+        callback(replace(progress, share=share, planned=whole, seconds_left=left))
 
     return report
 

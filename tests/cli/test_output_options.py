@@ -215,6 +215,7 @@ def test_completion_script_is_valid_and_names_every_command(
             **NAMED,
         }
         assert {line: completed(script, line) for line in lines} == lines
+        assert "complete -o default -F" in script  # a robot file stands where a preset may
     if shell == "fish" and shutil.which("fish"):
         for line, name in NAMED.items():
             words = f"{script}\ncomplete -C '{line}'"
@@ -225,6 +226,7 @@ def test_completion_script_is_valid_and_names_every_command(
 #: lines that end in the beginning of a name, which no file here has, and the name
 NAMED = {
     "ballbot check alte": "alten",
+    "ballbot help stu": "study",
     "ballbot twin export alte": "alten",
     "ballbot check-log log.csv --robot alte": "alten",
     "ballbot simulate alten --reference figu": "figure_eight",
@@ -244,6 +246,7 @@ def test_zsh_completes_a_script_in_its_path_at_the_first_call(capsys: pytest.Cap
         'if [[ "${funcstack[1]}" == _ballbot ]]; then _ballbot "$@"; else compdef _ballbot ballbot; fi'
     )
     assert "'check check'" in script
+    assert "_files ;;" in script
     assert "compadd -- alten" in script
 
 

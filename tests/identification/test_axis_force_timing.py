@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from ballbot.identification.axis import AXIS_LAWS, AxisOptions, identify_axis
-from ballbot.identification.axis.force_timing import delayed, force_delay
+from ballbot.identification.axis.force_timing import delayed, force_delay, is_interpolated
 from ballbot.identification.axis.law_fits import initial_values
+from ballbot.identification.axis.motion import default_bandwidth
 from ballbot.identification.axis.output_error import sighting
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.selection import blocks_of
@@ -40,6 +41,15 @@ def delay_of(record: AxisRecord) -> float:
 def test_the_delay_of_a_force_is_found(motor: AxisRecord, rows: int) -> None:
     # halves of a row are tried; the force of a record at 100 Hz is held, so that its own delay is known to half a row
     assert delay_of(late(motor, rows)) == pytest.approx(rows, abs=0.5)
+
+
+def test_the_time_of_a_force_is_found_in_spite_of_a_coarse_encoder() -> None:
+    """Its noise hides the time in windows of a tenth of a second; 12 bits, rows of 5 ms, a loop at 1 kHz."""
+    logging = Logging(duration=12.0, rate=200.0, held=False, amplitude=1.0, counts=4096.0)
+    record = record_of(replace(MOTOR, inertia=0.08, viscous=0.15, coulomb=0.25), logging, 1)
+    seen, blocks = [sighting(record, default_bandwidth(record))], blocks_of([record])
+    model = AxisModel(law=AXIS_LAWS["coulomb"])
+    assert is_interpolated(seen, model, initial_values(seen, model, bandwidth=None), blocks)
 
 
 def test_a_force_that_fits_best_at_the_end_of_the_search_is_not_moved(motor: AxisRecord) -> None:

@@ -50,6 +50,16 @@ def test_play_is_found_and_is_no_delay() -> None:
     assert "Play (backlash) between drive and axis does this" in finding.text
 
 
+def test_a_record_that_cannot_show_play_is_named() -> None:
+    record = record_with_play(0.0, duration=1.0)
+    (finding,) = play_findings([record], None, tested=False)
+    assert finding.severity == "note"
+    assert "reverses too often to show whether there is play" in finding.text
+    assert not play_findings([record], None)
+    free = replace(record, force=np.zeros(len(record)))
+    assert not play_findings([free], None, tested=False)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "record",

@@ -141,6 +141,7 @@ def test_a_force_may_be_a_number(tmp_path: Path) -> None:
         ),
         ({}, {"t": T[::-1].copy()}, "row 2: time does not increase"),
         ({}, {"t": np.zeros(ROWS)}, "row 2: time does not increase"),
+        ({}, {"t": np.full(ROWS, 1.7e9)}, r"\(1700000000 after 1700000000 s\)"),
         ({}, {"position": np.zeros(ROWS)}, "the position never changes"),
         ({"load_mass": "-1", "unit": "rad", "load_arm": "0.1"}, {}, "--load-mass is -1"),
         ({"load_mass": "nan"}, {}, "must be a finite number"),

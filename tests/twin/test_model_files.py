@@ -35,6 +35,20 @@ def test_a_robot_comes_back_whole(tmp_path, suffix, name):
     assert (read.stated, read.assumed, read.notes) == ((), (), ())
 
 
+@pytest.mark.parametrize("name", ["alten", "cmu"])
+def test_a_robot_is_recognized_in_its_exported_twin(tmp_path, name):
+    """Each wheel of the twin has a second hinge, its gear's play."""
+    robot, path = Robot.load(name), tmp_path / "twin.xml"
+    assert main(["twin", "export", name, "--out", str(path)]) == 0
+    read = read_model(path, like=robot).robot
+    assert read.wheel_count == robot.wheel_count
+    assert read.body.mass == pytest.approx(robot.body.mass)
+    assert read.body.center_of_mass == pytest.approx(robot.body.center_of_mass)
+    assert read.wheels.tilt == pytest.approx(robot.wheels.tilt)
+    assert read.wheels.azimuths == pytest.approx(robot.wheels.azimuths)
+    assert read.ball.radius == pytest.approx(robot.ball.radius)
+
+
 @both
 def test_mujoco_finds_the_robots_masses_and_wheels(tmp_path, suffix):
     path = tmp_path / f"robot{suffix}"

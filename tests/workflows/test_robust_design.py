@@ -214,7 +214,7 @@ def test_falling_reference_controller_is_reported():
     fallen = RunMeasures(
         error=np.full((1, 3), np.nan), roughness=np.ones((1, 3)), ended=np.array([[1.0, 2.0, np.inf]])
     )
-    with pytest.raises(InputError, match="falls with 67% of the perturbed robots"):
+    with pytest.raises(InputError, match="falls with 67 % of the perturbed robots"):
         cost_units(fallen)
 
 

@@ -71,6 +71,8 @@ def _names_of(argument: str, path: tuple[str, ...]) -> Sequence[str]:
     """Return the names that an argument of a command may be, beside files."""
     if argument in ("--robot", "--like", "--from", "ROBOT", "SHOWN"):
         return Robot.presets()
+    if path == ("help",):
+        return [command.name for command in COMMANDS]
     if argument == "--reference" and path != ("identify-axis",):  # there it is a column
         return list(REFERENCES)
     if argument in ("--scenario", "SCENARIO") or (path, argument) == (("twin", "scenario"), "SOURCE"):
@@ -103,7 +105,7 @@ def _with_names_in_bash(named: Sequence[_Named]) -> str:
             "  esac",
             '  COMPREPLY+=( $(compgen -W "$names" -- "${COMP_WORDS[COMP_CWORD]}") )',
             "}",
-            "complete -F _ballbot_with_names ballbot",
+            "complete -o default -F _ballbot_with_names ballbot",  # files where no name fits
             "",
         )
     )
@@ -115,6 +117,10 @@ def _with_names_in_zsh(named: Sequence[_Named]) -> str:
         (
             "",
             "_ballbot() {",
+            '  case "${words[2]} ${words[CURRENT-1]}" in',
+            "    'help help') ;;",
+            f"    {'|'.join(case for after in _cases(named).values() for case in after)}) _files ;;",
+            "  esac",
             '  case "${words[2]} ${words[CURRENT-1]}" in',
             *cases,
             "  esac",

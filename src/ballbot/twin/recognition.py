@@ -170,7 +170,8 @@ def _wheels(mechanism: Mechanism, ball: int, ball_radius: float) -> list[_Wheel]
         if root != body and parent in (root, 0):
             axis = mechanism.axes[joint]
             arm = mechanism.anchors[joint] - center
-            found.append(_Wheel(joint=joint, body=body, axis=axis, center=arm - (arm @ axis) * axis))
+            if not any(one.body == body for one in found):  # a second hinge of a wheel is its gear's play
+                found.append(_Wheel(joint=joint, body=body, axis=axis, center=arm - (arm @ axis) * axis))
     candidates = [one for one in found if one.distance > ball_radius and _is_along_meridian(one)]
     groups = (
         [

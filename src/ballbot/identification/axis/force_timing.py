@@ -20,7 +20,7 @@ from ballbot.identification.axis.inverse import SLOW_SAMPLING
 from ballbot.identification.axis.laws import AXIS_LAWS, Values
 from ballbot.identification.axis.output_error import Sighting
 from ballbot.identification.axis.record import AxisRecord
-from ballbot.identification.axis.selection import Blocks, fit_all
+from ballbot.identification.axis.selection import Blocks, fit_all, horizons_for
 from ballbot.identification.axis.structure import AxisModel
 
 #: the force is taken as changing evenly between rows if that lowers the position error to less than this share
@@ -30,12 +30,22 @@ _CLEARER = 0.98
 _CLEARLY_DELAYED = 0.92
 #: rows by which a force is moved at most
 _MOST_ROWS = 8
-#: windows over which both are judged last so long [s], and so many rows at least
+#: windows over which both are judged last so long [s], and so many rows at least; where the noise of a coarse encoder
+#: hides the force's time in them, the next longer ones whose error is above so many times the noise, up to so long
 _DURATION, _LEAST_ROWS = 0.1, 12
+_ABOVE_NOISE, _LONGEST = 1.2, 0.5
 
 
-def _shortest(sightings: Sequence[Sighting]) -> float:
-    return max(_DURATION, _LEAST_ROWS * max(one.record.sample_time for one in sightings))
+def _telling(sightings: Sequence[Sighting], model: AxisModel, start: Values, blocks: Blocks) -> float:
+    """Return the length of windows [s] in which the time at which the force acts is seen."""
+    records = [one.record for one in sightings]
+    shortest = max(_DURATION, _LEAST_ROWS * max(one.sample_time for one in records))
+    noise = max(one.noise for one in sightings)
+    longer = [one for one in horizons_for(blocks, records) if shortest < one <= _LONGEST]
+    for length in (shortest, *longer):
+        if fit_all(model, start, sightings, blocks, length).rms > _ABOVE_NOISE * noise:
+            return length
+    return max((shortest, *longer))
 
 
 def is_interpolated(
@@ -44,10 +54,10 @@ def is_interpolated(
     """Return whether the force changes evenly from row to row, rather than being held."""
     if max(one.record.sample_time for one in sightings) <= SLOW_SAMPLING:
         return False
+    start = starts["coulomb"]
+    length = _telling(sightings, model, start, blocks)
     held, even = (
-        fit_all(
-            replace(model, interpolated=one), starts["coulomb"], sightings, blocks, _shortest(sightings)
-        ).rms
+        fit_all(replace(model, interpolated=one), start, sightings, blocks, length).rms
         for one in (False, True)
     )
     return even < _CLEARER * held
@@ -62,16 +72,18 @@ def force_delay(
     """
     if any(one.record.loop is not None for one in sightings):
         return 0.0
+    first = "dahl" if model.bending else "coulomb"
+    length = _telling(sightings, model.with_law(AXIS_LAWS[first]), starts[first], blocks)
     found: dict[tuple[str, float], float] = {}
 
     def error(law: str, rows: float) -> float:
         if (law, rows) not in found:
             moved = [replace(one, record=delayed(one.record, rows)) for one in sightings]
             own = model.with_law(AXIS_LAWS[law])
-            found[law, rows] = fit_all(own, starts[law], moved, blocks, _shortest(sightings)).rms
+            found[law, rows] = fit_all(own, starts[law], moved, blocks, length).rms
         return found[law, rows]
 
-    simplest = partial(error, "dahl" if model.bending else "coulomb")
+    simplest = partial(error, first)
     best = min((0.0, 1.0, -1.0), key=simplest)
     step = best
     while step and abs(best) < _MOST_ROWS and simplest(best + step) < simplest(best):

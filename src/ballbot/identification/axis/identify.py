@@ -122,7 +122,7 @@ def identify_axis(
     run.progress(Progress(stage="done", done=1.0, total=1.0))
     findings = (
         *delay_findings(records, prepared.delay, clear=prepared.delay_is_clear),
-        *play_findings(records, prepared.play),
+        *play_findings(records, prepared.play, tested=prepared.tested_for_play),
         *axis_findings(
             bench.all, selection, by_law[chosen.name], estimates, asymmetry, by_user=wanted is not None
         ),

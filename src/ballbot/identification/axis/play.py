@@ -6,9 +6,9 @@ a fit with these rows has too little dry friction and too much of viscous one, f
 there, or takes the lag after each reversal for a delay of the force.
 
 The axis is fitted with all rows, and without those near a reversal (`away_from_reversals`). There is play if every law
-predicts windows of all rows with more than `_CLEARLY` times the error of the windows between reversals, and if mass or
-friction differ between both. Then the rows near reversals are left out of everything. An elastic drive and friction
-that no law describes near rest do the same, and between reversals their effect is as small.
+predicts windows of all rows with several times the error of the windows between reversals (`play_of`). Then the rows
+near reversals are left out of everything. An elastic drive, and friction near rest that no law describes, do the same,
+and matter as little between reversals.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.findings import Finding, warning
+from ballbot.findings import Finding, note, warning
 from ballbot.identification.axis.laws import AXIS_LAWS, PARAMETERS, Values, unit_for
 from ballbot.identification.axis.model import Axis
 from ballbot.identification.axis.motion import LEAST_SEGMENT, Motion
@@ -36,12 +36,13 @@ _SMALL_FORCE, _SMALL_SPEED = 0.1, 0.05
 _AFTER, _LEAST_ROWS_AFTER = (0.04, 0.1), 6
 #: windows of both fits last so long, or the next shorter length that suits the records [s]
 _DURATION = 0.2
-#: the error of windows with reversals is above so many times that of windows without: of 12 simulated machines with
-#: play whose friction a fit of all rows misses, the least is 3.1; of 12 without play the greatest is 1.3
-_CLEARLY = 2.0
-#: if parameters differ and the model is complete between reversals, where its error is below so many times the noise;
-#: otherwise the error is above so many times it
-_COMPLETE, _SURELY = 3.0, 3.0
+#: the error of windows with reversals is above so many times that of windows without, if parameters differ and the
+#: model is complete between reversals, where its error is below so many times the noise, or above `_SURELY` times. Of
+#: simulated machines with play whose friction a fit of all rows misses by 5 % or more, the least is 3.7; of 30 without
+#: play 2.8, but for two of which an eighth of the rows was left
+_CLEARLY, _COMPLETE, _SURELY = 2.5, 3.0, 3.2
+#: with a smaller share of rows left, which are the calm ones of any record, both are so many times as large
+_FEW_ROWS, _FACTOR_FOR_FEW = 0.25, 2.0
 #: parameters differ beyond so many of their errors, and by this share
 _APART, _SHARE_APART = 2.0, 0.02
 #: reversals are looked for again, so often at most, while the error between them falls to less than this share
@@ -195,7 +196,7 @@ def play_of(contact: Contact, sightings: Sequence[Sighting], blocks: Blocks) -> 
     values = _apart(plain, between)
     noise = max(one.noise for one in sightings)
     complete = bool(values) and between.rms < _COMPLETE * noise
-    times = _CLEARLY if complete else _SURELY
+    times = (_CLEARLY if complete else _SURELY) * (_FACTOR_FOR_FEW if contact.share < _FEW_ROWS else 1.0)
     error = plain.rms
     for law in _LAWS:
         if not error > times * between.rms:
@@ -223,8 +224,14 @@ def _apart(plain: OutputErrorFit, between: OutputErrorFit) -> dict[str, tuple[fl
     return found
 
 
-def play_findings(records: Sequence[AxisRecord], play: Play | None) -> list[Finding]:
-    """Return the finding on play."""
+def play_findings(records: Sequence[AxisRecord], play: Play | None, *, tested: bool = True) -> list[Finding]:
+    """Return the finding on play; `tested`: whether there are enough rows between reversals to show it."""
+    if play is None and not tested and all(np.ptp(one.force) > 0.0 for one in records):
+        text = (
+            "The force reverses too often to show whether there is play (backlash) between drive and axis, which would "
+            "make dry friction too small. Record longer motions in one direction if the drive may have play."
+        )
+        return [note("play", text)]
     if play is None:
         return []
     unit = records[0].unit

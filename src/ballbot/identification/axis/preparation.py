@@ -208,6 +208,7 @@ class Prepared:
     starts: dict[str, dict[str, float]]
     delay: float = 0.0  #: rows by which the forces were moved to act when they are recorded
     delay_is_clear: bool = True  #: whether windows between reversals show that it is no play
+    tested_for_play: bool = True  #: whether there are enough rows between reversals
     play: Play | None = None  #: for which the rows near reversals were left out
 
     @property
@@ -242,7 +243,7 @@ def prepared_records(bench: Bench, options: AxisOptions, blocks: Blocks) -> Prep
         contact = _contact(prepared, blocks)
     play = contact and play_of(contact, prepared.bench.sightings, blocks)
     if contact is None or play is None:
-        return prepared
+        return replace(prepared, tested_for_play=contact is not None)
     axis = contact.between.model.axis(contact.between.values, None)
     again = _prepared(bench.in_contact(contact, axis), options, contact.blocks)
     return replace(again, delay=prepared.delay, delay_is_clear=prepared.delay_is_clear, play=play)

@@ -372,7 +372,7 @@ def sampling(name: str, t: NDArray[np.float64]) -> tuple[float, NDArray[np.float
     if steps.min() <= 0.0:
         row = int(np.argmin(steps)) + 2
         raise InputError(
-            f"{name}, row {row}: time does not increase ({t[row - 1]:g} after {t[row - 2]:g} s). "
+            f"{name}, row {row}: time does not increase ({t[row - 1]:.12g} after {t[row - 2]:.12g} s). "
             "Sort the rows, leave out repeated ones, or split the file."
         )
     mean = float(t[-1] - t[0]) / len(steps)
