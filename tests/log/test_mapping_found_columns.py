@@ -63,6 +63,17 @@ def test_a_gyro_is_found_beside_columns_that_only_their_values_show(tmp_path):
     assert found.roles.gyro == ("wx", "wy", "wz")
 
 
+@pytest.mark.parametrize("turn", [360.0, 2.0 * np.pi])
+def test_a_gyro_is_found_beside_a_yaw_that_jumps_and_without_a_yaw(tmp_path, turn):
+    columns = with_rates("a", "b", "c")
+    unit = 1.0 if turn == 360.0 else np.pi / 180.0
+    columns |= {"theta_z": np.mod(columns["theta_z"] * unit, turn)}
+    assert recognised(tmp_path, columns).roles.gyro == ("a", "b", "c")
+    del columns["theta_z"]
+    before = {"x9": np.cos(columns["t_now"]), **{name: columns.pop(name) for name in "abc"}}
+    assert recognised(tmp_path, {**columns, **before}).roles.gyro == ("a", "b", "c")
+
+
 def test_columns_that_do_not_follow_the_lean_are_no_gyro(tmp_path):
     columns = columns_of(swaying_log(), Habits())
     random = np.random.default_rng(5)

@@ -61,7 +61,7 @@ class DeadBandEstimate:
 def dead_band_estimate(
     driving: Driving, assigned: Assignment, signs: NDArray[np.float64], sizes: NDArray[np.float64]
 ) -> DeadBandEstimate | None:
-    """Estimate the dead band; None if the log is too short.
+    """Estimate the dead band; None if the log is too short, or does not show what drives.
 
     Parameters
     ----------
@@ -73,6 +73,9 @@ def dead_band_estimate(
     sizes : ndarray (n,)
         Standard deviation of the part of each wheel's command that drives.
     """
+    size = float(np.sqrt(np.square(sizes).mean()))
+    if not size > 0.0:  # unknown without a gain
+        return None
     place, n = np.argsort(assigned.wheels), driving.torque.shape[1]
     s, wheels = np.asarray(assigned.signs, dtype=np.float64)[place], np.arange(driving.torque.shape[1])
     u = driving.torque[:, place] * s
@@ -84,7 +87,6 @@ def dead_band_estimate(
     root = np.sqrt(weight)[..., None]
     columns = terms.shape[-1]
     found = np.linalg.lstsq((terms * root).reshape(-1, columns), (u * root[..., 0]).ravel(), rcond=1e-9)[0]
-    size = float(np.sqrt(np.square(sizes).mean()))
     sign = s * signs[:, wheels, place]
     instrument = np.tanh(terms @ found / max(UNCLEAR_SIGN * size, TINY)) * (np.abs(sign) > 0.0)
     right = np.concatenate([terms, sign[..., None], u[..., None]], axis=-1)

@@ -14,13 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.log.mapping_inference.names import Reading, read_names
-from ballbot.log.mapping_inference.open_names import correlation_with_rate, smooth_columns
+from ballbot.log.mapping_inference.open_names import NAMED_GYRO, correlation_with_rate, smooth_columns
 from ballbot.log.mapping_inference.roles import PLAIN, Roles, axes_of
-from ballbot.log.signals import Smooth
+from ballbot.log.signals import Smooth, unwrapped
 
-#: correlation of columns with the rates of roll, pitch and yaw from which they are a gyro's, whatever their names: of
-#: the wheels' speeds, the largest in ten twin logs is 0.77
-RATE_OF_LEAN = 0.9
+#: a yaw that jumps by so much of a turn, and stays within one, begins again there
+JUMP = 0.9
 #: share of the rows that have a value, at least
 MEASURED = 0.9
 #: kinds whose columns are no gyro's, if the name says so plainly
@@ -68,6 +67,7 @@ def _by_rates(
     if not groups:
         return ()
     angles = roles.attitude
+    columns = {**columns, **{name: _continued(columns[name]) for name in angles[2:]}}
     found = smooth_columns(roles, columns, (angles, *groups))
     if found is None or not set(angles[:2]) <= set(found[1]):
         return ()
@@ -76,7 +76,7 @@ def _by_rates(
         group: _follows(group, [one for one in angles if one in signals], signals) for group in groups
     }
     best = max(groups, key=lambda group: followed[group])
-    return best if followed[best] > RATE_OF_LEAN else ()
+    return best if followed[best] > NAMED_GYRO else ()
 
 
 def _move(group: Sequence[str], columns: Mapping[str, NDArray[np.float64]]) -> bool:
@@ -84,8 +84,19 @@ def _move(group: Sequence[str], columns: Mapping[str, NDArray[np.float64]]) -> b
     return all(len(one) > MEASURED * len(columns[group[0]]) and float(np.ptp(one)) > 0.0 for one in known)
 
 
+def _continued(yaw: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a yaw (N,) in degrees or radians without the jumps of a turn."""
+    known = yaw[np.isfinite(yaw)]
+    jump, whole = float(np.abs(np.diff(known)).max(initial=0.0)), float(np.ptp(known))
+    turns = [turn for turn in (360.0, 2.0 * np.pi) if JUMP * turn < jump and whole < 1.001 * turn]
+    return unwrapped(yaw, period=turns[0]) if turns else yaw
+
+
 def _follows(group: Sequence[str], angles: Sequence[str], signals: Mapping[str, Smooth]) -> float:
-    """Return the least correlation with the rates of angles, of the order in which it is largest."""
+    """Return the least correlation with the rates of angles, of the order of columns in which it is largest.
+
+    Without a yaw, the last column is about the vertical: two of the three would fit beside any other column.
+    """
     R = np.abs([[correlation_with_rate(signals[one], signals[angle]) for angle in angles] for one in group])
-    orders = permutations(range(3), len(angles))
+    orders = permutations(range(len(angles)), len(angles))
     return float(max(min(R[place, axis] for axis, place in enumerate(order)) for order in orders))

@@ -98,8 +98,9 @@ def settled(named: Roles, columns: Mapping[str, NDArray[np.float64]], robot: Rob
 
 #: stems of angular velocities, of a wheel, of the body or of the ball
 _ANY_RATE = ("omega", "omegabody", "bodyomega", "angvel")
-#: correlation of a column with the rate of roll or pitch from which it is a gyro's, though its name does not say so
-NAMED_GYRO = 0.9
+#: correlation of columns with the rates of roll and pitch from which they are a gyro's, though their names do not say
+#: so: in eleven twin logs of five robots, with the angles' noise, 0.92 to 0.97 of the gyro, and at most 0.74 of speeds
+NAMED_GYRO = 0.85
 
 
 def _is_any_rate(named: Roles, series: tuple[str, ...]) -> bool:
