@@ -261,7 +261,7 @@ def test_a_roll_near_half_a_turn_is_that_of_an_imu_upside_down():
 def test_a_column_too_fast_to_show_its_step_has_that_of_its_neighbour():
     random, t = np.random.default_rng(4), np.arange(1000)
     slow = np.cumsum(random.integers(-1, 2, 1000)).astype(float)
-    fast = np.round(9e4 * np.sin(0.05 * t))
+    fast = np.asarray(np.round(9e4 * np.sin(0.05 * t)), dtype=np.float64)
     lean = random.standard_normal(1000)
     found = _shared_steps({"slow": slow, "fast": fast, "lean": lean, "small": 0.01 * lean})
     assert found == {"slow": 1.0, "fast": 1.0, "lean": None, "small": None}

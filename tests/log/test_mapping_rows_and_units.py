@@ -85,7 +85,9 @@ RADIANS = Scale(unit="rad", factor=1.0, reason="")
 def test_a_heading_of_unknown_unit_is_that_of_the_wheels():
     still = 0.3 * np.sin(np.linspace(0.0, 10.0, 500))
     wheels = {Scale(unit="rad", factor=1.0, reason=""): 0.0}
-    motion = UnitEvidence(assumed=(RADIANS,) * 3, gain=1.0, gain_error=0.05, turning=np.pi / 180.0)
+    motion = UnitEvidence(
+        assumed=(RADIANS, RADIANS, RADIANS), gain=1.0, gain_error=0.05, turning=np.pi / 180.0
+    )
 
     def headings(lean: Scale) -> dict[Scale, float]:
         return heading_units(still, None, lean, None)

@@ -300,6 +300,8 @@ def test_a_dead_band_shows_where_wheels_turn_against_their_duties(added):
     assert found.believed
     # duties below the dead band have lost their size, which makes it seem larger or smaller
     assert found.value * found.size == pytest.approx(added, abs=0.1)
+    # without a gain of the commands there is no size of what drives
+    assert dead_band_estimate(driving, own, signs, np.full(3, math.nan)) is None
 
 
 def test_a_dead_band_that_the_motion_shows_is_judged_by_its_size():

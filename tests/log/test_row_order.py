@@ -5,7 +5,7 @@ import pytest
 
 from ballbot.log.row_order import increasing_rows, longest_run, rows_in_order
 
-EVEN = 0.005 * np.arange(2000)
+EVEN = np.asarray(0.005 * np.arange(2000), dtype=np.float64)
 
 
 def run_of(t: np.ndarray) -> tuple[int, int]:
@@ -22,7 +22,7 @@ def test_stamps_that_jitter_are_one_run(size, seed):
 
 
 def test_stamps_in_whole_milliseconds_of_a_quick_loop_are_one_run():
-    t = np.floor(1e3 * 0.0004 * np.arange(5000)) / 1e3
+    t = np.asarray(np.floor(1e3 * 0.0004 * np.arange(5000)) / 1e3, dtype=np.float64)
     assert run_of(t) == (0, len(t))
     assert increasing_rows(t).sum() == len(np.unique(t))
 
