@@ -277,9 +277,9 @@ def cost_units(nominal: RunMeasures) -> CostUnits:
     InputError
         If it falls with half of the robots.
     """
-    if np.mean(nominal.fell) > 0.5:
+    if (share := float(np.mean(nominal.fell))) > 0.5:
         raise InputError(
-            f"The nominal gain falls with {percent(np.mean(nominal.fell))} of the perturbed robots, so costs "
+            f"The nominal gain falls with {percent(share)} of the perturbed robots, so costs "
             "cannot be compared with its cost. Reduce the perturbation."
         )
     stood = ~nominal.fell
