@@ -42,7 +42,7 @@ def test_friction_between_reversals_is_right_in_spite_of_play(on_motor: bool) ->
 
 @pytest.mark.slow
 def test_play_is_found_and_is_no_delay() -> None:
-    found = prepared(record_with_play(0.01))
+    found = prepared(record_with_play(0.01, on_motor=True))
     assert found.delay == 0.0
     assert found.play is not None
     (finding,) = play_findings(found.bench.records, found.play)
@@ -92,7 +92,7 @@ def test_a_delay_is_found_between_reversals_too() -> None:
 
 @pytest.mark.slow
 def test_the_friction_of_an_axis_with_play_is_right() -> None:
-    found = identify_axis(record_with_play(0.01, duration=6.0), options=ONLY_FRICTION)
+    found = identify_axis(record_with_play(0.01, on_motor=True, duration=6.0), options=ONLY_FRICTION)
     codes = {one.code for one in found.findings if one.severity == "warning"}
     assert "play" in codes
     assert "force-delay" not in codes

@@ -138,7 +138,7 @@ def fit_laws(
     for number, (name, law) in enumerate(AXIS_LAWS.items()):
         run.progress(Progress(stage=f"open loop, law {name}", done=number, total=len(AXIS_LAWS)))
         own, inner = model.with_law(law), fits.get(law.below or "")
-        fit = partial(_fit_law, own, starts[name], inner, sightings, blocks, horizon)
+        fit = partial(fit_law, own, starts[name], inner, sightings, blocks, horizon)
         fits[name] = memoized(run, "open loop", own, starts[name], fit)
     closest = min(fits.values(), key=lambda one: one.rms)
     check_determined(closest, starts["coulomb"], sightings, blocks, horizon)
@@ -165,7 +165,7 @@ def memoized(
     )
 
 
-def _fit_law(
+def fit_law(
     model: AxisModel,
     start: Values,
     inner: OutputErrorFit | None,

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, note, warning
+from ballbot.identification.axis.law_fits import fit_law
 from ballbot.identification.axis.laws import AXIS_LAWS, PARAMETERS, Values, unit_for
 from ballbot.identification.axis.model import Axis
 from ballbot.identification.axis.motion import LEAST_SEGMENT, Motion
@@ -36,11 +37,11 @@ _SMALL_FORCE, _SMALL_SPEED = 0.1, 0.05
 _AFTER, _LEAST_ROWS_AFTER = (0.04, 0.1), 6
 #: windows of both fits last so long, or the next shorter length that suits the records [s]
 _DURATION = 0.2
-#: the error of windows with reversals is above so many times that of windows without, if parameters differ and the
-#: model is complete between reversals, where its error is below so many times the noise, or above `_SURELY` times. Of
-#: simulated machines with play whose friction a fit of all rows misses by 5 % or more, the least is 3.7; of 30 without
-#: play 2.8, but for two of which an eighth of the rows was left
-_CLEARLY, _COMPLETE, _SURELY = 2.5, 3.0, 3.2
+#: the error of windows with reversals is above so many times that of windows without, if parameters of the best law
+#: differ and the model is complete between reversals, where its error is below so many times the noise, or above
+#: `_SURELY` times. Of simulated machines with play whose friction a fit of all rows misses by 6 % or more, the least is
+#: 5.3; of 31 without play 3.4, but for one of which an eighth of the rows was left
+_CLEARLY, _COMPLETE, _SURELY = 2.5, 3.0, 4.5
 #: with a smaller share of rows left, which are the calm ones of any record, both are so many times as large
 _FEW_ROWS, _FACTOR_FOR_FEW = 0.25, 2.0
 #: parameters differ beyond so many of their errors, and by this share
@@ -197,21 +198,28 @@ def play_of(contact: Contact, sightings: Sequence[Sighting], blocks: Blocks) -> 
     noise = max(one.noise for one in sightings)
     complete = bool(values) and between.rms < _COMPLETE * noise
     times = (_CLEARLY if complete else _SURELY) * (_FACTOR_FOR_FEW if contact.share < _FEW_ROWS else 1.0)
-    error = plain.rms
-    for law in _LAWS:
-        if not error > times * between.rms:
+    fits = {"coulomb": plain}
+    for name in _LAWS:
+        if not plain.rms > times * between.rms:
             return None
-        own = fit_all(plain.model.with_law(AXIS_LAWS[law]), contact.starts[law], sightings, blocks, horizon)
-        error = min(error, own.rms)
-    if not error > times * between.rms:
+        law = AXIS_LAWS[name]
+        own = plain.model.with_law(law)
+        fits[name] = fit_law(
+            own, contact.starts[name], fits[law.below or "coulomb"], sightings, blocks, horizon
+        )
+        if not fits[name].rms > times * between.rms:
+            return None
+    best = min(fits.values(), key=lambda one: one.rms)
+    values = _apart(best, between)
+    if complete and not values and not best.rms > _SURELY * between.rms:
         return None
-    return Play(contact=contact, error=error, error_between=between.rms, values=values)
+    return Play(contact=contact, error=best.rms, error_between=between.rms, values=values)
 
 
 def _apart(plain: OutputErrorFit, between: OutputErrorFit) -> dict[str, tuple[float, float]]:
     """Return which of mass and friction differ between two fits of a law, with both values."""
     found = {}
-    for label in plain.values:
+    for label in (one for one in plain.values if one in between.values):
         ours, theirs = plain.values[label], between.values[label]
         error = float(np.hypot(plain.standard_errors[label], between.standard_errors[label]))
         difference = abs(ours - theirs)
