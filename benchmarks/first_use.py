@@ -184,8 +184,11 @@ def main() -> None:
 
 def build(folder: Path) -> tuple[Path, float]:
     """Return the wheel, built into a folder, and the seconds that this took."""
-    line = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", folder, ROOT]
     folder.mkdir()
+    builder = folder / "environment"
+    venv.create(builder, with_pip=True)
+    python = builder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+    line = [python, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", folder, ROOT]
     seconds = timed(line, folder).wall
     (wheel,) = folder.glob("ballbot-*.whl")
     return wheel, seconds

@@ -58,7 +58,10 @@ class BuildPy(build_py):
         code = package / "ballbot" / "machine_code"
         shutil.rmtree(code, ignore_errors=True)  # an earlier build's
         with tempfile.TemporaryDirectory(prefix="ballbot-build-") as folder:
-            own = os.environ | {"PYTHONPATH": str(package), "NUMBA_CACHE_DIR": folder}
+            # the package as built, its metadata, and pip's isolated environment
+            parts = (str(package), str(ROOT / "src"), os.environ.get("PYTHONPATH", ""))
+            path = os.pathsep.join(filter(None, parts))
+            own = os.environ | {"PYTHONPATH": path, "NUMBA_CACHE_DIR": folder}
             done = subprocess.run([sys.executable, __file__, code, folder], env=own, cwd=folder, check=False)
         if done.returncode:
             print(

@@ -49,7 +49,9 @@ def main() -> None:
 
 def try_wheel(folder: Path) -> None:
     """Build the wheel, install it and what it needs into an empty environment, and try the commands."""
-    _run(sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", folder, ROOT)
+    # by an environment without Ballbot's dependencies, as a user's is: the build must bring its own
+    builder = _environment(folder / "builder")
+    _run(builder, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", folder, ROOT)
     (wheel,) = folder.glob("ballbot-*.whl")
     python = _environment(folder / "environment")
     _run(python, "-m", "pip", "install", "--quiet", wheel)

@@ -26,7 +26,7 @@ class Progress:
     #: more steps than usual
     skipped: float = 0.0
     planned: float = math.nan  #: time that the whole work usually takes [s]; NaN if that is not known
-    seconds_left: float | None = None  #: at most, at the present pace; None if that is not known yet
+    seconds_left: float | None = None  #: by the work's own estimate; None if that is not known yet
     note: str = ""  #: a few words to show beside it
     #: steps still to be expected of this stage and of later ones, by name, if the work knows more than its plan
     expected: Mapping[str, float] = field(default_factory=dict[str, float])
@@ -149,7 +149,7 @@ def by_stage_times(
         done = (
             sum(stages[one].seconds for one in names[: names.index(current)]) + step * stages[current].seconds
         )
-        share = 1.0 if progress.share >= 1.0 else max(share, done / whole)
+        share, left = (1.0, 0.0) if progress.share >= 1.0 else (max(share, done / whole), left)
         callback(replace(progress, share=share, planned=whole, seconds_left=left))
 
     return report

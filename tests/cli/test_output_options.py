@@ -114,7 +114,7 @@ def test_a_word_too_many_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["identify-geometry", "alten", "log.csv", "--out", "out"]) == 2
     refusal = capsys.readouterr().err
     assert refusal.startswith(
-        "ballbot: identify-geometry has no argument left for 'log.csv'; give it to an option."
+        "ballbot: identify-geometry takes no further argument, so 'log.csv' is left over."
     )
 
 

@@ -13,6 +13,11 @@ def shown_text(page: str) -> str:
     return re.sub(r"<(svg|script|style)\b.*?</\1>", "", page, flags=re.DOTALL)
 
 
+def plain_markup(page: str) -> str:
+    """Return a page with plain blanks in place of those that hold words together, and options without their spans."""
+    return re.sub(r'<span class="option">(.*?)</span>', r"\1", page).replace("\u00a0", " ")
+
+
 def figure_count(page: str) -> int:
     """Return how many figures a page has: drawings, and time series, which a script draws."""
     return page.count('<figure class="picture"') + page.count('data-ballbot-chart="')

@@ -348,7 +348,7 @@ def test_invalid_validations_are_refused():
         validate(true_robot(), log, holdout=[(100.0, 120.0)])
     with pytest.raises(InputError, match="phi"):
         validate(true_robot(), log.with_columns({"phi": np.full(len(log), np.nan)}))
-    with pytest.raises(InputError, match="4 wheels"):
+    with pytest.raises(InputError, match="u4, but the robot has 3 wheels"):
         validate(true_robot(), log.with_columns({"u4": log["u3"]}))
     with pytest.raises(InputError, match="restart_every"):
         validate(true_robot(), log, restart_every=0.0)

@@ -206,7 +206,7 @@ def _missing(error: MissingArgumentError, tokens: Sequence[str]) -> str:
 def _unused(error: UnusedCliTokensError) -> str:
     """Return the sentence on a word beyond a command's arguments."""
     word = (error.unused_tokens or [""])[0]
-    return f"{' '.join(error.command_chain or ('ballbot',))} has no argument left for {word!r}; give it to an option."
+    return f"{' '.join(error.command_chain or ('ballbot',))} takes no further argument, so {word!r} is left over."
 
 
 def _no_option(option: str, names: Sequence[str]) -> str:

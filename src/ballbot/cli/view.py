@@ -128,7 +128,9 @@ def _is_port(word: str) -> bool:
 
 def _by_folder(paths: dict[str, Path]) -> dict[str, Path]:
     """Return logs' files by their names; a log that has the name of every command's is called as its folder."""
-    names = [path.resolve().parent.name if name == "log" else name for name, path in paths.items()]
+    names = [
+        path.resolve().parent.name or name if path.stem == "log" else name for name, path in paths.items()
+    ]
     return dict(zip(names, paths.values(), strict=True)) if len({*names}) == len(paths) else paths
 
 

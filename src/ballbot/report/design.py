@@ -23,8 +23,9 @@ from ballbot.report.loop import loop_section, margins_table, poles_figure
 from ballbot.report.palette import BLUE, GREEN, ORANGE, SHADE
 from ballbot.report.provenance import Provenance
 from ballbot.report.style import STATE_UNITS, LineStyle, drawn_picture
-from ballbot.report.words import state_mark, with_symbols
+from ballbot.report.words import NO_FRICTION, state_mark, with_symbols
 from ballbot.robot import Friction, Robot
+from ballbot.rounding import percent
 from ballbot.workflows.controller_design import ControllerDesign
 from ballbot.workflows.perturbed_robots import TAIL, PerturbationRanges
 from ballbot.workflows.robot_check import state_order
@@ -115,7 +116,7 @@ def controller_design_parts(found: ControllerDesign, *, framed: bool) -> Iterato
     yield Text("\nGain", style="bold")
     yield Text(matrix_text("K", found.gain.gain))
     if spread.parts:
-        causes = ", ".join(f"{100.0 * share:.0f} % from {label}" for label, share in spread.largest())
+        causes = ", ".join(f"{percent(share)} from {label}" for label, share in spread.largest())
         yield Text(f"\nStandard deviation of the gain, from those in the robot file ({causes}):\n")
         yield Text(matrix_text("+-", spread.deviation))
     rows = [[f"{pole.real:.4f}", f"{pole.imag:.4f}"] for pole in found.gain.poles]
@@ -134,12 +135,12 @@ def _nothing_compensated(found: ControllerDesign) -> str:
         return ""
     if has_friction(found.stated):
         return "No part of the friction in the robot file is certain, so none is compensated."
-    return "The robot file has no friction, so none is compensated; `ballbot identify` finds it from logs."
+    return NO_FRICTION
 
 
 def _certain_fractions(stated: Friction, certain: Friction) -> str:
     fractions = [
-        f"{100.0 * less / whole:.0f} %" if whole else "none"
+        percent(less / whole) if whole else "none"
         for less, whole in zip(certain.coulomb, stated.coulomb, strict=True)
     ]
     return (
@@ -150,11 +151,9 @@ def _certain_fractions(stated: Friction, certain: Friction) -> str:
 
 def _margin(margin: CompensationMargin) -> str:
     """Return the compensated fraction of the certain friction, and a warning if it exceeds that friction."""
-    fractions = ", ".join(
-        f"{100.0 * share:.0f} %" for share in (*margin.wheel_fractions, margin.rolling_fraction)
-    )
+    fractions = ", ".join(percent(share) for share in (*margin.wheel_fractions, margin.rolling_fraction))
     amplitudes = ", ".join(f"{one.amplitude:g}" for one in margin.swings)
-    returned = ", ".join(f"{100.0 * one.fraction:.0f} %" for one in margin.swings)
+    returned = ", ".join(percent(one.fraction) for one in margin.swings)
     text = (
         f"Largest compensated fraction of the certain friction of each wheel and of the floor: {fractions}\n"
         "Largest fraction of the energy dissipated by friction that compensation returns to a wheel oscillating "
@@ -225,7 +224,7 @@ def _gain_blocks(found: ControllerDesign) -> Iterator[Block]:
     yield _gain_sheet(found.gain.gain, "Gain K of u = K S(ψ) (r − x), in N m per unit of each state.")
     spread = found.uncertainty
     if spread.parts:
-        causes = ", ".join(f"{100.0 * share:.0f} % from {label}" for label, share in spread.largest())
+        causes = ", ".join(f"{percent(share)} from {label}" for label, share in spread.largest())
         caption = f"Standard deviation of each entry, from those in the robot file ({causes})."
         yield _gain_sheet(spread.deviation, caption)
 
@@ -247,15 +246,15 @@ def _compensation_blocks(found: ControllerDesign) -> Iterator[Block]:
         return
     margin = found.margin
     rows = [
-        (f"wheel {place}", f"{100.0 * share:.0f} %", f"{speed:.2g} rad/s")
+        (f"wheel {place}", percent(share), f"{speed:.2g} rad/s")
         for place, (share, speed) in enumerate(
             zip(margin.wheel_fractions, margin.at_speeds, strict=True), start=1
         )
     ]
-    rows.append(("rolling", f"{100.0 * margin.rolling_fraction:.0f} %", ""))
+    rows.append(("rolling", percent(margin.rolling_fraction), ""))
     caption = "Largest compensated fraction of the friction that is certain; beyond 100 % it injects energy."
     yield Sheet(headings=("friction", "compensated", "at"), rows=rows, caption=caption)
-    swings = [(f"{one.amplitude:g} rad/s", f"{100.0 * one.fraction:.0f} %") for one in margin.swings]
+    swings = [(f"{one.amplitude:g} rad/s", percent(one.fraction)) for one in margin.swings]
     returned = (
         "Largest fraction of the energy lost to friction that compensation returns to an oscillating wheel."
     )

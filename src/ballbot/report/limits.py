@@ -19,6 +19,7 @@ from ballbot.report.console import TextTable, table
 from ballbot.report.palette import BLUE, GREEN, INK, LOWER, MUTED, ORANGE, UPPER, VIOLET, YELLOW
 from ballbot.report.provenance import Provenance
 from ballbot.report.style import drawn_picture, label_of
+from ballbot.report.words import NO_FRICTION
 from ballbot.robot import Robot
 from ballbot.summary import counted
 from ballbot.workflows.limits import Bounds, Kind, RobotLimits, TwinLimit
@@ -212,12 +213,6 @@ def limit_pictures(
             "slips; dashed: wheels never slip.",
         ),
     }
-
-
-#: of a robot whose compensating controllers are all the same
-NO_FRICTION = (
-    "The robot file has no friction, so compensation changes nothing; `ballbot identify` finds it from logs."
-)
 
 
 def limits_report(

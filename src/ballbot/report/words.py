@@ -15,6 +15,11 @@ if TYPE_CHECKING:
 
 _STATE_NAME = re.compile(r"\b(?P<residual>e_)?(?P<state>(?:theta|phi|psi|x|y)(?:_dot)?)\b")
 
+#: of a robot whose friction is to be compensated
+NO_FRICTION = (
+    "The robot file has no friction, so there is none to compensate; `ballbot identify` finds it from logs."
+)
+
 STATE_MARKS = {
     "x": "x",
     "y": "y",

@@ -126,7 +126,7 @@ def _check(log: Log, robot: Robot) -> None:
         )
     others = other_wheels(log, robot.wheel_count)
     if others:
-        raise InputError(others)
+        raise InputError(f"{others.removesuffix('.')} with --robot.")
 
 
 def _posed(log: Log, robot: Robot) -> tuple[Log, list[str]]:

@@ -54,6 +54,11 @@ def runs_here() -> bool:
     return needed is not None and all(own.get(feature, False) for feature in needed.features)
 
 
+def is_used() -> bool:
+    """Return whether functions have a wheel's code here."""
+    return FOLDER.is_dir() and runs_here()
+
+
 @dataclass(frozen=True)
 class ShippedCode:
     """The code in the wheel of one function that Python calls."""
@@ -63,7 +68,7 @@ class ShippedCode:
 
     def load(self, signature: tuple, target: CPUContext) -> CompileResult | None:
         """Return the code for arguments of these types; None if there is none, or none that runs here."""
-        if not FOLDER.is_dir() or not runs_here():
+        if not is_used():
             return None
         target.refresh()
         try:
