@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ballbot.identification.axis import AXIS_LAWS, AxisOptions, identify_axis
+from ballbot.identification.axis import AXIS_LAWS, AxisOptions, identify_axis, play
 from ballbot.identification.axis.law_fits import initial_values
 from ballbot.identification.axis.motion import default_bandwidth
-from ballbot.identification.axis.output_error import sighting
-from ballbot.identification.axis.play import contact_of, play_findings
+from ballbot.identification.axis.output_error import OutputErrorFit, sighting
+from ballbot.identification.axis.play import Contact, contact_of, play_findings, play_of
 from ballbot.identification.axis.preparation import Bench, Prepared, prepared_records
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.selection import blocks_of
@@ -38,6 +38,38 @@ def test_friction_between_reversals_is_right_in_spite_of_play(on_motor: bool) ->
     for name, truth in TRUTH.items():
         # a small share of impacts stays
         assert found.between.values[name] == pytest.approx(truth, rel=0.02)
+
+
+def test_play_shows_in_the_mean_of_both_directions_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The law that predicts all rows best has friction of each direction; between reversals they are one."""
+    record = record_with_play(0.0, duration=4.0)
+    seen, blocks = [sighting(record, default_bandwidth(record))], blocks_of([record])
+
+    def fit(law: str, times: float, **values: float) -> OutputErrorFit:
+        errors = {name: 0.001 * value for name, value in values.items()}
+        model = AxisModel(law=AXIS_LAWS[law])
+        return OutputErrorFit(model=model, values=values, standard_errors=errors, rms=times * seen[0].noise)
+
+    plain = fit("coulomb", 3.5, mass=0.02, viscous=0.08, coulomb=0.07)
+    sides = {"viscous_plus": 0.07, "viscous_minus": 0.09, "coulomb_plus": 0.08, "coulomb_minus": 0.06}
+    asymmetric = fit("asymmetric", 3.0, mass=0.02, **sides)
+    monkeypatch.setattr(
+        play, "fit_law", lambda own, *_: asymmetric if own.law.name == "asymmetric" else plain
+    )
+    contact = Contact(
+        rows=[np.ones(len(record), dtype=bool)],
+        sightings=seen,
+        blocks=blocks,
+        everywhere=plain,
+        between=fit("coulomb", 1.0, mass=0.02, viscous=0.05, coulomb=0.1),
+        starts={name: {} for name in AXIS_LAWS},
+    )
+    found = play_of(contact, seen, blocks)
+    assert found is not None
+    assert found.values == {
+        "viscous": (pytest.approx(0.08), 0.05),
+        "coulomb": (pytest.approx(0.07), 0.1),
+    }
 
 
 @pytest.mark.slow

@@ -217,11 +217,12 @@ def play_of(contact: Contact, sightings: Sequence[Sighting], blocks: Blocks) -> 
 
 
 def _apart(plain: OutputErrorFit, between: OutputErrorFit) -> dict[str, tuple[float, float]]:
-    """Return which of mass and friction differ between two fits of a law, with both values."""
+    """Return which of mass and friction differ between two fits, with both values."""
     found = {}
-    for label in (one for one in plain.values if one in between.values):
-        ours, theirs = plain.values[label], between.values[label]
-        error = float(np.hypot(plain.standard_errors[label], between.standard_errors[label]))
+    first, second = _of_both_directions(plain), _of_both_directions(between)
+    for label in (one for one in first if one in second):
+        (ours, our_error), (theirs, their_error) = first[label], second[label]
+        error = float(np.hypot(our_error, their_error))
         difference = abs(ours - theirs)
         if (
             base_name(label) in ("mass", "viscous", "coulomb")
@@ -229,6 +230,16 @@ def _apart(plain: OutputErrorFit, between: OutputErrorFit) -> dict[str, tuple[fl
             and difference > _SHARE_APART * abs(theirs)
         ):
             found[label] = (ours, theirs)
+    return found
+
+
+def _of_both_directions(fit: OutputErrorFit) -> dict[str, tuple[float, float]]:
+    """Return parameters by label with their standard errors; in place of one for each direction, their mean."""
+    found = {label: (value, fit.standard_errors[label]) for label, value in fit.values.items()}
+    for plus in [one for one in found if base_name(one).endswith("_plus")]:
+        forwards, backwards = found.pop(plus), found.pop(plus.replace("_plus", "_minus"))
+        mean, error = 0.5 * (forwards[0] + backwards[0]), 0.5 * float(np.hypot(forwards[1], backwards[1]))
+        found[plus.replace("_plus", "")] = (mean, error)
     return found
 
 
