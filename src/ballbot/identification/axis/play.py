@@ -61,6 +61,7 @@ class Contact:
     everywhere: OutputErrorFit  #: of the law coulomb to all rows
     between: OutputErrorFit  #: and to these rows
     starts: Mapping[str, Values]  #: by law, where fits of this model begin
+    after: float  #: how long a reversal counts after its end [s]
 
     @property
     def share(self) -> float:
@@ -171,7 +172,13 @@ def _between(
             held = replace(whole.model, interpolated=interpolated)
             between = fit_all(held, fit.values, parts, blocks, horizon)
             contact = Contact(
-                rows=rows, sightings=parts, blocks=blocks, everywhere=whole, between=between, starts=starts
+                rows=rows,
+                sightings=parts,
+                blocks=blocks,
+                everywhere=whole,
+                between=between,
+                starts=starts,
+                after=after,
             )
             found.append(contact)
     return min(found, key=lambda one: one.between.rms, default=None)
@@ -243,8 +250,24 @@ def _of_both_directions(fit: OutputErrorFit) -> dict[str, tuple[float, float]]:
     return found
 
 
-def play_findings(records: Sequence[AxisRecord], play: Play | None, *, tested: bool = True) -> list[Finding]:
-    """Return the finding on play; `tested`: whether there are enough rows between reversals to show it."""
+def play_findings(
+    records: Sequence[AxisRecord],
+    play: Play | None,
+    *,
+    tested: bool = True,
+    with_reversals: Sequence[str] = (),
+) -> list[Finding]:
+    """Return the finding on play.
+
+    Parameters
+    ----------
+    records : sequence of AxisRecord
+    play : Play or None
+    tested : bool
+        Whether there are enough rows between reversals to show it.
+    with_reversals : sequence of str
+        Names of records that keep their rows near reversals.
+    """
     if play is None and not tested and all(np.ptp(one.force) > 0.0 for one in records):
         text = (
             "The force reverses too often to show whether there is play (backlash) between drive and axis, which would "
@@ -268,6 +291,12 @@ def play_findings(records: Sequence[AxisRecord], play: Play | None, *, tested: b
         f"reversals, {left_out:.0f} % of all, are left out of all results, which hold while drive and axis are in "
         "contact and do not predict reversals. Remove the play, or preload the axis, to identify friction near rest."
     )
+    if with_reversals:
+        keep = "keeps its" if len(with_reversals) == 1 else "keep their"
+        text += (
+            f" {' and '.join(with_reversals)} {keep} rows near reversals, as too few rows are left without them: "
+            "errors there include reversals, and the error expected there does not."
+        )
     return [warning("play", text)]
 
 
