@@ -142,9 +142,9 @@ def delay_findings(
     if unconfirmed:
         text = (
             f"Windows fit clearly better if the recorded force acts {_later(records, unconfirmed)} than its row; the "
-            "rows between reversals of the force do not confirm it, so it is not moved. If a filter, a bus or the "
-            "order of reading and writing delays it, mass and viscous friction are wrong by tens of percent. Record "
-            "longer motions in one direction, which show it."
+            "rows between reversals of the force do not confirm it, so it is not moved. Slight play (backlash) may "
+            "have this effect. If instead a filter, a bus or the order of reading and writing delays the force, mass "
+            "and viscous friction are wrong. Record longer motions in one direction, which distinguish the two."
         )
         return [warning("force-delay", text)]
     return []
