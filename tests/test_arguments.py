@@ -7,7 +7,7 @@ import pytest
 
 import ballbot
 from ballbot import InputError, Log, Model, Robot
-from ballbot.arguments import checked_arguments
+from ballbot.arguments import checked_arguments, names_listed
 from ballbot.control.presets import nominal_controller
 
 ROBOT = Robot.load("alten")
@@ -104,3 +104,8 @@ def test_a_missing_argument_is_pythons_own_error():
     assert half(np.float32(3.0)) == 1.5
     with pytest.raises(TypeError, match="number"):
         half()  # pyright: ignore[reportCallIssue]
+
+
+def test_names_in_one_text_are_separated_by_commas():
+    assert names_listed(" psi, psi_dot,,") == ("psi", "psi_dot")
+    assert names_listed("") == ()

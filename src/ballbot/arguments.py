@@ -6,6 +6,8 @@
 `simulate(..., duration="1")` is then refused by a sentence, before anything is done with it. What is checked are
 numbers, classes, lists of them and functions, by the annotations. What has a check of its own that gives more advice,
 such as arrays (`ballbot.arrays`), robots and logs, is left to that: see `_CHECKED_ELSEWHERE`.
+
+Several names in one text, as of an option, are separated by `names_listed`.
 """
 
 from __future__ import annotations
@@ -32,6 +34,11 @@ _CHECKED_ELSEWHERE = re.compile(
 )
 _SEVERAL = (Sequence, Collection, Iterable)
 _WORDS = {float: "a number", int: "a whole number", str: "a text", bool: "True or False"}
+
+
+def names_listed(names: str) -> tuple[str, ...]:
+    """Return names that stand with commas between."""
+    return tuple(name.strip() for name in names.split(",") if name.strip())
 
 
 def checked_arguments(function: Callable[P, T]) -> Callable[P, T]:

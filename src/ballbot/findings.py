@@ -54,7 +54,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "excitation": "the logs do not excite a parameter",
         "fall": "the robot falls, or is not on its ball",
         "file": "how a foreign file was read",
-        "force-delay": "the force on an axis acts later or earlier than its rows, and is moved by that",
+        "force-delay": "the force on an axis acts later or earlier than its rows, and is moved by that if it is clear",
         "force-friction": "the friction of an axis is estimated below zero and fixed at zero",
         "force-limit": "the recorded force of an axis exceeds its limit, where it does not act",
         "force-sign": "the force on an axis has the opposite sign, or is delayed",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ballbot.identification.axis import AXIS_LAWS, AxisOptions, identify_axis
-from ballbot.identification.axis.force_timing import delayed, force_delay, is_interpolated
+from ballbot.identification.axis.force_timing import delay_findings, delayed, force_delay, is_interpolated
 from ballbot.identification.axis.law_fits import initial_values
 from ballbot.identification.axis.motion import default_bandwidth
 from ballbot.identification.axis.output_error import sighting
@@ -72,6 +72,19 @@ def test_a_force_moved_by_whole_and_half_rows(motor: AxisRecord) -> None:
     np.testing.assert_array_equal(whole.force[2:], motor.force[:-2])
     np.testing.assert_allclose(half.force[:-1], 0.5 * (motor.force[:-1] + motor.force[1:]))
     assert delayed(motor, 0.0) is motor
+
+
+def test_the_finding_on_a_delay_says_what_was_moved_and_how_clear_it_is(motor: AxisRecord) -> None:
+    (moved,) = delay_findings([motor], 1.0)
+    assert (
+        "acts 10 ms (1 row) later than its row: so moved it predicts the position clearly better"
+        in moved.text
+    )
+    assert "play" not in moved.text
+    (unclear,) = delay_findings([motor], -0.5, clear=False)
+    assert "acts 5 ms (0.5 rows) earlier than its row" in unclear.text
+    assert "reverses too often to distinguish such a delay from play" in unclear.text
+    assert not delay_findings([motor], 0.0, clear=False)
 
 
 @pytest.mark.sample

@@ -87,6 +87,17 @@ def test_open_loop_finds_known_parameters(horizon):
         assert found.values[name] == pytest.approx(value, rel=0.02)
 
 
+def test_equal_numbers_under_other_names_are_simulated_anew():
+    seen = sighting(simulated_record(duration=3.0), 20.0)
+    windows = [windows_of(seen, equal_spans(seen.record, 0.5))]
+    problem, fresh = (OpenLoop(model=MODEL, sightings=[seen], windows=windows) for _ in range(2))
+    exchanged: dict[str, float] = dict(
+        zip(("mass", "coulomb", "viscous", "offset"), NOT_QUITE.values(), strict=True)
+    )
+    problem.errors(NOT_QUITE)
+    np.testing.assert_array_equal(problem.errors(exchanged), fresh.errors(exchanged))
+
+
 def test_closed_loop_finds_known_parameters():
     seen = sighting(simulated_record(), 20.0)
     found = fit_output_error(MODEL, NOT_QUITE, ClosedLoop(model=MODEL, sightings=[seen]))

@@ -5,11 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ballbot.identification.axis import AXIS_LAWS, AxisOptions, identify_axis
+from ballbot.identification.axis import AXIS_LAWS, AxisOptions, identify_axis, play, preparation
 from ballbot.identification.axis.law_fits import initial_values
 from ballbot.identification.axis.motion import default_bandwidth
-from ballbot.identification.axis.output_error import sighting
-from ballbot.identification.axis.play import contact_of, play_findings
+from ballbot.identification.axis.output_error import OutputErrorFit, Sighting, sighting
+from ballbot.identification.axis.play import (
+    Contact,
+    Play,
+    away_from_reversals,
+    contact_of,
+    play_findings,
+    play_of,
+)
 from ballbot.identification.axis.preparation import Bench, Prepared, prepared_records
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.selection import blocks_of
@@ -27,6 +34,19 @@ def prepared(record: AxisRecord) -> Prepared:
     return prepared_records(bench, ONLY_FRICTION, blocks_of([record]))
 
 
+def contact_in(record: AxisRecord, everywhere: OutputErrorFit, between: OutputErrorFit) -> Contact:
+    """Return all rows of a record as those between reversals, with these fits."""
+    return Contact(
+        rows=[np.ones(len(record), dtype=bool)],
+        sightings=[sighting(record, default_bandwidth(record))],
+        blocks=blocks_of([record]),
+        everywhere=everywhere,
+        between=between,
+        starts={name: {} for name in AXIS_LAWS},
+        after=0.04,
+    )
+
+
 @pytest.mark.parametrize("on_motor", [False, True])
 def test_friction_between_reversals_is_right_in_spite_of_play(on_motor: bool) -> None:
     record = record_with_play(0.01, on_motor=on_motor)
@@ -38,6 +58,85 @@ def test_friction_between_reversals_is_right_in_spite_of_play(on_motor: bool) ->
     for name, truth in TRUTH.items():
         # a small share of impacts stays
         assert found.between.values[name] == pytest.approx(truth, rel=0.02)
+
+
+def test_play_shows_in_the_mean_of_both_directions_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The law that predicts all rows best has friction of each direction; between reversals they are one."""
+    record = record_with_play(0.0, duration=4.0)
+    seen, blocks = [sighting(record, default_bandwidth(record))], blocks_of([record])
+
+    def fit(law: str, times: float, **values: float) -> OutputErrorFit:
+        errors = {name: 0.001 * value for name, value in values.items()}
+        model = AxisModel(law=AXIS_LAWS[law])
+        return OutputErrorFit(model=model, values=values, standard_errors=errors, rms=times * seen[0].noise)
+
+    plain = fit("coulomb", 3.5, mass=0.02, viscous=0.08, coulomb=0.07)
+    sides = {"viscous_plus": 0.07, "viscous_minus": 0.09, "coulomb_plus": 0.08, "coulomb_minus": 0.06}
+    asymmetric = fit("asymmetric", 3.0, mass=0.02, **sides)
+    monkeypatch.setattr(
+        play, "fit_law", lambda own, *_: asymmetric if own.law.name == "asymmetric" else plain
+    )
+    between = fit("coulomb", 1.0, mass=0.02, viscous=0.05, coulomb=0.1)
+    found = play_of(contact_in(record, plain, between), seen, blocks)
+    assert found is not None
+    assert found.values == {
+        "viscous": (pytest.approx(0.08), 0.05),
+        "coulomb": (pytest.approx(0.07), 0.1),
+    }
+
+
+@pytest.mark.parametrize("after", [0.04, 0.1])
+def test_validation_records_lose_the_same_time_after_reversals(after: float) -> None:
+    record = record_with_play(0.0, duration=4.0)
+    other = replace(record, name="other")
+    fast = replace(record, name="fast", position=np.sin(2.0 * np.pi * 10.0 * record.t))
+    fit = OutputErrorFit(
+        model=AxisModel(law=AXIS_LAWS["coulomb"]),
+        values=TRUTH | {"offset": 0.0},
+        standard_errors=dict.fromkeys(TRUTH, 0.0),
+        rms=1.0,
+    )
+    axis = fit.model.axis(fit.values, None)
+    kept = away_from_reversals(sighting(record, default_bandwidth(record)), axis, after=after)
+    contact = replace(contact_in(record, fit, fit), after=after, rows=[kept])
+    bench = Bench(records=(record,), others=(other, fast), bandwidth=None).in_contact(contact, axis)
+    fitted, validated, whole = bench.all
+    assert len(fitted) == np.count_nonzero(kept) < len(record)
+    np.testing.assert_array_equal(validated.t, fitted.t)
+    # ten reversals in a second leave no part that is long enough
+    assert whole is fast
+    assert bench.with_reversals == ("fast",)
+    left_out = Play(contact=contact, error=2e-3, error_between=1e-3, values={})
+    (finding,) = play_findings(bench.records, left_out, with_reversals=bench.with_reversals)
+    assert "fast keeps its rows near reversals" in finding.text
+    (finding,) = play_findings(bench.records, left_out)
+    assert "keeps its rows" not in finding.text
+
+
+@pytest.mark.parametrize("with_play", [False, True])
+def test_a_delay_that_rows_between_reversals_do_not_confirm_is_named(
+    monkeypatch: pytest.MonkeyPatch, with_play: bool
+) -> None:
+    record = record_with_play(0.0, duration=6.0)
+
+    def delay(sightings: list[Sighting], *_: object) -> float:
+        return 3.0 if len(sightings[0].record) == len(record) else 0.0
+
+    def shown(contact: Contact, *_: object) -> Play | None:
+        return Play(contact=contact, error=2.0, error_between=1.0, values={}) if with_play else None
+
+    monkeypatch.setattr(preparation, "force_delay", delay)
+    monkeypatch.setattr(preparation, "play_of", shown)
+    found = prepared(record)
+    assert found.delay == 0.0
+    assert found.unconfirmed_delay == 3.0
+    (finding,) = found.findings([record])
+    assert finding.severity == "warning"
+    # play would explain such a lag
+    assert finding.code == ("play" if with_play else "force-delay")
+    if not with_play:
+        assert "acts 6 ms (3 rows) later than its row" in finding.text
+        assert "do not confirm it, so it is not moved" in finding.text
 
 
 @pytest.mark.slow

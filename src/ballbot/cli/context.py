@@ -357,8 +357,3 @@ def robot_beside(log: Path) -> Robot | None:
     """Return the robot in the file robot.toml beside a log; None if there is no such file."""
     beside = log.parent / ROBOT_BESIDE
     return Robot.load(str(beside)) if beside.is_file() else None
-
-
-def names_listed(names: str) -> tuple[str, ...]:
-    """Return names that stand with commas between."""
-    return tuple(name.strip() for name in names.split(",") if name.strip())

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from ballbot.arguments import names_listed
 from ballbot.cli.context import (
     PAGE,
     RUN_HERE,
@@ -16,7 +17,6 @@ from ballbot.cli.context import (
     RunOptions,
     WholeNumber,
     input_files,
-    names_listed,
     open_long_result,
     read_balancing_log,
 )
@@ -163,7 +163,7 @@ def identify(
         found, selection = identify_by_law(
             described,
             checked,
-            free=names_listed(fit.estimate),
+            free=fit.estimate,
             law=fit.law,
             bounds=bounds,
             window=fit.window,

@@ -7,12 +7,12 @@ from pathlib import Path
 
 from cyclopts import Parameter
 
+from ballbot.arguments import names_listed
 from ballbot.cli.context import (
     RUN_HERE,
     RunOptions,
     WholeNumber,
     input_files,
-    names_listed,
     open_long_result,
     read_balancing_logs,
 )

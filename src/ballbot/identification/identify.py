@@ -168,7 +168,7 @@ def identify_by_law(
     robot: Robot,
     logs: CheckedLogs,
     *,
-    free: Sequence[str],
+    free: Sequence[str] | str,
     law: LawName | Literal["best"],
     bounds: Bounds,
     window: float,

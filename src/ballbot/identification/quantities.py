@@ -18,6 +18,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arguments import names_listed
 from ballbot.errors import InputError, suggest
 from ballbot.fitting.parameter import Limits, Scale
 from ballbot.robot import Body, Drive, Robot
@@ -418,7 +419,7 @@ def names_in(free: Sequence[str] | str) -> tuple[str, ...]:
         If one is neither, or the list is empty.
     """
     if isinstance(free, str):
-        free = [name.strip() for name in free.split(",") if name.strip()]
+        free = names_listed(free)
     if not free:
         raise InputError(f"There is nothing to estimate. Name some of {', '.join([*GROUPS, *BY_NAME])}.")
     named: set[str] = set()

@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.findings import Finding
+from ballbot.findings import Finding, warning
 from ballbot.identification.axis.inverse import SLOW_SAMPLING
 from ballbot.identification.axis.laws import AXIS_LAWS, Values
 from ballbot.identification.axis.output_error import Sighting
@@ -36,7 +36,7 @@ _DURATION, _LEAST_ROWS = 0.1, 12
 _ABOVE_NOISE, _LONGEST = 1.2, 0.5
 
 
-def _telling(sightings: Sequence[Sighting], model: AxisModel, start: Values, blocks: Blocks) -> float:
+def _window_length(sightings: Sequence[Sighting], model: AxisModel, start: Values, blocks: Blocks) -> float:
     """Return the length of windows [s] in which the time at which the force acts is seen."""
     records = [one.record for one in sightings]
     shortest = max(_DURATION, _LEAST_ROWS * max(one.sample_time for one in records))
@@ -55,7 +55,7 @@ def is_interpolated(
     if max(one.record.sample_time for one in sightings) <= SLOW_SAMPLING:
         return False
     start = starts["coulomb"]
-    length = _telling(sightings, model, start, blocks)
+    length = _window_length(sightings, model, start, blocks)
     held, even = (
         fit_all(replace(model, interpolated=one), start, sightings, blocks, length).rms
         for one in (False, True)
@@ -73,7 +73,7 @@ def force_delay(
     if any(one.record.loop is not None for one in sightings):
         return 0.0
     first = "dahl" if model.bending else "coulomb"
-    length = _telling(sightings, model.with_law(AXIS_LAWS[first]), starts[first], blocks)
+    length = _window_length(sightings, model.with_law(AXIS_LAWS[first]), starts[first], blocks)
     found: dict[tuple[str, float], float] = {}
 
     def error(law: str, rows: float) -> float:
@@ -112,20 +112,45 @@ def delayed(record: AxisRecord, rows: float) -> AxisRecord:
     return replace(record, force=moved(record.force), added=added)
 
 
-def delay_findings(records: Sequence[AxisRecord], rows: float, *, clear: bool = True) -> list[Finding]:
-    """Return the finding on a force that was moved; `clear`: whether windows between its reversals need that, too."""
-    if not rows:
-        return []
-    usual = 1e3 * abs(rows) * max(one.sample_time for one in records)
-    text = (
-        f"The recorded force acts {usual:.3g} ms ({abs(rows):g} {'row' if abs(rows) == 1.0 else 'rows'}) "
-        f"{'later' if rows > 0.0 else 'earlier'} than its row: so moved it predicts the position clearly better, and "
-        "all results are with it. A filter, a bus or the order of reading and writing makes such a delay; without it, "
-        "mass and viscous friction would be wrong."
-    )
-    if not clear:
-        text += (
-            " The force reverses too often to distinguish such a delay from play (backlash) between drive and axis, "
-            "which would make all parameters wrong. Record longer motions in one direction."
+def delay_findings(
+    records: Sequence[AxisRecord], rows: float, *, clear: bool = True, unconfirmed: float = 0.0
+) -> list[Finding]:
+    """Return the finding on when the forces act.
+
+    Parameters
+    ----------
+    records : sequence of AxisRecord
+    rows : float
+        By which the forces were moved.
+    clear : bool
+        Whether windows between reversals of the force need that, too.
+    unconfirmed : float
+        Rows by which the forces were not moved, as these windows do not need it.
+    """
+    if rows:
+        text = (
+            f"The recorded force acts {_later(records, rows)} than its row: so moved it predicts the position clearly "
+            "better, and all results are with it. A filter, a bus or the order of reading and writing makes such a "
+            "delay; without it, mass and viscous friction would be wrong."
         )
-    return [Finding(code="force-delay", severity="warning", text=text)]
+        if not clear:
+            text += (
+                " The force reverses too often to distinguish such a delay from play (backlash) between drive and "
+                "axis, which would make all parameters wrong. Record longer motions in one direction."
+            )
+        return [warning("force-delay", text)]
+    if unconfirmed:
+        text = (
+            f"Windows fit clearly better if the recorded force acts {_later(records, unconfirmed)} than its row; the "
+            "rows between reversals of the force do not confirm it, so it is not moved. Slight play (backlash) may "
+            "have this effect. If instead a filter, a bus or the order of reading and writing delays the force, mass "
+            "and viscous friction are wrong. Record longer motions in one direction, which distinguish the two."
+        )
+        return [warning("force-delay", text)]
+    return []
+
+
+def _later(records: Sequence[AxisRecord], rows: float) -> str:
+    usual = 1e3 * abs(rows) * max(one.sample_time for one in records)
+    count = f"{abs(rows):g} {'row' if abs(rows) == 1.0 else 'rows'}"
+    return f"{usual:.3g} ms ({count}) {'later' if rows > 0.0 else 'earlier'}"

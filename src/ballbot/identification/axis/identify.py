@@ -14,7 +14,6 @@ from ballbot.findings import Finding
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification.axis.comparison import methods_differ
 from ballbot.identification.axis.conclusions import axis_findings
-from ballbot.identification.axis.force_timing import delay_findings
 from ballbot.identification.axis.inverse import (
     InverseFit,
     inverse_fit,
@@ -28,7 +27,6 @@ from ballbot.identification.axis.output_error import (
     search_output_error,
     whole_records,
 )
-from ballbot.identification.axis.play import play_findings
 from ballbot.identification.axis.prediction import (
     PredictedError,
     elsewhere_findings,
@@ -121,8 +119,7 @@ def identify_axis(
     expected = _expected(bench, drifting, fits[chosen.name], squares[chosen.name], blocks, horizon.chosen)
     run.progress(Progress(stage="done", done=1.0, total=1.0))
     findings = (
-        *delay_findings(records, prepared.delay, clear=prepared.delay_is_clear),
-        *play_findings(records, prepared.play, tested=prepared.tested_for_play),
+        *prepared.findings(records),
         *axis_findings(
             bench.all, selection, by_law[chosen.name], estimates, asymmetry, by_user=wanted is not None
         ),

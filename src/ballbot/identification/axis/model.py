@@ -162,7 +162,7 @@ def follow_loop(axis, loop, start, steps, positions, forces):
 _LARGEST_RATE_STEP = 0.5
 #: and at most this part of the time constant of a force over position [rad]: an error of 1e-3 of its phase
 _LARGEST_FIELD_STEP = 0.15
-#: a sample
+#: steps of the simulation in one sample, at most
 _MOST_STEPS = 50
 
 

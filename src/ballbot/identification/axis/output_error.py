@@ -205,13 +205,13 @@ class OpenLoop:
         return np.concatenate([self.sightings[one.record].record.position[one.rows] for one in self.windows])
 
     @cached_property
-    def _last(self) -> dict[str, tuple[tuple[float, ...], Any]]:
+    def _last(self) -> dict[str, tuple[tuple[tuple[str, float], ...], Any]]:
         """What was computed last, by what it is, and for which values: it is needed again and again."""
         return {}
 
     def _again(self, what: str, values: Values, compute: Callable[[], _T]) -> _T:
         """Return what was computed last for these values, or compute it."""
-        key = tuple(values.values())
+        key = tuple(values.items())
         if self._last.get(what, (None, None))[0] != key:
             self._last[what] = (key, compute())
         return self._last[what][1]

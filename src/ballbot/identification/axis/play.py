@@ -61,6 +61,7 @@ class Contact:
     everywhere: OutputErrorFit  #: of the law coulomb to all rows
     between: OutputErrorFit  #: and to these rows
     starts: Mapping[str, Values]  #: by law, where fits of this model begin
+    after: float  #: how long a reversal counts after its end [s]
 
     @property
     def share(self) -> float:
@@ -171,7 +172,13 @@ def _between(
             held = replace(whole.model, interpolated=interpolated)
             between = fit_all(held, fit.values, parts, blocks, horizon)
             contact = Contact(
-                rows=rows, sightings=parts, blocks=blocks, everywhere=whole, between=between, starts=starts
+                rows=rows,
+                sightings=parts,
+                blocks=blocks,
+                everywhere=whole,
+                between=between,
+                starts=starts,
+                after=after,
             )
             found.append(contact)
     return min(found, key=lambda one: one.between.rms, default=None)
@@ -217,11 +224,12 @@ def play_of(contact: Contact, sightings: Sequence[Sighting], blocks: Blocks) -> 
 
 
 def _apart(plain: OutputErrorFit, between: OutputErrorFit) -> dict[str, tuple[float, float]]:
-    """Return which of mass and friction differ between two fits of a law, with both values."""
+    """Return which of mass and friction differ between two fits, with both values."""
     found = {}
-    for label in (one for one in plain.values if one in between.values):
-        ours, theirs = plain.values[label], between.values[label]
-        error = float(np.hypot(plain.standard_errors[label], between.standard_errors[label]))
+    first, second = _of_both_directions(plain), _of_both_directions(between)
+    for label in (one for one in first if one in second):
+        (ours, our_error), (theirs, their_error) = first[label], second[label]
+        error = float(np.hypot(our_error, their_error))
         difference = abs(ours - theirs)
         if (
             base_name(label) in ("mass", "viscous", "coulomb")
@@ -232,8 +240,34 @@ def _apart(plain: OutputErrorFit, between: OutputErrorFit) -> dict[str, tuple[fl
     return found
 
 
-def play_findings(records: Sequence[AxisRecord], play: Play | None, *, tested: bool = True) -> list[Finding]:
-    """Return the finding on play; `tested`: whether there are enough rows between reversals to show it."""
+def _of_both_directions(fit: OutputErrorFit) -> dict[str, tuple[float, float]]:
+    """Return parameters by label with their standard errors; in place of one for each direction, their mean."""
+    found = {label: (value, fit.standard_errors[label]) for label, value in fit.values.items()}
+    for plus in [one for one in found if base_name(one).endswith("_plus")]:
+        forwards, backwards = found.pop(plus), found.pop(plus.replace("_plus", "_minus"))
+        mean, error = 0.5 * (forwards[0] + backwards[0]), 0.5 * float(np.hypot(forwards[1], backwards[1]))
+        found[plus.replace("_plus", "")] = (mean, error)
+    return found
+
+
+def play_findings(
+    records: Sequence[AxisRecord],
+    play: Play | None,
+    *,
+    tested: bool = True,
+    with_reversals: Sequence[str] = (),
+) -> list[Finding]:
+    """Return the finding on play.
+
+    Parameters
+    ----------
+    records : sequence of AxisRecord
+    play : Play or None
+    tested : bool
+        Whether there are enough rows between reversals to show it.
+    with_reversals : sequence of str
+        Names of records that keep their rows near reversals.
+    """
     if play is None and not tested and all(np.ptp(one.force) > 0.0 for one in records):
         text = (
             "The force reverses too often to show whether there is play (backlash) between drive and axis, which would "
@@ -257,6 +291,12 @@ def play_findings(records: Sequence[AxisRecord], play: Play | None, *, tested: b
         f"reversals, {left_out:.0f} % of all, are left out of all results, which hold while drive and axis are in "
         "contact and do not predict reversals. Remove the play, or preload the axis, to identify friction near rest."
     )
+    if with_reversals:
+        keep = "keeps its" if len(with_reversals) == 1 else "keep their"
+        text += (
+            f" {' and '.join(with_reversals)} {keep} rows near reversals, as too few rows are left without them: "
+            "errors there include reversals, and the error expected there does not."
+        )
     return [warning("play", text)]
 
 

@@ -119,7 +119,7 @@ def predicted_error(
 
 
 #: how much a separate parameter differs between records, as standard deviation: a force by this share of the usual one,
-#: any other by this share of itself; chosen, and no more than a lower limit of what the records show
+#: any other by this share of itself; chosen, and used as a lower limit of the spread that the records show
 _FORCE_SPREAD, _PARAMETER_SPREAD = 0.1, 0.2
 #: it counts as much as so many records
 _ASSUMED_RECORDS = 3

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError, suggest
+from ballbot.findings import Finding
 from ballbot.fitting.model_selection import Gain
-from ballbot.identification.axis.force_timing import delayed, force_delay, is_interpolated
+from ballbot.identification.axis.force_timing import delay_findings, delayed, force_delay, is_interpolated
 from ballbot.identification.axis.inverse import asymmetry_over_time, without_drift
 from ballbot.identification.axis.law_fits import initial_values
 from ballbot.identification.axis.laws import AXIS_LAWS, PARAMETERS, AxisLaw, axis_law_named
@@ -25,6 +26,7 @@ from ballbot.identification.axis.play import (
     Play,
     away_from_reversals,
     contact_of,
+    play_findings,
     play_of,
     with_rows,
 )
@@ -86,6 +88,8 @@ class Bench:
     others: tuple[AxisRecord, ...]
     bandwidth: float | None  #: that the user asks for
     flat: bool = False  #: whether a drift is subtracted from the forces
+    #: names of other records that keep their rows near reversals, as too few are left without
+    with_reversals: tuple[str, ...] = ()
 
     @property
     def all(self) -> tuple[AxisRecord, ...]:
@@ -123,8 +127,11 @@ class Bench:
     def in_contact(self, contact: Contact, axis: Axis) -> Bench:
         """Return records without the rows near reversals, which are those by `axis` in the other records."""
         records = tuple(with_rows(one, kept) for one, kept in zip(self.records, contact.rows, strict=True))
-        others = tuple(_in_contact(one, sighting(one, self.band(one)), axis) for one in self.others)
-        return replace(self, records=records, others=others)
+        others = tuple(
+            _in_contact(one, sighting(one, self.band(one)), axis, after=contact.after) for one in self.others
+        )
+        whole = tuple(one.name for one, part in zip(self.others, others, strict=True) if part is one)
+        return replace(self, records=records, others=others, with_reversals=whole)
 
     def drift_from(self, drifting: Bench) -> float:
         """Return the largest range [N] of the drift that was subtracted from the forces of `drifting`."""
@@ -151,14 +158,10 @@ class Bench:
         )
 
 
-#: time after a reversal that is left out of the records that are only predicted [s]
-_AFTER = 0.1
-
-
-def _in_contact(record: AxisRecord, seen: Sighting, axis: Axis) -> AxisRecord:
+def _in_contact(record: AxisRecord, seen: Sighting, axis: Axis, *, after: float) -> AxisRecord:
     """Return a record without the rows near reversals; the whole record if too few are left."""
     try:
-        return with_rows(record, away_from_reversals(seen, axis, after=_AFTER))
+        return with_rows(record, away_from_reversals(seen, axis, after=after))
     except InputError:
         return record
 
@@ -208,6 +211,7 @@ class Prepared:
     starts: dict[str, dict[str, float]]
     delay: float = 0.0  #: rows by which the forces were moved to act when they are recorded
     delay_is_clear: bool = True  #: whether windows between reversals show that it is no play
+    unconfirmed_delay: float = 0.0  #: rows by which they were not moved, as these windows do not show it
     tested_for_play: bool = True  #: whether there are enough rows between reversals
     play: Play | None = None  #: for which the rows near reversals were left out
 
@@ -215,6 +219,19 @@ class Prepared:
     def blocks(self) -> Blocks:
         """Blocks of time of the records."""
         return blocks_of(self.bench.records)
+
+    def findings(self, records: Sequence[AxisRecord]) -> list[Finding]:
+        """Return the findings on the time of the forces and on play in the records that were given."""
+        delay = delay_findings(
+            records,
+            self.delay,
+            clear=self.delay_is_clear,
+            unconfirmed=self.unconfirmed_delay if self.play is None else 0.0,
+        )
+        play = play_findings(
+            records, self.play, tested=self.tested_for_play, with_reversals=self.bench.with_reversals
+        )
+        return [*delay, *play]
 
 
 def _prepared(bench: Bench, options: AxisOptions, blocks: Blocks) -> Prepared:
@@ -232,21 +249,28 @@ def prepared_records(bench: Bench, options: AxisOptions, blocks: Blocks) -> Prep
     """Return records whose forces act when they are recorded, without the rows near reversals if the drive has play."""
     prepared = _prepared(bench, options, blocks)
     contact = _contact(prepared, blocks)
-    rows = force_delay(prepared.bench.sightings, prepared.model, prepared.starts, blocks)
+    rows, unconfirmed = force_delay(prepared.bench.sightings, prepared.model, prepared.starts, blocks), 0.0
     # the lag after a reversal, as of play, resembles a delay, which acts between reversals, too
     if rows and contact:
         between = force_delay(contact.sightings, prepared.model, prepared.starts, contact.blocks)
-        rows = rows if rows * between > 0.0 else 0.0
+        rows, unconfirmed = (rows, 0.0) if rows * between > 0.0 else (0.0, rows)
     if rows:
         bench = bench.delayed(rows)
         prepared = replace(_prepared(bench, options, blocks), delay=rows, delay_is_clear=contact is not None)
         contact = _contact(prepared, blocks)
     play = contact and play_of(contact, prepared.bench.sightings, blocks)
+    prepared = replace(prepared, unconfirmed_delay=unconfirmed)
     if contact is None or play is None:
         return replace(prepared, tested_for_play=contact is not None)
     axis = contact.between.model.axis(contact.between.values, None)
     again = _prepared(bench.in_contact(contact, axis), options, contact.blocks)
-    return replace(again, delay=prepared.delay, delay_is_clear=prepared.delay_is_clear, play=play)
+    return replace(
+        again,
+        delay=prepared.delay,
+        delay_is_clear=prepared.delay_is_clear,
+        unconfirmed_delay=unconfirmed,
+        play=play,
+    )
 
 
 def _contact(prepared: Prepared, blocks: Blocks) -> Contact | None:
