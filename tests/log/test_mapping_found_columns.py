@@ -133,6 +133,21 @@ def test_encoders_that_begin_again_after_a_power_of_two_are_recognised(bits, sig
     assert wrapped_encoders(dict(list(columns.items())[:2]), {}, 3) is None
 
 
+@pytest.mark.parametrize("counts", [500, 1000, 2000, 4000, 8000, 16000])
+def test_encoders_that_begin_again_after_a_decimal_number_keep_it(counts):
+    """The next power of two is 2.4 % more, which would be gained at each jump."""
+    turned = np.cumsum(counts / 50.0 * (1.0 + np.sin(np.linspace(0.0, 9.0, 800))))
+    columns = {f"e{k}": np.mod(np.round(k * turned), counts) for k in (1, 2, 3)}
+    assert wrapped_encoders(columns, {}, 3) == (("e1", "e2", "e3"), counts)
+
+
+def test_encoders_that_begin_again_after_the_robot_files_counts_keep_them():
+    turned = np.cumsum(20.0 * (1.0 + np.sin(np.linspace(0.0, 9.0, 800))))
+    columns = {f"e{k}": np.mod(np.round(k * turned), 1124) for k in (1, 2, 3)}
+    assert wrapped_encoders(columns, {}, 3, encoder_counts=1124) == (("e1", "e2", "e3"), 1124)
+    assert wrapped_encoders(columns, {}, 3) is None
+
+
 def test_duties_and_encoders_that_do_not_jump_are_not_continued():
     random = np.random.default_rng(8)
     duties = {f"pwm{k}": random.integers(-255, 256, 900).astype(float) for k in (1, 2, 3)}

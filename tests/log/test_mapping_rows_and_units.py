@@ -180,3 +180,27 @@ def test_a_wheel_that_stands_still_in_a_short_log_may_have_had_nothing_to_do(eva
         InputError, match=r"in a log of 5 s, a wheel that had nothing to do\. Record at least 15 s"
     ):
         evaluated(short | {"psi_2": 0.0 * short["psi_2"]})
+
+
+def test_a_unit_that_no_angle_has_leaves_the_pitch_in_the_rolls():
+    names = ("t", "c1_V", "c2_V")
+    roles = replace(roles_by_name(names, wheel_count=3), attitude=names[1:])
+    assert roles.reading(names[1:2]) is not None
+    assert pitch_in_rolls_unit(roles) == 1.0
+
+
+def test_a_gyro_in_turns_a_second_is_read_without_its_name(evaluated, plain: Columns):
+    log, t = swaying_log(), plain["t_now"] - 0.0175
+    rates = (log["theta_dot"] + 1j * log["phi_dot"]) * np.exp(-1j * log["psi"])
+    gyro = (rates.real, rates.imag, log["psi_dot"])
+    columns = {f"omega_rps_{k + 1}": np.interp(t, log.t, rate) for k, rate in enumerate(gyro)}
+    found: Evaluation = evaluated(plain | columns)
+    assert found.proposal.gyro is not None
+    assert found.proposal.gyro.unit == "rad/s"
+
+
+def test_a_yaw_in_its_own_fine_unit_is_read_as_such():
+    lean = Scale(unit="deg", factor=np.pi / 180.0, reason="")
+    yaw = 1000.0 * np.sin(np.linspace(0.0, 9.0, 500))
+    units = heading_units(yaw, "mrad", lean, "deg")
+    assert max(units, key=lambda one: units[one]).unit == "mrad"

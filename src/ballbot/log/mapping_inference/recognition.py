@@ -58,7 +58,10 @@ def recognise(path: str | Path, table: ForeignTable, robot: Robot) -> Recognised
     """
     table, stamp = _with_stamp(table)
     table, quaternion = _with_quaternion(table)
-    wrapped, period = wrapped_encoders(table.columns, table.units, robot.wheel_count) or ((), 0)
+    encoders = wrapped_encoders(
+        table.columns, table.units, robot.wheel_count, encoder_counts=robot.sensors.encoder_counts
+    )
+    wrapped, period = encoders or ((), 0)
     raw = {name: table.columns[name] for name in wrapped}
     continued = {name: unwrapped(values, period=period) for name, values in raw.items()}
     table = replace(table, columns={**table.columns, **continued})
