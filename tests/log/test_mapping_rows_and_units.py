@@ -12,6 +12,7 @@ from ballbot.log.mapping_inference.conclusions import conclusions_of
 from ballbot.log.mapping_inference.drive import resistance_confidence
 from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.file_signals import pitch_in_rolls_unit
+from ballbot.log.mapping_inference.open_names import with_rates_of
 from ballbot.log.mapping_inference.proposal import propose
 from ballbot.log.mapping_inference.report import Evaluation, evaluate
 from ballbot.log.mapping_inference.roles import roles_by_name
@@ -58,7 +59,7 @@ def test_stamps_that_jitter_keep_the_log(evaluated, plain: Columns):
     found: Evaluation = evaluated(plain | {"t_now": late})
     assert found.proposal.rows is None
     assert 'unordered_rows = "drop"' in found.text
-    assert any("rows are not later than the row before" in one.text for one in found.findings)
+    assert any("rows are out of order" in one.text for one in found.findings)
     assert found.log is not None, found.refusal
     assert np.ptp(found.log.t) > 0.9 * np.ptp(t)
 
@@ -119,6 +120,31 @@ def test_a_matrix_omega_is_of_the_wheels_the_body_or_neither(evaluated, plain: C
     roles = evaluated(plain | omega).proposal.roles
     assert roles.speeds == (tuple(omega) if of == "wheels" else ())
     assert roles.gyro == (tuple(omega) if of == "body" else ())
+
+
+def test_rates_that_were_not_tested_are_not_said_to_be_of_neither(plain: Columns):
+    columns = plain | {f"omega_{k}": np.zeros(len(plain["t_now"])) for k in (1, 2, 3)}
+    roles, note = with_rates_of(roles_by_name(columns, wheel_count=3), columns)
+    assert roles.speeds == ()
+    assert note == "omega_1, omega_2, omega_3 are not used: the log does not show whose rates they are."
+
+
+def test_a_response_by_a_placement_in_doubt_is_no_reason_to_doubt_the_wheels_unit(
+    tmp_path: Path, plain: Columns
+):
+    path = write_foreign(tmp_path / "run.csv", plain, Habits(separator=","))
+    proposal = propose(path, small_robot(), dead_band=0.0)
+    tested = proposal.lean_test
+    assert tested is not None
+    best = replace(tested.placements[0], gain=10.0)
+
+    def asked(confidence: float) -> list[str]:
+        other = replace(tested, placements=(best, *tested.placements[1:]), confidence=confidence)
+        found = conclusions_of(replace(proposal, lean_test=other))
+        return [one.name for one in found if not one.determined]
+
+    assert "unit of the wheel angles" in asked(0.99)
+    assert "unit of the wheel angles" not in asked(0.4)
 
 
 def test_a_resistance_unlike_that_of_the_torque_limit_is_asked_for(evaluated, plain: Columns):
