@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ballbot.errors import InputError
+from ballbot.log.mapping_inference.commands import GAIN_BIAS
 from ballbot.log.mapping_inference.conclusions import conclusions_of
 from ballbot.log.mapping_inference.drive import resistance_confidence
 from ballbot.log.mapping_inference.evidence import CONFIDENT
@@ -158,6 +159,19 @@ def test_a_resistance_unlike_that_of_the_torque_limit_is_asked_for(evaluated, pl
     own: Evaluation = evaluated(plain)
     assert not own.refusal
     assert "the motion and the robot file's masses give" in own.text
+
+
+def test_the_bias_of_a_gain_is_that_of_torques_and_currents(evaluated, plain: Columns):
+    drive = evaluated(plain).proposal.drive
+    ratios = {}
+    for unit in drive.standstill:
+        other = replace(drive, units={unit: 1.0}, known_inertia=True)
+        ratio, _ = other.torque_ratio
+        ratios.setdefault(unit.kind, set()).add(
+            round(ratio / other.response.gain / other.standstill[unit], 9)
+        )
+    unbiased, biased = {1.0}, {round(np.exp(-GAIN_BIAS), 9)}
+    assert ratios == {"torque": biased, "current": biased, "duty": unbiased, "voltage": unbiased}
 
 
 def test_a_resistance_is_doubted_by_clear_evidence_only():
