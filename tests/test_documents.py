@@ -142,6 +142,7 @@ def test_the_mapping_in_the_documents_is_valid(tmp_path):
     assert mapping.columns["t"].column == written["columns"]["t"]["from"]
     assert mapping.columns["t"].factor == 1e-3  # "ms"
     assert {"wheel1", "wheel2", "wheel3"} <= set(mapping.columns)
+    assert mapping.derivatives["wheel1_dot"] == "wheel1"
 
 
 def test_the_readme_lists_every_command_and_preset():

@@ -58,6 +58,25 @@ def test_a_quaternion_and_an_imu_upside_down_become_the_same_rotation(attitude, 
     np.testing.assert_allclose(righted.as_matrix(), body.as_matrix(), atol=1e-12)
 
 
+def test_rows_out_of_order_are_dropped_but_two_runs_are_not_mixed(tmp_path):
+    """Run 2 lacks the seconds 4 to 6, so that the longest series in order would be of both runs."""
+    first, second = 0.005 * np.arange(4001), 0.005 * np.arange(5001)
+    second = second[(second < 4.0) | (second > 6.0)]
+
+    def table(t: np.ndarray) -> str:
+        return "t,x\n" + "\n".join(f"{time:.4f},{row}" for row, time in enumerate(t))
+
+    mapping = '[file]\nunordered_rows = "drop"\n[columns]\nt = "t"\nx = "x"\n'
+    late = first.copy()
+    late[700] += 0.5
+    assert len(read(tmp_path, table(late), mapping)) == 4000
+    both = table(np.concatenate([first, second]))
+    with pytest.raises(InputError, match=r"Time starts again at row 4002; split the log, or give `rows`"):
+        read(tmp_path, both, mapping)
+    cut = mapping.replace("[columns]", "rows = [1, 4001]\n[columns]")
+    assert len(read(tmp_path, both, cut)) == 4001
+
+
 def test_a_mapping_takes_four_columns_for_a_quaternion(tmp_path):
     t = 0.01 * np.arange(200)
     attitude = np.column_stack([0.1 * np.sin(3.0 * t), 0.2 * np.cos(2.0 * t), 4.0 * t])  # past half a turn

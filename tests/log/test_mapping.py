@@ -200,6 +200,14 @@ def test_time_that_does_not_increase_is_refused_before_it_is_used(tmp_path):
         ),
         ('[columns]\nt = "t"\n[wheels]\nspeed = { unit = "rpm" }\n', "[wheels] speed needs from"),
         (
+            '[columns]\nt = "t"\n[wheels]\nspeed = { from = ["a", "b"], wrap = 4096 }\n',
+            "[wheels] speed has wrap, which only angle may have",
+        ),
+        (
+            '[columns]\nt = "t"\n[wheels]\nspeed = { from = ["a", "b"], largest_speed = 40.0 }\n',
+            "[wheels] speed has largest_speed, which only angle may have",
+        ),
+        (
             '[columns]\nt = "t"\n[wheels]\nspeed = { derivative_of = "angle" }\n',
             "of angle, which [wheels] lacks",
         ),

@@ -1,18 +1,21 @@
 """Gyros under any name, encoders that begin again, clocks that count loops, and set points as commands."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.formats import read_foreign_table
+from ballbot.log.mapping_inference.command_conclusions import possible_commands
 from ballbot.log.mapping_inference.conclusions import conclusions_of
 from ballbot.log.mapping_inference.counted_time import seconds_of_a_count
 from ballbot.log.mapping_inference.gyro_columns import with_gyro
 from ballbot.log.mapping_inference.proposal import propose
 from ballbot.log.mapping_inference.recognition import Recognised, recognise
 from ballbot.log.mapping_inference.report import evaluate, mapping_text
-from ballbot.log.mapping_inference.roles import roles_by_name
+from ballbot.log.mapping_inference.roles import Roles, roles_by_name
 from ballbot.log.mapping_inference.time_units import time_conclusion, time_scale
 from ballbot.log.mapping_inference.wrapped_encoders import wrapped_encoders
 from tests.support.foreign_log_examples import (
@@ -133,6 +136,21 @@ def test_encoders_that_begin_again_after_a_power_of_two_are_recognised(bits, sig
     assert wrapped_encoders(dict(list(columns.items())[:2]), {}, 3) is None
 
 
+@pytest.mark.parametrize("counts", [500, 1000, 2000, 4000, 8000, 16000])
+def test_encoders_that_begin_again_after_a_decimal_number_keep_it(counts):
+    """The next power of two is 2.4 % more, which would be gained at each jump."""
+    turned = np.cumsum(counts / 50.0 * (1.0 + np.sin(np.linspace(0.0, 9.0, 800))))
+    columns = {f"e{k}": np.mod(np.round(k * turned), counts) for k in (1, 2, 3)}
+    assert wrapped_encoders(columns, {}, 3) == (("e1", "e2", "e3"), counts)
+
+
+def test_encoders_that_begin_again_after_the_robot_files_counts_keep_them():
+    turned = np.cumsum(20.0 * (1.0 + np.sin(np.linspace(0.0, 9.0, 800))))
+    columns = {f"e{k}": np.mod(np.round(k * turned), 1124) for k in (1, 2, 3)}
+    assert wrapped_encoders(columns, {}, 3, encoder_counts=1124) == (("e1", "e2", "e3"), 1124)
+    assert wrapped_encoders(columns, {}, 3) is None
+
+
 def test_duties_and_encoders_that_do_not_jump_are_not_continued():
     random = np.random.default_rng(8)
     duties = {f"pwm{k}": random.integers(-255, 256, 900).astype(float) for k in (1, 2, 3)}
@@ -203,3 +221,15 @@ def test_a_log_whose_commands_may_be_in_unnamed_columns_is_asked_about(tmp_path)
     assert asked.question == "columns of the commands (none or foo_A, foo_B, foo_C)"
     found = evaluate(proposal, small_robot(), file=path)
     assert "name them with --columns" in found.refusal
+
+
+def test_a_quaternion_is_no_command_of_a_log_without(tmp_path):
+    columns = columns_of(swaying_log(), Habits())
+    proposal = propose(write_foreign(tmp_path / "run.txt", columns, Habits()), small_robot())
+    moving, four = columns["theta_x"], ("quat0", "quat1", "quat2", "quat3")
+    more = dict.fromkeys((*four, "enc1", "enc2", "enc3", "enc4"), moving)
+    table = replace(proposal.table, columns={"t_now": columns["t_now"], **more})
+    roles = Roles(time="t_now", attitude=(), angles=tuple(more)[4:], speeds=(), commands=(), body_commands=())
+    bare = replace(proposal, table=table, roles=roles)
+    assert possible_commands(bare) == four
+    assert possible_commands(replace(bare, roles=replace(roles, quaternion=four))) == ()

@@ -250,6 +250,11 @@ def test_r_p_and_y_are_roll_pitch_and_yaw_together():
     assert by_name("r", "y")["y"][0] == "ball position"
 
 
+def test_y_beside_x_is_the_balls_place_and_no_yaw():
+    found = by_name("t", "x", "y", "r", "p", "enc1", "enc2", "enc3")
+    assert [found[name][:2] for name in "xy"] == [("ball position", axis) for axis in "xy"]
+
+
 def test_sides_number_wheels():
     sides = ("front", "left", "right")
     names = [f"joint_states.{kind}.{side}" for kind in ("position", "velocity", "effort") for side in sides]

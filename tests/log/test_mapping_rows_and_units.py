@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from ballbot.errors import InputError
+from ballbot.log.mapping_inference.commands import GAIN_BIAS
 from ballbot.log.mapping_inference.conclusions import conclusions_of
 from ballbot.log.mapping_inference.drive import resistance_confidence
 from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.file_signals import pitch_in_rolls_unit
+from ballbot.log.mapping_inference.open_names import with_rates_of
 from ballbot.log.mapping_inference.proposal import propose
 from ballbot.log.mapping_inference.report import Evaluation, evaluate
 from ballbot.log.mapping_inference.roles import roles_by_name
@@ -58,7 +60,7 @@ def test_stamps_that_jitter_keep_the_log(evaluated, plain: Columns):
     found: Evaluation = evaluated(plain | {"t_now": late})
     assert found.proposal.rows is None
     assert 'unordered_rows = "drop"' in found.text
-    assert any("rows are not later than the row before" in one.text for one in found.findings)
+    assert any("rows are out of order" in one.text for one in found.findings)
     assert found.log is not None, found.refusal
     assert np.ptp(found.log.t) > 0.9 * np.ptp(t)
 
@@ -121,6 +123,31 @@ def test_a_matrix_omega_is_of_the_wheels_the_body_or_neither(evaluated, plain: C
     assert roles.gyro == (tuple(omega) if of == "body" else ())
 
 
+def test_rates_that_were_not_tested_are_not_said_to_be_of_neither(plain: Columns):
+    columns = plain | {f"omega_{k}": np.zeros(len(plain["t_now"])) for k in (1, 2, 3)}
+    roles, note = with_rates_of(roles_by_name(columns, wheel_count=3), columns)
+    assert roles.speeds == ()
+    assert note == "omega_1, omega_2, omega_3 are not used: the log does not show whose rates they are."
+
+
+def test_a_response_by_a_placement_in_doubt_is_no_reason_to_doubt_the_wheels_unit(
+    tmp_path: Path, plain: Columns
+):
+    path = write_foreign(tmp_path / "run.csv", plain, Habits(separator=","))
+    proposal = propose(path, small_robot(), dead_band=0.0)
+    tested = proposal.lean_test
+    assert tested is not None
+    best = replace(tested.placements[0], gain=10.0)
+
+    def asked(confidence: float) -> list[str]:
+        other = replace(tested, placements=(best, *tested.placements[1:]), confidence=confidence)
+        found = conclusions_of(replace(proposal, lean_test=other))
+        return [one.name for one in found if not one.determined]
+
+    assert "unit of the wheel angles" in asked(0.99)
+    assert "unit of the wheel angles" not in asked(0.4)
+
+
 def test_a_resistance_unlike_that_of_the_torque_limit_is_asked_for(evaluated, plain: Columns):
     duties = {name: 1.3 * plain[name] for name in ("u1", "u2", "u3")}
     found: Evaluation = evaluated(plain | duties)
@@ -132,6 +159,19 @@ def test_a_resistance_unlike_that_of_the_torque_limit_is_asked_for(evaluated, pl
     own: Evaluation = evaluated(plain)
     assert not own.refusal
     assert "the motion and the robot file's masses give" in own.text
+
+
+def test_the_bias_of_a_gain_is_that_of_torques_and_currents(evaluated, plain: Columns):
+    drive = evaluated(plain).proposal.drive
+    ratios = {}
+    for unit in drive.standstill:
+        other = replace(drive, units={unit: 1.0}, known_inertia=True)
+        ratio, _ = other.torque_ratio
+        ratios.setdefault(unit.kind, set()).add(
+            round(ratio / other.response.gain / other.standstill[unit], 9)
+        )
+    unbiased, biased = {1.0}, {round(np.exp(-GAIN_BIAS), 9)}
+    assert ratios == {"torque": biased, "current": biased, "duty": unbiased, "voltage": unbiased}
 
 
 def test_a_resistance_is_doubted_by_clear_evidence_only():
@@ -180,3 +220,27 @@ def test_a_wheel_that_stands_still_in_a_short_log_may_have_had_nothing_to_do(eva
         InputError, match=r"in a log of 5 s, a wheel that had nothing to do\. Record at least 15 s"
     ):
         evaluated(short | {"psi_2": 0.0 * short["psi_2"]})
+
+
+def test_a_unit_that_no_angle_has_leaves_the_pitch_in_the_rolls():
+    names = ("t", "c1_V", "c2_V")
+    roles = replace(roles_by_name(names, wheel_count=3), attitude=names[1:])
+    assert roles.reading(names[1:2]) is not None
+    assert pitch_in_rolls_unit(roles) == 1.0
+
+
+def test_a_gyro_in_turns_a_second_is_read_without_its_name(evaluated, plain: Columns):
+    log, t = swaying_log(), plain["t_now"] - 0.0175
+    rates = (log["theta_dot"] + 1j * log["phi_dot"]) * np.exp(-1j * log["psi"])
+    gyro = (rates.real, rates.imag, log["psi_dot"])
+    columns = {f"omega_rps_{k + 1}": np.interp(t, log.t, rate) for k, rate in enumerate(gyro)}
+    found: Evaluation = evaluated(plain | columns)
+    assert found.proposal.gyro is not None
+    assert found.proposal.gyro.unit == "rad/s"
+
+
+def test_a_yaw_in_its_own_fine_unit_is_read_as_such():
+    lean = Scale(unit="deg", factor=np.pi / 180.0, reason="")
+    yaw = 1000.0 * np.sin(np.linspace(0.0, 9.0, 500))
+    units = heading_units(yaw, "mrad", lean, "deg")
+    assert max(units, key=lambda one: units[one]).unit == "mrad"

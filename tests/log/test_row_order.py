@@ -53,7 +53,7 @@ def test_a_time_that_is_missing_ends_a_run_and_stays_in_its_table():
     t = EVEN.copy()
     t[500] = np.nan
     assert run_of(t) == (501, len(t))
-    table = rows_in_order({"t": t, "x": t}, t)
+    table = rows_in_order({"t": t, "x": t}, t, repeated=np.zeros(len(t), dtype=bool), unordered=True)
     assert np.isnan(table["t"]).sum() == 1
 
 

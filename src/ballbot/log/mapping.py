@@ -40,7 +40,7 @@ from ballbot.log.imu_angles import (
     quaternion_angles,
     yaw_ahead,
 )
-from ballbot.log.row_order import rows_in_order, without_repeated_rows
+from ballbot.log.row_order import later_runs, repeated_rows, rows_in_order
 from ballbot.log.signals import new_messages, sampling_times, unwrapped, without_holes, without_resets
 
 
@@ -169,7 +169,7 @@ class LogMapping:
     #: [rad/s]; a wheel angle that changes faster was reset and is continued from there
     largest_speed: float | None = None
     drop_repeated: bool = False  #: whether rows that repeat the row before are one
-    drop_unordered: bool = False  #: whether rows that are not later than the row before are left out
+    drop_unordered: bool = False  #: whether rows out of order are left out
 
 
 #: [s] by which rounding may move a delayed row past the one it belongs to
@@ -273,15 +273,26 @@ def row_times(mapping: LogMapping, table: Mapping[str, NDArray[np.float64]]) -> 
 
 
 def whole_rows(mapping: LogMapping, table: Mapping[str, NDArray[np.float64]]) -> Columns:
-    """Return a file's table with the rows that a mapping takes."""
+    """Return a file's table with the rows that a mapping takes.
+
+    Raises
+    ------
+    InputError
+        If rows out of order are to be left out, and are those of another run.
+    """
     source = mapping.columns["t"]
-    if source.column not in table:  # which `row_times` reports
-        return {**table}
-    if mapping.drop_repeated:
-        table = without_repeated_rows(table, source.column)
-    if mapping.drop_unordered:
-        table = rows_in_order(table, _clock(source, table))
-    return {**table}
+    if source.column not in table or not (mapping.drop_repeated or mapping.drop_unordered):
+        return {**table}  # `row_times` reports a time that is missing
+    t = _clock(source, table)
+    repeated = repeated_rows(table, source.column) & mapping.drop_repeated
+    if mapping.drop_unordered and mapping.layout.rows is None:
+        runs = later_runs(t, repeated)
+        again = runs[t[runs] < t[runs - 1]]
+        if again.size:
+            raise InputError(
+                f"Time starts again at row {again[0] + 1}; split the log, or give `rows` in [file]."
+            )
+    return rows_in_order(table, t, repeated=repeated, unordered=mapping.drop_unordered)
 
 
 def _clock(source: Source, table: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:

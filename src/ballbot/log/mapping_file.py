@@ -10,7 +10,8 @@ An example with everything in it::
     names = ["i", "t_now"]        # the columns' names, if the header has none or wrong ones
     damaged_rows = "drop"         # skip rows of another width or with words; "refuse" (default)
     repeated_rows = "drop"        # rows that repeat the row before, its time too, are one; "refuse" (default)
-    unordered_rows = "drop"       # leave out rows that are not later than the row before; "refuse" (default)
+    unordered_rows = "drop"       # rows out of order: the longest series of rows in which time increases is kept;
+                                  # "refuse" (default)
     rows = [1, 5000]              # first and last row to take, from 1; may be left out
 
     [time]                        # may be left out
@@ -245,6 +246,9 @@ def _wheel_columns(wheels: WheelsTable) -> dict[str, Source]:
     if wheels.angle:
         columns |= _wheel_sources(wheels.angle, "", wheels)
     if wheels.speed and not wheels.speed.derivative_of:
+        for key in ("wrap", "largest_speed"):
+            if getattr(wheels.speed, key) is not None:
+                raise InputError(f"[wheels] speed has {key}, which only angle may have")
         columns |= _wheel_sources(wheels.speed, "_dot", wheels)
     return columns
 

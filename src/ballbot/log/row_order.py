@@ -25,7 +25,14 @@ _INTERVALS, _DEVIATIONS = 3.0, 3.0
 
 
 def longest_run(t: NDArray[np.float64], repeated: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return first and end of the longest stretch of rows that are one run.
+    """Return first and end of the longest stretch of rows that are one run; see `later_runs`."""
+    edges = np.concatenate(([0], later_runs(t, repeated), [len(t)]))
+    longest = int(np.argmax(np.diff(edges)))
+    return int(edges[longest]), int(edges[longest + 1])
+
+
+def later_runs(t: NDArray[np.float64], repeated: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Return the rows with which another run begins, but for the first.
 
     Parameters
     ----------
@@ -39,10 +46,7 @@ def longest_run(t: NDArray[np.float64], repeated: NDArray[np.bool_]) -> tuple[in
     back = np.flatnonzero(~breaks & (steps <= 0.0) & ~repeated[1:])
     if back.size:
         breaks[back] = _stays_back(t, back)
-    places = np.flatnonzero(breaks) + 1
-    edges = np.concatenate(([0], places, [len(t)]))
-    longest = int(np.argmax(np.diff(edges)))
-    return int(edges[longest]), int(edges[longest + 1])
+    return np.flatnonzero(breaks) + 1
 
 
 def _stays_back(t: NDArray[np.float64], back: NDArray[np.intp]) -> NDArray[np.bool_]:
@@ -63,6 +67,8 @@ def _stays_back(t: NDArray[np.float64], back: NDArray[np.intp]) -> NDArray[np.bo
 
 def increasing_rows(t: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which rows (N,) are one of the longest series in which time increases."""
+    if np.all(np.diff(t) > 0.0):
+        return np.ones(len(t), dtype=np.bool_)
     last: list[float] = []  # by length, the least time that a series ends with
     ends: list[int] = []  # and the row of that time
     before = np.full(len(t), -1)
@@ -82,18 +88,30 @@ def increasing_rows(t: NDArray[np.float64]) -> NDArray[np.bool_]:
     return kept
 
 
-def rows_in_order(table: Mapping[str, NDArray[np.float64]], t: NDArray[np.float64]) -> Columns:
-    """Return a table without the rows that are out of order by their times (N,); missing times stay."""
-    known = np.isfinite(t)
-    kept = np.ones(len(t), dtype=np.bool_)
-    kept[known] = increasing_rows(t[known])
-    return {name: values[kept] for name, values in table.items()}
+def rows_in_order(
+    table: Mapping[str, NDArray[np.float64]],
+    t: NDArray[np.float64],
+    *,
+    repeated: NDArray[np.bool_],
+    unordered: bool,
+) -> Columns:
+    """Return a table without the rows that repeat the row before, and without those out of order.
 
-
-def without_repeated_rows(table: Mapping[str, NDArray[np.float64]], time: str) -> Columns:
-    """Return a table without the rows that repeat the time and every other value of the row before."""
-    repeated = repeated_rows(table, time)
-    return {name: values[~repeated] for name, values in table.items()} if repeated.any() else {**table}
+    Parameters
+    ----------
+    table : mapping of str to (N,) array
+    t : ndarray (N,)
+        The rows' times [s]; rows whose time is missing stay.
+    repeated : ndarray (N,)
+        Rows to leave out.
+    unordered : bool
+        Whether rows out of order are left out as well.
+    """
+    kept = ~repeated
+    if unordered:
+        known = np.flatnonzero(kept & np.isfinite(t))
+        kept[known] = increasing_rows(t[known])
+    return {**table} if kept.all() else {name: values[kept] for name, values in table.items()}
 
 
 def repeated_rows(table: Mapping[str, NDArray[np.float64]], time: str) -> NDArray[np.bool_]:

@@ -7,11 +7,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ballbot.log.mapping_inference.commands import FULL_DUTIES, GAIN_BIAS, Assignment, Unit
+from ballbot.log.mapping_inference.commands import FULL_DUTIES, Assignment, Unit
 from ballbot.log.mapping_inference.dead_band import dead_band_confidence
-from ballbot.log.mapping_inference.drive import RATIO_ERROR, DriveEvidence, resistance_confidence
+from ballbot.log.mapping_inference.drive import RATIO_ERROR, DriveEvidence, gain_bias, resistance_confidence
 from ballbot.log.mapping_inference.evidence import CONFIDENT, MOST, Conclusion
-from ballbot.log.mapping_inference.names import read_names
 from ballbot.log.mapping_inference.proposal import Proposal
 from ballbot.log.mapping_inference.roles import PLAIN
 from ballbot.log.mapping_inference.tolerances import (
@@ -29,12 +28,11 @@ ALIKE_TORQUES = 0.1
 def possible_commands(proposal: Proposal) -> tuple[str, ...]:
     """Return the unused columns that may be the commands of a log without: as many of one name as wheels, that move."""
     roles, columns = proposal.roles, proposal.table.columns
-    used = {roles.time, *roles.attitude, *roles.angles, *roles.speeds, *roles.gyro}
     series: dict[str, list[str]] = {}
-    for one in read_names(list(columns)):
+    for one in roles.unused(columns):
         open_to = one.kind == "command" or (one.kind == "other" and one.weight < PLAIN)
         values = columns[one.name]
-        if one.name not in used and one.index is not None and open_to:
+        if one.name not in roles.speeds and one.index is not None and open_to:
             moves = len(np.unique(values[np.isfinite(values)])) > 1
             series.setdefault(one.stem, []).extend([one.name] * moves)
     return tuple(name for group in series.values() if len(group) == len(roles.angles) for name in group)
@@ -143,7 +141,7 @@ def _kind(proposal: Proposal) -> list[Conclusion]:
     shown = "names, sizes and whole numbers only"
     if found is not None and math.isfinite(found.gain):
         shown = (
-            f"{found.gain * math.exp(-GAIN_BIAS):.3g} units of the command act as 1 N m (standard error "
+            f"{found.gain * math.exp(-gain_bias(best)):.3g} units of the command act as 1 N m (standard error "
             f"{100 * math.hypot(RATIO_ERROR, found.gain_error):.0f} %), and {found.damping:.3f} N m s/rad of damping "
             f"(standard error {found.damping_error:.3f})"
         )

@@ -110,9 +110,9 @@ GAIN_CONTRADICTED, TOO_SMALL = 2.5, 1.3
 def _unit_of_wheels(proposal: Proposal) -> Conclusion:
     """Return the unit of the wheel angles, in doubt if the lean responds to the wheels unlike the robot's."""
     found, tested = _scale("unit of the wheel angles", proposal.wheel, "[wheels] angle"), proposal.lean_test
-    if tested is None or not math.isfinite(tested.gain_error):
+    gain = tested.gain if tested else None
+    if tested is None or gain is None or not math.isfinite(tested.gain_error):
         return found
-    gain = tested.placements[0].gain
     off, deviation = math.log(max(gain, 1e-12)), math.hypot(GAIN_DEVIATION, tested.gain_error)
     if abs(off) < GAIN_CONTRADICTED * deviation * (TOO_SMALL if off < 0.0 else 1.0):
         return found
@@ -126,7 +126,7 @@ def _frame(proposal: Proposal) -> list[Conclusion]:
     tested, frame, heading = proposal.lean_test, proposal.frame, proposal.heading
     if tested is None:
         sentence = (
-            f"the log has less than {LEAST_TIME:.0f} s of balancing, too few to test where the wheels are"
+            f"the log has less than {LEAST_TIME:.0f} s of balancing, too little to test where the wheels are"
         )
         return [
             Conclusion(

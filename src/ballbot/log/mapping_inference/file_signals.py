@@ -95,7 +95,8 @@ def pitch_in_rolls_unit(roles: Roles) -> float:
     if len(roles.attitude) < 2 or roles.quaternion:
         return 1.0
     roll, pitch = (one.unit if (one := roles.reading((name,))) else None for name in roles.attitude[:2])
-    return FACTORS["rad"][pitch] / FACTORS["rad"][roll] if roll and pitch else 1.0
+    factors = FACTORS["rad"]
+    return factors[pitch] / factors[roll] if roll in factors and pitch in factors else 1.0
 
 
 def _may_be_counts(columns: dict[str, NDArray[np.float64]], roles: Roles) -> bool:
@@ -378,7 +379,9 @@ def _gyro_unit(gain: float, named: str | None) -> tuple[str, float, float]:
 
     Thousandths of a unit are only taken for a gyro whose name says so.
     """
-    units = {unit: FACTORS["rad/s"][unit] for unit in dict.fromkeys(("rad/s", "deg/s", named)) if unit}
+    known = FACTORS["rad/s"]
+    named = named if named in known else None  # a name in turns or counts says nothing of a gyro's unit
+    units = {unit: known[unit] for unit in dict.fromkeys(("rad/s", "deg/s", named)) if unit}
     unit = min(units, key=lambda one: abs(math.log(gain * units[one])))
     off = abs(math.log(gain * units[unit]))
     fits = 1.0 if off < 0.3 else 0.93 if off < 0.6 else 0.4

@@ -13,7 +13,7 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.log.mapping_inference.names import Reading, read_names
+from ballbot.log.mapping_inference.names import Reading
 from ballbot.log.mapping_inference.open_names import NAMED_GYRO, correlation_with_rate, smooth_columns
 from ballbot.log.mapping_inference.roles import PLAIN, Roles, axes_of
 from ballbot.log.signals import Smooth, unwrapped
@@ -37,8 +37,7 @@ def with_gyro(roles: Roles, columns: Mapping[str, NDArray[np.float64]]) -> tuple
     """
     if roles.gyro or len(roles.attitude) < 2:
         return roles, ""
-    used = {roles.time, *roles.attitude, *roles.quaternion, *roles.angles, *roles.commands, *roles.time_parts}
-    readings = [one for one in read_names(list(columns), roles.units) if one.name not in used]
+    readings = roles.unused(columns)
     named = axes_of(readings, "gyro")
     if len(named) == 3:
         return replace(roles, gyro=tuple(named[axis] for axis in "xyz")), ""

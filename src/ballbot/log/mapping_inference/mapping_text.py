@@ -126,7 +126,7 @@ def _reason(one: Conclusion | None) -> str:
 
 def attitude_units(proposal: Proposal) -> list[str]:
     """Return the units of roll, pitch and, if there is one, yaw."""
-    by_factor = {FACTORS["rad"][unit]: unit for unit in ("rad", "deg", "mrad", "cdeg")}
+    by_factor = {factor: unit for unit, factor in FACTORS["rad"].items()}
     return [
         min(by_factor.items(), key=lambda one: abs(math.log(one[0] / factor)))[1]
         for factor in proposal.attitude_factors

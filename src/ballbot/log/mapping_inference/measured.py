@@ -120,7 +120,7 @@ class AssumedUnits:
         agree = heading is not None and abs(heading.correlation) > TURNING_CORRELATION and heading.significant
         motion = UnitEvidence(
             assumed=(self.lean, self.wheel, self.heading or self.lean),
-            gain=tested.placements[0].gain if tested and tested.confidence > 0.5 else None,
+            gain=tested.gain if tested else None,
             gain_error=tested.gain_error if tested else 0.0,
             turning=abs(heading.gain) if heading and agree else None,
         )

@@ -75,6 +75,8 @@ def in_whole_words(names: Collection[str]) -> dict[str, str]:
             for place in re.finditer(rf"(?<![A-Za-z]){letters[0]}(?![A-Za-z])", name):
                 before, after = name[: place.start()], name[place.end() :]
                 series = [f"{before}{letter}{after}" for letter in letters]
+                if letters == "rpy" and f"{before}x{after}" in known:
+                    continue  # beside x, y is the ball's place
                 if set(series) <= known and not set(series) & set(found):
                     found |= {one: f"{before}{word}{after}" for one, word in zip(series, words, strict=True)}
     if any("gyro" in word for word in found.values()):

@@ -120,7 +120,7 @@ def with_rates_of(named: Roles, columns: Mapping[str, NDArray[np.float64]]) -> t
     without = replace(named, speeds=())
     note = f"{', '.join(series)} are the rates neither of the wheels nor of the lean, and are not used."
     if signals is None or not {*series, *named.angles} <= set(signals[1]):
-        return without, note
+        return without, f"{', '.join(series)} are not used: the log does not show whose rates they are."
     smoothed = signals[1]
     if _likeness(series, named.angles, smoothed) > NAMED_SPEED:
         return named, ""

@@ -102,6 +102,11 @@ class LeanTest:
     pushed: NDArray[np.bool_]  #: (N,), rows left out because something pushed the robot
 
     @property
+    def gain(self) -> float | None:
+        """Response of the lean to the wheels over the robot's, by the best placement; None if that one is in doubt."""
+        return self.placements[0].gain if self.confidence > 0.5 else None
+
+    @property
     def margin(self) -> float:
         """How many times worse the next best placement fits."""
         first, second = self.placements[:2]

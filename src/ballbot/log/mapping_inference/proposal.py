@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ballbot.log.checks.stuck_encoders import StuckEncoder
 from ballbot.log.checks.torques import DELAY_EXPLAINED, DELAY_MARGIN, LARGEST_DELAY, response_delay
+from ballbot.log.columns import Columns
 from ballbot.log.formats import read_foreign_table
 from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.mapping import (
@@ -41,7 +42,7 @@ from ballbot.log.mapping_inference.wheel_response import (
     CommandTest,
     command_test,
 )
-from ballbot.log.row_order import rows_in_order, without_repeated_rows
+from ballbot.log.row_order import repeated_rows, rows_in_order
 from ballbot.log.signals import new_messages, row_spans, smooth
 from ballbot.robot import Robot
 
@@ -54,7 +55,7 @@ class Proposal:
     roles: Roles
     by_data: bool  #: whether the columns were recognised by their values
     rows: tuple[int, int] | None  #: first and last row to take, from 1; None for all
-    unordered: bool  #: whether some of these rows are not later than the row before, and left out
+    unordered: bool  #: whether some of these rows are out of order, and left out
     time: Scale
     wheel: Scale
     largest_speed: float | None  #: [rad/s], if an encoder was reset
@@ -117,10 +118,7 @@ def propose(
     table, roles, time = found.table, found.roles, found.time
     first, last = found.rows
     whole = (first, last) == (0, len(table.columns[roles.time or ""]))
-    cut = {name: values[first:last] for name, values in table.columns.items()}
-    cut = without_repeated_rows(cut, roles.time or "")
-    if found.unordered:
-        cut = rows_in_order(cut, time.factor * cut[roles.time or ""])
+    cut = taken_rows(table, roles, time, (first, last), unordered=found.unordered)
     raw = Raw.of(cut, roles, time)
     units, measured, heading = settled_units(raw, AssumedUnits.assumed(raw, roles, robot), robot)
     stuck = stuck_in(raw, units, measured)
@@ -171,6 +169,15 @@ def propose(
     whole_table = {name: values if name == roles.time else filled(values) for name, values in cut.items()}
     drive = drive_evidence(mapping, whole_table, raw.commands, robot, reading=reading, expected=expected)
     return replace(proposal, drive=drive)
+
+
+def taken_rows(
+    table: ForeignTable, roles: Roles, time: Scale, rows: tuple[int, int | None], *, unordered: bool
+) -> Columns:
+    """Return a file's columns with the rows to take, of first and end: once each, and in order if some are not."""
+    name = roles.time or ""
+    cut = {column: values[slice(*rows)] for column, values in table.columns.items()}
+    return rows_in_order(cut, time.factor * cut[name], repeated=repeated_rows(cut, name), unordered=unordered)
 
 
 def _delays(

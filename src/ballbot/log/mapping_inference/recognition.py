@@ -45,7 +45,7 @@ class Recognised:
     by_data: bool  #: whether the columns were recognised by their values
     time: Scale
     rows: tuple[int, int]  #: first and end of the longest run
-    unordered: bool  #: whether some of these rows are not later than the row before
+    unordered: bool  #: whether some of these rows are out of order
 
 
 def recognise(path: str | Path, table: ForeignTable, robot: Robot) -> Recognised:
@@ -58,7 +58,10 @@ def recognise(path: str | Path, table: ForeignTable, robot: Robot) -> Recognised
     """
     table, stamp = _with_stamp(table)
     table, quaternion = _with_quaternion(table)
-    wrapped, period = wrapped_encoders(table.columns, table.units, robot.wheel_count) or ((), 0)
+    encoders = wrapped_encoders(
+        table.columns, table.units, robot.wheel_count, encoder_counts=robot.sensors.encoder_counts
+    )
+    wrapped, period = encoders or ((), 0)
     raw = {name: table.columns[name] for name in wrapped}
     continued = {name: unwrapped(values, period=period) for name, values in raw.items()}
     table = replace(table, columns={**table.columns, **continued})
@@ -93,8 +96,8 @@ def recognise(path: str | Path, table: ForeignTable, robot: Robot) -> Recognised
     unordered = int((~kept).sum())
     if unordered:
         note = (
-            f"{unordered} of {len(kept)} rows are not later than the row before, as stamps of a late host or of whole "
-            "milliseconds are: they are left out."
+            f"{unordered} of {len(kept)} rows are out of order, as stamps of a late host or of whole milliseconds are: "
+            "the longest series of rows in which time increases is kept."
         )
         table = replace(table, notes=(*table.notes, note))
     return Recognised(
@@ -407,7 +410,8 @@ def _check_motion(path: str | Path, table: ForeignTable, roles: Roles, rows: sli
         if duration < SHORT_LOG:
             causes = (
                 f"a dead encoder, a column that was not recorded, or, in a log of {duration:.0f} s, a wheel that had "
-                f"nothing to do. Record at least {SHORT_LOG:.0f} s that sway in all directions."
+                f"nothing to do. Record at least {SHORT_LOG:.0f} s in which the robot leans "
+                "in all directions."
             )
         raise InputError(f"{path}: {still[0]} is {value:g} in every row while other wheels turn: {causes}")
     dead = [name for name in roles.commands if _is_still(table.columns[name][rows])]

@@ -142,7 +142,10 @@ def too_short(proposal: Proposal) -> str:
     said = f"the log has {seconds:.0f} s of balancing"
     if whole > seconds + 2.0:
         said += f" in its {whole:.0f} s"
-    return f"{said}, too short for this: record at least {ENOUGH_BALANCING:.0f} s that sway in all directions and turn"
+    return (
+        f"{said}, too short for this: record at least {ENOUGH_BALANCING:.0f} s in which the robot leans in all "
+        "directions and turns"
+    )
 
 
 def _likely_cause(proposal: Proposal, open_questions: Sequence[Conclusion]) -> str:

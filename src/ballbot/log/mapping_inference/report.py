@@ -27,11 +27,10 @@ from ballbot.log.mapping_inference.commands import OF_THE_MOTOR
 from ballbot.log.mapping_inference.conclusions import conclusions_of
 from ballbot.log.mapping_inference.evidence import CONFIDENT, Conclusion
 from ballbot.log.mapping_inference.mapping_text import mapping_text
-from ballbot.log.mapping_inference.proposal import Proposal
+from ballbot.log.mapping_inference.proposal import Proposal, taken_rows
 from ballbot.log.mapping_inference.refusal import contradiction, errors_of, refusal_of, too_short
 from ballbot.log.mapping_inference.tolerances import APPLIED, EXPLAINED_FOR_DELAY
 from ballbot.log.pose import with_odometry
-from ballbot.log.row_order import rows_in_order, without_repeated_rows
 from ballbot.log.signals import INTERVAL, LONGEST_HOLE, fallen_rows, local_fit
 from ballbot.robot import Robot
 
@@ -83,10 +82,10 @@ def evaluate(proposal: Proposal, robot: Robot, *, file: Path, out: Path | None =
 
 
 def _rows_of(proposal: Proposal) -> dict[str, NDArray[np.float64]]:
-    (first, last), time = proposal.rows or (1, None), proposal.roles.time or ""
-    rows = {name: values[first - 1 : last] for name, values in proposal.table.columns.items()}
-    rows = without_repeated_rows(rows, time)
-    return rows_in_order(rows, proposal.time.factor * rows[time]) if proposal.unordered else rows
+    first, last = proposal.rows or (1, None)
+    return taken_rows(
+        proposal.table, proposal.roles, proposal.time, (first - 1, last), unordered=proposal.unordered
+    )
 
 
 def findings_of(proposal: Proposal) -> tuple[Finding, ...]:

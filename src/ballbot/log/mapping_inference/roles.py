@@ -54,6 +54,12 @@ class Roles:
             return read_set_points(names, self.units)[0]
         return read_names(names, self.units)[0] if names else None
 
+    def unused(self, columns: Iterable[str]) -> list[Reading]:
+        """Return what the names of the columns without a role say, of all but the wheels' speeds."""
+        used = {self.time, *self.time_parts, *self.attitude, *self.quaternion, *self.gyro}
+        used |= {*self.angles, *self.commands}
+        return [one for one in read_names(list(columns), self.units) if one.name not in used]
+
 
 #: norms of a unit quaternion [1 +-], in this share of the rows; some programs write zeros before the first message
 UNIT_NORM, UNIT_ROWS = 0.02, 0.99

@@ -213,7 +213,8 @@ def heading_units(
     jump = float(np.abs(np.diff(known)).max(initial=0.0))
     other = 1.0 if named and lean_named else OTHER_BY_NAME if named else OTHER_THAN_LEAN
     found = {}
-    for unit in dict.fromkeys((lean.unit, "rad", "deg")):
+    own = (named,) if named in FACTORS["rad"] else ()
+    for unit in dict.fromkeys((lean.unit, "rad", "deg", *own)):
         turn = 2.0 * math.pi / FACTORS["rad"][unit]
         weight = 0.0 if named is None else math.log(_NAMED if unit == named else 1.0 - _NAMED)
         weight += 0.0 if unit == lean.unit else math.log(other)
