@@ -425,8 +425,7 @@ def names_in(free: Sequence[str] | str) -> tuple[str, ...]:
     named: set[str] = set()
     for word in free:
         if word not in BY_NAME and word not in GROUPS:
-            choices = [*GROUPS, *BY_NAME]
-            hint = suggest(word, choices, otherwise="there are")
+            hint = suggest(word, [*GROUPS, *BY_NAME], otherwise="there are")
             raise InputError(f"{word!r} is not a quantity that can be identified; {hint}")
         named.update(GROUPS.get(word, (word,)))
     return tuple(name for name in BY_NAME if name in named)
