@@ -149,7 +149,7 @@ def test_a_response_by_a_placement_in_doubt_is_no_reason_to_doubt_the_wheels_uni
 
 
 def test_a_resistance_unlike_that_of_the_torque_limit_is_asked_for(evaluated, plain: Columns):
-    duties = {name: 1.3 * plain[name] for name in ("u1", "u2", "u3")}
+    duties = {name: 1.5 * plain[name] for name in ("u1", "u2", "u3")}
     found: Evaluation = evaluated(plain | duties)
     (asked,) = found.undetermined
     assert asked.name == "resistance of the motors"

@@ -100,8 +100,9 @@ def stall_resistance(robot: Robot) -> float:
 
 #: error of the torques' ratio beyond its jackknife [log]: of 61 logs of duties of the third development half, whose
 #: resistance is the assumed one, the mean is -0.01 and the standard deviation 0.07. With the bias of torques and
-#: currents the mean would be -0.08: it is not taken from duties and voltages
-RATIO_ERROR = 0.1
+#: currents the mean would be -0.08: it is not taken from duties and voltages. A robot file's masses are not known to
+#: an eighth, which is added
+RATIO_ERROR = math.hypot(0.1, 0.125)
 #: probability before the log is seen that full duty gives the torque limit, and how far the resistance else is from
 #: that [log]; chosen
 GIVES_LIMIT, OTHER_RESISTANCE = 0.92, 0.3
