@@ -3,8 +3,8 @@
 .venv/bin/python -m benchmarks.first_use [--environments 5]
 
 The wheel is built and installed without extras into fresh environments, each with nothing compiled on disk. In each a
-first simulation runs, then `ballbot demo`: until it names the page, and until the page has its result. Then the same
-with a wheel without machine code, and what stands beside it, in environments of their own. Needs a package index.
+first simulation runs, then `ballbot demo`: until it names the page, and until the page has its result. Then what
+stands beside it, in environments of their own. Needs a package index.
 """
 
 from __future__ import annotations
@@ -160,9 +160,6 @@ def main() -> None:
         folder = Path(name)
         wheel, building = build(folder / "wheel")
         runs = [first_use(folder / f"ballbot{number}", wheel) for number in range(count)]
-        os.environ["BALLBOT_WITHOUT_MACHINE_CODE"] = "1"
-        plain, _ = build(folder / "plain")
-        compiling = first_use(folder / "compiling", plain)
         busy = os.getloadavg()[1]
         viser = other(folder / "viser", "viser", _VISER)
         sysid = other(folder / "sysid", "mujoco[sysid]>=4", _SYSID)
@@ -177,7 +174,7 @@ def main() -> None:
         ),
         ("mujoco.sysid, one parameter of a pendulum", f"{sysid[0]:.1f}", "", "", f"{sysid[1]:.1f}", ""),
     )
-    rows = (_row("Ballbot", runs), _row("the same, without machine code", [compiling]), *others)
+    rows = (_row("Ballbot", runs), *others)
     write_text(PAGE, page(rows, count, building=building, busy=busy))
     print(PAGE.read_text(encoding="utf-8"))
 
@@ -222,8 +219,8 @@ First call: `ballbot {_SIMULATE}`, from its start to its end.
 First picture: `ballbot demo` names an HTML page that plays two recorded runs. First report: that page shows the
 friction identified from the first run's log. The wheel brings the machine code that these commands need. Building it
 took {building:.0f} s, which `pip install` from a clone takes as well. Without that code, or on a processor that cannot
-run it, both commands compile first: the second row, one environment. The other two are the smallest uses of their
-packages that show a picture or a report; neither ships recorded runs, and what they show is not the same.
+run it, both commands compile first. The other two are the smallest uses of their packages that show a picture or a
+report; neither ships recorded runs, and what they show is not the same.
 """
 
 

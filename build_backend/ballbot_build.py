@@ -52,11 +52,13 @@ class BuildPy(build_py):
     def run(self) -> None:
         """Collect them; for an editable installation there is nothing to do."""
         super().run()
-        if self.editable_mode or _without_code():
+        if self.editable_mode:
             return
         package = Path(self.build_lib).resolve()
         code = package / "ballbot" / "machine_code"
         shutil.rmtree(code, ignore_errors=True)  # an earlier build's
+        if _without_code():
+            return
         with tempfile.TemporaryDirectory(prefix="ballbot-build-") as folder:
             # the package as built, its metadata, and pip's isolated environment
             parts = (str(package), str(ROOT / "src"), os.environ.get("PYTHONPATH", ""))
