@@ -121,12 +121,12 @@ def _printable_text(value: object) -> object:
 
 
 def _with_code(text: str) -> Markup:
-    """Return a text, escaped if it is none of ours, in which `commands` stand as code and powers are raised."""
+    """Return a text, escaped unless it is markup, with `commands` as code and powers raised."""
     return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(_whole_options(_typeset(text)))))
 
 
 def _whole_options(text: str) -> Markup:
-    """Return a text, escaped if it is none of ours, in which no line breaks after the dashes of an option."""
+    """Return a text, escaped unless it is markup, in which no line breaks after the dashes of an option."""
     return Markup(_OPTION.sub(r'<span class="option">\g<0></span>', str(escape(_printable_text(text)))))
 
 

@@ -290,8 +290,8 @@ def _contact(prepared: Prepared, blocks: Blocks) -> Contact | None:
 def with_best_load(prepared: Prepared, law: AxisLaw, blocks: Blocks, horizon: float) -> Prepared:
     """Return what was prepared, with that of the loads whose fit is closest, if one was selected.
 
-    The loads resemble each other, and the inverse model's error, which noise of the position biases, hardly tells them
-    apart.
+    The loads resemble each other, and the inverse model's error, which noise of the position biases, hardly
+    distinguishes them.
     """
     selected = next((name for name, _ in prepared.terms if name.startswith("load ")), None)
     if selected is None:

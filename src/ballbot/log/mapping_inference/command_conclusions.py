@@ -110,7 +110,7 @@ def _no_commands(proposal: Proposal) -> list[Conclusion]:
 
 
 def _strange_command(proposal: Proposal, assigned: Assignment, strange: int) -> Conclusion:
-    """Return which column taken for a command is none; what else is unclear of the commands follows from that."""
+    """Return which column was taken for a command but is not one; other doubts about commands follow from it."""
     name, shares = proposal.roles.commands[strange], assigned.shares
     least = min(share for place, share in enumerate(shares) if place != strange)
     return Conclusion(

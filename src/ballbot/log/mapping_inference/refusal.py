@@ -149,7 +149,7 @@ def too_short(proposal: Proposal) -> str:
 
 
 def _likely_cause(proposal: Proposal, open_questions: Sequence[Conclusion]) -> str:
-    """Return what of the file may keep the motion from showing what is asked, such as its length."""
+    """Return a property of the file, such as its length, that may prevent its motion from answering a question."""
     names = [one.name for one in open_questions]
     causes = []
     if any(name in _OF_THE_MOTION for name in names) and (short := too_short(proposal)):

@@ -56,7 +56,7 @@ EXPLAINED_FOR_DELAY = 0.75
 #: a delay is undone if it is at least so many of its standard errors. At one, delays of 11 to 18 ms were undone that
 #: were none; at two, the public course robot's 8 ms, at 1.6 errors, are asked for, although zero is the worse guess
 APPLIED = 1.5
-#: an estimate so many standard errors below zero is none
+#: an estimate this many standard errors below zero is rejected: a delay cannot be negative
 EARLY = 2.0
 #: delays that are not seen lie between zero and these [s]: an IMU's filter takes up to 20 ms, a driver up to 15
 LONGEST_LEAN_DELAY, LONGEST_COMMAND_DELAY = 0.02, 0.015

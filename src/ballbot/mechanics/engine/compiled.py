@@ -93,7 +93,7 @@ class _NoFolder(NullCache):
     def load_overload(  # pyright: ignore[reportIncompatibleMethodOverride]
         self, sig: tuple, target_context: CPUContext
     ) -> CompileResult | None:
-        """Return the shipped code; None if there is none."""
+        """Return the shipped code; None if the wheel has none for these types."""
         return None if self.shipped is None else self.shipped.load(sig, target_context)
 
     def save_overload(self, sig: object, cres: CompileResult) -> None:  # noqa: ARG002 (Numba's)

@@ -39,7 +39,7 @@ BASELINES = {
 
 
 def baseline() -> Baseline | None:
-    """Return the processor that a wheel's code is compiled for on machines like this one; None if there is none."""
+    """Return the processor that a wheel built on this kind of machine is compiled for; None if no code is shipped."""
     return BASELINES.get(platform.machine())
 
 
@@ -67,7 +67,7 @@ class ShippedCode:
     source_stamp: str  #: of all sources that the code is made from
 
     def load(self, signature: tuple, target: CPUContext) -> CompileResult | None:
-        """Return the code for arguments of these types; None if there is none, or none that runs here."""
+        """Return the code for arguments of these types; None if it is missing or does not run here."""
         if not is_used():
             return None
         target.refresh()
