@@ -29,10 +29,13 @@ from ballbot.log.mapping_inference.evidence import (
     solved,
     without_each_block,
 )
-from ballbot.log.mapping_inference.tolerances import TORQUE_PART, harmless
+from ballbot.log.mapping_inference.tolerances import TORQUE_PART
 
 #: largest dead band that must be expected, over the size of what drives: chosen, twice that of the corpus
 LARGEST_DEAD_BAND = 0.7
+#: probability before the log is seen that a firmware adds one that its team does not state: chosen, that of the
+#: corpus' halves, where it is a sixth to a quarter
+ADDS_ONE = 0.25
 #: commands below this part of their size have no clear sign
 UNCLEAR_SIGN = 0.15
 #: an estimate's error beyond its jackknife, over the size of what drives
@@ -108,15 +111,26 @@ def dead_band_estimate(
 def dead_band_confidence(turning_against: float, estimate: DeadBandEstimate | None = None) -> float:
     """Return the confidence that a dead band that nobody states only makes dry friction appear less.
 
+    Before the log is seen, a firmware adds a dead band with the probability `ADDS_ONE`, of any size up to
+    `LARGEST_DEAD_BAND` alike. An estimate that is believed has a normal error.
+
     Parameters
     ----------
     turning_against : float
         As `DriveEvidence` has it: the error is this times the dead band.
     estimate : DeadBandEstimate, optional
-        Without one that is believed, dead bands up to `LARGEST_DEAD_BAND` are equally probable.
     """
+    if not math.isfinite(turning_against):
+        return 0.5
+    harmful = min(TORQUE_PART / max(turning_against, TINY), LARGEST_DEAD_BAND)
     if estimate is None or not estimate.believed:
-        return harmless(LARGEST_DEAD_BAND / math.sqrt(3.0) * turning_against, TORQUE_PART)
-    largest = TORQUE_PART / max(turning_against, TINY)
-    below, zero = (float(ndtr((one - estimate.value) / estimate.error)) for one in (largest, 0.0))
-    return min((below - zero) / max(1.0 - zero, TINY), MOST)
+        return min(1.0 - ADDS_ONE * (1.0 - harmful / LARGEST_DEAD_BAND), MOST)
+    zero, least, largest = (
+        (one - estimate.value) / estimate.error for one in (0.0, harmful, LARGEST_DEAD_BAND)
+    )
+    no_band = (1.0 - ADDS_ONE) * math.exp(-0.5 * zero**2) / (math.sqrt(2.0 * math.pi) * estimate.error)
+    small, large = (
+        ADDS_ONE * float(ndtr(high) - ndtr(low)) / LARGEST_DEAD_BAND
+        for low, high in ((zero, least), (least, largest))
+    )
+    return min((no_band + small) / max(no_band + small + large, TINY), MOST)
