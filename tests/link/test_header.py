@@ -13,9 +13,11 @@ def test_messages_in_the_sources_are_those_of_the_package():
 
 def test_document_includes_every_message_and_layer():
     page = (ROOT / "docs/link.md").read_text(encoding="utf-8")
-    path, start, end = re.search(
+    found = re.search(
         r"```\{literalinclude\} (\S+)\n:language: c\n:start-at: \"(.+)\"\n:end-before: \"(.+)\"\n```", page
-    ).groups()
+    )
+    assert found
+    path, start, end = found.groups()
     assert (ROOT / "docs" / path).resolve() == HEADER.resolve()
     shown = start + HEADER.read_text().partition(start)[2].partition(end)[0]
     for one in MESSAGES.values():
