@@ -3,12 +3,14 @@
 import doctest
 import importlib
 import importlib.util
+import inspect
 import json
 import math
 import re
 import shlex
 import subprocess
 import sys
+import textwrap
 import tomllib
 from pathlib import Path
 
@@ -17,10 +19,12 @@ from cyclopts import App
 
 from ballbot.cli.app import COMMANDS, OUTPUT_OPTIONS, build_app
 from ballbot.cli.main import main
-from ballbot.log import Log
+from ballbot.log import Log, mapping_file
 from ballbot.log.mapping_file import read_mapping
 from ballbot.robot import Robot
 from tests.support.paths import ROOT
+
+SOURCE = ROOT / "src" / "ballbot"
 
 
 def fenced(document: str, language: str) -> list[str]:
@@ -113,18 +117,11 @@ def test_modules_that_a_document_names_exist(document):
     assert [name for name in names if not resolved(name)] == []
 
 
-@pytest.mark.parametrize("document", ["architecture", "mechanics"])
+@pytest.mark.parametrize("document", ["docs/architecture.md", "src/ballbot/mechanics/__init__.py"])
 def test_files_that_say_where_to_change_what_exist(document):
-    text = (ROOT / f"docs/{document}.md").read_text(encoding="utf-8")
-    source = ROOT / "src" / "ballbot"
-    named = []  # each with the folders that it may be in
-    for line in text.splitlines():
-        row = re.match(r"\| `(\w+)` \|.*\| ([^|]+) \|$", line)
-        if row and (source / row[1]).is_dir():  # of the table of packages: what to read first
-            named += [(name, [source / row[1]]) for name in re.findall(r"`([\w/.]+)`", row[2])]
-        else:
-            named += [(name, [source, ROOT]) for name in re.findall(r"`(\w+/[\w/.]*)`", line)]
-    missing = [name for name, places in named if not any((place / name).exists() for place in places)]
+    text = (ROOT / document).read_text(encoding="utf-8")
+    named = re.findall(r"`(\w+/[\w/.]*)`", text)
+    missing = [name for name in named if not any((place / name).exists() for place in (SOURCE, ROOT))]
     assert named
     assert not missing
 
@@ -135,7 +132,8 @@ def test_the_architecture_is_one_page():
 
 
 def test_the_mapping_in_the_documents_is_valid(tmp_path):
-    (example,) = fenced("docs/logs.md", "toml")
+    text = inspect.getdoc(mapping_file) or ""
+    example = textwrap.dedent(text.partition("::\n\n")[2].partition("\n\nA current needs")[0])
     path = tmp_path / "mapping.toml"
     path.write_text(example, encoding="utf-8")
     written, mapping = tomllib.loads(example), read_mapping(path)

@@ -3,8 +3,8 @@
 The self-test before balancing passes a robot that is wired correctly, and names what is wrong with one that is not.
 """
 
+import doctest
 import math
-import re
 import sys
 from dataclasses import replace
 
@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ballbot import Robot
+from ballbot.control import safety
 from ballbot.control.interface import LARGEST_STATE
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import hold
@@ -36,7 +37,6 @@ from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.run import simulate
 from tests.support.control_examples import FRICTION, alten, four_wheeled, leaning
-from tests.support.paths import ROOT
 
 ROBOT = alten(FRICTION)
 H = ROBOT.sensors.sample_time
@@ -386,13 +386,11 @@ def test_a_motor_without_power_is_named():
     assert finding.code == "dead-motor"
 
 
-def test_the_example_in_the_documents_runs(capsys):
+def test_the_example_of_the_module_runs():
     pytest.importorskip("mujoco")
-    text = (ROOT / "docs" / "control.md").read_text(encoding="utf-8")
-    examples = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
-    (example,) = (one for one in examples if "SelfTest" in one)
-    exec(compile(example, "docs/control.md", "exec"), {})
-    assert capsys.readouterr().out == "True\n"
+    done = doctest.testmod(safety)
+    assert done.attempted >= 9
+    assert not done.failed
 
 
 def test_invalid_input_is_refused():

@@ -24,7 +24,7 @@ from tests.support.control_examples import FRICTION, alten, everything, four_whe
 pytestmark = pytest.mark.board
 
 HERE = Path(__file__).parent
-PAGE = (Path(__file__).parents[2] / "docs" / "firmware.md").read_text(encoding="utf-8")
+PAGE = (PROJECT / "README.md").read_text(encoding="utf-8")
 
 
 def analysed(*options: str, more: Sequence[Path] = ()) -> str:

@@ -1,6 +1,6 @@
 """Safety: the layer between a controller and the motors, and a self-test before the first balance.
 
-The layer bridges a short gap in the measurements and stops on everything worse:
+The layer bridges a short gap in the measurements (NaN, infinite or beyond a million) and stops on everything worse::
 
     sample without a valid measurement    up to `max_missing` in a row are bridged; one more stops
     lean beyond the limit                 stops at once
@@ -20,6 +20,19 @@ after the other forward and back and gives the others no torque. A motor or an e
 in the wrong order, would turn the balance's feedback into a push away from upright; here they move a wheel by a
 degree or two. Hold the robot meanwhile, or let it stand upright by itself. The axes of the IMU are checked before it,
 while a person moves the robot: `ballbot.control.imu_check`.
+
+Examples
+--------
+>>> from ballbot import Robot, simulate
+>>> from ballbot.control.presets import nominal_controller
+>>> from ballbot.control.references import hold
+>>> from ballbot.twin import Twin
+>>> robot = Robot.load("alten")
+>>> safe = SafeController(nominal_controller(robot), robot, SafetyLimits(lean=0.35))
+>>> plant = Twin(robot)  # or your own robot behind the interface of a plant
+>>> log = simulate(plant, SelfTest(robot), hold(), duration=SELF_TEST_DURATION)
+>>> evaluate_self_test(robot, log).passed  # otherwise its findings name the wiring errors
+True
 """
 
 from __future__ import annotations

@@ -21,9 +21,9 @@ An example with everything in it::
 
     [columns]
     t = { from = "t_now", unit = "ms" }   # of two columns: { from = "stamp.sec", nanoseconds = "stamp.nanosec" }
-    theta = { from = "roll", unit = "deg", sign = -1, offset = 0.01, delay = 0.016 }
-    phi = "pitch"                 # short for { from = "pitch" }: Ballbot's unit and sign
-    theta_dot = { derivative_of = "theta" }
+    x = { from = "pos_x", unit = "mm", sign = -1, offset = 0.01, delay = 0.016 }
+    y = "pos_y"                   # short for { from = "pos_y" }: Ballbot's unit and sign
+    x_dot = { derivative_of = "x" }
 
     [attitude]                    # instead of theta, phi and psi in [columns]: an IMU's roll, pitch, yaw
     from = ["theta_x", "theta_y", "theta_z"]   # yaw may be left out; four columns are a quaternion w, x, y, z

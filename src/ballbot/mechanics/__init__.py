@@ -6,4 +6,24 @@ friction                 the friction law; friction_laws/ has the alternatives, 
 contacts, stick_slip     where friction acts, and the convex step that finds the sticking contacts
 model                    all of it as one object, with its linearisation
 engine/                  the compiled forms: many robots side by side, on the processor or a GPU
+
+How to change a friction term. `mechanics/equations.py` has the equations once, as scalar code that `mechanics/engine/`
+inlines into loops over robots. The places, from `src/ballbot`:
+
+parameter          `robot/components.py`: the field of `Friction`, and `scaled_friction`; `Robot.rolling_force` for the
+                   floor
+law                `mechanics/friction.py` for wheels, `mechanics/floor.py` for the rolling ball: NumPy's form and the
+                   compiled one
+packed row         `mechanics/parameters.py`: a field of `Parameters` and its value in `pack`
+smooth motion      `mechanics/engine/smooth.py`: a new argument or a new change of sign
+at rest            a limit: `mechanics/engine/convex.py` and its reference `mechanics/stick_slip.py`; a smooth term:
+                   `free_motion` in `mechanics/contacts.py`, `evaluate_acceleration` in `mechanics/engine/arrays.py`
+linearisation      `Model.linearize` in `mechanics/model.py`
+control            `control/parts/compensation.py`, `control/file.py`, and `control/overcompensation.py` for the
+                   cautious friction
+identification     `identification/quantities.py`: a `Quantity`, or the name in `NOT_IDENTIFIED`;
+                   `identification/prediction.py` writes it into the packed row, `identification/result.py` into the
+                   robot
+twin               `twin/mjcf.py` or `twin/driveline.py`, and the name in `SIMULATED_FRICTION`
+reports            `report/study.py`, `report/tables.py` and `robot/derived.py`
 """

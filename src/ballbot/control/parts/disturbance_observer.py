@@ -116,6 +116,8 @@ def _add_estimate(law, memory, torque, i):
 class DisturbanceObserver(Part):
     """How the lost torque is estimated.
 
+    The estimate is the torque that is missing in the motion, and is added. It needs no friction model.
+
     Raises
     ------
     InputError

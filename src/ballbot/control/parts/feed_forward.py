@@ -135,7 +135,7 @@ def _times(M, v):
 
 @dataclass(frozen=True, kw_only=True)
 class FeedForward(Part):
-    """The lean and the torques that a shaped motion needs; nothing to set, it follows from the robot."""
+    """Give the lean and the torques of the shaped motion; nothing to set, they follow from the robot."""
 
     label = "feed-forward"
     comment = "A shaped motion is given the lean and the torques that it needs."

@@ -116,6 +116,8 @@ def _separate(own, state, sums, d_x, d_y):
 class FloorAdaptation(Part):
     """How fast and how far the floor is followed.
 
+    The floor's drag is separated from a slope and compensated. Off by default.
+
     Raises
     ------
     InputError

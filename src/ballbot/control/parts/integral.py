@@ -80,6 +80,8 @@ def _stepped(value, kept, change, limit, limited):
 class IntegralAction(Part):
     """How the error's integral is fed back.
 
+    It corrects a lasting error of position or heading, is bounded, and forgets over a minute.
+
     Raises
     ------
     InputError

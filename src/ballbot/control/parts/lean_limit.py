@@ -85,6 +85,8 @@ def _lean(own, x, y, v_x, v_y):
 class LeanLimit(Part):
     """The largest lean and turn that errors may command.
 
+    Without it a stiff gain saturates and falls where a soft one recovers.
+
     Raises
     ------
     InputError

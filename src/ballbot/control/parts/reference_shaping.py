@@ -190,6 +190,8 @@ def _lagged(lags, memory, axis, target):
 class ReferenceShaping(Part):
     """How references are smoothed.
 
+    A jump of the reference becomes a motion of limited speed without overshoot.
+
     The defaults suit the thesis's robot: a step of 0.5 m is done to 1 mm after 5 s and asks for a lean of 0.05 rad.
 
     Raises
