@@ -193,11 +193,11 @@ def _signed(value: float, decimals: int) -> str:
 
 
 #: distinguished by dash and weight as well as by colour; of the first three as in the study's report
-_COLORS = (ORANGE, BLUE, GREEN, INK, VIOLET, YELLOW)
+_COLORS = (ORANGE, BLUE, GREEN, VIOLET, INK, YELLOW)
 #: the same in time series
-_TRACK_LOOKS: tuple[Look, ...] = ("second", "first", "third", "sixth", "fourth", "fifth")
-#: and in the replay, where teal is nearest to green
-_REPLAY_COLORS: tuple[RunColor, ...] = ("orange", "blue", "teal", "ink")
+_TRACK_LOOKS: tuple[Look, ...] = ("second", "first", "third", "fourth", "sixth", "fifth")
+#: and in the replay, where a color has the dash that it has in figures, and teal is nearest to green
+_REPLAY_COLORS: tuple[RunColor, ...] = ("orange", "blue", "teal", "violet")
 _DASHES = ("--", "-", "-.", ":")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING
 
 from ballbot.identification.quantities import FRICTION
@@ -12,6 +12,7 @@ from ballbot.rounding import digits, plus_minus
 
 if TYPE_CHECKING:
     from ballbot.fitting.intervals import Interval
+    from ballbot.log import Log
 
 _STATE_NAME = re.compile(r"\b(?P<residual>e_)?(?P<state>(?:theta|phi|psi|x|y)(?:_dot)?)\b")
 
@@ -35,6 +36,14 @@ def interval_text(interval: Interval | None) -> str:
         return ""
     lower, upper = (digits(end) if math.isfinite(end) else "open" for end in (interval.lower, interval.upper))
     return f"{lower} .. {upper}"
+
+
+def logs_words(logs: Mapping[str, Log]) -> str:
+    """Return how much is logged, and in which logs: "54 s in 2 logs (square, hold)"."""
+    seconds = sum(float(log.t[-1] - log.t[0]) for log in logs.values())
+    names = ", ".join(name for name in logs if name)  # one log of a program's memory has no name
+    count = "one log" if len(logs) == 1 else f"{len(logs)} logs"
+    return f"{seconds:.0f} s in {count}{f' ({names})' if names else ''}"
 
 
 def driveline_symbols(names: Collection[str] = FRICTION) -> str:
