@@ -21,6 +21,8 @@ NO_FRICTION = (
     "The robot file has no friction, so there is none to compensate; `ballbot identify` finds it from logs."
 )
 
+_EXPONENT = re.compile(r"\b(\d[.\d]*)e([-+]?\d+)\b")
+
 STATE_MARKS = {
     "x": "x",
     "y": "y",
@@ -72,6 +74,11 @@ def ratio_digits(ratio: float) -> str:
         return digits(ratio)
     mantissa, exponent = f"{ratio:.2e}".split("e")
     return f"{mantissa}·10{str(int(exponent)).translate(RAISED)}"
+
+
+def with_powers(words: str) -> str:
+    """Return words with the powers of ten of their numbers raised: 8.58·10⁻⁶ for 8.58e-06."""
+    return _EXPONENT.sub(lambda found: f"{found[1]}·10{str(int(found[2])).translate(RAISED)}", words)
 
 
 def with_error(value: float, error: float) -> str:
