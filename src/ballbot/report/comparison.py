@@ -461,7 +461,7 @@ def _title(name: str) -> str:
 def _sentence(found: Overall, league: League) -> str:
     """Return a controller over all courses in a sentence or two."""
     falls = (
-        f"No fall in {found.runs} runs: the probability of a "
+        f"No fall in {counted(found.runs, 'run')}: the probability of a "
         f"fall is below {100 * found.fall_interval[1]:.2g} %."
         if not found.falls
         else f"{found.falls} of {found.runs} runs ended in a fall."
