@@ -44,6 +44,12 @@ def either(words: Iterable[str]) -> str:
     return f"{', '.join(others)} or {last}" if others else last
 
 
+def every(words: Iterable[str]) -> str:
+    """Return words as a list: a, b and c."""
+    *others, last = words
+    return f"{', '.join(others)} and {last}" if others else last
+
+
 def suggest(
     word: str, choices: Iterable[str], *, otherwise: str, count: int = 1, likeness: float = 0.6
 ) -> str:

@@ -14,7 +14,7 @@ from time import monotonic
 from typing import Any, Protocol
 
 from ballbot.printable import printable_line
-from ballbot.progress import EtaEstimator, Progress, progress_line, time_left
+from ballbot.progress import EtaEstimator, Progress, progress_line, slowdown_now, time_left
 
 #: [s] before the first line, and between two
 _BEFORE, _BETWEEN = 1.0, 0.2
@@ -63,7 +63,7 @@ class NotebookProgress:
 
     def _begin(self) -> None:
         self._handle: Handle | None = None
-        self._pace = EtaEstimator(self._clock)
+        self._pace = EtaEstimator(self._clock, slowdown=slowdown_now())
         self._share, self._next = 0.0, self._clock() + _BEFORE
 
     def __call__(self, progress: Progress) -> None:

@@ -160,6 +160,23 @@ def on_all_cores(seconds: float) -> float:
     return seconds / (os.cpu_count() or 1)
 
 
+#: work is not expected to take more than so many times its usual time for what else the machine does
+_SLOWEST = 4.0
+
+
+def slowdown_now() -> float:
+    """Return how many times its usual time work takes that shares the cores with what ran in the last minute.
+
+    With as many threads as there are cores, and as many of others that are ready to run, it takes twice its time. 1 if
+    the system does not count them.
+    """
+    try:
+        ready = os.getloadavg()[0]
+    except (AttributeError, OSError):  # Windows
+        return 1.0
+    return min(1.0 + ready / (os.cpu_count() or 1), _SLOWEST)
+
+
 #: a stage that ends by itself is expected to take at least this share of the steps so far once more
 _ALWAYS_LEFT = 1 / 3
 
@@ -208,7 +225,7 @@ class ProgressReporter:
     """
 
     def __init__(self, callback: ProgressCallback, stages: Sequence[Stage]) -> None:
-        self._callback, self._eta = callback, EtaEstimator()
+        self._callback, self._eta = callback, EtaEstimator(slowdown=slowdown_now())
         self._stages = {stage.name: stage for stage in stages}
         self._to_come = {stage.name: stage.seconds for stage in stages}  # [s], of stages that have not begun
         self._whole, self._last = sum(self._to_come.values()), stages[-1]
@@ -264,19 +281,21 @@ class EtaEstimator:
     """Estimates the time left from shares that grow from 0 to 1.
 
     It is right within a factor of two from a tenth of the run on if the shares are, stage by stage, those of the time.
-    The estimate is what was planned, if anything was, and after a second the average over the later half of the time
-    since the first step. The first step itself does not count, because it compiles, and of the first step of a later
-    stage no more than twice what the pace gives. Steps read from a checkpoint or of another stage are forgotten as
-    time goes by, and steps that end together, on many threads, count as one.
+    The estimate is what was planned, if anything was, times the slowdown, and after a second the average over the
+    later half of the time since the first step. The first step itself does not count, because it compiles, and of the
+    first step of a later stage no more than twice what the pace gives. Steps read from a checkpoint or of another
+    stage are forgotten as time goes by, and steps that end together, on many threads, count as one.
 
     Parameters
     ----------
     clock : callable
         Gives the time [s]; another one is for tests.
+    slowdown : float, optional
+        How many times what was planned the work takes for what else the machine does; see `slowdown_now`.
     """
 
-    def __init__(self, clock: Callable[[], float] = monotonic) -> None:
-        self._clock = clock
+    def __init__(self, clock: Callable[[], float] = monotonic, *, slowdown: float = 1.0) -> None:
+        self._clock, self._slowdown = clock, slowdown
         self._skipped, self._share = 0.0, 0.0
         self._times: list[float] = []  # [s], when work was done
         self._worked: list[float] = []  # which share of the whole until then
@@ -320,6 +339,7 @@ class EtaEstimator:
     def _pace(self, now: float, planned: float) -> float | None:
         """Return the time of the whole work at the present pace [s]; None if that is not known."""
         is_planned = planned > 0.0
+        planned *= self._slowdown
         if not self._times or now - self._times[0] < _SHORTEST or (len(self._times) < 2 and not is_planned):
             return planned if is_planned else None
         middle = 0.5 * (self._times[0] + now)

@@ -232,6 +232,10 @@ NAMED = {
     "ballbot simulate alten --reference figu": "figure_eight",
     "ballbot identify-axis axis.csv --reference figu": "",
     "ballbot record wide": "wide_rows",
+    "ballbot compare alte": "alten",
+    "ballbot compare alten none prec": "precise",
+    "ballbot limits alten pre": "precise",
+    "ballbot compare alten --out prec": "",
     "ballbot study alten log.csv --scenario wide": "wide_rows",
 }
 
@@ -248,6 +252,7 @@ def test_zsh_completes_a_script_in_its_path_at_the_first_call(capsys: pytest.Cap
     assert "'check check'" in script
     assert "_files ;;" in script
     assert "compadd -- alten" in script
+    assert "    'compare -'*) ;;\n    'compare '*) compadd -- none full partial precise ;;" in script
 
 
 def completed(script: str, line: str) -> str:
@@ -279,3 +284,19 @@ def test_command_that_leaves_no_page_says_how_to_get_one(
     for options, expected in (((), hint), (("--quiet",), ""), (("--json",), ""), (("--out", "out"), "")):
         assert main([*words, *options]) == 0
         assert capsys.readouterr().err == expected
+
+
+@pytest.mark.parametrize(
+    ("words", "usage"),
+    [
+        ("study", "study --out PATH [OPTIONS] ROBOT LOGS..."),
+        ("identify-axis", "identify-axis --out PATH [OPTIONS] RECORD [AGAINST...]"),
+        ("compare", "compare --out PATH [OPTIONS] ROBOT [CONTROLLERS...]"),
+        ("run send", "run send --controller PATH [OPTIONS] [PORT]"),
+        ("help", "help [COMMAND...]"),
+    ],
+)
+def test_usage_names_the_arguments(words: str, usage: str, capsys: pytest.CaptureFixture[str]) -> None:
+    for given in ([*words.split(), "--help"], ["help", *words.split()]):
+        assert main(given) == 0
+        assert capsys.readouterr().out.splitlines()[0].rstrip() == f"Usage: ballbot {usage}"

@@ -100,3 +100,11 @@ def test_video_needs_ffmpeg(capsys, monkeypatch):
     words = ("log.csv", "--robot", "alten", "--video", "replay.mp4")
     assert "A video needs ffmpeg" in refused(capsys, *words)
     assert not Path("replay.mp4").exists()
+
+
+def test_a_simulated_log_is_shown_with_its_robot(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["simulate", "rezero", "--duration", "0.5", "--out", "run1"]) == 0
+    assert Robot.load("run1/robot.toml") == Robot.load("rezero")
+    assert main(["view", "run1/log.csv", "--save", "replay.html"]) == 0
+    assert '"name":"run1"' in (tmp_path / "replay.html").read_text()

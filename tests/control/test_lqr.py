@@ -97,6 +97,8 @@ def test_a_matrix_and_its_diagonal_are_one_weight(model):
     [
         (Q[:9], R, None, "Q has the shape"),
         (Q, R[:2], None, "R has the shape"),
+        (20.0, R, None, "Q is one number, 20; it must be 10 numbers"),
+        (Q, -30.0, None, "R is not positive definite"),
         (Q, -R, None, "R is not positive definite"),
         (Q, 0.0 * R, None, "R is not positive definite"),
         (np.where(np.arange(10) == 2, -1.0, Q), R, None, "Q is not positive semidefinite"),
@@ -112,6 +114,14 @@ def test_a_matrix_and_its_diagonal_are_one_weight(model):
 def test_invalid_weights_are_refused(model, q, r, n, sentence, sample_time):
     with pytest.raises(InputError, match=sentence):
         lqr(model, q, r, sample_time=sample_time, N=n)
+
+
+@pytest.mark.parametrize("sample_time", [None, 0.005])
+def test_one_number_weights_all_motors_alike(model, sample_time):
+    np.testing.assert_array_equal(
+        lqr(model, Q, R=30, sample_time=sample_time).gain,
+        lqr(model, Q, [30, 30, 30], sample_time=sample_time).gain,
+    )
 
 
 @pytest.mark.parametrize("sample_time", [0.0, -0.005, np.nan])

@@ -3,6 +3,7 @@
 import signal
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from ballbot.progress import (
     by_stage_times,
     in_parts,
     part_of,
+    slowdown_now,
 )
 from tests.support.processes import PATIENCE, Child
 
@@ -123,6 +125,26 @@ def test_no_time_left_before_the_first_step():
 def test_time_left_is_never_negative(shares, seconds):
     left = watched([(seconds, share) for share in shares])[2]
     assert all(one is None or one >= 0.0 for one in left)
+
+
+def test_what_was_planned_takes_longer_on_a_busy_machine(monkeypatch):
+    monkeypatch.setattr("os.cpu_count", lambda: 4)
+    for ready, slowdown in ((0.0, 1.0), (2.0, 1.5), (4.0, 2.0), (80.0, 4.0)):
+        monkeypatch.setattr("os.getloadavg", lambda ready=ready: (ready, 0.0, 0.0), raising=False)
+        assert slowdown_now() == slowdown
+    monkeypatch.delattr("os.getloadavg")  # as on Windows
+    assert slowdown_now() == 1.0
+
+    clock = Clock()
+    pace = EtaEstimator(clock, slowdown=2.0)
+    clock.now += 1.0
+    plan = Progress(stage="a", done=1, total=10, planned=20.0)
+    assert pace.seconds_left(plan) == pytest.approx(2.0 * 20.0 * 0.9)
+    # what is measured replaces it: 10 s for each tenth, so that the prior of 0.3 s hardly counts
+    for done in range(2, 6):
+        clock.now += 10.0
+        left = pace.seconds_left(replace(plan, done=done, share=0.1 * done))
+    assert left == pytest.approx(50.0, rel=0.05)
 
 
 def test_plan_gives_the_time_left_until_there_is_a_pace():

@@ -46,9 +46,19 @@ def test_several_are_named_by_number_or_stem(files):
     ]
 
 
-def test_stems_that_recur_have_their_folders(tmp_path, monkeypatch):
+def test_a_log_csv_is_named_by_its_folder(tmp_path, monkeypatch):
+    paths = [tmp_path / "one" / "log.csv", tmp_path / "two" / "log.csv"]
+    for path in paths:
+        path.parent.mkdir()
+        LOG.write(path)
+    assert list(as_logs(paths)) == ["one", "two"]
+    monkeypatch.chdir(paths[0].parent)
+    assert list(as_logs("log.csv")) == ["one"]
+
+
+def test_names_that_recur_have_their_folders(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    paths = [Path("one/log.csv"), Path("two/log.csv")]
+    paths = [Path("one/run.csv"), Path("two/run.csv")]
     for path in paths:
         path.parent.mkdir()
         LOG.write(path)

@@ -12,12 +12,14 @@ from ballbot.fitting.model_selection import Gain
 from ballbot.identification.axis import AxisIdentification, AxisOptions, AxisRecord, identify_axis
 from ballbot.identification.axis.laws import AXIS_LAWS
 from ballbot.identification.axis.model import Axis
+from ballbot.identification.axis.result import Estimate
 from ballbot.report.axis import (
     axis_friction_figure,
     axis_report,
     error_table,
     expected_sentence,
     laws_figure,
+    open_loop_series,
     parameter_rows,
 )
 from ballbot.report.page import page_of
@@ -81,6 +83,24 @@ def test_the_verdict_has_mass_and_friction_and_is_not_said_again(found: AxisIden
     page = shown_text(page_of(made))
     assert [page.count(text) for text in (expected_sentence(found), *(one.text for one in notes))] == [1] * 4
     assert [text for _, text in others[1:]] == ["Sentence 0.", "Sentence 1."]
+
+
+@pytest.mark.slow
+def test_a_record_fitted_without_some_rows_has_no_error_of_the_whole(found: AxisIdentification) -> None:
+    # a record with play is fitted between reversals, and its whole has no error
+    def without(one: Estimate) -> Estimate:
+        return replace(one, errors=tuple(replace(each, open_loop_rmse=np.nan) for each in one.errors))
+
+    by_law = {name: without(one) for name, one in found.by_law.items()}
+    parted = replace(found, estimates=tuple(map(without, found.estimates)), by_law=by_law)
+    shown = open_loop_series(parted, records()[0], "")
+    assert "also over the rows that the results leave out" in shown.caption
+    assert [line.name for line in shown.panels[1].lines][:2] == ["coulomb, inverse", "coulomb, open loop"]
+    # with the colors of the figure of the friction: orange and dashed, blue and solid
+    assert [line.look for line in shown.panels[1].lines] == ["second", "first", "third"]
+    whole = open_loop_series(found, records()[0], "")
+    assert all(line.name.endswith("mm RMS") for line in whole.panels[1].lines)
+    assert "leave out" not in whole.caption
 
 
 @pytest.mark.slow

@@ -23,6 +23,7 @@ from ballbot.identification.quantities import Layout
 from ballbot.identification.result import Identification, WindowErrors
 from ballbot.identification.variation import Variation
 from ballbot.identification.windows import Span
+from ballbot.log import Log
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.driveline import driveline_findings, parameter_rows
 from ballbot.report.friction import friction_curve, interval_figure, search_figure
@@ -30,7 +31,7 @@ from ballbot.report.identification_page import _rows_within
 from ballbot.report.study import friction_sentence
 from ballbot.report.style import drawn, thinned, with_peaks
 from ballbot.report.tables import parameter_sheet
-from ballbot.report.words import interval_text, state_mark, with_error, with_symbols
+from ballbot.report.words import interval_text, logs_words, state_mark, with_error, with_powers, with_symbols
 from ballbot.results import as_json
 from ballbot.robot import Friction
 from ballbot.rounding import between, digits
@@ -396,3 +397,17 @@ def test_the_search_figure_has_short_labels_even_where_the_search_has_converged(
         labels = [one.get_text() for one in axes.get_yticklabels()]
         assert len(set(labels)) >= 3
         assert max(map(len, labels)) <= len("0.0945")
+
+
+def test_powers_of_ten_are_raised():
+    assert with_powers("8.58e-06 (8.5e-06 to 1e+12) mm") == "8.58·10⁻⁶ (8.5·10⁻⁶ to 1·10¹²) mm"
+    plain = "0.5 rad, 3 e-mails, delta_2e1, wheel 2"
+    assert with_powers(plain) == plain
+
+
+def test_logs_are_named_with_their_length():
+    t = np.arange(0.0, 20.01, 0.01)
+    log = Log({"t": t, "x": t})
+    assert logs_words({"sq": log}) == "20 s in one log (sq)"
+    assert logs_words({"sq": log, "hold": log}) == "40 s in 2 logs (sq, hold)"
+    assert logs_words({"": log}) == "20 s in one log"

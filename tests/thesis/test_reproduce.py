@@ -28,6 +28,7 @@ from ballbot.progress import ignore_progress
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.run import simulate
 from tests.support.paths import ROOT
+from tests.support.report_pages import LARGEST_PAGE, figure_count
 from tests.support.symbolic_oracle import random_state
 
 pytest.importorskip("mujoco")
@@ -397,7 +398,8 @@ def test_page_has_figures_beside_words(bench: Bench, tmp_path: Path) -> None:
         made, tmp_path, provenance=provenance(command="ballbot", files=[], seed=0), progress=ignore_progress
     )
     page = index.read_text(encoding="utf-8")
-    assert page.count("<svg") == 3
+    assert figure_count(page) == 3
+    assert len(page) < LARGEST_PAGE
     # one self-contained file: nothing is fetched from beside it
     assert not re.findall(r'(?:src|href)="(?!#)', page)
     assert "&lt;b&gt;" in page
@@ -406,7 +408,7 @@ def test_page_has_figures_beside_words(bench: Bench, tmp_path: Path) -> None:
     headings = re.findall(r"<h2[^>]*>(.*?)</h2>", page)
     assert headings[0] == items[0].title
     assert not any("Figure" in one or "Table" in one for one in headings)
-    assert "Ours of the thesis&#39;s Figure 5.2." in page
+    assert "Figure 5.2 of the thesis, reproduced." in page
     for name in ("figure_2_1", "figure_5_2", "figure_i_1"):
         svg = (tmp_path / "figures" / f"{name}.svg").read_text(encoding="utf-8")
         assert svg.startswith("<svg")

@@ -35,6 +35,23 @@ def test_a_robot_comes_back_whole(tmp_path, suffix, name):
     assert (read.stated, read.assumed, read.notes) == ((), (), ())
 
 
+@pytest.mark.parametrize("name", ["robot.xml", "robot.urdf", "twin.xml"])
+def test_a_file_has_zeros_for_rounding_errors(tmp_path, name):
+    path = tmp_path / name
+    words = ("twin", "export", "alten", "--out") if name == "twin.xml" else ("new", "--from", "alten")
+    assert main([*words, str(path)]) == 0
+    numbers, least = 0, math.inf
+    for element in ET.parse(path).iter():
+        for name, text in element.items():
+            if name in ("pos", "quat", "xyaxes", "fullinertia", "xyz", "rpy", "ixy", "ixz", "iyz"):
+                values = [abs(float(word)) for word in text.split()]
+                numbers += len(values)
+                least = min([least, *(value for value in values if value)])
+    assert numbers > 300
+    assert least > 1e-6  # lengths [m], sines and inertias [kg m^2] of the robot are not smaller
+    assert len(path.read_text().splitlines()) > 200
+
+
 @pytest.mark.parametrize("name", ["alten", "cmu"])
 def test_a_robot_is_recognized_in_its_exported_twin(tmp_path, name):
     """Each wheel of the twin has a second hinge, its gear's play."""

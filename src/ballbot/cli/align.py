@@ -8,8 +8,10 @@ from ballbot.cli.context import PAGE, input_files, open_result
 from ballbot.cli.findings import Accept, check_input
 from ballbot.errors import InputError
 from ballbot.log import Log
+from ballbot.log.collection import named_files
 from ballbot.report.alignment import ERROR_HEADINGS, alignment_report, alignment_results, error_rows
 from ballbot.report.console import table
+from ballbot.report.words import logs_words
 from ballbot.validation.alignment import align as align_log
 from ballbot.validation.alignment import alignment_findings
 
@@ -44,17 +46,18 @@ def align(
     run, film = Log.read(log, mapping=mapping), Log.read(mocap)
     findings = check_input(None, {log: run}, accept=accept, mappings={log: mapping})
     inputs = input_files(log, mocap, mapping)
+    (name,) = named_files([log])
     with open_result(out, command="align", writes=_WRITTEN, inputs=inputs) as result:
         with result.progress("aligning") as bar:
-            bar.show(0.0, note=log.stem)
+            bar.show(0.0, note=name)
             try:
                 alignment = align_log(run, film)
             except InputError as error:
                 raise InputError(f"{log} and {mocap}: {error}") from None
         page = alignment_report(
             alignment,
-            title=f"{log.stem}: sensors against motion capture",
-            lead=f"On {log.name} and {mocap.name}.",
+            title=f"{name}: sensors against motion capture",
+            lead=f"{logs_words({name: run})}, beside the motion capture in {mocap.name}.",
             made=result.origin,
             log_findings=findings,
         )

@@ -9,9 +9,10 @@ from __future__ import annotations
 import importlib
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, get_origin
 
 from cyclopts import App, Group, Parameter
+from cyclopts.help import format_usage
 
 from ballbot.cli import OUTPUT
 from ballbot.errors import InputError, suggest
@@ -174,6 +175,8 @@ def build_app(tokens: Sequence[str] = (), *, unavailable: Collection[str] = ()) 
             target = f"{command.module}:{command.function}"
             app.command(target, name=command.name, help=command.summary, group=group, sort_key=place)
 
+    if {"--help", "-h"} & set(tokens) and tokens[0] in names:
+        _name_arguments(app, (tokens[0],))
     app.meta.suppress_keyboard_interrupt = False  # it does not take the app's
 
     @app.meta.default
@@ -186,6 +189,26 @@ def build_app(tokens: Sequence[str] = (), *, unavailable: Collection[str] = ()) 
         app(words, exit_on_error=False, print_error=False, result_action="return_value")
 
     return app
+
+
+def _name_arguments(app: App, path: tuple[str, ...]) -> None:
+    """Let the usage of a command, or of each of a group, name the arguments that cyclopts calls [ARGS...]."""
+    command = app
+    for name in path:
+        command = command[name]
+    for name in command:
+        if not name.startswith("-"):
+            _name_arguments(app, (*path, name))
+    if command.default_command is None:
+        return
+    optional = [
+        f"[{one.names[0]}{'...' if get_origin(one.hint) is tuple else ''}]"
+        for one in command.assemble_argument_collection()
+        if one.index is not None and not one.required
+    ]
+    named = " ".join(optional)
+    usage = str(format_usage(app, path)).rstrip().replace("[ARGS...]", named).replace("[ARGS]", named)
+    command.usage = f"Usage: {usage}"
 
 
 def _unavailable(*words: str) -> None:

@@ -48,6 +48,8 @@ def _is_importable(command: Command) -> bool:
     return True
 
 
+#: in place of the word before the one that is completed: any but an option, after a command's first argument
+_SEVERAL = ""
 #: a command's words, the word before the one that is completed, and the names that it may be
 _Named = tuple[tuple[str, ...], str, str]
 
@@ -65,6 +67,8 @@ def _named(app: App, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], s
             yield path, one.names[0], names
         elif names and one.index == 0:
             yield path, path[-1], names
+        elif names:  # the last argument, of which there may be several
+            yield path, _SEVERAL, names
 
 
 def _names_of(argument: str, path: tuple[str, ...]) -> Sequence[str]:
@@ -73,6 +77,10 @@ def _names_of(argument: str, path: tuple[str, ...]) -> Sequence[str]:
         return Robot.presets()
     if path == ("help",):
         return [command.name for command in COMMANDS]
+    if argument == "CONTROLLERS":
+        from ballbot.workflows.candidates import NAMED_CONTROLLERS
+
+        return NAMED_CONTROLLERS
     if argument == "--reference" and path != ("identify-axis",):  # there it is a column
         return list(REFERENCES)
     if argument in ("--scenario", "SCENARIO") or (path, argument) == (("twin", "scenario"), "SOURCE"):
@@ -87,13 +95,24 @@ def _cases(named: Sequence[_Named]) -> dict[str, list[str]]:
     cases: dict[str, list[str]] = {}
     for path, before, names in named:
         case = f"'{path[0]} {before}'"
-        if case not in cases.setdefault(names, []):
+        if before != _SEVERAL and case not in cases.setdefault(names, []):
             cases[names].append(case)
     return cases
 
 
+def _cases_of_several(named: Sequence[_Named]) -> dict[str, str]:
+    """Return the patterns of lines that end in one of several arguments, by pattern; to stand after `_cases`."""
+    several = [(path, names) for path, before, names in named if before == _SEVERAL]
+    return {
+        pattern: shown
+        for path, names in several
+        for pattern, shown in ((f"'{path[0]} -'*", ""), (f"'{path[0]} '*", names))
+    }
+
+
 def _with_names_in_bash(named: Sequence[_Named]) -> str:
     cases = [f"    {'|'.join(after)}) names='{names}' ;;" for names, after in _cases(named).items()]
+    cases += [f"    {pattern}) names='{names}' ;;" for pattern, names in _cases_of_several(named).items()]
     return "\n".join(
         (
             "",
@@ -113,6 +132,8 @@ def _with_names_in_bash(named: Sequence[_Named]) -> str:
 
 def _with_names_in_zsh(named: Sequence[_Named]) -> str:
     cases = [f"    {'|'.join(after)}) compadd -- {names} ;;" for names, after in _cases(named).items()]
+    several = _cases_of_several(named)
+    cases += [f"    {pattern}) {names and f'compadd -- {names} '};;" for pattern, names in several.items()]
     return "\n".join(
         (
             "",
@@ -120,6 +141,7 @@ def _with_names_in_zsh(named: Sequence[_Named]) -> str:
             '  case "${words[2]} ${words[CURRENT-1]}" in',
             "    'help help') ;;",
             f"    {'|'.join(case for after in _cases(named).values() for case in after)}) _files ;;",
+            *(f"    {pattern}) {'_files ' if names else ''};;" for pattern, names in several.items()),
             "  esac",
             '  case "${words[2]} ${words[CURRENT-1]}" in',
             *cases,
@@ -137,7 +159,10 @@ def _with_names_in_fish(named: Sequence[_Named]) -> str:
     lines = []
     for path, before, names in named:
         condition = f"__fish_ballbot_using_command {' '.join(path)}"
-        if before.startswith("--"):
+        if before == _SEVERAL:
+            after = f"test (__fish_ballbot_positional_index {len(path)}) -ge 1"
+            lines.append(f"complete -c ballbot -n '{condition}; and {after}' -a '{names}'")
+        elif before.startswith("--"):
             lines.append(f"complete -c ballbot -n '{condition}' -l {before[2:]} -r -a '{names}'")
         else:
             first = f"test (__fish_ballbot_positional_index {len(path)}) -eq 0"

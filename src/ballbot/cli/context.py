@@ -67,6 +67,9 @@ def _whole_number(_: type, tokens: Sequence[Token]) -> int:
 #: every integer option
 WholeNumber = Annotated[int, Parameter(converter=_whole_number)]
 
+#: each log of a command that needs one or more
+LogPath = Annotated[Path, Parameter(required=True)]
+
 #: the option --format of the commands that write logs, checked by `ballbot.log.formats.check_format`
 LogFormatName = Annotated[
     str, Parameter(help=f"File format of the log and other time series: {either(WRITTEN_FORMATS)}.")

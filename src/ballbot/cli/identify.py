@@ -14,6 +14,7 @@ from ballbot.cli.context import (
     PAGE,
     RUN_HERE,
     CommandResult,
+    LogPath,
     RunOptions,
     WholeNumber,
     input_files,
@@ -103,7 +104,7 @@ _FIT, _READING = FitOptions(), LogOptions()
 def identify(
     robot: str,
     /,
-    *logs: Path,
+    *logs: LogPath,
     out: Path,
     fit: FitOptions = _FIT,
     reading: LogOptions = _READING,

@@ -12,6 +12,7 @@ from cyclopts import Parameter
 from ballbot.cli.context import (
     PAGE,
     CommandResult,
+    LogPath,
     RunOptions,
     WholeNumber,
     input_files,
@@ -40,7 +41,7 @@ _WRITTEN = (PAGE, "robot.toml", "results.json", "prediction.svg", "movement.svg"
 def identify_upside_down(
     robot: str,
     /,
-    *logs: Path,
+    *logs: LogPath,
     out: Path,
     mapping: Path | None = None,
     bounds: Path | None = None,

@@ -199,6 +199,8 @@ def _missing(error: MissingArgumentError, tokens: Sequence[str]) -> str:
             Robot.load(given)
         except InputError as wrong:
             return str(wrong)
+    if argument.name == "LOGS":
+        return "No log is given. Name one or more log files after the robot."
     needed = argument.name if argument.name != "--out" else "--out FOLDER"
     return f"{' '.join(chain)} needs {needed}."
 

@@ -32,6 +32,7 @@ from ballbot.progress import (
     as_clock,
     part_of,
     progress_line,
+    slowdown_now,
     stage_words,
     time_left_now,
 )
@@ -102,6 +103,7 @@ class Bar:
 
     def __init__(self, writing: float = 0.0) -> None:
         self._writing, self._planned = writing, math.nan  # [s], the latter of all
+        self._slowdown = slowdown_now()
         self._work, self._share = 1.0, 0.0  # shares of the whole: of the work, and what is done
 
     def show(self, share: float, *, doing: str = "", note: str = "", planned: float = math.nan) -> None:
@@ -116,7 +118,8 @@ class Bar:
         if math.isnan(self._planned) and progress.planned > 0.0:
             self._planned = progress.planned + self._writing
             self._work = progress.planned / self._planned
-        left = None if progress.seconds_left is None else progress.seconds_left + self._writing
+        writing = self._slowdown * self._writing
+        left = None if progress.seconds_left is None else progress.seconds_left + writing
         part_of(
             lambda one: self._show(replace(one, seconds_left=left)), 0.0, self._work, planned=self._planned
         )(progress)
@@ -134,6 +137,7 @@ class Bar:
                 share=self._share,
                 skipped=skipped,
                 planned=self._planned,
+                seconds_left=self._slowdown * self._writing if self._writing else None,
             )
         )
 
@@ -146,7 +150,8 @@ class _DrawnBar(Bar):
 
     def __init__(self, progress: RichProgress, task: TaskID, writing: float) -> None:
         super().__init__(writing)
-        self._progress, self._task, self._pace = progress, task, EtaEstimator()
+        self._progress, self._task = progress, task
+        self._pace = EtaEstimator(slowdown=self._slowdown)
 
     def _show(self, progress: Progress) -> None:
         self._pace.seconds_left(progress)
@@ -176,7 +181,7 @@ class _WrittenLines(Bar):
 
     def __init__(self, doing: str, writing: float) -> None:
         super().__init__(writing)
-        self._doing, self._pace = doing, EtaEstimator()
+        self._doing, self._pace = doing, EtaEstimator(slowdown=self._slowdown)
         self._last: Progress | None = None  # reported
         self._written_of = ""  # the stage of the last line
         self._begun = monotonic()

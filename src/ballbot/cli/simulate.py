@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import PAGE, LogFormatName, WholeNumber, input_files, open_result
+from ballbot.cli.context import PAGE, ROBOT_BESIDE, LogFormatName, WholeNumber, input_files, open_result
 from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation, warn_of_overcompensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.cli.output import notice_output, print_verdict, standard_output
@@ -19,6 +19,7 @@ from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
 from ballbot.report.run import run_verdict, simulation_report
 from ballbot.robot import Robot
+from ballbot.robot.file import write_robot
 from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import simulate as run
 from ballbot.simulation.sensed_plant import SensedPlant
@@ -27,7 +28,7 @@ from ballbot.twin.scenario_file import load_scenario
 from ballbot.viewer.foxglove import write_with_scene
 from ballbot.workflows.metrics import run_results
 
-_WRITTEN = (*(f"log{suffix}" for suffix in WRITTEN_SUFFIXES), "results.json", PAGE)
+_WRITTEN = (*(f"log{suffix}" for suffix in WRITTEN_SUFFIXES), "results.json", ROBOT_BESIDE, PAGE)
 
 
 @Parameter(name="*")
@@ -68,7 +69,8 @@ def simulate(
 
     Example: ballbot simulate alten --controller mine.toml --scenario nominal --seed 3 --out run2
 
-    Writes report.html, log.csv and results.json (position errors, torque, how the run ended).
+    Writes report.html, log.csv, results.json (position errors, torque, how the run ended) and robot.toml, the robot of
+    the log.
 
     Parameters
     ----------
@@ -107,6 +109,7 @@ def simulate(
         with result.replaced() as new:
             missing = write_with_scene(new / f"log.{format}", log, described)
             result.write_json(run_results(log), new)
+            write_robot(described, new / ROBOT_BESIDE)
             page = simulation_report(
                 log,
                 described,

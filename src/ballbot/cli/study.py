@@ -10,6 +10,7 @@ from cyclopts import Parameter
 from ballbot.arguments import names_listed
 from ballbot.cli.context import (
     RUN_HERE,
+    LogPath,
     RunOptions,
     WholeNumber,
     input_files,
@@ -73,7 +74,7 @@ _TRIAL, _FIT = TrialOptions(), FitOptions()
 def study(
     robot: str,
     /,
-    *logs: Path,
+    *logs: LogPath,
     out: Path,
     trial: TrialOptions = _TRIAL,
     fit: FitOptions = _FIT,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 from cyclopts import App
@@ -15,6 +16,7 @@ from ballbot.report.console import table
 from ballbot.robot import Robot
 from ballbot.twin import twin_mjcf
 from ballbot.twin.mjcf import Mounting
+from ballbot.twin.model_files import model_text
 from ballbot.twin.scenario_file import load_scenario, write_scenario
 
 _ABOUT = """The twin's MuJoCo model, its scenarios, and the thesis's recommendations tried on it.
@@ -61,7 +63,8 @@ def export(
             f"written as MJCF or URDF by: ballbot new {out.stem}.urdf --from {robot}"
         )
     check_file(out)
-    write_text(out, twin_mjcf(described, load_scenario(scenario, described), mounting=mounting) + "\n")
+    document = twin_mjcf(described, load_scenario(scenario, described), mounting=mounting)
+    write_text(out, model_text(ET.fromstring(document)))
     show_written(out)
 
 

@@ -39,6 +39,7 @@ from ballbot.report.prediction import (
 from ballbot.report.run import over_time
 from ballbot.report.validation import validation_parts, validation_results
 from ballbot.report.validation_page import validation_report
+from ballbot.report.words import logs_words
 from ballbot.robot import Robot
 from ballbot.validation import ModelPair, join_validations, validate_logs
 from ballbot.workflows.controller_causes import EXPLAINED_CODES
@@ -252,7 +253,7 @@ def validate(
         page = validation_report(
             validation,
             title=title,
-            lead=f"On {', '.join(named)}.",
+            lead=f"Validated on {logs_words(named)}.",
             example_of=next(iter(named)) if len(named) == 1 else "the first log that allows it",
             made=result.origin,
         )

@@ -126,14 +126,6 @@ def _is_port(word: str) -> bool:
     return re.match(r"(udp|tcp)://|/dev/|COM\d+($|\?)", word) is not None
 
 
-def _by_folder(paths: dict[str, Path]) -> dict[str, Path]:
-    """Return logs' files by their names; a log that has the name of every command's is called as its folder."""
-    names = [
-        path.resolve().parent.name or name if path.stem == "log" else name for name, path in paths.items()
-    ]
-    return dict(zip(names, paths.values(), strict=True)) if len({*names}) == len(paths) else paths
-
-
 def _sorted_out(shown: tuple[str, ...]) -> tuple[list[str], dict[str, Path]]:
     """Return the robots, and the logs' files by their names."""
     robots = [one for one in shown if one in Robot.presets() or Path(one).suffix == ".toml"]
@@ -149,7 +141,7 @@ def _sorted_out(shown: tuple[str, ...]) -> tuple[list[str], dict[str, Path]]:
             raise InputError(f"Two logs have the label {label!r}. Give each its own.")
         else:
             labels[label] = path
-    paths = _by_folder(named_files(plain)) if plain else {}
+    paths = named_files(plain) if plain else {}
     both = [label for label in labels if label in paths]
     if both:
         raise InputError(f"Two logs are named {both[0]!r}. Give each its own label.")

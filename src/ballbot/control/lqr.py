@@ -119,8 +119,8 @@ def lqr(
         Linearised about upright where it can be; a robot's states are ordered as everywhere, and psi = 0.
     Q : array_like (m,) or (m, m)
         Weight of the states, or its diagonal; positive semidefinite.
-    R : array_like (n,) or (n, n)
-        Weight of the inputs, or its diagonal; positive definite.
+    R : float or array_like (n,) or (n, n)
+        Weight of the inputs, or its diagonal, or one number for all inputs alike; positive definite.
     sample_time : float, optional
         Time over which each input is held [s]; without it the control is continuous.
     N : array_like (m, n), optional
@@ -204,12 +204,14 @@ def _riccati(solve: Callable[[], NDArray[np.float64]]) -> NDArray[np.float64]:
 def _weight(name: str, value: ArrayLike, size: int) -> NDArray[np.float64]:
     """Return a weight as a symmetric matrix."""
     matrix = _numbers(name, value)
+    if name == "R" and matrix.shape == ():  # the motors are alike, and the states are not
+        matrix = np.full(size, float(matrix))
     if matrix.shape == (size,):
         matrix = np.diag(matrix)
     if matrix.shape != (size, size):
+        given = f"has the shape {matrix.shape}" if matrix.shape else f"is one number, {float(matrix):g}"
         raise InputError(
-            f"{name} has the shape {matrix.shape}; it must be {size} numbers (its diagonal) or a "
-            f"{size} x {size} matrix."
+            f"{name} {given}; it must be {size} numbers (its diagonal) or a {size} x {size} matrix."
         )
     if not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0.0):
         raise InputError(f"{name} is not symmetric; a weight matrix must be symmetric.")

@@ -29,13 +29,11 @@ from ballbot.identification.laws import LAWS, LawName, bounds_of, law_named, sel
 from ballbot.identification.parameters import Bounds, BoundsLike, Coordinates, as_bounds, scale_between
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import FRICTION, names_in
-from ballbot.identification.result import (
-    Identification,
-    WindowErrors,
+from ballbot.identification.result import Identification, WindowErrors, found_robot
+from ballbot.identification.result_findings import (
     bound_findings,
     correlation_findings,
     error_findings,
-    found_robot,
     influence_findings,
     interval_findings,
     prediction_findings,

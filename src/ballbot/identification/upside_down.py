@@ -34,14 +34,12 @@ from ballbot.identification.excitation import WINDOWS_PER_PARAMETER
 from ballbot.identification.parameters import Bounds, BoundsLike, Coordinates, as_bounds, scale_between
 from ballbot.identification.prediction import DIFFERENCE
 from ballbot.identification.quantities import BY_NAME, FRICTION, OF_WHEELS
-from ballbot.identification.result import (
-    ParameterTable,
+from ballbot.identification.result import ParameterTable, found_robot, without_nan
+from ballbot.identification.result_findings import (
     bound_findings,
     correlation_findings,
     error_findings,
-    found_robot,
     influence_findings,
-    without_nan,
 )
 from ballbot.identification.stated_uncertainty import parameter_covariance
 from ballbot.identification.windows import COMPARISONS, LARGEST_JITTER, Span, common_sample_time, split

@@ -3,8 +3,8 @@
 A function that takes logs takes `LogsLike` and gives it to `as_logs`, which returns them by the names of messages:
 
     a log               without a name
-    a file              by its stem
-    several             in memory "log 1", "log 2", ..; in files by their stems, with their folders if stems recur
+    a file              by its stem, and log.csv, which every command writes, by its folder
+    several             in memory "log 1", "log 2", ..; in files as one, but with their folders if names recur
     a mapping           by its keys
 """
 
@@ -72,7 +72,7 @@ def _listed(sources: Sequence[LogLike]) -> dict[str, Log]:
 
 
 def named_files(paths: Sequence[Path]) -> dict[str, Path]:
-    """Return logs' files by their stems, with their folders before them if stems recur.
+    """Return logs' files by their stems, a log.csv by its folder; by their paths if names recur.
 
     Raises
     ------
@@ -81,8 +81,9 @@ def named_files(paths: Sequence[Path]) -> dict[str, Path]:
     """
     if not paths:
         raise InputError("No log is given. Name one or more log files after the robot.")
-    stems = [path.stem for path in paths]
-    names = stems if len(set(stems)) == len(stems) else [str(path.with_suffix("")) for path in paths]
+    names = [path.resolve().parent.name or path.stem if path.stem == "log" else path.stem for path in paths]
+    if len(set(names)) < len(names):
+        names = [str(path.with_suffix("")) for path in paths]
     for path, name in zip(paths, names, strict=True):
         if names.count(name) > 1:
             raise InputError(f"The log {path} is given twice. Name each file once.")

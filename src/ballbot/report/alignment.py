@@ -32,8 +32,8 @@ def alignment_report(
         undecided.append("The errors of the angles: the log has no theta, phi and psi to compare.")
     else:
         caption = (
-            "On board less cameras. ± are half widths of 95 %, by blocks of time. The delay is against the signal "
-            "that the clock follows."
+            "On board minus cameras. ±: half width of the 95 % interval, from blocks of time. Delays are relative to "
+            f"{_CLOCK_SIGNALS[alignment.clock_signal]}, by which the clocks were aligned."
         )
         sections += [
             section("Errors", Sheet(headings=ERROR_HEADINGS, rows=error_rows(sensors), caption=caption)),
@@ -72,7 +72,7 @@ def _orientation(alignment: Alignment, sensors: SensorErrors) -> list[Block]:
         TimeSeries(
             t=log.t,
             panels=errors,
-            caption="On board less cameras. A drift is the line fitted to the error.",
+            caption="On board minus cameras. Drift: the straight line fitted to the error.",
             across=_ACROSS,
         ),
     ]
@@ -85,7 +85,7 @@ def _position(alignment: Alignment, sensors: SensorErrors, place: PositionError)
     for index, name in enumerate(("x", "y")):
         panel = _error_panel(alignment, 1e3 * sensors.errors[name], f"error of {name} [mm]", None)
         explained = Line(
-            name="made by the heading's error", values=1e3 * place.predicted[:, index], look="second"
+            name="from the heading's error", values=1e3 * place.predicted[:, index], look="second"
         )
         errors.append(replace(panel, lines=(*panel.lines, explained)))
     return [
@@ -99,7 +99,8 @@ def _position(alignment: Alignment, sensors: SensorErrors, place: PositionError)
             t=log.t,
             panels=errors,
             caption=(
-                "On board less cameras, and the error that a position has which is summed up along the wrong heading."
+                "On board minus cameras, and the part of the error that follows from the error of the heading: the "
+                "path rotated by it."
             ),
             across=_ACROSS,
         ),
@@ -140,6 +141,8 @@ def smoothed(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
 
 
 _ACROSS = "time of the log [s]"
+#: what the clocks of log and cameras are aligned by
+_CLOCK_SIGNALS = {"gyro": "the gyro", "angles": "the log's angles"}
 ERROR_HEADINGS = ("", "unit", "RMS", "largest", "drift per minute", "RMS about the drift", "delay [ms]")
 
 

@@ -23,7 +23,7 @@ from ballbot.report.blocks import Bullets, Paragraph, Report, Section, Sheet, se
 from ballbot.report.console import table
 from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE
 from ballbot.report.provenance import Provenance
-from ballbot.report.series import IN_TURN, Line, Panel, TimeSeries
+from ballbot.report.series import Line, Look, Panel, TimeSeries
 from ballbot.report.style import drawn_picture
 from ballbot.report.words import with_error
 from ballbot.rounding import digits, value_and_error
@@ -34,6 +34,8 @@ _SLOW = 0.02
 _MOST_POINTS = 3000
 #: findings that stand in the verdict; the others stand with the parameters
 _IN_VERDICT = 2
+#: how a row of the verdict is headed, by the finding's code
+_VERDICT_WORDS = {"play": "Play", "force-delay": "Delay", "law": "Law", "axis-residuals": "Residual"}
 #: parameters of every law that are no friction and no mass
 _NO_FRICTION = frozenset({"offset", "spring"})
 #: the least gain that the figure of the laws shows [%]
@@ -60,7 +62,7 @@ def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figur
     axes.plot(
         motion.speed[moving], friction[moving], ".", color=MUTED, markersize=1.6, alpha=0.5, label="record"
     )
-    for estimate, color, dash in _drawn_laws(found):
+    for estimate, color, dash, _ in _drawn_laws(found):
         _draw_law(estimate, fastest, color, dash, axes)
     middle = float(np.quantile(np.abs(friction[moving]), 0.99))
     axes.set_ylim(-1.3 * middle, 1.3 * middle)
@@ -70,10 +72,14 @@ def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figur
     return figure
 
 
-def _drawn_laws(found: AxisIdentification) -> list[tuple[Estimate, str, str]]:
-    drawn = [(found.estimate("inverse"), ORANGE, "--"), (found.best, BLUE, "-")]
+def _drawn_laws(found: AxisIdentification) -> list[tuple[Estimate, str, str, Look]]:
+    """Return the estimates that are drawn, each with its color and dash, and with the same look in time series."""
+    drawn: list[tuple[Estimate, str, str, Look]] = [
+        (found.estimate("inverse"), ORANGE, "--", "second"),
+        (found.best, BLUE, "-", "first"),
+    ]
     if found.chosen.symmetric:
-        drawn.append((found.by_law["asymmetric"], GREEN, ":"))
+        drawn.append((found.by_law["asymmetric"], GREEN, "-.", "third"))
     return drawn
 
 
@@ -115,8 +121,8 @@ def closed_loop_series(found: AxisIdentification, record: AxisRecord, of_record:
 
 def open_loop_series(found: AxisIdentification, record: AxisRecord, of_record: str) -> TimeSeries:
     """Return the position, and the errors of its simulation from the recorded force alone."""
-    errors = []
-    for (estimate, _, _), look in zip(_drawn_laws(found), IN_TURN, strict=False):
+    errors, left_out = [], ""
+    for estimate, _, _, look in _drawn_laws(found):
         moved = estimate.axis().windows(
             record,
             np.array([0]),
@@ -125,8 +131,12 @@ def open_loop_series(found: AxisIdentification, record: AxisRecord, of_record: s
             interpolated=estimate.model.interpolated,
         )
         error = 1e3 * np.append(0.0, moved - record.position[1:])
-        size = f"{1e3 * estimate.errors[0].open_loop_rmse:.3g} m{found.unit} RMS"
-        errors.append(Line(name=f"{estimate.law.name}, {estimate.method}: {size}", values=error, look=look))
+        name, rmse = f"{estimate.law.name}, {estimate.method}", estimate.errors[0].open_loop_rmse
+        if np.isfinite(rmse):
+            name += f": {1e3 * rmse:.3g} m{found.unit} RMS"
+        else:  # of a record that was fitted without some of its rows
+            left_out = ", also over the rows that the results leave out"
+        errors.append(Line(name=name, values=error, look=look))
     position = (Line(name="recorded", values=record.position, look="measured"),)
     return TimeSeries(
         t=record.t,
@@ -134,7 +144,8 @@ def open_loop_series(found: AxisIdentification, record: AxisRecord, of_record: s
             Panel(label=f"recorded position [{found.unit}]", lines=position),
             Panel(label=f"error of the position [m{found.unit}]", lines=errors),
         ),
-        caption=f"Open loop over the whole record{of_record}: the recorded force moves the axis from its first state.",
+        caption=f"Open loop over the whole record{of_record}: the recorded force moves the axis from its first state"
+        f"{left_out}.",
     )
 
 
@@ -162,7 +173,7 @@ def axis_report(
     found: AxisIdentification, record: AxisRecord, made: Provenance, findings: Sequence[Finding] = ()
 ) -> Report:
     """Return the page."""
-    findings_of = texts(found.findings)[:_IN_VERDICT]
+    shown = found.findings[:_IN_VERDICT]
     return Report(
         title=f"{', '.join(found.records)}: mass and friction",
         lead=f"{_records_words(found)}{record.duration:.1f} s at {1.0 / record.sample_time:.0f} Hz; the law "
@@ -170,7 +181,7 @@ def axis_report(
         verdict=[
             ("Mass and friction", _values_sentence(found)),
             ("Prediction", expected_sentence(found)),
-            *(("", text) for text in findings_of),
+            *((_VERDICT_WORDS.get(one.code, ""), one.text) for one in shown),
         ],
         sections=list(_sections(found, record)),
         undecided=_undecided(found),

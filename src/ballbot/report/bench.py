@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -16,21 +17,28 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from ballbot.findings import Finding, texts
-from ballbot.identification.geometry import Geometry, Measured
+from ballbot.identification.geometry import CLEAR, Geometry, Measured
 from ballbot.identification.swing import SwingFit
 from ballbot.identification.upside_down import BallWindows, UpsideDown, cut_ball_windows
 from ballbot.log import Log
 from ballbot.report.blocks import Bullets, Report, Sheet, section
 from ballbot.report.console import TextTable, table
-from ballbot.report.palette import SHADE
+from ballbot.report.palette import BLUE, INK, ORANGE, PALE, SHADE
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Look, Panel, TimeSeries
-from ballbot.report.style import MEASURED, REFERENCE, WITH_FRICTION, WITHOUT_FRICTION, thinned
-from ballbot.report.words import driveline_symbols
+from ballbot.report.style import (
+    MEASURED,
+    REFERENCE,
+    WITH_FRICTION,
+    WITHOUT_FRICTION,
+    drawn_picture,
+    thinned,
+)
+from ballbot.report.words import driveline_symbols, logs_words
 from ballbot.robot import Friction, Robot
 from ballbot.rounding import digits, value_and_error
 from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
-from ballbot.workflows.ball_movement import BallMovement
+from ballbot.workflows.ball_movement import TURN, BallMovement
 
 #: windows shown of the log, from its middle
 _WINDOWS_SHOWN = 8
@@ -202,12 +210,41 @@ def _row(one: Measured) -> list[str]:
         f"{scale * one.in_file:.{decimals}f}",
     )
     return [
-        one.name.replace("ball.radius / wheels.radius, wheel", "r_b / r_w of wheel"),
+        _quantity(one),
         *numbers,
         unit,
         off,
         one.kind,
     ]
+
+
+def _quantity(one: Measured) -> str:
+    """Return a quantity's name in a table."""
+    if one.name == "leaning seen":
+        return "share of leaning that encoders show"
+    return one.name.replace("ball.radius / wheels.radius, wheel", "r_b / r_w of wheel")
+
+
+def geometry_figure(found: Geometry) -> Figure:
+    """Return the file's value of each quantity minus the logs', in standard errors, and what slip explains."""
+    shown = [*found.measured, *found.wheel_ratios]
+    figure = Figure(figsize=(7.4, 0.7 + 0.2 * len(shown)), layout="constrained")
+    axes = figure.subplots()
+    axes.axvspan(-CLEAR, CLEAR, color=SHADE, label=f"within {CLEAR:g} standard errors")
+    for place, one in enumerate(reversed(shown)):
+        reach = max(CLEAR, one.slip / one.standard_error)
+        label = "what slip can explain" if place == 0 else None
+        axes.plot((-reach, reach), (place, place), color=PALE, linewidth=2.4, label=label)
+        clear = abs(one.deviation) > reach
+        axes.plot(one.deviation, place, "D" if clear else "o", color=ORANGE if clear else BLUE, markersize=4)
+    axes.axvline(0.0, color=INK, linewidth=0.8)
+    axes.set_yticks(range(len(shown)), [f"{_quantity(one)} ({one.kind})" for one in reversed(shown)])
+    farthest = max(abs(one.deviation) for one in shown)
+    axes.set_xlim(-1.2 * max(farthest, 2.0 * CLEAR), 1.2 * max(farthest, 2.0 * CLEAR))
+    axes.set_xlabel("file minus logs [s.e.]")
+    axes.grid(visible=False, axis="y")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper left", ncols=2)
+    return figure
 
 
 def upside_down_report(
@@ -226,8 +263,8 @@ def upside_down_report(
         for name, errors in found.held_out.items()
         if name != _FOUND
     }
-    others = {"none": "without friction it is", "robot file": "with the friction of the robot file"}
-    better = ", ".join(f"{others[name]} {digits(one, 2)} times as large" for name, one in ratio.items())
+    others = {"none": "without friction", "robot file": "with the friction of the robot file"}
+    better = " and ".join(f"{digits(one, 2)} times as large {others[name]}" for name, one in ratio.items())
     dry = np.atleast_1d(np.asarray(values["c"]))
     verdict = [
         (
@@ -240,12 +277,12 @@ def upside_down_report(
         verdict.append(
             (
                 "Prediction",
-                f"Of the error with the friction found, on held-out windows: {better} (median of the axes).",
+                f"On held-out windows the error is {better} as with the friction found (median of the axes).",
             )
         )
     return Report(
         title=f"{described.name}: friction with the ball on its wheels",
-        lead=f"The robot clamped upside down; {', '.join(logs)}, predicted over windows of {found.window:g} s.",
+        lead=f"The robot clamped upside down, {logs_words(logs)}. Predictions over windows of {found.window:g} s.",
         verdict=verdict,
         sections=[
             section(
@@ -304,7 +341,9 @@ def prediction_series(found: UpsideDown, log: Log) -> TimeSeries:
     return TimeSeries(
         t=_broken_times(t),
         panels=panels,
-        caption=f"Some windows of the first log; each prediction starts anew every {found.window:g} s.",
+        caption=f"{len(windows.spans)} windows from the middle of the first log. Predictions start again from the "
+        f"measured velocity every {found.window:g} s. The axes are those of the measured velocity: a prediction may "
+        "leave them.",
         across="time of the log [s]",
         shaded=[(one.start, one.end) for one in windows.spans if (one.log, one.start) in held_out],
         shade="held out",
@@ -330,7 +369,9 @@ def movement_series(movement: BallMovement) -> TimeSeries:
     return TimeSeries(
         t=movement.without_friction.t,
         panels=panels,
-        caption="Simulated with the friction found and without any, under the same controller.",
+        caption=f"A simulation with the friction found and without any, under the same linear-quadratic regulator. The "
+        f"ball is to turn by {TURN:g} rad about x, y and z, one after the other. Friction stops it short and turns it "
+        "about the other axes as well.",
     )
 
 
@@ -344,15 +385,17 @@ def geometry_report(
 ) -> Report:
     """Return the page of a geometry identified from logs."""
     first, *others = texts(findings) or [""]
+    count = len([*found.measured, *found.wheel_ratios])
     (table_of,) = (one for one in geometry_parts(found, (), framed=False) if isinstance(one, TextTable))
     return Report(
         title=f"{robot.name}: geometry and mounting from logs",
-        lead="By kinematics alone: what wheels, gyro, camera and motion capture measure of the same motion.",
-        verdict=[("", f"{len(_measured(found))} quantities were identified. {first}".rstrip())],
+        lead="By kinematics alone: wheels, gyro, camera and motion capture measure the same motion.",
+        verdict=[("", f"{count} lengths, ratios and angles were identified. {first}".rstrip())],
         sections=[
             section(
                 "Geometry",
-                Sheet.of(table_of, caption="From the logs with standard errors, beside the robot file."),
+                drawn_picture("geometry", partial(geometry_figure, found), _GEOMETRY_FIGURE),
+                Sheet.of(table_of, caption=_GEOMETRY_CAPTION),
                 Bullets(items=others) if others else None,
             )
         ],
@@ -363,6 +406,18 @@ def geometry_report(
         made=made,
         findings=log_findings,
     )
+
+
+_GEOMETRY_FIGURE = (
+    "The robot file's value of each quantity minus the logs', in standard errors (s.e.). A diamond lies beyond three "
+    "standard errors and beyond the errors that slip of the wheels can cause (0.6 %, 0.4 degrees). Azimuths that are "
+    "off alike are a rotation of the camera's frame."
+)
+_GEOMETRY_CAPTION = (
+    "Identified from the logs, beside the value in the robot file or the one that follows from it. Each wheel's own "
+    "ratio r_b / r_w stands beside that of all wheels. Difference: file minus logs, in standard errors (s.e.). Play of "
+    "the gears hides a part of the leaning from the encoders: with none, they show all of it (1.00)."
+)
 
 
 def _measured(found: Geometry) -> list[Measured]:

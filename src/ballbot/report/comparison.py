@@ -193,11 +193,11 @@ def _signed(value: float, decimals: int) -> str:
 
 
 #: distinguished by dash and weight as well as by colour; of the first three as in the study's report
-_COLORS = (ORANGE, BLUE, GREEN, INK, VIOLET, YELLOW)
+_COLORS = (ORANGE, BLUE, GREEN, VIOLET, INK, YELLOW)
 #: the same in time series
-_TRACK_LOOKS: tuple[Look, ...] = ("second", "first", "third", "sixth", "fourth", "fifth")
-#: and in the replay, where teal is nearest to green
-_REPLAY_COLORS: tuple[RunColor, ...] = ("orange", "blue", "teal", "ink")
+_TRACK_LOOKS: tuple[Look, ...] = ("second", "first", "third", "fourth", "sixth", "fifth")
+#: and in the replay, where a color has the dash that it has in figures, and teal is nearest to green
+_REPLAY_COLORS: tuple[RunColor, ...] = ("orange", "blue", "teal", "violet")
 _DASHES = ("--", "-", "-.", ":")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
@@ -461,7 +461,7 @@ def _title(name: str) -> str:
 def _sentence(found: Overall, league: League) -> str:
     """Return a controller over all courses in a sentence or two."""
     falls = (
-        f"No fall in {found.runs} runs: the probability of a "
+        f"No fall in {counted(found.runs, 'run')}: the probability of a "
         f"fall is below {100 * found.fall_interval[1]:.2g} %."
         if not found.falls
         else f"{found.falls} of {found.runs} runs ended in a fall."

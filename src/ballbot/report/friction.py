@@ -129,7 +129,7 @@ def parameter_blocks(found: Identification, logs: Sequence[StudiedLog]) -> Itera
     yield drawn_picture("friction", partial(friction_figure, found, logs), curve)
     if np.isfinite(found.correlation).any():
         pairs = (
-            "Correlation of the parameters' errors. A strong color marks a pair of which the data determine a "
+            "Correlation of the parameters' errors. A strong colour marks a pair of which the data determine a "
             "combination better than each. Parameters without a standard error are left out."
         )
         draw = partial(correlation_figure, _symbols(found.labels), found.correlation)

@@ -32,7 +32,7 @@ from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.study import friction_sentence
 from ballbot.report.style import STATE_UNITS, drawn_picture
-from ballbot.report.words import driveline_symbols, state_mark
+from ballbot.report.words import driveline_symbols, logs_words, state_mark
 from ballbot.rounding import digits
 from ballbot.viewer.page import replay_part
 from ballbot.workflows.study import StudiedLog
@@ -50,11 +50,9 @@ def identification_report(
 ) -> Report:
     """Return the page; `ladder` is the `ladder_picture` of the compared laws."""
     studied = [_studied(found, name, place, log) for place, (name, log) in enumerate(logs.items())]
-    names = ", ".join(logs)
-    seconds = sum(float(log.t[-1] - log.t[0]) for log in logs.values())
     return Report(
         title=f"{found.robot.name}: friction from balancing logs",
-        lead=f"{seconds:.0f} s of {names}, predicted over windows of {found.window:g} s.",
+        lead=f"Identified from {logs_words(logs)}, with predictions over windows of {found.window:g} s.",
         verdict=[("Friction", friction_sentence(found)), ("Prediction", _prediction_sentence(found))],
         sections=[
             _parameter_section(found, studied),
@@ -97,7 +95,8 @@ def _parameter_section(found: Identification, logs: Sequence[StudiedLog]) -> Sec
     return section(
         "Parameters",
         _parameter_sheet(found),
-        Paragraph(text=f"{represents_sentence(found.names)} {coulomb_sentence(found.coulomb, found.names)}"),
+        Paragraph(text=represents_sentence(found.names)),
+        Paragraph(text=coulomb_sentence(found.coulomb, found.names)),
         *parameter_blocks(found, logs),
     )
 

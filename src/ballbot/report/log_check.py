@@ -143,7 +143,7 @@ def _column_table(summaries: tuple[ColumnSummary, ...], *, framed: bool) -> Text
         (
             column.name,
             column.unit or "?",
-            *("-" if limit is None else f"{limit:.4g}" for limit in (column.least, column.greatest)),
+            *("-" if limit is None else f"{limit + 0.0:.4g}" for limit in (column.least, column.greatest)),
             f"{column.change_rate:.4g}",
             str(column.missing),
         )

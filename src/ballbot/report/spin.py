@@ -165,7 +165,7 @@ def spin_report(
 ) -> Report:
     """Return the page; `picture` is the overlay as PNG."""
     verdict, *others = (finding.text for finding in spin_findings(spin, comparison))
-    overlay = "Frames of the video, with the ball's outline and the seam that was found."
+    overlay = "Frames of the video with their times, the ball's outline (green) and the seam that was found (magenta)."
     undecided = ["Motions faster than the camera: between two frames the ball is taken to turn evenly."]
     if comparison is None:
         undecided.append(
@@ -175,7 +175,7 @@ def spin_report(
         undecided.append("The velocity where the seam was lost, which is shaded.")
     return Report(
         title=f"{video}: the ball's angular velocity",
-        lead=f"{len(spin.t)} frames, {spin.t[-1] - spin.t[0]:.1f} s; seam: {spin.seam.name}.",
+        lead=f"{len(spin.t)} frames in {spin.t[-1] - spin.t[0]:.1f} s; the seam's curve: {spin.seam.name}.",
         verdict=[("", verdict)],
         sections=[
             section(

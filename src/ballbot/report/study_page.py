@@ -38,7 +38,7 @@ from ballbot.report.tables import (
     parameter_sheet,
 )
 from ballbot.report.validation_page import undecided_by, validation_sections
-from ballbot.report.words import state_mark, with_symbols
+from ballbot.report.words import logs_words, state_mark, with_symbols
 from ballbot.robot import Robot
 from ballbot.robot.figure import robot_figure
 from ballbot.rounding import digits
@@ -99,12 +99,13 @@ def _friction_section(study: Study) -> Section:
     words = (
         "A wheel at speed ω resists with b ω + (c + s exp(−|ω/v_s|^δ)) sgn ω, the ball on the floor with C_rr times "
         "the weight. Standard errors are clustered by window. The first 95 % interval holds under the conditions of "
-        "these logs, the second for the estimate from another log of this robot; open: no limit within the bounds. "
-        f"{represents_sentence(found.names)} {coulomb_sentence(found.coulomb, found.names)}"
+        "these logs, the second for the estimate from another log of this robot; open: no limit within the bounds."
     )
     return section(
         "Friction found",
         Paragraph(text=words),
+        Paragraph(text=represents_sentence(found.names)),
+        Paragraph(text=coulomb_sentence(found.coulomb, found.names)),
         parameter_sheet(found),
         *parameter_blocks(found, study.logs),
         Subheading(text="How the search went"),
@@ -240,15 +241,13 @@ def robot_words(robot: Robot) -> str:
     return (
         f"{robot.name} has {robot.wheel_count} omni-wheels of {1e3 * wheels.radius:.0f} mm radius on a ball of "
         f"{1e3 * ball.radius:.0f} mm radius and {digits(ball.mass)} kg; its body weighs {digits(body.mass)} kg with "
-        f"the centre of mass {1e3 * body.center_of_mass:.0f} mm above the ball's centre. Left alone it falls at "
-        f"{pole:.2f} rad/s, twice as far every {1e3 * np.log(2.0) / pole:.0f} ms."
+        f"the centre of mass {1e3 * body.center_of_mass:.0f} mm above the ball's centre. Without control its "
+        f"lean doubles every {1e3 * np.log(2.0) / pole:.0f} ms (unstable pole {pole:.2f} rad/s)."
     )
 
 
 def _lead(study: Study) -> str:
-    names = ", ".join(one.name for one in study.logs)
-    seconds = sum(float(one.log.t[-1] - one.log.t[0]) for one in study.logs)
-    return f"A study of {seconds:.0f} s of balancing in {_count(len(study.logs), 'log')}: {names}."
+    return f"A study of {logs_words({one.name: one.log for one in study.logs})}."
 
 
 def _log_words(study: Study) -> str:

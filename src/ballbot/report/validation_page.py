@@ -86,7 +86,8 @@ def undecided_by(validation: Validation) -> list[str]:
                 )
     found = validation.residuals
     refusals = (found.no_wheels, found.no_position)
-    sentences += [f"What the wheels' residual torques depend on: {text}" for text in refusals if text]
+    missing = dict.fromkeys(text.rstrip(".") for text in refusals if text)  # both may lack the same
+    sentences += [f"What the wheels' residual torques depend on: {text}." for text in missing]
     return [*sentences, "How well either model predicts motions, floors or loads that are not in these logs."]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING
 
 from ballbot.identification.quantities import FRICTION
@@ -12,6 +12,7 @@ from ballbot.rounding import digits, plus_minus
 
 if TYPE_CHECKING:
     from ballbot.fitting.intervals import Interval
+    from ballbot.log import Log
 
 _STATE_NAME = re.compile(r"\b(?P<residual>e_)?(?P<state>(?:theta|phi|psi|x|y)(?:_dot)?)\b")
 
@@ -19,6 +20,8 @@ _STATE_NAME = re.compile(r"\b(?P<residual>e_)?(?P<state>(?:theta|phi|psi|x|y)(?:
 NO_FRICTION = (
     "The robot file has no friction, so there is none to compensate; `ballbot identify` finds it from logs."
 )
+
+_EXPONENT = re.compile(r"\b(\d[.\d]*)e([-+]?\d+)\b")
 
 STATE_MARKS = {
     "x": "x",
@@ -35,6 +38,14 @@ def interval_text(interval: Interval | None) -> str:
         return ""
     lower, upper = (digits(end) if math.isfinite(end) else "open" for end in (interval.lower, interval.upper))
     return f"{lower} .. {upper}"
+
+
+def logs_words(logs: Mapping[str, Log]) -> str:
+    """Return how much is logged, and in which logs: "54 s in 2 logs (square, hold)"."""
+    seconds = sum(float(log.t[-1] - log.t[0]) for log in logs.values())
+    names = ", ".join(name for name in logs if name)  # one log of a program's memory has no name
+    count = "one log" if len(logs) == 1 else f"{len(logs)} logs"
+    return f"{seconds:.0f} s in {count}{f' ({names})' if names else ''}"
 
 
 def driveline_symbols(names: Collection[str] = FRICTION) -> str:
@@ -63,6 +74,11 @@ def ratio_digits(ratio: float) -> str:
         return digits(ratio)
     mantissa, exponent = f"{ratio:.2e}".split("e")
     return f"{mantissa}·10{str(int(exponent)).translate(RAISED)}"
+
+
+def with_powers(words: str) -> str:
+    """Return words with the powers of ten of their numbers raised: 8.58·10⁻⁶ for 8.58e-06."""
+    return _EXPONENT.sub(lambda found: f"{found[1]}·10{str(int(found[2])).translate(RAISED)}", words)
 
 
 def with_error(value: float, error: float) -> str:

@@ -15,12 +15,13 @@ from itertools import chain
 
 import numpy as np
 
+from ballbot.errors import every
 from ballbot.findings import Finding, Place, Severity, by_severity
 from ballbot.robot.components import BY_NAME
 from ballbot.robot.derived import encoder_step, reflected_rotor_inertia, wheel_speed_limit
 from ballbot.robot.parameters import value_of
 from ballbot.robot.robot import Robot
-from ballbot.robot.variations import likeliest_slip, listed, with_unit
+from ballbot.robot.variations import likeliest_slip, with_unit
 
 Range = tuple[float, float]
 
@@ -51,7 +52,7 @@ def robot_findings(robot: Robot) -> tuple[Finding, ...]:
         if finding.severity != "error":
             return finding
         meant = f"Did you mean {slip.words}?" if slip and slip.mends(finding) else ""
-        return replace(finding, text=f"{finding.text} {meant or f'Check {listed(finding.where.columns)}.'}")
+        return replace(finding, text=f"{finding.text} {meant or f'Check {every(finding.where.columns)}.'}")
 
     return by_severity(map(with_remedy, findings))
 
@@ -92,7 +93,7 @@ def _within(
 
 def _said(robot: Robot, *names: str) -> str:
     """Return "body.mass 17.1 kg and wheels.radius 0.063 m"."""
-    return listed([f"{name} {with_unit(BY_NAME[name], value_of(robot, BY_NAME[name]))}" for name in names])
+    return every([f"{name} {with_unit(BY_NAME[name], value_of(robot, BY_NAME[name]))}" for name in names])
 
 
 def _of_gravity(robot: Robot) -> Iterator[Finding]:

@@ -310,8 +310,3 @@ def _in_radians(parameter: Parameter, value: Value) -> str:
         return ""
     text = ", ".join(f"{one:.4g}" for one in (value if isinstance(value, tuple) else (value,)))
     return f"{f'[{text}]' if isinstance(value, tuple) else text} rad, that is "
-
-
-def listed(names: Sequence[str]) -> str:
-    """Return "a, b and c"."""
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

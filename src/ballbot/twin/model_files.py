@@ -38,6 +38,8 @@ from ballbot.twin.xml_input import LARGEST_MODEL, reduced_model
 _URDF = ".urdf"
 #: relative difference below which a number of a model is the one that was written: sums over a hundred parts
 _SAME = 1e-7
+#: a component below this, or below this share of the largest, is the error of a sum or a sine: a few bits of one
+_ROUNDING = 1e-15
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,8 +70,36 @@ def write_model(robot: Robot, path: str | Path) -> None:
         root = ET.fromstring(twin_mjcf(robot, scenario))
         root.insert(0, ET.Comment(_ABOUT_MJCF))
         ET.SubElement(ET.SubElement(root, "custom"), "text", name="ballbot", data=robot_text(robot))
+    write_text(path, model_text(root))
+
+
+def model_text(root: ET.Element) -> str:
+    """Return a model as the text of a file: indented, and with zero where a vector has a rounding error of sums.
+
+    A simulation of the twin keeps such errors (1e-18 m), as its results depend on every bit; to a reader they say
+    nothing.
+    """
+    for element in root.iter():
+        if element.tag == "inertia":  # of URDF, one tensor in six attributes
+            components = _without_rounding_errors(" ".join(element.attrib.values())).split()
+            element.attrib.update(zip(element.attrib, components, strict=True))
+        for name, text in element.items():
+            element.set(name, _without_rounding_errors(text))
     ET.indent(root)
-    write_text(path, ET.tostring(root, encoding="unicode", xml_declaration=False) + "\n")
+    return ET.tostring(root, encoding="unicode", xml_declaration=False) + "\n"
+
+
+def _without_rounding_errors(text: str) -> str:
+    """Return the text of a vector with zeros for its rounding errors; another text as it is."""
+    words = text.split()
+    try:
+        values = [float(word) for word in words]
+    except ValueError:
+        return text
+    if len(values) < 2 or not all(map(math.isfinite, values)):
+        return text
+    least = _ROUNDING * max(1.0, *map(abs, values))
+    return " ".join("0.0" if abs(value) < least else word for word, value in zip(words, values, strict=True))
 
 
 _ABOUT_MJCF = """

@@ -189,8 +189,8 @@ _KINEMATIC = (("e_x_dot", "e_phi_dot"), ("e_y_dot", "e_theta_dot"))
 _COLOURS: dict[Colour, str] = {
     "white": "white",
     "nearly white": "not white by the test, but their past predicts less than 2 % of them",
-    "noise of the start": "remember one sample and no more: the noise of the measured state, which two residuals share "
-    "with opposite signs, not the model",
+    "noise of the start": "are correlated with the previous sample only: two successive residuals share the noise of "
+    "one measured state, with opposite signs, so this is no error of the model",
     "coloured": "are correlated with their past: a lasting effect is not modelled, or a sensor is filtered",
 }
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.errors import every
 from ballbot.findings import Finding, Place
 from ballbot.log.columns import STATE_NAMES, torque_names, wheel_speed_names
 from ballbot.log.log import Log
@@ -127,7 +128,7 @@ def _dead(torques: NDArray[np.float64], moving: NDArray[np.bool_]) -> NDArray[np
 def _dead_finding(names: tuple[str, ...], dead: NDArray[np.bool_], torques: NDArray[np.float64]) -> Finding:
     silent = tuple(name for name, is_dead in zip(names, dead, strict=True) if is_dead)
     level = torques[:, dead].mean(axis=0)
-    subject = f"{_listed(silent)} {_verb(silent)}"
+    subject = f"{every(silent)} {_verb(silent)}"
     zero = bool((np.abs(level) <= DEAD_FRACTION * max(1e-9, float(np.abs(torques).max()))).all())
     if dead.all():
         values = (
@@ -162,7 +163,7 @@ def _unrelated_findings(
     memory = np.mean(centred[1:] * centred[:-1], axis=0) / np.mean(centred**2, axis=0)
     columns = tuple(name for name, is_unrelated in zip(names, unrelated, strict=True) if is_unrelated)
     most = 100.0 * float(explained[unrelated].max())
-    listed = _listed(columns)
+    listed = every(columns)
     if (memory[unrelated] < RANDOM).all():
         sentence = (
             f"{listed} {_verb(columns)} random: unrelated from row to row (correlation "
@@ -176,10 +177,6 @@ def _unrelated_findings(
             "of another log, much shifted in time, or of a robot that is held."
         )
     return [Finding(severity="error", code="torque-unrelated", text=sentence, where=Place(columns=columns))]
-
-
-def _listed(names: tuple[str, ...]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def _verb(names: tuple[str, ...]) -> str:

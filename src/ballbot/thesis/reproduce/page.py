@@ -18,7 +18,7 @@ from ballbot.report.blocks import Paragraph, Picture, Report, Section, Sheet, se
 from ballbot.report.page import page_of
 from ballbot.report.provenance import Provenance
 from ballbot.report.style import drawn
-from ballbot.report.words import with_symbols
+from ballbot.report.words import with_powers, with_symbols
 from ballbot.results import to_results
 from ballbot.robot import Friction
 from ballbot.thesis.published.printed import markdown_table
@@ -153,11 +153,12 @@ def write_reproduction(
         Called before each figure.
     """
     shown = [item for item in made.items if item.key in DRAWINGS]
-    figures: dict[str, str] = {}
+    figures: dict[str, Picture] = {}
     for done, item in enumerate(shown):
         progress(Progress(stage=f"drawing {item.name}", done=done, total=len(shown)))
+        # not narrowed for a phone, where they scroll: block diagrams and legends in the middle do not fit it
         svg = drawn(partial(DRAWINGS[item.key], made.bench), name=item.key.replace("_", "-"))
-        figures[item.key] = svg
+        figures[item.key] = Picture(markup=svg, caption=_caption(item))
         write_text(folder / "figures" / f"{item.key}.svg", svg)
     results = reproduction_results(made) | {"provenance": to_results(provenance)}
     write_text(folder / "results.json", results_text(results))
@@ -167,16 +168,17 @@ def write_reproduction(
     return page
 
 
-def reproduction_report(made: Reproduction, provenance: Provenance, figures: Mapping[str, str]) -> Report:
-    """Return what the page shows, with the figures as SVG by `Item.key`."""
+def reproduction_report(made: Reproduction, provenance: Provenance, figures: Mapping[str, Picture]) -> Report:
+    """Return what the page shows, with the figures by `Item.key`."""
     counts = ", ".join(f"{count} {VERDICTS[verdict]}" for verdict, count in made.counts.items())
     proven = sum(mistake.proven for mistake in made.mistakes)
+    whole = f"All {proven}" if proven == len(made.mistakes) > 1 else f"Of {len(made.mistakes)}, {proven}"
     return Report(
         title="The thesis reproduced",
         lead="Every figure and table of the thesis on ALTEN's ball-balancing robot, from the twin and the models.",
         verdict=(
-            ("figures and tables", f"Of {len(made.items)}, {counts}."),
-            ("misprints and mistakes", f"Of {len(made.mistakes)}, {proven} are confirmed by numbers."),
+            ("Figures and tables", f"Of {len(made.items)}, {counts}."),
+            ("Misprints and mistakes", f"{whole} are confirmed by numbers."),
         ),
         sections=(
             *(_item_section(item, figures.get(item.key)) for item in made.items),
@@ -200,9 +202,12 @@ def reproduction_report(made: Reproduction, provenance: Provenance, figures: Map
     )
 
 
-def _item_section(item: Item, figure: str | None) -> Section:
+def _caption(item: Item) -> str:
+    return f"{item.name} of the thesis, reproduced."
+
+
+def _item_section(item: Item, figure: Picture | None) -> Section:
     """Return the section of a figure or table; its number in the thesis stands in the caption."""
-    caption = f"Ours of the thesis's {item.name}."
     table = item.table
     return section(
         item.title,
@@ -214,10 +219,12 @@ def _item_section(item: Item, figure: str | None) -> Section:
         else Sheet(
             headings=table.headings,
             rows=[[with_symbols(cell) for cell in row] for row in table.rows],
-            caption=caption,
+            caption=_caption(item),
         ),
-        None if figure is None else Picture(markup=figure, caption=caption),
-        _checks_sheet("What the thesis shows, and the numbers that decide whether ours does", item.checks)
+        figure,
+        _checks_sheet(
+            "What the thesis claims, and the numbers that decide whether it is reproduced.", item.checks
+        )
         if item.checks
         else None,
     )
@@ -230,16 +237,14 @@ def _labelled(label: str, text: str) -> Paragraph:
 def _checks_sheet(caption: str, checks: Sequence[Check]) -> Sheet:
     return Sheet(
         headings=_HEADINGS,
-        rows=[[with_symbols(cell) for cell in _check_cells(check)] for check in checks],
+        rows=[[with_powers(with_symbols(cell)) for cell in _check_cells(check)] for check in checks],
         caption=with_symbols(caption),
         shaded=frozenset(place for place, check in enumerate(checks) if not check.agrees),
     )
 
 
 def _mistake_sheet(mistake: Mistake) -> Sheet:
-    caption = (
-        f"{mistake.number}. {mistake.where}. The thesis prints: {mistake.thesis} Right is: {mistake.right}"
-    )
+    caption = f"{mistake.number}. {mistake.where}. The thesis prints: {mistake.thesis} Right: {mistake.right}"
     return _checks_sheet(caption, mistake.shown_by)
 
 

@@ -1,7 +1,14 @@
 // Time series under the picture: a panel shows one signal of all logs, and follows the time cursor.
 
 const MARGIN = { left: 46, right: 10, top: 8, bottom: 20 };
-const DASHES = [[], [6, 3], [2, 3], [9, 3, 2, 3]];
+/** How a line of each color is drawn, as in a report's figures (charts.js): distinct in grey, too. */
+const LOOKS = {
+  ink: { width: 2.2, dash: [] },
+  blue: { width: 1.5, dash: [] },
+  orange: { width: 1.6, dash: [6, 3] },
+  violet: { width: 1.7, dash: [2, 3] },
+  teal: { width: 1.6, dash: [9, 3, 2, 3] },
+};
 
 /** Return a number with three digits that count. */
 function shortNumber(value) {
@@ -164,8 +171,9 @@ class Panel {
   drawLine(context, run, i, up, width, colors) {
     const columns = this.columns(run);
     if (!columns.length) return;
+    const look = LOOKS[run.color];
     context.strokeStyle = context.fillStyle = colors.css[i];
-    context.lineWidth = 1.6;
+    context.lineWidth = look.width;
     context.lineJoin = "round";
     const [first, last] = this.rows(run, 1);
     const rows = Math.max(1, Math.floor((last - first) / width));
@@ -176,7 +184,7 @@ class Panel {
       for (const [x, y] of [...upper, ...lower.reverse()]) context.lineTo(x, y);
       context.fill();
       context.globalAlpha = 1;
-      context.setLineDash(DASHES[i % DASHES.length]);
+      context.setLineDash(look.dash);
       if (middle.length) this.stroke(context, middle);
       context.setLineDash([]);
       [middle, upper, lower] = [[], [], []];

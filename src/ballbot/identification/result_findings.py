@@ -1,0 +1,212 @@
+"""Findings on an identification: what its logs leave open about the parameters, and what would determine them.
+
+One sentence names all parameters of which the same is to be said: the wheels of a robot are alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import every
+from ballbot.findings import Finding, warning
+from ballbot.fitting.intervals import Interval
+from ballbot.identification.parameters import Coordinates
+from ballbot.identification.quantities import FRICTION
+
+#: beyond this correlation, the logs determine two parameters' sum or ratio and not each
+LARGEST_CORRELATION = 0.9
+#: pairs named in the finding
+MOST_PAIRS = 6
+#: a standard error of this share of the bounds' width leaves a parameter all but open
+LARGEST_ERROR = 0.25
+#: a ridge: so many parameters at least, whose errors would be so many times smaller if all others were known
+LEAST_RIDGE, LEAST_INFLATION = 3, 5.0
+
+_WHOLE = ("v_s", "C_rr", "T_p", "j_b", "j_w", "j_r", "late_imu", "late_v")
+#: symbols, and the experiment that separates any two of them
+_EXPERIMENTS: tuple[tuple[frozenset[str], str], ...] = (
+    (
+        frozenset({"c", "s", "v_s", "delta"}),
+        "To separate dry friction at rest from that at speed, log slow motion through "
+        "standstill: a free wheel swept from zero to several times v_s and back.",
+    ),
+    (
+        frozenset({"b", "c", "s", "v_s", "delta"}),
+        "To separate viscous from dry friction, log high and low speeds: runs back and "
+        "forth at several steady speeds, or a free-wheel sweep up to the speed limit.",
+    ),
+    (
+        frozenset({"b", "c", "s", "C_rr", "T_p"}),
+        "To separate the friction of the floor from that of the wheels, log the "
+        "robot upside down or with its wheels free, where the floor has no effect.",
+    ),
+    (
+        frozenset({"gain", "l", "S", "j_w", "j_r", "j_b"}),
+        "Torque gain, inertia and height of the centre of mass are nearly interchangeable: "
+        "fix one at a data sheet's value, or fit a free-wheel sweep first.",
+    ),
+    (
+        frozenset({"b", "c", "s", "gain", "l", "S", "j_w", "j_r", "j_b"}),
+        "To separate friction from a motor's torque gain or an inertia, fix the gain at the data sheet's "
+        "torque constant (--bounds), or fit a sweep of the free wheels together with the logs (--sweep).",
+    ),
+    (
+        frozenset({"offset", "lean", "gyro"}),
+        "To separate a torque offset from a tilted sensor, log the robot at two headings, half a turn apart.",
+    ),
+    (
+        frozenset({"delay", "late_imu", "late_v"}),
+        "To separate the delay of a command from that of a sensor, log quick "
+        "changes of torque: pushes, steps of the reference, or a dither of some Hz.",
+    ),
+)
+
+
+def bound_findings(
+    coordinates: Coordinates, values: NDArray[np.float64], at_bound: NDArray[np.bool_]
+) -> list[Finding]:
+    """Return a finding for each bound that parameters are at; `values` (p,) in SI units."""
+    at: dict[tuple[str, str], list[str]] = {}  # parameters by their bound and the advice
+    for i in np.flatnonzero(at_bound):
+        lowest = values[i] <= coordinates.lower[i]
+        side, bound = ("lower", coordinates.lower[i]) if lowest else ("upper", coordinates.upper[i])
+        none = "zero friction of this kind" if coordinates.names[i] in FRICTION else "none of it"
+        advice = f"{none} fits best" if bound == 0.0 else "widen the bound, or fix the parameter"
+        at.setdefault((f"{side} bound {bound:g}", advice), []).append(coordinates.labels[i])
+    return [
+        warning(
+            "at-bound",
+            f"{every(labels)} {'is at its' if len(labels) == 1 else 'are at their'} {bound} and "
+            f"{'has' if len(labels) == 1 else 'have'} no standard error: {advice}.",
+        )
+        for (bound, advice), labels in at.items()
+    ]
+
+
+def influence_findings(
+    coordinates: Coordinates, values: NDArray[np.float64], no_influence: NDArray[np.bool_]
+) -> list[Finding]:
+    """Return a finding on the parameters without influence on the logs, if any; `values` (p,) in SI units."""
+    places = np.flatnonzero(no_influence)
+    if not len(places):
+        return []
+    has, was = ("has", "was") if len(places) == 1 else ("have", "were")
+    text = (
+        f"{every([coordinates.labels[i] for i in places])} {has} no influence on these logs and {was} not estimated; "
+        f"robot.toml keeps {every([f'{values[i]:g}' for i in places])}."
+    )
+    return [warning("no-influence", text)]
+
+
+def error_findings(coordinates: Coordinates, scaled_errors: NDArray[np.float64]) -> list[Finding]:
+    """Return a finding on the parameters that their standard errors (p,), scaled, leave all but open, if any."""
+    places = np.flatnonzero(scaled_errors > LARGEST_ERROR)
+    if not len(places):
+        return []
+    one = len(places) == 1
+    text = (
+        f"{every([coordinates.labels[i] for i in places])} {'is' if one else 'are'} poorly determined: "
+        f"{'its standard error is' if one else 'their standard errors are'} "
+        f"{every([f'{100 * scaled_errors[i]:.0f}' for i in places])} % of the width of "
+        f"{'its' if one else 'their'} bounds."
+    )
+    return [warning("poorly-determined", text)]
+
+
+def interval_findings(intervals: Mapping[str, Interval]) -> list[Finding]:
+    """Return findings on the parameters that the logs limit on one side only, or not at all."""
+    either_side, above_zero, below, above = [], [], [], []
+    for label, one in intervals.items():
+        if np.isinf(one.lower) and np.isinf(one.upper):
+            either_side.append(label)
+        elif one.lower == 0.0 and np.isinf(one.upper):
+            above_zero.append(label)
+        elif np.isinf(one.upper):
+            below.append((label, f"{one.lower:.3g}"))
+        elif np.isinf(one.lower):
+            above.append((label, f"{one.upper:.3g}"))
+    found = []
+    if either_side:
+        verb, means = ("is", "its value means") if len(either_side) == 1 else ("are", "their values mean")
+        found.append(
+            f"{every(either_side)} {verb} not limited by these logs on either side: {means} nothing."
+        )
+    if above_zero:
+        verb = "is" if len(above_zero) == 1 else "are"
+        found.append(f"{every(above_zero)} {verb} not limited by these logs: any value fits, zero included.")
+    for limited, side, more in ((below, "below", "more"), (above, "above", "less")):
+        if limited:
+            labels, ends = zip(*limited, strict=True)
+            verb = "is" if len(limited) == 1 else "are"
+            found.append(
+                f"{every(labels)} {verb} limited from {side} only: {every(ends)} or {more}, with 95 % confidence."
+            )
+    return [warning("unlimited", text) for text in found]
+
+
+def correlation_findings(labels: tuple[str, ...], correlation: NDArray[np.float64]) -> list[Finding]:
+    """Return findings that name the pairs of parameters that the logs cannot separate, and an experiment that would."""
+    rows, columns = np.nonzero(np.triu(np.abs(correlation), 1) > LARGEST_CORRELATION)
+    strongest = np.argsort(-np.abs(correlation[rows, columns]), kind="stable")
+    named = [(labels[rows[k]], labels[columns[k]], correlation[rows[k], columns[k]]) for k in strongest]
+    if not named:
+        return []
+    pairs = [f"{one} and {other} ({value:+.2f})" for one, other, value in named[:MOST_PAIRS]]
+    more = f", and {len(named) - MOST_PAIRS} pairs more" if len(named) > MOST_PAIRS else ""
+    advice = dict.fromkeys(text for one, other, _ in named if (text := _experiment(one, other)))
+    found = [
+        f"Poorly separated by these logs, by their correlation: {', '.join(pairs)}{more}; "
+        "trust the combined effect of such a pair, not each value.",
+        *advice,
+    ]
+    return [warning("correlated", text) for text in found]
+
+
+def ridge_findings(labels: tuple[str, ...], correlation: NDArray[np.float64]) -> list[Finding]:
+    """Return a finding that names parameters each of which the others can stand in for, where more than a pair do.
+
+    The inverse's diagonal is the factor by which knowing all others would reduce a parameter's variance.
+    """
+    places = np.flatnonzero(np.isfinite(correlation.diagonal()))
+    if not len(places):
+        return []
+    variance = np.linalg.pinv(correlation[np.ix_(places, places)], hermitian=True).diagonal()
+    inflation = np.sqrt(np.maximum(variance, 1.0))  # less is a rounding error: knowing the others cannot harm
+    together = [labels[i] for i in places[inflation > LEAST_INFLATION]]
+    if len(together) < LEAST_RIDGE:
+        return []
+    least = inflation[inflation > LEAST_INFLATION].min()
+    advice = (_experiment(one, other) for one, other in combinations(together, 2))
+    found = [
+        f"{every(together)} are nearly collinear and can "
+        f"replace one another: each would be known at least {least:.0f} times better "
+        "if the others were known. Fix some of them at values measured otherwise.",
+        *dict.fromkeys(text for text in advice if text),
+    ]
+    return [warning("correlated", text) for text in found]
+
+
+def _experiment(one: str, other: str) -> str:
+    """Return the experiment that separates two parameters, by their labels; empty if none is known."""
+    symbols = {_symbol(one), _symbol(other)}
+    return next((text for pair, text in _EXPERIMENTS if symbols <= pair), "")
+
+
+def _symbol(label: str) -> str:
+    return label if label in _WHOLE else label.rstrip("0123456789").split("_")[0]
+
+
+def prediction_findings(ratios: Mapping[str, float]) -> list[Finding]:
+    """Return a finding on the states that friction does not help to predict, from errors with over errors without."""
+    worse = {state: f"{ratio:.2f}" for state, ratio in ratios.items() if not ratio < 1.0}
+    if not worse:
+        return []
+    text = (
+        f"{every(worse)} {'is' if len(worse) == 1 else 'are'} not predicted better with friction than without "
+        f"({every(worse.values())} times the error on held-out windows)."
+    )
+    return [warning("not-predicted", text)]
