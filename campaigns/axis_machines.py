@@ -26,6 +26,7 @@ from ballbot.identification.axis.record import NO_LOAD
 LONGEST = 15.0
 #: simulation step [s]
 STEP = 5e-5
+Motion = Literal["sines", "points", "random"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +76,7 @@ class Logging:
     drift: float = 0.0  #: change of the offset over the record, as a share of Coulomb friction
     warming: float = 0.0  #: share by which friction falls over the record
     velocity_only: bool = False
-    motion: Literal["sines", "points", "random"] = "sines"
+    motion: Motion = "sines"
 
 
 @numba.njit(cache=True)

@@ -13,7 +13,7 @@ parameters (`part_of_a_row`).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -43,6 +43,8 @@ _ABOVE_NOISE, _LONGEST = 1.2, 0.5
 #: the part of a row by which an interpolated force acts later is clear if chance makes it in less than this share of
 #: cases, and at most half a row, as of a loop that is as slow as the log
 _PART_BY_CHANCE, _MOST_OF_A_ROW = 0.05, 0.5
+#: windows refute a delay that is so many standard errors from what they show
+_REFUTED = 3.0
 #: rows by which the force is moved to either side for a derivative
 _COLUMN_ROWS = 0.25
 
@@ -107,6 +109,45 @@ def force_delay(
     return best if clear else 0.0
 
 
+@dataclass(frozen=True, kw_only=True)
+class LinearDelay:
+    """A delay estimated together with the parameters of the simplest law, linear about a fit without one."""
+
+    rows: float
+    error: float  #: standard error [rows]
+    p_value: float  #: of no delay
+    improves: bool  #: whether a fit with the force so moved has the smaller error
+
+    def refutes(self, rows: float) -> bool:
+        """Return whether a delay of so many rows is far outside the interval, and none is nearer."""
+        return abs(self.rows) < 0.5 * abs(rows) and abs(rows - self.rows) > _REFUTED * self.error
+
+
+def linear_delay(
+    sightings: Sequence[Sighting], model: AxisModel, starts: Mapping[str, Values], blocks: Blocks
+) -> LinearDelay | None:
+    """Return the delay that the windows show; None if they do not determine it."""
+    law = "dahl" if model.bending else "coulomb"
+    own = model.with_law(AXIS_LAWS[law])
+    length = _window_length(sightings, own, starts[law], blocks)
+    fit = fit_all(own, starts[law], sightings, blocks, length)
+    problem = problem_of(own, sightings, blocks, length)
+    known = [place for place, label in enumerate(own.labels) if np.isfinite(fit.standard_errors[label])]
+    J = derivatives(own, fit.values, problem)[:, known]
+    _, block = np.unique(problem.block, return_inverse=True)
+    residuals = -problem.projection(fit.values)(problem.errors(fit.values))
+    step = fit_in_time(np.column_stack([J, delay_column(problem, fit.values)]), residuals, block)
+    if step is None:
+        return None
+    rows = float(step.values[-1])
+    # a step far beyond the search is no delay, and is not tried
+    improves = False
+    if abs(rows) <= _MOST_ROWS:
+        moved = [replace(one, record=delayed(one.record, rows)) for one in sightings]
+        improves = fit_all(own, fit.values, moved, blocks, length).rms < fit.rms
+    return LinearDelay(rows=rows, error=float(step.errors[-1]), p_value=step.p_value(-1), improves=improves)
+
+
 def part_of_a_row(
     sightings: Sequence[Sighting], model: AxisModel, starts: Mapping[str, Values], blocks: Blocks
 ) -> float:
@@ -116,21 +157,10 @@ def part_of_a_row(
     """
     if not model.interpolated or any(one.record.loop is not None for one in sightings):
         return 0.0
-    law = "dahl" if model.bending else "coulomb"
-    own = model.with_law(AXIS_LAWS[law])
-    length = _window_length(sightings, own, starts[law], blocks)
-    fit = fit_all(own, starts[law], sightings, blocks, length)
-    problem = problem_of(own, sightings, blocks, length)
-    known = [place for place, label in enumerate(own.labels) if np.isfinite(fit.standard_errors[label])]
-    J = derivatives(own, fit.values, problem)[:, known]
-    _, block = np.unique(problem.block, return_inverse=True)
-    residuals = problem.projection(fit.values)(problem.errors(fit.values))
-    step = fit_in_time(np.column_stack([J, delay_column(problem, fit.values)]), -residuals, block)
-    if step is None or not (step.p_value(-1) < _PART_BY_CHANCE and 0.0 < step.values[-1] <= _MOST_OF_A_ROW):
+    found = linear_delay(sightings, model, starts, blocks)
+    if found is None or not (found.improves and found.p_value < _PART_BY_CHANCE):
         return 0.0
-    rows = float(step.values[-1])
-    moved = [replace(one, record=delayed(one.record, rows)) for one in sightings]
-    return rows if fit_all(own, fit.values, moved, blocks, length).rms < fit.rms else 0.0
+    return found.rows if 0.0 < found.rows <= _MOST_OF_A_ROW else 0.0
 
 
 def delay_column(problem: OpenLoop, values: Values) -> NDArray[np.float64]:

@@ -18,6 +18,7 @@ from ballbot.identification.axis.force_timing import (
     delayed,
     force_delay,
     is_interpolated,
+    linear_delay,
     part_of_a_row,
 )
 from ballbot.identification.axis.inverse import asymmetry_over_time, without_drift
@@ -262,6 +263,9 @@ def prepared_records(bench: Bench, options: AxisOptions, blocks: Blocks) -> Prep
     if rows and contact:
         between = force_delay(contact.sightings, prepared.model, prepared.starts, contact.blocks)
         rows, unconfirmed = (rows, 0.0) if rows * between > 0.0 else (0.0, rows)
+        if unconfirmed:
+            seen = linear_delay(contact.sightings, prepared.model, prepared.starts, contact.blocks)
+            unconfirmed = 0.0 if seen and seen.refutes(unconfirmed) else unconfirmed
     if rows:
         bench = bench.delayed(rows)
         prepared = replace(_prepared(bench, options, blocks), delay=rows, delay_is_clear=contact is not None)
