@@ -109,11 +109,7 @@ def identify_axis(
     by_law = {name: bench.estimate("open loop", fit, horizon.chosen) for name, fit in fits.items()}
     others = [_inverse_estimate(bench, inverse["complete"], model, horizon.chosen), *simulated]
     fit = fits[chosen.name]
-    lacking = discrepancy_of(fit, bench.sightings, blocks, horizon.chosen)
-    apart = disagreements(bench.records, by_law[chosen.name], others, bandwidth=options.bandwidth)
-    best = with_discrepancy(by_law[chosen.name], lacking.errors, fit.quantile)
-    between = {name: size / fit.quantile for name, size in largest_differences(apart).items()}
-    best = with_discrepancy(best, between, fit.quantile)
+    best, doubts = _widened(bench, fit, by_law[chosen.name], others, blocks, horizon.chosen)
     by_law[chosen.name] = best
     estimates = [*others, best]
     asymmetry = drifting.asymmetry
@@ -123,8 +119,7 @@ def identify_axis(
     findings = (
         *prepared.findings(records),
         *axis_findings(bench.all, selection, best, estimates, asymmetry, by_user=wanted is not None),
-        *(one.finding for one in apart),
-        *discrepancy_findings(best, lacking, records[0].unit),
+        *doubts,
         *residual_findings(tests, model.with_law(chosen), records),
         *_elsewhere(bench, fit, expected),
     )
@@ -144,6 +139,24 @@ def identify_axis(
         expected=expected,
         findings=findings,
     )
+
+
+def _widened(
+    bench: Bench,
+    fit: OutputErrorFit,
+    plain: Estimate,
+    others: Sequence[Estimate],
+    blocks: Blocks,
+    horizon: float,
+) -> tuple[Estimate, list[Finding]]:
+    """Return the result with intervals that include what the model lacks and other methods find, and the findings."""
+    lacking = discrepancy_of(fit, bench.sightings, blocks, horizon)
+    apart = disagreements(bench.records, plain, others, bandwidth=bench.bandwidth)
+    between = {name: size / fit.quantile for name, size in largest_differences(apart).items()}
+    best = with_discrepancy(plain, lacking.errors, fit.quantile)
+    best = with_discrepancy(best, between, fit.quantile)
+    findings = [one.finding for one in apart]
+    return best, [*findings, *discrepancy_findings(best, lacking, bench.records[0].unit)]
 
 
 def _improving(
