@@ -1,8 +1,9 @@
 """Machines of one axis for campaigns: drawn at random, simulated apart from Ballbot, and recorded with faults.
 
-The motion is a semi-implicit Euler step of 50 us with Karnopp's rest (a force below break-away at zero speed holds the
-axis), written here and sharing nothing with `ballbot.mechanics`. A position controller moves each machine along a sum
-of sines; the record is that of a logger: a coarse encoder, a noisy force, late, lost or jittered rows.
+The motion is an Euler step of the speed of 50 us, with the mean speed for the position, and Karnopp's rest (a force
+below break-away at zero speed holds the axis), written here and sharing nothing with `ballbot.mechanics`. A position
+controller moves each machine along a sum of sines, from point to point or at random; the record is that of a logger: a
+coarse encoder, a noisy force, late, lost or jittered rows.
 """
 
 from __future__ import annotations
@@ -11,9 +12,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import Literal
 
 import numba
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from ballbot.identification.axis import AxisRecord, KnownLoad
@@ -23,6 +26,17 @@ from ballbot.identification.axis.record import NO_LOAD
 LONGEST = 15.0
 #: simulation step [s]
 STEP = 5e-5
+Motion = Literal["sines", "points", "random"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drive:
+    """What is between the motor, with friction and encoder, and the part of the inertia that it drives."""
+
+    share: float  #: of the inertia, behind the drive
+    natural: float  #: frequency of the two inertias on the drive's stiffness [Hz]
+    play: float = 0.0  #: to either side [rad]
+    damping: float = 0.05  #: ratio
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +56,7 @@ class Machine:
     load: KnownLoad = NO_LOAD
     #: Coulomb friction over the load of its gears, and the shares of the drive's force and of that over position in it
     gears: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    drive: Drive | None = None  #: without load and forces over position; rigid if there is none
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,15 +76,21 @@ class Logging:
     drift: float = 0.0  #: change of the offset over the record, as a share of Coulomb friction
     warming: float = 0.0  #: share by which friction falls over the record
     velocity_only: bool = False
+    motion: Motion = "sines"
 
 
 @numba.njit(cache=True)
-def _simulate(numbers, gravity, cogging, gears, reference, rates, gains, every, limit, drift, warming, start):
+def _simulate(
+    numbers, gravity, cogging, gears, drive, reference, rates, gains, every, limit, drift, warming, start
+):
     """Return position, speed, force and time of each controller step; `every` simulation steps are one."""
     inertia, b, c, s, v_s, offset, spring = numbers
+    driven, stiffness, damping, play = drive
+    inertia -= driven
     rows = len(reference)
     out = np.empty((rows, 3))
     q, w = start, 0.0
+    behind, its_speed = start, 0.0
     for k in range(rows):
         share = k / rows
         u = gains[0] * (reference[k] - q) + gains[1] * (rates[k] - w)
@@ -80,6 +101,16 @@ def _simulate(numbers, gravity, cogging, gears, reference, rates, gains, every, 
             load = gravity[0] * math.sin(q) + gravity[1] * math.cos(q) + spring * q
             load += cogging[1] * math.sin(cogging[0] * q) + cogging[2] * math.cos(cogging[0] * q)
             acting = u - offset - drift * (share - 0.5)
+            if driven > 0.0:
+                twist = q - behind
+                load = 0.0
+                if abs(twist) > play:
+                    load = stiffness * (twist - math.copysign(play, twist)) + damping * (w - its_speed)
+                    if load * twist < 0.0:  # it pushes, and does not pull
+                        load = 0.0
+                faster = its_speed + STEP * load / driven
+                behind += 0.5 * STEP * (its_speed + faster)
+                its_speed = faster
             net = acting - load
             dry = c + gears[0] * abs(gears[1] * acting + gears[2] * load)
             if w == 0.0 and abs(net) <= friction * (dry + s):
@@ -89,24 +120,62 @@ def _simulate(numbers, gravity, cogging, gears, reference, rates, gains, every, 
             faster = w + STEP * (net - friction * (b * w + level * way)) / inertia
             if w != 0.0 and faster * w < 0.0:
                 faster = 0.0
+            q += 0.5 * STEP * (w + faster)
             w = faster
-            q += STEP * w
     return out
 
 
+def _sines(
+    t: NDArray[np.float64], logging: Logging, random: np.random.Generator
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return a sum of six sines and its rate."""
+    frequencies = np.geomspace(logging.slowest, logging.fastest, 6) * random.uniform(0.9, 1.1, 6)
+    phases = random.uniform(0.0, 2.0 * np.pi, 6)
+    sizes = logging.amplitude * random.uniform(0.5, 1.0, 6) / 3.0
+    angles = 2.0 * np.pi * np.outer(t, frequencies) + phases
+    return np.sin(angles) @ sizes, np.cos(angles) @ (sizes * 2.0 * np.pi * frequencies)
+
+
+def _points(
+    t: NDArray[np.float64], logging: Logging, random: np.random.Generator
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return moves of 0.5 to 1 s between random points, each a polynomial of fifth order, with rests, and the rate."""
+    reference, rate = np.zeros((2, len(t)))
+    now, begin = 0.0, 0.2
+    while begin < t[-1]:
+        target = random.uniform(-logging.amplitude, logging.amplitude)
+        if abs(target - now) < 0.5 * logging.amplitude:
+            continue
+        lasts = random.uniform(0.5, 1.0)
+        s = np.clip((t - begin) / lasts, 0.0, 1.0)
+        reference += (target - now) * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+        rate += (target - now) * 30.0 * s**2 * (1.0 - s) ** 2 / lasts
+        now, begin = target, begin + lasts + random.uniform(0.1, 0.4)
+    return reference, rate
+
+
+def _at_random(
+    t: NDArray[np.float64], logging: Logging, random: np.random.Generator
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return noise below the fastest frequency, and its rate."""
+    b, a = np.asarray(scipy.signal.butter(3, 2.0 * logging.fastest * (t[1] - t[0])))
+    settling = round(2.0 / logging.fastest / (t[1] - t[0]))
+    noise = scipy.signal.lfilter(b, a, random.standard_normal(len(t) + settling))[settling:]
+    reference = 0.5 * logging.amplitude * noise / np.std(noise)
+    return reference, np.gradient(reference, t[1] - t[0])
+
+
+_MOTIONS = {"sines": _sines, "points": _points, "random": _at_random}
+
+
 def record_of(machine: Machine, logging: Logging, seed: int, name: str = "machine") -> AxisRecord:
-    """Return the record of a machine that follows a random sum of six sines."""
+    """Return the record of a machine that follows a random motion."""
     random = np.random.default_rng(seed)
     control = logging.rate if logging.held else 1000.0
     every = max(1, round(1.0 / control / STEP))
     rows = round(logging.duration * control)
     t = np.arange(rows, dtype=np.float64) * (every * STEP)
-    frequencies = np.geomspace(logging.slowest, logging.fastest, 6) * random.uniform(0.9, 1.1, 6)
-    phases = random.uniform(0.0, 2.0 * np.pi, 6)
-    sizes = logging.amplitude * random.uniform(0.5, 1.0, 6) / 3.0
-    angles = 2.0 * np.pi * np.outer(t, frequencies) + phases
-    reference = np.sin(angles) @ sizes
-    rates = np.cos(angles) @ (sizes * 2.0 * np.pi * frequencies)
+    reference, rates = _MOTIONS[logging.motion](t, logging, random)
     inertia = machine.inertia + machine.load.inertia
     # as fast as a loop of that rate can be with some margin
     natural = min(2.0 * np.pi * 6.0, 0.12 * control)
@@ -128,6 +197,7 @@ def record_of(machine: Machine, logging: Logging, seed: int, name: str = "machin
         np.array(gravity),
         np.array(machine.cogging, dtype=np.float64),
         np.array(machine.gears),
+        _drive_numbers(machine),
         reference,
         rates,
         np.array([inertia * natural**2, 1.4 * inertia * natural]),
@@ -138,6 +208,17 @@ def record_of(machine: Machine, logging: Logging, seed: int, name: str = "machin
         float(reference[0]),
     )
     return _logged(machine, logging, out, t, random, name)
+
+
+def _drive_numbers(machine: Machine) -> NDArray[np.float64]:
+    """Return the driven inertia, stiffness, damping and play of a machine's drive; zeros of a rigid one."""
+    if machine.drive is None:
+        return np.zeros(4)
+    drive = machine.drive
+    driven = drive.share * machine.inertia
+    reduced = driven * (1.0 - drive.share)
+    stiffness = reduced * (2.0 * np.pi * drive.natural) ** 2
+    return np.array([driven, stiffness, 2.0 * drive.damping * math.sqrt(stiffness * reduced), drive.play])
 
 
 def _logged(

@@ -56,6 +56,7 @@ CAMPAIGNS = {
     "effective": "campaigns.between_logs:effective",
     "one_axis": "campaigns.one_axis",
     "axis_machines": "campaigns.one_axis:machines",
+    "axis_intervals": "campaigns.axis_intervals",
     "drivelines": "campaigns.identified_twin:drivelines",
     "driveline_coverage": "campaigns.driveline_coverage",
     "resume": "campaigns.resume",

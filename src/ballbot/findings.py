@@ -46,7 +46,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "dead-band": "the duty that the firmware adds to overcome friction",
         "dead-motor": "a torque is zero or constant though its wheel moves, or a wheel does not respond to its torque",
         "degrees": "angles or rates are in degrees, or mixed with radians",
-        "discrepancy": "slow and fast windows of a log want different parameters",
+        "discrepancy": "parts of a log want different parameters, or an effect that the model lacks would move them",
         "disturbance": "something other than wheels and gravity moves the lean",
         "drive": "the delay from command to motor in a foreign log",
         "driveline": "how well a sweep determines the friction of a wheel",

@@ -2,8 +2,11 @@
 
 from functools import cache
 
+import pytest
+
 from ballbot.identification.axis import AXIS_LAWS, AxisRecord, inverse_fit
-from ballbot.identification.axis.comparison import methods_differ
+from ballbot.identification.axis.comparison import disagreements, largest_differences
+from ballbot.identification.axis.discrepancy import with_discrepancy
 from ballbot.identification.axis.result import Estimate
 from ballbot.identification.axis.structure import AxisModel
 from tests.support.axis_examples import TRUTH, simulated_record
@@ -42,7 +45,7 @@ def inverse(of: AxisRecord) -> Estimate:
 
 
 def differences(of: AxisRecord, best: Estimate) -> list[str]:
-    return [one.text for one in methods_differ([of], best, [inverse(of), best])]
+    return [one.finding.text for one in disagreements([of], best, [inverse(of), best])]
 
 
 def test_a_law_without_dry_friction_is_compared_with_the_inverse_model() -> None:
@@ -69,3 +72,23 @@ def test_a_wrong_mass_is_found_beside_a_stribeck_curve() -> None:
 def test_methods_of_one_law_are_compared_by_their_numbers() -> None:
     (text,) = differences(record("coulomb"), estimate("open loop", "coulomb", TRUTH | {"viscous": 300.0}))
     assert text.startswith("b is 300 N s/m by the open loop and ")
+
+
+def test_the_interval_includes_what_another_method_finds() -> None:
+    of, best = record("coulomb"), estimate("open loop", "coulomb", TRUTH | {"viscous": 300.0})
+    other = inverse(of)
+    found = disagreements([of], best, [other])
+    (text,) = (one.finding.text for one in found)
+    assert text.endswith("The 95 % interval of b includes this difference.")
+    quantile = 2.0
+    errors = {name: size / quantile for name, size in largest_differences(found).items()}
+    wider = with_discrepancy(best, errors, quantile)
+    assert wider.half_widths["viscous"] > abs(300.0 - other.values["viscous"]) > best.half_widths["viscous"]
+    assert wider.half_widths["mass"] == best.half_widths["mass"]
+    assert wider.total_errors["viscous"] == pytest.approx(wider.half_widths["viscous"] / quantile)
+
+
+def test_the_largest_difference_of_several_methods_counts() -> None:
+    of, best = record("coulomb"), estimate("open loop", "coulomb", TRUTH | {"viscous": 300.0})
+    closed = estimate("closed loop", "coulomb", TRUTH | {"viscous": 150.0})
+    assert largest_differences(disagreements([of], best, [inverse(of), closed])) == {"viscous": 150.0}

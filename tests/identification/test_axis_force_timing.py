@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from ballbot.identification.axis import AXIS_LAWS, AxisOptions, identify_axis
-from ballbot.identification.axis.force_timing import delay_findings, delayed, force_delay, is_interpolated
+from ballbot.identification.axis.force_timing import (
+    LinearDelay,
+    delay_findings,
+    delayed,
+    force_delay,
+    is_interpolated,
+)
 from ballbot.identification.axis.law_fits import initial_values
 from ballbot.identification.axis.motion import default_bandwidth
 from ballbot.identification.axis.output_error import sighting
@@ -95,3 +101,20 @@ def test_the_friction_of_a_record_with_a_late_force_is_right(motor: AxisRecord) 
     assert "force-delay" in {one.code for one in found.findings}
     for name, truth in TRUTH.items():
         assert found.best.values[name] == pytest.approx(truth, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("rows", "error", "refuted"), [(0.1, 0.2, True), (0.1, 0.5, False), (0.9, 0.05, False), (-0.1, 0.2, True)]
+)
+def test_a_delay_is_refuted_only_far_outside_the_interval(rows: float, error: float, refuted: bool) -> None:
+    found = LinearDelay(rows=rows, error=error, p_value=0.5, improves=False)
+    assert found.refutes(1.0) is refuted
+
+
+def test_a_part_of_a_row_is_a_note(motor: AxisRecord) -> None:
+    part, whole = (delay_findings([motor], rows, part=share) for rows, share in ((0.0, 0.1), (2.0, 0.0)))
+    assert [(one.code, one.severity) for one in (*part, *whole)] == [
+        ("force-delay", "note"),
+        ("force-delay", "warning"),
+    ]
+    assert "acts 1 ms (0.1 rows) later than its row" in part[0].text

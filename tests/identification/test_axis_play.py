@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ballbot.identification.axis import AXIS_LAWS, AxisOptions, identify_axis, play, preparation
+from ballbot.identification.axis.force_timing import LinearDelay
 from ballbot.identification.axis.law_fits import initial_values
 from ballbot.identification.axis.motion import default_bandwidth
 from ballbot.identification.axis.output_error import OutputErrorFit, Sighting, sighting
@@ -125,7 +126,11 @@ def test_a_delay_that_rows_between_reversals_do_not_confirm_is_named(
     def shown(contact: Contact, *_: object) -> Play | None:
         return Play(contact=contact, error=2.0, error_between=1.0, values={}) if with_play else None
 
+    def open_(*_: object) -> LinearDelay:
+        return LinearDelay(rows=0.3, error=1.5, p_value=0.8, improves=False)
+
     monkeypatch.setattr(preparation, "force_delay", delay)
+    monkeypatch.setattr(preparation, "linear_delay", open_)
     monkeypatch.setattr(preparation, "play_of", shown)
     found = prepared(record)
     assert found.delay == 0.0
@@ -137,6 +142,20 @@ def test_a_delay_that_rows_between_reversals_do_not_confirm_is_named(
     if not with_play:
         assert "acts 6 ms (3 rows) later than its row" in finding.text
         assert "do not confirm it, so it is not moved" in finding.text
+
+
+def test_a_delay_that_rows_between_reversals_refute_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The windows of a record without a delay determine it to a small part of a row."""
+    record = record_with_play(0.0, duration=6.0)
+
+    def delay(sightings: list[Sighting], *_: object) -> float:
+        return 3.0 if len(sightings[0].record) == len(record) else 0.0
+
+    monkeypatch.setattr(preparation, "force_delay", delay)
+    monkeypatch.setattr(preparation, "play_of", lambda *_: None)
+    found = prepared(record)
+    assert (found.delay, found.unconfirmed_delay) == (0.0, 0.0)
+    assert found.findings([record]) == []
 
 
 @pytest.mark.slow

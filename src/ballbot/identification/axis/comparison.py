@@ -9,7 +9,7 @@ curve is then no difference, and a dry friction that the result has dropped is o
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,14 +34,23 @@ _CAUSES = {
 }
 
 
-def methods_differ(
+@dataclass(frozen=True, kw_only=True)
+class Disagreement:
+    """A parameter that a method finds otherwise than the result, by more than their errors."""
+
+    name: str  #: of the parameter
+    difference: float  #: its size, SI units
+    finding: Finding
+
+
+def disagreements(
     records: Sequence[AxisRecord],
     best: Estimate,
     estimates: Sequence[Estimate],
     *,
     bandwidth: float | None = None,
-) -> list[Finding]:
-    """Return a warning for each parameter in which a method differs from the result by more than their errors."""
+) -> list[Disagreement]:
+    """Return each parameter in which a method differs from the result by more than their errors, with a warning."""
     found = []
     for other in estimates:
         if other.method not in _COMPARED:
@@ -53,6 +62,14 @@ def methods_differ(
             if name in ours and name in other.values:
                 found += _apart(name, ours[name], best, other, records[0].unit)
     return found
+
+
+def largest_differences(found: Sequence[Disagreement]) -> dict[str, float]:
+    """Return the largest difference of each parameter, by name."""
+    largest: dict[str, float] = {}
+    for one in found:
+        largest[one.name] = max(one.difference, largest.get(one.name, 0.0))
+    return largest
 
 
 def _as_the_inverse_model_finds(
@@ -73,7 +90,7 @@ def _as_the_inverse_model_finds(
         return {}
 
 
-def _apart(name: str, ours: float, best: Estimate, other: Estimate, unit: str) -> list[Finding]:
+def _apart(name: str, ours: float, best: Estimate, other: Estimate, unit: str) -> list[Disagreement]:
     theirs, kind = other.values[name], PARAMETERS[name]
     # a parameter that the law does not have is zero, without an error
     error = float(np.hypot(best.standard_errors.get(name, 0.0), other.standard_errors[name]))
@@ -94,4 +111,6 @@ def _apart(name: str, ours: float, best: Estimate, other: Estimate, unit: str) -
         f"{kind.symbol} is {by} {theirs:.3g} by the {other.method} method, {difference / error:.0f} standard errors "
         f"apart: {causes}."
     )
-    return [warning("methods-differ", text)]
+    if np.isfinite(best.half_widths.get(name, np.nan)):
+        text += f" The 95 % interval of {kind.symbol} includes this difference."
+    return [Disagreement(name=name, difference=difference, finding=warning("methods-differ", text))]

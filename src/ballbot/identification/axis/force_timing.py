@@ -4,23 +4,28 @@ A force that acts a sample later than its row, as behind a bus or a filter, chan
 a fit by tens of percent, and no residual says so. Windows in open loop show it: the simplest law predicts them clearly
 better with the force moved by the true delay, which is found in half samples. Friction that the simplest law does not
 have may look like a delay, too; so every wider law must need it as clearly.
+
+A log that is slower than the loop shows a smaller delay: the loop holds each force for its own sample time, half of
+which the force comes later than the log's straight lines from row to row. Such a part of a row is estimated with the
+parameters (`part_of_a_row`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.findings import Finding, warning
+from ballbot.findings import Finding, note, warning
+from ballbot.fitting.least_squares import fit_in_time
 from ballbot.identification.axis.inverse import SLOW_SAMPLING
 from ballbot.identification.axis.laws import AXIS_LAWS, Values
-from ballbot.identification.axis.output_error import Sighting
+from ballbot.identification.axis.output_error import OpenLoop, Sighting, derivatives
 from ballbot.identification.axis.record import AxisRecord
-from ballbot.identification.axis.selection import Blocks, fit_all, horizons_for
+from ballbot.identification.axis.selection import Blocks, fit_all, horizons_for, problem_of
 from ballbot.identification.axis.structure import AxisModel
 
 #: the force is taken as changing evenly between rows if that lowers the position error to less than this share
@@ -34,6 +39,14 @@ _MOST_ROWS = 8
 #: hides the force's time in them, the next longer ones whose error is above so many times the noise, up to so long
 _DURATION, _LEAST_ROWS = 0.1, 12
 _ABOVE_NOISE, _LONGEST = 1.2, 0.5
+
+#: the part of a row by which an interpolated force acts later is clear if chance makes it in less than this share of
+#: cases, and at most half a row, as of a loop that is as slow as the log
+_PART_BY_CHANCE, _MOST_OF_A_ROW = 0.05, 0.5
+#: windows refute a delay that is so many standard errors from what they show
+_REFUTED = 3.0
+#: rows by which the force is moved to either side for a derivative
+_COLUMN_ROWS = 0.25
 
 
 def _window_length(sightings: Sequence[Sighting], model: AxisModel, start: Values, blocks: Blocks) -> float:
@@ -96,6 +109,72 @@ def force_delay(
     return best if clear else 0.0
 
 
+@dataclass(frozen=True, kw_only=True)
+class LinearDelay:
+    """A delay estimated together with the parameters of the simplest law, linear about a fit without one."""
+
+    rows: float
+    error: float  #: standard error [rows]
+    p_value: float  #: of no delay
+    improves: bool  #: whether a fit with the force so moved has the smaller error
+
+    def refutes(self, rows: float) -> bool:
+        """Return whether a delay of so many rows is far outside the interval, and none is nearer."""
+        return abs(self.rows) < 0.5 * abs(rows) and abs(rows - self.rows) > _REFUTED * self.error
+
+
+def linear_delay(
+    sightings: Sequence[Sighting], model: AxisModel, starts: Mapping[str, Values], blocks: Blocks
+) -> LinearDelay | None:
+    """Return the delay that the windows show; None if they do not determine it."""
+    law = "dahl" if model.bending else "coulomb"
+    own = model.with_law(AXIS_LAWS[law])
+    length = _window_length(sightings, own, starts[law], blocks)
+    fit = fit_all(own, starts[law], sightings, blocks, length)
+    problem = problem_of(own, sightings, blocks, length)
+    known = [place for place, label in enumerate(own.labels) if np.isfinite(fit.standard_errors[label])]
+    J = derivatives(own, fit.values, problem)[:, known]
+    _, block = np.unique(problem.block, return_inverse=True)
+    residuals = -problem.projection(fit.values)(problem.errors(fit.values))
+    step = fit_in_time(np.column_stack([J, delay_column(problem, fit.values)]), residuals, block)
+    if step is None:
+        return None
+    rows = float(step.values[-1])
+    # a step far beyond the search is no delay, and is not tried
+    improves = False
+    if abs(rows) <= _MOST_ROWS:
+        moved = [replace(one, record=delayed(one.record, rows)) for one in sightings]
+        improves = fit_all(own, fit.values, moved, blocks, length).rms < fit.rms
+    return LinearDelay(rows=rows, error=float(step.errors[-1]), p_value=step.p_value(-1), improves=improves)
+
+
+def part_of_a_row(
+    sightings: Sequence[Sighting], model: AxisModel, starts: Mapping[str, Values], blocks: Blocks
+) -> float:
+    """Return by which part of a row a force that is interpolated acts later; zero if that is not clear.
+
+    A loop that runs faster than the log holds its force for its own sample time, half of which the force comes later.
+    """
+    if not model.interpolated or any(one.record.loop is not None for one in sightings):
+        return 0.0
+    found = linear_delay(sightings, model, starts, blocks)
+    if found is None or not (found.improves and found.p_value < _PART_BY_CHANCE):
+        return 0.0
+    return found.rows if 0.0 < found.rows <= _MOST_OF_A_ROW else 0.0
+
+
+def delay_column(problem: OpenLoop, values: Values) -> NDArray[np.float64]:
+    """Return the projected derivatives (m,) of a problem's errors by the rows that the forces act later."""
+    later, earlier = (
+        replace(
+            problem, sightings=[replace(one, record=delayed(one.record, rows)) for one in problem.sightings]
+        )
+        for rows in (_COLUMN_ROWS, -_COLUMN_ROWS)
+    )
+    change = later.errors(values) - earlier.errors(values)
+    return problem.projection(values)(change) / (2.0 * _COLUMN_ROWS)
+
+
 def delayed(record: AxisRecord, rows: float) -> AxisRecord:
     """Return a record whose force acts so many rows later; at the ends the first or last force goes on."""
     if not rows:
@@ -113,7 +192,12 @@ def delayed(record: AxisRecord, rows: float) -> AxisRecord:
 
 
 def delay_findings(
-    records: Sequence[AxisRecord], rows: float, *, clear: bool = True, unconfirmed: float = 0.0
+    records: Sequence[AxisRecord],
+    rows: float,
+    *,
+    clear: bool = True,
+    unconfirmed: float = 0.0,
+    part: float = 0.0,
 ) -> list[Finding]:
     """Return the finding on when the forces act.
 
@@ -126,7 +210,16 @@ def delay_findings(
         Whether windows between reversals of the force need that, too.
     unconfirmed : float
         Rows by which the forces were not moved, as these windows do not need it.
+    part : float
+        Part of a row by which interpolated forces were moved.
     """
+    found = []
+    if part:
+        text = (
+            f"The recorded force acts {_later(records, part)} than its row, and all results are with it so moved. A "
+            "loop that runs faster than the log, and holds its force, makes such a delay."
+        )
+        found.append(note("force-delay", text))
     if rows:
         text = (
             f"The recorded force acts {_later(records, rows)} than its row: so moved it predicts the position clearly "
@@ -138,19 +231,19 @@ def delay_findings(
                 " The force reverses too often to distinguish such a delay from play (backlash) between drive and "
                 "axis, which would make all parameters wrong. Record longer motions in one direction."
             )
-        return [warning("force-delay", text)]
-    if unconfirmed:
+        found.append(warning("force-delay", text))
+    elif unconfirmed:
         text = (
             f"Windows fit clearly better if the recorded force acts {_later(records, unconfirmed)} than its row; the "
             "rows between reversals of the force do not confirm it, so it is not moved. Slight play (backlash) may "
             "have this effect. If instead a filter, a bus or the order of reading and writing delays the force, mass "
             "and viscous friction are wrong. Record longer motions in one direction, which distinguish the two."
         )
-        return [warning("force-delay", text)]
-    return []
+        found.append(warning("force-delay", text))
+    return found
 
 
 def _later(records: Sequence[AxisRecord], rows: float) -> str:
     usual = 1e3 * abs(rows) * max(one.sample_time for one in records)
-    count = f"{abs(rows):g} {'row' if abs(rows) == 1.0 else 'rows'}"
+    count = f"{abs(rows):.2g} {'row' if abs(rows) == 1.0 else 'rows'}"
     return f"{usual:.3g} ms ({count}) {'later' if rows > 0.0 else 'earlier'}"

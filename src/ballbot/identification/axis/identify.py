@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.findings import Finding
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.identification.axis.comparison import methods_differ
+from ballbot.identification.axis.comparison import disagreements, largest_differences
 from ballbot.identification.axis.conclusions import axis_findings
-from ballbot.identification.axis.inverse import (
-    InverseFit,
-    inverse_fit,
-)
+from ballbot.identification.axis.discrepancy import discrepancy_findings, discrepancy_of, with_discrepancy
+from ballbot.identification.axis.inverse import InverseFit, inverse_fit
 from ballbot.identification.axis.law_fits import check_determined, fit_laws, improved, memoized
 from ballbot.identification.axis.laws import AXIS_LAWS, axis_law_named
 from ballbot.identification.axis.output_error import (
@@ -109,23 +107,21 @@ def identify_axis(
     chosen = wanted or selection.best.model
     simulated = _improving(bench, fits, squares, chosen.name, starts, blocks, horizon.chosen, run)
     by_law = {name: bench.estimate("open loop", fit, horizon.chosen) for name, fit in fits.items()}
-    estimates = [
-        _inverse_estimate(bench, inverse["complete"], model, horizon.chosen),
-        *simulated,
-        by_law[chosen.name],
-    ]
+    others = [_inverse_estimate(bench, inverse["complete"], model, horizon.chosen), *simulated]
+    fit = fits[chosen.name]
+    best, doubts = _widened(bench, fit, by_law[chosen.name], others, blocks, horizon.chosen)
+    by_law[chosen.name] = best
+    estimates = [*others, best]
     asymmetry = drifting.asymmetry
-    tests = bench.residual_tests(model, fits[chosen.name].values, over_position=needed is prepared)
-    expected = _expected(bench, drifting, fits[chosen.name], squares[chosen.name], blocks, horizon.chosen)
+    tests = bench.residual_tests(model, fit.values, over_position=needed is prepared)
+    expected = _expected(bench, drifting, fit, squares[chosen.name], blocks, horizon.chosen)
     run.progress(Progress(stage="done", done=1.0, total=1.0))
     findings = (
         *prepared.findings(records),
-        *axis_findings(
-            bench.all, selection, by_law[chosen.name], estimates, asymmetry, by_user=wanted is not None
-        ),
-        *methods_differ(bench.records, by_law[chosen.name], estimates, bandwidth=options.bandwidth),
+        *axis_findings(bench.all, selection, best, estimates, asymmetry, by_user=wanted is not None),
+        *doubts,
         *residual_findings(tests, model.with_law(chosen), records),
-        *_elsewhere(bench, fits[chosen.name], expected),
+        *_elsewhere(bench, fit, expected),
     )
     return AxisIdentification(
         records=tuple(one.name for one in records),
@@ -143,6 +139,24 @@ def identify_axis(
         expected=expected,
         findings=findings,
     )
+
+
+def _widened(
+    bench: Bench,
+    fit: OutputErrorFit,
+    plain: Estimate,
+    others: Sequence[Estimate],
+    blocks: Blocks,
+    horizon: float,
+) -> tuple[Estimate, list[Finding]]:
+    """Return the result with intervals that include what the model lacks and other methods find, and the findings."""
+    lacking = discrepancy_of(fit, bench.sightings, blocks, horizon)
+    apart = disagreements(bench.records, plain, others, bandwidth=bench.bandwidth)
+    between = {name: size / fit.quantile for name, size in largest_differences(apart).items()}
+    best = with_discrepancy(plain, lacking.errors, fit.quantile)
+    best = with_discrepancy(best, between, fit.quantile)
+    findings = [one.finding for one in apart]
+    return best, [*findings, *discrepancy_findings(best, lacking, bench.records[0].unit)]
 
 
 def _improving(

@@ -298,6 +298,13 @@ class Axis:
             (s * np.sin(w * q) + c * np.cos(w * q) for w, s, c in harmonics), np.zeros(q.shape)
         )
 
+    def loading_force(
+        self, record: AxisRecord, position: NDArray[np.float64], acceleration: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the force (N,) that a motion (N,) needs on a record's load without friction and offset."""
+        known = record.known_load
+        return self._mass(known) * acceleration + self.position_force(position, known)
+
     def needed_force(
         self,
         record: AxisRecord,
@@ -315,11 +322,12 @@ class Axis:
             friction += (sign * bends - 1.0) * sliding
             sign = np.abs(sign) * bends
         known = record.known_load
-        field = self.position_force(position, known)
-        needed = self._mass(known) * acceleration + friction + field
+        needed = self.loading_force(record, position, acceleration) + friction
         if self.load:
             mu, recorded = self.values["load"], recorded_load(self.load, record)
-            needed = force_with_load_friction(self.load, mu, needed, field, recorded, sign)
+            needed = force_with_load_friction(
+                self.load, mu, needed, self.position_force(position, known), recorded, sign
+            )
         return needed + record.force - self.acting(record)
 
     def _follow(

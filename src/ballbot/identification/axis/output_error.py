@@ -27,7 +27,7 @@ from ballbot.fitting.least_squares import Stopping, minimize_squares
 from ballbot.fitting.parameter import RelativeSpace
 from ballbot.fitting.run import DEFAULT_RUN
 from ballbot.fitting.search import evolve
-from ballbot.fitting.uncertainty import block_length, covariance_in_time
+from ballbot.fitting.uncertainty import errors_in_time
 from ballbot.identification.axis.laws import Values
 from ballbot.identification.axis.motion import (
     Motion,
@@ -379,10 +379,14 @@ class OutputErrorFit:
     freedom: int = 1  #: blocks of time beyond the parameters
 
     @property
+    def quantile(self) -> float:
+        """Half the width of a 95 % interval over the standard error."""
+        return float(scipy.stats.t.ppf(0.975, self.freedom))
+
+    @property
     def half_widths(self) -> dict[str, float]:
-        """Half widths of the 95 % intervals, by label."""
-        quantile = float(scipy.stats.t.ppf(0.975, self.freedom))
-        return {label: quantile * error for label, error in self.standard_errors.items()}
+        """Half widths of the 95 % intervals, by label, if the model lacks nothing."""
+        return {label: self.quantile * error for label, error in self.standard_errors.items()}
 
 
 @np.errstate(
@@ -408,13 +412,7 @@ def fit_output_error(model: AxisModel, start: Values, problem: Problem) -> Outpu
         return projection(z)(problem.errors(at(z))) / problem.scale
 
     def slopes(z: NDArray[np.float64]) -> NDArray[np.float64]:
-        columns, project = [], projection(z)
-        for i in range(len(z)):
-            step = _DIFFERENCE * np.eye(len(z))[i]
-            ahead, behind = np.minimum(z + step, upper), np.maximum(z - step, lower)
-            change = problem.errors(at(ahead)) - problem.errors(at(behind))
-            columns.append(project(change) / (ahead - behind)[i] / problem.scale)
-        return np.column_stack(columns)
+        return _slopes(model, space, problem, z, projection(z)) / problem.scale
 
     begin = np.clip(space.scaled(model.vector(start)), lower + _INSIDE, upper - _INSIDE)
     found = minimize_squares(
@@ -435,6 +433,27 @@ def fit_output_error(model: AxisModel, start: Values, problem: Problem) -> Outpu
         rms=problem.scale * float(np.sqrt(np.mean(errors(found.point) ** 2))),
         freedom=max(1, len(np.unique(problem.block)) - len(found.point)),
     )
+
+
+def _slopes(
+    model: AxisModel, space: RelativeSpace, problem: Problem, z: NDArray[np.float64], project: Projection
+) -> NDArray[np.float64]:
+    """Return the projected derivatives (m, p) of the errors by scaled parameters."""
+    lower, upper = space.bounds()
+    columns = []
+    for i in range(len(z)):
+        step = _DIFFERENCE * np.eye(len(z))[i]
+        ahead, behind = np.minimum(z + step, upper), np.maximum(z - step, lower)
+        first, second = (problem.errors(model.by_label(space.physical(one))) for one in (ahead, behind))
+        columns.append(project(first - second) / (ahead - behind)[i])
+    return np.column_stack(columns)
+
+
+def derivatives(model: AxisModel, values: Values, problem: Problem) -> NDArray[np.float64]:
+    """Return the projected derivatives (m, p) of the errors by the parameters in SI units."""
+    space = model.space(values)
+    z = space.scaled(model.vector(values))
+    return _slopes(model, space, problem, z, problem.projection(values)) / space.slopes(z)
 
 
 @np.errstate(over="ignore")
@@ -475,10 +494,5 @@ def _standard_errors(
     lower, upper = space.bounds()
     kept = (z - lower > _AT_BOUND) & (upper - z > _AT_BOUND) & (np.linalg.norm(J, axis=0) > 0.0)
     errors = np.full(len(z), np.nan)
-    neighbours = block_length(int(block.max()) + 1)
-    covariance = covariance_in_time(J[:, kept], residuals, block, neighbours=neighbours)
-    # each parameter uses one degree of freedom of the blocks
-    count = len(np.unique(block))
-    correction = (count - 1) / max(count - int(kept.sum()), 1)
-    errors[kept] = np.sqrt(correction * np.maximum(covariance.diagonal(), 0.0))
+    errors[kept] = errors_in_time(J[:, kept], residuals, block)
     return errors * space.slopes(z)

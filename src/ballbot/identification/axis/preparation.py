@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError, suggest
 from ballbot.findings import Finding
 from ballbot.fitting.model_selection import Gain
-from ballbot.identification.axis.force_timing import delay_findings, delayed, force_delay, is_interpolated
+from ballbot.identification.axis.force_timing import (
+    delay_findings,
+    delayed,
+    force_delay,
+    is_interpolated,
+    linear_delay,
+    part_of_a_row,
+)
 from ballbot.identification.axis.inverse import asymmetry_over_time, without_drift
 from ballbot.identification.axis.law_fits import initial_values
 from ballbot.identification.axis.laws import AXIS_LAWS, PARAMETERS, AxisLaw, axis_law_named
@@ -212,6 +219,7 @@ class Prepared:
     delay: float = 0.0  #: rows by which the forces were moved to act when they are recorded
     delay_is_clear: bool = True  #: whether windows between reversals show that it is no play
     unconfirmed_delay: float = 0.0  #: rows by which they were not moved, as these windows do not show it
+    part: float = 0.0  #: of a row, by which interpolated forces were moved
     tested_for_play: bool = True  #: whether there are enough rows between reversals
     play: Play | None = None  #: for which the rows near reversals were left out
 
@@ -227,6 +235,7 @@ class Prepared:
             self.delay,
             clear=self.delay_is_clear,
             unconfirmed=self.unconfirmed_delay if self.play is None else 0.0,
+            part=self.part,
         )
         play = play_findings(
             records, self.play, tested=self.tested_for_play, with_reversals=self.bench.with_reversals
@@ -254,10 +263,19 @@ def prepared_records(bench: Bench, options: AxisOptions, blocks: Blocks) -> Prep
     if rows and contact:
         between = force_delay(contact.sightings, prepared.model, prepared.starts, contact.blocks)
         rows, unconfirmed = (rows, 0.0) if rows * between > 0.0 else (0.0, rows)
+        if unconfirmed:
+            seen = linear_delay(contact.sightings, prepared.model, prepared.starts, contact.blocks)
+            unconfirmed = 0.0 if seen and seen.refutes(unconfirmed) else unconfirmed
     if rows:
         bench = bench.delayed(rows)
         prepared = replace(_prepared(bench, options, blocks), delay=rows, delay_is_clear=contact is not None)
         contact = _contact(prepared, blocks)
+    else:
+        part = part_of_a_row(prepared.bench.sightings, prepared.model, prepared.starts, blocks)
+        if part:
+            bench = bench.delayed(part)
+            prepared = replace(_prepared(bench, options, blocks), part=part)
+            contact = _contact(prepared, blocks)
     play = contact and play_of(contact, prepared.bench.sightings, blocks)
     prepared = replace(prepared, unconfirmed_delay=unconfirmed)
     if contact is None or play is None:
@@ -269,6 +287,7 @@ def prepared_records(bench: Bench, options: AxisOptions, blocks: Blocks) -> Prep
         delay=prepared.delay,
         delay_is_clear=prepared.delay_is_clear,
         unconfirmed_delay=unconfirmed,
+        part=prepared.part,
         play=play,
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,13 +31,23 @@ class Estimate:
     model: AxisModel
     values: dict[str, float]  #: by label, SI units
     standard_errors: dict[str, float]  #: clustered in time; NaN for a parameter at a bound
-    half_widths: dict[str, float]  #: of the 95 % intervals, by label
+    half_widths: dict[str, float]  #: of the 95 % intervals, by label, with the discrepancies
     errors: tuple[AxisErrors, ...]  #: on the records fitted, then on the others
+    #: standard deviations of errors by what the model lacks, by label, of parameters that have such
+    discrepancies: dict[str, float] = field(default_factory=dict)
 
     @property
     def law(self) -> AxisLaw:
         """Its friction law."""
         return self.model.law
+
+    @property
+    def total_errors(self) -> dict[str, float]:
+        """Standard errors with the discrepancies, by label."""
+        return {
+            label: float(np.hypot(error, self.discrepancies.get(label, 0.0)))
+            for label, error in self.standard_errors.items()
+        }
 
     def axis(self, record: int | None = 0) -> Axis:
         """Return the axis of one of the fitted records, or of another one."""
@@ -50,6 +60,7 @@ class Estimate:
             "law": self.law.name,
             "parameters": self.values,
             "standard_errors": self.standard_errors,
+            "discrepancies": self.discrepancies,
             "intervals_95": {
                 label: [value - self.half_widths[label], value + self.half_widths[label]]
                 for label, value in self.values.items()
@@ -99,7 +110,7 @@ class AxisIdentification:
         """Return the law's parameters with their standard errors, the error to expect elsewhere, and findings."""
         best, one, unit = self.best, self.expected, f"m{self.unit}"
         rows = [
-            (label, estimated(value, best.standard_errors[label], _unit(self, label)))
+            (label, estimated(value, best.total_errors[label], _unit(self, label)))
             for label, value in best.values.items()
         ]
         rows.append(

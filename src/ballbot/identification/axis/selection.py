@@ -151,7 +151,9 @@ def errors_on(
     squares = problem.from_best_starts(fit.values) ** 2
     counted = np.ones(len(squares))
     if slow:
-        counted = np.concatenate([_slow_windows(sightings[one.record], one)[one.window] for one in windows])
+        counted = np.concatenate(
+            [windows_with(slow_rows(sightings[one.record]), one)[one.window] for one in windows]
+        ).astype(float)
     of_row = owner[problem.window]
     sums = np.bincount(of_row, weights=squares * counted, minlength=len(blocks))
     counts = np.bincount(of_row, weights=counted, minlength=len(blocks))
@@ -159,11 +161,15 @@ def errors_on(
         return (sums / counts)[list(chosen)]
 
 
-def _slow_windows(seen: Sighting, windows: Windows) -> NDArray[np.float64]:
-    """Return which windows reverse or rest (w,)."""
-    slow = np.abs(seen.motion.speed) < _SLOW * seen.usual_speed
-    ends = np.append(0, np.cumsum(slow))
-    return (ends[windows.firsts + windows.counts] > ends[windows.firsts]).astype(float)
+def slow_rows(seen: Sighting) -> NDArray[np.bool_]:
+    """Return in which rows (N,) the axis reverses or rests."""
+    return np.abs(seen.motion.speed) < _SLOW * seen.usual_speed
+
+
+def windows_with(rows: NDArray[np.bool_], windows: Windows) -> NDArray[np.bool_]:
+    """Return which windows (w,) contain one of some rows (N,)."""
+    ends = np.append(0, np.cumsum(rows))
+    return ends[windows.firsts + windows.counts] > ends[windows.firsts]
 
 
 def held_out_errors(

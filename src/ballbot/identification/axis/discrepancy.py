@@ -1,0 +1,211 @@
+"""Errors of an axis's parameters by what the model lacks, from the residuals of the result.
+
+A standard error contains what differs from block to block of a record, and nothing of an effect that is the same in
+every block: a force that acts a part of a row later, a drive that yields, a play that is crossed at every reversal. The
+fit hides such an effect in its parameters. Here it is given a way out, by one Gauss-Newton step each:
+
+- a column of its own: the force later by part of a row; the position of the encoder against that of the whole mass by
+  an elastic drive, in proportion to the force that the drive transmits, or by play, with the sign of that force;
+- windows with large errors count less (Tukey's biweight), or windows near reversals of speed or of the transmitted
+  force are left out, if their errors are several times the others'.
+
+If a way moves a parameter by d, with the standard error s of its own estimate, the model's error of that parameter has
+the variance d^2 - s^2, and none if that is below zero; of all ways the largest counts. Where nothing is missing, d is
+seldom beyond s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.findings import Finding, note
+from ballbot.fitting.least_squares import FitInTime, fit_in_time
+from ballbot.identification.axis.force_timing import delay_column
+from ballbot.identification.axis.laws import unit_for
+from ballbot.identification.axis.output_error import OpenLoop, OutputErrorFit, Sighting, derivatives
+from ballbot.identification.axis.result import Estimate
+from ballbot.identification.axis.selection import Blocks, problem_of, slow_rows, windows_with
+from ballbot.identification.axis.structure import base_name
+from ballbot.rounding import digits
+
+#: a column counts if chance explains it in less than this share of cases, or it explains more than this share of the
+#: squared residuals, which a systematic effect can in few blocks
+_CHANCE, _SHARE = 0.05, 0.1
+#: windows whose error is so many times the median do not count at all
+_FAR = 3.0
+#: kinds of windows are left out whose mean square error is above so many times that of the others, if at least this
+#: share of the windows is left
+_WORSE, _LEAST_LEFT = 3.0, 0.25
+#: parameters that shape a law near rest, of which one linear step says little
+_SHAPES = ("stiffness", "micro_damping", "stribeck", "stribeck_speed")
+_WITHOUT_SLOW = "without windows near reversals of the speed"
+_WITHOUT_TURNING = "without windows near reversals of the force that the drive transmits"
+#: an error by what the model lacks is reported beyond so many standard errors, and beyond this share of the parameter
+_REPORTED, _SHARE_REPORTED = 1.0, 0.02
+
+
+@dataclass(frozen=True, kw_only=True)
+class Discrepancy:
+    """What the model lacks may make of the errors of parameters."""
+
+    errors: Mapping[str, float]  #: standard deviations by label, of parameters that it moves
+    causes: Mapping[str, str]  #: by label, what moves a parameter most
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Linear:
+    """A fit, linear about its minimum."""
+
+    problem: OpenLoop
+    fit: OutputErrorFit
+    J: NDArray[np.float64]  #: (m, p), by the parameters that are not at a bound
+    residuals: NDArray[np.float64]  #: (m,), at the minimum: recorded less simulated
+    block: NDArray[np.int64]  #: (m,)
+
+    def transmitted(self, number: int) -> NDArray[np.float64]:
+        """Return the force (N,) that the drive transmits to one record's axis, over its usual size."""
+        seen = self.problem.sightings[number]
+        axis = self.fit.model.axis(self.fit.values, number)
+        force = axis.loading_force(seen.record, seen.motion.position, seen.motion.acceleration)
+        return force / max(float(np.sqrt(np.mean(force**2))), np.finfo(float).tiny)
+
+
+def discrepancy_of(
+    fit: OutputErrorFit, sightings: Sequence[Sighting], blocks: Blocks, horizon: float
+) -> Discrepancy:
+    """Return the errors of the parameters of a fit to windows of that length by what its model lacks."""
+    problem = problem_of(fit.model, sightings, blocks, horizon)
+    known = [label for label in fit.model.labels if np.isfinite(fit.standard_errors[label])]
+    J = derivatives(fit.model, fit.values, problem)[:, [fit.model.labels.index(label) for label in known]]
+    _, block = np.unique(problem.block, return_inverse=True)
+    # a fit ends near its minimum only
+    plain = fit_in_time(J, -problem.projection(fit.values)(problem.errors(fit.values)), block)
+    if plain is None:
+        return Discrepancy(errors={}, causes={})
+    linear = _Linear(problem=problem, fit=fit, J=J, residuals=plain.residuals, block=block)
+    variances, causes = np.zeros(len(known)), [""] * len(known)
+    straight = np.array([base_name(label) not in _SHAPES for label in known])
+    for cause, step in (*_by_columns(linear), *_by_weights(linear)):
+        variance = step.values[: len(known)] ** 2 - step.errors[: len(known)] ** 2
+        for i in np.flatnonzero(straight & (variance > variances)):
+            variances[i], causes[i] = variance[i], cause
+    moved = np.flatnonzero(variances > 0.0)
+    return Discrepancy(
+        errors={known[i]: float(np.sqrt(variances[i])) for i in moved},
+        causes={known[i]: causes[i] for i in moved},
+    )
+
+
+def _by_columns(linear: _Linear) -> Iterator[tuple[str, FitInTime]]:
+    """Give each effect that has a column, and the step with it."""
+    problem = linear.problem
+    if all(np.ptp(one.record.force) == 0.0 for one in problem.sightings):
+        return
+    total = float(linear.residuals @ linear.residuals)
+    for cause, column in _columns(linear):
+        step = fit_in_time(np.column_stack([linear.J, column]), linear.residuals, linear.block)
+        if step is None:
+            continue
+        share = 1.0 - float(step.residuals @ step.residuals) / total
+        if step.p_value(-1) < _CHANCE or share > _SHARE:
+            yield cause, step
+
+
+def _columns(linear: _Linear) -> Iterator[tuple[str, NDArray[np.float64]]]:
+    """Give the derivatives (m,) of the errors by the size of each effect, without the part other starts explain."""
+    problem, values = linear.problem, linear.fit.values
+    project = problem.projection(values)
+    # a simulated loop has no delay
+    if all(one.record.loop is None for one in problem.sightings):
+        yield "with a force that acts part of a row later or earlier", delay_column(problem, values)
+    forces = [linear.transmitted(number) for number in range(len(problem.sightings))]
+    for cause, shapes in (
+        ("with an elastic drive", forces),
+        ("with play in the drive", [np.sign(one) for one in forces]),
+    ):
+        sizes = [shape * seen.noise for shape, seen in zip(shapes, problem.sightings, strict=True)]
+        yield cause, project(np.concatenate([sizes[one.record][one.rows] for one in problem.windows]))
+
+
+def _by_weights(linear: _Linear) -> Iterator[tuple[str, FitInTime]]:
+    """Give each reason to let some windows count less, and the step without them."""
+    problem, window = linear.problem, linear.problem.window
+    squares = np.bincount(window, linear.residuals**2) / np.bincount(window)
+    far = np.sqrt(squares) / (_FAR * max(float(np.sqrt(np.median(squares))), np.finfo(float).tiny))
+    weights = {"without the windows of the largest errors": np.maximum(1.0 - far**2, 0.0)}
+    slow = [slow_rows(seen) for seen in problem.sightings]
+    forces = [linear.transmitted(number) for number in range(len(problem.sightings))]
+    turning = [np.diff(np.sign(force), append=np.sign(force[-1])) != 0.0 for force in forces]
+    for cause, rows in ((_WITHOUT_SLOW, slow), (_WITHOUT_TURNING, turning)):
+        left_out = np.concatenate([windows_with(rows[one.record], one) for one in problem.windows])
+        few_left = np.mean(left_out) > 1.0 - _LEAST_LEFT
+        if left_out.any() and not few_left and squares[left_out].mean() > _WORSE * squares[~left_out].mean():
+            weights[cause] = (~left_out).astype(float)
+    for cause, weight in weights.items():
+        of_row = weight[window]
+        kept = of_row > 0.0
+        if len(np.unique(linear.block[kept])) <= linear.J.shape[1]:
+            continue
+        step = fit_in_time(linear.J * of_row[:, None], linear.residuals * of_row, linear.block)
+        if step is not None:
+            yield cause, step
+
+
+def with_discrepancy(estimate: Estimate, errors: Mapping[str, float], quantile: float) -> Estimate:
+    """Return an estimate whose intervals contain further errors, independent of its own.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    errors : mapping of str to float
+        Standard deviations by label.
+    quantile : float
+        Half the width of a 95 % interval over the standard error.
+    """
+    known = {
+        label: one for label, one in errors.items() if np.isfinite(estimate.half_widths.get(label, np.nan))
+    }
+    wider = {
+        label: float(np.hypot(estimate.half_widths[label], quantile * error))
+        for label, error in known.items()
+    }
+    more = {
+        label: float(np.hypot(estimate.discrepancies.get(label, 0.0), error))
+        for label, error in known.items()
+    }
+    return replace(
+        estimate,
+        half_widths=estimate.half_widths | wider,
+        discrepancies=estimate.discrepancies | more,
+    )
+
+
+def discrepancy_findings(estimate: Estimate, found: Discrepancy, unit: str) -> list[Finding]:
+    """Return a note on the parameters whose intervals are clearly wider by what the model lacks."""
+    parts = []
+    for cause in dict.fromkeys(found.causes.values()):
+        labels = [label for label, own in found.causes.items() if own == cause]
+        wide = [
+            label
+            for label in labels
+            if found.errors[label] > _REPORTED * estimate.standard_errors[label]
+            and found.errors[label] > _SHARE_REPORTED * abs(estimate.values[label])
+        ]
+        words = [
+            f"{estimate.model.parameter(label).symbol} by "
+            f"{digits(found.errors[label], 2)} {unit_for(estimate.model.parameter(label), unit)}".rstrip()
+            for label in wide
+        ]
+        if words:
+            parts.append(f"{cause} ({', '.join(words)})")
+    if not parts:
+        return []
+    text = (
+        "The residuals show that the model lacks something. The 95 % intervals include how far parameters move in a "
+        f"fit {'; '.join(parts)}."
+    )
+    return [note("discrepancy", text)]

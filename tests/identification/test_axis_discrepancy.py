@@ -1,0 +1,122 @@
+"""Intervals of an axis contain errors by what its model lacks, and are no wider where it lacks nothing."""
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+import pytest
+
+from ballbot.fitting.least_squares import fit_in_time
+from ballbot.identification.axis import AXIS_LAWS, AxisRecord
+from ballbot.identification.axis.discrepancy import Discrepancy, discrepancy_findings, discrepancy_of
+from ballbot.identification.axis.force_timing import delayed, part_of_a_row
+from ballbot.identification.axis.law_fits import initial_values
+from ballbot.identification.axis.motion import default_bandwidth
+from ballbot.identification.axis.output_error import OutputErrorFit, Sighting, sighting
+from ballbot.identification.axis.preparation import Bench
+from ballbot.identification.axis.selection import Blocks, blocks_of, fit_all
+from ballbot.identification.axis.structure import AxisModel
+from campaigns.axis_machines import Drive, Logging, Machine, record_of
+
+JOINT = Machine(kind="joint", inertia=1.0, viscous=1.0, coulomb=2.0)
+#: rows of 5 ms, a fine encoder; windows of 0.2 s
+LOGGING = Logging(duration=10.0, rate=200.0, amplitude=1.0, fastest=1.2, counts=65536.0, force_noise=0.04)
+HORIZON = 0.2
+
+
+def fitted(
+    record: AxisRecord, *, interpolated: bool = False
+) -> tuple[OutputErrorFit, list[Sighting], Blocks]:
+    seen, blocks = [sighting(record, default_bandwidth(record))], blocks_of([record])
+    model = AxisModel(law=AXIS_LAWS["coulomb"], interpolated=interpolated)
+    start = initial_values(seen, model, bandwidth=None)["coulomb"]
+    return fit_all(model, start, seen, blocks, HORIZON), seen, blocks
+
+
+def found_in(record: AxisRecord) -> tuple[OutputErrorFit, Discrepancy]:
+    fit, seen, blocks = fitted(record)
+    return fit, discrepancy_of(fit, seen, blocks, HORIZON)
+
+
+def test_nothing_is_found_where_nothing_is_missing() -> None:
+    """Of ten records without faults, friction's intervals widen by less than 10 % on average, and the mass's hardly.
+
+    The mass is known to 0.01 % of itself, where the encoder's steps are no white noise.
+    """
+    factors = []
+    for seed in range(10):
+        fit, found = found_in(record_of(JOINT, LOGGING, seed))
+        factors += [
+            np.hypot(1.0, found.errors.get(name, 0.0) / fit.standard_errors[name])
+            for name in ("viscous", "coulomb")
+        ]
+        assert found.errors.get("mass", 0.0) < 3e-4 * JOINT.inertia
+    assert np.mean(factors) < 1.1
+
+
+@pytest.mark.parametrize(
+    ("drive", "motion"),
+    [(Drive(share=0.45, natural=25.0), "random"), (Drive(share=0.45, natural=80.0, play=0.003), "sines")],
+)
+def test_the_mass_of_a_drive_that_yields_is_within_its_error(
+    drive: Drive, motion: Literal["sines", "random"]
+) -> None:
+    """The standard errors alone miss it by several times themselves."""
+    machine = replace(JOINT, drive=drive)
+    alone = together = 0
+    for seed in range(3):
+        fit, found = found_in(record_of(machine, replace(LOGGING, motion=motion), seed))
+        error = abs(fit.values["mass"] - machine.inertia)
+        alone += error < 2.3 * fit.standard_errors["mass"]
+        # 2.3 is the quantile of the ten blocks of a second
+        together += error < 2.3 * np.hypot(fit.standard_errors["mass"], found.errors.get("mass", 0.0))
+    assert alone == 0
+    assert together == 3
+
+
+def test_a_late_force_widens_viscous_friction() -> None:
+    record = record_of(JOINT, LOGGING, 0)
+    early = delayed(record, -0.2)  # logged a fifth of a row before it acts
+    fit, found = found_in(early)
+    assert abs(fit.values["viscous"] - JOINT.viscous) > 3.0 * fit.standard_errors["viscous"]
+    assert found.causes["viscous"] == "with a force that acts part of a row later or earlier"
+    error = np.hypot(fit.standard_errors["viscous"], found.errors["viscous"])
+    assert abs(fit.values["viscous"] - JOINT.viscous) < 2.0 * error
+
+
+def test_the_part_of_a_row_of_a_faster_loop_is_found() -> None:
+    """A loop at 1 kHz holds its force for 1 ms, half of which is a tenth of a row of 5 ms."""
+    record = record_of(JOINT, replace(LOGGING, held=False), 0)
+    fit, seen, blocks = fitted(record, interpolated=True)
+    starts = initial_values(seen, fit.model, bandwidth=None)
+    part = part_of_a_row(seen, fit.model, starts, blocks)
+    assert part == pytest.approx(0.1, abs=0.02)
+    assert part_of_a_row(seen, replace(fit.model, interpolated=False), starts, blocks) == 0.0
+    wrong, _, _ = fitted(record, interpolated=True)
+    right, _, _ = fitted(delayed(record, part), interpolated=True)
+    before, after = (abs(one.values["viscous"] - JOINT.viscous) for one in (wrong, right))
+    assert after < 0.5 * before
+
+
+def test_the_note_names_the_effect_and_the_parameters() -> None:
+    record = record_of(JOINT, LOGGING, 0)
+    fit, _, _ = fitted(record)
+    estimate = Bench(records=(record,), others=(), bandwidth=None).estimate("open loop", fit, HORIZON)
+    found = Discrepancy(
+        errors={"viscous": 0.2, "mass": 1e-9},
+        causes={"viscous": "with an elastic drive", "mass": "with play"},
+    )
+    (note,) = discrepancy_findings(estimate, found, "rad")
+    assert (note.code, note.severity) == ("discrepancy", "note")
+    assert note.text.endswith("in a fit with an elastic drive (b by 0.20 N m s/rad).")
+    assert discrepancy_findings(estimate, Discrepancy(errors={}, causes={}), "rad") == []
+
+
+def test_a_column_that_the_rows_do_not_determine_is_refused() -> None:
+    block = np.repeat(np.arange(5), 4)
+    ones = np.ones((20, 1))
+    assert fit_in_time(np.hstack([ones, ones]), np.arange(20.0), block) is None
+    assert fit_in_time(np.zeros((20, 1)), np.arange(20.0), block) is None
+    found = fit_in_time(ones, np.arange(20.0), block)
+    assert found is not None
+    assert found.values == pytest.approx([9.5])
