@@ -274,6 +274,8 @@ def test_a_dead_band_is_less_dry_friction_unless_wheels_turn_against_their_dutie
     )
     # the largest that is possible is harmless
     assert dead_band_confidence(0.99 * TORQUE_PART / LARGEST_DEAD_BAND) > 0.99
+    # in a log that drives with 1 % of full duty, a motor may lose twice that
+    assert dead_band_confidence(0.3, full_duty=100.0) < CONFIDENT < dead_band_confidence(0.3, full_duty=20.0)
     assert dead_band_confidence(math.nan) < CONFIDENT
 
 

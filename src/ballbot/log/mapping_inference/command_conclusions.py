@@ -253,11 +253,12 @@ def _dead_band(proposal: Proposal) -> list[Conclusion]:
         ]
     if drive.response is None:
         return []
-    confidence, shown = dead_band_confidence(drive.turning_against, drive.dead_band), ""
+    estimate, shown = drive.dead_band, ""
+    full_duty = 0.0 if estimate is None else 1.0 / (estimate.size * drive.unit.scale)
+    confidence = dead_band_confidence(drive.turning_against, estimate, full_duty=full_duty)
     other = "the duty that the firmware adds"
-    if drive.dead_band is not None and drive.dead_band.believed:
-        full = drive.dead_band.size * drive.unit.scale
-        added, error = drive.dead_band.value * full, drive.dead_band.error * full
+    if estimate is not None and estimate.believed:
+        added, error = estimate.value / full_duty, estimate.error / full_duty
         shown = f"; by the motion, the firmware adds {added:.3f}, standard error {error:.3f}"
         other += f", by the motion {max(added, 0.0):.3f}"
     return [

@@ -31,8 +31,9 @@ from ballbot.log.mapping_inference.evidence import (
 )
 from ballbot.log.mapping_inference.tolerances import TORQUE_PART
 
-#: largest dead band that must be expected, over the size of what drives: chosen, twice that of the corpus
-LARGEST_DEAD_BAND = 0.7
+#: largest dead band that must be expected, over the size of what drives, and of full duty: chosen. The larger of both
+#: counts, since a motor and its driver lose the same duty in a log that drives gently
+LARGEST_DEAD_BAND, LARGEST_DUTY = 0.7, 0.02
 #: probability before the log is seen that a firmware adds one that its team does not state: chosen, that of the
 #: corpus' halves, where it is a sixth to a quarter
 ADDS_ONE = 0.25
@@ -108,29 +109,32 @@ def dead_band_estimate(
     )
 
 
-def dead_band_confidence(turning_against: float, estimate: DeadBandEstimate | None = None) -> float:
+def dead_band_confidence(
+    turning_against: float, estimate: DeadBandEstimate | None = None, *, full_duty: float = 0.0
+) -> float:
     """Return the confidence that a dead band that nobody states only makes dry friction appear less.
 
-    Before the log is seen, a firmware adds a dead band with the probability `ADDS_ONE`, of any size up to
-    `LARGEST_DEAD_BAND` alike. An estimate that is believed has a normal error.
+    Before the log is seen, a firmware adds a dead band with the probability `ADDS_ONE`, of any size up to the largest
+    alike. An estimate that is believed has a normal error.
 
     Parameters
     ----------
     turning_against : float
         As `DriveEvidence` has it: the error is this times the dead band.
     estimate : DeadBandEstimate, optional
+    full_duty : float
+        Full duty over the size of what drives; zero if that is unknown.
     """
     if not math.isfinite(turning_against):
         return 0.5
-    harmful = min(TORQUE_PART / max(turning_against, TINY), LARGEST_DEAD_BAND)
+    largest = max(LARGEST_DEAD_BAND, LARGEST_DUTY * full_duty)
+    harmful = min(TORQUE_PART / max(turning_against, TINY), largest)
     if estimate is None or not estimate.believed:
-        return min(1.0 - ADDS_ONE * (1.0 - harmful / LARGEST_DEAD_BAND), MOST)
-    zero, least, largest = (
-        (one - estimate.value) / estimate.error for one in (0.0, harmful, LARGEST_DEAD_BAND)
-    )
-    no_band = (1.0 - ADDS_ONE) * math.exp(-0.5 * zero**2) / (math.sqrt(2.0 * math.pi) * estimate.error)
+        return min(1.0 - ADDS_ONE * (1.0 - harmful / largest), MOST)
+    places = [(one - estimate.value) / estimate.error for one in (0.0, harmful, largest)]
+    below = [float(ndtr(one)) for one in places]
+    no_band = (1.0 - ADDS_ONE) * math.exp(-0.5 * places[0] ** 2) / (math.sqrt(2.0 * math.pi) * estimate.error)
     small, large = (
-        ADDS_ONE * float(ndtr(high) - ndtr(low)) / LARGEST_DEAD_BAND
-        for low, high in ((zero, least), (least, largest))
+        ADDS_ONE / largest * (one - other) for one, other in zip(below[1:], below[:-1], strict=True)
     )
     return min((no_band + small) / max(no_band + small + large, TINY), MOST)
