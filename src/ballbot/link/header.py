@@ -54,7 +54,7 @@ def messages_header() -> str:
 
 #include "ballbot_types.h"
 
-/* Of the protocol, in every frame. */
+/* Version of the protocol, in every frame. */
 #define BALLBOT_LINK_VERSION {VERSION}u
 /* SHA-256 of types, names, order, lengths and units of all messages, as numbers of 31 bits. */
 #define BALLBOT_MESSAGE_WORDS {{ {", ".join(map(str, message_words()))} }}
@@ -62,7 +62,7 @@ def messages_header() -> str:
 
 /* Longest time without a valid frame [us]. */
 #define BALLBOT_LINK_WATCHDOG {_MICROSECONDS * WATCHDOG:.0f}u
-/* For which the number of the first step of arming is good [us]. */
+/* How long the number of the first step of arming is valid [us]. */
 #define BALLBOT_LINK_CONFIRMATION {_MICROSECONDS * CONFIRMATION_TIME:.0f}u
 /* Longest time between two states that a host can ask for [s]. */
 #define BALLBOT_LINK_STATE_INTERVAL {LONGEST_STATE_INTERVAL:g}f
@@ -85,7 +85,7 @@ def messages_header() -> str:
 {_names("layer", _members(Layer))}
 /* Answers to a command. */
 {_names("result", _members(Result))}
-/* Where the controller runs that an armed robot obeys. */
+/* Which controller an armed robot obeys: its own or the host's. */
 {_names("controller", _members(ControllerPlace))}
 /* Bits of a robot's capabilities. */
 {_names("capability", _members(Capability))}

@@ -73,7 +73,7 @@ class Result(IntEnum):
 
 
 class ControllerPlace(IntEnum):
-    """Where the controller runs that an armed robot obeys."""
+    """Which controller an armed robot obeys: its own or the host's."""
 
     ROBOT = 0
     HOST = 1
@@ -180,7 +180,7 @@ class AskCounts:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sensors:
-    """What the sensors of an emulated robot give in a sample. Its session is 0."""
+    """A sample of an emulated robot's sensors. Its session is 0."""
 
     TYPE: ClassVar[int] = 32
     time: int = field(metadata=whole())  #: of the robot's clock [us], modulo 2^32
@@ -193,7 +193,7 @@ class Sensors:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motors:
-    """What an emulated robot commands its motors after a sample. Its session is 0."""
+    """The torques that an emulated robot commands after a sample. Its session is 0."""
 
     TYPE: ClassVar[int] = 33
     time: int = field(metadata=whole())  #: of the sample [us], modulo 2^32
@@ -204,7 +204,7 @@ class Motors:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Welcome:
-    """Answer a `Hello`; its frame has the random number of that."""
+    """Answer a `Hello`; the frame repeats its random number."""
 
     TYPE: ClassVar[int] = 64
     session: int = field(metadata=whole())  #: of all frames that follow; 0 if the schemas differ

@@ -9,7 +9,7 @@
 
 #include "ballbot_types.h"
 
-/* Of the protocol, in every frame. */
+/* Version of the protocol, in every frame. */
 #define BALLBOT_LINK_VERSION 1u
 /* SHA-256 of types, names, order, lengths and units of all messages, as numbers of 31 bits. */
 #define BALLBOT_MESSAGE_WORDS { 1736519666, 827726318, 1854152335, 1857452057, 1619740814, 1731469765, 851457793, 648964802 }
@@ -17,7 +17,7 @@
 
 /* Longest time without a valid frame [us]. */
 #define BALLBOT_LINK_WATCHDOG 50000u
-/* For which the number of the first step of arming is good [us]. */
+/* How long the number of the first step of arming is valid [us]. */
 #define BALLBOT_LINK_CONFIRMATION 10000000u
 /* Longest time between two states that a host can ask for [s]. */
 #define BALLBOT_LINK_STATE_INTERVAL 0.02f
@@ -83,7 +83,7 @@ enum ballbot_result {
     BALLBOT_RESULT_VALUES = 9
 };
 
-/* Where the controller runs that an armed robot obeys. */
+/* Which controller an armed robot obeys: its own or the host's. */
 enum ballbot_controller {
     BALLBOT_CONTROLLER_ROBOT = 0,
     BALLBOT_CONTROLLER_HOST = 1
@@ -144,7 +144,7 @@ struct ballbot_message_commit {
 };
 typedef char ballbot_message_commit_has_no_padding[(sizeof(struct ballbot_message_commit) == 1u * sizeof(float)) ? 1 : -1];
 
-/* What the sensors of an emulated robot give in a sample. Its session is 0. */
+/* A sample of an emulated robot's sensors. Its session is 0. */
 struct ballbot_message_sensors {
     int32_t time;
     int32_t imu_valid;
@@ -155,7 +155,7 @@ struct ballbot_message_sensors {
 };
 typedef char ballbot_message_sensors_has_no_padding[(sizeof(struct ballbot_message_sensors) == 13u * sizeof(float)) ? 1 : -1];
 
-/* What an emulated robot commands its motors after a sample. Its session is 0. */
+/* The torques that an emulated robot commands after a sample. Its session is 0. */
 struct ballbot_message_motors {
     int32_t time;
     int32_t enabled;
@@ -164,7 +164,7 @@ struct ballbot_message_motors {
 };
 typedef char ballbot_message_motors_has_no_padding[(sizeof(struct ballbot_message_motors) == 7u * sizeof(float)) ? 1 : -1];
 
-/* Answer a `Hello`; its frame has the random number of that. */
+/* Answer a `Hello`; the frame repeats its random number. */
 struct ballbot_message_welcome {
     int32_t session;
     int32_t firmware[8];
