@@ -132,7 +132,7 @@ def test_a_parameter_without_influence_gets_no_number():
     assert math.isnan(found.parameters["v_s"])
     assert math.isnan(found.parameters["delta"])
     assert math.isnan(found.standard_errors["v_s"])
-    assert any(sentence.startswith("v_s has no influence") for sentence in texts(found.findings))
+    assert any(sentence.startswith("v_s and delta have no influence") for sentence in texts(found.findings))
     assert found.to_dict()["parameters"]["v_s"] is None
     assert found.robot.friction.stribeck_speed == alten().friction.stribeck_speed  # as it was before
     assert np.isfinite(flat(found.parameters)[:9]).all()
