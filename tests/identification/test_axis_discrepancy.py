@@ -39,9 +39,9 @@ def found_in(record: AxisRecord) -> tuple[OutputErrorFit, Discrepancy]:
 
 
 def test_nothing_is_found_where_nothing_is_missing() -> None:
-    """Of ten records without faults, friction's intervals widen by less than 10 % on average, and the mass's hardly.
+    """Of ten records without faults, friction's intervals widen by less than 10 % on average.
 
-    The mass is known to 0.01 % of itself, where the encoder's steps are no white noise.
+    The mass may have an error by a part of the effect of a usual drive, which widens it to some 0.1 % here.
     """
     factors = []
     for seed in range(10):
@@ -50,7 +50,7 @@ def test_nothing_is_found_where_nothing_is_missing() -> None:
             np.hypot(1.0, found.errors.get(name, 0.0) / fit.standard_errors[name])
             for name in ("viscous", "coulomb")
         ]
-        assert found.errors.get("mass", 0.0) < 3e-4 * JOINT.inertia
+        assert found.errors.get("mass", 0.0) < 2e-3 * JOINT.inertia
     assert np.mean(factors) < 1.1
 
 
@@ -72,6 +72,13 @@ def test_the_mass_of_a_drive_that_yields_is_within_its_error(
         together += error < 2.3 * np.hypot(fit.standard_errors["mass"], found.errors.get("mass", 0.0))
     assert alone == 0
     assert together == 3
+
+
+def test_the_mass_is_not_known_better_than_a_usual_drive_is_excluded() -> None:
+    """Two inertias of one half on a shaft of 25 Hz change the mass by more than a clean record's standard error."""
+    fit, found = found_in(record_of(JOINT, LOGGING, 0))
+    assert found.errors["mass"] > 2.0 * fit.standard_errors["mass"]
+    assert found.causes["mass"] in ("with an elastic drive", "with play in the drive")
 
 
 def test_a_late_force_widens_viscous_friction() -> None:
