@@ -8,7 +8,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from time import monotonic
+from time import monotonic, process_time
 
 from ballbot.printable import printable_line
 
@@ -162,19 +162,23 @@ def on_all_cores(seconds: float) -> float:
 
 #: work is not expected to take more than so many times its usual time for what else the machine does
 _SLOWEST = 4.0
+#: over which the system averages what is ready to run [s], and when this process began
+_AVERAGED, _BEGUN = 60.0, monotonic()
 
 
 def slowdown_now() -> float:
     """Return how many times its usual time work takes that shares the cores with what ran in the last minute.
 
-    With as many threads as there are cores, and as many of others that are ready to run, it takes twice its time. 1 if
-    the system does not count them.
+    With as many threads as there are cores, and as many of others that are ready to run, it takes twice its time. The
+    threads of this process do not count: a later stage would take its own earlier ones for others. 1 if the system does
+    not count them.
     """
     try:
         ready = os.getloadavg()[0]
     except (AttributeError, OSError):  # Windows
         return 1.0
-    return min(1.0 + ready / (os.cpu_count() or 1), _SLOWEST)
+    own = process_time() / max(monotonic() - _BEGUN, _AVERAGED)
+    return min(1.0 + max(ready - own, 0.0) / (os.cpu_count() or 1), _SLOWEST)
 
 
 #: a stage that ends by itself is expected to take at least this share of the steps so far once more

@@ -129,9 +129,15 @@ def test_time_left_is_never_negative(shares, seconds):
 
 def test_what_was_planned_takes_longer_on_a_busy_machine(monkeypatch):
     monkeypatch.setattr("os.cpu_count", lambda: 4)
+    monkeypatch.setattr("ballbot.progress._BEGUN", time.monotonic())
+    monkeypatch.setattr("ballbot.progress.process_time", lambda: 0.0)
     for ready, slowdown in ((0.0, 1.0), (2.0, 1.5), (4.0, 2.0), (80.0, 4.0)):
         monkeypatch.setattr("os.getloadavg", lambda ready=ready: (ready, 0.0, 0.0), raising=False)
         assert slowdown_now() == slowdown
+    # half a minute of this process on four cores is half of what was ready in the minute
+    monkeypatch.setattr("os.getloadavg", lambda: (4.0, 0.0, 0.0))
+    monkeypatch.setattr("ballbot.progress.process_time", lambda: 120.0)
+    assert slowdown_now() == pytest.approx(1.5)
     monkeypatch.delattr("os.getloadavg")  # as on Windows
     assert slowdown_now() == 1.0
 

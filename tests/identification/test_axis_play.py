@@ -144,6 +144,24 @@ def test_a_delay_that_rows_between_reversals_do_not_confirm_is_named(
         assert "do not confirm it, so it is not moved" in finding.text
 
 
+def test_an_unconfirmed_delay_is_not_moved_in_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The windows that show the whole of it, as of slight play, show a part of a row as well."""
+    record = record_with_play(0.0, duration=6.0)
+    delays, parts = iter([0.5, 0.0, 0.0]), 0.4
+
+    monkeypatch.setattr(preparation, "force_delay", lambda *_: next(delays))
+    monkeypatch.setattr(
+        preparation, "linear_delay", lambda *_: LinearDelay(rows=0.3, error=0.5, p_value=0.8, improves=False)
+    )
+    monkeypatch.setattr(preparation, "part_of_a_row", lambda *_: parts)
+    monkeypatch.setattr(preparation, "play_of", lambda *_: None)
+    found = prepared(record)
+    assert (found.unconfirmed_delay, found.part) == (0.5, 0.0)
+    (finding,) = found.findings([record])
+    assert "do not confirm it, so it is not moved" in finding.text
+    assert prepared(record).part == parts  # without such a delay
+
+
 def test_a_delay_that_rows_between_reversals_refute_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """The windows of a record without a delay determine it to a small part of a row."""
     record = record_with_play(0.0, duration=6.0)

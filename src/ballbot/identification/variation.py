@@ -25,7 +25,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, every
 from ballbot.files import read_toml
 from ballbot.findings import Finding, warning
 from ballbot.fitting.between_logs import LogVariation, VariancePrior, vary
@@ -331,7 +331,7 @@ def variation_findings(varied: Variation) -> list[Finding]:
     if not far:
         return []
     text = (
-        f"Between the {varied.logs} logs {_listed(far)} {'varies' if len(far) == 1 else 'vary'} by more than the "
+        f"Between the {varied.logs} logs {every(far)} {'varies' if len(far) == 1 else 'vary'} by more than the "
         "errors within each log: something that the model lacks changes from log to log (the way driven, floor, "
         "rollers, temperature). Use the intervals for another log."
     )
@@ -348,10 +348,6 @@ def discrepancy_finding(found: Discrepancy) -> list[Finding]:
         f"play or another friction law. All standard errors are {found.factor:.2g} times as large for it."
     )
     return [warning("discrepancy", text)]
-
-
-def _listed(labels: Sequence[str]) -> str:
-    return labels[0] if len(labels) == 1 else f"{', '.join(labels[:-1])} and {labels[-1]}"
 
 
 def _ends(interval: Interval) -> list[float]:

@@ -213,8 +213,8 @@ def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section
         "find the parameters that explain the force; the open loop finds those that predict the position over short "
         "windows "
         'when only the force is known, and "whole record" those that predict it from the first row to the last. If the '
-        "law lacks something that the machine has, they differ by more than their errors. The open loop's parameters "
-        "are the result."
+        "law lacks something that the machine has, they differ by more than these errors. The open loop's parameters "
+        "are the result; their errors above include what the model lacks and such differences."
     )
     headings = ("symbol", "meaning", "unit", *(f"{one.method} ({one.law.name})" for one in found.estimates))
     others = "other forces and the friction under load" if found.model.load else "other forces"

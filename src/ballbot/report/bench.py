@@ -416,7 +416,7 @@ _GEOMETRY_FIGURE = (
 _GEOMETRY_CAPTION = (
     "Identified from the logs, beside the value in the robot file or the one that follows from it. Each wheel's own "
     "ratio r_b / r_w stands beside that of all wheels. Difference: file minus logs, in standard errors (s.e.). Play of "
-    "the gears hides a part of the leaning from the encoders: with none, they show all of it (1.00)."
+    "the gears hides a part of the leaning from the encoders: without play they show all of it (1.00)."
 )
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
-from ballbot.errors import InputError
+from ballbot.errors import InputError, every
 from ballbot.findings import Finding, warning
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import torque_names
@@ -337,8 +337,7 @@ def _recommended(
 
 
 def _listed(quantities: Sequence[QuantityResult]) -> str:
-    words = [QUANTITY_NAMES[one.name] for one in quantities]
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+    return every(QUANTITY_NAMES[one.name] for one in quantities)
 
 
 def _rows_before_a_fall(run: Log, ended: bool) -> int:

@@ -85,7 +85,7 @@ def _lean(own, x, y, v_x, v_y):
 class LeanLimit(Part):
     """The largest lean and turn that errors may command.
 
-    Without it a stiff gain saturates and falls where a soft one recovers.
+    Without it the robot falls with a stiff gain, which saturates, where it recovers with a soft one.
 
     Raises
     ------

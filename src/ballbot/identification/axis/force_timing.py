@@ -216,8 +216,8 @@ def delay_findings(
     found = []
     if part:
         text = (
-            f"The recorded force acts {_later(records, part)} than its row, and all results are with it so moved. A "
-            "loop that runs faster than the log, and holds its force, makes such a delay."
+            f"The recorded force acts {_later(records, part)} than its row; all results are for the force moved by "
+            "this time. A loop that runs faster than the log, and holds its force, causes such a delay."
         )
         found.append(note("force-delay", text))
     if rows:

@@ -270,7 +270,7 @@ def prepared_records(bench: Bench, options: AxisOptions, blocks: Blocks) -> Prep
         bench = bench.delayed(rows)
         prepared = replace(_prepared(bench, options, blocks), delay=rows, delay_is_clear=contact is not None)
         contact = _contact(prepared, blocks)
-    else:
+    elif not unconfirmed:  # of which all windows would show a part
         part = part_of_a_row(prepared.bench.sightings, prepared.model, prepared.starts, blocks)
         if part:
             bench = bench.delayed(part)
