@@ -104,7 +104,7 @@ OPTIONS = ("--bounds", "bounds.toml")
 
 
 def folder_with_log(folder: Path) -> Path:
-    folder.mkdir()
+    folder.mkdir(parents=True)  # of one name in each run: a page names a log.csv by it
     # once around in 5 s, so that a short log turns every wheel
     measured_square(nominal_robot(), duration=5.0, period=5.0).write(folder / "log.csv")
     (folder / "bounds.toml").write_text(BOUNDS)
@@ -117,8 +117,8 @@ def run(folder: Path, *, resume: bool) -> Identification:
 
 @pytest.mark.sample  # a second way to end a run, at full effort
 def test_run_killed_twice_ends_in_the_same_bytes(tmp_path):
-    undisturbed = run(folder_with_log(tmp_path / "undisturbed"), resume=False).finish()
-    killed = folder_with_log(tmp_path / "killed")
+    undisturbed = run(folder_with_log(tmp_path / "undisturbed" / "robot"), resume=False).finish()
+    killed = folder_with_log(tmp_path / "killed" / "robot")
     random = np.random.default_rng()  # the moment within a step is left to chance
     generations = len(json.loads(undisturbed["results.json"])["cost"]["evolution"])
     # answers on file, the inputs' first: early in the evolution, and in the Gauss-Newton steps
