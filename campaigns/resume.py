@@ -74,13 +74,14 @@ def campaign() -> Section:
     """Kill runs at random moments and return the section of docs/generated/evidence.md."""
     random = np.random.default_rng(5)
     with tempfile.TemporaryDirectory() as name:
-        undisturbed, lasted = _undisturbed(Path(name) / "undisturbed")
+        # every run in a folder `robot` of its own: a page names a log.csv by its folder
+        undisturbed, lasted = _undisturbed(Path(name) / "undisturbed" / "robot")
         each = [
-            _killed(Path(name) / f"once{number}", [seconds], undisturbed)
+            _killed(Path(name) / f"once{number}" / "robot", [seconds], undisturbed)
             for number, seconds in enumerate(random.uniform(0.0, lasted, KILLS))
         ]
         # long enough for some of them to get further than the one before
-        many = _killed(Path(name) / "many", random.uniform(0.3, 0.5, KILLS) * lasted, undisturbed)
+        many = _killed(Path(name) / "many" / "robot", random.uniform(0.3, 0.5, KILLS) * lasted, undisturbed)
     left = [count for one in each for count in one.left if count is not None]
     whole = sum(count is None for one in each for count in one.left)
     return Section(
@@ -115,7 +116,7 @@ class Outcome:
 
 
 def _undisturbed(folder: Path) -> tuple[dict[str, bytes], float]:
-    folder.mkdir()
+    folder.mkdir(parents=True)
     write_log(folder)
     Identification(folder=folder, resume=False).finish()  # compiles
     started = monotonic()
@@ -123,7 +124,7 @@ def _undisturbed(folder: Path) -> tuple[dict[str, bytes], float]:
 
 
 def _killed(folder: Path, moments: np.ndarray | list[float], undisturbed: dict[str, bytes]) -> Outcome:
-    folder.mkdir()
+    folder.mkdir(parents=True)
     write_log(folder)
     left = tuple(
         Identification(folder=folder, resume=number > 0).kill_after(float(seconds))

@@ -131,7 +131,8 @@ def _by_delay(linear: _Linear) -> Iterator[tuple[str, FitInTime]]:
     step = fit_in_time(np.column_stack([linear.J, column]), linear.residuals, linear.block)
     if step is None:
         return
-    share = 1.0 - float(step.residuals @ step.residuals) / float(linear.residuals @ linear.residuals)
+    total = max(float(linear.residuals @ linear.residuals), np.finfo(float).tiny)
+    share = 1.0 - float(step.residuals @ step.residuals) / total
     if step.p_value(-1) < _CHANCE or share > _SHARE:
         yield "with a force that acts part of a row later or earlier", step
 
