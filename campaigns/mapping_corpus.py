@@ -330,10 +330,9 @@ def section(found: Sequence[Outcome], *, dead_bands: Sequence[float]) -> Section
         " (`campaigns/foreign_logs.py`): renamed, permuted, scaled, turned, mirrored, late, noisy, in several formats."
         " The inference was worked on with the development halves; the third judged an earlier version. The test half"
         " has other robots, motions and seeds; it had judged four versions before this one, and the last change was"
-        " made after a look at what the fourth got wrong, so that its counts are not those of a half never looked at. The"
-        " first two are logs of the twin, the others of the equations of"
-        " motion with the twin's sensors, play and friction. Right is the recorded log up to the transformations of"
-        " `campaigns.mapping_corpus.differences`; the last column is with the firmware's dead band given if only that"
+        " made after a look at what the fourth got wrong, so that its counts are not those of a half never looked at."
+        " The first two are logs of the twin, the others of the equations of motion with the twin's sensors, play and"
+        " friction. Right is the recorded log up to the transformations of `campaigns.mapping_corpus.differences`; the last column is with the firmware's dead band given if only that"
         " was asked. Intervals are of 95 % by Clopper and Pearson.",
         columns=[
             "half",

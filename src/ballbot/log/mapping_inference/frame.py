@@ -29,7 +29,7 @@ from ballbot.log.signals import INTERVAL, Smooth
 from ballbot.robot import Robot
 
 #: lean and yaw are taken to be of the same handedness with this probability before the log is seen
-SAME_HANDEDNESS, SAME_IF_MIRRORED = 0.92, 0.6
+SAME_HANDEDNESS, SAME_IF_MIRRORED = 0.95, 0.6
 #: a heading that turns by less than this [rad] around its mean hardly shows the handedness: the standard errors then
 #: count by this factor. Of 142 logs of the development halves, 2 are wrong by two standard errors, both of such a
 #: heading
