@@ -332,7 +332,8 @@ def section(found: Sequence[Outcome], *, dead_bands: Sequence[float]) -> Section
         " has other robots, motions and seeds; it had judged four versions before this one, and the last change was"
         " made after a look at what the fourth got wrong, so that its counts are not those of a half never looked at."
         " The first two are logs of the twin, the others of the equations of motion with the twin's sensors, play and"
-        " friction. Right is the recorded log up to the transformations of `campaigns.mapping_corpus.differences`; the last column is with the firmware's dead band given if only that"
+        " friction. Right is the recorded log up to the transformations of"
+        " `campaigns.mapping_corpus.differences`; the last column is with the firmware's dead band given if only that"
         " was asked. Intervals are of 95 % by Clopper and Pearson.",
         columns=[
             "half",
