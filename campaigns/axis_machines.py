@@ -56,7 +56,8 @@ class Machine:
     load: KnownLoad = NO_LOAD
     #: Coulomb friction over the load of its gears, and the shares of the drive's force and of that over position in it
     gears: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    drive: Drive | None = None  #: without load and forces over position; rigid if there is none
+    #: None if it is rigid; one that yields goes with no load and no force that depends on position
+    drive: Drive | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

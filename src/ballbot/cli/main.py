@@ -200,7 +200,9 @@ def _missing(error: MissingArgumentError, tokens: Sequence[str]) -> str:
         except InputError as wrong:
             return str(wrong)
     if argument.name == "LOGS":
-        return "No log is given. Name one or more log files after the robot."
+        from ballbot.log.collection import NO_LOG
+
+        return NO_LOG
     needed = argument.name if argument.name != "--out" else "--out FOLDER"
     return f"{' '.join(chain)} needs {needed}."
 

@@ -74,8 +74,8 @@ def bound_findings(
     for i in np.flatnonzero(at_bound):
         lowest = values[i] <= coordinates.lower[i]
         side, bound = ("lower", coordinates.lower[i]) if lowest else ("upper", coordinates.upper[i])
-        none = "zero friction of this kind" if coordinates.names[i] in FRICTION else "none of it"
-        advice = f"{none} fits best" if bound == 0.0 else "widen the bound, or fix the parameter"
+        zero = "zero friction of this kind" if coordinates.names[i] in FRICTION else "zero"
+        advice = f"{zero} fits best" if bound == 0.0 else "widen the bound, or fix the parameter"
         at.setdefault((f"{side} bound {bound:g}", advice), []).append(coordinates.labels[i])
     return [
         warning(

@@ -71,6 +71,10 @@ def _listed(sources: Sequence[LogLike]) -> dict[str, Log]:
     return found
 
 
+#: what a command without a log answers
+NO_LOG = "No log is given. Name one or more log files after the robot."
+
+
 def named_files(paths: Sequence[Path]) -> dict[str, Path]:
     """Return logs' files by their stems, a log.csv by its folder; by their paths if names recur.
 
@@ -80,7 +84,7 @@ def named_files(paths: Sequence[Path]) -> dict[str, Path]:
         If no log is given, or one is named twice.
     """
     if not paths:
-        raise InputError("No log is given. Name one or more log files after the robot.")
+        raise InputError(NO_LOG)
     names = [path.resolve().parent.name or path.stem if path.stem == "log" else path.stem for path in paths]
     if len(set(names)) < len(names):
         names = [str(path.with_suffix("")) for path in paths]

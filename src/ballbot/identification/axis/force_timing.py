@@ -119,7 +119,7 @@ class LinearDelay:
     improves: bool  #: whether a fit with the force so moved has the smaller error
 
     def refutes(self, rows: float) -> bool:
-        """Return whether a delay of so many rows is far outside the interval, and none is nearer."""
+        """Return whether the windows exclude a delay of so many rows, and show one nearer to zero than to it."""
         return abs(self.rows) < 0.5 * abs(rows) and abs(rows - self.rows) > _REFUTED * self.error
 
 
