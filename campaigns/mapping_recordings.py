@@ -1,8 +1,8 @@
 """The recorded logs of `campaigns.mapping_corpus`: robots, motions and seeds of its halves.
 
-The third development half judged earlier versions of the inference. Its robots, and those of the test half, are
-simulated by the equations of motion with the twin's sensors, play, torque noise and friction, which takes a fraction of
-the twin's time. Recorded logs are kept in build/mapping_corpus and are not recorded again.
+The third and fourth development halves judged earlier versions of the inference. Their robots, and those of the test
+half, are simulated by the equations of motion with the twin's sensors, play, torque noise and friction, which takes a
+fraction of the twin's time. Recorded logs are kept in build/mapping_corpus and are not recorded again.
 """
 
 from __future__ import annotations
@@ -30,35 +30,39 @@ from ballbot.twin.imperfections import imperfections_of, true_model
 from campaigns.foreign_logs import commands
 from campaigns.section import is_kept
 
-Half = Literal["development", "second_development", "third_development", "test"]
+Half = Literal["development", "second_development", "third_development", "fourth_development", "test"]
 
 #: robots of each half; a name that ends in `_four_wheels` is that robot with four wheels
 ROBOTS: dict[Half, tuple[str, ...]] = {
     "development": ("alten", "kugle", "rezero_four_wheels"),
     "second_development": ("rob311", "rezero", "cmu"),
     "third_development": ("lantern", "barrel", "scout_four_wheels"),
-    "test": ("kettle", "crane", "sledge_four_wheels"),
+    "fourth_development": ("kettle", "crane", "sledge_four_wheels"),
+    "test": ("spinner", "mast", "cart_four_wheels"),
 }
 MOTIONS: dict[Half, tuple[str, ...]] = {
     "development": ("hold", "square", "sway", "turn", "wander", "dead_band"),
     "second_development": ("circle", "figure_eight", "sway", "turn", "wander", "dead_band"),
     "third_development": ("patrol", "orbit", "nudges", "dead_band"),
-    "test": ("corners", "slalom", "sentry", "dead_band"),
+    "fourth_development": ("corners", "slalom", "sentry", "dead_band"),
+    "test": ("errands", "loops", "station", "dead_band"),
 }
 #: halves whose robots are simulated by the equations of motion, which takes a fraction of the twin's time
-BY_EQUATIONS: tuple[Half, ...] = ("third_development", "test")
+BY_EQUATIONS: tuple[Half, ...] = ("third_development", "fourth_development", "test")
 #: first seed of each half, of its recordings and of its teams' habits
 RECORDED_SEED: dict[Half, int] = {
     "development": 0,
     "second_development": 100,
     "third_development": 700,
-    "test": 1300,
+    "fourth_development": 1300,
+    "test": 1900,
 }
 HABITS_SEED: dict[Half, int] = {
     "development": 0,
     "second_development": 1_000_000,
     "third_development": 7_000_000,
-    "test": 13_000_000,
+    "fourth_development": 13_000_000,
+    "test": 19_000_000,
 }
 #: part of the wheels' dry friction that the firmware adds in the duty's direction, in the motion dead_band
 COMPENSATED = 0.6
@@ -180,6 +184,41 @@ def _sledge() -> Robot:
     return _with_wheels(robot, count=4, first=float(np.radians(45.0)))
 
 
+def _spinner() -> Robot:
+    """Return a robot of a teaching laboratory: light, on a basketball, the first wheel at -15 degrees."""
+    robot = _with_body(Robot.load("alten"), mass=7.5, height=0.36, slenderness=1.2)
+    robot = robot.replace(
+        ball=_ball(robot, radius=0.12, mass=0.9),
+        wheels=replace(robot.wheels, radius=0.05, tilt=float(np.radians(47.0)), inertia=8e-4),
+        drive=replace(robot.drive, torque_limit=3.0, gear_ratio=16.0),
+        sensors=replace(robot.sensors, encoder_counts=2048),
+    )
+    return _with_wheels(robot, count=3, first=float(np.radians(-15.0)))
+
+
+def _mast() -> Robot:
+    """Return a tall and heavy robot on a bowling ball, the first wheel at 50 degrees."""
+    robot = _with_body(Robot.load("kugle"), mass=26.0, height=0.62, slenderness=1.15)
+    robot = robot.replace(
+        ball=_ball(robot, radius=0.11, mass=5.0),
+        wheels=replace(robot.wheels, tilt=float(np.radians(43.0))),
+        drive=replace(robot.drive, torque_limit=10.0, gear_ratio=24.0),
+        sensors=replace(robot.sensors, encoder_counts=1500),
+    )
+    return _with_wheels(robot, count=3, first=float(np.radians(50.0)))
+
+
+def _cart() -> Robot:
+    """Return a robot that carries a load low, with four wheels, the first at 10 degrees."""
+    robot = _with_body(Robot.load("rezero"), mass=15.0, height=0.33, slenderness=1.3)
+    robot = robot.replace(
+        ball=_ball(robot, radius=0.125, mass=2.4),
+        wheels=replace(robot.wheels, tilt=float(np.radians(44.0))),
+        drive=replace(robot.drive, torque_limit=5.5, gear_ratio=26.0),
+    )
+    return _with_wheels(robot, count=4, first=float(np.radians(10.0)))
+
+
 #: robots that are no preset
 OWN_ROBOTS = {
     "lantern": _lantern,
@@ -188,6 +227,9 @@ OWN_ROBOTS = {
     "kettle": _kettle,
     "crane": _crane,
     "sledge_four_wheels": _sledge,
+    "spinner": _spinner,
+    "mast": _mast,
+    "cart_four_wheels": _cart,
 }
 
 
@@ -266,6 +308,8 @@ def _reference(motion: str, seed: int) -> Reference:
         return _path(motion, random, size)
     if motion in ("corners", "slalom", "sentry"):
         return _round(motion, random, size)
+    if motion in ("errands", "loops", "station"):
+        return _errand(motion, random, size)
     return _sway(random, heading=0.6 if motion == "sway" else 0.2)
 
 
@@ -319,6 +363,38 @@ def _round(motion: str, random: np.random.Generator, size: float) -> Reference:
             # keeps its place but for a few centimetres, and turns to and fro
             place = 0.1 * size * (np.sin(1.7 * now) + 1j * np.sin(1.1 * now)) * np.exp(1j * way)
             pose[4] = turn * start * np.sin(now)
+        place = start * place
+        pose[:2] = place.real, place.imag
+        return pose
+
+    return reference
+
+
+def _errand(motion: str, random: np.random.Generator, size: float) -> Reference:
+    """Return a reference of a robot that is sent about, of a size [m], which begins at rest."""
+    slow, way, turn = random.uniform(0.25, 0.5), random.uniform(0.0, 2.0 * np.pi), random.uniform(0.4, 1.0)
+    places = size * random.uniform(-0.5, 0.5, (30, 2)) @ np.array([1.0, 1j])
+    looks = turn * random.uniform(-1.0, 1.0, 30)
+
+    def reference(t: float) -> NDArray[np.float64]:
+        pose, now, start = np.zeros(10), slow * t, min(t / 5.0, 1.0)
+        if motion == "errands":
+            # to another place every 5 s, without a stop, and to another heading in every second of them
+            last, part = int(t // 5.0), (t % 5.0) / 5.0
+            smooth = part * part * (3.0 - 2.0 * part)
+            place = (1.0 - smooth) * places[last] + smooth * places[last + 1]
+            before, after = looks[last // 2], looks[(last + 1) // 2]
+            pose[4] = start * ((1.0 - smooth) * before + smooth * after)
+        elif motion == "loops":
+            # a rosette of three leaves, with a heading that follows slowly
+            place = 0.5 * size * np.sin(3.0 * now) * np.exp(1j * (now + way))
+            pose[4] = 0.8 * turn * start * np.sin(0.8 * now)
+        else:
+            # stands where it is for 8 s, and moves on by a few centimetres
+            last, part = int(t // 8.0), np.clip((t % 8.0) / 2.0, 0.0, 1.0)
+            smooth = part * part * (3.0 - 2.0 * part)
+            place = 0.25 * ((1.0 - smooth) * places[last] + smooth * places[last + 1])
+            pose[4] = 0.25 * start * ((1.0 - smooth) * looks[last] + smooth * looks[last + 1])
         place = start * place
         pose[:2] = place.real, place.imag
         return pose

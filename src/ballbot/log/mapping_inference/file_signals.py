@@ -13,10 +13,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import permutations
+from itertools import pairwise, permutations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from ballbot.errors import InputError
 from ballbot.log.columns import FACTORS
@@ -24,15 +25,11 @@ from ballbot.log.imu_angles import less_half_a_turn
 from ballbot.log.mapping_inference.evidence import (
     CONFIDENT,
     TINY,
-    jackknife_error,
-    solved,
-    without_each_block,
 )
-from ballbot.log.mapping_inference.placements import lean_sums_of
 from ballbot.log.mapping_inference.roles import Roles
 from ballbot.log.mapping_inference.units import Scale
 from ballbot.log.mapping_inference.wheel_response import held_commands
-from ballbot.log.signals import INTERVAL, Smooth, balancing_rows, even_rows, new_messages, smooth
+from ballbot.log.signals import INTERVAL, LONGEST_HOLE, Smooth, balancing_rows, even_rows, new_messages, smooth
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -170,6 +167,12 @@ def signals_of(
     )
 
 
+#: filters of gyro and angles [s]: the next wider one if noise of the angles hides that they belong together
+GYRO_WIDTHS = (0.05, 0.1, 0.2)
+#: fewest usable rows for a comparison of gyro and angles: a second of even ones
+LEAST_ROWS = 200
+
+
 def gyro_of(
     raw: Raw, signals: Signals, sampled: NDArray[np.float64], attitude: NDArray[np.float64] | None
 ) -> GyroTest | None:
@@ -190,27 +193,31 @@ def gyro_of(
     kept = new_messages(sampled)
     with_yaw = attitude.shape[1] > 2
     angles = np.column_stack([attitude[:, :2], np.unwrap(attitude[:, 2]) if with_yaw else 0.0 * raw.t])
-    seen = smooth(signals.rows, sampled[kept], angles[kept])
-    gyro = smooth(signals.rows, sampled[kept], raw.gyro[kept])
-    if signals.usable.sum() < 200:
+    if signals.usable.sum() < LEAST_ROWS:
         return None
-    found = _gyro_test(gyro, seen, signals.usable, raw.gyro_unit, with_yaw=with_yaw)
+    found = None
+    for width in GYRO_WIDTHS:
+        seen = smooth(signals.rows, sampled[kept], angles[kept], width=width)
+        gyro = smooth(signals.rows, sampled[kept], raw.gyro[kept], width=width)
+        tested = _gyro_test(gyro, seen, signals.usable, raw.gyro_unit, with_yaw=with_yaw)
+        if tested is not None and (found is None or tested.confidence > found.confidence):
+            found = tested
+        if found is not None and found.confidence >= CONFIDENT:
+            break
     if found is not None and raw.gyro_counts and found.confidence < CONFIDENT:
         wide = smooth(signals.rows, sampled[kept] + found.lag, raw.gyro[kept], width=COUNTS_WIDTH)
         seen_wide = smooth(signals.rows, sampled[kept], angles[kept], width=COUNTS_WIDTH)
         found = _in_counts(found, wide, seen_wide, signals, with_yaw=with_yaw)
     if found is None or not with_yaw:
         return found
-    turned = raw.gyro[:, list(found.order)] * found.factor * np.asarray(found.signs)
-    seen = smooth(signals.rows, sampled[kept], angles[kept], width=HANDEDNESS_WIDTH)
-    gyro = smooth(signals.rows, sampled[kept] + found.lag, turned[kept], width=HANDEDNESS_WIDTH)
-    sigma, error = _handedness(gyro, seen, signals.usable)
+    turned = raw.gyro[:, list(found.order[:2])] * found.factor * np.asarray(found.signs[:2])
+    rates = np.column_stack([np.interp(sampled, sampled[kept] + found.lag, column) for column in turned[kept].T])
+    yaw = smooth(signals.rows, sampled[kept], angles[kept, 2:], width=YAW_WIDTH).rate[:, 0]
+    usable = np.interp(sampled, signals.rows, signals.usable) == 1.0
+    sigma, error = _handedness(
+        sampled[kept], angles[kept], rates[kept], np.interp(sampled[kept], signals.rows, yaw), usable[kept]
+    )
     return replace(found, handedness=sigma, handedness_error=error)
-
-
-#: filter of gyro and angles before their handedness is estimated [s]: the heading turns slowly, and noise of the angles
-#: makes the estimate too small
-HANDEDNESS_WIDTH = 0.08
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -287,26 +294,102 @@ def _gyro_test(
     )
 
 
-def _handedness(gyro: Smooth, attitude: Smooth, usable: NDArray[np.bool_]) -> tuple[float, float]:
+#: filter of the yaw for its rate [s]: the heading turns slowly
+YAW_WIDTH = 0.1
+#: rows of usable motion that are compared are at least so long [s]; no interval between them is longer than
+#: `LONGEST_HOLE`
+LEAST_SPAN = 1.0
+#: gains of the filters that are tried, of which the likeliest whitens what is left: none, for noise of the angles
+#: alone, and more the more the gyro's noise adds up, or the angles are drawn to the accelerometer's
+WHITENING = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)
+
+
+def _handedness(
+    t: NDArray[np.float64],
+    angles: NDArray[np.float64],
+    rates: NDArray[np.float64],
+    turning: NDArray[np.float64],
+    usable: NDArray[np.bool_],
+) -> tuple[float, float]:
     """Return sigma of the module's text and its standard error.
 
-    Each axis of the gyro (N, 3), in the angles' order, signs and unit, is regressed on the rate of its angle, on that
-    rate's derivative, in place of a small delay, and on the part of the yaw's rate; the two estimates of sigma are
-    averaged.
+    The law is integrated over time: roll and pitch have white noise, which their derivatives would make large beside
+    the slow part of the yaw's rate,
+
+        roll - int gyro_x = sigma int yaw_dot pitch,      pitch - int gyro_y = -sigma int yaw_dot roll
+
+    each up to an offset of each span of rows, a gyro's offset and gain, and a small delay. What is left is white noise
+    and a random walk, the gyro's noise integrated, in a proportion that the likelihood chooses (`WHITENING`).
+
+    Parameters
+    ----------
+    t : ndarray (N,)
+        [s]
+    angles : ndarray (N, 3)
+        Roll, pitch and yaw [rad].
+    rates : ndarray (N, 2)
+        The gyro's about roll and pitch, with their signs and at the angles' time [rad/s].
+    turning : ndarray (N,)
+        The yaw's rate [rad/s].
+    usable : ndarray (N,)
     """
-    estimates = []
-    for axis, other, sign in ((0, 1, -1.0), (1, 0, 1.0)):
-        turned = sign * attitude.rate[:, 2] * np.sin(attitude.value[:, other])
-        known = (attitude.rate[:, axis], attitude.acceleration[:, axis], np.ones(len(turned)))
-        X, y = np.column_stack([turned, *known]), gyro.value[:, axis] - attitude.rate[:, axis]
-        sums = lean_sums_of(X.astype(np.complex128), y.astype(np.complex128), usable.astype(np.float64))
-        sums = sums.real[:, :-1]
-        if len(sums) < 3:
-            return math.nan, math.inf
-        each = without_each_block(sums, lambda one: float(solved(one)[0]))
-        estimates.append((float(solved(sums.sum(axis=0))[0]), max(jackknife_error(each), 1e-3)))
-    weights = np.array([error**-2 for _, error in estimates])
-    return float(weights @ [sigma for sigma, _ in estimates] / weights.sum()), float(weights.sum() ** -0.5)
+    spans = _spans(t, usable)
+    count = sum(len(t[one]) for one in spans)
+    if count < LEAST_ROWS:
+        return math.nan, math.inf
+    found = []
+    for gain in WHITENING:
+        likelihood, estimates = 0.0, []
+        for axis, other, sign in ((0, 1, 1.0), (1, 0, -1.0)):
+            tables = [
+                _integrated(t[one], angles[one, axis], sign * turning[one] * angles[one, other], rates[one, axis])
+                for one in spans
+            ]
+            X, y = _with_offsets(tables, gain)
+            factors = np.linalg.lstsq(X, y, rcond=None)[0]
+            rest = float(np.square(y - X @ factors).sum()) / max(count - X.shape[1], 1)
+            likelihood -= 0.5 * count * math.log(max(rest, TINY))
+            estimates.append((float(factors[0]), rest * float(np.linalg.pinv(X.T @ X)[0, 0])))
+        weights = np.array([1.0 / max(variance, TINY) for _, variance in estimates])
+        sigma = float(weights @ [one for one, _ in estimates] / weights.sum())
+        found.append((likelihood, sigma, float(weights.sum() ** -0.5)))
+    _, sigma, error = max(found)
+    return sigma, error
+
+
+def _spans(t: NDArray[np.float64], usable: NDArray[np.bool_]) -> list[slice]:
+    """Return the spans of usable rows, without holes."""
+    breaks = np.flatnonzero((np.diff(t) > LONGEST_HOLE) | (np.diff(usable.astype(np.int8)) != 0)) + 1
+    edges = [0, *breaks.tolist(), len(t)]
+    return [
+        slice(first, last)
+        for first, last in pairwise(edges)
+        if usable[first] and t[last - 1] - t[first] >= LEAST_SPAN
+    ]
+
+
+def _integrated(
+    t: NDArray[np.float64], angle: NDArray[np.float64], turned: NDArray[np.float64], rate: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return columns (N, 5) of a span: the yaw's part, time, the gyro's angle and rate, and what the gyro leaves."""
+    steps = np.diff(t)[:, None]
+    table = np.column_stack([turned, np.ones(len(t)), rate])
+    summed = np.vstack([np.zeros(3), np.cumsum(0.5 * (table[1:] + table[:-1]) * steps, axis=0)])
+    return np.column_stack([summed, rate, angle - summed[:, 2]])
+
+
+def _with_offsets(
+    tables: list[NDArray[np.float64]], gain: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the spans' columns (N, 4 + spans), with an offset of each, and what they explain (N,), whitened."""
+    blocks = []
+    for place, table in enumerate(tables):
+        offsets = np.zeros((len(table), len(tables)))
+        offsets[:, place] = 1.0
+        block = np.column_stack([table[:, :-1], offsets, table[:, -1]])
+        blocks.append(lfilter([1.0, -1.0], [1.0, gain - 1.0], block, axis=0) if gain else block)
+    whole = np.vstack(blocks)
+    return whole[:, :-1], whole[:, -1]
 
 
 #: counts per deg/s of common gyros: MPU-6050, MPU-9250, ICM-20948 and BMI160 count 32768 for 250 to 2000 deg/s,

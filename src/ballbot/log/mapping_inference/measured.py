@@ -42,7 +42,7 @@ EVEN_TIMES = 0.01
 IMPOSSIBLE_SPEED = 3.0
 #: filters that the test of the lean tries [s]: the quick robots move at 1 to 3 Hz, and noise of the angles asks for
 #: more
-LEAN_WIDTHS = (0.05, 0.08, 0.12)
+LEAN_WIDTHS = (0.05, 0.08, 0.12, 0.2)
 
 
 @dataclass(frozen=True, kw_only=True)

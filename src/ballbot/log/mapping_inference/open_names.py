@@ -28,6 +28,7 @@ from ballbot.log.mapping_inference.evidence import TINY
 from ballbot.log.mapping_inference.placement import torque_free_gains
 from ballbot.log.mapping_inference.roles import Roles
 from ballbot.log.mapping_inference.time_units import time_scale
+from ballbot.log.mapping_inference.units import are_angles
 from ballbot.log.signals import INTERVAL, Smooth, even_rows, smooth
 from ballbot.robot import Robot
 
@@ -142,6 +143,8 @@ AS_SPEEDS = 3.0
 def seem_speeds(named: Roles, columns: Mapping[str, NDArray[np.float64]], robot: Robot) -> bool:
     """Return whether the lean follows from columns called wheel angles as from speeds, or from increments in a row."""
     if len(named.attitude) < 2 or named.time is None:
+        return False
+    if are_angles(np.column_stack([columns[name] for name in named.angles]), robot):
         return False
     signals = _open_signals(replace(named, commands=(), open_series=(named.angles,)), columns)
     if signals is None or not {*named.angles, *named.attitude[:2]} <= set(signals[1]):

@@ -53,9 +53,13 @@ TURN_JACKKNIFE = 1.8
 #: share of the wheels' accelerations that the commands must explain for their delay to be known: 100 stretches of the
 #: development halves that explain less find it 16 ms too late, in the mean
 EXPLAINED_FOR_DELAY = 0.75
-#: a delay is undone if it is at least so many of its standard errors. At one, delays of 11 to 18 ms were undone that
-#: were none; at two, the public course robot's 8 ms, at 1.6 errors, are asked for, although zero is the worse guess
+#: probability before the log is seen that a delay is undone already, or too small to matter; chosen
+NO_DELAY = 0.3
+#: a delay is undone as estimated if it is at least so many of its standard errors. At one, delays of 11 to 18 ms were
+#: undone that were none; at two, the public course robot's 8 ms, at 1.6 errors, are asked for, although zero is the worse guess
 APPLIED = 1.5
+#: and from so many on as expected: the mean of the delays that remain likely, of which zero is one
+LIKELY = 1.0
 #: an estimate this many standard errors below zero is rejected: a delay cannot be negative
 EARLY = 2.0
 #: delays that are not seen lie between zero and these [s]: an IMU's filter takes up to 20 ms, a driver up to 15
@@ -223,14 +227,22 @@ def _delay(
     unseen = longest / math.sqrt(3.0)
     # an estimate that is less accurate than what every robot has is none
     known = error < unseen and -EARLY * error < estimate < impossible
-    applied = round(estimate, 4) if known and clear else 0.0
     said = f"standard error of the estimate {1e3 * error:.1f} ms"
-    if known and not applied:
+    if known and clear:
+        applied = round(estimate, 4)
+    elif known and estimate > LIKELY * error:
+        expected, error = _expected_delay(estimate, error, longest)
+        applied = round(expected, 4)
+        said += (
+            ", no clear difference from zero, so that the expected value among usual delays, up to "
+            f"{1e3 * longest:.0f} ms, is undone"
+        )
+    elif known:
+        applied, error = 0.0, min(math.hypot(estimate, error), unseen)
         said += ", so that it is no clear difference from zero and not undone"
-    elif not known:
+    else:
+        applied, error = 0.0, unseen
         said = f"the log does not measure it: up to {1e3 * longest:.0f} ms must be expected"
-    if not applied:
-        error = min(math.hypot(estimate, error), unseen) if known else unseen
     confidence = harmless(error * quick, tolerance)
     effect = f"an error of {1e3 * error:.0f} ms is {error * quick:.2f} rad of its motion"
     return Delay(
@@ -241,6 +253,20 @@ def _delay(
         evidence=f"{evidence}; {said}; {effect}",
         measured=known,
     )
+
+
+def _expected_delay(estimate: float, error: float, longest: float) -> tuple[float, float]:
+    """Return the mean and standard deviation of a delay [s], given a normal estimate.
+
+    Before the log is seen it is zero with the probability `NO_DELAY`, else of any size up to the longest alike.
+    """
+    delays = np.linspace(0.0, longest, 200)
+    prior = np.full(200, (1.0 - NO_DELAY) / 200.0)
+    prior[0] += NO_DELAY
+    weights = prior * np.exp(-0.5 * np.square((delays - estimate) / error))
+    weights /= weights.sum()
+    mean = float(weights @ delays)
+    return mean, math.sqrt(float(weights @ np.square(delays - mean)))
 
 
 def command_delay_confidence(late: Delay, braked: float) -> float:

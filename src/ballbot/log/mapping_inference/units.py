@@ -62,6 +62,23 @@ def step_of(values: NDArray[np.float64]) -> float | None:
     return step if len(multiples) >= 20 and whole.mean() > 0.95 else None
 
 
+#: no wheel turns so far from one row of a log to the next [rad]: 20 rad/s in rows of 25 ms
+LARGEST_INCREMENT = 0.5
+
+
+def are_angles(values: NDArray[np.float64], robot: Robot) -> bool:
+    """Return whether columns (M, n) step by one encoder count, as no speeds do, and are too large for increments."""
+    count = 2.0 * math.pi / (robot.sensors.encoder_counts * robot.drive.gear_ratio)
+    steps = [step for step in (step_of(column) for column in values.T) if step is not None]
+    if not steps:
+        return False
+    step, largest = float(np.median(steps)), float(np.nanmax(np.abs(values)))
+    factors = [FACTORS["rad"][unit] for unit in ("rad", "deg", "turn")]
+    return any(
+        abs(step * one / count - 1.0) < STEP_AGREEMENT and largest * one > LARGEST_INCREMENT for one in factors
+    )
+
+
 #: beyond this lean, in a tenth of the rows, a balancing robot's angle is not in radians
 LEAN_IN_RADIANS = 0.35
 #: and below this it is hardly in degrees [deg]
