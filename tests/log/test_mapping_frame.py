@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import lfilter
 
 from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.file_signals import GyroTest, Raw, gyro_of, signals_of
 from ballbot.log.mapping_inference.frame import HeadingTest, frame_of, heading_test
+from ballbot.log.mapping_inference.gyro_handedness import GYRO_ERRORS, handedness_by_gyro
 from ballbot.log.mapping_inference.placement import _advantage, lean_test, torque_free_gains
 from ballbot.log.mapping_inference.roles import roles_by_name
 from ballbot.log.mapping_inference.units import Scale
@@ -120,10 +122,12 @@ def test_four_wheels_without_a_heading_are_those_that_a_ball_can_turn():
     assert found.confidence > CONFIDENT
 
 
-def exact_gyro(random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Return roll, pitch and yaw [rad], and a gyro's rates of the aerospace order [rad/s]."""
-    roll, pitch = slow_sines(random, 0.02), slow_sines(random, 0.02)
-    yaw, yaw_dot = 0.5 * np.sin(ROWS), 0.5 * np.cos(ROWS)
+def exact_gyro(
+    random: np.random.Generator, *, lean: float = 0.02, heading: float = 0.5
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return roll, pitch and yaw [rad] of these sizes, and a gyro's rates of the aerospace order [rad/s]."""
+    roll, pitch = slow_sines(random, lean), slow_sines(random, lean)
+    yaw, yaw_dot = heading * np.sin(ROWS), heading * np.cos(ROWS)
     gyro = np.column_stack(
         [
             roll[1] - yaw_dot * np.sin(pitch[0]),
@@ -186,10 +190,34 @@ def test_a_gyro_shows_the_handedness_of_its_angles(pitch_sign, yaw_sign, seed):
     raw = Raw(t=ROWS, angles=wheels, attitude=angles, commands=None, gyro=gyro, gyro_unit=None)
     found = gyro_of(raw, signals_of(raw, wheels, ROWS, angles, width=0.05), ROWS, angles)
     assert found is not None
-    # 0.2: noise of the angles makes the estimate too small by a tenth
-    assert found.handedness == pytest.approx(pitch_sign * yaw_sign, abs=0.2)
-    assert found.handedness_error < 0.1
+    assert found.handedness == pytest.approx(pitch_sign * yaw_sign, abs=0.1)
+    assert found.handedness_error < 0.03
     assert math.isfinite(found.lag)
+
+
+@pytest.mark.parametrize(
+    "case", ["noise of the angles", "noise of the gyro", "angles drawn to the accelerometer"]
+)
+def test_the_error_of_the_handedness_is_what_short_logs_are_off(case):
+    """Logs of 6 s, with noise of which the rates of the angles would show nothing."""
+    short, off = ROWS <= 6.0, []
+    t = ROWS[short]
+    for seed in range(30):
+        random = np.random.default_rng(seed)
+        angles, gyro = (one[short] for one in exact_gyro(random, lean=0.006, heading=0.2))
+        noise = random.standard_normal((len(t), 2))
+        if case == "noise of the angles":
+            angles[:, :2] += 2e-3 * noise
+        elif case == "noise of the gyro":
+            gyro[:, :2] += 0.01 * noise
+        else:  # accelerations that last half a second, of which a filter of a second keeps a part
+            lasting = lfilter([0.14], [1.0, -0.99], 0.05 * noise, axis=0)
+            angles[:, :2] += lfilter([0.005], [1.0, -0.995], lasting, axis=0)
+        turning = np.gradient(angles[:, 2], t)
+        sigma, error = handedness_by_gyro(t, angles, gyro[:, :2], turning, np.ones(len(t), dtype=bool))
+        off.append((sigma - 1.0) / error)
+    # 30 estimates know their root mean square to an eighth
+    assert np.sqrt(np.mean(np.square(off))) < GYRO_ERRORS * 1.25, off
 
 
 def test_a_direction_of_all_wheels_that_is_stated_with_confidence_is_the_headings():

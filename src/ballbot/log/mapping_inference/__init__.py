@@ -12,6 +12,7 @@ time_units, counted_time the unit of the time, and how long a count is
 units                    units of lean, wheels and heading
 measured                 what the sensors show with units, and the units that the motion confirms
 file_signals             the columns on even rows, filtered; the axes of the gyro
+gyro_handedness          whether roll, pitch and yaw have one handedness, by the gyro
 placement                how the lean responds to the wheels
 placements               every order and sign of the wheels, compared
 frame                    order, signs, the IMU's turn and reversed axes that follow

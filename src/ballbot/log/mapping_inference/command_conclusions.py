@@ -21,8 +21,9 @@ from ballbot.log.mapping_inference.tolerances import (
 
 #: logarithm of the ratio of two scales that no log separates, such as 1000 and 1023
 ALIKE = 0.05
-#: logarithm of the ratio of the torques of two kinds that are one answer: half of what torques may be off
-ALIKE_TORQUES = 0.1
+#: logarithm of the ratio of the torques of two kinds that are one answer: less than what torques may be off
+#: (`TORQUE_PART`), and than what the robot file's masses leave open
+ALIKE_TORQUES = 0.15
 
 
 def possible_commands(proposal: Proposal) -> tuple[str, ...]:
@@ -158,7 +159,7 @@ def _kind(proposal: Proposal) -> list[Conclusion]:
         name="kind of the command",
         value=best.kind,
         confidence=min(kinds[best.kind], MOST),
-        evidence=shown,
+        evidence=shown + _alike_kinds(drive, best),
         alternatives=tuple(one for one, p in kinds.items() if one != best.kind and p > 0.02),
         key="[input] kind",
     )
@@ -224,6 +225,15 @@ def _equal_unit(unit: Unit, others: Iterable[Unit], standstill: dict[Unit, float
         ),
         None,
     )
+
+
+def _alike_kinds(drive: DriveEvidence, best: Unit) -> str:
+    """Return, as a clause, how another kind that counts as the same answer changes the torques, or nothing."""
+    for unit, p in drive.units.items():
+        if unit.kind != best.kind and p > 0.02 and _equal_unit(unit, [best], drive.standstill) is not None:
+            times = drive.standstill[unit] / drive.standstill[best]
+            return f"; a {unit.kind} in {unit.unit} is not excluded, and gives {times:.2f} times the torques"
+    return ""
 
 
 def _alike(one: Unit, other: Unit) -> bool:

@@ -1,11 +1,8 @@
 """The columns of a foreign file that have a role: their smooth signals on even rows, and the axes of the gyro.
 
 A gyro is compared with the rates of the angles: which of its columns is about which axis, with which sign and unit, and
-by how much the angles are later. Where the heading turns, it also shows whether roll, pitch and yaw have one
-handedness: of angles of the aerospace order with sigma = 1 if they have it and -1 if one of them is reversed, a gyro
-measures to first order of the lean
-
-    gyro_x = roll_dot - sigma yaw_dot pitch,      gyro_y = pitch_dot + sigma yaw_dot roll
+by how much the angles are later. Where the heading turns, it also shows the handedness of roll, pitch and yaw
+(`ballbot.log.mapping_inference.gyro_handedness`).
 """
 
 from __future__ import annotations
@@ -13,11 +10,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise, permutations
+from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from ballbot.errors import InputError
 from ballbot.log.columns import FACTORS
@@ -26,10 +22,11 @@ from ballbot.log.mapping_inference.evidence import (
     CONFIDENT,
     TINY,
 )
+from ballbot.log.mapping_inference.gyro_handedness import LEAST_ROWS, handedness_by_gyro
 from ballbot.log.mapping_inference.roles import Roles
 from ballbot.log.mapping_inference.units import Scale
 from ballbot.log.mapping_inference.wheel_response import held_commands
-from ballbot.log.signals import INTERVAL, LONGEST_HOLE, Smooth, balancing_rows, even_rows, new_messages, smooth
+from ballbot.log.signals import INTERVAL, Smooth, balancing_rows, even_rows, new_messages, smooth
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -167,10 +164,10 @@ def signals_of(
     )
 
 
+#: filter of the yaw for its rate [s]: the heading turns slowly
+YAW_WIDTH = 0.1
 #: filters of gyro and angles [s]: the next wider one if noise of the angles hides that they belong together
 GYRO_WIDTHS = (0.05, 0.1, 0.2)
-#: fewest usable rows for a comparison of gyro and angles: a second of even ones
-LEAST_ROWS = 200
 
 
 def gyro_of(
@@ -211,10 +208,12 @@ def gyro_of(
     if found is None or not with_yaw:
         return found
     turned = raw.gyro[:, list(found.order[:2])] * found.factor * np.asarray(found.signs[:2])
-    rates = np.column_stack([np.interp(sampled, sampled[kept] + found.lag, column) for column in turned[kept].T])
+    rates = np.column_stack(
+        [np.interp(sampled, sampled[kept] + found.lag, column) for column in turned[kept].T]
+    )
     yaw = smooth(signals.rows, sampled[kept], angles[kept, 2:], width=YAW_WIDTH).rate[:, 0]
     usable = np.interp(sampled, signals.rows, signals.usable) == 1.0
-    sigma, error = _handedness(
+    sigma, error = handedness_by_gyro(
         sampled[kept], angles[kept], rates[kept], np.interp(sampled[kept], signals.rows, yaw), usable[kept]
     )
     return replace(found, handedness=sigma, handedness_error=error)
@@ -235,7 +234,7 @@ class GyroTest:
     confidence: float
     reason: str
     unusable: str = ""  #: why it is not used though its rates fit
-    handedness: float = math.nan  #: sigma of the module's text; nan without a yaw
+    handedness: float = math.nan  #: sigma of `gyro_handedness`; nan without a yaw
     handedness_error: float = math.inf  #: its standard error
 
 
@@ -292,104 +291,6 @@ def _gyro_test(
         reason=f"correlations with the rates of the angles {', '.join(f'{r:.2f}' for r in strength)}; "
         f"gain {gain * factor:.2f}",
     )
-
-
-#: filter of the yaw for its rate [s]: the heading turns slowly
-YAW_WIDTH = 0.1
-#: rows of usable motion that are compared are at least so long [s]; no interval between them is longer than
-#: `LONGEST_HOLE`
-LEAST_SPAN = 1.0
-#: gains of the filters that are tried, of which the likeliest whitens what is left: none, for noise of the angles
-#: alone, and more the more the gyro's noise adds up, or the angles are drawn to the accelerometer's
-WHITENING = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)
-
-
-def _handedness(
-    t: NDArray[np.float64],
-    angles: NDArray[np.float64],
-    rates: NDArray[np.float64],
-    turning: NDArray[np.float64],
-    usable: NDArray[np.bool_],
-) -> tuple[float, float]:
-    """Return sigma of the module's text and its standard error.
-
-    The law is integrated over time: roll and pitch have white noise, which their derivatives would make large beside
-    the slow part of the yaw's rate,
-
-        roll - int gyro_x = sigma int yaw_dot pitch,      pitch - int gyro_y = -sigma int yaw_dot roll
-
-    each up to an offset of each span of rows, a gyro's offset and gain, and a small delay. What is left is white noise
-    and a random walk, the gyro's noise integrated, in a proportion that the likelihood chooses (`WHITENING`).
-
-    Parameters
-    ----------
-    t : ndarray (N,)
-        [s]
-    angles : ndarray (N, 3)
-        Roll, pitch and yaw [rad].
-    rates : ndarray (N, 2)
-        The gyro's about roll and pitch, with their signs and at the angles' time [rad/s].
-    turning : ndarray (N,)
-        The yaw's rate [rad/s].
-    usable : ndarray (N,)
-    """
-    spans = _spans(t, usable)
-    count = sum(len(t[one]) for one in spans)
-    if count < LEAST_ROWS:
-        return math.nan, math.inf
-    found = []
-    for gain in WHITENING:
-        likelihood, estimates = 0.0, []
-        for axis, other, sign in ((0, 1, 1.0), (1, 0, -1.0)):
-            tables = [
-                _integrated(t[one], angles[one, axis], sign * turning[one] * angles[one, other], rates[one, axis])
-                for one in spans
-            ]
-            X, y = _with_offsets(tables, gain)
-            factors = np.linalg.lstsq(X, y, rcond=None)[0]
-            rest = float(np.square(y - X @ factors).sum()) / max(count - X.shape[1], 1)
-            likelihood -= 0.5 * count * math.log(max(rest, TINY))
-            estimates.append((float(factors[0]), rest * float(np.linalg.pinv(X.T @ X)[0, 0])))
-        weights = np.array([1.0 / max(variance, TINY) for _, variance in estimates])
-        sigma = float(weights @ [one for one, _ in estimates] / weights.sum())
-        found.append((likelihood, sigma, float(weights.sum() ** -0.5)))
-    _, sigma, error = max(found)
-    return sigma, error
-
-
-def _spans(t: NDArray[np.float64], usable: NDArray[np.bool_]) -> list[slice]:
-    """Return the spans of usable rows, without holes."""
-    breaks = np.flatnonzero((np.diff(t) > LONGEST_HOLE) | (np.diff(usable.astype(np.int8)) != 0)) + 1
-    edges = [0, *breaks.tolist(), len(t)]
-    return [
-        slice(first, last)
-        for first, last in pairwise(edges)
-        if usable[first] and t[last - 1] - t[first] >= LEAST_SPAN
-    ]
-
-
-def _integrated(
-    t: NDArray[np.float64], angle: NDArray[np.float64], turned: NDArray[np.float64], rate: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return columns (N, 5) of a span: the yaw's part, time, the gyro's angle and rate, and what the gyro leaves."""
-    steps = np.diff(t)[:, None]
-    table = np.column_stack([turned, np.ones(len(t)), rate])
-    summed = np.vstack([np.zeros(3), np.cumsum(0.5 * (table[1:] + table[:-1]) * steps, axis=0)])
-    return np.column_stack([summed, rate, angle - summed[:, 2]])
-
-
-def _with_offsets(
-    tables: list[NDArray[np.float64]], gain: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the spans' columns (N, 4 + spans), with an offset of each, and what they explain (N,), whitened."""
-    blocks = []
-    for place, table in enumerate(tables):
-        offsets = np.zeros((len(table), len(tables)))
-        offsets[:, place] = 1.0
-        block = np.column_stack([table[:, :-1], offsets, table[:, -1]])
-        blocks.append(lfilter([1.0, -1.0], [1.0, gain - 1.0], block, axis=0) if gain else block)
-    whole = np.vstack(blocks)
-    return whole[:, :-1], whole[:, -1]
 
 
 #: counts per deg/s of common gyros: MPU-6050, MPU-9250, ICM-20948 and BMI160 count 32768 for 250 to 2000 deg/s,

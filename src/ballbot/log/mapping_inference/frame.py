@@ -8,7 +8,7 @@ seen from the body. A ball spins less than the body that turns on it, or the oth
 psi_dot. Without a heading, the frame in which the lean turns shows it (`placement`). Nothing else separates a log whose
 wheels all count backwards from one whose IMU is turned by half a turn.
 
-A gyro beside the angles shows the handedness, too (`ballbot.log.mapping_inference.file_signals`).
+A gyro beside the angles shows the handedness, too (`ballbot.log.mapping_inference.gyro_handedness`).
 
 The wheels' order and the turn of the IMU come from the test of their placement. A log follows
 Theta_ddot = g e^(j phase) sum_i s_i w_i e^(j beta). Turned by -phase, the IMU's lean is the robot's. If lean and yaw
@@ -24,6 +24,7 @@ import numpy as np
 
 from ballbot.log.mapping_inference.evidence import CONFIDENT, MOST, TINY, advantage_confidence
 from ballbot.log.mapping_inference.file_signals import GyroTest
+from ballbot.log.mapping_inference.gyro_handedness import handedness_odds
 from ballbot.log.mapping_inference.placement import LeanTest
 from ballbot.log.signals import INTERVAL, Smooth
 from ballbot.robot import Robot
@@ -34,10 +35,6 @@ SAME_HANDEDNESS, SAME_IF_MIRRORED = 0.95, 0.6
 #: count by this factor. Of 142 logs of the development halves, 2 are wrong by two standard errors, both of such a
 #: heading
 STILL_HEADING, BELIEVED_IF_STILL = 0.02, 0.5
-#: the handedness by the gyro: its error over the standard error and beyond it, and the largest logarithm of its odds.
-#: Of 168 logs of the development halves, of 5 to 60 s, it is off by 1.7 standard errors (root mean square), and of the
-#: wrong sign in 2, by less than half a standard error
-GYRO_ERRORS, HANDEDNESS_ERROR, MOST_BY_GYRO = 2.0, 0.15, 6.0
 
 
 #: a heading by the wheels that turns by less than this [rad] around its mean: both directions in which all wheels may
@@ -164,18 +161,9 @@ def _same_handedness(tested: LeanTest, gyro: GyroTest | None, *, mirrored: bool)
     prior = SAME_IF_MIRRORED if mirrored else SAME_HANDEDNESS
     believed = BELIEVED_IF_STILL if tested.headings < STILL_HEADING else 1.0
     seen = max(advantage_confidence(believed * tested.same_handedness), 1.0 - MOST)
-    odds = prior / (1.0 - prior) * seen / (1.0 - seen) * math.exp(_handedness_by_gyro(gyro))
+    by_gyro = 0.0 if gyro is None else handedness_odds(gyro.handedness, gyro.handedness_error)
+    odds = prior / (1.0 - prior) * seen / (1.0 - seen) * math.exp(by_gyro)
     return odds / (1.0 + odds)
-
-
-def _handedness_by_gyro(gyro: GyroTest | None) -> float:
-    """Return the logarithm of the odds for one handedness that a gyro against the rates of the angles shows."""
-    if gyro is None or not math.isfinite(gyro.handedness):
-        return 0.0
-    # of a normal estimate of 1 or -1; one beyond them shows no more than they do
-    shown = min(max(gyro.handedness, -1.0), 1.0)
-    odds = 2.0 * shown / ((GYRO_ERRORS * gyro.handedness_error) ** 2 + HANDEDNESS_ERROR**2)
-    return min(max(odds, -MOST_BY_GYRO), MOST_BY_GYRO)
 
 
 def _within_half_a_turn(angle: float) -> float:

@@ -56,7 +56,8 @@ EXPLAINED_FOR_DELAY = 0.75
 #: probability before the log is seen that a delay is undone already, or too small to matter; chosen
 NO_DELAY = 0.3
 #: a delay is undone as estimated if it is at least so many of its standard errors. At one, delays of 11 to 18 ms were
-#: undone that were none; at two, the public course robot's 8 ms, at 1.6 errors, are asked for, although zero is the worse guess
+#: undone that were none; at two, the public course robot's 8 ms, at 1.6 errors, are asked for, although zero is the
+#: worse guess
 APPLIED = 1.5
 #: and from so many on as expected: the mean of the delays that remain likely, of which zero is one
 LIKELY = 1.0

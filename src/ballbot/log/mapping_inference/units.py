@@ -75,7 +75,8 @@ def are_angles(values: NDArray[np.float64], robot: Robot) -> bool:
     step, largest = float(np.median(steps)), float(np.nanmax(np.abs(values)))
     factors = [FACTORS["rad"][unit] for unit in ("rad", "deg", "turn")]
     return any(
-        abs(step * one / count - 1.0) < STEP_AGREEMENT and largest * one > LARGEST_INCREMENT for one in factors
+        abs(step * one / count - 1.0) < STEP_AGREEMENT and largest * one > LARGEST_INCREMENT
+        for one in factors
     )
 
 
