@@ -20,8 +20,6 @@ LONGEST_FILE = 500
 STILL_MANY_PARAMETERS = {
     "ballbot.mechanics.engine.run.run_block",
     "ballbot.mechanics.engine.run.simulate_lanes",
-    "ballbot.mechanics.engine.smooth.acceleration",
-    "ballbot.mechanics.engine.smooth.loaded",
     "ballbot.mechanics.friction_laws.interface.linear_motion",
     "ballbot.simulation.batch.simulate_batch",
 }

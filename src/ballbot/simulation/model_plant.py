@@ -32,6 +32,7 @@ from ballbot.mechanics.engine.smooth import (
     acceleration,
     ball_velocity,
     body_velocity,
+    net_torques,
     pose,
 )
 from ballbot.mechanics.engine.vector import add, cross, dot, each, each_with, rotate_back, scale
@@ -61,7 +62,8 @@ def sinking(selected, P, state, u):
     v, w = ball_velocity(state), body_velocity(state)
     signs = each(sign, speeds)
     dry = each(directed_friction, P.wheels, speeds, signs)
-    _, w_dot = acceleration(selected, P, a, v, w, u, speeds, signs, dry, floor_friction(P, v))
+    net = net_torques(P, u, speeds, signs, dry)
+    _, w_dot = acceleration(selected, P, a, v, w, net, floor_friction(P, v))
     rates = rates_of_angles(selected, a, w)
     theta, phi = rates[0], rates[1]
     accelerations = angle_accelerations(selected, a, rates, w_dot)
@@ -111,7 +113,8 @@ def friction_needed(selected, P, state, u, row, pushes):
     v, w = ball_velocity(state), (state[7], state[8], state[9])
     signs = each(sign, speeds)
     dry = each(directed_friction, P.wheels, speeds, signs)
-    v_dot, w_dot = acceleration(selected, P, a, v, w, u, speeds, signs, dry, floor_friction(P, v))
+    net = net_torques(P, u, speeds, signs, dry)
+    v_dot, w_dot = acceleration(selected, P, a, v, w, net, floor_friction(P, v))
     z_dot = rotate_back(a.R, ball_rate(P, v_dot))
     for i, wheel in enumerate(P.wheels):
         speed = speeds[i]

@@ -10,7 +10,7 @@ import numpy as np
 from ballbot.mechanics.engine.compiled import by_types_of, compiled, inlined
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.engine.loading import load_parameters
-from ballbot.mechanics.engine.smooth import acceleration
+from ballbot.mechanics.engine.smooth import acceleration, net_torques
 from ballbot.mechanics.engine.vector import each, each_with, subtract
 from ballbot.mechanics.equations import (
     SpinTerms,
@@ -197,7 +197,8 @@ def evaluate_acceleration(selected, row, q, q_dot, u, out):
         torques = each_with(_value_at, selected.wheels, u[lane])
         speeds = wheel_speeds(selected, P, a, v, w)
         none, on_floor = each(_nothing, speeds), FloorFriction(each(_nothing, v), 0.0)
-        v_dot, w_dot = acceleration(selected, P, a, v, w, torques, speeds, none, none, on_floor)
+        net = net_torques(P, torques, speeds, none, none)
+        v_dot, w_dot = acceleration(selected, P, a, v, w, net, on_floor)
         fill(out[lane], in_order(v_dot, angle_accelerations(selected, a, rates, w_dot)))
 
 

@@ -116,7 +116,7 @@ def moving_margin(P, v, speeds, h):
 
 
 @inlined
-def _wheel_torque(wheel, u, speed, sign_at_start, dry):
+def _net_torque(wheel, u, speed, sign_at_start, dry):
     """Return u - tau(w) of one wheel."""
     return u - wheel.b * speed - sign_at_start * dry
 
@@ -127,26 +127,31 @@ def _sum(a, b, c):
 
 
 @inlined
-def loaded(selected, P, a, v, w, u, speeds, signs, dry, floor_force):
-    """Return the `Terms` or `SpinTerms` with all forces in them: wheels', dry friction of given signs, floor's."""
+def net_torques(P, u, speeds, signs, dry):
+    """Return u - tau(w) of the wheels, with the sizes and signs of their dry friction given."""
+    return each(_net_torque, P.wheels, u, speeds, signs, dry)
+
+
+@inlined
+def loaded(selected, P, a, v, w, torques, floor_force):
+    """Return the `Terms` or `SpinTerms` with all forces in them: the wheels' net torques and the floor's force."""
     system = terms(selected, P, a, v, w)
-    T = ball_torque(P, each(_wheel_torque, P.wheels, u, speeds, signs, dry))
-    F, L = wheel_force(selected, P, a, T)
+    F, L = wheel_force(selected, P, a, ball_torque(P, torques))
     f_v, f_w = forces_in(system)
     return with_forces(system, each(_sum, f_v, F, floor_force), add(f_w, L))
 
 
 @inlined
-def acceleration(selected, P, a, v, w, u, speeds, signs, dry, floor):
-    """Return (v_dot, w_dot) with the wheels' dry friction, its signs and the floor's friction given."""
-    return accelerated(loaded(selected, P, a, v, w, u, speeds, signs, dry, floor.force), floor.holding)
+def acceleration(selected, P, a, v, w, torques, floor):
+    """Return (v_dot, w_dot) under the wheels' net torques and the floor's friction."""
+    return accelerated(loaded(selected, P, a, v, w, torques, floor.force), floor.holding)
 
 
 @inlined
-def rate_of_change(selected, P, a, state, u, speeds, signs, dry):
-    """Return the state's rate of change, with the wheels' dry friction and its signs given."""
+def rate_of_change(selected, P, a, state, torques):
+    """Return the state's rate of change under the wheels' net torques."""
     v, w = ball_velocity(state), body_velocity(state)
-    v_dot, w_dot = acceleration(selected, P, a, v, w, u, speeds, signs, dry, floor_friction(P, v))
+    v_dot, w_dot = acceleration(selected, P, a, v, w, torques, floor_friction(P, v))
     return assembled(v, rates_of_angles(selected, a, w), v_dot, w_dot)
 
 
@@ -155,7 +160,7 @@ def derivative(selected, P, state, u, signs):
     """Return the state's rate of change, and the wheel speeds."""
     a, speeds = pose(selected, P, state)
     dry = each(directed_friction, P.wheels, speeds, signs)
-    return rate_of_change(selected, P, a, state, u, speeds, signs, dry), speeds
+    return rate_of_change(selected, P, a, state, net_torques(P, u, speeds, signs, dry)), speeds
 
 
 @inlined
@@ -281,8 +286,8 @@ def _forces(selected, work, width):
         )
         a = attitude_of(restored(_SIX, work, SINES, lane))
         v, w = ball_velocity(state), body_velocity(state)
-        floor = floor_friction(P, v).force
-        stored(work, _SYSTEM, lane, loaded(selected, P, a, v, w, u, speeds, signs, dry, floor))
+        torques = net_torques(P, u, speeds, signs, dry)
+        stored(work, _SYSTEM, lane, loaded(selected, P, a, v, w, torques, floor_friction(P, v).force))
 
 
 @inlined
