@@ -20,7 +20,6 @@ LONGEST_FILE = 500
 STILL_MANY_PARAMETERS = {
     "ballbot.mechanics.engine.run.run_block",
     "ballbot.mechanics.engine.run.simulate_lanes",
-    "ballbot.mechanics.friction_laws.interface.linear_motion",
     "ballbot.simulation.batch.simulate_batch",
 }
 #: the decorators of compiled code

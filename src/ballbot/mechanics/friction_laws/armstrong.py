@@ -24,6 +24,7 @@ from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.friction import sign
 from ballbot.mechanics.friction_laws.interface import (
+    Bristles,
     available,
     check_values,
     crossing,
@@ -224,8 +225,8 @@ def _forward_speed(h, context):
 @inlined
 def _swing(law, inertia, torque, state, speed, h) -> tuple[float, float, float]:
     """Return turn, speed and travel after h of rest on the spring."""
-    T = available(inertia, torque, speed)
-    return linear_motion(law.k_t, 0.0, law.d, 0.0, 1.0, T, inertia.inv_J, state[_TURN], speed, h)
+    spring, T = Bristles(law.k_t, 0.0, law.d, 0.0, 1.0), available(inertia, torque, speed)
+    return linear_motion(spring, T, inertia.inv_J, state[_TURN], speed, h)
 
 
 @inlined

@@ -26,7 +26,13 @@ from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.elementary import exponential
 from ballbot.mechanics.friction import dry_friction, stribeck_curve
-from ballbot.mechanics.friction_laws.interface import available, check_values, linear_motion, register
+from ballbot.mechanics.friction_laws.interface import (
+    Bristles,
+    available,
+    check_values,
+    linear_motion,
+    register,
+)
 
 
 class LuGreNumbers(NamedTuple):
@@ -173,7 +179,7 @@ def _motion(law, inertia, torque, z, w, at_w, h) -> tuple[float, float, float]:
     """Move from (z, w) with everything frozen at the speed `at_w`."""
     T = available(inertia, torque, at_w)
     r, sigma_1 = _rate(law, at_w), _micro_damping(law, at_w)
-    return linear_motion(law.sigma_0, sigma_1, law.b, r, 1.0, T, inertia.inv_J, z, w, h)
+    return linear_motion(Bristles(law.sigma_0, sigma_1, law.b, r, 1.0), T, inertia.inv_J, z, w, h)
 
 
 @inlined
