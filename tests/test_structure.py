@@ -18,8 +18,6 @@ LONGEST_BODY = 60
 LONGEST_FILE = 500
 #: functions that still take more, mostly compiled loops over arrays; none may be added
 STILL_MANY_PARAMETERS = {
-    "ballbot.mechanics.engine.run.run_block",
-    "ballbot.mechanics.engine.run.simulate_lanes",
     "ballbot.simulation.batch.simulate_batch",
 }
 #: the decorators of compiled code
