@@ -30,7 +30,7 @@ from ballbot.mechanics.engine.arrays import (
 )
 from ballbot.mechanics.engine.run import simulate_one
 from ballbot.mechanics.equations import LARGEST_LEAN
-from ballbot.mechanics.friction import wheel_law
+from ballbot.mechanics.friction import WheelLaw, wheel_law
 from ballbot.mechanics.parameters import Exact, Formulation, Pivoting, Thesis, pack, selector
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.state import STATE_NAMES, torque_names
@@ -141,10 +141,9 @@ class Model:
             object.__setattr__(self, name, value)
         self._check()
         law = wheel_law(self.robot.friction)
-        row = pack(self.robot, self.formulation, pivoting=self.pivoting or 0.0, law=law)
         chosen = selector(self.formulation, self.robot.wheel_count, pivoting=self.pivots, law=law)
         object.__setattr__(self, "_selected", chosen)
-        object.__setattr__(self, "_row", row)
+        object.__setattr__(self, "_row", self._pack(law))
 
     def _check(self) -> None:
         if self.formulation not in ("exact", "thesis"):
@@ -175,6 +174,13 @@ class Model:
     def packed(self) -> NDArray[np.float64]:
         """The robot's numbers as compiled code reads them; see `ballbot.mechanics.parameters.pack`."""
         return self._row  # pyright: ignore[reportAttributeAccessIssue]
+
+    def packed_under(self, law: WheelLaw) -> NDArray[np.float64]:
+        """Return `packed` for compiled equations with that law, which robots with and without further terms share."""
+        return self.packed if type(law) is type(self.selected.law) else self._pack(law)
+
+    def _pack(self, law: WheelLaw) -> NDArray[np.float64]:
+        return pack(self.robot, self.formulation, pivoting=self.pivoting or 0.0, law=law)
 
     def summary(self) -> Summary:
         """Return what the model is made of."""
