@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from ballbot.mechanics.accelerations import forces_in, solve
 from ballbot.mechanics.engine.compiled import by_types_of, inlined
-from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity
+from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, in_state_order
 from ballbot.mechanics.engine.vector import add, advanced, each, scale, written
 from ballbot.mechanics.equations import (
     balancing_attitude,
@@ -173,15 +173,3 @@ def finished(selected, state, a, v_after, w_after, h):
     angles = advanced((state[2], state[3], state[4]), rates_of_angles(selected, a, middle), h)
     x, y = state[0] + half * (v[0] + v_after[0]), state[1] + half * (v[1] + v_after[1])
     return in_state_order((x, y), angles, v_after, w_after)
-
-
-def in_state_order(position, angles, v, w) -> tuple:  # pragma: no cover (compiled form below)
-    """Return a state from its parts."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(in_state_order)
-def _in_state_order(position, angles, v, w):
-    if len(v) == 2:
-        return lambda position, angles, v, w: position + angles + v + w
-    return lambda position, angles, v, w: position + angles + (v[0], v[1]) + w + (v[2],)

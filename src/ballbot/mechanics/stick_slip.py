@@ -125,20 +125,27 @@ def _idle_force(C, wheel):
 
 
 @called
-def _mobility(M, C):
-    """Return Y (n + 2, m) and G (n + 2, n + 2): the velocities and speeds at contacts per unit force at each."""
+def contact_rows(C):
+    """Return the rows (n + 2, m) that give the speeds at all contacts: those of the boxes, then the ball's x and y."""
     n, m = C.shape
-    rows, Y = np.zeros((n + 2, m)), np.zeros((n + 2, m))
+    rows = np.zeros((n + 2, m))
     for box in range(n):
         fill(rows[box], C[box])
     rows[n, 0] = rows[n + 1, 1] = 1.0
-    for contact in range(n + 2):
+    return rows
+
+
+@called
+def mobility(M, rows):
+    """Return Y (contacts, m) and G (contacts, contacts): velocities and contact speeds per unit force at each."""
+    count, m = rows.shape
+    Y, G = np.empty((count, m)), np.zeros((count, count))
+    for contact in range(count):
         K = M.copy()
         fill(Y[contact], rows[contact])
         solve_in_place(K, Y[contact], m)
-    G = np.zeros((n + 2, n + 2))
-    for i in range(n + 2):
-        for j in range(n + 2):
+    for i in range(count):
+        for j in range(count):
             for velocity in range(m):
                 G[i, j] += rows[i, velocity] * Y[j, velocity]
     return Y, G
@@ -386,7 +393,7 @@ def minimiser(M, free, C, limits, rolling_force, h, start):
     n, m = C.shape
     if rest_is_held(M, free, C, limits, rolling_force, h):
         return np.zeros(m)
-    Y, G = _mobility(M, C)
+    Y, G = mobility(M, contact_rows(C))
     ahead = np.zeros(n + 2)
     ahead[n], ahead[n + 1] = free[0], free[1]
     energy = 0.0

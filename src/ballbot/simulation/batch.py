@@ -24,7 +24,7 @@ from ballbot.control.references import Reference, ReferenceLike, as_reference
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.arrays import fill
 from ballbot.mechanics.engine.compiled import called, compiled, inlined
-from ballbot.mechanics.engine.lanes import LANES, STEP, TORQUE, new_work, robot_in
+from ballbot.mechanics.engine.lanes import LANES, STEP, TORQUE, new_work, put_robot, robot_in
 from ballbot.mechanics.engine.loading import load
 from ballbot.mechanics.engine.run import (
     load_state,
@@ -297,7 +297,7 @@ def _run_closed_loop_block(selected, inputs, limits, sampling, first, width, out
     late = np.zeros((1 + longest, width, len(held)))  # torques on their way
     acting, room = np.zeros((width, len(held))), np.zeros(len(held))
     for lane in range(width):
-        _load_robot(work, lane, inputs.parameters[_row_of(inputs.parameters, first + lane)])
+        put_robot(work, lane, inputs.parameters[_row_of(inputs.parameters, first + lane)])
         fill(state, inputs.initial[_row_of(inputs.initial, first + lane)])
         _shift_lean(state, conditions[_row_of(conditions, first + lane)], -1.0)
         start_lane(selected, work, lane, state, sampling.h)
@@ -344,12 +344,6 @@ def _run_closed_loop_block(selected, inputs, limits, sampling, first, width, out
 def _row_of(rows, lane):
     """Return the lane's row, where one row may hold for every lane."""
     return lane if len(rows) > 1 else 0
-
-
-@inlined
-def _load_robot(work, lane, row):
-    for i in range(len(row)):
-        work[i * LANES + lane] = row[i]
 
 
 @inlined

@@ -25,7 +25,7 @@ from ballbot.arrays import positive_number, real_array
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.arrays import angle_accelerations
 from ballbot.mechanics.engine.compiled import compiled, inlined
-from ballbot.mechanics.engine.lanes import LANES, ROWS
+from ballbot.mechanics.engine.lanes import LANES, ROWS, put_robot
 from ballbot.mechanics.engine.loading import load_parameters, under_torque
 from ballbot.mechanics.engine.run import load_state, simulate_one, start_lane
 from ballbot.mechanics.engine.smooth import (
@@ -35,7 +35,7 @@ from ballbot.mechanics.engine.smooth import (
     net_torques,
     pose,
 )
-from ballbot.mechanics.engine.vector import add, cross, dot, each, each_with, rotate_back, scale
+from ballbot.mechanics.engine.vector import add, cross, dot, each, each_with, element, rotate_back, scale
 from ballbot.mechanics.equations import LARGEST_LEAN, ball_rate, rates_of_angles
 from ballbot.mechanics.floor import floor_friction
 from ballbot.mechanics.friction import directed_friction, sign
@@ -79,17 +79,11 @@ def sinking_of(selected, row, state, u):
     `state` is (10,), or (11,) with the spin where the ball pivots; its rates are the Euler angles'.
     """
     work = np.zeros(ROWS * LANES)
-    for i in range(len(row)):
-        work[i * LANES] = row[i]
+    put_robot(work, 0, row)
     start_lane(selected, work, 0, state, 0.0)
-    moving, torques = load_state(selected, work, 0), each_with(_torque_at, selected.wheels, u)
+    moving, torques = load_state(selected, work, 0), each_with(element, selected.wheels, u)
     P = under_torque(selected, load_parameters(selected, work, 0), torques)
     return sinking(selected, P, moving, torques)
-
-
-@inlined
-def _torque_at(wheel, u):
-    return u[wheel]
 
 
 _LIFTED = 1e9  # the friction needed where nothing presses
@@ -110,7 +104,7 @@ def friction_needed(selected, P, state, u, row, pushes):
     `state` has the formulation's body rates; a wheel at rest counts as one without dry friction.
     """
     a, speeds = pose(selected, P, state)
-    v, w = ball_velocity(state), (state[7], state[8], state[9])
+    v, w = ball_velocity(state), body_velocity(state)
     signs = each(sign, speeds)
     dry = each(directed_friction, P.wheels, speeds, signs)
     net = net_torques(P, u, speeds, signs, dry)
@@ -143,19 +137,13 @@ def _largest_share(row, force, pushes):
 def friction_needed_along(selected, parameters, contacts, states, torques, out):
     """Fill `out` (N,) with the friction needed at states (N, 10), of Euler angles' rates, under torques (N, n)."""
     work, pushes = np.zeros(ROWS * LANES), np.zeros(torques.shape[1])
-    for i in range(len(parameters)):
-        work[i * LANES] = parameters[i]
+    put_robot(work, 0, parameters)
     bare = load_parameters(selected, work, 0)
     for k in range(len(states)):
         start_lane(selected, work, 0, states[k], 0.0)
-        u = each_with(_wheel_torque_at, selected.wheels, torques[k])
+        u = each_with(element, selected.wheels, torques[k])
         P = under_torque(selected, bare, u)
         out[k] = friction_needed(selected, P, load_state(selected, work, 0), u, contacts, pushes)
-
-
-@inlined
-def _wheel_torque_at(wheel, u):
-    return u[wheel]
 
 
 #: why a run on the model ends
@@ -227,12 +215,10 @@ class ModelPlant:
             sample_time=duration,
             steps=model.steps_in(duration),
         )
-        self._t = round(
-            self._t + duration, 9
-        )  # whole nanoseconds: a sum would drift past a reference's corners
+        # whole nanoseconds: a sum would drift past a reference's corners
+        self._t = round(self._t + duration, 9)
         self._wheel_speeds = self._speeds()
         self._wheel_angles = self._wheel_angles + 0.5 * duration * (before + self._wheel_speeds)
-        model = self.model
         ended = why_ended(model.selected, model.packed, self._state, torques, self._lift_off, self._t)
         return self._measure(ended)
 

@@ -21,9 +21,7 @@ from ballbot.mechanics.parameters import LARGEST_ROW
 LANES = 32
 
 #: rows kept for a robot's numbers; the state and the rest follow
-MAX_PARAMETERS = np.int64(
-    LARGEST_ROW
-)  # a plain integer would have each row compiled as a function of its own
+MAX_PARAMETERS = np.int64(LARGEST_ROW)  # with a plain integer, each row would be a function to compile
 STATE = MAX_PARAMETERS
 TRIAL = STATE + 11  #: where a step would end
 TORQUE = TRIAL + 11
@@ -58,6 +56,13 @@ def entry(work, row, lane):
 def put(work, row, lane, value):
     """Store a number at that row and lane."""
     work[np.uint64(row * LANES + lane)] = value
+
+
+@inlined
+def put_robot(work, lane, row):
+    """Store the numbers of a robot, a packed row, in a lane."""
+    for i in range(len(row)):
+        work[i * LANES + lane] = row[i]
 
 
 @inlined

@@ -35,6 +35,7 @@ from ballbot.mechanics.engine.lanes import (
     entry,
     new_work,
     put,
+    put_robot,
     restored,
     robot_in,
     stored,
@@ -231,9 +232,7 @@ def run_block(selected, tables, row_of, h, steps, every, out, ended):
     work = new_work()
     width, samples, n = len(row_of), torques.shape[1], torques.shape[2]
     for lane in range(width):
-        row = parameters[row_of[lane, 0]]
-        for i in range(len(row)):
-            work[i * LANES + lane] = row[i]
+        put_robot(work, lane, parameters[row_of[lane, 0]])
         start_lane(selected, work, lane, initial[row_of[lane, 1]], h)
         ended[lane] = samples
     for sample in range(samples):

@@ -64,18 +64,16 @@ def body_velocity(state):
     return (state[7], state[8], state[9])
 
 
-def assembled(v, angle_rates, v_dot, w_dot) -> tuple:  # pragma: no cover (compiled form below)
-    """Return the rate of change of a state from its parts."""
+def in_state_order(position, angles, v, w) -> tuple:  # pragma: no cover (compiled form below)
+    """Return a state from its parts, or its rate of change from theirs."""
     raise NotImplementedError("compiled code only")
 
 
-@by_types_of(assembled)
-def _assembled(v, angle_rates, v_dot, w_dot):
+@by_types_of(in_state_order)
+def _in_state_order(position, angles, v, w):
     if len(v) == 2:
-        return lambda v, angle_rates, v_dot, w_dot: v + angle_rates + v_dot + w_dot
-    return lambda v, angle_rates, v_dot, w_dot: (
-        (v[0], v[1]) + angle_rates + (v_dot[0], v_dot[1]) + w_dot + (v_dot[2],)
-    )
+        return lambda position, angles, v, w: position + angles + v + w
+    return lambda position, angles, v, w: position + angles + (v[0], v[1]) + w + (v[2],)
 
 
 @inlined
@@ -152,7 +150,7 @@ def rate_of_change(selected, P, a, state, torques):
     """Return the state's rate of change under the wheels' net torques."""
     v, w = ball_velocity(state), body_velocity(state)
     v_dot, w_dot = acceleration(selected, P, a, v, w, torques, floor_friction(P, v))
-    return assembled(v, rates_of_angles(selected, a, w), v_dot, w_dot)
+    return in_state_order((v[0], v[1]), rates_of_angles(selected, a, w), v_dot, w_dot)
 
 
 @inlined
@@ -298,7 +296,7 @@ def _accelerations(selected, work, width, ahead, weight):
         a, v, w = attitude_of(restored(_SIX, work, SINES, lane)), ball_velocity(state), body_velocity(state)
         system = restored(system_like(selected), work, _SYSTEM, lane)
         v_dot, w_dot = accelerated(system, floor_friction(P, v).holding)
-        slope = assembled(v, rates_of_angles(selected, a, w), v_dot, w_dot)
+        slope = in_state_order((v[0], v[1]), rates_of_angles(selected, a, w), v_dot, w_dot)
 
         start = restored(state_like(selected), work, STATE, lane)
         mean = restored(state_like(selected), work, _SLOPE, lane)
