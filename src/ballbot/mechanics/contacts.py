@@ -36,7 +36,7 @@ def _contact_speeds(selected, P, a, v, w):
 
 
 def of_boxes(selected, of_wheels, of_spin) -> tuple:  # pragma: no cover
-    """Return what belongs to each box: of the wheels, and of the spin where the ball pivots."""
+    """Return the boxes' numbers: those of the wheels, and that of the spin where the ball pivots."""
     raise NotImplementedError("compiled code only")
 
 
@@ -135,7 +135,7 @@ def free_torque(wheel, u, speed) -> float:  # pragma: no cover (compiled form be
 
 @by_types_of(free_torque)
 def _free_torque(wheel, u, speed):
-    if not has_directions(wheel):  # not "- 0.0": what is written decides how it is rounded
+    if not has_directions(wheel):  # not "- 0.0", which rounds otherwise
         return lambda wheel, u, speed: u - wheel.b * speed
     return lambda wheel, u, speed: u - wheel.b * speed - friction_shift(wheel, speed)
 

@@ -59,7 +59,7 @@ class Verdict:
     """
 
     #: rows c (m, 10): settled where |c e| <= 1 for each, e = S(psi) (r - x) the error in the heading frame;
-    #: infinite numbers for what never settles
+    #: infinite numbers if a lane is never to count as settled
     settled: NDArray[np.float64]
     lost: float  #: lean [rad] beyond which a robot that leans further cannot come back
     grip: float = math.inf  #: friction coefficient of wheels on ball that holds; needing more ends a lane
@@ -80,7 +80,7 @@ class Verdict:
 
 
 class _Inputs(NamedTuple):
-    """What each lane is and begins with; one row may hold for every lane."""
+    """Each lane's robot, controller, conditions and start; one row may hold for every lane."""
 
     parameters: NDArray[np.float64]  #: rows of `pack`
     lift_offs: NDArray[np.float64]
@@ -108,7 +108,7 @@ class _Sampling(NamedTuple):
 
 
 class _Outcome(NamedTuple):
-    """What the compiled call writes, for each lane."""
+    """The arrays that the compiled call fills, for each lane."""
 
     states: NDArray[np.float64]  #: (lanes, records, 10)
     torques: NDArray[np.float64]  #: (lanes, records, n)
@@ -370,7 +370,7 @@ def _squared_distance(a, b):
 
 @inlined
 def _put_torques(selected, work, lane, row, psi, torques):
-    """Let torques act on a lane: what its motors can of them, less what the floor's slope takes up."""
+    """Let torques act on a lane, limited to those its motors can give, less those that hold it on the floor's slope."""
     if row[3] < math.inf:
         _, speeds = pose(selected, load(selected, work, lane), load_state(selected, work, lane))
         for i in range(len(torques)):
@@ -382,7 +382,7 @@ def _put_torques(selected, work, lane, row, psi, torques):
 
 @inlined
 def _within_supply(torque, speed, top, most):
-    """Return what a motor can of a torque: near its highest speed nothing more that would drive it on."""
+    """Return a torque limited to the motor's: near its highest speed the driving torque falls to zero."""
     share = (top - math.copysign(speed, speed * torque)) / (FALLING_PART * top)
     left = most * min(max(share, 0.0), 1.0)
     return min(max(torque, -left), left)

@@ -15,9 +15,9 @@ A step of at most 0.5 ms has one implicit solution for the torques T, the set-va
 the stops, found contact by contact (Gauss and Seidel's method; each contact is solved exactly), as in J. J. Moreau,
 Unilateral contact and dry friction in finite freedom dynamics, 1988.
 
-What it neglects: rebound and compliance at the stops (an impact's torque lasts one or two steps; the twin's stops are
+Neglected are rebound and compliance at the stops (an impact's torque lasts one or two steps; the twin's stops are
 soft, which makes its torques rougher where friction is compensated), friction between the gear's teeth, and the rotors'
-turning with the body, as the model does. Velocities are of first order in the step, where `ModelPlant` is of fourth
+turning with the body, as in the model. Velocities are of first order in the step, where `ModelPlant` is of fourth
 while nothing sticks.
 """
 
@@ -59,7 +59,7 @@ _SETTLED = 1e-10
 
 
 class GearPlayPlant:
-    """A `Model` whose gearboxes have play, behind the plant's seam. What is measured is what is true.
+    """A `Model` whose gearboxes have play, behind the plant's seam. Its measurements are the true state.
 
     Wheel angles and speeds are the motors', which the encoders see. A run ends as `ModelPlant`'s does.
 
@@ -189,7 +189,7 @@ def _rotor_inertia(robot: Robot) -> float:
 
 
 def _row_without_motors(model: Model) -> NDArray[np.float64]:
-    """Return the packed robot without its rotors and their friction: what is beyond the play."""
+    """Return the packed robot without its rotors and their friction, which are on the motor's side of the play."""
     row, n = model.packed.copy(), model.robot.wheel_count
     row[_INERTIA_PLACES] -= _rotor_inertia(model.robot)
     row[friction_places(n)[: 3 * n]] = 0.0
@@ -197,8 +197,8 @@ def _row_without_motors(model: Model) -> NDArray[np.float64]:
     return row
 
 
-#: rows of what the forces at the contacts are found from, for each motor: its momentum, its inertia with viscous
-#: friction, the momentum that dry friction can take, the lowest and highest speed relative to its wheel, its speed
+#: rows of an array with a column for each motor: its momentum, its inertia with viscous friction, the momentum that
+#: dry friction can take, the lowest and highest speed relative to its wheel, its speed
 _MOMENTUM, _INERTIA, _DRY, _LOW, _HIGH, _SPEED, _MOTOR_ROWS = range(7)
 
 
@@ -263,7 +263,7 @@ def run_with_play(selected, robot, state, motors, torques, loads, h, steps, tran
 
 @called
 def _load_motors(drivelines, inertia, play, motors, torques, h, motor):
-    """Fill `motor`, but for the speeds, with what the motors bring into a step."""
+    """Fill all rows of `motor` but the speeds with the motors' state at a step's start."""
     for i, driveline in enumerate(drivelines):
         shift = friction_shift(driveline, motors[0, i])
         motor[_MOMENTUM, i] = inertia * motors[0, i] + h * (torques[i] - shift)
@@ -342,5 +342,5 @@ def _through_play(wheel, mobility, motor, h):
 
 @called
 def _braked(momentum, dry):
-    """Return what dry friction leaves of a momentum."""
+    """Return a momentum less the part that dry friction takes."""
     return math.copysign(max(abs(momentum) - dry, 0.0), momentum)

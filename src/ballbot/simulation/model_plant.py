@@ -90,7 +90,7 @@ _LIFTED = 1e9  # the friction needed where nothing presses
 
 
 def pack_contacts(robot: Robot) -> NDArray[np.float64]:
-    """Return a robot's contacts as the row (2 + 3 n + n^2,) that compiled code reads: m_r, 1/r_w, what gives N_i."""
+    """Return a robot's contacts as the row (2 + 3 n + n^2,) that compiled code reads: m_r, 1/r_w, and N_i's factors."""
     n, t = contact_directions(robot.wheels), rolling_directions(robot.wheels)
     pressing = np.linalg.pinv(n.T)
     scalars = [robot.body.mass, 1.0 / robot.wheels.radius]
@@ -152,7 +152,7 @@ LIFTED = "lifted: the floor would have to pull"
 
 
 class ModelPlant:
-    """A `Model` behind the plant's seam. What is measured is what is true.
+    """A `Model` behind the plant's seam. Its measurements are the true state.
 
     A run ends where theta or phi passes 1.2 rad, or where, at the end of a sample, the floor would have to pull
     the robot down. Wheel angles are the integral of the formulation's wheel speeds (trapezoids over samples).
@@ -264,7 +264,7 @@ def why_ended(
     Parameters
     ----------
     selected, row
-        What selects the equations, and the robot's numbers for them (`Model.selected`, `Model.packed`).
+        The selector of the equations, and the robot's numbers for them (`Model.selected`, `Model.packed`).
     state : ndarray (10,) or (11,)
     torques : ndarray (n,)
         [N m].
@@ -285,7 +285,7 @@ def measurement(
     wheel_speeds: NDArray[np.float64],
     ended: str | None,
 ) -> Measurement:
-    """Return the measurement of perfect sensors: what is measured of a state (10,) or (11,) is what is true."""
+    """Return the measurement of perfect sensors at a state (10,) or (11,)."""
     seen = state[:10].copy()
     return Measurement(
         t=t,

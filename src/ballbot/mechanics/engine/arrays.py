@@ -1,4 +1,4 @@
-"""The equations of motion as arrays: what the convex step reads, and the equations at many states for `Model`.
+"""The equations of motion as arrays: for the convex step, and at many states for `Model`.
 
 Velocities are in the order (v_x, v_y, w_1, w_2, w_3), and the ball's spin last where it pivots. Each `evaluate_...`
 takes one packed robot (`parameters.pack`), rows q = [x y theta phi psi] and their rates, with the ball's spin as a

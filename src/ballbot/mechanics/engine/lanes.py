@@ -28,7 +28,7 @@ TORQUE = TRIAL + 11
 STEP = TORQUE + 4
 MARGIN = STEP + 1  #: positive where the trial counts
 ROBOT = MARGIN + 1  #: which of the block's robots the lane holds
-SCRATCH = ROBOT + 1  #: what a step leaves for its own later parts
+SCRATCH = ROBOT + 1  #: results of a step's parts for its later parts
 ROWS = SCRATCH + 102  # as many as `convex_block` needs
 
 #: lanes that one vector instruction of the widest processors takes; ranges of lanes begin at multiples

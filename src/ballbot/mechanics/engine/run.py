@@ -165,7 +165,7 @@ def _whole_groups(lanes, width):
 
 @inlined
 def _take_open_steps(selected, work, width):
-    """Take the convex step of open lanes, group by group; what does not settle there, by the robust method."""
+    """Take the convex step of open lanes, group by group; lanes that do not settle take it by the robust method."""
     for first in range(0, width, GROUP):
         last = min(first + GROUP, width)
         if _count_open(work, first, last) > 0:
@@ -293,7 +293,7 @@ class Lanes:
 
 @dataclass(frozen=True, kw_only=True)
 class Batch:
-    """What `simulate_lanes` returns."""
+    """The result of `simulate_lanes`."""
 
     states: NDArray[np.float64]  #: (lanes, samples // every, 10 or 11), after each recorded sample
     ended: NDArray[np.int64]  #: (lanes,), whole samples simulated before the lean passed `LARGEST_LEAN`

@@ -78,13 +78,13 @@ def _in_state_order(position, angles, v, w):
 
 @inlined
 def speed_margin(wheel, sign_at_start, speed):
-    """Return what stays positive while a wheel's speed keeps its sign, or has no dry friction for it."""
+    """Return a number that stays positive while a wheel's speed keeps its sign, or has no dry friction."""
     return max(sign_at_start * speed, 1.0 if wheel.c + wheel.s == 0.0 else -1.0)
 
 
 @inlined
 def smallest_margin(P, signs, speeds):
-    """Return what is positive while every wheel's speed has its sign of the start."""
+    """Return a number that is positive while every wheel's speed has its sign of the start."""
     return smallest(each(speed_margin, P.wheels, signs, speeds))
 
 
@@ -109,7 +109,7 @@ def _faster(speed, rest):
 
 @inlined
 def moving_margin(P, v, speeds, h):
-    """Return what is positive where no contact with dry friction is at rest: its sign is then known at the start."""
+    """Return a number that is positive if no contact with dry friction is at rest: its sign is then known."""
     return min(rolling_margin(P, v), smallest(each(_faster, speeds, rest_speeds(P, h))))
 
 
@@ -207,7 +207,7 @@ def runge_kutta_step(selected, P, state, u, h):
     return end, min(margin, moving_margin(P, ball_velocity(state), speeds1, h))
 
 
-# Scratch rows: what a stage's loops hand on, the stage's state, and the weighted mean of the slopes
+# Scratch rows: results of a stage's loops, the stage's state, and the weighted mean of the slopes
 SINES = SCRATCH
 SPEEDS = SINES + 6
 _DRY = SPEEDS + 4

@@ -5,7 +5,7 @@
     s(t_2) = s_a + (s_inf - s_a) t_2 / (t_2 + gamma)      t_2 the time at rest, s_a the Stribeck part as it stopped
 
 B. Armstrong-Helouvry, P. Dupont and C. Canudas de Wit, A survey of models, analysis tools and compensation methods
-for the control of machines with friction, Automatica 30, 1994. What the survey leaves open is settled so: sliding
+for the control of machines with friction, Automatica 30, 1994. Choices that the survey leaves open: sliding
 ends where the speed passes zero, and x starts from zero there, so that no energy comes from nothing; s keeps its
 value of break-away while sliding; the rest may be damped (d, zero in the survey, where an inertia on the spring
 swings for ever).
@@ -81,7 +81,7 @@ class Armstrong:
         )
 
     def numbers(self) -> ArmstrongNumbers:
-        """Return what compiled code reads."""
+        """Return the law's numbers for compiled code."""
         return ArmstrongNumbers(
             b=self.viscous,
             c=self.coulomb,

@@ -58,7 +58,7 @@ class Dahl:
         check_values(self, positive=("coulomb", "stiffness", "shape"), not_negative=("viscous",))
 
     def numbers(self) -> DahlNumbers:
-        """Return what compiled code reads."""
+        """Return the law's numbers for compiled code."""
         return DahlNumbers(b=self.viscous, c=self.coulomb, sigma=self.stiffness, shape=self.shape)
 
     def initial_state(self, step: float) -> NDArray[np.float64]:  # noqa: ARG002 (the interface's)

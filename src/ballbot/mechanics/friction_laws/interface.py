@@ -1,9 +1,9 @@
-"""What every friction law is: values, a steady curve, and three compiled functions on one interface.
+"""The interface of the friction laws: values, a steady curve, and three compiled functions.
 
 A law may carry internal states (a bristle's deflection, a dwell time); at constant speed it settles on its steady
-curve. Laws that can stick read the torque that is applied: at rest their friction is what balances it, up to a
-limit. What a law does while an inertia moves under it (sticking, breaking away, stiff bristles) it knows best
-itself, so the step of a driven inertia belongs to the interface too.
+curve. Laws that can stick read the torque that is applied: at rest their friction balances it, up to a limit.
+Each law has its own way to move an inertia (sticking, breaking away, stiff bristles), so the step of a driven inertia
+belongs to the interface too.
 
 In compiled code a law is a named tuple of its numbers, and its type chooses the functions (`register`). A law's
 state is an array, empty where it has none, that these functions change in place.
@@ -65,7 +65,7 @@ class FrictionLaw(Protocol):
 def friction_of(
     law, state, speed, applied
 ) -> float:  # pragma: no cover (compiled forms come from `register`)
-    """Return the friction; where the law sticks, what balances the torque `applied`, within the law's limit."""
+    """Return the friction; if the law sticks, it balances the torque `applied`, within the law's limit."""
     raise NotImplementedError("compiled code only")
 
 

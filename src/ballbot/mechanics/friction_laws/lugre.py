@@ -90,7 +90,7 @@ class LuGre:
             )
 
     def driving_speed(self) -> float | None:
-        """Return a speed [rad/s] at which bristles bent at low speed would drive, or None where none does.
+        """Return a speed [rad/s] at which bristles bent at low speed would drive, or None.
 
         With the energy sigma_0 z^2/2 in the bristles, the power that friction takes is, over |w|,
         x^2/g + (sigma_1 + b) |w| - sigma_1 |w| x/g with x = sigma_0 z in the speed's direction, which low speeds
@@ -113,7 +113,7 @@ class LuGre:
         return float(w[worst]) if power[worst] < 0.0 else None
 
     def numbers(self) -> LuGreNumbers:
-        """Return what compiled code reads."""
+        """Return the law's numbers for compiled code."""
         return LuGreNumbers(
             b=self.viscous,
             c=self.coulomb,
