@@ -12,7 +12,7 @@ import numpy as np
 from numba import cuda
 
 from ballbot.mechanics.engine import cuda as engine
-from ballbot.mechanics.engine.run import simulate_lanes
+from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.model import Model
 from benchmarks.workloads import balancing, nominal_robot, smooth
 
@@ -41,17 +41,11 @@ def rate(model: Model, initial: np.ndarray, torques: np.ndarray) -> float:
 
 def difference(model: Model, initial: np.ndarray, torques: np.ndarray) -> float:
     """Return the largest difference between GPU and processor after the run."""
-    arguments = {"initial": initial, "sample_time": SAMPLE_TIME, "steps": STEPS}
-    here = simulate_lanes(
-        model.selected,
-        parameters=model.packed[None],
-        parameter_of=np.zeros(len(initial), int),
-        torques=torques[None],
-        torque_of=np.zeros(len(initial), int),
-        **arguments,
-    ).states[:, -1]
+    times = {"sample_time": SAMPLE_TIME, "steps": STEPS}
+    lanes = Lanes(parameters=model.packed[None], initial=initial, torques=torques[None])
+    here = simulate_lanes(model.selected, lanes, **times).states[:, -1]
     there = engine.simulate_on_gpu(
-        model.selected, parameters=model.packed[None], torques=torques, **arguments
+        model.selected, parameters=model.packed[None], initial=initial, torques=torques, **times
     ).finals
     return float(np.abs(here - there).max())
 

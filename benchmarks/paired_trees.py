@@ -24,10 +24,7 @@ begin = time.perf_counter()
 import numpy as np
 from ballbot import Model, Robot
 from ballbot.robot import Friction
-try:
-    from ballbot.mechanics.engine.run import simulate_lanes
-except ImportError:
-    from ballbot.mechanics.engine import simulate_lanes
+from ballbot.mechanics.engine import run as engine
 
 friction = Friction(viscous=(.014, .016, .013), coulomb=(.11, .09, .12), stribeck=(.05, .04, .06), stribeck_speed=.6,
                     stribeck_exponent=1.1, rolling=.007)
@@ -37,8 +34,12 @@ lanes, samples, steps = 1024, 20, 5
 
 
 def run(initial, torques):
-    return simulate_lanes(model.selected, parameters=model.packed[None], initial=initial, torques=torques,
-                          sample_time=5e-3, steps=steps, parameter_of=np.zeros(lanes, int), threads=1)
+    tables = {"parameters": model.packed[None], "initial": initial, "torques": torques}
+    indices = {"parameter_of": np.zeros(lanes, int)}
+    options = {"sample_time": 5e-3, "steps": steps, "threads": 1}
+    if hasattr(engine, "Lanes"):
+        return engine.simulate_lanes(model.selected, engine.Lanes(**tables, **indices), **options)
+    return engine.simulate_lanes(model.selected, **tables, **indices, **options)  # trees from before `Lanes`
 
 
 moving = np.zeros((lanes, 10))

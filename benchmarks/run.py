@@ -24,7 +24,7 @@ from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import Reading
 from ballbot.files import write_text
 from ballbot.mechanics.engine.lanes import LANES, ROWS
-from ballbot.mechanics.engine.run import simulate_lanes
+from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.simulation.batch import simulate_batch
@@ -50,15 +50,12 @@ def steps_a_second(
 ) -> float:
     """Return robot steps a second, the best of eight spells of 0.2 s."""
     robots = len(initial)
-    which = np.zeros(robots, int)
+    lanes = Lanes(parameters=model.packed[None], initial=initial, torques=torques)
 
     def run() -> None:
         simulate_lanes(
             model.selected,
-            parameters=model.packed[None],
-            parameter_of=which,
-            initial=initial,
-            torques=torques,
+            lanes,
             sample_time=0.005,
             steps=STEPS,
             every=torques.shape[1],

@@ -16,15 +16,6 @@ PACKAGES = (
 MOST_PARAMETERS = 9
 LONGEST_BODY = 60
 LONGEST_FILE = 500
-#: functions that still take more, mostly compiled loops over arrays; none may be added
-STILL_MANY_PARAMETERS = {
-    "ballbot.mechanics.engine.run.run_block",
-    "ballbot.mechanics.engine.run.simulate_lanes",
-    "ballbot.mechanics.engine.smooth.acceleration",
-    "ballbot.mechanics.engine.smooth.loaded",
-    "ballbot.mechanics.friction_laws.interface.linear_motion",
-    "ballbot.simulation.batch.simulate_batch",
-}
 #: the decorators of compiled code
 COMPILING = {"compiled", "compiled_alone", "called", "inlined", "inlined_in_order", "shared", "by_types_of"}
 
@@ -153,7 +144,7 @@ def test_functions_are_short_and_take_few_parameters():
         body = function.body[1:] if ast.get_docstring(function) is not None else function.body
         if body and (body[-1].end_lineno or 0) - body[0].lineno + 1 > LONGEST_BODY:
             too_long.append(f"{module}.{function.name}")
-    assert set(too_many) == STILL_MANY_PARAMETERS
+    assert too_many == []
     assert too_long == []
 
 

@@ -12,7 +12,7 @@ pytest.importorskip("numba_cuda", reason="numba-cuda is not installed: pip insta
 from numba import cuda, typeof, types
 
 from ballbot.mechanics.engine.cuda import _advance, packed_in_lanes, simulate_on_gpu
-from ballbot.mechanics.engine.run import simulate_lanes
+from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 
 
 @pytest.mark.sample
@@ -67,18 +67,11 @@ def test_the_gpu_gives_the_processors_numbers():
     model = Model(Robot.load("alten"))
     initial = 0.02 * np.random.default_rng(0).standard_normal((100, 10))
     torques = 0.2 * np.random.default_rng(1).standard_normal((40, 3))
-    arguments = {"initial": initial, "sample_time": 0.005, "steps": 5}
+    times = {"sample_time": 0.005, "steps": 5}
     there = simulate_on_gpu(
-        model.selected, parameters=model.packed[None], torques=torques, **arguments
+        model.selected, parameters=model.packed[None], initial=initial, torques=torques, **times
     ).finals
-    zeros = np.zeros(100, int)
-    here = simulate_lanes(
-        model.selected,
-        parameters=model.packed[None],
-        parameter_of=zeros,
-        torques=torques[None],
-        torque_of=zeros,
-        **arguments,
-    ).states[:, -1]
+    lanes = Lanes(parameters=model.packed[None], initial=initial, torques=torques[None])
+    here = simulate_lanes(model.selected, lanes, **times).states[:, -1]
     # rounding differs where multiplications are fused; 200 steps of an unstable robot amplify it e times or so
     np.testing.assert_allclose(there, here, rtol=1e-9, atol=1e-11)

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from ballbot import InputError, Model, Robot
-from ballbot.mechanics.engine.run import simulate_lanes
+from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.robot import Friction
 from ballbot.state import STATE_NAMES
@@ -129,9 +129,7 @@ def test_a_simulation_past_the_largest_lean_ends_and_reports_the_sample():
     state[2] = 0.3
     batch = simulate_lanes(
         model.selected,
-        parameters=model.packed[None],
-        initial=state[None],
-        torques=np.zeros((1, 400, 3)),
+        Lanes(parameters=model.packed[None], initial=state[None], torques=np.zeros((1, 400, 3))),
         sample_time=0.005,
         steps=5,
     )
@@ -152,9 +150,7 @@ def test_runge_kutta_has_order_four_away_from_zero_speed():
         model = Model(robot)
         batch = simulate_lanes(
             model.selected,
-            parameters=model.packed[None],
-            initial=state[None],
-            torques=torque[None],
+            Lanes(parameters=model.packed[None], initial=state[None], torques=torque[None]),
             sample_time=0.16,
             steps=steps,
         )
@@ -181,10 +177,11 @@ def test_known_sign_friction_is_the_numpy_law():
         h = 1e-6
         batch = simulate_lanes(
             model.selected,
-            parameters=row[None],
-            initial=np.array([np.concatenate([q, q_dot]), np.concatenate([q, q_dot])]),
-            torques=np.zeros((2, 1, 3)),
-            parameter_of=np.zeros(2, int),
+            Lanes(
+                parameters=row[None],
+                initial=np.concatenate([q, q_dot])[None],
+                torques=np.zeros((2, 1, 3)),
+            ),
             sample_time=h,
             steps=1,
         )
@@ -198,17 +195,10 @@ def test_lanes_do_not_depend_on_their_neighbours_or_threads():
     model = Model(alten(FRICTION))
     initial = np.concatenate([rng.normal(0, 0.02, (75, 5)), rng.normal(0, 0.3, (75, 5))], axis=1)
     torques = rng.normal(0, 0.3, (75, 20, 3))
-    arguments = {"parameter_of": np.zeros(75, int), "sample_time": 0.005, "steps": 5}
+    lanes = Lanes(parameters=model.packed[None], initial=initial, torques=torques)
 
     def run(threads):
-        return simulate_lanes(
-            model.selected,
-            parameters=model.packed[None],
-            initial=initial,
-            torques=torques,
-            threads=threads,
-            **arguments,
-        ).states
+        return simulate_lanes(model.selected, lanes, sample_time=0.005, steps=5, threads=threads).states
 
     together = run(2)
     assert (together == run(1)).all()

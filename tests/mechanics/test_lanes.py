@@ -10,7 +10,7 @@ from ballbot import Model, Robot
 from ballbot.mechanics.engine.compiled import FAST
 from ballbot.mechanics.engine.lanes import LANES, MARGIN, ROWS, STATE, STEP, TORQUE, TRIAL
 from ballbot.mechanics.engine.loading import load
-from ballbot.mechanics.engine.run import load_state, load_torques, simulate_lanes
+from ballbot.mechanics.engine.run import Lanes, load_state, load_torques, simulate_lanes
 from ballbot.mechanics.engine.smooth import begin_steps, runge_kutta_step, smooth_block
 from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_SIZE
 from ballbot.robot import Wheels
@@ -114,14 +114,13 @@ def test_a_robot_s_motion_does_not_depend_on_its_neighbours(kind: str) -> None:
     torques = rng.normal(size=(robots, 20, n)) * rng.choice([0.0, 0.1, 1.0], (robots, 1, 1))
     rows = rows_like(model, robots, rng)
     common = {"sample_time": 0.005, "steps": 5}
-    together = simulate_lanes(model.selected, parameters=rows, initial=starts, torques=torques, **common)
+    lanes = Lanes(parameters=rows, initial=starts, torques=torques)
+    together = simulate_lanes(model.selected, lanes, **common)
     assert together.ended.min() < 20 <= together.ended.max()
     assert (together.states[:, -1] == starts).all(axis=1).any()  # one that rested throughout
     for i in range(robots):
-        own = slice(i, i + 1)
-        alone = simulate_lanes(
-            model.selected, parameters=rows[own], initial=starts[own], torques=torques[own], **common
-        )
+        one = replace(lanes, **{f"{name}_of": np.array([i]) for name in ("parameter", "initial", "torque")})
+        alone = simulate_lanes(model.selected, one, **common)
         assert alone.ended[0] == together.ended[i]
         # one lane's code rounds elsewhere than eight's; 100 steps of an unstable robot let it grow a hundredfold
         assert np.abs(alone.states[0] - together.states[i]).max() < 1e-10 * np.abs(starts[i]).max(initial=1.0)
@@ -135,9 +134,7 @@ def test_nan_in_one_lane_is_flagged_and_leaves_other_lanes_unchanged(bad: float)
     torques[0, 0] = bad
     batch = simulate_lanes(
         model.selected,
-        parameters=np.tile(model.packed, (2, 1)),
-        initial=np.zeros((2, 10)),
-        torques=torques,
+        Lanes(parameters=model.packed[None], initial=np.zeros((2, 10)), torques=torques),
         sample_time=0.005,
         steps=5,
         lost_lanes=True,

@@ -14,7 +14,7 @@ from ballbot import InputError, Model, Robot
 from ballbot.cli.main import main
 from ballbot.control.presets import design_gain
 from ballbot.log import STATE_NAMES
-from ballbot.mechanics.engine.run import simulate_lanes
+from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.parameters import pack, selector
 from ballbot.robot.components import PARAMETERS, Correlation, InertiaPoint
 from ballbot.robot.file import robot_text, write_robot
@@ -249,9 +249,7 @@ class TestPredictions:
         moved = [
             simulate_lanes(
                 selector("exact", 3),
-                parameters=np.repeat(pack(one, "exact")[None], len(starts), axis=0),
-                initial=initial,
-                torques=torques,
+                Lanes(parameters=pack(one, "exact")[None], initial=initial, torques=torques),
                 sample_time=0.005,
                 steps=5,
             ).states

@@ -51,14 +51,12 @@ def test_every_lane_has_its_own_robot_start_and_controller():
         for i, robot in enumerate(robots)
     ]
     starts = np.array([leaning(0.002 * i, -0.001 * i) for i in range(45)])
-    model = Model(alten())
-    batch = simulate_batch(
-        model, controllers, hold(), duration=1.0, initial_states=starts, robots=robots, every=0
-    )
+    models = [Model(robot) for robot in robots]
+    batch = simulate_batch(models, controllers, hold(), duration=1.0, initial_states=starts, every=0)
     assert batch.states.shape == (45, 1, 10)
     for lane in (0, 7, 31, 32, 44):
         one = simulate_batch(
-            Model(robots[lane]),
+            models[lane],
             controllers[lane],
             hold(),
             duration=1.0,
@@ -102,10 +100,13 @@ def test_lanes_end_as_runs_do():
 def test_inconsistent_batches_are_refused():
     model = Model(alten())
     controller = nominal_controller(model.robot)
-    with pytest.raises(InputError, match="3 initial states, 2 robots, 1 controllers"):
-        simulate_batch(
-            model, controller, hold(), duration=1.0, initial_states=np.zeros((3, 10)), robots=[alten()] * 2
-        )
+    with pytest.raises(InputError, match="3 initial states, 2 models, 1 controllers"):
+        simulate_batch([model] * 2, controller, hold(), duration=1.0, initial_states=np.zeros((3, 10)))
+    for other in (Model(alten(), "thesis"), Model(alten(), step=2e-3), Model(alten(), pivoting=0.01)):
+        with pytest.raises(InputError, match="models are of 2 kinds"):
+            simulate_batch([model, other], controller, hold(), duration=1.0)
+    with pytest.raises(InputError, match="sequence of models is empty"):
+        simulate_batch([], controller, hold(), duration=1.0)
     slow = Controller(model.robot, controller.gain, sample_time=0.01)
     with pytest.raises(InputError, match="sample times"):
         simulate_batch(model, [controller, slow], hold(), duration=1.0)
@@ -121,7 +122,7 @@ def test_inconsistent_batches_are_refused():
 
 def test_names_are_taken_for_controllers_references_and_robots():
     model = Model("alten")
-    by_name = simulate_batch("alten", "nominal", "hold", duration=0.1, robots=["alten"])
+    by_name = simulate_batch(["alten"], "nominal", "hold", duration=0.1)
     by_value = simulate_batch(model, nominal_controller("alten"), hold(), duration=0.1)
     np.testing.assert_array_equal(by_name.states, by_value.states)
     with pytest.raises(InputError, match="did you mean 'nominal'"):

@@ -31,7 +31,7 @@ from ballbot.identification.axis.record import AxisRecord, PositionVelocityLoop
 from ballbot.identification.driveline_innovations import Track, innovations
 from ballbot.identification.swing import Swing
 from ballbot.identification.swing import _motion as swing_motion
-from ballbot.mechanics.engine.run import simulate_lanes
+from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.friction_laws import Classical, LuGre, advance, follow, friction_at
 from ballbot.mechanics.stick_slip import minimise
 from ballbot.robot import Friction
@@ -102,7 +102,7 @@ def cases() -> Iterator[tuple[str, Case]]:
     yield (
         "simulate_lanes",
         Case(
-            call=lambda a: simulate_lanes(MODEL.selected, sample_time=H, steps=2, **a),
+            call=lambda a: simulate_lanes(MODEL.selected, Lanes(**a), sample_time=H, steps=2),
             arrays={
                 "parameters": np.array([MODEL.packed] * 2),
                 "initial": np.array([STATE, 0.5 * STATE]),

@@ -29,7 +29,7 @@ from ballbot.identification.windows import (
     state_delays,
 )
 from ballbot.log import STATE_NAMES
-from ballbot.mechanics.engine.run import simulate_lanes
+from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.friction import DirectedLaw, PlainLaw, WheelLaw
 from ballbot.mechanics.parameters import (
     PLACE_SPEED_SCALE,
@@ -44,17 +44,6 @@ from ballbot.robot import Robot
 
 #: windows simulated in one call, which bounds the memory and fixes the order of every sum
 CHUNK = 256
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Lanes:
-    """Lanes that are simulated side by side; see `simulate_lanes`."""
-
-    set_of: NDArray[np.int64]  #: (lanes,), which row of parameters each takes
-    initial: NDArray[np.float64]
-    initial_of: NDArray[np.int64]
-    torques: NDArray[np.float64]
-    torque_of: NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,20 +92,21 @@ class Predictor:
         sets, count = len(values), len(windows)
         torques = acting_torques(self.layout, values, windows)
         initial = self._initial(values, windows, starts)
-        window_of, everyone = np.tile(np.arange(count), sets), np.arange(sets * count)
-        lanes = _Lanes(
-            set_of=np.repeat(np.arange(sets), count),
+        window_of = np.tile(np.arange(count), sets)
+        lanes = Lanes(
+            parameters=self._packed(values),
+            parameter_of=np.repeat(np.arange(sets), count),
             initial=windows.initial if initial is None else initial.reshape(sets * count, -1),
-            initial_of=window_of if initial is None else everyone,
+            initial_of=window_of if initial is None else None,
             torques=windows.torques if torques is None else torques.reshape(-1, *torques.shape[2:]),
-            torque_of=window_of if torques is None else everyone,
+            torque_of=window_of if torques is None else None,
         )
         late = state_delays(self.layout, values)
         if late is None:
-            states = self._simulate(values, lanes, sample_time=windows.sample_time, every=every)
+            states = self._simulate(lanes, sample_time=windows.sample_time, every=every)
             states = states.reshape(sets, count, -1, states.shape[-1])[..., : len(STATE_NAMES)]
         else:
-            states = self._seen_late(values, lanes, late, sample_time=windows.sample_time)
+            states = self._seen_late(lanes, late, sample_time=windows.sample_time)
             states = states[:, :, every - 1 :: every]
         measured = windows.measured[:, every - 1 :: every]
         residuals = states - measured
@@ -151,34 +141,28 @@ class Predictor:
         return initial
 
     def _seen_late(
-        self, values: NDArray[np.float64], lanes: _Lanes, late: NDArray[np.float64], *, sample_time: float
+        self, lanes: Lanes, late: NDArray[np.float64], *, sample_time: float
     ) -> NDArray[np.float64]:
         """Return the states (sets, w, m, 10) as sensors late by (sets, 10) [s] show them, the starts in `lanes` too."""
         names = len(STATE_NAMES)
-        start = lanes.initial[lanes.initial_of].copy()
+        set_of, start_of, _ = lanes.row_of.T
+        start = lanes.initial[start_of]
         first = replace(lanes, torques=lanes.torques[:, :1])
-        ahead = self._simulate(values, first, sample_time=sample_time, every=1)[:, 0]
-        start[:, :names] += late[lanes.set_of] * (ahead - start)[:, :names] / sample_time
-        true = replace(lanes, initial=start, initial_of=np.arange(len(start)))
-        states = self._simulate(values, true, sample_time=sample_time, every=1)
+        ahead = self._simulate(first, sample_time=sample_time, every=1)[:, 0]
+        start[:, :names] += late[set_of] * (ahead - start)[:, :names] / sample_time
+        true = replace(lanes, initial=start, initial_of=None)
+        states = self._simulate(true, sample_time=sample_time, every=1)
         whole = np.concatenate([start[:, None], states], axis=1)[..., :names]
-        return seen_late(whole.reshape(len(values), -1, *whole.shape[1:]), late, sample_time)
+        return seen_late(whole.reshape(len(late), -1, *whole.shape[1:]), late, sample_time)
 
-    def _simulate(
-        self, values: NDArray[np.float64], lanes: _Lanes, *, sample_time: float, every: int
-    ) -> NDArray[np.float64]:
+    def _simulate(self, lanes: Lanes, *, sample_time: float, every: int) -> NDArray[np.float64]:
         """Return the states (lanes, m // every, 10 or 11)."""
         pivots = "pivoting" in self.layout.extra
         return simulate_lanes(
             selector(self.formulation, self.robot.wheel_count, pivoting=pivots, law=self._law),
-            parameters=self._packed(values),
-            initial=lanes.initial,
-            torques=lanes.torques,
+            lanes,
             sample_time=sample_time,
             steps=max(1, int(np.ceil(sample_time / self.step - 1e-9))),
-            parameter_of=lanes.set_of,
-            initial_of=lanes.initial_of,
-            torque_of=lanes.torque_of,
             every=every,
             threads=self.threads,
             lost_lanes=True,  # parameters may be such that a lane overflows

@@ -2,7 +2,8 @@
 
 geometry, parameters     where the wheels sit; one robot's numbers as compiled code reads them
 equations                mass matrix and forces, from attitude and velocities; accelerations solves them
-friction                 the friction law; friction_laws/ has the alternatives, one file each
+friction, floor          the friction law of the wheels, and the floor's friction on the ball
+friction_laws/           the alternatives for one driveline, one file each
 contacts, stick_slip     where friction acts, and the convex step that finds the sticking contacts
 model                    all of it as one object, with its linearisation
 engine/                  the compiled forms: many robots side by side, on the processor or a GPU
@@ -15,7 +16,7 @@ parameter          `robot/components.py`: the field of `Friction`, and `scaled_f
 law                `mechanics/friction.py` for wheels, `mechanics/floor.py` for the rolling ball: NumPy's form and the
                    compiled one
 packed row         `mechanics/parameters.py`: a field of `Parameters` and its value in `pack`
-smooth motion      `mechanics/engine/smooth.py`: a new argument or a new change of sign
+smooth motion      `mechanics/engine/smooth.py`: in `net_torques`, and a new change of sign
 at rest            a limit: `mechanics/engine/convex.py` and its reference `mechanics/stick_slip.py`; a smooth term:
                    `free_motion` in `mechanics/contacts.py`, `evaluate_acceleration` in `mechanics/engine/arrays.py`
 linearisation      `Model.linearize` in `mechanics/model.py`

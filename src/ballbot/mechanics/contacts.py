@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from ballbot.mechanics.accelerations import forces_in, solve
 from ballbot.mechanics.engine.compiled import by_types_of, inlined
-from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity
+from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, in_state_order
 from ballbot.mechanics.engine.vector import add, advanced, each, scale, written
 from ballbot.mechanics.equations import (
     balancing_attitude,
@@ -36,7 +36,7 @@ def _contact_speeds(selected, P, a, v, w):
 
 
 def of_boxes(selected, of_wheels, of_spin) -> tuple:  # pragma: no cover
-    """Return what belongs to each box: of the wheels, and of the spin where the ball pivots."""
+    """Return the boxes' numbers: those of the wheels, and that of the spin where the ball pivots."""
     raise NotImplementedError("compiled code only")
 
 
@@ -135,7 +135,7 @@ def free_torque(wheel, u, speed) -> float:  # pragma: no cover (compiled form be
 
 @by_types_of(free_torque)
 def _free_torque(wheel, u, speed):
-    if not has_directions(wheel):  # not "- 0.0": what is written decides how it is rounded
+    if not has_directions(wheel):  # not "- 0.0", which rounds otherwise
         return lambda wheel, u, speed: u - wheel.b * speed
     return lambda wheel, u, speed: u - wheel.b * speed - friction_shift(wheel, speed)
 
@@ -173,15 +173,3 @@ def finished(selected, state, a, v_after, w_after, h):
     angles = advanced((state[2], state[3], state[4]), rates_of_angles(selected, a, middle), h)
     x, y = state[0] + half * (v[0] + v_after[0]), state[1] + half * (v[1] + v_after[1])
     return in_state_order((x, y), angles, v_after, w_after)
-
-
-def in_state_order(position, angles, v, w) -> tuple:  # pragma: no cover (compiled form below)
-    """Return a state from its parts."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(in_state_order)
-def _in_state_order(position, angles, v, w):
-    if len(v) == 2:
-        return lambda position, angles, v, w: position + angles + v + w
-    return lambda position, angles, v, w: position + angles + (v[0], v[1]) + w + (v[2],)

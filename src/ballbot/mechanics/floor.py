@@ -83,18 +83,18 @@ def _rolling_friction(P, v):
 
 @inlined
 def rolling_brake(rolling_force, speed):
-    """Return N C_rr/|v|: what the velocity is multiplied by, zero at rest being its own direction."""
+    """Return N C_rr/|v|, the factor of the velocity in the force; finite at rest."""
     return rolling_force / max(speed, _NO_SPEED)
 
 
 @inlined
 def rolling_margin(P, v):
-    """Return what is positive where the ball rolls, or has no rolling friction."""
+    """Return a number that is positive if the ball rolls, or has no rolling friction."""
     return v[0] * v[0] + v[1] * v[1] - REST * REST if P.rolling_force > 0.0 else 1.0
 
 
 def floor_margin(P, start, state) -> float:  # pragma: no cover (compiled form below)
-    """Return what stays positive while the ball rolls on forward and spins the same way."""
+    """Return a number that stays positive while the ball rolls on forward and spins the same way."""
     raise NotImplementedError("compiled code only")
 
 
@@ -109,7 +109,7 @@ def _floor_margin(P, start, state):
 
 @inlined
 def _spin_margin(start, spin):
-    """Return what is positive while the spin keeps its sign, or stays zero."""
+    """Return a number that is positive while the spin keeps its sign, or stays zero."""
     return start * spin if start != 0.0 or spin != 0.0 else 1.0
 
 

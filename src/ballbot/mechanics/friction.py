@@ -1,17 +1,17 @@
-"""The friction law of a robot's wheels (thesis 3.3 and 3.8) and rolling friction (3.7); the formula stands here only.
+"""The friction law of a robot's wheels (thesis 3.3 and 3.8); the formula stands here only.
 
-    tau(w) = b w + (c + mu |u| + s E) sgn(w) + d + e E,    E = exp(-|w/v_s|^delta)        F = -N C_rr v/|v|
+    tau(w) = b w + (c + mu |u| + s E) sgn(w) + d + e E,    E = exp(-|w/v_s|^delta)
 
-c + d and s + e act on a wheel that turns forward, c - d and s - e on one that turns backward; mu |u| is what a drive's
-teeth rub under the motor's torque u. d, e and mu are absent from most robots, and then from compiled code as well
-(`PlainLaw`). Both frictions are set-valued at rest: there the friction is whatever holds, from
--(c - d + s - e + mu |u|) to c + d + s + e + mu |u|, and up to N C_rr.
+c + d and s + e act on a wheel that turns forward, c - d and s - e on one that turns backward; mu |u| is the friction of
+a drive's teeth under the motor's torque u. d, e and mu are absent from most robots, and then from compiled code as well
+(`PlainLaw`). At rest the friction is set-valued: it balances the load, from -(c - d + s - e + mu |u|) to
+c + d + s + e + mu |u|. The rolling friction of the ball is in `ballbot.mechanics.floor`.
 
 A dry friction that differs with direction is a symmetric one, c + mu |u| + s E, about the torque d + e E. So the convex
 step's asymmetric box is a symmetric box, with that torque taken from the motor's: the minimiser is the same.
 
-NumPy's form is the reference of the compiled one. The compiled functions take the sign from outside, because who
-integrates must know when it may change.
+NumPy's form is the reference of the compiled one. The compiled functions take the sign from outside, because
+the integrator must know when it may change.
 """
 
 from __future__ import annotations
@@ -181,9 +181,8 @@ def wheel_law(*frictions: Friction) -> WheelLaw:
 
 
 _LOG2_OF_LOG2_E = 0.5287663729448977  # e^-p = 2^-(p log2 e)
-_LARGEST_EXPONENT = (
-    9.5  # 2^-2^9.5 is 1e-218: nothing is left of s, and 2^9.5 is a power that two may still be raised to
-)
+#: 2^-2^9.5 is 1e-218: nothing is left of s, and 2^9.5 is a power that two may still be raised to
+_LARGEST_EXPONENT = 9.5
 
 
 @inlined
@@ -223,7 +222,7 @@ def _with_decay_in_direction(wheel, power, direction):
 
 @inlined
 def directed_friction(wheel, speed, direction):
-    """Return the size of the dry friction of a wheel that turns in a direction: what `direction` is multiplied by."""
+    """Return the size of the dry friction of a wheel that turns in a direction (1, -1; 0 for the mean of both)."""
     return with_decay(wheel, power_of_two(decay_exponent(wheel, speed)), direction)
 
 

@@ -5,8 +5,8 @@ State x = [x y theta phi psi and their rates], input u = wheel torques [N m]:
     M(q) q_ddot + bias(q, q_dot) = W(q)^T (u - friction)        wheel speeds  W(q) q_dot
 
 "exact" is the corrected rigid-body model, "thesis" Appendix II as printed. `LinearModel` is x_dot = A x + B u about
-upright. `contact_momentum` is what the driveline cannot hide: the angular momentum about the point where the ball
-touches the floor.
+upright. `contact_momentum` is the angular momentum about the point where the ball touches the floor; no friction of the
+driveline changes it.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from ballbot.mechanics.engine.arrays import (
 )
 from ballbot.mechanics.engine.run import simulate_one
 from ballbot.mechanics.equations import LARGEST_LEAN
-from ballbot.mechanics.friction import wheel_law
+from ballbot.mechanics.friction import WheelLaw, wheel_law
 from ballbot.mechanics.parameters import Exact, Formulation, Pivoting, Thesis, pack, selector
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.state import STATE_NAMES, torque_names
@@ -53,7 +53,7 @@ class LinearModel:
         half, torques = len(self.A) // 2, torque_names(self.B.shape[1])
         names = STATE_NAMES if len(self.A) == len(STATE_NAMES) else [f"x{i + 1}" for i in range(len(self.A))]
         by_each = np.hstack([self.A[half:], self.B[half:]])
-        # what is left of a sum that is zero
+        # rounding of a sum that is zero
         by_each = np.where(abs(by_each) < 1e-12 * abs(by_each).max(), 0.0, by_each)
         cells = [tuple(f"{value:.4g}" for value in column) for column in by_each.T.tolist()]
         whole = not self.B[:half].any() and np.array_equal(self.A[:half], np.eye(half, 2 * half, half))
@@ -141,10 +141,9 @@ class Model:
             object.__setattr__(self, name, value)
         self._check()
         law = wheel_law(self.robot.friction)
-        row = pack(self.robot, self.formulation, pivoting=self.pivoting or 0.0, law=law)
         chosen = selector(self.formulation, self.robot.wheel_count, pivoting=self.pivots, law=law)
         object.__setattr__(self, "_selected", chosen)
-        object.__setattr__(self, "_row", row)
+        object.__setattr__(self, "_row", self._pack(law))
 
     def _check(self) -> None:
         if self.formulation not in ("exact", "thesis"):
@@ -168,7 +167,7 @@ class Model:
 
     @property
     def selected(self) -> Exact | Thesis | Pivoting:
-        """What selects the compiled equations."""
+        """The value that selects the compiled equations."""
         return self._selected  # pyright: ignore[reportAttributeAccessIssue]
 
     @property
@@ -176,8 +175,15 @@ class Model:
         """The robot's numbers as compiled code reads them; see `ballbot.mechanics.parameters.pack`."""
         return self._row  # pyright: ignore[reportAttributeAccessIssue]
 
+    def packed_under(self, law: WheelLaw) -> NDArray[np.float64]:
+        """Return `packed` for compiled equations with that law, which robots with and without further terms share."""
+        return self.packed if type(law) is type(self.selected.law) else self._pack(law)
+
+    def _pack(self, law: WheelLaw) -> NDArray[np.float64]:
+        return pack(self.robot, self.formulation, pivoting=self.pivoting or 0.0, law=law)
+
     def summary(self) -> Summary:
-        """Return what the model is made of."""
+        """Return the model's formulation, step and pivoting friction."""
         pivoting = "none" if self.pivoting is None else f"against at most {self.pivoting:.3g} N m"
         rows = (
             ("formulation", self.formulation),
@@ -212,7 +218,7 @@ class Model:
         return out.reshape(*shape, self.velocity_count)
 
     def wheel_speed(self, q: ArrayLike, q_dot: ArrayLike) -> NDArray[np.float64]:
-        """Return the wheel speeds (..., n) [rad/s]: what an encoder sees ("exact"), Omega_wheels (II.16) ("thesis")."""
+        """Return the wheel speeds (..., n) [rad/s]: the encoders' ("exact"), or Omega_wheels (II.16) ("thesis")."""
         (q, q_dot), shape = _rows([(q, 5, "q"), (q_dot, self.velocity_count, "q_dot")])
         out = np.empty((len(q), self.robot.wheel_count))
         evaluate_wheel_speeds(self.selected, self.packed, q, q_dot, out)
@@ -245,7 +251,7 @@ class Model:
                 "without pivoting friction."
             )
         robot, origin = self.robot, np.zeros(5)
-        if self.formulation == "exact":  # what the first command needs takes half the time to compile
+        if self.formulation == "exact":  # this form, which a first command needs, compiles in half the time
             M, W = np.empty((5, 5)), np.empty((robot.wheel_count, 5))
             evaluate_upright(self.selected, self.packed, origin[2:], M, W)
         else:

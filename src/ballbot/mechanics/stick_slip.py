@@ -12,8 +12,8 @@ finite freedom dynamics, 1988). It dissipates always and needs no smoothing.
 The holding forces of full stick are tried first, and then rest is exactly zero. Otherwise the unknowns are the friction
 forces, lambda in the boxes and r in the disc, with the speeds at the contacts C nu_free - h G lambda, G = C M^-1 C^T
 (here C has rows for the ball's x and y, last). Given which boxes stick and the signs of the others, those that stick
-are eliminated and the disc is solved in closed form but for one number; what disagrees with the guess makes the next
-one. Where guesses go round in circles, every one is tried.
+are eliminated and the disc is solved in closed form but for one number; the boxes that disagree with the guess make
+the next one. If guesses go round in circles, every one is tried.
 
 A guess is good enough by how far from the minimiser it can be. Forces beyond their limits by e put nu off by at most
 |h M^-1 C^T e| in the norm of the kinetic energy, since the step is a projection in that norm.
@@ -125,20 +125,27 @@ def _idle_force(C, wheel):
 
 
 @called
-def _mobility(M, C):
-    """Return Y (n + 2, m) and G (n + 2, n + 2): the velocities and speeds at contacts per unit force at each."""
+def contact_rows(C):
+    """Return the rows (n + 2, m) that give the speeds at all contacts: those of the boxes, then the ball's x and y."""
     n, m = C.shape
-    rows, Y = np.zeros((n + 2, m)), np.zeros((n + 2, m))
+    rows = np.zeros((n + 2, m))
     for box in range(n):
         fill(rows[box], C[box])
     rows[n, 0] = rows[n + 1, 1] = 1.0
-    for contact in range(n + 2):
+    return rows
+
+
+@called
+def mobility(M, rows):
+    """Return Y (contacts, m) and G (contacts, contacts): velocities and contact speeds per unit force at each."""
+    count, m = rows.shape
+    Y, G = np.empty((count, m)), np.zeros((count, count))
+    for contact in range(count):
         K = M.copy()
         fill(Y[contact], rows[contact])
         solve_in_place(K, Y[contact], m)
-    G = np.zeros((n + 2, n + 2))
-    for i in range(n + 2):
-        for j in range(n + 2):
+    for i in range(count):
+        for j in range(count):
             for velocity in range(m):
                 G[i, j] += rows[i, velocity] * Y[j, velocity]
     return Y, G
@@ -245,7 +252,7 @@ def _forces_of_guess(signs, C, G, ahead, limits, rolling_force, h, forces, speed
 
 @called
 def _share_idle_force(C, limits, forces):
-    """Add forces without effect to those of four sticking wheels, to the middle of what the limits allow."""
+    """Add forces without effect to those of four sticking wheels, to the middle of the range that the limits allow."""
     low, high = -np.inf, np.inf
     for wheel in range(4):
         idle = _idle_force(C, wheel)
@@ -337,8 +344,8 @@ def minimise(
     C : array_like (n, 5) or (n + 1, 6)
         Rows that give the wheel speeds and, where the ball may pivot, its spin.
     limits : array_like (n,) or (n + 1,), or of as many pairs
-        g_i and the largest pivoting friction [N m], not negative; a pair is what acts on a forward speed, and on a
-        backward one.
+        g_i and the largest pivoting friction [N m], not negative; a pair is the limit for a forward and for a
+        backward speed.
     rolling_force : float
         N C_rr [N], not negative.
     h : float
@@ -382,11 +389,11 @@ def _minimise(M, free, C, limits, rolling_force, h, start):
 
 @shared
 def minimiser(M, free, C, limits, rolling_force, h, start):
-    """Return what `minimise` does, to compiled code."""
+    """Return the velocities of `minimise`, to compiled code."""
     n, m = C.shape
     if rest_is_held(M, free, C, limits, rolling_force, h):
         return np.zeros(m)
-    Y, G = _mobility(M, C)
+    Y, G = mobility(M, contact_rows(C))
     ahead = np.zeros(n + 2)
     ahead[n], ahead[n + 1] = free[0], free[1]
     energy = 0.0

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +24,7 @@ from ballbot.control.references import Reference, ReferenceLike, as_reference
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.arrays import fill
 from ballbot.mechanics.engine.compiled import called, compiled, inlined
-from ballbot.mechanics.engine.lanes import LANES, STEP, TORQUE, new_work, robot_in
+from ballbot.mechanics.engine.lanes import LANES, STEP, TORQUE, new_work, put_robot, robot_in
 from ballbot.mechanics.engine.loading import load
 from ballbot.mechanics.engine.run import (
     load_state,
@@ -38,12 +38,14 @@ from ballbot.mechanics.engine.smooth import pose
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.friction import wheel_law
 from ballbot.mechanics.model import Model, ModelLike, as_model
-from ballbot.mechanics.parameters import pack, selector
-from ballbot.robot import Robot, RobotLike, as_robot
+from ballbot.mechanics.parameters import selector
+from ballbot.robot import Robot
 from ballbot.simulation.batch_result import ClosedLoopBatch
 from ballbot.simulation.conditions import FALLING_PART, Conditions, pack_conditions
 from ballbot.simulation.model_plant import checked_states, friction_needed, lift_off, pack_contacts, sinking
 from ballbot.simulation.run import sample_count
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,7 +59,7 @@ class Verdict:
     """
 
     #: rows c (m, 10): settled where |c e| <= 1 for each, e = S(psi) (r - x) the error in the heading frame;
-    #: infinite numbers for what never settles
+    #: infinite numbers if a lane is never to count as settled
     settled: NDArray[np.float64]
     lost: float  #: lean [rad] beyond which a robot that leans further cannot come back
     grip: float = math.inf  #: friction coefficient of wheels on ball that holds; needing more ends a lane
@@ -78,7 +80,7 @@ class Verdict:
 
 
 class _Inputs(NamedTuple):
-    """What each lane is and begins with; one row may hold for every lane."""
+    """Each lane's robot, controller, conditions and start; one row may hold for every lane."""
 
     parameters: NDArray[np.float64]  #: rows of `pack`
     lift_offs: NDArray[np.float64]
@@ -106,7 +108,7 @@ class _Sampling(NamedTuple):
 
 
 class _Outcome(NamedTuple):
-    """What the compiled call writes, for each lane."""
+    """The arrays that the compiled call fills, for each lane."""
 
     states: NDArray[np.float64]  #: (lanes, records, 10)
     torques: NDArray[np.float64]  #: (lanes, records, n)
@@ -148,6 +150,23 @@ def _within(bounds, state, reference):
     return True
 
 
+def _models(source: ModelLike | Sequence[ModelLike]) -> list[Model]:
+    """Return the models; one compiled call steps them all."""
+    if isinstance(source, Sequence) and not isinstance(source, str):
+        models = [as_model(one) for one in source]
+    else:
+        models = [as_model(source)]
+    if not models:
+        raise InputError("The sequence of models is empty; give one model, or one for each lane.")
+    kinds = {(one.formulation, one.step, one.pivots) for one in models}
+    if len(kinds) != 1:
+        raise InputError(
+            f"The models are of {len(kinds)} kinds; all models of a batch must have the same formulation and inner "
+            "step, and all or none a pivoting ball."
+        )
+    return models
+
+
 def _compiled_controllers(
     source: ControllerLike | Sequence[ControllerLike], robot: Robot
 ) -> list[Controller]:
@@ -164,35 +183,32 @@ def _compiled_controllers(
 
 @checked_arguments
 def simulate_batch(
-    model: ModelLike,
+    model: ModelLike | Sequence[ModelLike],
     controller: Controller | str | Path | Sequence[Controller | str | Path],
     reference: ReferenceLike,
     *,
     duration: float,
     initial_states: ArrayLike | None = None,
-    robots: Sequence[RobotLike] | None = None,
     conditions: Sequence[Conditions] | None = None,
     verdict: Verdict | None = None,
     every: int = 1,
     threads: int | None = None,
 ) -> ClosedLoopBatch:
-    """Run many robots in closed loop, each from its own start, with its own parameters and controller.
+    """Run many robots in closed loop, each from its own start, with its own model and controller.
 
     Parameters
     ----------
-    model : Model, robot, preset or robot file
-        Gives the formulation, the inner step and the pivoting friction, and the robot where `robots` does not.
+    model : Model, robot, preset or robot file, or a sequence of them
+        One for all lanes or one for each; of one formulation and inner step, and a pivoting ball in all or in none.
         A ball that pivots starts without spin.
     controller : Controller, "nominal", "precise" or controller file, or a sequence of them
-        One for all lanes or one for each; of one sample time.
+        One for all lanes or one for each; of one sample time. A name stands for that of the first model's robot.
     reference : callable, name or reference file
         f(t) -> (10,), the same for all lanes.
     duration : float
         [s]
     initial_states : array_like (10,) or (lanes, 10), optional
         Upright at rest at the origin by default.
-    robots : sequence of Robot, preset or robot file, optional
-        One for each lane; their controllers stay what they are.
     conditions : sequence of Conditions, optional
         One for all lanes or one for each: late torques, a sloping floor. None of either by default.
     verdict : Verdict, optional
@@ -209,16 +225,16 @@ def simulate_batch(
     Raises
     ------
     InputError
-        If lanes, wheels or sample times disagree, or the reference asks for a lean or a rate.
+        If lanes, models, wheels or sample times disagree, or the reference asks for a lean or a rate.
     """
-    model = as_model(model)
-    controllers = _compiled_controllers(controller, model.robot)
-    bodies = [model.robot] if robots is None else [as_robot(one) for one in robots]
+    models = _models(model)
+    robots = [one.robot for one in models]
+    controllers = _compiled_controllers(controller, robots[0])
     initial = checked_states(np.zeros(10) if initial_states is None else initial_states)
     borne = [Conditions()] if conditions is None else list(conditions)
-    lanes = _lanes(len(initial), len(bodies), len(controllers), len(borne))
+    lanes = _lanes(len(initial), len(models), len(controllers), len(borne))
     sample_time = _common_sample_time(controllers)
-    n = _common_wheel_count(model, bodies, controllers)
+    n = _common_wheel_count(robots, controllers)
     samples = sample_count(duration, sample_time)
     every = whole_number(every, "every", least=0) or samples
     references = _sampled(as_reference(reference), samples, sample_time)
@@ -232,16 +248,14 @@ def simulate_batch(
         slipped=np.zeros(lanes, np.bool_),
         changes=np.zeros(lanes),
     )
-    law = wheel_law(*(robot.friction for robot in bodies))
-    selected = selector(model.formulation, n, pivoting=model.pivots, law=law)
+    law = wheel_law(*(robot.friction for robot in robots))
+    selected = selector(models[0].formulation, n, pivoting=models[0].pivots, law=law)
     inputs = _Inputs(
-        parameters=_rows(
-            lambda robot: pack(robot, model.formulation, pivoting=model.pivoting or 0.0, law=law), bodies
-        ),
-        lift_offs=_rows(lift_off, bodies),
+        parameters=_rows(lambda one: one.packed_under(law), models),
+        lift_offs=_rows(lift_off, robots),
         laws=np.stack([one.packed for one in controllers]),
-        conditions=pack_conditions(borne, bodies),
-        contacts=_rows(pack_contacts, bodies),
+        conditions=pack_conditions(borne, robots),
+        contacts=_rows(pack_contacts, robots),
         initial=initial,
     )
     limits = _Limits(
@@ -249,7 +263,7 @@ def simulate_batch(
         lost=LARGEST_LEAN if verdict is None else min(verdict.lost, LARGEST_LEAN),
         grip=math.inf if verdict is None else verdict.grip,
     )
-    steps = model.steps_in(sample_time)
+    steps = models[0].steps_in(sample_time)
     sampling = _Sampling(references=references, h=sample_time / steps, steps=steps, every=every)
 
     def run(first: int) -> None:
@@ -283,7 +297,7 @@ def _run_closed_loop_block(selected, inputs, limits, sampling, first, width, out
     late = np.zeros((1 + longest, width, len(held)))  # torques on their way
     acting, room = np.zeros((width, len(held))), np.zeros(len(held))
     for lane in range(width):
-        _load_robot(work, lane, inputs.parameters[_row_of(inputs.parameters, first + lane)])
+        put_robot(work, lane, inputs.parameters[_row_of(inputs.parameters, first + lane)])
         fill(state, inputs.initial[_row_of(inputs.initial, first + lane)])
         _shift_lean(state, conditions[_row_of(conditions, first + lane)], -1.0)
         start_lane(selected, work, lane, state, sampling.h)
@@ -333,12 +347,6 @@ def _row_of(rows, lane):
 
 
 @inlined
-def _load_robot(work, lane, row):
-    for i in range(len(row)):
-        work[i * LANES + lane] = row[i]
-
-
-@inlined
 def _shift_lean(state, row, sign):
     """Add or subtract the lean at which the floor's slope has the robot rest."""
     state[2] += sign * row[1]
@@ -362,7 +370,7 @@ def _squared_distance(a, b):
 
 @inlined
 def _put_torques(selected, work, lane, row, psi, torques):
-    """Let torques act on a lane: what its motors can of them, less what the floor's slope takes up."""
+    """Let torques act on a lane, limited to those its motors can give, less those that hold it on the floor's slope."""
     if row[3] < math.inf:
         _, speeds = pose(selected, load(selected, work, lane), load_state(selected, work, lane))
         for i in range(len(torques)):
@@ -374,7 +382,7 @@ def _put_torques(selected, work, lane, row, psi, torques):
 
 @inlined
 def _within_supply(torque, speed, top, most):
-    """Return what a motor can of a torque: near its highest speed nothing more that would drive it on."""
+    """Return a torque limited to the motor's: near its highest speed the driving torque falls to zero."""
     share = (top - math.copysign(speed, speed * torque)) / (FALLING_PART * top)
     left = most * min(max(share, 0.0), 1.0)
     return min(max(torque, -left), left)
@@ -409,20 +417,18 @@ def _grips(selected, work, lane, touching, room, grip):
 def _lanes(*counts: int) -> int:
     lanes = max(counts)
     if any(count not in (1, lanes) for count in counts):
-        starts, robots, controllers, conditions = counts
+        starts, models, controllers, conditions = counts
         raise InputError(
-            f"There are {starts} initial states, {robots} robots, {controllers} controllers and {conditions} "
+            f"There are {starts} initial states, {models} models, {controllers} controllers and {conditions} "
             "conditions; each number must be one or the number of lanes."
         )
     return lanes
 
 
-def _rows(
-    row_of: Callable[[Robot], NDArray[np.float64] | float], robots: Sequence[Robot]
-) -> NDArray[np.float64]:
-    """Return a row for each robot, made once where a robot is there more than once."""
-    made = {id(robot): row_of(robot) for robot in {id(robot): robot for robot in robots}.values()}
-    return np.array([made[id(robot)] for robot in robots])
+def _rows(row_of: Callable[[T], NDArray[np.float64] | float], values: Sequence[T]) -> NDArray[np.float64]:
+    """Return a row for each value, made once where a value is there more than once."""
+    made = {id(value): row_of(value) for value in {id(value): value for value in values}.values()}
+    return np.array([made[id(value)] for value in values])
 
 
 def _common_sample_time(controllers: Sequence[Controller]) -> float:
@@ -435,8 +441,8 @@ def _common_sample_time(controllers: Sequence[Controller]) -> float:
     return times.pop()
 
 
-def _common_wheel_count(model: Model, robots: Sequence[Robot], controllers: Sequence[Controller]) -> int:
-    counts = {model.robot.wheel_count, *(r.wheel_count for r in robots), *(len(c.gain) for c in controllers)}
+def _common_wheel_count(robots: Sequence[Robot], controllers: Sequence[Controller]) -> int:
+    counts = {*(one.wheel_count for one in robots), *(len(one.gain) for one in controllers)}
     if len(counts) != 1:
         raise InputError(
             f"Robots and controllers have {sorted(counts)} wheels; all of a batch must have the same number."

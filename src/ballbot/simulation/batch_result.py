@@ -1,4 +1,4 @@
-"""What a batch of robots in closed loop returns."""
+"""The result of a batch of robots in closed loop."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from ballbot.summary import Summary, counted, range_words, summarized
 @summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ClosedLoopBatch:
-    """What `simulate_batch` returns, a lane for each robot."""
+    """The result of `simulate_batch`, a lane for each robot."""
 
     t: NDArray[np.float64]  #: (records,) [s]
     states: NDArray[np.float64]  #: (lanes, records, 10); a lane that ended or settled stays where it was
     torques: NDArray[np.float64]  #: (lanes, records, n) held over the sample that ends at t [N m]
     ended: NDArray[np.float64]  #: (lanes,) time [s] at which a lane ended; infinity where it did not
-    #: (lanes,) time [s] at which a `Verdict` saw it settled; infinity where none did
+    #: (lanes,) time [s] at which a `Verdict` saw it settled; infinity if it never did
     settled: NDArray[np.float64]
     lifted: NDArray[np.bool_]  #: (lanes,) whether it ended because the floor would have had to pull
     slipped: NDArray[np.bool_]  #: (lanes,) whether it ended because a wheel would have slipped on the ball

@@ -1,4 +1,4 @@
-"""What a closed loop may have to bear in a batch: late torques, motors that run out of voltage, a floor not level.
+"""Disturbances of a closed loop in a batch: late torques, motors that run out of voltage, a floor that slopes.
 
 A floor of slope s = grad h pulls on all that rolls with -(m_b + m_r) g s. A robot at rest on it leans uphill and holds
 itself by wheel torques u_0 with A^T u_0 = T,
@@ -33,7 +33,7 @@ MAX_DELAY = 1000
 
 @dataclass(frozen=True, kw_only=True)
 class Conditions:
-    """What one robot's loop has to bear.
+    """The disturbances of one robot's loop.
 
     Raises
     ------
@@ -43,9 +43,8 @@ class Conditions:
     """
 
     delay: int = 0  #: samples by which torques come later than they were computed
-    top_speed: float = (
-        math.inf
-    )  #: of a wheel, at which its motor has no torque left to drive it faster [rad/s]
+    #: of a wheel, at which its motor has no torque left to drive it faster [rad/s]
+    top_speed: float = math.inf
     slope: tuple[float, float] = (0.0, 0.0)  #: rise of the floor along x and along y [-]
     #: samples without a measurement, in a row from sample `missing_from` on; the law gives no torque in them
     missing: int = 0

@@ -166,7 +166,7 @@ _MAX_STEPS = 100_000  # a sample
 def speed_clamp(speed: ArrayLike, limit: float) -> NDArray[np.float64]:
     """Return max(min(x_2, l), -l), the thesis's (3.2) as printed.
 
-    With the text's l = -27.7 rad/s it is +27.7 at every speed; l = 27.7 is what is meant.
+    With the text's l = -27.7 rad/s it is +27.7 at every speed; l = 27.7 is meant.
     """
     return np.maximum(np.minimum(np.asarray(speed, dtype=float), limit), -limit)
 
@@ -187,7 +187,7 @@ class SpeedClamp:
 
 @dataclass(frozen=True, kw_only=True)
 class TorqueSpeedCurve:
-    """What a supply lets through: T from -T_stall (1 + w/w_0) to T_stall (1 - w/w_0)."""
+    """The torques that a supply lets through: T from -T_stall (1 + w/w_0) to T_stall (1 - w/w_0)."""
 
     no_load_speed: float  #: w_0 [rad/s]
     stall_torque: float  #: T_stall [N m] at full supply, whatever the driver's own limit
@@ -272,10 +272,10 @@ class Driveline:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DrivelineMotion:
-    """What `simulate_drivelines` returns: a row for each lane, a column after every recorded sample."""
+    """The result of `simulate_drivelines`: a row for each lane, a column after every recorded sample."""
 
     t: NDArray[np.float64]  #: (records,) [s]
-    speeds: NDArray[np.float64]  #: (lanes, records) what an encoder sees, the thesis's x_1_dot [rad/s]
+    speeds: NDArray[np.float64]  #: (lanes, records) as an encoder has them, the thesis's x_1_dot [rad/s]
     angles: NDArray[np.float64]  #: (lanes, records) [rad], 0 at the start
     integrated_speeds: NDArray[np.float64]  #: (lanes, records) x_2, which (3.2) lets run on [rad/s]
 
@@ -346,7 +346,7 @@ def simulate_drivelines(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Batch:
-    """What the lanes are run on, checked and filled up."""
+    """The checked inputs of all lanes, one row or entry for each, and the array for their results."""
 
     lines: list[Driveline]
     starts: NDArray[np.float64]

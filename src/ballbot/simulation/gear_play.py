@@ -15,9 +15,9 @@ A step of at most 0.5 ms has one implicit solution for the torques T, the set-va
 the stops, found contact by contact (Gauss and Seidel's method; each contact is solved exactly), as in J. J. Moreau,
 Unilateral contact and dry friction in finite freedom dynamics, 1988.
 
-What it neglects: rebound and compliance at the stops (an impact's torque lasts one or two steps; the twin's stops are
+Neglected are rebound and compliance at the stops (an impact's torque lasts one or two steps; the twin's stops are
 soft, which makes its torques rougher where friction is compensated), friction between the gear's teeth, and the rotors'
-turning with the body, as the model does. Velocities are of first order in the step, where `ModelPlant` is of fourth
+turning with the body, as in the model. Velocities are of first order in the step, where `ModelPlant` is of fourth
 while nothing sticks.
 """
 
@@ -33,17 +33,17 @@ from ballbot.arrays import positive_number, real_array
 from ballbot.errors import InputError
 from ballbot.mechanics.accelerations import solve
 from ballbot.mechanics.contacts import finished, free_motion
-from ballbot.mechanics.engine.arrays import box_rows, fill, in_order, mass_matrix
+from ballbot.mechanics.engine.arrays import box_rows, in_order, mass_matrix
 from ballbot.mechanics.engine.compiled import called, compiled
-from ballbot.mechanics.engine.lanes import LANES, ROWS, STATE, TORQUE, stored
+from ballbot.mechanics.engine.lanes import LANES, ROWS, STATE, TORQUE, put_robot, stored
 from ballbot.mechanics.engine.loading import load
 from ballbot.mechanics.engine.run import load_state, start_lane, velocity_in, write_state
-from ballbot.mechanics.engine.vector import each_with
+from ballbot.mechanics.engine.vector import each_with, element
 from ballbot.mechanics.equations import LARGEST_LEAN, balancing_attitude
 from ballbot.mechanics.friction import dry_friction, friction_shift
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import PLACES, RIGID_SIZE, WHEEL_SIZE, friction_places
-from ballbot.mechanics.stick_slip import solve_in_place
+from ballbot.mechanics.stick_slip import contact_rows, mobility
 from ballbot.robot import Robot
 from ballbot.robot.derived import reflected_rotor_inertia
 from ballbot.simulation.model_plant import checked_states, lift_off, measurement, why_ended
@@ -59,7 +59,7 @@ _SETTLED = 1e-10
 
 
 class GearPlayPlant:
-    """A `Model` whose gearboxes have play, behind the plant's seam. What is measured is what is true.
+    """A `Model` whose gearboxes have play, behind the plant's seam. Its measurements are the true state.
 
     Wheel angles and speeds are the motors', which the encoders see. A run ends as `ModelPlant`'s does.
 
@@ -189,7 +189,7 @@ def _rotor_inertia(robot: Robot) -> float:
 
 
 def _row_without_motors(model: Model) -> NDArray[np.float64]:
-    """Return the packed robot without its rotors and their friction: what is beyond the play."""
+    """Return the packed robot without its rotors and their friction, which are on the motor's side of the play."""
     row, n = model.packed.copy(), model.robot.wheel_count
     row[_INERTIA_PLACES] -= _rotor_inertia(model.robot)
     row[friction_places(n)[: 3 * n]] = 0.0
@@ -197,8 +197,8 @@ def _row_without_motors(model: Model) -> NDArray[np.float64]:
     return row
 
 
-#: rows of what the forces at the contacts are found from, for each motor: its momentum, its inertia with viscous
-#: friction, the momentum that dry friction can take, the lowest and highest speed relative to its wheel, its speed
+#: rows of an array with a column for each motor: its momentum, its inertia with viscous friction, the momentum that
+#: dry friction can take, the lowest and highest speed relative to its wheel, its speed
 _MOMENTUM, _INERTIA, _DRY, _LOW, _HIGH, _SPEED, _MOTOR_ROWS = range(7)
 
 
@@ -211,11 +211,6 @@ class GearPlayNumbers(NamedTuple):
     play: float  #: [rad]
 
 
-@called
-def _torque_at(wheel, u):
-    return u[wheel]
-
-
 @compiled
 def run_with_play(selected, robot, state, motors, torques, loads, h, steps, transmitted):
     """Advance a robot by `steps` steps of h [s]; state, motors and transmitted are overwritten.
@@ -226,9 +221,8 @@ def run_with_play(selected, robot, state, motors, torques, loads, h, steps, tran
     """
     n, inertia, play = len(torques), robot.inertia, robot.play
     work, friction = np.zeros(ROWS * LANES), np.zeros(ROWS * LANES)
-    for i in range(len(robot.wheel_side)):
-        work[i * LANES] = robot.wheel_side[i]
-        friction[i * LANES] = robot.whole[i]
+    put_robot(work, 0, robot.wheel_side)
+    put_robot(friction, 0, robot.whole)
     start_lane(selected, work, 0, state, h)
     for i in range(n):
         friction[(TORQUE + i) * LANES] = torques[i]
@@ -236,7 +230,7 @@ def run_with_play(selected, robot, state, motors, torques, loads, h, steps, tran
     burden = np.empty(n)
     for i in range(n):
         burden[i] = -loads[i]
-    burdens = each_with(_torque_at, selected.wheels, burden)
+    burdens = each_with(element, selected.wheels, burden)
     motor, forces = np.empty((_MOTOR_ROWS, n)), np.zeros(n + 3)
     for _ in range(steps):
         x = load_state(selected, work, 0)
@@ -248,8 +242,8 @@ def run_with_play(selected, robot, state, motors, torques, loads, h, steps, tran
         start, nu = in_order(free.v, free.w), in_order(v_dot, w_dot)
         for j in range(len(nu)):
             nu[j] = start[j] + h * nu[j]
-        rows = _contact_rows(box_rows(selected, P, a))
-        Y, G = _mobility(mass_matrix(free.system), rows)
+        rows = contact_rows(box_rows(selected, P, a))
+        Y, G = mobility(mass_matrix(free.system), rows)
         before, speeds = _speeds(rows, start), _speeds(rows, nu)
         _load_motors(drivelines, inertia, play, motors, torques, h, motor)
         _settle(G, speeds, motor, P.rolling_force, P.pivoting, h, forces)
@@ -269,7 +263,7 @@ def run_with_play(selected, robot, state, motors, torques, loads, h, steps, tran
 
 @called
 def _load_motors(drivelines, inertia, play, motors, torques, h, motor):
-    """Fill `motor`, but for the speeds, with what the motors bring into a step."""
+    """Fill all rows of `motor` but the speeds with the motors' state at a step's start."""
     for i, driveline in enumerate(drivelines):
         shift = friction_shift(driveline, motors[0, i])
         motor[_MOMENTUM, i] = inertia * motors[0, i] + h * (torques[i] - shift)
@@ -287,33 +281,6 @@ def _speeds(rows, velocities):
         for j in range(len(velocities)):
             speeds[i] += rows[i, j] * velocities[j]
     return speeds
-
-
-@called
-def _contact_rows(boxes):
-    """Return the rows that give the speeds at all contacts: wheels, spin where the ball pivots, the ball's x and y."""
-    count, m = boxes.shape
-    rows = np.zeros((count + 2, m))
-    for i in range(count):
-        fill(rows[i], boxes[i])
-    rows[count, 0] = rows[count + 1, 1] = 1.0
-    return rows
-
-
-@called
-def _mobility(M, rows):
-    """Return M^-1 rows^T, a row for each contact, and G = rows M^-1 rows^T."""
-    count, m = rows.shape
-    Y, G = np.empty((count, m)), np.zeros((count, count))
-    for i in range(count):
-        K = M.copy()
-        fill(Y[i], rows[i])
-        solve_in_place(K, Y[i], m)
-    for i in range(count):
-        for j in range(count):
-            for k in range(m):
-                G[i, j] += rows[i, k] * Y[j, k]
-    return Y, G
 
 
 @called
@@ -375,5 +342,5 @@ def _through_play(wheel, mobility, motor, h):
 
 @called
 def _braked(momentum, dry):
-    """Return what dry friction leaves of a momentum."""
+    """Return a momentum less the part that dry friction takes."""
     return math.copysign(max(abs(momentum) - dry, 0.0), momentum)

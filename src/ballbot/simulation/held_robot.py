@@ -49,7 +49,7 @@ class HeldRobot:
     robot : Robot
         With its friction.
     sensors : Sensors, optional
-        What the sensors are; the robot's own by default.
+        The sensors' errors; the robot's own by default.
     hold : {"on_ball", "in_air", "upside_down"}
     torque_noise : float
         Standard deviation of each sample's torque [N m].

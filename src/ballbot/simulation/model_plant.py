@@ -25,16 +25,17 @@ from ballbot.arrays import positive_number, real_array
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.arrays import angle_accelerations
 from ballbot.mechanics.engine.compiled import compiled, inlined
-from ballbot.mechanics.engine.lanes import LANES, ROWS
+from ballbot.mechanics.engine.lanes import LANES, ROWS, put_robot
 from ballbot.mechanics.engine.loading import load_parameters, under_torque
 from ballbot.mechanics.engine.run import load_state, simulate_one, start_lane
 from ballbot.mechanics.engine.smooth import (
     acceleration,
     ball_velocity,
     body_velocity,
+    net_torques,
     pose,
 )
-from ballbot.mechanics.engine.vector import add, cross, dot, each, each_with, rotate_back, scale
+from ballbot.mechanics.engine.vector import add, cross, dot, each, each_with, element, rotate_back, scale
 from ballbot.mechanics.equations import LARGEST_LEAN, ball_rate, rates_of_angles
 from ballbot.mechanics.floor import floor_friction
 from ballbot.mechanics.friction import directed_friction, sign
@@ -61,7 +62,8 @@ def sinking(selected, P, state, u):
     v, w = ball_velocity(state), body_velocity(state)
     signs = each(sign, speeds)
     dry = each(directed_friction, P.wheels, speeds, signs)
-    _, w_dot = acceleration(selected, P, a, v, w, u, speeds, signs, dry, floor_friction(P, v))
+    net = net_torques(P, u, speeds, signs, dry)
+    _, w_dot = acceleration(selected, P, a, v, w, net, floor_friction(P, v))
     rates = rates_of_angles(selected, a, w)
     theta, phi = rates[0], rates[1]
     accelerations = angle_accelerations(selected, a, rates, w_dot)
@@ -77,24 +79,18 @@ def sinking_of(selected, row, state, u):
     `state` is (10,), or (11,) with the spin where the ball pivots; its rates are the Euler angles'.
     """
     work = np.zeros(ROWS * LANES)
-    for i in range(len(row)):
-        work[i * LANES] = row[i]
+    put_robot(work, 0, row)
     start_lane(selected, work, 0, state, 0.0)
-    moving, torques = load_state(selected, work, 0), each_with(_torque_at, selected.wheels, u)
+    moving, torques = load_state(selected, work, 0), each_with(element, selected.wheels, u)
     P = under_torque(selected, load_parameters(selected, work, 0), torques)
     return sinking(selected, P, moving, torques)
-
-
-@inlined
-def _torque_at(wheel, u):
-    return u[wheel]
 
 
 _LIFTED = 1e9  # the friction needed where nothing presses
 
 
 def pack_contacts(robot: Robot) -> NDArray[np.float64]:
-    """Return a robot's contacts as the row (2 + 3 n + n^2,) that compiled code reads: m_r, 1/r_w, what gives N_i."""
+    """Return a robot's contacts as the row (2 + 3 n + n^2,) that compiled code reads: m_r, 1/r_w, and N_i's factors."""
     n, t = contact_directions(robot.wheels), rolling_directions(robot.wheels)
     pressing = np.linalg.pinv(n.T)
     scalars = [robot.body.mass, 1.0 / robot.wheels.radius]
@@ -108,10 +104,11 @@ def friction_needed(selected, P, state, u, row, pushes):
     `state` has the formulation's body rates; a wheel at rest counts as one without dry friction.
     """
     a, speeds = pose(selected, P, state)
-    v, w = ball_velocity(state), (state[7], state[8], state[9])
+    v, w = ball_velocity(state), body_velocity(state)
     signs = each(sign, speeds)
     dry = each(directed_friction, P.wheels, speeds, signs)
-    v_dot, w_dot = acceleration(selected, P, a, v, w, u, speeds, signs, dry, floor_friction(P, v))
+    net = net_torques(P, u, speeds, signs, dry)
+    v_dot, w_dot = acceleration(selected, P, a, v, w, net, floor_friction(P, v))
     z_dot = rotate_back(a.R, ball_rate(P, v_dot))
     for i, wheel in enumerate(P.wheels):
         speed = speeds[i]
@@ -140,19 +137,13 @@ def _largest_share(row, force, pushes):
 def friction_needed_along(selected, parameters, contacts, states, torques, out):
     """Fill `out` (N,) with the friction needed at states (N, 10), of Euler angles' rates, under torques (N, n)."""
     work, pushes = np.zeros(ROWS * LANES), np.zeros(torques.shape[1])
-    for i in range(len(parameters)):
-        work[i * LANES] = parameters[i]
+    put_robot(work, 0, parameters)
     bare = load_parameters(selected, work, 0)
     for k in range(len(states)):
         start_lane(selected, work, 0, states[k], 0.0)
-        u = each_with(_wheel_torque_at, selected.wheels, torques[k])
+        u = each_with(element, selected.wheels, torques[k])
         P = under_torque(selected, bare, u)
         out[k] = friction_needed(selected, P, load_state(selected, work, 0), u, contacts, pushes)
-
-
-@inlined
-def _wheel_torque_at(wheel, u):
-    return u[wheel]
 
 
 #: why a run on the model ends
@@ -161,7 +152,7 @@ LIFTED = "lifted: the floor would have to pull"
 
 
 class ModelPlant:
-    """A `Model` behind the plant's seam. What is measured is what is true.
+    """A `Model` behind the plant's seam. Its measurements are the true state.
 
     A run ends where theta or phi passes 1.2 rad, or where, at the end of a sample, the floor would have to pull
     the robot down. Wheel angles are the integral of the formulation's wheel speeds (trapezoids over samples).
@@ -224,12 +215,10 @@ class ModelPlant:
             sample_time=duration,
             steps=model.steps_in(duration),
         )
-        self._t = round(
-            self._t + duration, 9
-        )  # whole nanoseconds: a sum would drift past a reference's corners
+        # whole nanoseconds: a sum would drift past a reference's corners
+        self._t = round(self._t + duration, 9)
         self._wheel_speeds = self._speeds()
         self._wheel_angles = self._wheel_angles + 0.5 * duration * (before + self._wheel_speeds)
-        model = self.model
         ended = why_ended(model.selected, model.packed, self._state, torques, self._lift_off, self._t)
         return self._measure(ended)
 
@@ -275,7 +264,7 @@ def why_ended(
     Parameters
     ----------
     selected, row
-        What selects the equations, and the robot's numbers for them (`Model.selected`, `Model.packed`).
+        The selector of the equations, and the robot's numbers for them (`Model.selected`, `Model.packed`).
     state : ndarray (10,) or (11,)
     torques : ndarray (n,)
         [N m].
@@ -296,7 +285,7 @@ def measurement(
     wheel_speeds: NDArray[np.float64],
     ended: str | None,
 ) -> Measurement:
-    """Return the measurement of perfect sensors: what is measured of a state (10,) or (11,) is what is true."""
+    """Return the measurement of perfect sensors at a state (10,) or (11,)."""
     seen = state[:10].copy()
     return Measurement(
         t=t,

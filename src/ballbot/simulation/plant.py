@@ -1,7 +1,7 @@
 """The seam between a plant and everything that drives one.
 
 A plant is anything that takes wheel torques and gives measurements: the exact model, the MuJoCo twin, a
-user's own simulator, a robot on a wire. Simulation, recording and firmware tests know only what stands here.
+user's own simulator, a robot on a wire. Simulation, recording and firmware tests use only this interface.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ It stands between `ModelPlant`, whose sensors are perfect, and the MuJoCo twin: 
 and the drive of a twin's scenario, in a fraction of the twin's time. Controllers can so be compared on robots whose
 masses, geometry or friction differ from those that the controller knows.
 
-What each imperfection is:
+The imperfections:
 
 - sensors, their faults, an accelerometer and fixes: those of the twin (`ballbot.simulation.sensors`). The
   controller's state is an estimator's, of the robot that the controller knows.
@@ -55,7 +55,7 @@ class Imperfections:
         If a value is not a number of its kind, or out of its bounds.
     """
 
-    sensors: Sensors  #: what the sensors really do; their sample time is the plant's
+    sensors: Sensors  #: the sensors as they really are; their sample time is the plant's
     speed_window: int = 1  #: samples over which encoder counts are differenced into a speed
     sensor_faults: SensorFaults | None = None
     accelerometer: Accelerometer | None = None
@@ -86,7 +86,7 @@ class SensedPlant:
     Parameters
     ----------
     model : Model
-        What is true: mechanics, friction, limits of the drive. Of the exact formulation, whose wheel speeds are those
+        The true mechanics, friction and limits of the drive. Of the exact formulation, whose wheel speeds are those
         that encoders see.
     imperfections : Imperfections
     known : Robot, optional

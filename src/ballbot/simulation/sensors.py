@@ -70,7 +70,7 @@ class Encoders:
 
 @dataclass(frozen=True, kw_only=True)
 class SensorFaults:
-    """What an AHRS does besides being noisy; all of it is off at its default.
+    """Errors of an AHRS beyond white noise; all are off at their defaults.
 
     Its heading is the integral of its gyro, so the bias about the vertical turns its frame away, in addition to the
     drift in the robot's file.
@@ -126,7 +126,7 @@ class AttitudeSensor:
     random : Generator
         Source of the noise; the faults draw from a stream of their own.
     faults : SensorFaults, optional
-        What it does besides.
+        Its errors beyond noise.
     """
 
     def __init__(
@@ -361,11 +361,11 @@ class SensorSuite:
     robot : Robot
         Gear ratio and gravity; its own sensors are not looked at.
     sensors : Sensors
-        What the sensors are.
+        Sizes of the errors.
     window : int
         Samples over which encoder counts are differenced into a speed.
     faults : SensorFaults, optional
-        What the AHRS does besides being noisy.
+        Errors of the AHRS beyond noise.
     accelerometer : Accelerometer, optional
     fix : FixSource, optional
     """

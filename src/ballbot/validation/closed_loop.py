@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ballbot.control.interface import Feedback
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.mechanics.engine.run import simulate_lanes
+from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.model import Model
 from ballbot.validation.models import (
     ErrorPair,
@@ -280,12 +280,9 @@ def _step(
     """Advance all `states` (lanes, 10) of a model by one sample."""
     batch = simulate_lanes(
         model.selected,
-        parameters=model.packed[None],
-        initial=states,
-        torques=torques[:, None],
+        Lanes(parameters=model.packed[None], initial=states, torques=torques[:, None]),
         sample_time=sample_time,
         steps=model.steps_in(sample_time),
-        parameter_of=np.zeros(len(states), dtype=np.int64),
         lost_lanes=True,  # those of the sample before
     )
     return batch.states[:, 0]

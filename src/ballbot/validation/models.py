@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError, suggest
 from ballbot.fitting.comparison import LEAST_RUNS, Verdict, ratio_interval, verdicts
 from ballbot.log import STATE_NAMES, Log
-from ballbot.mechanics.engine.run import simulate_lanes
+from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
@@ -252,16 +252,13 @@ def _forecast_of(
 ) -> NDArray[np.float64]:
     """Return one model's states (starts, samples, 10)."""
     check_wheels(model, log)
-    batch = simulate_lanes(
-        model.selected,
+    lanes = Lanes(
         parameters=model.packed[None],
         initial=log.states[starts] if initial is None else initial,
         torques=log.torques[starts[:, None] + np.arange(samples)],
-        sample_time=log.sample_time,
-        steps=model.steps_in(log.sample_time),
-        parameter_of=np.zeros(len(starts), dtype=np.int64),
     )
-    return batch.states
+    steps = model.steps_in(log.sample_time)
+    return simulate_lanes(model.selected, lanes, sample_time=log.sample_time, steps=steps).states
 
 
 def recoverable_lean(model: Model) -> float:

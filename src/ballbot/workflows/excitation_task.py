@@ -266,11 +266,10 @@ def task(
 def run_on_model(task: ExcitationTask, reference: Reference) -> ReferenceRun:
     """Follow a reference on the model."""
     batch = simulate_batch(
-        Model(task.robot, step=task.question.predictor.step),
+        [Model(robot, step=task.question.predictor.step) for robot in task.robots],
         task.controller,
         reference,
         duration=task.duration,
-        robots=task.robots,
         threads=1,
     )
     states = np.concatenate([np.zeros((1, 10)), batch.states[0, :-1]])

@@ -248,12 +248,11 @@ def measure_runs(
     """
     count = len(perturbed)
     batch = simulate_batch(
-        Model(robot, step=step),
+        [Model(one, step=step) for one in perturbed.robots] * len(controllers),
         [one for one in controllers for _ in range(count)],
         hold(),
         duration=RUN,
         initial_states=np.tile(perturbed.starts, (len(controllers), 1)),
-        robots=perturbed.robots * len(controllers),
         conditions=perturbed.conditions * len(controllers),
         every=_EVERY,
         threads=threads,

@@ -41,7 +41,7 @@ from ballbot.log.checks import CheckedLogs
 from ballbot.log.checks.time_and_rates import check_gaps, check_jitter
 from ballbot.log.columns import STATE_NAMES, torque_names, unit_of
 from ballbot.log.formats import is_log_file
-from ballbot.mechanics.engine.run import simulate_lanes
+from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.friction import wheel_law
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import LinearModel, Model
@@ -189,14 +189,16 @@ def prediction_band(
     lanes = np.arange(len(rows) * count)
     states = simulate_lanes(
         selector("exact", robot.wheel_count, law=law),
-        parameters=np.array(rows),
-        initial=windows.initial,
-        torques=windows.torques,
+        Lanes(
+            parameters=np.array(rows),
+            initial=windows.initial,
+            torques=windows.torques,
+            parameter_of=lanes // count,
+            initial_of=lanes % count,
+            torque_of=lanes % count,
+        ),
         sample_time=windows.sample_time,
         steps=max(1, int(np.ceil(windows.sample_time / BAND_STEP - 1e-9))),
-        parameter_of=lanes // count,
-        initial_of=lanes % count,
-        torque_of=lanes % count,
         threads=threads,
     ).states.reshape(len(rows), count, windows.samples, 10)
     lower, upper = np.quantile(states[1:], [0.025, 0.975], axis=0)

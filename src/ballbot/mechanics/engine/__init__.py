@@ -2,7 +2,7 @@
 
 compiled             Numba's options and cache, in one place; shipped, the machine code that a wheel brings
 vector, elementary   tuples as vectors; sine, exponential and power as polynomials
-lanes                the work array of a block of robots
+lanes, loading       the work array of a block of robots; one robot's numbers out of it
 smooth               RK4 while no friction changes its sign
 convex               the convex step for many robots at once
 run                  blocks of robots through many samples

@@ -1,4 +1,4 @@
-"""The equations of motion as arrays: what the convex step reads, and the equations at many states for `Model`.
+"""The equations of motion as arrays: for the convex step, and at many states for `Model`.
 
 Velocities are in the order (v_x, v_y, w_1, w_2, w_3), and the ball's spin last where it pivots. Each `evaluate_...`
 takes one packed robot (`parameters.pack`), rows q = [x y theta phi psi] and their rates, with the ball's spin as a
@@ -8,10 +8,10 @@ sixth where it pivots, and fills `out`; m is 5 or 6.
 import numpy as np
 
 from ballbot.mechanics.engine.compiled import by_types_of, compiled, inlined
-from ballbot.mechanics.engine.lanes import LANES
+from ballbot.mechanics.engine.lanes import LANES, put_robot
 from ballbot.mechanics.engine.loading import load_parameters
-from ballbot.mechanics.engine.smooth import acceleration
-from ballbot.mechanics.engine.vector import each, each_with, subtract
+from ballbot.mechanics.engine.smooth import acceleration, net_torques
+from ballbot.mechanics.engine.vector import each, each_with, element, subtract
 from ballbot.mechanics.equations import (
     SpinTerms,
     angle_rates,
@@ -127,19 +127,13 @@ def _box_rows(selected, P, a):
 @inlined
 def _load_row(selected, row):
     work = np.zeros(len(row) * LANES)
-    for i in range(len(row)):
-        work[i * LANES] = row[i]
+    put_robot(work, 0, row)
     return load_parameters(selected, work, 0)
 
 
 @inlined
 def _triple(values, first):
     return (values[first], values[first + 1], values[first + 2])
-
-
-@inlined
-def _value_at(wheel, values):
-    return values[wheel]
 
 
 @inlined
@@ -194,10 +188,11 @@ def evaluate_acceleration(selected, row, q, q_dot, u, out):
         a = attitude(_triple(q[lane], 2))
         rates = _triple(q_dot[lane], 2)
         v, w = velocity_of(selected, q_dot[lane]), rates_from_angles(selected, a, rates)
-        torques = each_with(_value_at, selected.wheels, u[lane])
+        torques = each_with(element, selected.wheels, u[lane])
         speeds = wheel_speeds(selected, P, a, v, w)
         none, on_floor = each(_nothing, speeds), FloorFriction(each(_nothing, v), 0.0)
-        v_dot, w_dot = acceleration(selected, P, a, v, w, torques, speeds, none, none, on_floor)
+        net = net_torques(P, torques, speeds, none, none)
+        v_dot, w_dot = acceleration(selected, P, a, v, w, net, on_floor)
         fill(out[lane], in_order(v_dot, angle_accelerations(selected, a, rates, w_dot)))
 
 

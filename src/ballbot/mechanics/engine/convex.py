@@ -248,7 +248,7 @@ def _still_where_held(v, s, limits, rolling_force):
 
 
 class ConvexProblem(NamedTuple):
-    """What the Newton rounds of a step need, and what turns their forces into the next velocities."""
+    """The problem that a step's Newton rounds solve, and the rows that turn its forces into the next velocities."""
 
     free: tuple  #: velocities v + w at the step's end without dry friction
     Y: tuple  #: M^-1 C^T, a row for each contact
@@ -375,7 +375,7 @@ def _problems(selected, work, first, last):
         problem, s = convex_problem(selected, P, a, state, u, h)
         stored(work, _PROBLEM, lane, problem)
         stored(work, _PROBE, lane, s)
-        stored(work, _FORCES, lane, _contacts_like(selected))  # what takes no round has none
+        stored(work, _FORCES, lane, _contacts_like(selected))  # zero if the lane takes no round
         # a lane whose trial counts, or that does not move, asks for no rounds
         counts = entry(work, MARGIN, lane) > 0.0
         put(work, _SETTLED, lane, 1.0 if counts or problem.rests > 0.0 or not h > 0.0 else 0.0)
@@ -383,7 +383,7 @@ def _problems(selected, work, first, last):
 
 @called
 def _round(selected, work, first, last):
-    """Take one Newton round; what has settled stays as it is, whatever its neighbours need."""
+    """Take one Newton round; lanes that have settled stay as they are."""
     for lane in range(first, last):
         P, settled = load(selected, work, lane), entry(work, _SETTLED, lane)
         problem = restored(_problem_like(selected), work, _PROBLEM, lane)

@@ -1,7 +1,7 @@
 """The engine on an NVIDIA GPU: the equations of `smooth` and `convex`, the same source, a thread for each robot.
 
 Needs the extra `gpu` (numba-cuda) and a CUDA device. A warp of 32 threads is a block of `LANES` robots with the layout
-of the engine's work array, so that what one thread loads lies beside its neighbour's. The state stays in registers
+of the engine's work array, so that neighbouring threads load neighbouring numbers. The state stays in registers
 over all samples.
 """
 
@@ -23,7 +23,7 @@ from ballbot.mechanics.engine.vector import each_with
 from ballbot.mechanics.equations import LARGEST_LEAN, attitude, rates_from_angles, rates_of_angles
 from ballbot.mechanics.parameters import Exact, row_size
 
-# numba.cuda decorates at run time what its types do not say
+# numba.cuda decorates at run time, which its types do not say
 # pyright: reportCallIssue=false, reportArgumentType=false, reportIndexIssue=false
 
 
@@ -32,7 +32,7 @@ _THREADS = 128  # a block of the GPU's; a whole number of warps
 
 @dataclass(frozen=True, kw_only=True)
 class GpuBatch:
-    """What `simulate_on_gpu` returns."""
+    """The result of `simulate_on_gpu`."""
 
     #: (robots, 10), states after the last sample, or where the lean passed its limit
     finals: NDArray[np.float64]

@@ -21,16 +21,14 @@ from ballbot.mechanics.parameters import LARGEST_ROW
 LANES = 32
 
 #: rows kept for a robot's numbers; the state and the rest follow
-MAX_PARAMETERS = np.int64(
-    LARGEST_ROW
-)  # a plain integer would have each row compiled as a function of its own
+MAX_PARAMETERS = np.int64(LARGEST_ROW)  # with a plain integer, each row would be a function to compile
 STATE = MAX_PARAMETERS
 TRIAL = STATE + 11  #: where a step would end
 TORQUE = TRIAL + 11
 STEP = TORQUE + 4
 MARGIN = STEP + 1  #: positive where the trial counts
 ROBOT = MARGIN + 1  #: which of the block's robots the lane holds
-SCRATCH = ROBOT + 1  #: what a step leaves for its own later parts
+SCRATCH = ROBOT + 1  #: results of a step's parts for its later parts
 ROWS = SCRATCH + 102  # as many as `convex_block` needs
 
 #: lanes that one vector instruction of the widest processors takes; ranges of lanes begin at multiples
@@ -58,6 +56,13 @@ def entry(work, row, lane):
 def put(work, row, lane, value):
     """Store a number at that row and lane."""
     work[np.uint64(row * LANES + lane)] = value
+
+
+@inlined
+def put_robot(work, lane, row):
+    """Store the numbers of a robot, a packed row, in a lane."""
+    for i in range(len(row)):
+        work[i * LANES + lane] = row[i]
 
 
 @inlined

@@ -106,7 +106,7 @@ def _load_parameters(selected, work, lane):
 
 
 def under_torque(selected, P, u) -> Parameters:  # pragma: no cover (compiled form below)
-    """Return the `Parameters` with the friction that the motors' torques u load the drives with."""
+    """Return the `Parameters` with the friction that the drives have under the motors' torques u."""
     raise NotImplementedError("compiled code only")
 
 

@@ -15,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ballbot.arrays import index_array, positive_number, real_array, whole_number
 from ballbot.mechanics.accelerations import solve
@@ -35,6 +35,7 @@ from ballbot.mechanics.engine.lanes import (
     entry,
     new_work,
     put,
+    put_robot,
     restored,
     robot_in,
     stored,
@@ -164,7 +165,7 @@ def _whole_groups(lanes, width):
 
 @inlined
 def _take_open_steps(selected, work, width):
-    """Take the convex step of open lanes, group by group; what does not settle there, by the robust method."""
+    """Take the convex step of open lanes, group by group; lanes that do not settle take it by the robust method."""
     for first in range(0, width, GROUP):
         last = min(first + GROUP, width)
         if _count_open(work, first, last) > 0:
@@ -221,48 +222,78 @@ def write_state(selected, work, lane, out):
 
 
 @compiled
-def run_block(
-    selected,
-    parameters,
-    parameter_of,
-    initial,
-    initial_of,
-    torques,
-    torque_of,
-    first,
-    width,
-    h,
-    steps,
-    every,
-    out,
-    ended,
-):
-    """Simulate lanes first .. first + width - 1 of `simulate_lanes`."""
+def run_block(selected, tables, row_of, h, steps, every, out, ended):
+    """Simulate a block of at most `LANES` lanes, and fill `out` and `ended` as the `states` and `ended` of a `Batch`.
+
+    `tables` are the parameters, initial states and torques of `Lanes`, and row_of (lanes, 3) its rows of the block's
+    lanes. The tables come as a plain tuple: a named one would make every call from Python slower.
+    """
+    parameters, initial, torques = tables
     work = new_work()
-    samples, n = torques.shape[1], torques.shape[2]
+    width, samples, n = len(row_of), torques.shape[1], torques.shape[2]
     for lane in range(width):
-        row = parameters[parameter_of[first + lane]]
-        for i in range(len(row)):
-            work[i * LANES + lane] = row[i]
-        start_lane(selected, work, lane, initial[initial_of[first + lane]], h)
-        ended[first + lane] = samples
+        put_robot(work, lane, parameters[row_of[lane, 0]])
+        start_lane(selected, work, lane, initial[row_of[lane, 1]], h)
+        ended[lane] = samples
     for sample in range(samples):
         for lane in range(width):
-            held = torques[torque_of[first + robot_in(work, lane)], sample]
+            held = torques[row_of[robot_in(work, lane), 2], sample]
             for i in range(n):
                 work[(TORQUE + i) * LANES + lane] = held[i]
         take_steps(selected, work, width, steps)
         for lane in range(width):
-            robot = first + robot_in(work, lane)
+            robot = robot_in(work, lane)
             if work[STEP * LANES + lane] == 0.0 and ended[robot] == samples:
                 ended[robot] = sample
             if (sample + 1) % every == 0:
                 write_state(selected, work, lane, out[robot, (sample + 1) // every - 1])
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Lanes:
+    """Robots to simulate side by side: three tables, and the row of each that a lane takes.
+
+    Lanes share rows, so that a population of parameter sets runs over many windows of a log without copies of either.
+    Without an index, lane i takes row i, or the only row.
+    """
+
+    parameters: NDArray[np.float64]  #: (sets, size), rows from `ballbot.mechanics.parameters.pack`
+    #: (starts, 10), or (starts, 11) where the ball pivots: [x y theta phi psi and their rates], the ball's spin [rad/s]
+    initial: NDArray[np.float64]
+    torques: NDArray[np.float64]  #: (inputs, samples, n), held over each sample [N m]
+    parameter_of: NDArray[np.int64] | None = None  #: (lanes,), each lane's row of `parameters`
+    initial_of: NDArray[np.int64] | None = None  #: (lanes,), of `initial`
+    torque_of: NDArray[np.int64] | None = None  #: (lanes,), of `torques`
+
+    @property
+    def row_of(self) -> NDArray[np.int64]:
+        """Each lane's rows of the parameters, initial states and torques, (lanes, 3).
+
+        Raises
+        ------
+        InputError
+            If the indices are not of one length, or one names no row.
+        """
+        tables = {
+            "parameter_of": (self.parameters, self.parameter_of),
+            "initial_of": (self.initial, self.initial_of),
+            "torque_of": (self.torques, self.torque_of),
+        }
+        lanes = max(len(rows) for rows, _ in tables.values())
+        for _, index in tables.values():
+            lanes = lanes if index is None else np.size(index)
+        row_of = np.empty((lanes, len(tables)), np.int64)
+        for column, (name, (rows, index)) in enumerate(tables.items()):
+            own = np.zeros(lanes, np.int64) if len(rows) == 1 else np.arange(lanes)
+            row_of[:, column] = index_array(
+                own if index is None else index, name, count=len(rows), length=lanes
+            )
+        return row_of
+
+
 @dataclass(frozen=True, kw_only=True)
 class Batch:
-    """What `simulate_lanes` returns."""
+    """The result of `simulate_lanes`."""
 
     states: NDArray[np.float64]  #: (lanes, samples // every, 10 or 11), after each recorded sample
     ended: NDArray[np.int64]  #: (lanes,), whole samples simulated before the lean passed `LARGEST_LEAN`
@@ -270,34 +301,21 @@ class Batch:
 
 def simulate_lanes(
     selected: Exact | Thesis | Pivoting,
+    lanes: Lanes,
     *,
-    parameters: ArrayLike,
-    initial: ArrayLike,
-    torques: ArrayLike,
     sample_time: float,
     steps: int,
-    parameter_of: ArrayLike | None = None,
-    initial_of: ArrayLike | None = None,
-    torque_of: ArrayLike | None = None,
     every: int = 1,
     threads: int | None = None,
     lost_lanes: bool = False,
 ) -> Batch:
     """Simulate many robots, each under torques held over each sample.
 
-    Lane i takes row parameter_of[i] of `parameters`, and likewise for the others, so that a population of parameter
-    sets can be run over many windows of a log without copying either; without an index, lane i takes row i.
-
     Parameters
     ----------
     selected : Exact, Thesis or Pivoting
         From `ballbot.mechanics.parameters.selector`.
-    parameters : array_like (sets, size)
-        Rows from `ballbot.mechanics.parameters.pack`.
-    initial : array_like (starts, 10), or (starts, 11) where the ball pivots
-        [x y theta phi psi and their rates], and the ball's spin [rad/s].
-    torques : array_like (inputs, samples, n)
-        [N m].
+    lanes : Lanes
     sample_time : float
         [s]
     steps : int
@@ -322,34 +340,26 @@ def simulate_lanes(
     n = len(selected.wheels)
     size = 11 if isinstance(selected, Pivoting) else 10
     finite = not lost_lanes
-    parameters = real_array(
-        parameters, ("sets", row_size(selected)), "The array of parameters", finite=finite
+    tables = (
+        real_array(lanes.parameters, ("sets", row_size(selected)), "The array of parameters", finite=finite),
+        real_array(lanes.initial, ("starts", size), "The array of initial states", finite=finite),
+        real_array(lanes.torques, ("inputs", "samples", n), "The array of torques", finite=finite),
     )
-    initial = real_array(initial, ("starts", size), "The array of initial states", finite=finite)
-    torques = real_array(torques, ("inputs", "samples", n), "The array of torques", finite=finite)
+    row_of = lanes.row_of
     h = positive_number(sample_time, "The sample time") / whole_number(steps, "The number of steps", least=1)
     every = whole_number(every, "every", least=1)
-    given = (("parameter_of", parameter_of), ("initial_of", initial_of), ("torque_of", torque_of))
-    lanes = max(len(parameters), len(initial), len(torques))
-    for _, index in given:
-        lanes = lanes if index is None else np.size(index)
-    indices = [
-        index_array(np.arange(lanes) if index is None else index, name, count=len(rows), length=lanes)
-        for (name, index), rows in zip(given, (parameters, initial, torques), strict=True)
-    ]
-    out = np.empty((lanes, torques.shape[1] // every, size))
-    ended = np.empty(lanes, np.int64)
+    out = np.empty((len(row_of), tables[2].shape[1] // every, size))
+    ended = np.empty(len(row_of), np.int64)
 
     def run(first: int) -> None:
-        width = min(LANES, lanes - first)
-        arrays = (parameters, indices[0], initial, indices[1], torques, indices[2])
-        run_block(selected, *arrays, first, width, h, steps, every, out, ended)
+        block = slice(first, first + LANES)
+        run_block(selected, tables, row_of[block], h, steps, every, out[block], ended[block])
 
-    over_threads(run, lanes, threads)
+    over_threads(run, len(row_of), threads)
     return Batch(states=out, ended=ended)
 
 
-_ONLY_ROW = np.zeros(1, np.int64)
+_FIRST_ROWS = np.zeros((1, 3), np.int64)
 
 
 def simulate_one(
@@ -371,8 +381,8 @@ def simulate_one(
         [N m].
     """
     out, ended = np.empty((1, 1, len(state))), np.empty(1, np.int64)
-    arrays = (parameters[None], _ONLY_ROW, state[None], _ONLY_ROW, torques[None, None], _ONLY_ROW)
-    run_block(selected, *arrays, 0, 1, sample_time / steps, steps, 1, out, ended)
+    tables = (parameters[None], state[None], torques[None, None])
+    run_block(selected, tables, _FIRST_ROWS, sample_time / steps, steps, 1, out, ended)
     return out[0, 0]
 
 

@@ -64,29 +64,27 @@ def body_velocity(state):
     return (state[7], state[8], state[9])
 
 
-def assembled(v, angle_rates, v_dot, w_dot) -> tuple:  # pragma: no cover (compiled form below)
-    """Return the rate of change of a state from its parts."""
+def in_state_order(position, angles, v, w) -> tuple:  # pragma: no cover (compiled form below)
+    """Return a state from its parts, or its rate of change from theirs."""
     raise NotImplementedError("compiled code only")
 
 
-@by_types_of(assembled)
-def _assembled(v, angle_rates, v_dot, w_dot):
+@by_types_of(in_state_order)
+def _in_state_order(position, angles, v, w):
     if len(v) == 2:
-        return lambda v, angle_rates, v_dot, w_dot: v + angle_rates + v_dot + w_dot
-    return lambda v, angle_rates, v_dot, w_dot: (
-        (v[0], v[1]) + angle_rates + (v_dot[0], v_dot[1]) + w_dot + (v_dot[2],)
-    )
+        return lambda position, angles, v, w: position + angles + v + w
+    return lambda position, angles, v, w: position + angles + (v[0], v[1]) + w + (v[2],)
 
 
 @inlined
 def speed_margin(wheel, sign_at_start, speed):
-    """Return what stays positive while a wheel's speed keeps its sign, or has no dry friction for it."""
+    """Return a number that stays positive while a wheel's speed keeps its sign, or has no dry friction."""
     return max(sign_at_start * speed, 1.0 if wheel.c + wheel.s == 0.0 else -1.0)
 
 
 @inlined
 def smallest_margin(P, signs, speeds):
-    """Return what is positive while every wheel's speed has its sign of the start."""
+    """Return a number that is positive while every wheel's speed has its sign of the start."""
     return smallest(each(speed_margin, P.wheels, signs, speeds))
 
 
@@ -111,12 +109,12 @@ def _faster(speed, rest):
 
 @inlined
 def moving_margin(P, v, speeds, h):
-    """Return what is positive where no contact with dry friction is at rest: its sign is then known at the start."""
+    """Return a number that is positive if no contact with dry friction is at rest: its sign is then known."""
     return min(rolling_margin(P, v), smallest(each(_faster, speeds, rest_speeds(P, h))))
 
 
 @inlined
-def _wheel_torque(wheel, u, speed, sign_at_start, dry):
+def _net_torque(wheel, u, speed, sign_at_start, dry):
     """Return u - tau(w) of one wheel."""
     return u - wheel.b * speed - sign_at_start * dry
 
@@ -127,27 +125,32 @@ def _sum(a, b, c):
 
 
 @inlined
-def loaded(selected, P, a, v, w, u, speeds, signs, dry, floor_force):
-    """Return the `Terms` or `SpinTerms` with all forces in them: wheels', dry friction of given signs, floor's."""
+def net_torques(P, u, speeds, signs, dry):
+    """Return u - tau(w) of the wheels, with the sizes and signs of their dry friction given."""
+    return each(_net_torque, P.wheels, u, speeds, signs, dry)
+
+
+@inlined
+def loaded(selected, P, a, v, w, torques, floor_force):
+    """Return the `Terms` or `SpinTerms` with all forces in them: the wheels' net torques and the floor's force."""
     system = terms(selected, P, a, v, w)
-    T = ball_torque(P, each(_wheel_torque, P.wheels, u, speeds, signs, dry))
-    F, L = wheel_force(selected, P, a, T)
+    F, L = wheel_force(selected, P, a, ball_torque(P, torques))
     f_v, f_w = forces_in(system)
     return with_forces(system, each(_sum, f_v, F, floor_force), add(f_w, L))
 
 
 @inlined
-def acceleration(selected, P, a, v, w, u, speeds, signs, dry, floor):
-    """Return (v_dot, w_dot) with the wheels' dry friction, its signs and the floor's friction given."""
-    return accelerated(loaded(selected, P, a, v, w, u, speeds, signs, dry, floor.force), floor.holding)
+def acceleration(selected, P, a, v, w, torques, floor):
+    """Return (v_dot, w_dot) under the wheels' net torques and the floor's friction."""
+    return accelerated(loaded(selected, P, a, v, w, torques, floor.force), floor.holding)
 
 
 @inlined
-def rate_of_change(selected, P, a, state, u, speeds, signs, dry):
-    """Return the state's rate of change, with the wheels' dry friction and its signs given."""
+def rate_of_change(selected, P, a, state, torques):
+    """Return the state's rate of change under the wheels' net torques."""
     v, w = ball_velocity(state), body_velocity(state)
-    v_dot, w_dot = acceleration(selected, P, a, v, w, u, speeds, signs, dry, floor_friction(P, v))
-    return assembled(v, rates_of_angles(selected, a, w), v_dot, w_dot)
+    v_dot, w_dot = acceleration(selected, P, a, v, w, torques, floor_friction(P, v))
+    return in_state_order((v[0], v[1]), rates_of_angles(selected, a, w), v_dot, w_dot)
 
 
 @inlined
@@ -155,7 +158,7 @@ def derivative(selected, P, state, u, signs):
     """Return the state's rate of change, and the wheel speeds."""
     a, speeds = pose(selected, P, state)
     dry = each(directed_friction, P.wheels, speeds, signs)
-    return rate_of_change(selected, P, a, state, u, speeds, signs, dry), speeds
+    return rate_of_change(selected, P, a, state, net_torques(P, u, speeds, signs, dry)), speeds
 
 
 @inlined
@@ -204,7 +207,7 @@ def runge_kutta_step(selected, P, state, u, h):
     return end, min(margin, moving_margin(P, ball_velocity(state), speeds1, h))
 
 
-# Scratch rows: what a stage's loops hand on, the stage's state, and the weighted mean of the slopes
+# Scratch rows: results of a stage's loops, the stage's state, and the weighted mean of the slopes
 SINES = SCRATCH
 SPEEDS = SINES + 6
 _DRY = SPEEDS + 4
@@ -281,8 +284,8 @@ def _forces(selected, work, width):
         )
         a = attitude_of(restored(_SIX, work, SINES, lane))
         v, w = ball_velocity(state), body_velocity(state)
-        floor = floor_friction(P, v).force
-        stored(work, _SYSTEM, lane, loaded(selected, P, a, v, w, u, speeds, signs, dry, floor))
+        torques = net_torques(P, u, speeds, signs, dry)
+        stored(work, _SYSTEM, lane, loaded(selected, P, a, v, w, torques, floor_friction(P, v).force))
 
 
 @inlined
@@ -293,7 +296,7 @@ def _accelerations(selected, work, width, ahead, weight):
         a, v, w = attitude_of(restored(_SIX, work, SINES, lane)), ball_velocity(state), body_velocity(state)
         system = restored(system_like(selected), work, _SYSTEM, lane)
         v_dot, w_dot = accelerated(system, floor_friction(P, v).holding)
-        slope = assembled(v, rates_of_angles(selected, a, w), v_dot, w_dot)
+        slope = in_state_order((v[0], v[1]), rates_of_angles(selected, a, w), v_dot, w_dot)
 
         start = restored(state_like(selected), work, STATE, lane)
         mean = restored(state_like(selected), work, _SLOPE, lane)

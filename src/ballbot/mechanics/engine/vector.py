@@ -98,6 +98,12 @@ def second(_, value):
     return value
 
 
+@inlined
+def element(place, values):
+    """Return the number at that place of an array, to make a tuple of an array's numbers (`each_with`)."""
+    return values[place]
+
+
 def advanced(a, rate, h) -> tuple:  # pragma: no cover
     """Return a + h rate."""
     raise NotImplementedError("compiled code only")

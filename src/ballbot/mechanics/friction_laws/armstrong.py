@@ -5,7 +5,7 @@
     s(t_2) = s_a + (s_inf - s_a) t_2 / (t_2 + gamma)      t_2 the time at rest, s_a the Stribeck part as it stopped
 
 B. Armstrong-Helouvry, P. Dupont and C. Canudas de Wit, A survey of models, analysis tools and compensation methods
-for the control of machines with friction, Automatica 30, 1994. What the survey leaves open is settled so: sliding
+for the control of machines with friction, Automatica 30, 1994. Choices that the survey leaves open: sliding
 ends where the speed passes zero, and x starts from zero there, so that no energy comes from nothing; s keeps its
 value of break-away while sliding; the rest may be damped (d, zero in the survey, where an inertia on the spring
 swings for ever).
@@ -24,6 +24,7 @@ from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.friction import sign
 from ballbot.mechanics.friction_laws.interface import (
+    Bristles,
     available,
     check_values,
     crossing,
@@ -80,7 +81,7 @@ class Armstrong:
         )
 
     def numbers(self) -> ArmstrongNumbers:
-        """Return what compiled code reads."""
+        """Return the law's numbers for compiled code."""
         return ArmstrongNumbers(
             b=self.viscous,
             c=self.coulomb,
@@ -224,8 +225,8 @@ def _forward_speed(h, context):
 @inlined
 def _swing(law, inertia, torque, state, speed, h) -> tuple[float, float, float]:
     """Return turn, speed and travel after h of rest on the spring."""
-    T = available(inertia, torque, speed)
-    return linear_motion(law.k_t, 0.0, law.d, 0.0, 1.0, T, inertia.inv_J, state[_TURN], speed, h)
+    spring, T = Bristles(law.k_t, 0.0, law.d, 0.0, 1.0), available(inertia, torque, speed)
+    return linear_motion(spring, T, inertia.inv_J, state[_TURN], speed, h)
 
 
 @inlined

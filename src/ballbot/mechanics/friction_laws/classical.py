@@ -94,7 +94,7 @@ class Classical:
         return not any(self.terms)
 
     def numbers(self) -> ClassicalNumbers | DirectedNumbers:
-        """Return what compiled code reads."""
+        """Return the law's numbers for compiled code."""
         b, c, s, delta = self.viscous, self.coulomb, self.stribeck, self.stribeck_exponent
         plain = ClassicalNumbers(b=b, c=c, s=s, inv_vs=1.0 / self.stribeck_speed, delta=delta)
         return plain if self.is_plain else DirectedNumbers(*plain, self.terms)

@@ -19,7 +19,13 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.elementary import exponential, logarithm
 from ballbot.mechanics.friction import sign
-from ballbot.mechanics.friction_laws.interface import available, check_values, linear_motion, register
+from ballbot.mechanics.friction_laws.interface import (
+    Bristles,
+    available,
+    check_values,
+    linear_motion,
+    register,
+)
 
 _LEAST = 1e-9  # y that counts as arrived at c in a step of a moving inertia
 
@@ -52,7 +58,7 @@ class Dahl:
         check_values(self, positive=("coulomb", "stiffness", "shape"), not_negative=("viscous",))
 
     def numbers(self) -> DahlNumbers:
-        """Return what compiled code reads."""
+        """Return the law's numbers for compiled code."""
         return DahlNumbers(b=self.viscous, c=self.coulomb, sigma=self.stiffness, shape=self.shape)
 
     def initial_state(self, step: float) -> NDArray[np.float64]:  # noqa: ARG002 (the interface's)
@@ -95,7 +101,7 @@ def _motion(law, inertia, torque, z, w, at_z, at_w, h) -> tuple[float, float, fl
     y = max(_remaining(law, at_z, sign(at_w)), _LEAST)
     rho = exponential((law.shape - 1.0) * logarithm(y))
     T, r = available(inertia, torque, at_w), law.sigma * abs(at_w) / law.c
-    return linear_motion(law.sigma, 0.0, law.b, r, rho, T, inertia.inv_J, z, w, h)
+    return linear_motion(Bristles(law.sigma, 0.0, law.b, r, rho), T, inertia.inv_J, z, w, h)
 
 
 @inlined

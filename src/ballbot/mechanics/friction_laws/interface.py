@@ -1,9 +1,9 @@
-"""What every friction law is: values, a steady curve, and three compiled functions on one interface.
+"""The interface of the friction laws: values, a steady curve, and three compiled functions.
 
 A law may carry internal states (a bristle's deflection, a dwell time); at constant speed it settles on its steady
-curve. Laws that can stick read the torque that is applied: at rest their friction is what balances it, up to a
-limit. What a law does while an inertia moves under it (sticking, breaking away, stiff bristles) it knows best
-itself, so the step of a driven inertia belongs to the interface too.
+curve. Laws that can stick read the torque that is applied: at rest their friction balances it, up to a limit.
+Each law has its own way to move an inertia (sticking, breaking away, stiff bristles), so the step of a driven inertia
+belongs to the interface too.
 
 In compiled code a law is a named tuple of its numbers, and its type chooses the functions (`register`). A law's
 state is an array, empty where it has none, that these functions change in place.
@@ -16,7 +16,7 @@ are far away. Laws share two ways to move it:
 - Sliding one way (`slide`): friction is a smooth function of speed there, and RK4 has order four. For laws whose
   numbers name b, c, s, inv_vs and delta. Under a held torque the speed of one inertia is monotone, so within a step it
   passes zero at most once; `time_to_stop` finds when, to rounding.
-- Bristles (`linear_motion`), however stiff they are:
+- On bristles (`linear_motion`), however stiff they are:
 
       z_dot = rho (w - r z)          J w_dot = T - sigma_0 z - sigma_1 z_dot - b w          r >= 0, rho > 0
 
@@ -65,7 +65,7 @@ class FrictionLaw(Protocol):
 def friction_of(
     law, state, speed, applied
 ) -> float:  # pragma: no cover (compiled forms come from `register`)
-    """Return the friction; where the law sticks, what balances the torque `applied`, within the law's limit."""
+    """Return the friction; if the law sticks, it balances the torque `applied`, within the law's limit."""
     raise NotImplementedError("compiled code only")
 
 
@@ -339,18 +339,23 @@ def _propagator(m, d, h) -> tuple[float, float]:
     return decay * (1.0 + x * (0.5 + x / 24.0)), decay * h * (1.0 + x / 6.0 * (1.0 + x / 20.0))
 
 
+class Bristles(NamedTuple):
+    """A law's bristles and viscous damping in compiled code, with r, rho and sigma_1 frozen."""
+
+    sigma_0: float  #: stiffness [N m/rad], above zero
+    sigma_1: float  #: damping of their rate [N m s/rad]
+    b: float  #: damping of the speed [N m s/rad]
+    r: float  #: rate of relaxing [1/s]
+    rho: float  #: bending per turn [-]
+
+
 @inlined
-def linear_motion(sigma_0, sigma_1, b, r, rho, T, inv_J, z, w, h) -> tuple[float, float, float]:
-    """Return z, w and the angle travelled after h [s], with r, rho, sigma_1 and T frozen.
+def linear_motion(bristles, T, inv_J, z, w, h) -> tuple[float, float, float]:
+    """Return z, w and the angle travelled after h [s], with the bristles and T frozen.
 
     Parameters
     ----------
-    sigma_0 : float
-        Stiffness [N m/rad], above zero.
-    sigma_1, b : float
-        Damping of the bristle's rate and of the speed [N m s/rad].
-    r, rho : float
-        [1/s], [-]
+    bristles : Bristles
     T : float
         [N m]
     inv_J : float
@@ -358,6 +363,7 @@ def linear_motion(sigma_0, sigma_1, b, r, rho, T, inv_J, z, w, h) -> tuple[float
     z, w : float
         [rad], [rad/s] at the start.
     """
+    sigma_0, sigma_1, b, r, rho = bristles
     a, k, d = rho * r, inv_J * (sigma_0 - sigma_1 * rho * r), inv_J * (sigma_1 * rho + b)
     half_trace = -0.5 * (a + d)
     determinant = inv_J * rho * (sigma_0 + r * b)

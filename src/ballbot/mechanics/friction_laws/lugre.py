@@ -26,7 +26,13 @@ from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.elementary import exponential
 from ballbot.mechanics.friction import dry_friction, stribeck_curve
-from ballbot.mechanics.friction_laws.interface import available, check_values, linear_motion, register
+from ballbot.mechanics.friction_laws.interface import (
+    Bristles,
+    available,
+    check_values,
+    linear_motion,
+    register,
+)
 
 
 class LuGreNumbers(NamedTuple):
@@ -84,7 +90,7 @@ class LuGre:
             )
 
     def driving_speed(self) -> float | None:
-        """Return a speed [rad/s] at which bristles bent at low speed would drive, or None where none does.
+        """Return a speed [rad/s] at which bristles bent at low speed would drive, or None.
 
         With the energy sigma_0 z^2/2 in the bristles, the power that friction takes is, over |w|,
         x^2/g + (sigma_1 + b) |w| - sigma_1 |w| x/g with x = sigma_0 z in the speed's direction, which low speeds
@@ -107,7 +113,7 @@ class LuGre:
         return float(w[worst]) if power[worst] < 0.0 else None
 
     def numbers(self) -> LuGreNumbers:
-        """Return what compiled code reads."""
+        """Return the law's numbers for compiled code."""
         return LuGreNumbers(
             b=self.viscous,
             c=self.coulomb,
@@ -173,7 +179,7 @@ def _motion(law, inertia, torque, z, w, at_w, h) -> tuple[float, float, float]:
     """Move from (z, w) with everything frozen at the speed `at_w`."""
     T = available(inertia, torque, at_w)
     r, sigma_1 = _rate(law, at_w), _micro_damping(law, at_w)
-    return linear_motion(law.sigma_0, sigma_1, law.b, r, 1.0, T, inertia.inv_J, z, w, h)
+    return linear_motion(Bristles(law.sigma_0, sigma_1, law.b, r, 1.0), T, inertia.inv_J, z, w, h)
 
 
 @inlined

@@ -67,7 +67,7 @@ class Smoothed:
             raise InputError(f"Smoothed's sign is {self.sign!r}; it must be 'tanh' or 'root'.")
 
     def numbers(self) -> SmoothedNumbers:
-        """Return what compiled code reads."""
+        """Return the law's numbers for compiled code."""
         return SmoothedNumbers(
             b=self.viscous,
             c=self.coulomb,
