@@ -85,7 +85,7 @@ def test_the_interval_includes_what_another_method_finds() -> None:
     wider = with_discrepancy(best, errors, quantile)
     assert wider.half_widths["viscous"] > abs(300.0 - other.values["viscous"]) > best.half_widths["viscous"]
     assert wider.half_widths["mass"] == best.half_widths["mass"]
-    assert wider.total_errors["viscous"] == pytest.approx(wider.half_widths["viscous"] / quantile)
+    assert wider.standard_errors["viscous"] == pytest.approx(wider.half_widths["viscous"] / quantile)
 
 
 def test_the_largest_difference_of_several_methods_counts() -> None:
