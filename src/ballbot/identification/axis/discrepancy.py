@@ -25,7 +25,7 @@ Of all ways the largest variance counts.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +73,8 @@ class Discrepancy:
 
     errors: Mapping[str, float]  #: standard deviations by label, of parameters that it moves
     causes: Mapping[str, str]  #: by label, what moves a parameter most
+    #: what the residuals show of an elastic drive and of play, by cause: sizes over the usual one, and standard errors
+    drive: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -140,13 +142,15 @@ def discrepancy_of(
         (cause, step.values[: len(known)] ** 2 - step.errors[: len(known)] ** 2)
         for cause, step in (*_by_delay(linear), *_by_weights(linear))
     ]
-    for cause, variance in (*ways, *_by_drive(linear, least)):
+    effects = list(_drive_effects(linear))
+    for cause, variance in (*ways, *((one.cause, one.variances(least)) for one in effects)):
         for i in np.flatnonzero(straight & (variance > variances)):
             variances[i], causes[i] = variance[i], cause
     moved = np.flatnonzero(variances > 0.0)
     return Discrepancy(
         errors={known[i]: float(np.sqrt(variances[i])) for i in moved},
         causes={known[i]: causes[i] for i in moved},
+        drive={one.cause: (one.size, one.error) for one in effects},
     )
 
 
@@ -169,8 +173,23 @@ def _by_delay(linear: _Linear) -> Iterator[tuple[str, FitInTime]]:
         yield "with a force that acts part of a row later or earlier", step
 
 
-def _by_drive(linear: _Linear, least: NDArray[np.float64]) -> Iterator[tuple[str, NDArray[np.float64]]]:
-    """Give what a usual drive may do, and the variances (p,) by it; `least` (p,) are the least errors of its size."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _DriveEffect:
+    """An elastic drive or play, of a size over the usual one."""
+
+    cause: str
+    moved: NDArray[np.float64]  #: (p,), how far the usual size moves parameters
+    size: float
+    error: float  #: its standard error
+
+    def variances(self, least: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the variances (p,) of parameters by it; `least` (p,) are the least errors of its size."""
+        known = 1.0 / (1.0 + self.error**2 + least**2)
+        return self.moved**2 * (1.0 - known + (known * self.size) ** 2)
+
+
+def _drive_effects(linear: _Linear) -> Iterator[_DriveEffect]:
+    """Give what a drive may do, with the sizes that the residuals show."""
     if not _forces_move(linear):
         return
     lengths = np.linalg.norm(linear.J, axis=0)
@@ -178,9 +197,7 @@ def _by_drive(linear: _Linear, least: NDArray[np.float64]) -> Iterator[tuple[str
         moved = -np.linalg.lstsq(linear.J / lengths, column, rcond=1e-10)[0] / lengths
         step = fit_in_time(np.column_stack([linear.J, column]), linear.residuals, linear.block)
         size, error = (0.0, np.inf) if step is None else (float(step.values[-1]), float(step.errors[-1]))
-        # in units of the usual size
-        known = 1.0 / (1.0 + error**2 + least**2)
-        yield cause, moved**2 * (1.0 - known + (known * size) ** 2)
+        yield _DriveEffect(cause=cause, moved=moved, size=size, error=error)
 
 
 def _drive_columns(linear: _Linear) -> Iterator[tuple[str, NDArray[np.float64]]]:
