@@ -1,5 +1,6 @@
 """Methods that identify an axis are compared whatever laws they have, and only where they can be."""
 
+import json
 from dataclasses import replace
 from functools import cache
 
@@ -89,10 +90,9 @@ def test_the_interval_includes_what_another_method_finds() -> None:
     assert wider.half_widths["viscous"] > abs(300.0 - other.values["viscous"]) > best.half_widths["viscous"]
     assert wider.half_widths["mass"] == best.half_widths["mass"]
     # one number, with one meaning, wherever it is written
-    written = wider.to_dict()
-    assert written["standard_errors"]["viscous"] == pytest.approx(wider.half_widths["viscous"] / quantile)
+    written = json.loads(json.dumps(wider.to_dict()))
     low, high = written["intervals_95"]["viscous"]
-    assert high - low == pytest.approx(2.0 * quantile * wider.standard_errors["viscous"])
+    assert high - low == pytest.approx(2.0 * quantile * written["standard_errors"]["viscous"])
 
 
 @pytest.mark.parametrize("factor", [1.0, 1.2])

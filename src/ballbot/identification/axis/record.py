@@ -87,11 +87,14 @@ class Wraps:
 NO_WRAPS = Wraps()
 
 
+SpikeColumn = Literal["position", "force"]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Spike:
     """A value of a single row that was taken as corrupted."""
 
-    column: Literal["position", "force"]
+    column: SpikeColumn
     row: int  #: counted from 0
     value: float  #: as recorded
     replacement: float  #: the mean of the rows before and after it

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ballbot.findings import Finding
 from ballbot.identification.axis.columns import column_finding
-from ballbot.identification.axis.record import AxisRecord, Spike
+from ballbot.identification.axis.record import AxisRecord, Spike, SpikeColumn
 
 #: a spike is off the line by so many times what this share of the rows is off at most
 _FAR, _USUAL = 10.0, 0.95
@@ -46,8 +46,9 @@ def spike_rows(values: NDArray[np.float64], *, least: float = 0.0) -> NDArray[np
 def without_spikes(record: AxisRecord) -> AxisRecord:
     """Return a record whose spikes are replaced, and listed in it."""
     low, high = np.quantile(record.force, [0.01, 0.99])
-    columns, spikes = {}, list[Spike]()
-    for name, least in (("position", 0.0), ("force", _SHARE_OF_FORCE * float(high - low))):
+    columns, spikes = dict[SpikeColumn, NDArray[np.float64]](), list[Spike]()
+    least_of: dict[SpikeColumn, float] = {"position": 0.0, "force": _SHARE_OF_FORCE * float(high - low)}
+    for name, least in least_of.items():
         values = getattr(record, name)
         rows = spike_rows(values, least=least)
         columns[name] = values.copy()
