@@ -85,6 +85,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "not-predicted": "friction does not improve the prediction of a state, or an axis is not predicted at all",
         "open-loop": "which model predicts the open loop better",
         "other-record": "how well another record of an axis is predicted, and whether that was expected",
+        "outliers": "a few windows of an axis's record are predicted far worse than the others",
         "physics": "the log cannot show whether lean and torques are right",
         "pivoting": "the ball pivots on the floor",
         "play": "the reversals of an axis show play between drive and axis, and are left out",

@@ -1,12 +1,16 @@
 """Methods that identify an axis are compared whatever laws they have, and only where they can be."""
 
+import json
+from dataclasses import replace
 from functools import cache
 
 import pytest
 
 from ballbot.identification.axis import AXIS_LAWS, AxisRecord, inverse_fit
+from ballbot.identification.axis.checks import record_findings
 from ballbot.identification.axis.comparison import disagreements, largest_differences
 from ballbot.identification.axis.discrepancy import with_discrepancy
+from ballbot.identification.axis.loop_law import fitted_loop_law
 from ballbot.identification.axis.result import Estimate
 from ballbot.identification.axis.structure import AxisModel
 from tests.support.axis_examples import TRUTH, simulated_record
@@ -85,7 +89,31 @@ def test_the_interval_includes_what_another_method_finds() -> None:
     wider = with_discrepancy(best, errors, quantile)
     assert wider.half_widths["viscous"] > abs(300.0 - other.values["viscous"]) > best.half_widths["viscous"]
     assert wider.half_widths["mass"] == best.half_widths["mass"]
-    assert wider.total_errors["viscous"] == pytest.approx(wider.half_widths["viscous"] / quantile)
+    # one number, with one meaning, wherever it is written
+    written = json.loads(json.dumps(wider.to_dict()))
+    low, high = written["intervals_95"]["viscous"]
+    assert high - low == pytest.approx(2.0 * quantile * written["standard_errors"]["viscous"])
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.2])
+def test_another_loop_is_no_error_of_the_result(factor: float) -> None:
+    of = record("coulomb")
+    assert of.loop is not None
+    of = replace(of, loop=replace(of.loop, position_gain=factor * of.loop.position_gain))
+    law = fitted_loop_law(of)
+    assert law is not None
+    assert (law.position * factor, law.velocity) == (
+        pytest.approx(1.0, abs=0.01),
+        pytest.approx(1.0, abs=0.01),
+    )
+    assert law.differs == (factor != 1.0)
+    assert [one.code for one in record_findings(of)] == (["axis-loop"] if law.differs else [])
+    best = estimate("open loop", "coulomb", TRUTH)
+    (found,) = disagreements([of], best, [estimate("closed loop", "coulomb", TRUTH | {"viscous": 150.0})])
+    assert largest_differences([found]) == ({} if law.differs else {"viscous": 50.0})
+    assert found.finding.text.endswith(
+        "does not include this difference." if law.differs else "includes this difference."
+    )
 
 
 def test_the_largest_difference_of_several_methods_counts() -> None:

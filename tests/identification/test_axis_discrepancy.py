@@ -81,6 +81,50 @@ def test_the_mass_is_not_known_better_than_a_usual_drive_is_excluded() -> None:
     assert found.causes["mass"] in ("with an elastic drive", "with play in the drive")
 
 
+def test_a_coarse_encoder_makes_no_drive_elastic() -> None:
+    """Its noise is in the acceleration with the opposite sign: that of the recorded position gave sizes of -1 to -2."""
+    coarse = replace(LOGGING, counts=4096.0, held=False, jitter=0.4)
+    rigid, elastic = [], []
+    for seed in range(4):
+        for machine, sizes in (
+            (JOINT, rigid),
+            (replace(JOINT, drive=Drive(share=0.5, natural=20.0)), elastic),
+        ):
+            fit, seen, blocks = fitted(record_of(machine, coarse, seed), interpolated=True)
+            sizes.append(discrepancy_of(fit, seen, blocks, HORIZON).drive["with an elastic drive"][0])
+    assert abs(np.mean(rigid)) < 0.3
+    # half the inertia at 20 Hz is (25 / 20)^2 of the usual size
+    assert 0.5 < np.mean(elastic) < 2.0
+
+
+def test_a_wrong_law_is_within_the_errors() -> None:
+    """Friction that falls by a quarter from rest to higher speeds: windows of slow motion show it, at any length."""
+    machine = replace(JOINT, stribeck=0.5, stribeck_speed=0.3)
+    alone = together = 0
+    for seed, motion in enumerate(("sines", "points", "random", "sines", "points", "random")):
+        record = record_of(machine, replace(LOGGING, motion=motion), seed)
+        fit, found = found_in(record)
+        error = abs(fit.values["coulomb"] - machine.coulomb)
+        alone += error < 2.3 * fit.standard_errors["coulomb"]
+        together += error < 2.3 * np.hypot(fit.standard_errors["coulomb"], found.errors.get("coulomb", 0.0))
+    assert alone <= 1
+    assert together >= 4
+
+
+def test_blocks_without_rows_are_not_counted() -> None:
+    """Eight blocks of 40: the standard error of a mean is that of the eight, by its spread over 400 draws (4 %)."""
+    random = np.random.default_rng(2)
+    block = np.repeat(5 * np.arange(8), 25)
+    means, errors = [], []
+    for _ in range(400):
+        values = np.repeat(random.standard_normal(8), 25)
+        found = fit_in_time(np.ones((200, 1)), values, block)
+        assert found is not None
+        means.append(found.values[0])
+        errors.append(found.errors[0] ** 2)
+    assert np.sqrt(np.mean(errors)) == pytest.approx(np.std(means), rel=0.1)
+
+
 def test_a_late_force_widens_viscous_friction() -> None:
     record = record_of(JOINT, LOGGING, 0)
     early = delayed(record, -0.2)  # logged a fifth of a row before it acts

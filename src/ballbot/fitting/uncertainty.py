@@ -143,18 +143,20 @@ def covariance_in_time(
         Of the residuals by the parameters.
     residual : ndarray (m,)
     block : ndarray (m,)
-        The number of each row's block, from 0 in the order of time.
+        The number of each row's block, from 0 in the order of time. A number without rows keeps its place between the
+        others, and is not counted.
     neighbours : int
         L, how many blocks on either side depend on each other.
     inverse : ndarray (p, p), optional
         Of the matrix of the least squares, if it is not J^T J, as with weights: J then has the weights in it.
     """
-    count = int(block.max()) + 1
-    scores = np.zeros((count, J.shape[1]))
+    places = int(block.max()) + 1
+    count = len(np.unique(block))
+    scores = np.zeros((places, J.shape[1]))
     for column, scored in enumerate((J * residual[:, None]).T):
-        scores[:, column] = np.bincount(block, weights=scored, minlength=count)
+        scores[:, column] = np.bincount(block, weights=scored, minlength=places)
     spread = scores.T @ scores
-    for k in range(1, min(neighbours, count - 1) + 1):
+    for k in range(1, min(neighbours, places - 1) + 1):
         both = scores[:-k].T @ scores[k:]
         spread += (1.0 - k / (neighbours + 1.0)) * (both + both.T)
     if inverse is not None:
@@ -174,8 +176,8 @@ def errors_in_time(
 
     Parameters are those of `covariance_in_time`. Each parameter uses one degree of freedom of the blocks.
     """
-    covariance = covariance_in_time(J, residual, block, neighbours=block_length(int(block.max()) + 1))
     count = len(np.unique(block))
+    covariance = covariance_in_time(J, residual, block, neighbours=block_length(count))
     correction = (count - 1) / max(count - J.shape[1], 1)
     return np.sqrt(correction * np.maximum(covariance.diagonal(), 0.0))
 

@@ -35,7 +35,13 @@ _MOST_POINTS = 3000
 #: findings that stand in the verdict; the others stand with the parameters
 _IN_VERDICT = 2
 #: how a row of the verdict is headed, by the finding's code
-_VERDICT_WORDS = {"play": "Play", "force-delay": "Delay", "law": "Law", "axis-residuals": "Residual"}
+_VERDICT_WORDS = {
+    "play": "Play",
+    "outliers": "Outliers",
+    "force-delay": "Delay",
+    "law": "Law",
+    "axis-residuals": "Residual",
+}
 #: parameters of every law that are no friction and no mass
 _NO_FRICTION = frozenset({"offset", "spring"})
 #: the least gain that the figure of the laws shows [%]
@@ -198,7 +204,7 @@ def _values_sentence(found: AxisIdentification) -> str:
         if base_name(label) not in PARAMETERS or base_name(label) in _NO_FRICTION:
             continue
         kind, is_mass = best.model.parameter(label), base_name(label) == "mass"
-        number = f"{kind.symbol} = {with_error(value, best.total_errors[label])} "
+        number = f"{kind.symbol} = {with_error(value, best.standard_errors[label])} "
         number = f"{number}{unit_for(kind, found.unit)}".rstrip()
         words[is_mass].append(number if is_mass else f"{kind.meaning} {number}")
     known = f"Mass or inertia {', '.join(words[True])}; " if words[True] else ""
@@ -317,7 +323,7 @@ def parameter_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
     for label in labels:
         kind = found.model.parameter(label)
         values = [
-            with_error(one.values[label], one.total_errors[label]) if label in one.values else "–"
+            with_error(one.values[label], one.standard_errors[label]) if label in one.values else "–"
             for one in found.estimates
         ]
         rows.append((kind.symbol, kind.meaning, unit_for(kind, found.unit), *values))

@@ -1,11 +1,8 @@
 """Wrong records of one axis, stopped with their cause.
 
-Over a whole record the inverse model must estimate a mass and a dry friction above zero. If the loop is known, its
-force follows from the record,
-
-    force = f k_v (k_p a_1 (reference - position) - a_2 velocity)        a_1 = a_2 = 1
-
-so that both factors show a wrong scale, a_2 alone a wrong time base, and the residual a wrong column or gain.
+Over a whole record the inverse model must estimate a mass and a dry friction above zero. If the loop is known, both
+factors of its law (`loop_law`) show a wrong scale, that of the velocity alone a wrong time base, and the residual a
+wrong column or gain.
 
 At a speed limit of the supply or the driver the recorded force does not act: it pushes on, and varies by more than the
 inverse model of the other rows explains.
@@ -14,10 +11,9 @@ inverse model of the other rows explains.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.findings import Finding, by_severity
 from ballbot.fitting.least_squares import fit_linear
@@ -29,7 +25,9 @@ from ballbot.identification.axis.columns import (
 )
 from ballbot.identification.axis.inverse import InverseFit, free_inverse_fit, regression_rows
 from ballbot.identification.axis.laws import AXIS_LAWS
-from ballbot.identification.axis.record import GAP, NO_LOAD, AxisRecord, PositionVelocityLoop
+from ballbot.identification.axis.loop_law import fitted_loop_law
+from ballbot.identification.axis.record import GAP, NO_LOAD, AxisRecord
+from ballbot.identification.axis.spikes import spike_findings
 from ballbot.identification.axis.structure import AxisModel
 from ballbot.identification.axis.terms import select_terms
 from ballbot.identification.axis.wrapping import DEGREES, TURN
@@ -85,6 +83,7 @@ def record_findings(record: AxisRecord, *, bandwidth: float | None = None) -> tu
     findings = [
         *_of_time(record),
         *_of_spikes(record),
+        *spike_findings(record),
         *_of_travel(record),
         *_of_reference(record),
         *_of_gaps(record),
@@ -95,8 +94,8 @@ def record_findings(record: AxisRecord, *, bandwidth: float | None = None) -> tu
     ]
     follows = all(one.code != "axis-reference" for one in findings)
     moved = np.ptp(record.force) > 0.0 or record.known_load.weight > 0.0
-    if record.loop is not None and record.reference is not None and follows and moved:
-        findings += _of_loop(record, record.loop, record.reference)
+    if follows and moved:
+        findings += _of_loop(record)
     # a constant force is refused by the identification itself
     if moved and all(one.severity != "error" for one in findings):
         # with the forces over position that the record supports
@@ -308,41 +307,8 @@ def _of_reference(record: AxisRecord) -> Iterator[Finding]:
         yield column_finding("axis-reference", "error", text, "reference", "position")
 
 
-@dataclass(frozen=True, kw_only=True)
-class _LoopLaw:
-    """The loop's law fitted to a record: factors of its two parts, and the residual's share of the force."""
-
-    position: float  #: a_1
-    velocity: float  #: a_2
-    residual: float
-
-
-def _fitted_law(
-    record: AxisRecord, loop: PositionVelocityLoop, wanted: NDArray[np.float64]
-) -> _LoopLaw | None:
-    span = loop.span
-    velocity = (record.position[span:] - record.position[:-span]) / (span * record.sample_time)
-    asked = loop.position_gain * (wanted - record.position)[span:]
-    force = record.loop_force[span:]
-    scale = loop.force_per_input * loop.velocity_gain
-    # rows at the limit follow no linear law; the limit is met at the largest force, whatever the units
-    free = np.abs(force) < 0.98 * np.abs(force).max()
-    X = scale * np.column_stack([asked, -velocity])[free]
-    if len(X) < 100 or np.linalg.matrix_rank(X) < 2:
-        return None
-    (a1, a2), *_ = np.linalg.lstsq(X, force[free], rcond=None)
-    residual = force[free] - X @ np.array([a1, a2])
-    return _LoopLaw(
-        position=float(a1),
-        velocity=float(a2),
-        residual=float(np.linalg.norm(residual) / np.linalg.norm(force[free])),
-    )
-
-
-def _of_loop(
-    record: AxisRecord, loop: PositionVelocityLoop, wanted: NDArray[np.float64]
-) -> Iterator[Finding]:
-    law = _fitted_law(record, loop, wanted)
+def _of_loop(record: AxisRecord) -> Iterator[Finding]:
+    law = fitted_loop_law(record)
     if law is None:
         return
     a1, a2 = law.position, law.velocity
@@ -376,6 +342,14 @@ def _of_loop(
             "what the gains give: the time base or --position-gain is wrong by that factor."
         )
         yield column_finding("axis-loop", "error", text, "t", "force")
+    elif law.differs:
+        text = (
+            f"The recorded force is not quite that of the control law: its position part is {a1:.3g} times and its "
+            f"velocity part {a2:.3g} times what the gains give, and {100.0 * law.residual:.2g} % of the force is "
+            "neither. Check --position-gain, --velocity-gain and --force-scale, and whether the controller has more "
+            "parts. Do not use the closed loop's numbers; the result, of the open loop, does not depend on them."
+        )
+        yield column_finding("axis-loop", "warning", text, "force", "reference")
 
 
 def _of_motion(record: AxisRecord, fit: InverseFit) -> Iterator[Finding]:

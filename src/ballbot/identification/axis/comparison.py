@@ -1,5 +1,8 @@
 """Where the methods that identify an axis disagree by more than their errors.
 
+A closed loop that is not the recorded one (`loop_law`) says nothing on the axis: its difference is reported, and not
+included in the result's interval.
+
 Methods of one law are compared parameter by parameter. The inverse model knows straight lines of friction over speed
 only. Against a result with another law, it is fitted to the force that the result requires for the recorded motion, on
 the same rows: what it finds there is what it should find in the recorded force if the result is right. A Stribeck
@@ -17,6 +20,7 @@ from ballbot.errors import InputError
 from ballbot.findings import Finding, warning
 from ballbot.identification.axis.inverse import free_inverse_fit
 from ballbot.identification.axis.laws import PARAMETERS, unit_for
+from ballbot.identification.axis.loop_law import fitted_loop_law
 from ballbot.identification.axis.motion import default_bandwidth, smoothed_motion
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.result import Estimate
@@ -40,6 +44,7 @@ class Disagreement:
 
     name: str  #: of the parameter
     difference: float  #: its size, SI units
+    in_interval: bool  #: whether the result's interval includes it
     finding: Finding
 
 
@@ -52,23 +57,27 @@ def disagreements(
 ) -> list[Disagreement]:
     """Return each parameter in which a method differs from the result by more than their errors, with a warning."""
     found = []
+    laws = [fitted_loop_law(one) for one in records]
+    another_loop = any(law is not None and law.differs for law in laws)
     for other in estimates:
         if other.method not in _COMPARED:
             continue
+        wrong = another_loop and other.method == "closed loop"
         ours = best.values
         if other.law.name != best.law.name:
             ours = _as_the_inverse_model_finds(records, best, other, bandwidth)
         for name in _CAUSES:
             if name in ours and name in other.values:
-                found += _apart(name, ours[name], best, other, records[0].unit)
+                found += _apart(name, ours[name], best, other, records[0].unit, another_loop=wrong)
     return found
 
 
 def largest_differences(found: Sequence[Disagreement]) -> dict[str, float]:
-    """Return the largest difference of each parameter, by name."""
+    """Return the largest difference of each parameter that its interval includes, by name."""
     largest: dict[str, float] = {}
     for one in found:
-        largest[one.name] = max(one.difference, largest.get(one.name, 0.0))
+        if one.in_interval:
+            largest[one.name] = max(one.difference, largest.get(one.name, 0.0))
     return largest
 
 
@@ -90,7 +99,9 @@ def _as_the_inverse_model_finds(
         return {}
 
 
-def _apart(name: str, ours: float, best: Estimate, other: Estimate, unit: str) -> list[Disagreement]:
+def _apart(
+    name: str, ours: float, best: Estimate, other: Estimate, unit: str, *, another_loop: bool
+) -> list[Disagreement]:
     theirs, kind = other.values[name], PARAMETERS[name]
     # a parameter that the law does not have is zero, without an error
     error = float(np.hypot(best.standard_errors.get(name, 0.0), other.standard_errors[name]))
@@ -99,7 +110,9 @@ def _apart(name: str, ours: float, best: Estimate, other: Estimate, unit: str) -
     if not (difference > _APART * error and difference > _SHARE_APART * size):
         return []
     causes = _CAUSES[name]
-    if other.method == "closed loop":
+    if another_loop:
+        causes = "the recorded force is not that of the loop given, which is simulated"
+    elif other.method == "closed loop":
         causes += ", or the drive's loop is not quite the one simulated"
     unit_text = unit_for(kind, unit)
     if name not in best.values and abs(ours) < _NOTHING * abs(theirs):
@@ -112,5 +125,7 @@ def _apart(name: str, ours: float, best: Estimate, other: Estimate, unit: str) -
         f"apart: {causes}."
     )
     if np.isfinite(best.half_widths.get(name, np.nan)):
-        text += f" The 95 % interval of {kind.symbol} includes this difference."
-    return [Disagreement(name=name, difference=difference, finding=warning("methods-differ", text))]
+        verb = "does not include" if another_loop else "includes"
+        text += f" The 95 % interval of {kind.symbol} {verb} this difference."
+    finding = warning("methods-differ", text)
+    return [Disagreement(name=name, difference=difference, in_interval=not another_loop, finding=finding)]

@@ -6,8 +6,9 @@ fit hides such an effect in its parameters. Here it is given a way out, by one G
 
 - a column of its own: the force later by part of a row; the position of the encoder against that of the centre of mass
   by an elastic drive, in proportion to the force that the drive transmits, or by play, with the sign of that force;
-- windows with large errors count less (Tukey's biweight), or windows near reversals of speed or of the transmitted
-  force are left out, if their errors are several times the others'.
+- windows with large errors count less (Tukey's biweight); or windows near reversals of speed or of the transmitted
+  force, or those of the slower motion are left out, if their errors are several times the others', or if they show
+  another friction, as they do if the law is wrong.
 
 If a way moves a parameter by d, with the standard error s of its own estimate, the model's error of that parameter has
 the variance d^2 - s^2, or zero if that is negative. Where nothing is missing, d is seldom beyond s.
@@ -24,16 +25,17 @@ Of all ways the largest variance counts.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.findings import Finding, note
-from ballbot.fitting.least_squares import FitInTime, fit_in_time
+from ballbot.fitting.least_squares import FitInTime, fit_in_time, fit_linear
 from ballbot.identification.axis.force_timing import delay_column
 from ballbot.identification.axis.laws import unit_for
 from ballbot.identification.axis.output_error import OpenLoop, OutputErrorFit, Sighting, derivatives
+from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.result import Estimate
 from ballbot.identification.axis.selection import Blocks, problem_of, slow_rows, windows_with
 from ballbot.identification.axis.structure import base_name
@@ -51,9 +53,12 @@ _USUAL_PLAY = {"rad": 2e-3, "m": 5e-5}
 _LEAST_ERROR = 0.15
 #: windows whose error is so many times the median do not count at all
 _FAR = 3.0
-#: kinds of windows are left out whose mean square error is above so many times that of the others, if at least this
-#: share of the windows is left
-_WORSE, _LEAST_LEFT = 3.0, 0.25
+#: kinds of windows are left out whose mean square error is above so many times that of the others (medians), or whose
+#: friction differs from that of the others with less than this p-value, if at least this share of the windows is left
+_WORSE, _DIFFERENT, _LEAST_LEFT = 3.0, 0.01, 0.25
+_FRICTION = ("viscous", "viscous_plus", "viscous_minus", "coulomb", "coulomb_plus", "coulomb_minus")
+#: usual time in which a drive crosses its play [s]
+_CROSSING = 0.03
 #: parameters that shape a law near rest, of which one linear step says little
 _SHAPES = ("stiffness", "micro_damping", "stribeck", "stribeck_speed")
 _WITHOUT_SLOW = "without windows near reversals of the speed"
@@ -68,6 +73,8 @@ class Discrepancy:
 
     errors: Mapping[str, float]  #: standard deviations by label, of parameters that it moves
     causes: Mapping[str, str]  #: by label, what moves a parameter most
+    #: what the residuals show of an elastic drive and of play, by cause: sizes over the usual one, and standard errors
+    drive: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,16 +83,43 @@ class _Linear:
 
     problem: OpenLoop
     fit: OutputErrorFit
-    J: NDArray[np.float64]  #: (m, p), by the parameters that are not at a bound
+    labels: Sequence[str]  #: (p,), of the parameters that are not at a bound
+    J: NDArray[np.float64]  #: (m, p), by these
     residuals: NDArray[np.float64]  #: (m,), at the minimum: recorded less simulated
     block: NDArray[np.int64]  #: (m,)
 
     def transmitted(self, number: int) -> NDArray[np.float64]:
-        """Return the force (N,) that the drive transmits to one record's axis, over its mass [m/s^2]."""
+        """Return the force (N,) that the drive transmits to one record's axis, over its mass [m/s^2].
+
+        That of the simulated windows: the noise of a recorded position is in its acceleration as well, with the
+        opposite sign, and would look like a drive of negative elasticity.
+        """
         seen = self.problem.sightings[number]
+        record, found = seen.record, np.zeros(len(seen.record))
         axis = self.fit.model.axis(self.fit.values, number)
-        force = axis.loading_force(seen.record, seen.motion.position, seen.motion.acceleration)
-        return force / (self.fit.values["mass"] + seen.record.known_load.inertia)
+        mass = axis.values["mass"] + record.known_load.inertia
+        bends = axis.bends(seen.motion.position, seen.motion.speed)
+        for own in (one for one in self.problem.windows if one.record == number):
+            starts = np.column_stack([own.starts, bends[own.firsts]])
+            moved = axis.windows(
+                record, own.firsts, own.counts, starts, interpolated=self.fit.model.interpolated
+            )
+            ends = np.cumsum(own.counts)
+            for first, end, count, start in zip(own.firsts, ends, own.counts, starts[:, 0], strict=True):
+                rows = slice(first, first + count + 1)
+                position = np.append(start, moved[end - count : end])
+                force = axis.loading_force(record, position, _acceleration(record.t[rows], position))
+                found[rows] = force / mass
+        return found
+
+
+def _acceleration(t: NDArray[np.float64], position: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the acceleration (n,) of a motion without noise; zero of fewer than three rows."""
+    if len(t) < 3:
+        return np.zeros(len(t))
+    middle = 0.5 * (t[1:] + t[:-1])
+    inner = np.diff(np.diff(position) / np.diff(t)) / np.diff(middle)
+    return np.concatenate([inner[:1], inner, inner[-1:]])
 
 
 def discrepancy_of(
@@ -100,7 +134,7 @@ def discrepancy_of(
     plain = fit_in_time(J, -problem.projection(fit.values)(problem.errors(fit.values)), block)
     if plain is None:
         return Discrepancy(errors={}, causes={})
-    linear = _Linear(problem=problem, fit=fit, J=J, residuals=plain.residuals, block=block)
+    linear = _Linear(problem=problem, fit=fit, labels=known, J=J, residuals=plain.residuals, block=block)
     variances, causes = np.zeros(len(known)), [""] * len(known)
     straight = np.array([base_name(label) not in _SHAPES for label in known])
     least = np.array([_LEAST_ERROR if base_name(label) == "mass" else 0.0 for label in known])
@@ -108,13 +142,15 @@ def discrepancy_of(
         (cause, step.values[: len(known)] ** 2 - step.errors[: len(known)] ** 2)
         for cause, step in (*_by_delay(linear), *_by_weights(linear))
     ]
-    for cause, variance in (*ways, *_by_drive(linear, least)):
+    effects = list(_drive_effects(linear))
+    for cause, variance in (*ways, *((one.cause, one.variances(least)) for one in effects)):
         for i in np.flatnonzero(straight & (variance > variances)):
             variances[i], causes[i] = variance[i], cause
     moved = np.flatnonzero(variances > 0.0)
     return Discrepancy(
         errors={known[i]: float(np.sqrt(variances[i])) for i in moved},
         causes={known[i]: causes[i] for i in moved},
+        drive={one.cause: (one.size, one.error) for one in effects},
     )
 
 
@@ -137,8 +173,23 @@ def _by_delay(linear: _Linear) -> Iterator[tuple[str, FitInTime]]:
         yield "with a force that acts part of a row later or earlier", step
 
 
-def _by_drive(linear: _Linear, least: NDArray[np.float64]) -> Iterator[tuple[str, NDArray[np.float64]]]:
-    """Give what a usual drive may do, and the variances (p,) by it; `least` (p,) are the least errors of its size."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _DriveEffect:
+    """An elastic drive or play, of a size over the usual one."""
+
+    cause: str
+    moved: NDArray[np.float64]  #: (p,), how far the usual size moves parameters
+    size: float
+    error: float  #: its standard error
+
+    def variances(self, least: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the variances (p,) of parameters by it; `least` (p,) are the least errors of its size."""
+        known = 1.0 / (1.0 + self.error**2 + least**2)
+        return self.moved**2 * (1.0 - known + (known * self.size) ** 2)
+
+
+def _drive_effects(linear: _Linear) -> Iterator[_DriveEffect]:
+    """Give what a drive may do, with the sizes that the residuals show."""
     if not _forces_move(linear):
         return
     lengths = np.linalg.norm(linear.J, axis=0)
@@ -146,9 +197,7 @@ def _by_drive(linear: _Linear, least: NDArray[np.float64]) -> Iterator[tuple[str
         moved = -np.linalg.lstsq(linear.J / lengths, column, rcond=1e-10)[0] / lengths
         step = fit_in_time(np.column_stack([linear.J, column]), linear.residuals, linear.block)
         size, error = (0.0, np.inf) if step is None else (float(step.values[-1]), float(step.errors[-1]))
-        # in units of the usual size
-        known = 1.0 / (1.0 + error**2 + least**2)
-        yield cause, moved**2 * (1.0 - known + (known * size) ** 2)
+        yield _DriveEffect(cause=cause, moved=moved, size=size, error=error)
 
 
 def _drive_columns(linear: _Linear) -> Iterator[tuple[str, NDArray[np.float64]]]:
@@ -170,26 +219,63 @@ def _drive_columns(linear: _Linear) -> Iterator[tuple[str, NDArray[np.float64]]]
 
 def _by_weights(linear: _Linear) -> Iterator[tuple[str, FitInTime]]:
     """Give each reason to let some windows count less, and the step without them."""
-    problem, window = linear.problem, linear.problem.window
+    window = linear.problem.window
     squares = np.bincount(window, linear.residuals**2) / np.bincount(window)
     far = np.sqrt(squares) / (_FAR * max(float(np.sqrt(np.median(squares))), np.finfo(float).tiny))
     weights = {"without the windows of the largest errors": np.maximum(1.0 - far**2, 0.0)}
-    slow = [slow_rows(seen) for seen in problem.sightings]
-    forces = [linear.transmitted(number) for number in range(len(problem.sightings))]
-    turning = [np.diff(np.sign(force), append=np.sign(force[-1])) != 0.0 for force in forces]
-    for cause, rows in ((_WITHOUT_SLOW, slow), (_WITHOUT_TURNING, turning)):
-        left_out = np.concatenate([windows_with(rows[one.record], one) for one in problem.windows])
-        few_left = np.mean(left_out) > 1.0 - _LEAST_LEFT
-        if left_out.any() and not few_left and squares[left_out].mean() > _WORSE * squares[~left_out].mean():
+    for cause, left_out in _kinds_of_windows(linear):
+        if not left_out.any() or np.mean(left_out) > 1.0 - _LEAST_LEFT:
+            continue
+        # medians, as one corrupted row is most of a mean
+        worse = np.median(squares[left_out]) > _WORSE * np.median(squares[~left_out])
+        if worse or _friction_differs(linear, left_out) < _DIFFERENT:
             weights[cause] = (~left_out).astype(float)
     for cause, weight in weights.items():
-        of_row = weight[window]
-        kept = of_row > 0.0
+        kept = weight[window] > 0.0
         if len(np.unique(linear.block[kept])) <= linear.J.shape[1]:
             continue
-        step = fit_in_time(linear.J * of_row[:, None], linear.residuals * of_row, linear.block)
+        of_row = weight[window][kept]
+        step = fit_in_time(
+            linear.J[kept] * of_row[:, None], linear.residuals[kept] * of_row, linear.block[kept]
+        )
         if step is not None:
             yield cause, step
+
+
+def _kinds_of_windows(linear: _Linear) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+    """Give each kind of windows that may be left out, and which they are (w,)."""
+    problem = linear.problem
+    slow = [slow_rows(seen) for seen in problem.sightings]
+    turning = [
+        _near_reversals(linear.transmitted(number), seen.record)
+        for number, seen in enumerate(problem.sightings)
+    ]
+    for cause, rows in ((_WITHOUT_SLOW, slow), (_WITHOUT_TURNING, turning)):
+        yield cause, np.concatenate([windows_with(rows[one.record], one) for one in problem.windows])
+    speeds = np.concatenate(
+        [np.abs(problem.sightings[one.record].motion.speed)[one.rows] for one in problem.windows]
+    )
+    mean = np.bincount(problem.window, speeds) / np.bincount(problem.window)
+    yield "without the slower half of the windows", mean <= np.median(mean)
+
+
+def _friction_differs(linear: _Linear, kind: NDArray[np.bool_]) -> float:
+    """Return the p-value of equal friction in windows of a kind (w,) and in the others; one if that is not known."""
+    friction = [place for place, label in enumerate(linear.labels) if base_name(label) in _FRICTION]
+    own = linear.J[:, friction] * kind[linear.problem.window][:, None]
+    if not friction or not np.linalg.norm(own, axis=0).all():
+        return 1.0
+    lengths = np.linalg.norm(linear.J, axis=0)
+    design = np.column_stack([linear.J / lengths, own / lengths[friction]])
+    p_value = fit_linear(design, linear.residuals, linear.block).p_value(range(len(lengths), design.shape[1]))
+    return p_value if np.isfinite(p_value) else 1.0
+
+
+def _near_reversals(force: NDArray[np.float64], record: AxisRecord) -> NDArray[np.bool_]:
+    """Return which rows (N,) are within the time of a crossing of play from where a force (N,) changes sign."""
+    changes = np.diff(np.sign(force), append=np.sign(force[-1])) != 0.0
+    reach = round(_CROSSING / record.sample_time)
+    return np.convolve(changes, np.ones(2 * reach + 1), mode="same") > 0.5
 
 
 def with_discrepancy(estimate: Estimate, errors: Mapping[str, float], quantile: float) -> Estimate:
@@ -206,23 +292,31 @@ def with_discrepancy(estimate: Estimate, errors: Mapping[str, float], quantile: 
     known = {
         label: one for label, one in errors.items() if np.isfinite(estimate.half_widths.get(label, np.nan))
     }
-    wider = {
-        label: float(np.hypot(estimate.half_widths[label], quantile * error))
-        for label, error in known.items()
-    }
-    more = {
-        label: float(np.hypot(estimate.discrepancies.get(label, 0.0), error))
-        for label, error in known.items()
-    }
+
+    def with_errors(own: Mapping[str, float], factor: float = 1.0) -> dict[str, float]:
+        return dict(own) | {
+            label: float(np.hypot(own.get(label, 0.0), factor * error)) for label, error in known.items()
+        }
+
     return replace(
         estimate,
-        half_widths=estimate.half_widths | wider,
-        discrepancies=estimate.discrepancies | more,
+        standard_errors=with_errors(estimate.standard_errors),
+        half_widths=with_errors(estimate.half_widths, quantile),
+        discrepancies=with_errors(estimate.discrepancies),
     )
 
 
 def discrepancy_findings(estimate: Estimate, found: Discrepancy, unit: str) -> list[Finding]:
-    """Return a note on the parameters whose intervals are clearly wider by what the model lacks."""
+    """Return a note on the parameters whose intervals are clearly wider by what the model lacks.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Without that in its errors.
+    found : Discrepancy
+    unit : str
+        Of positions.
+    """
     parts = []
     for cause in dict.fromkeys(found.causes.values()):
         labels = [label for label, own in found.causes.items() if own == cause]

@@ -18,6 +18,7 @@ from ballbot.identification.axis.discrepancy import discrepancy_findings, discre
 from ballbot.identification.axis.inverse import InverseFit, inverse_fit
 from ballbot.identification.axis.law_fits import check_determined, fit_laws, improved, memoized
 from ballbot.identification.axis.laws import AXIS_LAWS, axis_law_named
+from ballbot.identification.axis.outliers import outlier_findings
 from ballbot.identification.axis.output_error import (
     ClosedLoop,
     OutputErrorFit,
@@ -118,6 +119,7 @@ def identify_axis(
     run.progress(Progress(stage="done", done=1.0, total=1.0))
     findings = (
         *prepared.findings(records),
+        *outlier_findings(fit, bench.sightings, records, blocks, horizon.chosen),
         *axis_findings(bench.all, selection, best, estimates, asymmetry, by_user=wanted is not None),
         *doubts,
         *residual_findings(tests, model.with_law(chosen), records),
@@ -156,7 +158,7 @@ def _widened(
     best = with_discrepancy(plain, lacking.errors, fit.quantile)
     best = with_discrepancy(best, between, fit.quantile)
     findings = [one.finding for one in apart]
-    return best, [*findings, *discrepancy_findings(best, lacking, bench.records[0].unit)]
+    return best, [*findings, *discrepancy_findings(plain, lacking, bench.records[0].unit)]
 
 
 def _improving(

@@ -28,7 +28,7 @@ from ballbot.identification.axis.model import Axis
 from ballbot.identification.axis.motion import LEAST_SEGMENT, Motion
 from ballbot.identification.axis.output_error import OutputErrorFit, Sighting
 from ballbot.identification.axis.record import AxisRecord
-from ballbot.identification.axis.selection import Blocks, blocks_of, fit_all, horizons_for
+from ballbot.identification.axis.selection import Blocks, blocks_of, fit_all, horizons_for, problem_of
 from ballbot.identification.axis.structure import AxisModel, base_name
 
 #: a reversal lasts from where force or speed falls below this share of its usual size to where it exceeds it again
@@ -44,6 +44,9 @@ _DURATION = 0.2
 _CLEARLY, _COMPLETE, _SURELY = 2.5, 3.0, 4.5
 #: with a smaller share of rows left, which are the calm ones of any record, both are so many times as large
 _FEW_ROWS, _FACTOR_FOR_FEW = 0.25, 2.0
+#: by the parameters that hold between reversals, the error of windows of all rows but this share, those of the largest
+#: errors, still is above so many times that between reversals: play is crossed again and again, and a blow is in few
+_WORST, _STILL = 0.1, 1.5
 #: parameters differ beyond so many of their errors, and by this share
 _APART, _SHARE_APART = 2.0, 0.02
 #: reversals are looked for again, so often at most, while the error between them falls to less than this share
@@ -201,6 +204,8 @@ def play_of(contact: Contact, sightings: Sequence[Sighting], blocks: Blocks) -> 
         Of all rows.
     """
     plain, between, horizon = contact.everywhere, contact.between, _horizon(blocks, sightings)
+    if not _error_of_most(between, sightings, blocks, horizon) > _STILL * between.rms:
+        return None
     values = _apart(plain, between)
     noise = max(one.noise for one in sightings)
     complete = bool(values) and between.rms < _COMPLETE * noise
@@ -221,6 +226,16 @@ def play_of(contact: Contact, sightings: Sequence[Sighting], blocks: Blocks) -> 
     if complete and not values and not best.rms > _SURELY * between.rms:
         return None
     return Play(contact=contact, error=best.rms, error_between=between.rms, values=values)
+
+
+def _error_of_most(
+    fit: OutputErrorFit, sightings: Sequence[Sighting], blocks: Blocks, horizon: float
+) -> float:
+    """Return the error [m] of a fit over windows of all rows without those of the largest errors."""
+    problem = problem_of(fit.model, sightings, blocks, horizon)
+    errors = problem.projection(fit.values)(problem.errors(fit.values))
+    squares = np.sort(np.bincount(problem.window, errors**2) / np.bincount(problem.window))
+    return float(np.sqrt(squares[: len(squares) - round(_WORST * len(squares))].mean()))
 
 
 def _apart(plain: OutputErrorFit, between: OutputErrorFit) -> dict[str, tuple[float, float]]:

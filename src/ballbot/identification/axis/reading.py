@@ -26,6 +26,7 @@ from ballbot.identification.axis.record import (
     PositionVelocityLoop,
     Wraps,
 )
+from ballbot.identification.axis.spikes import without_spikes
 from ballbot.identification.axis.wrapping import without_wraps, wrapping_period
 from ballbot.log.columns import FACTORS, LARGEST_CELL, Columns
 from ballbot.log.formats import read_units, read_variables
@@ -194,7 +195,6 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
         If the file cannot be read, a variable is missing or is of the wrong shape, or the rows make no record.
     """
     file = _File(name=Path(path).name, variables=read_variables(path), columns=columns)
-    name = file.name
     _check_names(file)
     _check_units(file, read_units(path))
     t = file.factor("time_scale", negative=False) * file.column("time")
@@ -218,14 +218,14 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
         "temperature": file.optional("temperature"),
         "load": file.optional("load"),
     }
-    kept = _complete(name, {key: values for key, values in rows.items() if values is not None})
+    kept = _complete(file.name, {key: values for key, values in rows.items() if values is not None})
     t, force, position, reference, added, temperature, load = (
         None if values is None else values[kept] for values in rows.values()
     )
     assert t is not None and force is not None and position is not None  # noqa: PT018 (for types)
-    sample_time, times = sampling(name, t)
+    sample_time, times = sampling(file.name, t)
     record = AxisRecord(
-        name=name,
+        name=file.name,
         sample_time=sample_time,
         force=force,
         position=position,
@@ -239,16 +239,17 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
         beyond_limit=beyond,
         wraps=wraps,
     )
+    record = without_spikes(record)
     loop = _loop(file, scale, limit)
     if loop is None:
         return record
     if reference is None:
         raise InputError(
-            f"{name}: the gains of the loop need the column of the reference as well; give --reference."
+            f"{file.name}: the gains of the loop need the column of the reference as well; give --reference."
         )
     if not record.even:
         raise InputError(
-            f"{name}: rows come at uneven times, and the closed loop is simulated at even ones; "
+            f"{file.name}: rows come at uneven times, and the closed loop is simulated at even ones; "
             "leave out the gains."
         )
     return replace(record, loop=_with_span(record, reference, loop))

@@ -87,6 +87,19 @@ class Wraps:
 NO_WRAPS = Wraps()
 
 
+SpikeColumn = Literal["position", "force"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spike:
+    """A value of a single row that was taken as corrupted."""
+
+    column: SpikeColumn
+    row: int  #: counted from 0
+    value: float  #: as recorded
+    replacement: float  #: the mean of the rows before and after it
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AxisRecord:
     """A record of one axis.
@@ -115,6 +128,7 @@ class AxisRecord:
         0.0  #: share of the rows whose recorded force exceeded the limit given; `force` is at it there
     )
     wraps: Wraps = NO_WRAPS  #: that the position had in its file; `position` has none
+    spikes: tuple[Spike, ...] = ()  #: that were replaced in `position` and `force`
 
     def __post_init__(self) -> None:
         if not 0.0 < self.sample_time < np.inf:

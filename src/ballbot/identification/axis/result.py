@@ -30,24 +30,17 @@ class Estimate:
     method: str  #: "inverse", "closed loop", "whole record" or "open loop"
     model: AxisModel
     values: dict[str, float]  #: by label, SI units
-    standard_errors: dict[str, float]  #: clustered in time; NaN for a parameter at a bound
+    #: by label, clustered in time, with the discrepancies; NaN for a parameter at a bound
+    standard_errors: dict[str, float]
     half_widths: dict[str, float]  #: of the 95 % intervals, by label, with the discrepancies
     errors: tuple[AxisErrors, ...]  #: on the records fitted, then on the others
-    #: standard deviations of errors by what the model lacks, by label, of parameters that have such
+    #: the part of the standard errors that what the model lacks adds, by label, of parameters that have such
     discrepancies: dict[str, float] = field(default_factory=dict)
 
     @property
     def law(self) -> AxisLaw:
         """Its friction law."""
         return self.model.law
-
-    @property
-    def total_errors(self) -> dict[str, float]:
-        """Standard errors with the discrepancies, by label."""
-        return {
-            label: float(np.hypot(error, self.discrepancies.get(label, 0.0)))
-            for label, error in self.standard_errors.items()
-        }
 
     def axis(self, record: int | None = 0) -> Axis:
         """Return the axis of one of the fitted records, or of another one."""
@@ -110,7 +103,7 @@ class AxisIdentification:
         """Return the law's parameters with their standard errors, the error to expect elsewhere, and findings."""
         best, one, unit = self.best, self.expected, f"m{self.unit}"
         rows = [
-            (label, estimated(value, best.total_errors[label], _unit(self, label)))
+            (label, estimated(value, best.standard_errors[label], _unit(self, label)))
             for label, value in best.values.items()
         ]
         rows.append(
