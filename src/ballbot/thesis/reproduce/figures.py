@@ -26,6 +26,7 @@ from ballbot.report.style import (
 )
 from ballbot.report.validation_figures import correlation_figure, symbols
 from ballbot.robot.figure import robot_figure
+from ballbot.rounding import unit_heading
 from ballbot.thesis.reproduce.alignment_figures import (
     orientation_error_figure,
     orientation_figure,
@@ -333,7 +334,7 @@ def figure_5_1(bench: Bench) -> Figure:
         axes.set(
             xlabel="time [s]",
             xlim=(0.0, 20.0),
-            ylabel=f"{STATE_SYMBOLS[name]}: nonlinear\nless linear [{unit}]",
+            ylabel=unit_heading(f"{STATE_SYMBOLS[name]}: nonlinear\nless linear", unit),
         )
         axes.set_yscale("symlog", linthresh=1.0)
     panels[3, 1].legend(loc="upper right", ncols=2, fontsize=7)
