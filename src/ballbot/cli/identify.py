@@ -80,7 +80,7 @@ class FitOptions:
     their uncertainties. With --estimate torque_gain only the ratios between the wheels count."""
 
     window: float = 0.25
-    """Length of the predicted windows, in seconds."""
+    """Length of the predicted windows [s]."""
 
     seed: WholeNumber = 0
     """Random seed. The same seed gives the same result."""
