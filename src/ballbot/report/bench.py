@@ -130,7 +130,7 @@ def swing_figure(fit: SwingFit, *, label: str = "measured") -> Figure:
     upper.plot(t, in_degrees * measured, label=label, **MEASURED)
     upper.plot(t, in_degrees * predicted, label="pendulum fitted", **WITHOUT_FRICTION)
     upper.set_ylabel(unit_heading("angle" if swing.kind == "angle" else "rate", unit))
-    upper.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+    figure.legend(loc="outside upper center", ncols=2)
     lower.plot(t, in_degrees * (measured - predicted), color=MEASURED["color"], linewidth=0.8)
     lower.set_ylabel(f"difference\n[{unit}]")
     lower.set_xlabel("time [s]")
