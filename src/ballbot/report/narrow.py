@@ -46,13 +46,15 @@ def _fold(figure: Figure, legend: Legend) -> None:
     """Give a legend fewer columns until it is no wider than the figure, which grows by what it gets higher."""
     figure.draw_without_rendering()
     first = legend.get_window_extent()
-    side = "upper" if first.y0 + first.y1 > figure.bbox.y0 + figure.bbox.y1 else "lower"
-    handles, labels = legend.legend_handles, [text.get_text() for text in legend.get_texts()]
+    above = first.y0 + first.y1 > figure.bbox.y0 + figure.bbox.y1
+    handles = [one for one in legend.legend_handles if one is not None]
+    labels = [text.get_text() for text in legend.get_texts()]
     columns = len(labels)
     while columns > 1 and legend.get_window_extent().width > figure.bbox.width:
         columns -= 1
         legend.remove()
-        legend = figure.legend(handles, labels, loc=f"outside {side} center", ncols=columns)
+        place = "outside upper center" if above else "outside lower center"
+        legend = figure.legend(handles, labels, loc=place, ncols=columns)
         figure.draw_without_rendering()
     higher = (legend.get_window_extent().height - first.height) / figure.dpi
     figure.set_size_inches(NARROW, figure.get_figheight() + max(0.0, higher))
