@@ -34,6 +34,7 @@ from ballbot.firmware.export import Export, export_controller
 from ballbot.firmware.qemu import QemuBoard, build_board
 from ballbot.link.lock_step import BoardLine, FirmwareController, ReadingTap
 from ballbot.log import Log
+from ballbot.rounding import unit_heading
 from ballbot.twin import Scenario, Twin
 from ballbot.workflows.comparison import CONFIDENCE, Estimate, Paired, initial_state_of, mean_with_interval
 from ballbot.workflows.courses import LEAGUE, Course, choose_courses
@@ -226,7 +227,7 @@ def rows(found: Mapping[Key, BoardRun], course: str, name: str) -> list[list[str
                 course,
                 name,
                 str(len(seeds)),
-                f"{metric.words} ({metric.unit})",
+                unit_heading(metric.words, metric.unit),
                 *means,
                 _interval(values, others, metric.scale),
             ]

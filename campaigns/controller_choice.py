@@ -212,7 +212,7 @@ def ablation() -> Section:
         "time. Without the estimator it feeds back the thesis's on-board state; without shaping it has no feed-forward "
         "either. "
         "Medians with 95 % intervals; the ratio is to the whole controller, seed by seed.",
-        columns=["removed", "peak (mm)", "RMS (mm)", "peak's ratio", "roughness (N m)", "falls"],
+        columns=["removed", "peak [mm]", "RMS [mm]", "peak's ratio", "roughness [N m]", "falls"],
         rows=rows,
     )
 

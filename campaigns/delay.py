@@ -130,7 +130,7 @@ def campaign() -> Section:
             "RMS",
             "peak",
             "torque above 10 Hz",
-            "lean (°)",
+            "lean [deg]",
             "falls",
         ],
         rows=rows,

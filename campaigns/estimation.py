@@ -175,11 +175,11 @@ def campaign(seeds: Sequence[int] = SEEDS, duration: float = DURATION) -> Sectio
         "and less than 0.3 degrees of lean. A fix has 1 cm and 1.1 degrees.",
         columns=[
             "run",
-            "lean (deg)",
-            "rate (deg/s)",
-            "velocity (mm/s)",
-            "heading (deg)",
-            "drift (mm/min)",
+            "lean [deg]",
+            "rate [deg/s]",
+            "velocity [mm/s]",
+            "heading [deg]",
+            "drift [mm/min]",
             "worst",
             "over the thesis's",
         ],
@@ -193,7 +193,7 @@ def _loops(found: dict[str, Comparison]) -> str:
         "With the estimator in the loop, two rounds of the square, true position from the reference once settled; "
         "torque noise is the torque's RMS change from sample to sample.",
         "",
-        "| estimator | RMS (mm) | peak (mm) | torque noise (N m) | RMS, compensated | peak, compensated "
+        "| estimator | RMS [mm] | peak [mm] | torque noise [N m] | RMS, compensated | peak, compensated "
         "| torque noise, compensated | falls |",
         "|---|---:|---:|---:|---:|---:|---:|---:|",
     ]

@@ -258,7 +258,7 @@ def campaign() -> Section:
         " compensated. The smallest over two directions of the lean at rest and of the impulse from which the robot"
         f" recovers; the unshaped step to [1 -1 pi]: time until it stays within {1e3 * ARRIVED:.0f} mm, by seed on the"
         " twin, and overshoot.",
-        columns=["where", "lean (°)", "impulse (N s)", "step (s)", "overshoot (mm)"],
+        columns=["where", "lean [deg]", "impulse [N s]", "step [s]", "overshoot [mm]"],
         rows=rows,
         after=f"A predictive update whose limits bind took {np.median(times):.1f} ms in the median and"
         f" {np.quantile(times, 0.99):.1f} ms in one of a hundred, on a machine that was busy. The same step on the"
@@ -332,7 +332,7 @@ def notch_table() -> str:
         }
         peaks["nominal"] = peaks["resonance, no play"]  # it has none of its own
         notched = _logs(pool, peaks)
-    lines = ["| twin, nominal gain, full compensation | torque above 8 Hz (N m) | RMS error (mm) | falls |"]
+    lines = ["| twin, nominal gain, full compensation | torque above 8 Hz [N m] | RMS error [mm] | falls |"]
     lines.append("|---|---:|---:|---:|")
     for name in RESONANT_TWINS:
         lines.append(_line(name, bare[name]))

@@ -28,6 +28,7 @@ from ballbot.firmware.estimators import reading_record
 from ballbot.firmware.host import CompiledController, Firmware
 from ballbot.firmware.records import parameter_record
 from ballbot.link.lock_step import ReadingTap
+from ballbot.rounding import unit_heading
 from ballbot.simulation.sensed_plant import Imperfections, SensedPlant
 from ballbot.twin import Scenario
 from ballbot.workflows.courses import LEAGUE, choose_courses
@@ -73,7 +74,7 @@ def campaign() -> Section:
             means = [f"{metric.scale * one.means[key].mean:.3f}" for one in (python, compiled)]
             difference = compiled.differences[key]
             low, high = metric.scale * difference.low, metric.scale * difference.high
-            rows.append([name, f"{metric.words} ({metric.unit})", *means, f"{low:.3f} to {high:.3f}"])
+            rows.append([name, unit_heading(metric.words, metric.unit), *means, f"{low:.3f} to {high:.3f}"])
         rows.append([name, "falls", str(python.falls), str(compiled.falls), ""])
     return Section(
         title="The firmware's control law on the twin",

@@ -183,7 +183,7 @@ class Fuzzed:
                 "the documented ranges, and a written copy is read back the same. A failure is anything else: a "
                 "traceback, a warning, an end of the process. `python -m campaigns.fuzz robot 812` shows one input."
             ),
-            columns=("loader", "inputs", "accepted", "refused", "failures", "slowest (s)"),
+            columns=("loader", "inputs", "accepted", "refused", "failures", "slowest [s]"),
             rows=rows,
             after="\n".join(f"- {words}" for words in failures),
         ).markdown()

@@ -11,6 +11,7 @@ from ballbot import Robot
 from ballbot.fitting.run import Run
 from ballbot.progress import ProgressCallback, ignore_progress
 from ballbot.report.comparison import OVERALL_HEADINGS, overall_rows
+from ballbot.rounding import unit_heading
 from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.courses import LEAGUE, Course, choose_courses
 from ballbot.workflows.league import METRICS, League, Standing, run_league, standing
@@ -69,7 +70,7 @@ def section(league: League) -> Section:
         "two of the twin's own logs, and the precise controller; on-board state only, the Kalman filter's for precise "
         "and where the name says `@kalman`. Means over the seeds, and half the width of their 95 % "
         "intervals (Student's); [compare](../compare.md) defines the numbers.",
-        columns=["course", "controller", *(f"{one.heading} ({one.unit})" for one in metrics), "falls"],
+        columns=["course", "controller", *(unit_heading(one.heading, one.unit) for one in metrics), "falls"],
         rows=rows,
         after=_overall(league),
     )

@@ -67,7 +67,7 @@ def campaign() -> Section:
         " the nominal twin, and on the model with wheels that never slip. A push on the twin lasts 20 ms.",
         columns=[
             "compensation, torque limit",
-            *(f"{kind}: {which}" for kind in ("tilt (°)", "impulse (N s)") for which in _BOUNDS),
+            *(f"{kind}: {which}" for kind in ("tilt [deg]", "impulse [N s]") for which in _BOUNDS),
         ],
         rows=[_row(one) for one in cases],
         after=f"The twin's limit lies between the model's two bounds in {sum(compared)} of {len(compared)}"

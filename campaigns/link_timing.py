@@ -182,7 +182,7 @@ def campaign() -> Section:
         before="The robot's side of the link on an emulated Cortex-M4F: exact instructions, and an upper estimate of "
         f"cycles with two wait states of flash, at {CLOCK / 1e6:.0f} MHz; the nominal controller of the thesis's "
         "robot. `State` is what a sample costs more if one is sent.",
-        columns=["", "bytes", "instructions", "cycles", "time (us)", "share of 5 ms"],
+        columns=["", "bytes", "instructions", "cycles", "time [us]", "share of 5 ms"],
         rows=rows,
         after=f"The link takes {link.link_size:,} bytes of RAM, of which {copy:,} are the copy that parameters are "
         f"written to, and `struct robot` with it {link.robot_size:,} bytes. The stack is at most {stack[0]:,} bytes to "

@@ -74,8 +74,8 @@ def _on_fresh(found: RobustDesign) -> list[list[str]]:
     return [
         ["worst tenth of J", *(f"{one.worst_tenth:.2f}" for one in designs)],
         ["mean J", *(f"{one.mean:.2f}" for one in designs)],
-        ["worst tenth of settled errors (mm)", *(f"{1e3 * one.worst_error:.0f}" for one in designs)],
-        ["worst tenth of torque changes (N m)", *(f"{one.worst_roughness:.3f}" for one in designs)],
+        ["worst tenth of settled errors [mm]", *(f"{1e3 * one.worst_error:.0f}" for one in designs)],
+        ["worst tenth of torque changes [N m]", *(f"{one.worst_roughness:.3f}" for one in designs)],
         ["falls", *(f"{one.falls}" for one in designs)],
     ]
 
@@ -97,7 +97,7 @@ def _on_twin(
         return Twin(true, scenario, estimator=known)
 
     cells = [_cell(twin, controllers[design], SEEDS) for design in _ORDER]
-    return [f"{name}, {ESTIMATORS[state]}: peak error (mm)", *cells]
+    return [f"{name}, {ESTIMATORS[state]}: peak error [mm]", *cells]
 
 
 def _cell(make: Callable[[], Twin], controller: Controller, seeds: Sequence[int]) -> str:

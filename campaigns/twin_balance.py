@@ -57,10 +57,10 @@ def campaign() -> Section:
         [name, f"{pick(values):.2f}", f"{np.median(values):.2f}"]
         for name, pick, values in (
             ("stood [s]", min, [run.stood for run in runs]),
-            ("largest lean [degrees]", max, [run.lean for run in runs]),
+            ("largest lean [deg]", max, [run.lean for run in runs]),
             ("farthest from the spot, by its own sensors [m]", max, [run.sensed for run in runs]),
             ("farthest from the spot, true [m]", max, [run.strayed for run in runs]),
-            ("turned away, true [degrees]", max, [run.turned for run in runs]),
+            ("turned away, true [deg]", max, [run.turned for run in runs]),
         )
     ]
     return Section(

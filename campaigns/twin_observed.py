@@ -137,7 +137,7 @@ class Drift:
     """How a run's on-board state leaves the truth."""
 
     t: NDArray[np.float64]  #: (N,) [s]
-    heading: NDArray[np.float64]  #: (N,) on-board less true [degrees]
+    heading: NDArray[np.float64]  #: (N,) on-board less true [deg]
     position: NDArray[np.float64]  #: (N,) distance of the one from the other [m]
 
     @property
@@ -213,7 +213,7 @@ def drift_figure(found: Drift) -> Figure:
     figure = Figure(figsize=(7.4, 2.3), layout="constrained")
     heading, position = figure.subplots(1, 2)
     heading.plot(*thinned(found.t, found.heading), color=BLUE, linewidth=1.2)
-    heading.set(xlabel="time [s]", ylabel="on-board less true [degrees]")
+    heading.set(xlabel="time [s]", ylabel="on-board less true [deg]")
     heading.set_title(f"Heading: {180 * found.rate:.1f} degrees in 3 minutes")
     position.plot(*thinned(found.t, found.position), color=BLUE, linewidth=1.2)
     position.set(xlabel="time [s]", ylabel="on-board from true [m]", ylim=(0.0, None))

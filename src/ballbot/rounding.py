@@ -1,4 +1,4 @@
-"""Numbers as people read them: significant digits without an exponent, and a value no finer than its error."""
+"""Quantities as people read them: significant digits, a value no finer than its error, a name with its unit."""
 
 from __future__ import annotations
 
@@ -8,13 +8,35 @@ import math
 DASH = "–"
 
 
-def digits(value: float, count: int = 3) -> str:
-    """Return a number with that many significant digits and no exponent; a dash if it is not finite."""
+def unit_heading(name: str, unit: str) -> str:
+    """Return the heading of a quantity, such as `lean [deg]`: the one form of axes, columns and rows with a unit.
+
+    A quantity without a unit ("" or "1") has its name alone.
+    """
+    return name if unit in ("", "1") else f"{name} [{unit}]"
+
+
+def digits(value: float, count: int = 3, *, beside: float = 0.0) -> str:
+    """Return a number with that many significant digits and no exponent; a dash if it is not finite.
+
+    Parameters
+    ----------
+    value : float
+    count : int
+    beside : float
+        A number that it is compared with: the value is rounded where that one has its last significant digit, if that
+        is earlier. So nearly nothing beside 0.009 is 0, not 0.000000000054.
+    """
     if not math.isfinite(value):
         return DASH
     if value == 0.0:
         return "0"
     leading = math.floor(math.log10(abs(value)))
+    if beside:
+        last = math.floor(math.log10(abs(beside))) - count + 1
+        if abs(value) < 0.5 * 10.0**last:
+            return "0"
+        count = min(count, leading - last + 1) or 1
     places = max(0, count - 1 - leading)
     return f"{round(value, count - 1 - leading):.{places}f}"
 

@@ -142,6 +142,8 @@ def test_one_sentence_names_all_wheels_of_which_the_same_is_to_be_said():
     assert at_bound.startswith(
         "b1, b2, b3, s1, s2 and s3 are at their lower bound 0 and have no standard error: zero"
     )
+    beside = COORDINATES.lower + 1e-9 * (COORDINATES.upper - COORDINATES.lower)
+    assert bound_findings(COORDINATES, beside, at_zero)[0].text == at_bound
     (alone,) = texts(bound_findings(COORDINATES, COORDINATES.lower, np.array(LABELS) == "v_s"))
     assert alone.startswith("v_s is at its lower bound 0.1 and has no standard error: widen")
 

@@ -67,6 +67,17 @@ def test_names_that_recur_have_their_folders(tmp_path, monkeypatch):
         as_logs([paths[0], paths[0]])
 
 
+def test_two_formats_in_one_folder_are_two_logs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    paths = [Path("run/log.csv"), Path("run/log.npz")]
+    paths[0].parent.mkdir()
+    for path in paths:
+        LOG.write(path)
+    assert list(as_logs(paths)) == [str(path) for path in paths]
+    with pytest.raises(InputError, match=r"^The log \S*run/log.csv is given twice"):
+        as_logs([paths[0], paths[0].resolve()])
+
+
 @given(st.dictionaries(NAMES, st.just(LOG), min_size=1, max_size=4))
 def test_a_mapping_keeps_its_names_and_order(logs):
     assert list(as_logs(logs)) == list(logs)

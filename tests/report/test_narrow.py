@@ -83,6 +83,20 @@ def test_no_text_leaves_a_narrow_figure():
     assert box.x1 <= NARROW + 0.02
 
 
+def test_a_legend_has_as_many_columns_as_fit():
+    figure = panels_of(1, 2)
+    for number in range(4):
+        figure.axes[0].plot([0.0, 1.0], [1.0, 0.0], label=f"friction {number}")
+    figure.legend(loc="outside upper center", ncols=4)
+    make_narrow(figure)
+    figure.draw_without_rendering()
+    (legend,) = figure.legends
+    lines = {round(text.get_window_extent().y0) for text in legend.get_texts()}
+    assert 1 < len(lines) < 4
+    assert legend.get_window_extent().x0 >= 0.0
+    assert legend.get_window_extent().width <= figure.bbox.width
+
+
 def test_a_page_has_both_forms_of_a_wide_figure_with_names_of_their_own():
     made = drawn_picture("one", lambda: panels_of(1, 2), "a figure")
     forms = [set(re.findall(r'\bid="([^"]+)"', svg)) for svg in (made.markup, made.narrow)]

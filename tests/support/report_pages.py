@@ -9,8 +9,8 @@ LARGEST_PAGE = 2_500_000
 
 
 def shown_text(page: str) -> str:
-    """Return a page without its figures, scripts and styles."""
-    return re.sub(r"<(svg|script|style)\b.*?</\1>", "", page, flags=re.DOTALL)
+    """Return a page without its figures, scripts and styles, and with plain blanks."""
+    return re.sub(r"<(svg|script|style)\b.*?</\1>", "", page, flags=re.DOTALL).replace("\u00a0", " ")
 
 
 def plain_markup(page: str) -> str:

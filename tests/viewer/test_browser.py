@@ -95,6 +95,19 @@ def test_scrubbing_shows_the_time_and_another_picture(tab, replay):
     keep(first, "side_light")
 
 
+def test_page_names_what_it_draws(tab, replay):
+    """The lines on the floor and the arrows in the picture, and the unit of each plot."""
+    tab.open(replay)
+    tab.wait(f"{CLOCK} > 0.1")
+    key = tab.run("document.querySelector('.key').innerText")
+    for name in ("path of the ball", "reference\n", "reference now", "motor forces on the ball", "grid"):
+        assert name in f"{key}\n"
+    headings = tab.run(
+        "[...document.querySelectorAll('.panel-head select')].map((s) => s.selectedOptions[0].text)"
+    )
+    assert headings == ["distance from the reference [mm]", "lean [deg]", "largest wheel torque [N m]"]
+
+
 def test_slow_motion_is_slow(tab, replay):
     tab.open(replay)
     choose(tab, "Speed", "0.1")

@@ -140,9 +140,9 @@ def test_robots_are_named_by_what_differs():
     two = {"a": ALTEN["alten"], "b": ALTEN["alten"]}
     some = parse_candidates(("none", "best=precise"))
     assert [one.name for one in live_entries(ALTEN, some[:1])] == ["alten"]
-    assert [one.name for one in live_entries(ALTEN, some)] == ["none", "best"]
+    assert [one.name for one in live_entries(ALTEN, some)] == ["no compensation", "best"]
     assert [one.name for one in live_entries(two, some[:1])] == ["a", "b"]
-    assert [one.name for one in live_entries(two, some)][:2] == ["a · none", "a · best"]
+    assert [one.name for one in live_entries(two, some)][:2] == ["a · no compensation", "a · best"]
 
 
 def test_too_many_robots_are_refused():

@@ -436,7 +436,7 @@ def test_command_prints_the_verdict_first(folder: Path, capsys):
     assert main(["validate", "--prediction", results, new]) == 0
     said = capsys.readouterr().out
     assert said.splitlines()[0].startswith("Keep this controller.")
-    assert "peak error (mm)" in said
+    assert "peak error [mm]" in said
 
 
 def test_command_writes_results_and_a_page(folder: Path, capsys):

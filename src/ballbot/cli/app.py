@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Annotated, get_origin
+from typing import Annotated, cast, get_origin
 
 from cyclopts import App, Group, Parameter
 from cyclopts.help import format_usage
@@ -158,7 +158,8 @@ def build_app(tokens: Sequence[str] = (), *, unavailable: Collection[str] = ()) 
         help_format="markdown",
         version=version,
         version_flags=VERSION_FLAGS,
-        default_parameter=Parameter(negative_iterable=()),  # no --empty-OPTION
+        default_parameter=Parameter(negative_iterable=(), show_default=_default_words),  # no --empty-OPTION
+        group_commands=Group.create_ordered("This program"),
         suppress_keyboard_interrupt=False,
     )
     for place, command in enumerate(COMMANDS):
@@ -189,6 +190,15 @@ def build_app(tokens: Sequence[str] = (), *, unavailable: Collection[str] = ()) 
         app(words, exit_on_error=False, print_error=False, result_action="return_value")
 
     return app
+
+
+def _default_words(value: object) -> str | None:
+    """Return a default as it is written on a command line; None for nothing, and for a switch that is off."""
+    if value is None or value is False or value in ("", ()):
+        return None
+    if isinstance(value, tuple):
+        return " ".join(map(str, cast("tuple[object, ...]", value)))
+    return "on" if value is True else str(value)
 
 
 def _name_arguments(app: App, path: tuple[str, ...]) -> None:

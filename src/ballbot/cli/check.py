@@ -42,10 +42,10 @@ class SwingOptions:
     """The swinging column of the log, if it is not one of gyro_x .. gyro_z, theta, phi, psi."""
 
     pivot_distance: float | None = None
-    """Distance from the pivot to the centre of mass, in m. If not given, the pivot is at the ball's centre."""
+    """Distance from the pivot to the centre of mass [m]. If not given, the pivot is at the ball's centre."""
 
     pivot_deviation: float | None = None
-    """Standard deviation of that distance, in m."""
+    """Standard deviation of that distance [m]."""
 
 
 _WRITTEN = (PAGE, "results.json", "check.txt", "swing.svg")

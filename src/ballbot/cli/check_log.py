@@ -47,7 +47,7 @@ def check_log(
 
     Example: `ballbot check-log run1.csv --robot alten`
 
-    Example: `ballbot check-log main_control_1.txt --robot rob311 --out checked` writes mapping.toml and log.csv
+    Example: `ballbot check-log main_control_1.txt --robot rob311 --out checked`
 
     Parameters
     ----------

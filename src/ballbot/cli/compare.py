@@ -14,6 +14,7 @@ from ballbot.control.references import is_reference_file
 from ballbot.errors import InputError
 from ballbot.report.comparison import league_parts, league_report
 from ballbot.robot import Robot
+from ballbot.summary import counted
 from ballbot.workflows.candidates import Candidate, parse_candidates
 from ballbot.workflows.courses import Course, PlantName, choose_courses
 from ballbot.workflows.league import league_identity, league_results, run_league, user_files
@@ -91,7 +92,7 @@ def compare(
             run=RunOptions(resume=resume),
         ) as result,
         result.progress(
-            f"{len(made) * len(courses) * len(numbers)} runs on the {plant}", writing=_WRITING
+            f"{counted(len(made) * len(courses) * len(numbers), 'run')} on the {plant}", writing=_WRITING
         ) as bar,
     ):
         league = run_league(

@@ -104,7 +104,7 @@ class IdentificationOptions:
     """The bounds file of `ballbot identify`. Standard errors are weighted by the width of the bounds."""
 
     window: float = 0.25
-    """Length of the windows of the identification, in seconds."""
+    """Length of the windows of the identification [s]."""
 
 
 _LIMITS, _SEARCH = LimitOptions(), SearchOptions()

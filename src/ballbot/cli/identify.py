@@ -47,6 +47,7 @@ from ballbot.report.friction import identification_parts
 from ballbot.report.identification_page import identification_report, ladder_picture
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
+from ballbot.summary import counted
 
 _WRITTEN = (PAGE, "robot.toml", "results.json", "ladder.svg")
 _WRITING = 2.2  #: processor time of the page [s]
@@ -79,7 +80,7 @@ class FitOptions:
     their uncertainties. With --estimate torque_gain only the ratios between the wheels count."""
 
     window: float = 0.25
-    """Length of the predicted windows, in seconds."""
+    """Length of the predicted windows [s]."""
 
     seed: WholeNumber = 0
     """Random seed. The same seed gives the same result."""
@@ -208,9 +209,9 @@ def _logs(
     others = named_files(held_out) if held_out else {}
     count = len(named) + len(others)
     if len(mappings) not in (0, 1, count):
+        each = "" if count == 1 else " for all logs, or once for each log, in the order of the logs"
         raise InputError(
-            f"--mapping is given {len(mappings)} times for {count} "
-            "logs; give one for all logs, or one for each."
+            f"--mapping is given {len(mappings)} times for {counted(count, 'log')}. Give it once{each}."
         )
     of_each = iter(mappings if len(mappings) == count else (*mappings, None)[:1] * count)
 

@@ -69,7 +69,7 @@ def identify_driveline(
     mapping
         A TOML file that describes the columns and units of a foreign log, as `ballbot check-log` writes it.
     speed_limit
-        Speed limit of the supply, in rad/s; the greatest speed in the log if not given.
+        Speed limit of the supply [rad/s]. If not given, the greatest speed in the log.
     lower
         Lower bounds of b, c, s, v_s and delta.
     upper

@@ -21,6 +21,7 @@ from ballbot.log.checks import bench_findings
 from ballbot.report.bench import geometry_parts, geometry_report
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
+from ballbot.summary import counted
 
 _WRITTEN = (PAGE, "robot.toml", "results.json")
 #: r_b / r_w by the logs over the file's; beyond, a unit or a column is wrong rather than a tape measure
@@ -64,9 +65,10 @@ def identify_geometry(
     described = Robot.load(robot)
     on_wheels, runs, films = upside_down or [], balancing or [], motion_capture or []
     if len(runs) != len(films):
+        numbers = counted(len(runs), "time"), counted(len(films), "time")
         raise InputError(
-            f"--balancing is given {len(runs)} times and --motion-capture {len(films)} "
-            "times; give one motion capture for each balancing log, in the same order."
+            f"--balancing is given {numbers[0]} and --motion-capture {numbers[1]}. Give one motion capture for each "
+            "balancing log, in the same order."
         )
     of_ball = dict(
         zip(on_wheels, read_logs(tuple(on_wheels), mapping).values() if on_wheels else (), strict=True)

@@ -75,7 +75,7 @@ def identify_upside_down(
     seed
         Random seed. The same seed gives the same result.
     window
-        Length of the predicted windows, in seconds.
+        Length of the predicted windows [s].
     resume
         Continue an interrupted run in the same folder.
     """

@@ -27,6 +27,7 @@ from ballbot.report.twin import recording_report, seeds_report
 from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.simulation.run import sample_count
+from ballbot.summary import counted
 from ballbot.twin.recording import DURATIONS, Experiment, Recording
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.viewer.foxglove import write_with_scene
@@ -188,7 +189,7 @@ def _one(job: RecordJob, seed: int, out: Path, console: Console, *, resume: bool
 
 
 def _many(job: RecordJob, seeds: list[int], out: Path, console: Console) -> None:
-    with progress_bar(console, f"recording {len(seeds)} runs of {job.duration:g} s") as bar:
+    with progress_bar(console, f"recording {counted(len(seeds), 'run')} of {job.duration:g} s") as bar:
         outcomes = record_runs(
             job,
             seeds,
@@ -214,4 +215,4 @@ def _summary(outcomes: list[RecordOutcome], out: Path) -> str:
     before = sum(outcome.was_there for outcome in outcomes)
     early = sum(outcome.ended is not None for outcome in outcomes)
     kept = f", {before} of them kept from before" if before else ""
-    return f"{len(outcomes)} runs in {out}{kept}; {early} ended early."
+    return f"{counted(len(outcomes), 'run')} in {out}{kept}; {early} ended early."

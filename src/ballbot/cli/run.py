@@ -496,5 +496,5 @@ def recover(recording: Path, /, *, out: Path) -> None:
             )
             result.write_page(page, new)
     length = float(read.log.t[-1] - read.log.t[0])
-    result.console.print(f"{len(read.log)} whole rows, {length:.1f} s; {read.damaged_bytes} bytes were lost.")
+    result.console.print(f"Rows: {len(read.log)} in {length:.1f} s. Bytes lost: {read.damaged_bytes}.")
     result.show_file("log.csv", PAGE)

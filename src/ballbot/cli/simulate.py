@@ -65,12 +65,12 @@ def simulate(
 ) -> None:
     """Simulate a robot in closed loop on its equations of motion, with stick-slip friction.
 
+    Writes report.html, log.csv, results.json (position errors, torque, how the run ended) and robot.toml, the robot of
+    the log.
+
     Example: ballbot simulate alten --reference square --duration 32 --out run1
 
     Example: ballbot simulate alten --controller mine.toml --scenario nominal --seed 3 --out run2
-
-    Writes report.html, log.csv, results.json (position errors, torque, how the run ended) and robot.toml, the robot of
-    the log.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ from pathlib import Path
 from ballbot.cli.context import ROBOT_BESIDE, robot_beside
 from ballbot.cli.live_view import LiveOptions, has_live_view, open_page, simulate_live, watch_robot
 from ballbot.cli.output import notice_output, progress_bar, show_written, standard_output
-from ballbot.errors import InputError, nearest
+from ballbot.errors import InputError, every, nearest
 from ballbot.files import check_file, write_text
 from ballbot.log import Log
 from ballbot.log.collection import named_files
@@ -99,7 +99,7 @@ def view(
         }
         given = None if robot is None else Robot.load(robot)
         owners = {name: given or _owner(path) for name, path in paths.items()}
-        page = replay_page(logs, owners, title=" and ".join(logs), layout=layout, autoplay=video is None)
+        page = replay_page(logs, owners, title=every(logs), layout=layout, autoplay=video is None)
     _write(page, save, video)
 
 

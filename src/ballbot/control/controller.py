@@ -55,14 +55,14 @@ class Controller:
     gain : array_like (n, 10)
         K, designed at psi = 0, as `ballbot.lqr` returns it.
     sample_time : float, optional
-        [s]; the robot's own where not given.
+        [s]; the robot's own if not given.
     compensation : {"none", "full", "partial"}
         "full": each wheel's whole friction; "partial": only while it works against the intended motion
         (thesis 5.2). Either carries the rolling friction by the wheels.
     torque_limit : float, optional
-        [N m] for each wheel; the robot's own where not given.
+        [N m] for each wheel; the robot's own if not given.
     speed_band : float, optional
-        Wheel speed [rad/s] below which the friction's sign is a linear ramp; `default_speed_band` where not given.
+        Wheel speed [rad/s] below which the friction's sign is a linear ramp; `default_speed_band` if not given.
     parts : Parts
         What is added; nothing by default.
     estimator : {"onboard", "kalman"}
@@ -182,10 +182,11 @@ class Controller:
         t : float
             [s]; the same at any time.
         state : array_like (10,)
-            What was measured. If a value is missing (NaN), infinite or beyond `LARGEST_STATE`, the state is invalid:
-            the torques are zero and what the controller remembers stays as it is.
+            Measured: x, y [m] of the ball in the world frame, theta, phi, psi [rad], and their rates. If a value is
+            missing (NaN), infinite or beyond `LARGEST_STATE`, the state is invalid: the torques are zero and what the
+            controller remembers stays as it is.
         reference : array_like (10,)
-            x, y and psi may differ from zero.
+            Wanted, as the state; x, y and psi may differ from zero.
 
         Returns
         -------

@@ -124,7 +124,7 @@ def lqr(
     sample_time : float, optional
         Time over which each input is held [s]; without it the control is continuous.
     N : array_like (m, n), optional
-        Cross weight; zero where not given.
+        Cross weight; zero if not given.
 
     Returns
     -------

@@ -63,7 +63,7 @@ def design_gain(
     torque_weight : float
         Diagonal of R, the same for every wheel.
     sample_time : float, optional
-        [s]; the robot's own where not given.
+        [s]; the robot's own if not given.
     """
     robot = as_robot(robot)
     time = robot.sensors.sample_time if sample_time is None else sample_time
@@ -142,7 +142,7 @@ def design_integral_gain(
     torque_weight : float
         Diagonal of R, the same for every wheel.
     sample_time : float, optional
-        [s]; the robot's own where not given.
+        [s]; the robot's own if not given.
 
     Raises
     ------
@@ -186,7 +186,7 @@ def precise_controller(
         Its friction is what is compensated.
     compensation : {"none", "full", "partial"}
     design : IntegralDesign, optional
-        `design_integral_gain(robot)` where not given.
+        `design_integral_gain(robot)` if not given.
     """
     robot = as_robot(robot)
     chosen = design if design is not None else design_integral_gain(robot)

@@ -81,7 +81,7 @@ class Stop:
 
 @dataclass(frozen=True, kw_only=True)
 class SafetyLimits:
-    """What the safety layer lets pass.
+    """Limits beyond which the safety layer sets all torques to zero until `SafeController.reset`.
 
     Raises
     ------

@@ -71,8 +71,9 @@ def bound_findings(
 ) -> list[Finding]:
     """Return a finding for each bound that parameters are at; `values` (p,) in SI units."""
     at: dict[tuple[str, str], list[str]] = {}  # parameters by their bound and the advice
+    nearer = coordinates.scaled(values) < 0.5  # a search ends beside its bound, not on it
     for i in np.flatnonzero(at_bound):
-        lowest = values[i] <= coordinates.lower[i]
+        lowest = nearer[i]
         side, bound = ("lower", coordinates.lower[i]) if lowest else ("upper", coordinates.upper[i])
         zero = "zero friction of this kind" if coordinates.names[i] in FRICTION else "zero"
         advice = f"{zero} fits best" if bound == 0.0 else "widen the bound, or fix the parameter"

@@ -78,6 +78,8 @@ NO_LOG = "No log is given. Name one or more log files after the robot."
 def named_files(paths: Sequence[Path]) -> dict[str, Path]:
     """Return logs' files by their stems, a log.csv by its folder; by their paths if names recur.
 
+    Of two files whose paths differ in the format only, such as run/log.csv and run/log.mcap, the paths are whole.
+
     Raises
     ------
     InputError
@@ -85,12 +87,13 @@ def named_files(paths: Sequence[Path]) -> dict[str, Path]:
     """
     if not paths:
         raise InputError(NO_LOG)
-    names = [path.resolve().parent.name or path.stem if path.stem == "log" else path.stem for path in paths]
-    if len(set(names)) < len(names):
-        names = [str(path.with_suffix("")) for path in paths]
-    for path, name in zip(paths, names, strict=True):
-        if names.count(name) > 1:
+    for place, path in enumerate(paths):
+        if path.resolve() in (one.resolve() for one in paths[:place]):
             raise InputError(f"The log {path} is given twice. Name each file once.")
+    by_stem = [path.resolve().parent.name or path.stem if path.stem == "log" else path.stem for path in paths]
+    by_path = [str(path.with_suffix("")) for path in paths]
+    whole = [str(path) for path in paths]
+    names = next(names for names in (by_stem, by_path, whole) if len(set(names)) == len(names))
     return dict(zip(names, paths, strict=True))
 
 

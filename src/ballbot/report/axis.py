@@ -26,7 +26,7 @@ from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Look, Panel, TimeSeries
 from ballbot.report.style import drawn_picture
 from ballbot.report.words import with_error
-from ballbot.rounding import digits, value_and_error
+from ballbot.rounding import digits, unit_heading, value_and_error
 
 #: a point of the friction figure is drawn only where the axis moves faster than this share of its fastest
 _SLOW = 0.02
@@ -72,8 +72,8 @@ def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figur
         _draw_law(estimate, fastest, color, dash, axes)
     middle = float(np.quantile(np.abs(friction[moving]), 0.99))
     axes.set_ylim(-1.3 * middle, 1.3 * middle)
-    axes.set_xlabel(f"speed [{found.unit}/s]")
-    axes.set_ylabel(f"friction [{record.force_unit}]")
+    axes.set_xlabel(unit_heading("speed", f"{found.unit}/s"))
+    axes.set_ylabel(unit_heading("friction", record.force_unit))
     axes.legend(loc="upper left", markerscale=5.0)
     return figure
 
@@ -118,8 +118,8 @@ def closed_loop_series(found: AxisIdentification, record: AxisRecord, of_record:
     return TimeSeries(
         t=record.t,
         panels=(
-            Panel(label=f"force [{unit}]", lines=lines),
-            Panel(label=f"simulated less recorded [{unit}]", lines=difference),
+            Panel(label=unit_heading("force", unit), lines=lines),
+            Panel(label=unit_heading("simulated less recorded", unit), lines=difference),
         ),
         caption=f"Closed loop{of_record}: the recorded reference moves the axis through its controller.",
     )
@@ -147,8 +147,8 @@ def open_loop_series(found: AxisIdentification, record: AxisRecord, of_record: s
     return TimeSeries(
         t=record.t,
         panels=(
-            Panel(label=f"recorded position [{found.unit}]", lines=position),
-            Panel(label=f"error of the position [m{found.unit}]", lines=errors),
+            Panel(label=unit_heading("recorded position", found.unit), lines=position),
+            Panel(label=unit_heading("error of the position", f"m{found.unit}"), lines=errors),
         ),
         caption=f"Open loop over the whole record{of_record}: the recorded force moves the axis from its first state"
         f"{left_out}.",

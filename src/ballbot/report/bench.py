@@ -36,8 +36,9 @@ from ballbot.report.style import (
 )
 from ballbot.report.words import driveline_symbols, logs_words
 from ballbot.robot import Friction, Robot
-from ballbot.rounding import digits, value_and_error
+from ballbot.rounding import digits, unit_heading, value_and_error
 from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
+from ballbot.summary import counted
 from ballbot.workflows.ball_movement import TURN, BallMovement
 
 #: windows shown of the log, from its middle
@@ -128,8 +129,8 @@ def swing_figure(fit: SwingFit, *, label: str = "measured") -> Figure:
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
     upper.plot(t, in_degrees * measured, label=label, **MEASURED)
     upper.plot(t, in_degrees * predicted, label="pendulum fitted", **WITHOUT_FRICTION)
-    upper.set_ylabel(f"{'angle' if swing.kind == 'angle' else 'rate'} [{unit}]")
-    upper.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+    upper.set_ylabel(unit_heading("angle" if swing.kind == "angle" else "rate", unit))
+    figure.legend(loc="outside upper center", ncols=2)
     lower.plot(t, in_degrees * (measured - predicted), color=MEASURED["color"], linewidth=0.8)
     lower.set_ylabel(f"difference\n[{unit}]")
     lower.set_xlabel("time [s]")
@@ -182,11 +183,11 @@ def _parameter_table(found: UpsideDown, described: Robot, *, framed: bool) -> Te
 
 def _error_table(found: UpsideDown, *, framed: bool) -> TextTable:
     rows = [
-        (f"Ω_{axis}", *(digits(float(errors[i])) for errors in found.held_out.values()))
+        (f"Ω about {axis}", *(digits(float(errors[i])) for errors in found.held_out.values()))
         for i, axis in enumerate("xyz")
     ]
-    title = f"Open-loop RMSE in rad/s on {len(found.held_out_windows)} held-out windows of {found.window:g} s"
-    return table(title, ("state", *(f"friction: {name}" for name in found.held_out)), rows, framed=framed)
+    title = f"Open-loop RMSE [rad/s] on {len(found.held_out_windows)} held-out windows of {found.window:g} s."
+    return table(title, ("axis", *(_MODELS[name] for name in found.held_out)), rows, framed=framed)
 
 
 def geometry_parts(found: Geometry, findings: Sequence[Finding], *, framed: bool) -> Iterator[RenderableType]:
@@ -198,10 +199,13 @@ def geometry_parts(found: Geometry, findings: Sequence[Finding], *, framed: bool
         yield Text(finding.text)
 
 
+#: units of a table's rows: factor from SI, and name
+_SHOWN_IN = {"rad": (math.degrees(1.0), "deg"), "s": (1e3, "ms"), "1": (1.0, "")}
+
+
 def _row(one: Measured) -> list[str]:
-    scale, unit = (math.degrees(1.0), "deg") if one.unit == "rad" else (1.0, one.unit)
-    unit = "" if unit == "1" else unit
-    off = f"{one.deviation:+.1f} s.e."
+    scale, unit = _SHOWN_IN.get(one.unit, (1.0, one.unit))
+    off = f"{round(one.deviation, 1) + 0.0:+.1f} s.e."  # adding zero keeps a minus sign off what prints as nothing
     error = scale * one.standard_error
     decimals = max(0, 1 - math.floor(math.log10(error)))
     numbers = (
@@ -263,8 +267,7 @@ def upside_down_report(
         for name, errors in found.held_out.items()
         if name != _FOUND
     }
-    others = {"none": "without friction", "robot file": "with the friction of the robot file"}
-    better = " and ".join(f"{digits(one, 2)} times as large {others[name]}" for name, one in ratio.items())
+    better = " and ".join(f"{digits(one, 2)} times as large {_MODELS[name]}" for name, one in ratio.items())
     dry = np.atleast_1d(np.asarray(values["c"]))
     verdict = [
         (
@@ -313,6 +316,12 @@ def upside_down_report(
 
 #: how the windows' errors name this identification
 _FOUND = "found"
+#: the models by those names, in words
+_MODELS = {
+    _FOUND: "with the friction found",
+    "none": "without friction",
+    "robot file": "with the friction of the robot file",
+}
 
 
 def prediction_series(found: UpsideDown, log: Log) -> TimeSeries:
@@ -337,13 +346,13 @@ def prediction_series(found: UpsideDown, log: Log) -> TimeSeries:
         largest = 1.3 * float(
             np.abs(windows.measured[..., axis]).max()
         )  # without friction it leaves the panel
-        panels.append(Panel(label=f"Ω_{name} [rad/s]", lines=lines, ends=(-largest, largest)))
+        panels.append(Panel(label=f"Ω about {name} [rad/s]", lines=lines, ends=(-largest, largest)))
     return TimeSeries(
         t=_broken_times(t),
         panels=panels,
-        caption=f"{len(windows.spans)} windows from the middle of the first log. Predictions start again from the "
-        f"measured velocity every {found.window:g} s. The axes are those of the measured velocity: a prediction may "
-        "leave them.",
+        caption=f"{counted(len(windows.spans), 'window')} from the middle of the first log. Predictions start again "
+        f"from the measured velocity every {found.window:g} s. The axes are those of the measured velocity: a "
+        "prediction may leave them.",
         across="time of the log [s]",
         shaded=[(one.start, one.end) for one in windows.spans if (one.log, one.start) in held_out],
         shade="held out",

@@ -28,6 +28,7 @@ from ballbot.report.series import Line, Look, Panel, TimeSeries, together, true_
 from ballbot.report.style import REFERENCE, LineStyle, drawn_picture, label_of, thinned
 from ballbot.report.words import ratio_digits
 from ballbot.robot import Robot
+from ballbot.rounding import unit_heading
 from ballbot.summary import counted
 from ballbot.viewer.page import MOST_RUNS, RunColor, replay_part
 from ballbot.workflows.comparison import Estimate, student_quantile
@@ -105,7 +106,7 @@ def position_error_series(runs: Mapping[str, Log], caption: str) -> TimeSeries:
 
 
 OVERALL_HEADINGS = ("controller", *(METRIC_BY_KEY[key].heading for key in RATIOS), "falls")
-STANDING_HEADINGS = ("controller", *(f"{one.heading} ({one.unit})" for one in METRICS), "falls")
+STANDING_HEADINGS = ("controller", *(unit_heading(one.heading, one.unit) for one in METRICS), "falls")
 
 
 def overall_rows(league: League) -> list[list[str]]:
@@ -134,7 +135,7 @@ def metric_rows(league: League, course: str) -> list[list[str | Cell]]:
     """Return a row for each metric on a course: its name and each controller's mean, below it the difference."""
     found = [standing(league, course, name) for name in league.controllers]
     rows: list[list[str | Cell]] = [
-        [f"{one.heading} ({one.unit})", *(_cell(each, one) for each in found)]
+        [unit_heading(one.heading, one.unit), *(_cell(each, one) for each in found)]
         for one in _with_decimals(found)
     ]
     return [*rows, ["falls", *(_falls(each) for each in found)]]
@@ -221,7 +222,7 @@ def overview_figure(league: League) -> Figure:
             _draw_controller(axes, league, index, metric)
         axes.set_xscale("log")
         _plain_ticks(axes)
-        axes.set_xlabel(f"{metric.words} [{metric.unit}]")
+        axes.set_xlabel(unit_heading(metric.words, metric.unit))
         axes.grid(visible=False, axis="y")
     panels[0].set_yticks(range(rows), [label_of(course.name.replace("_", " ")) for course in league.courses])
     panels[0].set_ylim(rows - 0.5, -0.5)

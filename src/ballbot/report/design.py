@@ -120,7 +120,7 @@ def controller_design_parts(found: ControllerDesign, *, framed: bool) -> Iterato
         yield Text(f"\nStandard deviation of the gain, from those in the robot file ({causes}):\n")
         yield Text(matrix_text("+-", spread.deviation))
     rows = [[f"{pole.real:.4f}", f"{pole.imag:.4f}"] for pole in found.gain.poles]
-    yield table("Closed-loop poles (rad/s)", ["real", "imaginary"], rows, framed=framed)
+    yield table("Closed-loop poles [rad/s]", ["real", "imaginary"], rows, framed=framed)
     yield margins_table(found.loop_margins, framed=framed)
     yield Text(MEANING)
     if found.certain is not found.stated:
@@ -332,7 +332,7 @@ def robust_design_report(found: RobustDesign, made: Provenance, findings: Sequen
 
 
 def _robust_rows(found: RobustDesign) -> tuple[tuple[str, ...], list[list[str]]]:
-    headings = ("design", "worst tenth of J", "mean J", "worst error (mm)", "worst roughness (N m)", "falls")
+    headings = ("design", "worst tenth of J", "mean J", "worst error [mm]", "worst roughness [N m]", "falls")
     rows = [
         [
             name,

@@ -23,7 +23,7 @@ from ballbot.report.series import Line, Look, Panel, TimeSeries, wheel_lines
 from ballbot.report.style import drawn_picture, thinned
 from ballbot.robot import Robot
 from ballbot.robot.parameters import DIMENSIONLESS
-from ballbot.rounding import digits
+from ballbot.rounding import digits, unit_heading
 from ballbot.workflows.excitation_task import RunLimits, run_on_model
 from ballbot.workflows.excite import Excitation, Trial
 
@@ -155,7 +155,7 @@ def _limits_table(result: Excitation, *, framed: bool) -> TextTable:
     runs |= {f"{name}, twin": trial.peaks for name, trial in trials.items()}
     rows = [
         (
-            f"{name} [{unit}]",
+            unit_heading(name, unit),
             *(_shown(name, getattr(one, name)) for one in (result.task.limits, *runs.values())),
         )
         for name, (unit, _) in _SHOWN.items()

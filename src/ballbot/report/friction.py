@@ -38,7 +38,8 @@ from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.report.style import STATE_UNITS, drawn_picture
 from ballbot.report.validation_figures import correlation_figure
 from ballbot.report.words import interval_text
-from ballbot.rounding import digits, value_and_error
+from ballbot.rounding import digits, unit_heading, value_and_error
+from ballbot.summary import counted
 from ballbot.workflows.study import StudiedLog
 
 
@@ -172,7 +173,7 @@ def interval_figure(found: Identification) -> Figure:
     for axes in panels[len(shown) :]:
         axes.remove()
     for axes, (symbol, unit, labels, value) in zip(panels, shown, strict=False):
-        axes.set_title(symbol + (f" [{unit}]" if unit not in ("", "1") else ""))
+        axes.set_title(unit_heading(symbol, unit))
         _draw_intervals(axes, found, labels, np.atleast_1d(value), np.atleast_1d(before[symbol]))
     entries = {
         words: handle
@@ -292,10 +293,8 @@ def ladder_figure(ladder: ModelSelection[Identification]) -> Figure:
 def search_blocks(found: Identification) -> Iterator[Block]:
     """Yield how the error fell during the search."""
     costs = (found.evolution_cost, found.gauss_newton_cost)
-    words = (
-        f"{len(costs[0])} generations of an evolution strategy, then {len(costs[1])} steps of Gauss-Newton on all "
-        "windows fitted."
-    )
+    generations, steps = counted(len(costs[0]), "generation"), counted(len(costs[1]), "step")
+    words = f"{generations} of an evolution strategy, then {steps} of Gauss-Newton on all windows fitted."
     yield Paragraph(text=words)
     if all(costs):
         caption = (

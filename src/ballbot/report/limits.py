@@ -56,7 +56,7 @@ def planes_figure(found: Mapping[str, RobotLimits]) -> Figure:
         axes.axhline(0.0, color=MUTED, linewidth=0.6)
         axes.axvline(0.0, color=MUTED, linewidth=0.6)
         axes.set_title(f"{label_of(name)}, towards {np.degrees(one.plane.direction):.0f}°")
-        axes.set_xlabel("tilt [degrees]")
+        axes.set_xlabel("tilt [deg]")
         axes.grid(visible=False)
     for axes in panels[:, 0]:
         axes.set_ylabel("tilt rate [degrees/s]")
@@ -78,7 +78,7 @@ def directions_figure(found: Mapping[str, RobotLimits], on_twin: Mapping[str, Se
     leans = {name: _degrees(one.lean) for name, one in found.items()}
     impulses = {name: (one.central_impulse.lower, one.central_impulse.upper) for name, one in found.items()}
     directions = {name: one.directions for name, one in found.items()}
-    _draw_polar(left, directions, leans, _marks(on_twin, "lean", 180.0 / np.pi), "tilt at rest [degrees]")
+    _draw_polar(left, directions, leans, _marks(on_twin, "lean", 180.0 / np.pi), "tilt at rest [deg]")
     _draw_polar(right, directions, impulses, _marks(on_twin, "impulse", 1.0), "impulse [N s]")
     handles = [
         Line2D([], [], color=color, marker=mark if on_twin else "", label=label_of(name), linewidth=width)
@@ -159,7 +159,7 @@ def limit_parts(
     found: Mapping[str, RobotLimits], on_twin: Mapping[str, Sequence[TwinLimit]], *, framed: bool
 ) -> Iterator[TextTable]:
     """Yield the table of each controller's limits on the model, and that of the twin if it was run."""
-    headings = ("controller", "tilt at rest (degrees)", "impulse (N s)")
+    headings = ("controller", "tilt at rest [deg]", "impulse [N s]")
     title = "Recovered from in every direction: no wheel slips / if wheels never slip"
     yield table(title, headings, _limit_rows(found), framed=framed)
     if on_twin:
@@ -182,7 +182,7 @@ def _twin_rows(on_twin: Mapping[str, Sequence[TwinLimit]]) -> list[list[str]]:
     rows = []
     for name, limits in on_twin.items():
         for limit in limits:
-            unit, word = (180.0 / np.pi, "tilt (degrees)") if limit.kind == "lean" else (1.0, "impulse (N s)")
+            unit, word = (180.0 / np.pi, "tilt [deg]") if limit.kind == "lean" else (1.0, "impulse [N s]")
             sizes = [f"{unit * size:.1f}" for size in (limit.lower, limit.twin, limit.upper)]
             rows.append([name, word, f"{np.degrees(limit.direction):.0f}°", *sizes])
     return rows

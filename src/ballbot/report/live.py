@@ -19,7 +19,7 @@ from ballbot.link.messages import State
 from ballbot.link.session import stop_reason
 from ballbot.link.wiring import Turn, WiringCheck
 from ballbot.report.console import finding_line, table
-from ballbot.rounding import percent
+from ballbot.rounding import percent, unit_heading
 from ballbot.workflows.alternation import Alternation, Gain
 from ballbot.workflows.controller_verdict import QUANTITY_NAMES
 
@@ -158,7 +158,7 @@ def wiring_parts(check: WiringCheck, *, framed: bool) -> Iterator[RenderableType
     rows = [(one.movement.words, *_turn_cells(one)) for one in check.turns]
     yield table(
         "Turns about x, y, z",
-        ("the robot was", "attitude (degrees)", "gyro (degrees)", "wheels (degrees)"),
+        ("the robot was", "attitude [deg]", "gyro [deg]", "wheels [deg]"),
         rows,
         framed=framed,
     )
@@ -213,7 +213,7 @@ def alternation_parts(found: Alternation, *, framed: bool) -> Iterator[Renderabl
     runs = range(1, len(found.performances) + 1)
     rows = [
         (
-            f"{QUANTITY_NAMES[name]} ({unit})",
+            unit_heading(QUANTITY_NAMES[name], unit),
             *(_number(factor * getattr(one, name), decimals) for one in found.performances),
         )
         for name, (factor, unit, decimals) in _SHOWN.items()

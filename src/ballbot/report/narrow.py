@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
+from matplotlib.legend import Legend
 
 #: [in]; on a page 358 px wide its text of 8.5 points is 10.6 px tall, and the numbers along its axes 9.3 px
 NARROW = 4.0
@@ -32,7 +33,34 @@ class _Place:
 
 
 def make_narrow(figure: Figure) -> None:
-    """Make a figure `NARROW` inches wide: its panels in one column, or in two if it had more than two."""
+    """Make a figure `NARROW` inches wide: its panels in one column, or in two if it had more than two.
+
+    Legends beside the panels have as many columns as fit.
+    """
+    _narrow_panels(figure)
+    for legend in tuple(figure.legends):
+        _fold(figure, legend)
+
+
+def _fold(figure: Figure, legend: Legend) -> None:
+    """Give a legend fewer columns until it is no wider than the figure, which grows by what it gets higher."""
+    figure.draw_without_rendering()
+    first = legend.get_window_extent()
+    above = first.y0 + first.y1 > figure.bbox.y0 + figure.bbox.y1
+    handles = [one for one in legend.legend_handles if one is not None]
+    labels = [text.get_text() for text in legend.get_texts()]
+    columns = len(labels)
+    while columns > 1 and legend.get_window_extent().width > figure.bbox.width:
+        columns -= 1
+        legend.remove()
+        place = "outside upper center" if above else "outside lower center"
+        legend = figure.legend(handles, labels, loc=place, ncols=columns)
+        figure.draw_without_rendering()
+    higher = (legend.get_window_extent().height - first.height) / figure.dpi
+    figure.set_size_inches(NARROW, figure.get_figheight() + max(0.0, higher))
+
+
+def _narrow_panels(figure: Figure) -> None:
     width, height = figure.get_size_inches()
     for axes in [one for one in figure.axes if not one.get_visible()]:
         axes.remove()

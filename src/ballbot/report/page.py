@@ -27,7 +27,10 @@ from ballbot.viewer.page import hash_source, web_file
 
 _OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
 _UNIT = re.compile(r"[(\[][^()\[\]]{1,12}[)\]]")
-_TORQUE = re.compile(r"\bN m\b")
+#: blanks at which a line must not break: within N m s/rad, before a unit or %, and after ±
+_TOGETHER = re.compile(
+    r"(?<=\bN) (?=m\b)|(?<=N m) (?=s\b)|(?<=±) |(?<=\d) (?=[%±×]|(?:m|s|mm|ms|N|rad|deg|kg|Hz|ppm)(?![\w-]))"
+)
 _POWER = re.compile(r"\^(-?\d)\b")
 #: of a letter in a figure, as Matplotlib writes it
 _OUTLINE = re.compile(r'<path id="(?P<name>[^"]+)"(?P<shape> d="[^"]+" transform="scale\(0\.015625\)")/>\n?')
@@ -136,9 +139,9 @@ def _heading(text: str) -> Markup:
 
 
 def _typeset(text: str) -> str:
-    """Return a text with kg m^2 as kg m², of which no line breaks within N m."""
+    """Return a text with kg m^2 as kg m², of which no line breaks between a number and its unit."""
     raised = _POWER.sub(lambda found: found[1].translate(RAISED), str(text))
-    return type(text)(_TORQUE.sub("N\u00a0m", raised))
+    return type(text)(_TOGETHER.sub("\u00a0", raised))
 
 
 class _FigureMarkup:

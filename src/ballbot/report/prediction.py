@@ -16,6 +16,7 @@ from ballbot.report.blocks import Block, Bullets, Report, Section, Sheet, sectio
 from ballbot.report.console import table
 from ballbot.report.provenance import Provenance
 from ballbot.results import to_results
+from ballbot.rounding import unit_heading
 from ballbot.workflows.controller_causes import Cause
 from ballbot.workflows.controller_prediction import Prediction, PredictionInterval
 from ballbot.workflows.controller_verdict import BETTER, QUANTITY_NAMES, QuantityResult, Verdict
@@ -148,7 +149,7 @@ def quantity_rows(verdict: Verdict) -> list[tuple[str, ...]]:
     """Return rows: quantity and unit, measured, predicted, its 95 % interval, its place, predicted without."""
     return [
         (
-            f"{QUANTITY_NAMES[one.name]} ({_SHOWN[one.name][1]})",
+            unit_heading(QUANTITY_NAMES[one.name], _SHOWN[one.name][1]),
             _number(one.name, one.value),
             _number(one.name, one.predicted.median),
             _interval(one.name, one.predicted),
@@ -163,7 +164,7 @@ def predicted_rows(prediction: Prediction) -> list[tuple[str, ...]]:
     """Return rows: quantity and unit, predicted, its 95 % interval, predicted without compensation."""
     return [
         (
-            f"{QUANTITY_NAMES[name]} ({_SHOWN[name][1]})",
+            unit_heading(QUANTITY_NAMES[name], _SHOWN[name][1]),
             _number(name, one.median),
             _interval(name, one),
             _interval(name, prediction.none[name]) if prediction.none else "falls",

@@ -32,7 +32,7 @@ from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import drawn_picture
 from ballbot.report.words import with_symbols
 from ballbot.robot.figure import robot_figure
-from ballbot.rounding import digits
+from ballbot.rounding import digits, unit_heading
 from ballbot.summary import counted
 from ballbot.workflows.reference_check import MARGIN_HEADINGS
 from ballbot.workflows.robot_check import (
@@ -189,9 +189,9 @@ def swing_series(swing: CheckedSwing) -> TimeSeries:
     return TimeSeries(
         t=fit.swing.t - fit.swing.t[0],
         panels=(
-            Panel(label=f"{what} [{unit}]", lines=lines),
+            Panel(label=unit_heading(what, unit), lines=lines),
             Panel(
-                label=f"measured less fitted [{unit}]",
+                label=unit_heading("measured less fitted", unit),
                 lines=(Line(name="difference", values=measured - fitted, look="first"),),
             ),
         ),

@@ -175,7 +175,7 @@ def spin_report(
         undecided.append("The velocity where the seam was lost, which is shaded.")
     return Report(
         title=f"{video}: the ball's angular velocity",
-        lead=f"{len(spin.t)} frames in {spin.t[-1] - spin.t[0]:.1f} s; the seam's curve: {spin.seam.name}.",
+        lead=f"{len(spin.t)} frames in {spin.t[-1] - spin.t[0]:.1f} s. Shape of the seam: {spin.seam.name}.",
         verdict=[("", verdict)],
         sections=[
             section(

@@ -178,13 +178,13 @@ def ablation_sentence(study: Study) -> str:
     rest = sorted((part for part in shares if part not in falling), key=lambda part: -shares[part].median)
     words = [f"Without its {part} the precise controller falls." for part in falling]
     words += [
-        f"Without {part} its peak error is {digits(shares[part].median, 2)} times as large."
+        f"Without its {part} the peak error is {digits(shares[part].median, 2)} times as large."
         for part in rest
         if has_confidence(shares[part]) and shares[part].low > 1.0
     ]
     words += [
-        f"Without {part} it is smaller on this course ({digits(shares[part].median, 2)} times), and the torques are "
-        f"{_rougher(choice, part)}."
+        f"Without its {part} the peak error is smaller on this course ({digits(shares[part].median, 2)} times), and "
+        f"the torques are {_rougher(choice, part)}."
         for part in rest
         if has_confidence(shares[part]) and shares[part].high < 1.0
     ]
@@ -228,7 +228,8 @@ def doubts_sentence(study: Study) -> str:
 
 
 def _range(values: np.ndarray) -> str:
-    lower, upper = digits(float(values.min()), 2), digits(float(values.max()), 2)
+    upper = digits(float(values.max()), 2)
+    lower = digits(float(values.min()), 2, beside=float(values.max()))
     return lower if lower == upper else f"{lower} to {upper}"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -126,7 +127,8 @@ def parameter_sheet(found: Identification) -> Sheet:
 def _value(value: float, error: float, interval: Interval | None) -> str:
     """Return a value with its error, or with what it has in place of one; its interval stands below it."""
     if interval is not None and interval.method in ("profile", "at bound"):
-        return f"{digits(value)} ({'interval only' if interval.method == 'profile' else 'at its bound'})"
+        shown = digits(value, beside=interval.upper if math.isfinite(interval.upper) else 0.0)
+        return f"{shown} ({'interval only' if interval.method == 'profile' else 'at its bound'})"
     return with_error(value, error)
 
 

@@ -23,6 +23,7 @@ from ballbot.report.validation_figures import (
     wheels_figure,
 )
 from ballbot.report.words import state_mark, with_symbols
+from ballbot.rounding import unit_heading
 from ballbot.summary import counted
 from ballbot.validation import ErrorPair, Validation
 from ballbot.validation.models import ModelPair, Trajectories
@@ -256,7 +257,7 @@ def error_sheet(validation: Validation, pair: ErrorPair, caption: str, *, folded
         headings=("state", *both, "", "95 % interval", "verdict", *both, *both),
         rows=[
             (
-                f"{row.state} [{row.unit}]",
+                unit_heading(row.state, row.unit),
                 *(row.first, row.second, row.ratio, row.interval, row.verdict),
                 *(row.rmse_first, row.rmse_second, row.normalised_first, row.normalised_second),
             )
@@ -330,5 +331,5 @@ def _controller_words(validation: Validation) -> str:
     if recovered is None:
         return ""
     worst = float(recovered.r_squared.min())
-    late = "" if recovered.delay == 0 else f", {recovered.delay} samples late"
+    late = "" if recovered.delay == 0 else f", {counted(recovered.delay, 'sample')} late"
     return f" (its gain recovered from the log, R² = {worst:.4f}{late})"

@@ -20,7 +20,7 @@ from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback
 from ballbot.control.references import Reference, circle, figure_eight, hold, square
 from ballbot.control.safety import SafeController
-from ballbot.errors import InputError
+from ballbot.errors import InputError, every
 from ballbot.mechanics.floor import rolling_friction
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.robot import Robot
@@ -96,6 +96,10 @@ class LivePush:
     robot: Annotated[int, Field(ge=0)] | None = None  #: all, if not given
 
 
+#: ready-made controllers whose names on the command line say too little on the page
+_SHOWN_AS = {"none": "no compensation", "full": "full compensation", "partial": "partial compensation"}
+
+
 def live_entries(
     robots: Mapping[str, Robot],
     candidates: Sequence[Candidate],
@@ -113,7 +117,8 @@ def live_entries(
     entries = []
     for robot_name, robot in robots.items():
         for one in candidates:
-            parts = (robot_name if len(robots) > 1 else "", one.name if len(candidates) > 1 else "")
+            controller = _SHOWN_AS.get(one.name, one.name)
+            parts = (robot_name if len(robots) > 1 else "", controller if len(candidates) > 1 else "")
             name = " · ".join(part for part in parts if part) or robot_name
             entries.append(Entry(name=name, robot=robot, candidate=one, plant=plant, scenario=scenario))
             _known(entries[-1], load_scenario(scenario or "nominal", robot))
@@ -274,7 +279,7 @@ def live_view_page(entries: Sequence[Entry]) -> LivePage:
         )
     names = tuple(robot_names(one.robot.wheel_count) for one in entries)
     layout = LiveLayout(world=WORLD_NAMES, robots=names, homes=tuple(homes(entries)), notes=tuple(notes))
-    title = " and ".join(dict.fromkeys(one.robot.name for one in entries))
+    title = every(dict.fromkeys(one.robot.name for one in entries))
     return live_page({one.name: one.robot for one in entries}, layout, title=title)
 
 

@@ -228,16 +228,10 @@ def _drawn(spin: Spin, row: int, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
                     _line(picture, (places[part] - corner + 0.5) * factor - 0.5, _SEAM, closed=False)
     else:
         cv2.rectangle(picture, (0, 0), (_WIDTH - 1, _WIDTH - 1), _LOST, 4)
-    cv2.putText(
-        picture,
-        f"{spin.t[row]:.2f} s",
-        (8, _WIDTH - 10),
-        cv2.FONT_HERSHEY_SIMPLEX,
-        0.5,
-        (0, 0, 0),
-        1,
-        cv2.LINE_AA,
-    )
+    text, place, size = f"{spin.t[row]:.2f} s", (8, _WIDTH - 12), 1.1
+    # black with a white rim reads on any frame, and this size on a phone
+    for colour, thickness in (((255, 255, 255), 6), ((0, 0, 0), 2)):
+        cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, size, colour, thickness, cv2.LINE_AA)
     return picture
 
 

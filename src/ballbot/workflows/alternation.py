@@ -25,6 +25,7 @@ import scipy
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.summary import counted
 from ballbot.workflows.controller_prediction import CONFIDENCE
 from ballbot.workflows.controller_verdict import Recommendation, Verdict
 from ballbot.workflows.metrics import QUANTITIES, Performance
@@ -86,8 +87,8 @@ def alternate(performances: Sequence[Performance], verdicts: Sequence[Verdict]) 
     """
     if len(performances) < MIN_RUNS or len(performances) % 2:
         raise InputError(
-            f"{len(performances)} runs in turn cannot be compared; make {MIN_RUNS} or more, as many with one "
-            "controller as with the other."
+            f"{counted(len(performances), 'run')} in turn cannot be compared. Make {MIN_RUNS} or more, as many with "
+            "one controller as with the other."
         )
     table = np.array([one.to_array() for one in performances])
     sizes = table.copy()

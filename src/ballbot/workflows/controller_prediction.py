@@ -31,6 +31,7 @@ from ballbot.file_formats import read_results, without_format
 from ballbot.log import Log
 from ballbot.results import reported
 from ballbot.schema import validate_table
+from ballbot.summary import counted
 from ballbot.workflows.controller_causes import OF_FRICTION, signature_of
 from ballbot.workflows.controller_choice import ControllerChoice, NamedCourse
 from ballbot.workflows.metrics import QUANTITIES, Performance
@@ -185,7 +186,7 @@ def performance_intervals(
     """
     if len(performances) < MIN_RUNS:
         raise InputError(
-            f"Only {len(performances)} runs did not end early; a prediction needs {MIN_RUNS} or more."
+            f"Only {counted(len(performances), 'run')} did not end early; a prediction needs {MIN_RUNS} or more."
         )
     table = np.array([one.to_array() for one in performances])
     return {

@@ -29,7 +29,7 @@ from ballbot.mechanics.friction import dry_friction_size
 from ballbot.mechanics.model import Model
 from ballbot.results import key, left_out, reported, to_results
 from ballbot.robot import Robot
-from ballbot.rounding import percent
+from ballbot.rounding import percent, unit_heading
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.conditions import FALLING_PART, Conditions
 from ballbot.simulation.model_plant import friction_needed_along, pack_contacts
@@ -366,7 +366,7 @@ def _uses(
     )
 
 
-MARGIN_HEADINGS = ("", "quantity", "at most", "limit", "used", "when (s)")
+MARGIN_HEADINGS = ("", "quantity", "at most", "limit", "used", "when [s]")
 
 
 def reference_verdict(margins: ReferenceMargins, name: str) -> list[str]:
@@ -469,8 +469,11 @@ _NO_LOAD = 100.0
 def _row(use: Use) -> list[str]:
     value, limit, unit = use.value, use.limit, use.unit
     if unit == "rad":
-        value, limit, unit = np.degrees(value), np.degrees(limit), "degrees"
+        value, limit, unit = np.degrees(value), np.degrees(limit), "deg"
     name = use.quantity if use.wheel is None else f"{use.quantity}, wheel {use.wheel}"
-    name += f" ({unit})" if unit else ""
     shown = ["lifted", f"{limit:.3g}", "-"] if value > _NO_LOAD else []
-    return [name, *(shown or [f"{value:.3g}", f"{limit:.3g}", percent(use.share)]), f"{use.t:.2f}"]
+    return [
+        unit_heading(name, unit),
+        *(shown or [f"{value:.3g}", f"{limit:.3g}", percent(use.share)]),
+        f"{use.t:.2f}",
+    ]

@@ -106,12 +106,12 @@ def try_recommendations(
 
 HEADINGS = (
     "robot",
-    "RMS (m)",
-    "peak (m)",
-    "RMS, compensated (m)",
-    "peak, compensated (m)",
-    "torque noise (N m)",
-    "compensated (N m)",
+    "RMS [m]",
+    "peak [m]",
+    "RMS, compensated [m]",
+    "peak, compensated [m]",
+    "torque noise [N m]",
+    "compensated [N m]",
     "falls",
 )
 

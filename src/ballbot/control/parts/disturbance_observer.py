@@ -114,9 +114,11 @@ def _add_estimate(law, memory, torque, i):
 
 @dataclass(frozen=True, kw_only=True)
 class DisturbanceObserver(Part):
-    """How the lost torque is estimated.
+    """Estimate the torque that is lost to friction, a slope or a push, and add it; no friction model is needed.
 
-    The estimate is the torque that is missing in the motion, and is added. It needs no friction model.
+    Compares the torques (n,) [N m] of the last sample with those that the change of the five rates [m/s, rad/s] needed
+    by the exact model without friction, heading frame. The difference of each wheel passes a lag of `frequency`, is
+    bounded by `limit`, and is added to the torques.
 
     Raises
     ------

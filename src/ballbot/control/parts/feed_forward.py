@@ -135,7 +135,16 @@ def _times(M, v):
 
 @dataclass(frozen=True, kw_only=True)
 class FeedForward(Part):
-    """Give the lean and the torques of the shaped motion; nothing to set, they follow from the robot."""
+    """Give a shaped motion the lean and the torques that it needs, from the exact model; there is nothing to set.
+
+    Takes the second to fourth derivatives of the shaped x and y, turned into the heading frame, and psi's second. Adds
+    the lean theta, phi [rad] to the reference and torques (n,) [N m] to the output. Needs `ReferenceShaping`.
+
+    Raises
+    ------
+    InputError
+        When the controller is made, if the robot's wheels cannot turn it about all three axes.
+    """
 
     label = "feed-forward"
     comment = "A shaped motion is given the lean and the torques that it needs."

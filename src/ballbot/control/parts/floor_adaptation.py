@@ -114,9 +114,11 @@ def _separate(own, state, sums, d_x, d_y):
 
 @dataclass(frozen=True, kw_only=True)
 class FloorAdaptation(Part):
-    """How fast and how far the floor is followed.
+    """Separate the floor's drag from a slope and compensate it along the motion. Off by default.
 
-    The floor's drag is separated from a slope and compensated. Off by default.
+    Splits the integral of x and y (2,) [m s], world frame, into a part that stays (a slope) and one along the commanded
+    velocity (rolling friction), by a Kalman filter. The second part turns with the motion at once. Needs
+    `IntegralAction` and `ReferenceShaping`.
 
     Raises
     ------

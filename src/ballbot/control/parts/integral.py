@@ -78,14 +78,16 @@ def _stepped(value, kept, change, limit, limited):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class IntegralAction(Part):
-    """How the error's integral is fed back.
+    """Feed back the integral of the error, to correct a lasting error of position or heading.
 
-    It corrects a lasting error of position or heading, is bounded, and forgets over a minute.
+    Adds the torques K_I S(psi) I (n,) [N m]. I is the integral of r - x for x, y [m s] and psi [rad s] in the world
+    frame, S(psi) turns it into the heading frame, and `gain` K_I (n, 3) has a row for each wheel. The integral is
+    bounded, forgets over `memory`, and does not grow while a torque is at its limit.
 
     Raises
     ------
     InputError
-        If the gain is not finite or a number is outside its range.
+        If the gain is not finite, has not a row for each wheel of the robot, or a number is outside its range.
     """
 
     label = "integral action"

@@ -83,9 +83,11 @@ def _lean(own, x, y, v_x, v_y):
 
 @dataclass(frozen=True, kw_only=True)
 class LeanLimit(Part):
-    """The largest lean and turn that errors may command.
+    """Limit the lean and the turn that errors may command.
 
-    Without it the robot falls with a stiff gain, which saturates, where it recovers with a soft one.
+    Scales down the errors of x, y [m] and their rates [m/s], heading frame, until the lean that they command under the
+    gain is at most `lean`; the error of psi and its rate likewise for `turn`. Errors of theta and phi pass unchanged.
+    Without the limit, a robot with a stiff gain falls from leans that it recovers from with a soft one.
 
     Raises
     ------

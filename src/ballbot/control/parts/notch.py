@@ -54,15 +54,15 @@ def _filter(law, memory, torque, i):
 
 @dataclass(frozen=True, kw_only=True)
 class Notch(Part):
-    """What is removed from the torques.
+    """Remove a narrow band from each wheel's torque [N m], such as a resonance that `ballbot validate` reports.
 
-    It is for a resonance that `ballbot validate` reports, and off by default. Torques lag by 7 to 8 degrees at 3 Hz;
-    without play in the gears the error on the square rises.
+    Off by default. Torques lag by 7 to 8 degrees at 3 Hz; without play in the gears the error on the square rises.
 
     Raises
     ------
     InputError
-        If the frequency or the width is not positive, or the depth not a fraction below 1.
+        If the frequency or the width is not positive, or the depth not a fraction below 1; when the controller is made,
+        if its sample time is too long for the frequency.
     """
 
     label = "notch"

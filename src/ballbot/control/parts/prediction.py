@@ -181,14 +181,16 @@ def over_last_sample(own, values, wheel):
 
 @dataclass(frozen=True, kw_only=True)
 class DelayPrediction(Part):
-    """Feed back the state in which late torques will act.
+    """Feed back the state that the robot will have when a late torque acts.
 
-    It helps from a delay of about 30 ms on; `ballbot identify --estimate delays` finds the delay.
+    Replaces the state (10,), heading frame, by the one of the exact model without friction after `delay`, from the
+    torques (n,) [N m] that are still under way. It helps from a delay of about 30 ms on; `ballbot identify --estimate
+    delays` finds the delay.
 
     Raises
     ------
     InputError
-        If the delay is not positive.
+        If the delay is not positive; when the controller is made, if it is longer than the samples that are kept.
     """
 
     label = "prediction"

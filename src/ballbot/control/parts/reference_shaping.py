@@ -188,11 +188,11 @@ def _lagged(lags, memory, axis, target):
 
 @dataclass(frozen=True, kw_only=True)
 class ReferenceShaping(Part):
-    """How references are smoothed.
+    """Make a jump of the reference a motion of limited speed without overshoot.
 
-    A jump of the reference becomes a motion of limited speed without overshoot.
-
-    The defaults suit the thesis's robot: a step of 0.5 m is done to 1 mm after 5 s and asks for a lean of 0.05 rad.
+    Replaces x, y [m] and psi [rad] of the reference, world frame, and their rates by smooth ones with four
+    derivatives, which `FeedForward` uses. The defaults suit the thesis's robot: a step of 0.5 m is done to 1 mm after
+    5 s and asks for a lean of 0.05 rad.
 
     Raises
     ------

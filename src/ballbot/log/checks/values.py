@@ -31,6 +31,7 @@ from ballbot.log.columns import (
 from ballbot.log.log import Log
 from ballbot.robot import Robot
 from ballbot.robot.derived import wheel_speed_limit
+from ballbot.summary import counted
 
 #: a spike differs by so many times the range of the others, without this fraction of them at either end
 _FAR, _ENDS = 5.0, 0.005
@@ -223,7 +224,7 @@ def check_speed_limit(log: Log, robot: Robot) -> list[Finding]:
             time = float(log.t[beyond[0]])
             sentence = (
                 f"{name} exceeds {limit:.4g} rad/s, the limit of the robot's supply "
-                f"and motors, in {beyond.size} rows from row {beyond[0] + 1} (t = "
+                f"and motors, in {counted(beyond.size, 'row')} from row {beyond[0] + 1} (t = "
                 f"{time:.6g} s): the commanded torque is not the torque that acted."
             )
             findings.append(
@@ -289,7 +290,7 @@ def check_wrap(log: Log) -> list[Finding]:
         if wraps.size:
             k = int(wraps[0]) + 1
             sentence = (
-                f"{name} jumps by a full turn {wraps.size} times, first at row {k + 1} (t "
+                f"{name} jumps by a full turn {counted(wraps.size, 'time')}, first at row {k + 1} (t "
                 f"= {log.t[k]:.6g} s): it is wrapped. Unwrap it (numpy.unwrap) before use."
             )
             findings.append(

@@ -27,6 +27,7 @@ from ballbot.log.formats.text import (
     seconds_of,
     text_start,
 )
+from ballbot.summary import counted
 
 _SEPARATORS: dict[str, str | None] = {"comma": ",", "semicolon": ";", "tab": "\t", "blanks": None}
 #: lines examined to find the separator and the header
@@ -103,7 +104,7 @@ def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = No
     )
     if damaged:
         notes.append(
-            f"{damaged} rows that do not have {width} cells, or contain words among the numbers, are skipped."
+            f"Skipped: {counted(damaged, 'row')} without {width} cells, or with words among the numbers."
         )
     named = _line_of_names(cells[:first], width, quoted=quoted)
     below = cells[named + 1] if named is not None and named + 1 < first else []

@@ -34,6 +34,7 @@ from ballbot.log.mapping_inference.wrapped_encoders import wrapped_encoders
 from ballbot.log.row_order import increasing_rows, longest_run, repeated_rows
 from ballbot.log.signals import unwrapped
 from ballbot.robot import Robot
+from ballbot.summary import counted
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -90,7 +91,9 @@ def recognise(path: str | Path, table: ForeignTable, robot: Robot) -> Recognised
         _check_motion(path, table, roles, slice(*rows), float(np.ptp(t[slice(*rows)])))
         table, roles = _without_still_heading(table, roles, slice(*rows))
     if repeated.any():
-        note = f"{int(repeated.sum())} rows repeat the time and all values of the row before: they are one."
+        note = (
+            f"Not used: {counted(int(repeated.sum()), 'row')} with the time and all values of the row before."
+        )
         table = replace(table, notes=(*table.notes, note))
     kept = increasing_rows(t[slice(*rows)][~repeated[slice(*rows)]])
     unordered = int((~kept).sum())

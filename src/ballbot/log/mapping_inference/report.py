@@ -33,6 +33,7 @@ from ballbot.log.mapping_inference.tolerances import APPLIED, EXPLAINED_FOR_DELA
 from ballbot.log.pose import with_odometry
 from ballbot.log.signals import INTERVAL, LONGEST_HOLE, fallen_rows, local_fit
 from ballbot.robot import Robot
+from ballbot.summary import counted
 
 #: the turn of the IMU is certain if its standard error is below this [rad]
 CLEAR_PHASE = np.deg2rad(5.0)
@@ -239,7 +240,7 @@ def _glitches(proposal: Proposal) -> list[Finding]:
         return []
     sentence = (
         f"The logged speeds {', '.join(names)} differ much from the rates of "
-        f"their angles in {wrong} rows; the angles are differentiated instead."
+        f"their angles in {counted(wrong, 'row')}; the angles are differentiated instead."
     )
     return [_finding("warning", "glitch", sentence, names)]
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ballbot.report.alignment import smoothed
 from ballbot.report.palette import MUTED
 from ballbot.report.style import MEASURED, STATE_SYMBOLS, WITHOUT_FRICTION, LineStyle, with_peaks
+from ballbot.rounding import unit_heading
 from ballbot.validation.alignment import Alignment, SensorError
 
 _LOGGED = _EXPLAINED = WITHOUT_FRICTION
@@ -67,7 +68,7 @@ def _comparison(alignment: Alignment, names: Sequence[str], *, unit: str, scale:
         log = alignment.log
         axes.plot(*with_peaks(log.t, scale * log[f"mocap_{name}"]), label="cameras", **_SEEN)
         axes.plot(*with_peaks(log.t, scale * log[name]), label="on board", **_LOGGED)
-        axes.set_ylabel(f"{STATE_SYMBOLS[name]} [{unit}]")
+        axes.set_ylabel(unit_heading(STATE_SYMBOLS[name], unit))
     _legend(figure, panels)
     return figure
 

@@ -87,12 +87,13 @@ def _draw_arrow(axes: Axes, arrow: Arrow) -> None:
     )
     if arrow.label:
         (x0, y0), (x1, y1) = arrow.path[:2]
+        upright = x0 == x1
         axes.text(
-            0.5 * (x0 + x1),
-            0.5 * (y0 + y1) + 0.02,
+            0.5 * (x0 + x1) + 0.02 * upright,
+            0.5 * (y0 + y1) + 0.02 * (not upright),
             arrow.label,
-            ha="center",
-            va="bottom",
+            ha="left" if upright else "center",
+            va="center" if upright else "bottom",
             fontsize=9,
             color=INK,
         )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -26,6 +27,7 @@ from ballbot.report.style import (
 )
 from ballbot.report.validation_figures import correlation_figure, symbols
 from ballbot.robot.figure import robot_figure
+from ballbot.rounding import unit_heading
 from ballbot.thesis.reproduce.alignment_figures import (
     orientation_error_figure,
     orientation_figure,
@@ -34,12 +36,15 @@ from ballbot.thesis.reproduce.alignment_figures import (
 )
 from ballbot.thesis.reproduce.bench import BallVideo, Bench
 from ballbot.thesis.reproduce.chapter5 import FAST, MOVING
+from ballbot.thesis.reproduce.diagrams import (
+    COMPENSATION,
+    COMPENSATION_NARROW,
+    architecture,
+    architecture_narrow,
+)
 from ballbot.thesis.reproduce.drawing import (
     BASIC_LABELS,
     THESIS_EQUATIONS,
-    Arrow,
-    Block,
-    Diagram,
     Shown,
     blocks_figure,
     draw_state,
@@ -184,50 +189,7 @@ def _shown(logs: Mapping[str, Log]) -> list[Shown]:
 
 def figure_i_1(bench: Bench) -> Figure:
     """Return the architecture with the preset's numbers."""
-    robot, ball = bench.robot, bench.robot.ball
-    drive, sensors, n = robot.drive, robot.sensors, robot.wheel_count
-    diameter = 2e3 * robot.wheels.radius
-    return blocks_figure(
-        Diagram(
-            size=(7.4, 2.9),
-            blocks=(
-                Block(text="IMU MTi-3 AHRS\nlean, heading, rates", at=(0.11, 0.90), size=(0.20, 0.17)),
-                Block(
-                    text=f"controller STM32F303\n{1.0 / sensors.sample_time:g} Hz",
-                    at=(0.11, 0.50),
-                    size=(0.20, 0.26),
-                ),
-                Block(text=f"batteries\n{drive.supply_voltage:g} V", at=(0.38, 0.90), size=(0.16, 0.17)),
-                Block(text=f"{n} drivers\nESCON 36/3 EC", at=(0.38, 0.50), size=(0.16, 0.26)),
-                Block(
-                    text=f"{n} motors EC-i 40\ngears {drive.gear_ratio:g} : 1",
-                    at=(0.65, 0.50),
-                    size=(0.18, 0.26),
-                ),
-                Block(text=f"{n} omni-wheels\n{diameter:g} mm", at=(0.90, 0.50), size=(0.17, 0.26)),
-                Block(
-                    text=f"{n} encoders HEDL 5540\n{sensors.encoder_counts} counts a turn",
-                    at=(0.60, 0.12),
-                    size=(0.26, 0.20),
-                ),
-                Block(
-                    text=f"ball\n{ball.mass:g} kg, {200.0 * ball.radius:g} cm",
-                    at=(0.90, 0.12),
-                    size=(0.17, 0.20),
-                ),
-            ),
-            arrows=(
-                Arrow(path=((0.11, 0.815), (0.11, 0.63))),
-                Arrow(path=((0.21, 0.50), (0.30, 0.50)), label="torque"),
-                Arrow(path=((0.38, 0.815), (0.38, 0.63))),
-                Arrow(path=((0.46, 0.50), (0.56, 0.50)), label="current"),
-                Arrow(path=((0.74, 0.50), (0.815, 0.50))),
-                Arrow(path=((0.90, 0.37), (0.90, 0.22)), both_ways=True),
-                Arrow(path=((0.65, 0.37), (0.65, 0.22))),
-                Arrow(path=((0.47, 0.12), (0.11, 0.12), (0.11, 0.37))),
-            ),
-        )
-    )
+    return blocks_figure(architecture(bench.robot))
 
 
 def figure_iii_1(bench: Bench) -> Figure:
@@ -333,7 +295,7 @@ def figure_5_1(bench: Bench) -> Figure:
         axes.set(
             xlabel="time [s]",
             xlim=(0.0, 20.0),
-            ylabel=f"{STATE_SYMBOLS[name]}: nonlinear\nless linear [{unit}]",
+            ylabel=unit_heading(f"{STATE_SYMBOLS[name]}: nonlinear\nless linear", unit),
         )
         axes.set_yscale("symlog", linthresh=1.0)
     panels[3, 1].legend(loc="upper right", ncols=2, fontsize=7)
@@ -344,33 +306,7 @@ def figure_5_1(bench: Bench) -> Figure:
 
 def figure_5_2(bench: Bench) -> Figure:  # noqa: ARG001
     """Return the block diagram of model-based compensation."""
-    return blocks_figure(
-        Diagram(
-            size=(7.4, 2.5),
-            blocks=(
-                Block(text="$r - x$", at=(0.10, 0.70), size=(0.10, 0.20)),
-                Block(text="$S(\\psi)$\nheading frame", at=(0.28, 0.70), size=(0.16, 0.24)),
-                Block(text="LQR\n$K$", at=(0.45, 0.70), size=(0.10, 0.24)),
-                Block(text="$+$", at=(0.58, 0.70), size=(0.06, 0.20)),
-                Block(text="torque\nlimit", at=(0.70, 0.70), size=(0.10, 0.24)),
-                Block(text="robot", at=(0.87, 0.70), size=(0.13, 0.24)),
-                Block(text="wheel speeds\n(3.9)", at=(0.80, 0.22), size=(0.17, 0.24)),
-                Block(text="friction model\n(3.7), (3.8)", at=(0.58, 0.22), size=(0.17, 0.24)),
-            ),
-            arrows=(
-                Arrow(path=((0.0, 0.70), (0.05, 0.70)), label="$r$"),
-                Arrow(path=((0.15, 0.70), (0.20, 0.70))),
-                Arrow(path=((0.36, 0.70), (0.40, 0.70))),
-                Arrow(path=((0.50, 0.70), (0.55, 0.70))),
-                Arrow(path=((0.61, 0.70), (0.65, 0.70)), label="$u$"),
-                Arrow(path=((0.75, 0.70), (0.805, 0.70))),
-                Arrow(path=((0.935, 0.70), (0.98, 0.70), (0.98, 0.22), (0.885, 0.22)), label="$x$"),
-                Arrow(path=((0.715, 0.22), (0.665, 0.22))),
-                Arrow(path=((0.58, 0.34), (0.58, 0.60))),
-                Arrow(path=((0.98, 0.22), (0.98, 0.05), (0.10, 0.05), (0.10, 0.60))),
-            ),
-        )
-    )
+    return blocks_figure(COMPENSATION)
 
 
 def figure_5_3(bench: Bench) -> Figure:
@@ -397,7 +333,7 @@ def figure_5_4(bench: Bench) -> Figure:
         ]
         for axes, name in zip(row, ("x", "y"), strict=True):
             draw_state(axes, shown, name, start=0.0, end=CHANGE_RUN)
-            axes.set_ylabel(f"{STATE_SYMBOLS[name]} [m], {law}")
+            axes.set_ylabel(unit_heading(f"{STATE_SYMBOLS[name]}, {law}", "m"))
     for axes in panels[-1]:
         axes.set_xlabel("time [s]")
     handles, labels = panels[0, 0].get_legend_handles_labels()
@@ -484,3 +420,12 @@ def _compared(runs: Mapping[str, Sequence[Log]]) -> list[Shown]:
         for kind, label, line in (("none", "no compensation", _NONE), ("full", "compensation", _FULL))
         for number, log in enumerate(runs[kind])
     ]
+
+
+#: drawings for a phone, by the name of the wide one, where panels one below another are no way to make one
+NARROW_DRAWINGS: Mapping[str, Callable[[Bench], Figure]] = MappingProxyType(
+    {
+        "figure_i_1": lambda bench: blocks_figure(architecture_narrow(bench.robot)),
+        "figure_5_2": lambda _: blocks_figure(COMPENSATION_NARROW),
+    }
+)

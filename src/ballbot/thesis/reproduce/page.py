@@ -17,7 +17,7 @@ from ballbot.progress import Progress, ProgressCallback
 from ballbot.report.blocks import Paragraph, Picture, Report, Section, Sheet, section
 from ballbot.report.page import page_of
 from ballbot.report.provenance import Provenance
-from ballbot.report.style import drawn
+from ballbot.report.style import drawn_picture
 from ballbot.report.words import with_powers, with_symbols
 from ballbot.results import to_results
 from ballbot.robot import Friction
@@ -25,6 +25,7 @@ from ballbot.thesis.published.printed import markdown_table
 from ballbot.thesis.reproduce import figures
 from ballbot.thesis.reproduce.bench import Bench
 from ballbot.thesis.reproduce.campaign import ITEMS, Reproduction
+from ballbot.thesis.reproduce.figures import NARROW_DRAWINGS
 from ballbot.thesis.reproduce.item import RUNS, VERDICTS, Check, Item, Mistake
 
 Drawing = Callable[[Bench], Figure]
@@ -156,10 +157,15 @@ def write_reproduction(
     figures: dict[str, Picture] = {}
     for done, item in enumerate(shown):
         progress(Progress(stage=f"drawing {item.name}", done=done, total=len(shown)))
-        # not narrowed for a phone, where they scroll: block diagrams and legends in the middle do not fit it
-        svg = drawn(partial(DRAWINGS[item.key], made.bench), name=item.key.replace("_", "-"))
-        figures[item.key] = Picture(markup=svg, caption=_caption(item))
-        write_text(folder / "figures" / f"{item.key}.svg", svg)
+        narrow = NARROW_DRAWINGS.get(item.key)
+        picture = drawn_picture(
+            item.key.replace("_", "-"),
+            partial(DRAWINGS[item.key], made.bench),
+            _caption(item),
+            narrow=partial(narrow, made.bench) if narrow else None,
+        )
+        figures[item.key] = picture
+        write_text(folder / "figures" / f"{item.key}.svg", str(picture.markup))
     results = reproduction_results(made) | {"provenance": to_results(provenance)}
     write_text(folder / "results.json", results_text(results))
     write_text(folder / "reproduce.md", reproduction_markdown(made))

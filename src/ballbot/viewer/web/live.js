@@ -116,6 +116,10 @@ class Live extends View {
     return 1;
   }
 
+  keyOfReference(entry) {
+    entry("ring", this.data.monitor ? "reference" : "reference (drag it)");
+  }
+
   makeControls() {
     const bar = element("div", { class: "controls" }, this.root);
     if (!this.data.monitor) this.makePace(bar);

@@ -15,12 +15,19 @@ function shortNumber(value) {
   if (!Number.isFinite(value)) return "–";
   const size = Math.abs(value);
   const digits = size >= 99.95 ? 0 : size >= 9.995 ? 1 : size >= 0.9995 ? 2 : 3;
-  return value.toFixed(digits).replace("-", "−");
+  const text = value === 0 ? "0" : value.toFixed(digits);
+  return Number(text) === 0 ? text.replace("-", "") : text.replace("-", "−");
 }
 
 /** Return a number with its unit; a degree sign stands close to it. */
 function withUnit(value, unit) {
   return `${shortNumber(value)}${unit === "°" ? "" : " "}${unit}`;
+}
+
+/** Return a signal's name and unit, as axes of reports have them: lean [deg]. */
+function headingOf(name, runs) {
+  const { unit } = runs.flatMap((run) => run.signals).find((one) => one.name === name);
+  return unit ? `${name} [${unit === "°" ? "deg" : unit}]` : name;
 }
 
 class Panel {
@@ -30,9 +37,10 @@ class Panel {
     this.box = element("section", { class: "panel" }, parent);
     const head = element("div", { class: "panel-head" }, this.box);
     this.select = element("select", { "aria-label": "Signal of this panel" }, head);
-    for (const name of names) element("option", { value: name, text: name }, this.select);
+    for (const name of names) element("option", { value: name, text: headingOf(name, runs) }, this.select);
     this.select.value = chosen;
-    this.readings = runs.map((run) => element("output", { class: `reading run-${run.color}` }, head));
+    const values = element("span", { class: "readings" }, head);
+    this.readings = runs.map((run) => element("output", { class: `reading run-${run.color}` }, values));
     this.canvas = element("canvas", { class: "plot", "aria-label": "Time series; drag to move the time cursor" }, this.box);
     this.still = document.createElement("canvas");
     this.select.addEventListener("change", () => this.refresh());
@@ -122,7 +130,7 @@ class Panel {
       }
     if (!(low <= high)) return { low: 0, high: 1, step: 1 };
     if (low >= 0 && low < 0.5 * high) low = 0;
-    if (high - low < 1e-9) [low, high] = [low - 0.5, high + 0.5];
+    if (high - low < 1e-9) [low, high] = low === 0 ? [0, 1] : [low - 0.5, high + 0.5];
     const step = niceStep((high - low) / 4);
     return { low: step * Math.floor(low / step + 1e-9), high: step * Math.ceil(high / step - 1e-9), step };
   }

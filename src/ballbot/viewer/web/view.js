@@ -81,18 +81,26 @@ class View {
   makeKey() {
     this.key.replaceChildren();
     const entry = (name, text) => {
-      const line = element("span", { class: `entry ${name}` }, this.key);
-      line.append(text);
+      return element("span", { class: `entry ${name}`, text }, this.key);
     };
-    if (this.runs.some((run) => run.has("ref_x"))) entry("reference", "reference");
+    const paths = [...new Set(this.runs.map((run) => `var(--run-${run.color})`))];
+    const stops = paths.map((color, i) => `${color} ${(100 * i) / paths.length}% ${(100 * (i + 1)) / paths.length}%`);
+    entry("path", "path of the ball").style.setProperty("--paths", stops.join(", "));
+    if (this.runs.some((run) => run.has("ref_x"))) this.keyOfReference(entry);
     if (this.show.arrows && this.data.arrow) {
-      entry("drive", "motor force");
+      entry("drive", "motor forces on the ball");
       if (this.runs.some((run) => run.has("friction1"))) entry("friction", "friction");
       if (this.runs.some((run) => run.has("push_x"))) entry("push", "push");
       const { newtons, metres } = this.data.arrow;
-      entry("scale", `${newtons} N = ${shortNumber(100 * metres)} cm`);
+      entry("scale", `arrows: ${newtons} N = ${shortNumber(100 * metres)} cm`);
     }
     if (this.scene) this.grid = element("span", { class: "entry" }, this.key);
+  }
+
+  /** Name what shows the reference on the floor: a line where it goes, and a ring where it is. */
+  keyOfReference(entry) {
+    entry("reference", "reference");
+    entry("ring", "reference now");
   }
 
   /** Take the colors of the theme, and draw everything again. */
