@@ -16,6 +16,7 @@ extensions = [
     "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
+    "api_lists",
     "dataclass_fields",
     "executed_commands",
     "executed_pages",

@@ -1,4 +1,4 @@
-"""The document "From a new robot to a better controller": its commands run in order against the emulated robot."""
+"""The documents that bring up a robot: their commands run in order against the emulated robot."""
 
 import re
 import shlex
@@ -13,11 +13,14 @@ from tests.support.paths import ROOT
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 
-DOCUMENT = (ROOT / "docs" / "bring_up.md").read_text(encoding="utf-8")
+DOCUMENT = "".join(
+    (ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("tutorials/hardware.md", "bring_up.md")
+)
 COMMANDS = [
-    shlex.split(line)[1:]
+    shlex.split(line.partition(" | ")[0])[1:]
     for block in re.findall(r"```sh\n(.*?)```", DOCUMENT, flags=re.DOTALL)
     for line in block.splitlines()
+    if line.startswith("ballbot ")
 ]
 #: options that make the long commands and the runs for them shorter; the page's own options stay
 _SHORTER = {

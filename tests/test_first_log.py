@@ -101,9 +101,9 @@ def identified(folder, filled):
 
 
 def explained(section):
-    """Yield code and message of each row of a section's tables of codes."""
+    """Return code and message of each item of a section's list of codes."""
     text = DOCUMENT.split(f"\n## {section}")[1].split("\n## ")[0]
-    return re.findall(r"^\| `([\w-]+)` \| `([^`]+)` \|", text, flags=re.MULTILINE)
+    return re.findall(r"^- `([\w-]+)`: `([^`]+)`\. ", text, flags=re.MULTILINE)
 
 
 def fixed_words(text):

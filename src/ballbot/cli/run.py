@@ -41,7 +41,7 @@ from ballbot.workflows.metrics import SETTLE, Performance, settled
 _ABOUT = """Run a live robot over a serial port or UDP: check it, record it, balance it, compare controllers on it.
 
 Every command takes the robot's port, such as /dev/ttyACM0 or udp://127.0.0.1:5005, or --emulated in its place.
-docs/bring_up.md has the commands in the order in which a new robot needs them.
+docs/tutorials/hardware.md and docs/bring_up.md have the commands in the order in which a new robot needs them.
 
 Example: ballbot run /dev/ttyACM0 --reference square --duration 32 --out run1
 
