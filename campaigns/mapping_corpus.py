@@ -331,7 +331,8 @@ def section(found: Sequence[Outcome], *, dead_bands: Sequence[float]) -> Section
         " (`campaigns/foreign_logs.py`): renamed, permuted, scaled, turned, mirrored, late, noisy, in several formats."
         " The inference was worked on with the development halves; the third and the fourth judged earlier versions."
         " The test half has other robots, motions and seeds, and was not looked at before this run. The first two are"
-        " logs of the twin, the others of the equations of motion with the twin's sensors, play and friction. Right is the recorded log up to the transformations of"
+        " logs of the twin, the others of the equations of motion with the twin's sensors, play and friction. Right is"
+        " the recorded log up to the transformations of"
         " `campaigns.mapping_corpus.differences`; the last column is with the firmware's dead band given if only that"
         " was asked. Intervals are of 95 % by Clopper and Pearson.",
         columns=[

@@ -338,8 +338,8 @@ def test_columns_that_stand_still_in_most_rows_are_no_lean(tmp_path):
         propose(tmp_path / "bare.txt", small_robot())
 
 
-@pytest.mark.parametrize(("per_ampere", "one_answer"), [(1.0, True), (0.87, False)])
-def test_kinds_that_make_the_same_log_are_one_answer(case, per_ampere, one_answer):
+@pytest.mark.parametrize(("per_ampere", "one_answer"), [(1.0, True), (0.87, True), (0.8, False)])
+def test_kinds_that_make_nearly_the_same_log_are_one_answer(case, per_ampere, one_answer):
     proposal, _ = case("as the robot's")
     assert proposal.drive is not None
     torque, current = Unit("torque", "N m", 1.0), Unit("current", "A", 1.0)
@@ -349,7 +349,9 @@ def test_kinds_that_make_the_same_log_are_one_answer(case, per_ampere, one_answe
         standstill={torque: 1.0, current: per_ampere},
     )
     found = {one.name: one for one in conclusions_of(replace(proposal, drive=drive))}
-    assert found["kind of the command"].determined == one_answer
+    asked = found["kind of the command"]
+    assert asked.determined == one_answer
+    assert (f"gives {per_ampere:.2f} times the torques" in asked.evidence) == one_answer
 
 
 def test_a_time_of_seconds_and_nanoseconds_is_joined(tmp_path):
