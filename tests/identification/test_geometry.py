@@ -290,7 +290,7 @@ class TestRefusals:
 
     def test_as_many_films_as_runs(self, tmp_path, capsys):
         assert main(["identify-geometry", "alten", "--balancing", "run.csv", "--out", str(tmp_path)]) == 2
-        assert "--balancing is given 1 times and --motion-capture 0 times" in capsys.readouterr().err
+        assert "--balancing is given 1 time and --motion-capture 0 times" in capsys.readouterr().err
 
     def test_a_film_of_another_run(self):
         log, _ = balancing_run(ALTEN, seed=20)

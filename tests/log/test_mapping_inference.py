@@ -375,7 +375,9 @@ def test_rows_that_repeat_the_row_before_are_one(tmp_path):
     twice = {name: np.repeat(values, 2) for name, values in columns.items()}
     found = propose(write_foreign(tmp_path / "run.txt", twice, Habits()), small_robot(), dead_band=0.0)
     assert found.rows is None
-    assert any("rows repeat the time" in one.text for one in findings_of(found))
+    assert any(
+        "rows with the time and all values of the row before" in one.text for one in findings_of(found)
+    )
     repeated = mapped(tmp_path, found)
     assert all(np.array_equal(log[name], repeated[name]) for name in log.names)
 

@@ -43,6 +43,8 @@ IMPOSSIBLE_SPEED = 3.0
 #: filters that the test of the lean tries [s]: the quick robots move at 1 to 3 Hz, and noise of the angles asks for
 #: more
 LEAN_WIDTHS = (0.05, 0.08, 0.12, 0.2)
+#: and the widest that leaves enough of a quick robot's motion to separate gravity's part from the wheels' [s]
+SLOWEST_FOR_GRAVITY = 0.12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,14 +158,18 @@ def measured_with(raw: Raw, units: AssumedUnits, robot: Robot, stuck: Sequence[S
     tested = None
     if attitude is not None:
         tests = [
-            (seen, lean_test(robot, seen.lean, seen.wheels, seen.heading, seen.usable))
+            (width, seen, lean_test(robot, seen.lean, seen.wheels, seen.heading, seen.usable))
             for width in LEAN_WIDTHS
             for seen in [_without(stuck, signals_of(raw, carried, sampled, attitude, width=width, gyro=gyro))]
             if seen.lean is not None
         ]
-        known = [(seen, one) for seen, one in tests if one is not None]
+        known = [(width, seen, one) for width, seen, one in tests if one is not None]
         if known:
-            signals, tested = min(known, key=lambda pair: _doubt(pair[1]))
+            _, signals, tested = min(known, key=lambda tried: _doubt(tried[2]))
+            by_gravity = min(
+                (one for width, _, one in known if width <= SLOWEST_FOR_GRAVITY), key=_doubt, default=tested
+            )
+            tested = replace(tested, time_ratio=by_gravity.time_ratio, time_error=by_gravity.time_error)
     return Measured(
         angles=carried,
         largest_speed=None if np.allclose(carried, angles, atol=1e-6) else limit,
