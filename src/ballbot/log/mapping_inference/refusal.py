@@ -113,7 +113,7 @@ def _without_stuck_rows(proposal: Proposal, open_questions: Sequence[Conclusion]
 #: slower rows [s] show little of what commands do to wheels
 SLOW_ROWS = 0.02
 #: a log of balancing of so many seconds answers the questions on its motion, if it sways and turns: of variants of
-#: campaigns/mapping_corpus.py from 15 s on, nine of ten are right without an answer from the user
+#: campaigns/mapping_corpus.py from 15 s on, six to nine of ten are right without an answer from the user
 ENOUGH_BALANCING = 15.0
 #: questions that a longer log answers, by their names
 _OF_THE_MOTION = (
