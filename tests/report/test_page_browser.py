@@ -120,12 +120,12 @@ def test_nothing_is_wider_than_a_phone_and_plots_can_be_read(browser, path, dark
         tab.wait("document.querySelectorAll('.uplot').length === 2")
         assert tab.run("document.documentElement.scrollWidth") == 390
         assert tab.run(TOO_WIDE) == []
-        assert tab.run("document.querySelectorAll('table.stacked').length") == 2
+        # findings, parameters and files
+        assert tab.run("document.querySelectorAll('table.stacked').length") == 3
         stacked = "document.querySelectorAll('table.stacked')[1]"
         assert tab.run(f"{stacked}.parentElement.scrollWidth <= {stacked}.parentElement.clientWidth")
-        assert "95 %, another log" in tab.run(
-            f"getComputedStyle({stacked}.querySelectorAll('td')[4], '::before').content"
-        )
+        heading = tab.run(f"getComputedStyle({stacked}.querySelectorAll('td')[4], '::before').content")
+        assert "95 %, another log" in heading.replace("\N{NO-BREAK SPACE}", " ")
         without_unit = tab.run(f"getComputedStyle({stacked}.querySelectorAll('td')[1]).display")
         assert without_unit == "none"
         # of the two forms of the figure the narrow one is shown, whole

@@ -21,9 +21,9 @@ from ballbot.log.mapping_inference.tolerances import (
 
 #: logarithm of the ratio of two scales that no log separates, such as 1000 and 1023
 ALIKE = 0.05
-#: logarithm of the ratio of the torques of two kinds that are one answer: less than what torques may be off
-#: (`TORQUE_PART`), and than what the robot file's masses leave open
-ALIKE_TORQUES = 0.15
+#: logarithm of the ratio of the torques of two kinds that are one answer: half of what torques may be off. At 0.15, a
+#: current was taken for a torque unasked, and all friction was wrong by 15 %
+ALIKE_TORQUES = 0.1
 
 
 def possible_commands(proposal: Proposal) -> tuple[str, ...]:
