@@ -160,7 +160,7 @@ def differences(found: Evaluation, truth: Log, robot: Robot, habits: Habits, *, 
         return "no commands"
     mapped, real = _body_frame(log), _body_frame(truth)
     real = {name: np.array([np.interp(t, truth.t, row) for row in values]) for name, values in real.items()}
-    not_stated = dead_band - (found.proposal.dead_band or 0.0)
+    not_stated = dead_band - (found.proposal.added_duty or 0.0)
     real["torques"] = _as_written(truth, truth.torques - _less_friction(truth, robot, not_stated), habits, t)
     still = not habits.yaw and float(np.std(real["heading"])) < TURNING_BY_WHEELS
     equivalents = _equivalents(real, robot, half_turn=still)

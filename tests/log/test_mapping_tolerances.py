@@ -20,9 +20,10 @@ from ballbot.log.mapping_inference.commands import (
 from ballbot.log.mapping_inference.dead_band import (
     ADDS_ONE,
     LARGEST_DEAD_BAND,
+    LARGEST_DUTY,
     DeadBandEstimate,
-    dead_band_confidence,
     dead_band_estimate,
+    undone_dead_band,
 )
 from ballbot.log.mapping_inference.drive import _compared, _senses_and_signs, _turning_against
 from ballbot.log.mapping_inference.evidence import CONFIDENT
@@ -278,15 +279,16 @@ def test_turning_against_is_that_of_the_wheel_that_each_command_drives(late):
 
 
 def test_a_dead_band_is_less_dry_friction_unless_wheels_turn_against_their_duties():
-    # the upper half of the dead bands that are possible change torques by more than they may miss
-    assert dead_band_confidence(TORQUE_PART / (0.5 * LARGEST_DEAD_BAND)) == pytest.approx(
-        1.0 - 0.5 * ADDS_ONE
-    )
+    # the upper half of the possible dead bands changes torques by more than they may miss: a quarter of the prior
+    found = undone_dead_band(TORQUE_PART / (0.5 * LARGEST_DEAD_BAND))
+    assert found.confidence == pytest.approx(1.0 - 0.25 * ADDS_ONE, abs=0.005)
+    assert found.value == 0.0
     # the largest that is possible is harmless
-    assert dead_band_confidence(0.99 * TORQUE_PART / LARGEST_DEAD_BAND) > 0.99
+    assert undone_dead_band(0.99 * TORQUE_PART / LARGEST_DEAD_BAND).confidence > 0.99
     # in a log that drives with 1 % of full duty, a motor may lose twice that
-    assert dead_band_confidence(0.3, full_duty=100.0) < CONFIDENT < dead_band_confidence(0.3, full_duty=20.0)
-    assert dead_band_confidence(math.nan) < CONFIDENT
+    lost, none = (undone_dead_band(0.5, full_duty=full_duty).confidence for full_duty in (100.0, 20.0))
+    assert lost < CONFIDENT < none
+    assert undone_dead_band(math.nan).confidence < CONFIDENT
 
 
 @pytest.mark.parametrize("added", [0.0, 0.3])
@@ -311,29 +313,49 @@ def test_a_dead_band_shows_where_wheels_turn_against_their_duties(added):
     signs = np.repeat(np.sign(u)[:, None, :], 3, axis=1)
     found = dead_band_estimate(driving, own, signs, u.std(axis=0))
     assert found is not None
-    assert found.believed
+    assert found.informative
     # duties below the dead band have lost their size, which makes it seem larger or smaller
     assert found.value * found.size == pytest.approx(added, abs=0.1)
     # without a gain of the commands there is no size of what drives
     assert dead_band_estimate(driving, own, signs, np.full(3, math.nan)) is None
 
 
-def test_a_dead_band_that_the_motion_shows_is_judged_by_its_size():
-    small, large, unknown = (
+def test_a_dead_band_that_the_motion_shows_is_undone_where_it_matters():
+    without, large, unknown = (
         DeadBandEstimate(value=value, error=error, size=1.0)
-        for value, error in ((0.0, 0.18), (0.6, 0.18), (0.0, 0.5))
+        for value, error in ((-0.7, 0.1), (0.8, 0.1), (0.0, 50.0))
     )
-    assert dead_band_confidence(0.5) < CONFIDENT
-    assert dead_band_confidence(0.5, unknown) == dead_band_confidence(0.5)
-    assert dead_band_confidence(0.5, small) > CONFIDENT
-    # three errors from none, and of those that are near it a seventh is harmless; most firmwares add none
-    assert dead_band_confidence(0.5, large) < 0.25
-    # an estimate near zero, however vague, speaks against a large one
-    vague = DeadBandEstimate(value=0.0, error=0.33, size=1.0)
-    assert vague.believed
-    assert dead_band_confidence(0.5, vague) > dead_band_confidence(0.5)
-    # far below zero: something else is wrong
-    assert not DeadBandEstimate(value=-1.1, error=0.2, size=1.0).believed
+    against = 0.8
+    assert undone_dead_band(against).confidence < CONFIDENT
+    assert undone_dead_band(against, unknown).confidence == pytest.approx(
+        undone_dead_band(against).confidence, abs=0.01
+    )
+    # play makes the estimate negative where there is no dead band
+    assert undone_dead_band(against, without).confidence > CONFIDENT
+    assert undone_dead_band(against, without).value == 0.0
+    shown = undone_dead_band(0.5, large)
+    assert shown.probability > 0.5
+    assert 0.1 < shown.value < 0.8
+    assert shown.confidence > CONFIDENT
+    # where it is harmless, none is undone
+    assert undone_dead_band(0.2, large).value == 0.0
+    # an estimate beyond all expectation shows nothing
+    strange = DeadBandEstimate(value=1e3, error=0.1, size=1.0)
+    assert undone_dead_band(against, strange).confidence == undone_dead_band(against).confidence
+
+
+@given(
+    against=st.floats(0.0, 5.0),
+    value=st.floats(-1e6, 1e6),
+    error=st.floats(0.0, 1e6),
+    full_duty=st.floats(0.0, 1e4),
+)
+def test_an_undone_dead_band_is_never_negative_and_within_the_largest(against, value, error, full_duty):
+    estimate = DeadBandEstimate(value=value, error=error, size=1.0)
+    found = undone_dead_band(against, estimate, full_duty=full_duty)
+    assert 0.0 <= found.value <= max(LARGEST_DEAD_BAND, LARGEST_DUTY * full_duty)
+    assert 0.0 <= found.confidence <= 1.0
+    assert 0.0 <= found.probability <= 1.0
 
 
 @pytest.mark.parametrize(("per_ampere", "determined"), [(0.75, True), (0.87, False)])

@@ -319,7 +319,7 @@ def proposal_results(file: Path, found: Evaluation) -> dict[str, object]:
         "command_units": {unit.description: p for unit, p in drive.units.items() if p > 1e-3}
         if drive
         else {},
-        "dead_band": proposal.dead_band if drive else None,
+        "dead_band": proposal.added_duty if drive else None,
         "frame": proposal.frame,
         "keep": proposal.keep,
         "rows": None if found.log is None else len(found.log),

@@ -8,9 +8,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from ballbot.log.mapping_inference.commands import FULL_DUTIES, Assignment, Unit
-from ballbot.log.mapping_inference.dead_band import dead_band_confidence
 from ballbot.log.mapping_inference.drive import RATIO_ERROR, DriveEvidence, gain_bias, resistance_confidence
-from ballbot.log.mapping_inference.evidence import CONFIDENT, MOST, Conclusion
+from ballbot.log.mapping_inference.evidence import CONFIDENT, MOST, Conclusion, in_percent
 from ballbot.log.mapping_inference.proposal import Proposal
 from ballbot.log.mapping_inference.roles import PLAIN
 from ballbot.log.mapping_inference.tolerances import (
@@ -261,22 +260,21 @@ def _dead_band(proposal: Proposal) -> list[Conclusion]:
                 key="[input] dead_band",
             )
         ]
-    if drive.response is None:
+    undone, estimate = drive.undone_dead_band, drive.dead_band
+    if undone is None:
         return []
-    estimate, shown = drive.dead_band, ""
-    full_duty = 0.0 if estimate is None else 1.0 / (estimate.size * drive.unit.scale)
-    confidence = dead_band_confidence(drive.turning_against, estimate, full_duty=full_duty)
-    other = "the duty that the firmware adds"
-    if estimate is not None and estimate.believed:
-        added, error = estimate.value / full_duty, estimate.error / full_duty
-        shown = f"; by the motion, the firmware adds {added:.3f}, standard error {error:.3f}"
-        other += f", by the motion {max(added, 0.0):.3f}"
+    other, shown = "the duty that the firmware adds", ""
+    if estimate is not None and estimate.informative:
+        shown = f"; by the motion, the firmware adds one with {in_percent(undone.probability)} %"
+    value = "counted as less dry friction"
+    if proposal.added_duty is not None:
+        value = f"{proposal.added_duty:.4f}, the expected one"
     return [
         Conclusion(
             name="dead band",
-            value="counted as less dry friction",
-            confidence=confidence,
-            alternatives=() if confidence >= CONFIDENT else (other,),
+            value=value,
+            confidence=undone.confidence,
+            alternatives=() if undone.confidence >= CONFIDENT else (other,),
             evidence="a dead band acts as less dry friction, but for what it adds while a wheel turns against its "
             f"duty, or coasts: {100.0 * drive.turning_against:.0f} % of its size, beside the torque of the wheel that "
             f"this changes most{shown}",

@@ -39,7 +39,12 @@ from ballbot.log.mapping_inference.commands import (
     unit_probabilities,
     units_of,
 )
-from ballbot.log.mapping_inference.dead_band import DeadBandEstimate, dead_band_estimate
+from ballbot.log.mapping_inference.dead_band import (
+    DeadBandEstimate,
+    UndoneDeadBand,
+    dead_band_estimate,
+    undone_dead_band,
+)
 from ballbot.log.mapping_inference.evidence import TINY
 from ballbot.log.mapping_inference.names import Reading
 from ballbot.log.pose import with_odometry
@@ -73,6 +78,19 @@ class DriveEvidence:
     def unit(self) -> Unit:
         """The likeliest kind and unit."""
         return next(iter(self.units))
+
+    @property
+    def duty_of_size(self) -> float:
+        """The size of what drives, as a duty; nan if it is unknown."""
+        return math.nan if self.dead_band is None else self.dead_band.size * self.unit.scale
+
+    @property
+    def undone_dead_band(self) -> UndoneDeadBand | None:
+        """What is undone of a dead band that nobody states; None of commands that are no duties."""
+        if self.unit.kind != "duty" or self.response is None:
+            return None
+        full_duty = 0.0 if self.dead_band is None else 1.0 / self.duty_of_size
+        return undone_dead_band(self.turning_against, self.dead_band, full_duty=full_duty)
 
     @property
     def torque_ratio(self) -> tuple[float, float] | None:

@@ -318,6 +318,12 @@ def _motor_lines(
         band = toml_line("dead_band", proposal.dead_band, "given: the duty that the firmware adds")
     elif dead_band is not None and not dead_band.determined:
         band = toml_line("dead_band", 0.0, "assumed: the duty that the firmware adds; write it here")
+    elif proposal.added_duty is not None:
+        band = toml_line(
+            "dead_band",
+            proposal.added_duty,
+            "expected by the motion: the duty that the firmware adds; correct it",
+        )
     resistance, reason = float(f"{stall_resistance(robot):.6g}"), RESISTANCE_ASSUMED
     if concluded is not None:
         reason += f"; {concluded.evidence}"

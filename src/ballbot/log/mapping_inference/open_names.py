@@ -23,6 +23,7 @@ from ballbot.log.mapping_inference.column_values import (
     Motion,
     lean_rest,
     moving_rows,
+    unexplained_parts,
 )
 from ballbot.log.mapping_inference.evidence import TINY
 from ballbot.log.mapping_inference.placement import torque_free_gains
@@ -171,8 +172,9 @@ def with_heading_behind(named: Roles, columns: Mapping[str, NDArray[np.float64]]
     """Return roles in which x, y and z are heading, roll and pitch if the values show it, as a BNO055's often are.
 
     Only the letters may be so: a column that is called roll is not taken for a heading. The first column is the heading
-    if the wheels explain the lean clearly better by the other two than by the first two, or if it jumps by a turn as a
-    compass does and they explain it no worse. If it jumps and they do not say more, the columns are in doubt.
+    if the wheels explain the lean clearly better by the other two than by the first two and its rate better than the
+    last one's, or if it jumps by a turn as a compass does and they explain the lean no worse. If it jumps and they do
+    not say more, the columns are in doubt.
     """
     readings = [one for name in named.attitude if (one := named.reading((name,)))]
     if (
@@ -187,12 +189,26 @@ def with_heading_behind(named: Roles, columns: Mapping[str, NDArray[np.float64]]
     )
     jumps = _jumps(columns[named.attitude[0]]) and not _jumps(columns[named.attitude[2]])
     turned = replace(named, attitude=(*named.attitude[1:], named.attitude[0]))
-    if second < LARGEST_REST and second * (1.0 if jumps else CLEAR_MARGIN) < first:
+    lean_behind = second < LARGEST_REST and second * (1.0 if jumps else CLEAR_MARGIN) < first
+    if lean_behind and (jumps or _turns_with_the_wheels(named, columns)):
         return turned
     if not jumps:
         return named
     x, y, z = named.attitude
     return replace(turned, confidence=0.6, alternatives=(f"{x}, {y}, {z} are roll, pitch and yaw",))
+
+
+def _turns_with_the_wheels(named: Roles, columns: Mapping[str, NDArray[np.float64]]) -> bool:
+    """Return whether the wheels' speeds leave less of the rate of the first of three angles than of the last one's."""
+    signals = smooth_columns(named, columns, (named.attitude, named.angles))
+    if signals is None or not {*named.attitude, *named.angles} <= set(signals[1]):
+        return False
+    smoothed = signals[1]
+    speeds = np.column_stack([smoothed[name].rate[:, 0] for name in named.angles])
+    first, _, last = unexplained_parts(
+        speeds, np.column_stack([smoothed[name].rate[:, 0] for name in named.attitude])
+    )
+    return bool(first < last)
 
 
 def _jumps(values: NDArray[np.float64]) -> bool:

@@ -87,6 +87,14 @@ class Proposal:
         return factors[: len(self.roles.attitude)]
 
     @property
+    def added_duty(self) -> float | None:
+        """The firmware's dead band that the mapping states: as given, or as the motion shows it; None if none is."""
+        undone = self.drive.undone_dead_band if self.drive else None
+        if self.dead_band is not None or undone is None or self.drive is None or undone.value == 0.0:
+            return self.dead_band
+        return float(f"{undone.value * self.drive.duty_of_size:.2g}")
+
+    @property
     def sensor_delay(self) -> float:
         """Lean later than the wheels [s]; zero if it cannot be told from zero."""
         return 0.0 if self.lean_delay is None else self.lean_delay.applied

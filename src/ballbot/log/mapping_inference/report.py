@@ -424,6 +424,11 @@ def _assumed(proposal: Proposal) -> list[str]:
             )
         return said
     said = ["Torque constant and winding resistance are assumed."]
+    if proposal.dead_band is None and proposal.added_duty is not None:
+        said.append(
+            f"A dead band of {proposal.added_duty:.2g} is undone, the expected one by the motion: write the firmware's "
+            "in the mapping, 0 if it adds none."
+        )
     if ratio is not None and abs(math.log(ratio[0])) > SAID_ERRORS * ratio[1]:
         said.append(
             f"The motion gives {ratio[0] * drive.resistance:.3g} ohm in place of {drive.resistance:.3g} (standard "
