@@ -275,7 +275,7 @@ def outcomes(half: Half, seeds: Sequence[int], *, processes: int = 1) -> Iterato
 #: variants of each half
 VARIANTS = 1000
 RESULTS: tuple[Result, ...] = ("right", "undetermined", "doubtful", "wrong")
-#: environment variables: variants of each half, the most minutes of the halves in turn, "4,4,4,4,20", and processes
+#: environment variables: variants of each half, the most minutes of the halves in turn, "4,4,4,4,4,20", and processes
 COUNT, MINUTES, PROCESSES = "BALLBOT_VARIANTS", "BALLBOT_MINUTES", "BALLBOT_PROCESSES"
 
 
@@ -329,7 +329,7 @@ def section(found: Sequence[Outcome], *, dead_bands: Sequence[float]) -> Section
         title="Mappings proposed for foreign logs",
         before="Stretches of 5 to 60 s of simulated logs, written as other teams write them"
         " (`campaigns/foreign_logs.py`): renamed, permuted, scaled, turned, mirrored, late, noisy, in several formats."
-        " The inference was worked on with the development halves; the third and the fourth judged earlier versions."
+        " The inference was worked on with the development halves; the third to the fifth judged earlier versions."
         " The test half has other robots, motions and seeds, and was not looked at before this run. The first two are"
         " logs of the twin, the others of the equations of motion with the twin's sensors, play and friction. Right is"
         " the recorded log up to the transformations of"
@@ -374,7 +374,9 @@ def _share(count: int, total: int) -> str:
 
 def _followed(half: Half, seeds: Sequence[int]) -> Iterator[Outcome]:
     """Yield the outcomes of a half; those that are not right are named on standard error."""
-    limits = dict(zip(ROBOTS, os.environ.get(MINUTES, "inf,inf,inf,inf,inf").split(","), strict=True))
+    limits = dict(
+        zip(ROBOTS, os.environ.get(MINUTES, ",".join(["inf"] * len(ROBOTS))).split(","), strict=True)
+    )
     started, minutes = perf_counter(), float(limits[half])
     processes = int(os.environ.get(PROCESSES, os.cpu_count() or 1))
     for one in outcomes(half, seeds, processes=processes):

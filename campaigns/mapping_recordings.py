@@ -1,8 +1,10 @@
 """The recorded logs of `campaigns.mapping_corpus`: robots, motions and seeds of its halves.
 
-The third and fourth development halves judged earlier versions of the inference. Their robots, and those of the test
+The third to fifth development halves judged earlier versions of the inference. Their robots, and those of the test
 half, are simulated by the equations of motion with the twin's sensors, play, torque noise and friction, which takes a
-fraction of the twin's time. Recorded logs are kept in build/mapping_corpus and are not recorded again.
+fraction of the twin's time. The references of the test half never stand still: in two recordings of the fifth
+development half dry friction holds the robot throughout, so that they show nothing of it. Recorded logs are kept in
+build/mapping_corpus and are not recorded again.
 """
 
 from __future__ import annotations
@@ -30,7 +32,14 @@ from ballbot.twin.imperfections import imperfections_of, true_model
 from campaigns.foreign_logs import commands
 from campaigns.section import is_kept
 
-Half = Literal["development", "second_development", "third_development", "fourth_development", "test"]
+Half = Literal[
+    "development",
+    "second_development",
+    "third_development",
+    "fourth_development",
+    "fifth_development",
+    "test",
+]
 
 #: robots of each half; a name that ends in `_four_wheels` is that robot with four wheels
 ROBOTS: dict[Half, tuple[str, ...]] = {
@@ -38,31 +47,35 @@ ROBOTS: dict[Half, tuple[str, ...]] = {
     "second_development": ("rob311", "rezero", "cmu"),
     "third_development": ("lantern", "barrel", "scout_four_wheels"),
     "fourth_development": ("kettle", "crane", "sledge_four_wheels"),
-    "test": ("spinner", "mast", "cart_four_wheels"),
+    "fifth_development": ("spinner", "mast", "cart_four_wheels"),
+    "test": ("heron", "drum", "trolley_four_wheels"),
 }
 MOTIONS: dict[Half, tuple[str, ...]] = {
     "development": ("hold", "square", "sway", "turn", "wander", "dead_band"),
     "second_development": ("circle", "figure_eight", "sway", "turn", "wander", "dead_band"),
     "third_development": ("patrol", "orbit", "nudges", "dead_band"),
     "fourth_development": ("corners", "slalom", "sentry", "dead_band"),
-    "test": ("errands", "loops", "station", "dead_band"),
+    "fifth_development": ("errands", "loops", "station", "dead_band"),
+    "test": ("delivery", "spirals", "tour", "dead_band"),
 }
 #: halves whose robots are simulated by the equations of motion, which takes a fraction of the twin's time
-BY_EQUATIONS: tuple[Half, ...] = ("third_development", "fourth_development", "test")
+BY_EQUATIONS: tuple[Half, ...] = ("third_development", "fourth_development", "fifth_development", "test")
 #: first seed of each half, of its recordings and of its teams' habits
 RECORDED_SEED: dict[Half, int] = {
     "development": 0,
     "second_development": 100,
     "third_development": 700,
     "fourth_development": 1300,
-    "test": 1900,
+    "fifth_development": 1900,
+    "test": 2500,
 }
 HABITS_SEED: dict[Half, int] = {
     "development": 0,
     "second_development": 1_000_000,
     "third_development": 7_000_000,
     "fourth_development": 13_000_000,
-    "test": 19_000_000,
+    "fifth_development": 19_000_000,
+    "test": 25_000_000,
 }
 #: part of the wheels' dry friction that the firmware adds in the duty's direction, in the motion dead_band
 COMPENSATED = 0.6
@@ -219,6 +232,41 @@ def _cart() -> Robot:
     return _with_wheels(robot, count=4, first=float(np.radians(10.0)))
 
 
+def _heron() -> Robot:
+    """Return a slim robot on a basketball, the first wheel at 100 degrees."""
+    robot = _with_body(Robot.load("alten"), mass=8.5, height=0.48, slenderness=1.2)
+    robot = robot.replace(
+        ball=_ball(robot, radius=0.12, mass=0.62),
+        wheels=replace(robot.wheels, radius=0.04, tilt=float(np.radians(45.0)), inertia=4e-4),
+        drive=replace(robot.drive, torque_limit=3.0, gear_ratio=22.0),
+        sensors=replace(robot.sensors, encoder_counts=1024),
+    )
+    return _with_wheels(robot, count=3, first=float(np.radians(100.0)))
+
+
+def _drum() -> Robot:
+    """Return a heavy robot of a middle height, the first wheel at -70 degrees."""
+    robot = _with_body(Robot.load("kugle"), mass=19.0, height=0.42, slenderness=1.25)
+    robot = robot.replace(
+        ball=_ball(robot, radius=0.135, mass=3.6),
+        wheels=replace(robot.wheels, tilt=float(np.radians(48.0))),
+        drive=replace(robot.drive, torque_limit=8.0, gear_ratio=20.0),
+        sensors=replace(robot.sensors, encoder_counts=1800),
+    )
+    return _with_wheels(robot, count=3, first=float(np.radians(-70.0)))
+
+
+def _trolley() -> Robot:
+    """Return a robot with four wheels, the first at 25 degrees."""
+    robot = _with_body(Robot.load("rezero"), mass=13.0, height=0.37, slenderness=1.22)
+    robot = robot.replace(
+        ball=_ball(robot, radius=0.118, mass=2.6),
+        wheels=replace(robot.wheels, tilt=float(np.radians(42.0))),
+        drive=replace(robot.drive, torque_limit=5.0, gear_ratio=28.0),
+    )
+    return _with_wheels(robot, count=4, first=float(np.radians(25.0)))
+
+
 #: robots that are no preset
 OWN_ROBOTS = {
     "lantern": _lantern,
@@ -230,6 +278,9 @@ OWN_ROBOTS = {
     "spinner": _spinner,
     "mast": _mast,
     "cart_four_wheels": _cart,
+    "heron": _heron,
+    "drum": _drum,
+    "trolley_four_wheels": _trolley,
 }
 
 
@@ -310,6 +361,8 @@ def _reference(motion: str, seed: int) -> Reference:
         return _round(motion, random, size)
     if motion in ("errands", "loops", "station"):
         return _errand(motion, random, size)
+    if motion in ("delivery", "spirals", "tour"):
+        return _on_the_move(motion, random, size)
     return _sway(random, heading=0.6 if motion == "sway" else 0.2)
 
 
@@ -395,6 +448,33 @@ def _errand(motion: str, random: np.random.Generator, size: float) -> Reference:
             smooth = part * part * (3.0 - 2.0 * part)
             place = 0.25 * ((1.0 - smooth) * places[last] + smooth * places[last + 1])
             pose[4] = 0.25 * start * ((1.0 - smooth) * looks[last] + smooth * looks[last + 1])
+        place = start * place
+        pose[:2] = place.real, place.imag
+        return pose
+
+    return reference
+
+
+def _on_the_move(motion: str, random: np.random.Generator, size: float) -> Reference:
+    """Return a reference of a robot that never stands, of a size [m], which begins at rest."""
+    slow, way, turn = random.uniform(0.35, 0.6), random.uniform(0.0, 2.0 * np.pi), random.uniform(0.4, 1.0)
+    phases = random.uniform(0.0, 2.0 * np.pi, 3)
+
+    def reference(t: float) -> NDArray[np.float64]:
+        pose, now, start = np.zeros(10), slow * t, min(t / 5.0, 1.0)
+        if motion == "delivery":
+            # a closed path of two loops across and three along, headed to and fro
+            place = 0.4 * size * (np.sin(2.0 * now) + 1j * np.sin(3.0 * now + phases[0])) * np.exp(1j * way)
+            pose[4] = turn * start * np.sin(0.7 * now)
+        elif motion == "spirals":
+            # out and in again around a point, with a heading that follows in part
+            place = 0.6 * size * np.sin(0.4 * now + 0.3) * np.exp(1j * (1.5 * now + way))
+            pose[4] = 0.7 * turn * start * np.sin(1.5 * now + phases[1])
+        else:
+            # two slow sways and a quicker one of a few centimetres, now and then turned
+            slower = np.sin(0.8 * now + phases[0]) + 1j * np.sin(0.55 * now + phases[1])
+            place = size * (0.35 * slower * np.exp(1j * way) + 0.05 * np.exp(1j * (4.0 * now + phases[2])))
+            pose[4] = 0.8 * turn * start * np.sin(0.5 * now) ** 3
         place = start * place
         pose[:2] = place.real, place.imag
         return pose

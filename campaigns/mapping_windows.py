@@ -1,4 +1,4 @@
-"""How often `check-log` is right about wheels and commands on short windows of the first two development halves.
+"""How often `check-log` is right about wheels and commands on short windows of three development halves.
 
 .venv/bin/python -m campaigns.mapping_windows 60       variants of each
 
@@ -31,6 +31,7 @@ from ballbot.robot import Robot
 from campaigns.foreign_logs import Habits, columns_of, draw, write
 from campaigns.mapping_corpus import TORQUE_ERROR, WHEEL_ERROR
 from campaigns.mapping_recordings import (
+    BY_EQUATIONS,
     HABITS_SEED,
     MOTIONS,
     ROBOTS,
@@ -170,7 +171,8 @@ if __name__ == "__main__":
     count = int(sys.argv[1])
     every = [
         one
-        for half in ("development", "second_development")
+        for half in BY_EQUATIONS
+        if half != "test"
         for seed in range(count)
         for one in answers(half, seed)
     ]

@@ -179,6 +179,17 @@ def test_angles_x_y_and_z_in_the_usual_order_keep_it():
     assert with_heading_behind(named, table, small_robot()) == named
 
 
+def test_a_heading_as_z_stays_the_heading_beside_a_noisy_roll():
+    """The wheels explain pitch and a heading that turns much better than a noisy roll and pitch."""
+    columns = columns_of(swaying_log(heading=3.0), Habits())
+    noise = 10.0 * np.random.default_rng(1).standard_normal(len(columns["t_now"]))  # [deg]
+    table = {"t": columns["t_now"], "orientation_x": columns["theta_x"] + noise}
+    table |= {"orientation_y": columns["theta_y"], "orientation_z": columns["theta_z"]}
+    table |= {f"enc{k}": columns[f"psi_{k}"] for k in (1, 2, 3)}
+    named = roles_by_name(table, wheel_count=3)
+    assert with_heading_behind(named, table, small_robot()) == named
+
+
 def test_beside_wheels_without_a_name_plain_names_are_believed(tmp_path):
     """The motion explains a gyro's rates as well as commands, and does not explain a heading turned by hand."""
     columns = columns_of(swaying_log(), Habits())

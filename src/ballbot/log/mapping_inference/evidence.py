@@ -89,14 +89,14 @@ def normal_log_weight(value: float, deviation: float, *, outlier: float = 0.02) 
     return math.log(math.exp(-0.5 * min((value / deviation) ** 2, 1400.0)) + outlier)
 
 
-def advantage_confidence(z: float) -> float:
+def advantage_confidence(z: float, *, believed: float = 0.6) -> float:
     """Return the confidence in an explanation that is better than the next by z standard errors.
 
-    Blocks of a second are not independent, and the best of several explanations is flattered: of z, 0.6 is believed.
+    Blocks of a second are not independent, and the best of several explanations is flattered: part of z is believed.
     """
     if math.isnan(z):
         return 0.5
-    return min(0.5 * math.erfc(-0.6 * max(z, -10.0) / math.sqrt(2.0)), MOST)
+    return min(0.5 * math.erfc(-believed * max(z, -10.0) / math.sqrt(2.0)), MOST)
 
 
 def jackknife_error(estimates: NDArray[np.float64]) -> float:

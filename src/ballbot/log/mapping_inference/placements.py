@@ -34,12 +34,12 @@ OWN_ORDER, MIRRORED_ORDER, EQUAL_SIGNS = 0.55, 0.25, 0.6
 #: part of the standard errors by which a placement is behind the best that is believed, and power of the prior in the
 #: confidence: a usual order is preferred among placements that fit alike, but does not make one certain
 BELIEVED_ERRORS, BELIEVED_USUAL = 0.6, 0.7
-#: logarithm of the ratio of two misfits from which each second counts as one normal error. `python -m
-#: campaigns.mapping_windows 24` gives 245 of 317 windows of 4 to 12 s a confidence above 0.9, and none of them is wrong
-LEAST_RATIO = 0.2
+#: logarithm of the ratio of two misfits from which it counts, too, and its weight for each second; chosen with
+#: `python -m campaigns.mapping_windows 24`, which counts the windows of 4 to 12 s that are wrong with confidence
+LEAST_RATIO, EACH_SECOND = 0.2, 0.8
 #: placements whose wheels differ by less than this part of their angles count as one; a mapping whose wheels are off by
 #: 0.03 is still right (campaigns/mapping_corpus.py)
-SAME_WHEELS = 0.02
+SAME_WHEELS = 0.028
 #: wheel speed (root of the sum of squares) below which the ball hardly rolls, and rolling friction has no sign [rad/s]
 ROLLING = 0.2
 
@@ -194,7 +194,7 @@ def _weighed(
         z = BELIEVED_ERRORS * min(gained / error, 60.0) if error > 0.0 else 0.0
         if seconds < SHORT_TIME and gained < math.log(SHORT_MARGIN):
             z = min(z, 1.0)
-        behind = max(0.5 * z**2, 0.5 * seconds * max(gained - LEAST_RATIO, 0.0))
+        behind = max(0.5 * z**2, EACH_SECOND * seconds * max(gained - LEAST_RATIO, 0.0))
         weights[other] = usual * _usual(order, signs, len({order for order, _ in every})) - behind
     return probabilities(weights)
 

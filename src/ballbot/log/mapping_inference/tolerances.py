@@ -225,9 +225,9 @@ def _delay(
 ) -> Delay:
     """Return the delay to undo if it is clearly none of zero; one that is not seen is at most the first limit."""
     longest, impossible = limits
-    unseen = longest / math.sqrt(3.0)
-    # an estimate that is less accurate than what every robot has is none
-    known = error < unseen and -EARLY * error < estimate < impossible
+    unseen = longest * math.sqrt((1.0 - NO_DELAY) / 3.0)  # root mean square, before the log is seen
+    # an estimate that is less accurate than a delay that every robot has is none
+    known = error < longest / math.sqrt(3.0) and -EARLY * error < estimate < impossible
     said = f"standard error of the estimate {1e3 * error:.1f} ms"
     if known and clear:
         applied = round(estimate, 4)
