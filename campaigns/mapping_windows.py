@@ -4,7 +4,7 @@
 
 Whole logs hardly ever have wrong placements, and no constant could be fitted to them. So each log is judged on windows
 of a few seconds, cut out at random, as if the rest had not been recorded. `LEAST_RATIO` and `EACH_SECOND` of
-`ballbot.log.mapping_inference.commands`, and `LEAST_RATIO` of `ballbot.log.mapping_inference.placements`, were chosen
+`ballbot.log.mapping_inference.commands` and of `ballbot.log.mapping_inference.placements` were chosen
 on such windows, so that an answer of confidence 0.9 or more is hardly ever wrong. An assignment is judged only if the
 whole log's frame is right.
 """
@@ -170,11 +170,7 @@ def _commands(
 if __name__ == "__main__":
     count = int(sys.argv[1])
     every = [
-        one
-        for half in BY_EQUATIONS
-        if half != "test"
-        for seed in range(count)
-        for one in answers(half, seed)
+        one for half in BY_EQUATIONS if half != "test" for seed in range(count) for one in answers(half, seed)
     ]
     for question in ("wheels", "commands"):
         for length in LENGTHS:
