@@ -54,6 +54,9 @@ from campaigns.section import Section
 SMOOTHED = 0.25
 #: largest error of the lean's size [-] and turn [rad], and of the wheels' angles and torques over their size [-]
 LEAN_ERROR, TURN_ERROR, WHEEL_ERROR, TORQUE_ERROR = 0.1, np.radians(12.0), 0.03, 0.2
+#: a torque's size counts as at least this part of all wheels' (root mean square): a wheel that hardly drives has little
+#: but the noise of its speed, in a torque that is too small to matter
+LEAST_TORQUE = 0.5
 
 Result = Literal["right", "undetermined", "doubtful", "wrong"]
 
@@ -225,7 +228,8 @@ def _compared(mapped: Signals, real: Signals, heading: bool, interval: float) ->
     if max(errors) > WHEEL_ERROR:
         wrong.append(f"wheels {max(errors):.2f}")
     a, b = (_smoothed(one["torques"], interval) for one in (mapped, real))
-    errors = [float(np.std(x - y) / np.std(y)) for x, y in zip(a, b, strict=True)]
+    least = LEAST_TORQUE * float(np.sqrt(b.var(axis=1).mean()))
+    errors = [float(np.std(x - y) / max(np.std(y), least)) for x, y in zip(a, b, strict=True)]
     if max(errors) > TORQUE_ERROR:
         wrong.append(f"torques {max(errors):.2f}")
     return ", ".join(wrong)

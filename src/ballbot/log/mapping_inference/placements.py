@@ -36,7 +36,7 @@ OWN_ORDER, MIRRORED_ORDER, EQUAL_SIGNS = 0.55, 0.25, 0.6
 BELIEVED_ERRORS, BELIEVED_USUAL = 0.6, 0.7
 #: logarithm of the ratio of two misfits from which it counts, too, and its weight for each second; chosen with
 #: `python -m campaigns.mapping_windows 24`, which counts the windows of 4 to 12 s that are wrong with confidence
-LEAST_RATIO, EACH_SECOND = 0.2, 0.8
+LEAST_RATIO, EACH_SECOND = 0.2, 0.6
 #: placements whose wheels differ by less than this part of their angles count as one; a mapping whose wheels are off by
 #: 0.03 is still right (campaigns/mapping_corpus.py)
 SAME_WHEELS = 0.028
