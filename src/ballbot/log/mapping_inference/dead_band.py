@@ -33,9 +33,9 @@ from ballbot.log.mapping_inference.tolerances import TORQUE_PART
 #: largest dead band that must be expected, over the size of what drives, and of full duty: chosen. The larger of both
 #: counts, since a motor and its driver lose the same duty in a log that drives gently
 LARGEST_DEAD_BAND, LARGEST_DUTY = 0.7, 0.02
-#: probability before the log is seen that a firmware adds one that its team does not state: chosen, that of the
-#: corpus' halves, where it is a sixth to a quarter
-ADDS_ONE = 0.25
+#: probability before the log is seen that a firmware adds one that its team does not state: chosen, somewhat more than
+#: the part of the corpus' logs that have one, a sixth to a quarter
+ADDS_ONE = 0.3
 #: commands below this part of their size have no clear sign
 UNCLEAR_SIGN = 0.15
 #: how far an estimate is from a dead band, over the size of what drives: mean and standard deviation, without a dead
