@@ -265,7 +265,9 @@ def _dead_band(proposal: Proposal) -> list[Conclusion]:
         return []
     other, shown = "the duty that the firmware adds", ""
     if estimate is not None and estimate.informative:
-        shown = f"; by the motion, the firmware adds one with {in_percent(undone.probability)} %"
+        shown = (
+            f"; by the motion, the firmware adds one with a probability of {in_percent(undone.probability)} %"
+        )
     value = "counted as less dry friction"
     if proposal.added_duty is not None:
         value = f"{proposal.added_duty:.4f}, the expected one"

@@ -317,7 +317,8 @@ def _motor_lines(
     elif proposal.dead_band is not None:
         band = toml_line("dead_band", proposal.dead_band, "given: the duty that the firmware adds")
     elif dead_band is not None and not dead_band.determined:
-        band = toml_line("dead_band", 0.0, "assumed: the duty that the firmware adds; write it here")
+        expected = proposal.added_duty or 0.0
+        band = toml_line("dead_band", expected, "assumed: the duty that the firmware adds; write it here")
     elif proposal.added_duty is not None:
         band = toml_line(
             "dead_band",

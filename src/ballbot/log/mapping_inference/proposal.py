@@ -115,7 +115,7 @@ def propose(
         The columns' names, in place of the file's.
     dead_band : float, optional
         Duty that the firmware adds to overcome friction, 0 if it adds none. A log hardly shows it; not given, it is
-        counted as less dry friction.
+        counted as less dry friction, or, where that matters and the motion shows one, the expected one is undone.
 
     Raises
     ------
