@@ -45,9 +45,10 @@ from ballbot.log.mapping_inference.proposal import propose
 from ballbot.log.mapping_inference.report import Evaluation, evaluate
 from ballbot.processes import worker_pool
 from ballbot.robot import Robot
+from campaigns.course_robot import SOURCE, SOURCES, log_file
 from campaigns.foreign_logs import Habits, columns_of, commands, draw, row_times, write
 from campaigns.mapping_recordings import HABITS_SEED, MOTIONS, ROBOTS, Half, dead_band, recording, robot_named
-from campaigns.section import Section
+from campaigns.section import DataMissingError, Section
 
 #: length of the Hann window [s] that smooths both logs before they are compared. Its first zero is at 8 Hz: noise of
 #: the lean and chatter of the commands, which differ after an error of a millisecond in a delay, are above that
@@ -297,7 +298,30 @@ def campaign() -> Section:
     """Judge all halves and return the section of docs/generated/evidence.md."""
     count = int(os.environ.get(COUNT, VARIANTS))
     found = [one for half in ROBOTS for one in _followed(half, range(count))]
-    return section(found, dead_bands=dead_band_parts())
+    return section(found, dead_bands=dead_band_parts(), remarks=f"{time_in_motion()} {course_logs()}")
+
+
+def time_in_motion() -> str:
+    """Return a sentence on the part of the test half's recordings in which a wheel turns."""
+    logs = [recording("test", robot, motion) for robot in ROBOTS["test"] for motion in MOTIONS["test"]]
+    parts = [100.0 * _seconds_in_motion(one) / one.t[-1] for one in logs]
+    return f"In the test half's recordings a wheel turns {min(parts):.0f} to {max(parts):.0f} % of the time."
+
+
+def course_logs() -> str:
+    """Return a sentence on the public logs of the course's robots; that they are missing, without them."""
+    try:
+        files = {name: log_file(name) for name in SOURCES}
+    except DataMissingError as missing:
+        return f"Real logs: {missing}."
+    robot, said = Robot.load("rob311"), []
+    for name, path in files.items():
+        found = evaluate(propose(path, robot), robot, file=path)
+        asked = ", ".join(one.name for one in found.undetermined)
+        drive = found.proposal.drive
+        read = f"read as {drive.unit.description}" if drive else "without commands"
+        said.append(f"{name} ({SOURCES[name].sha256[:12]}): {f'asks for the {asked}' if asked else read}")
+    return f"Real logs of the course's robots ({SOURCE}), whose commands are duties of full scale 1: {'; '.join(said)}."
 
 
 def dead_band_parts() -> list[float]:
@@ -313,8 +337,17 @@ def dead_band_parts() -> list[float]:
     return found
 
 
-def section(found: Sequence[Outcome], *, dead_bands: Sequence[float]) -> Section:
-    """Return the section of docs/generated/evidence.md that outcomes and the parts of the dead bands make."""
+def section(found: Sequence[Outcome], *, dead_bands: Sequence[float], remarks: str) -> Section:
+    """Return the section of docs/generated/evidence.md.
+
+    Parameters
+    ----------
+    found : sequence of Outcome
+    dead_bands : sequence of float
+        Of `dead_band_parts`.
+    remarks : str
+        Sentences on the test half's recordings and on real logs.
+    """
     rows = []
     for half in ROBOTS:
         judged_ones = [one.judgement for one in found if one.half == half]
@@ -363,7 +396,7 @@ def section(found: Sequence[Outcome], *, dead_bands: Sequence[float]) -> Section
         + "; ".join(f"{reason} ({count})" for reason, count in asked)
         + f". The firmware's dead band is {100 * min(dead_bands):.0f} to {100 * max(dead_bands):.0f} % of the torques"
         f" of its logs. A mapping that does not state it is compared with torques less so much dry friction, and may"
-        f" differ by {100 * TORQUE_ERROR:.0f} % of them."
+        f" differ by {100 * TORQUE_ERROR:.0f} % of them. {remarks}"
         f" {MINUTES} limits the minutes of a half, and with them the number of its variants.",
     )
 
@@ -411,4 +444,8 @@ if __name__ == "__main__":
     halves: dict[str, Half] = {str(half): half for half in ROBOTS}
     chosen = halves[sys.argv[1]]
     outcomes_found = list(_followed(chosen, range(int(sys.argv[2]))))
-    print(section(outcomes_found, dead_bands=dead_band_parts()).markdown())
+    print(
+        section(
+            outcomes_found, dead_bands=dead_band_parts(), remarks=f"{time_in_motion()} {course_logs()}"
+        ).markdown()
+    )
