@@ -298,6 +298,11 @@ def campaign() -> Section:
     """Judge all halves and return the section of docs/generated/evidence.md."""
     count = int(os.environ.get(COUNT, VARIANTS))
     found = [one for half in ROBOTS for one in _followed(half, range(count))]
+    return written(found)
+
+
+def written(found: Sequence[Outcome]) -> Section:
+    """Return the section with what else is said of recordings and real logs."""
     return section(found, dead_bands=dead_band_parts(), remarks=f"{time_in_motion()} {course_logs()}")
 
 
