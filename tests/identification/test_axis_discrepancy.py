@@ -8,7 +8,12 @@ import pytest
 
 from ballbot.fitting.least_squares import fit_in_time
 from ballbot.identification.axis import AXIS_LAWS, AxisRecord
-from ballbot.identification.axis.discrepancy import Discrepancy, discrepancy_findings, discrepancy_of
+from ballbot.identification.axis.discrepancy import (
+    Discrepancy,
+    discrepancy_findings,
+    discrepancy_of,
+    with_asymmetry,
+)
 from ballbot.identification.axis.force_timing import delayed, part_of_a_row
 from ballbot.identification.axis.law_fits import initial_values
 from ballbot.identification.axis.motion import default_bandwidth
@@ -52,6 +57,24 @@ def test_nothing_is_found_where_nothing_is_missing() -> None:
         ]
         assert found.errors.get("mass", 0.0) < 2e-3 * JOINT.inertia
     assert np.mean(factors) < 1.1
+
+
+def test_friction_that_differs_between_directions_moves_the_means_over_both() -> None:
+    def fit(law: str, **values: float) -> OutputErrorFit:
+        errors = dict.fromkeys(values, 0.02)
+        return OutputErrorFit(
+            model=AxisModel(law=AXIS_LAWS[law]), values=values, standard_errors=errors, rms=1.0
+        )
+
+    plain = fit("coulomb", mass=1.0, viscous=2.0, coulomb=1.5, offset=0.1)
+    sides = {"viscous_plus": 1.8, "viscous_minus": 2.2, "coulomb_plus": 1.5, "coulomb_minus": 1.1}
+    before = Discrepancy(
+        errors={"coulomb": 0.1, "mass": 0.3}, causes={"coulomb": "with play", "mass": "with play"}
+    )
+    found = with_asymmetry(before, plain, fit("asymmetric", mass=1.01, **sides))
+    # the means are 2.0 and 1.3, each with an error of 0.014
+    assert found.errors == {"coulomb": pytest.approx(0.2, rel=0.01), "mass": 0.3}
+    assert found.causes == {"coulomb": "with friction that differs between directions", "mass": "with play"}
 
 
 @pytest.mark.parametrize(

@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 
 from ballbot.findings import Finding, note, warning
 from ballbot.fitting.model_selection import ModelSelection
+from ballbot.identification.axis.inverse import InverseFit
 from ballbot.identification.axis.laws import PARAMETERS, AxisLaw, unit_for
 from ballbot.identification.axis.prediction import failure_findings
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.result import Estimate
 from ballbot.identification.axis.selection import USEFUL_GAIN
+from ballbot.identification.axis.structure import base_name
 from ballbot.rounding import plus_minus
 
 #: a parameter whose 95 % interval reaches further than itself is poorly determined, and than so many times it
@@ -134,6 +136,19 @@ def _lost_minimum(
         "these parameters."
     )
     return [warning("lost-minimum", text)]
+
+
+def inverse_mass_findings(fit: InverseFit, estimates: Sequence[Estimate], unit: str) -> list[Finding]:
+    """Return a note if the inverse model's fit is not among the estimates, as its mass is not above zero."""
+    if any(one.method == "inverse" for one in estimates):
+        return []
+    place = next(i for i, label in enumerate(fit.names) if base_name(label) == "mass")
+    number = plus_minus(float(fit.values[place]), float(fit.clustered_errors[place]))
+    text = (
+        f"The inverse model estimates a mass of {number} {unit_for(PARAMETERS['mass'], unit)}, which is not above "
+        "zero, and is left out of the comparison of methods: noise of the position and a late force bias it."
+    )
+    return [note("inverse-mass", text)]
 
 
 def _open_parameters(best: Estimate, records: Sequence[AxisRecord]) -> list[Finding]:

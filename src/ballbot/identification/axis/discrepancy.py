@@ -19,6 +19,9 @@ residuals and its standard error s, e has the variance V = 1 / (1 / s^2 + 1 / S^
 parameter that moves by D e if the others are fitted again has the error variance D^2 (V + e_1^2). It adds little where
 the record excludes a usual size.
 
+An asymmetric friction that predicts held-out blocks better is not selected from one record. How far the means over both
+directions are from a fit without it is a way as well (`with_asymmetry`).
+
 Of all ways the largest variance counts.
 """
 
@@ -35,6 +38,7 @@ from ballbot.fitting.least_squares import FitInTime, fit_in_time, fit_linear
 from ballbot.identification.axis.force_timing import delay_column
 from ballbot.identification.axis.laws import unit_for
 from ballbot.identification.axis.output_error import OpenLoop, OutputErrorFit, Sighting, derivatives
+from ballbot.identification.axis.play import of_both_directions
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.result import Estimate
 from ballbot.identification.axis.selection import Blocks, problem_of, slow_rows, windows_with
@@ -152,6 +156,29 @@ def discrepancy_of(
         causes={known[i]: causes[i] for i in moved},
         drive={one.cause: (one.size, one.error) for one in effects},
     )
+
+
+def with_asymmetry(found: Discrepancy, symmetric: OutputErrorFit, asymmetric: OutputErrorFit) -> Discrepancy:
+    """Return a discrepancy with the errors by a friction that differs between directions.
+
+    Parameters
+    ----------
+    found : Discrepancy
+        Of a law with one friction for both directions.
+    symmetric, asymmetric : OutputErrorFit
+        Fits of the law coulomb and of the asymmetric one, whose means over both directions are compared.
+    """
+    plain, means = of_both_directions(symmetric), of_both_directions(asymmetric)
+    errors, causes = dict(found.errors), dict(found.causes)
+    for label in (one for one in plain if one in means):
+        (ours, _), (theirs, error) = plain[label], means[label]
+        variance = (ours - theirs) ** 2 - error**2
+        if variance > errors.get(label, 0.0) ** 2:
+            errors[label], causes[label] = (
+                float(np.sqrt(variance)),
+                "with friction that differs between directions",
+            )
+    return replace(found, errors=errors, causes=causes)
 
 
 def _forces_move(linear: _Linear) -> bool:

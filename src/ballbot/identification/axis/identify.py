@@ -13,8 +13,14 @@ from ballbot.errors import InputError
 from ballbot.findings import Finding
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification.axis.comparison import disagreements, largest_differences
-from ballbot.identification.axis.conclusions import axis_findings
-from ballbot.identification.axis.discrepancy import discrepancy_findings, discrepancy_of, with_discrepancy
+from ballbot.identification.axis.conclusions import axis_findings, inverse_mass_findings
+from ballbot.identification.axis.discrepancy import (
+    Discrepancy,
+    discrepancy_findings,
+    discrepancy_of,
+    with_asymmetry,
+    with_discrepancy,
+)
 from ballbot.identification.axis.inverse import InverseFit, inverse_fit
 from ballbot.identification.axis.law_fits import check_determined, fit_laws, improved, memoized
 from ballbot.identification.axis.laws import AXIS_LAWS, axis_law_named
@@ -108,9 +114,12 @@ def identify_axis(
     chosen = wanted or selection.best.model
     simulated = _improving(bench, fits, squares, chosen.name, starts, blocks, horizon.chosen, run)
     by_law = {name: bench.estimate("open loop", fit, horizon.chosen) for name, fit in fits.items()}
-    others = [_inverse_estimate(bench, inverse["complete"], model, horizon.chosen), *simulated]
+    others = [*inverse_estimates(bench, inverse["complete"], model, horizon.chosen), *simulated]
     fit = fits[chosen.name]
-    best, doubts = _widened(bench, fit, by_law[chosen.name], others, blocks, horizon.chosen)
+    lacking = discrepancy_of(fit, bench.sightings, blocks, horizon.chosen)
+    if chosen.symmetric and selection.find("asymmetric").accepted:
+        lacking = with_asymmetry(lacking, fits["coulomb"], fits["asymmetric"])
+    best, doubts = _widened(bench, fit.quantile, by_law[chosen.name], others, lacking)
     by_law[chosen.name] = best
     estimates = [*others, best]
     asymmetry = drifting.asymmetry
@@ -121,6 +130,7 @@ def identify_axis(
         *prepared.findings(records),
         *outlier_findings(fit, bench.sightings, records, blocks, horizon.chosen),
         *axis_findings(bench.all, selection, best, estimates, asymmetry, by_user=wanted is not None),
+        *inverse_mass_findings(inverse["complete"], estimates, records[0].unit),
         *doubts,
         *residual_findings(tests, model.with_law(chosen), records),
         *_elsewhere(bench, fit, expected),
@@ -144,19 +154,13 @@ def identify_axis(
 
 
 def _widened(
-    bench: Bench,
-    fit: OutputErrorFit,
-    plain: Estimate,
-    others: Sequence[Estimate],
-    blocks: Blocks,
-    horizon: float,
+    bench: Bench, quantile: float, plain: Estimate, others: Sequence[Estimate], lacking: Discrepancy
 ) -> tuple[Estimate, list[Finding]]:
     """Return the result with intervals that include what the model lacks and other methods find, and the findings."""
-    lacking = discrepancy_of(fit, bench.sightings, blocks, horizon)
     apart = disagreements(bench.records, plain, others, bandwidth=bench.bandwidth)
-    between = {name: size / fit.quantile for name, size in largest_differences(apart).items()}
-    best = with_discrepancy(plain, lacking.errors, fit.quantile)
-    best = with_discrepancy(best, between, fit.quantile)
+    between = {name: size / quantile for name, size in largest_differences(apart).items()}
+    best = with_discrepancy(plain, lacking.errors, quantile)
+    best = with_discrepancy(best, between, quantile)
     findings = [one.finding for one in apart]
     return best, [*findings, *discrepancy_findings(plain, lacking, bench.records[0].unit)]
 
@@ -263,9 +267,14 @@ def _inverse_fits(bench: Bench, model: AxisModel) -> dict[str, InverseFit]:
     return found
 
 
-def _inverse_estimate(bench: Bench, fit: InverseFit, own: AxisModel, horizon: float) -> Estimate:
-    """Return the estimate of a fit of the inverse model `own`."""
+def inverse_estimates(bench: Bench, fit: InverseFit, own: AxisModel, horizon: float) -> list[Estimate]:
+    """Return the estimate of a fit of the inverse model `own`; none if a mass is not above zero, which cannot move."""
     values, errors = fit.by_name, dict(zip(fit.names, fit.clustered_errors.tolist(), strict=True))
+    masses = (
+        values[own.label("mass", number)] + one.known_load.inertia for number, one in enumerate(bench.records)
+    )
+    if not min(masses) > 0.0:
+        return []
     if own.bending:
         own = own.with_law(AXIS_LAWS["dahl"])
         dry = np.mean([value for label, value in values.items() if base_name(label) == "coulomb"])
@@ -278,7 +287,7 @@ def _inverse_estimate(bench: Bench, fit: InverseFit, own: AxisModel, horizon: fl
         rms=fit.relative_force_error,
         freedom=max(1, fit.blocks - len(fit.names)),
     )
-    return bench.estimate("inverse", found, horizon)
+    return [bench.estimate("inverse", found, horizon)]
 
 
 def _simulated(

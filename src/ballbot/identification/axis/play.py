@@ -5,10 +5,10 @@ the play, the axis coasts or rests meanwhile, and the impact changes its speed a
 a fit with these rows has too little dry friction and too much of viscous one, finds a break-away force that is not
 there, or takes the lag after each reversal for a delay of the force.
 
-The axis is fitted with all rows, and without those near a reversal or at rest (`away_from_reversals`). There is play if every law
-predicts windows of all rows with several times the error of the windows between reversals (`play_of`). Then the rows
-near reversals are left out of everything. An elastic drive, and friction near rest that no law describes, do the same,
-and matter as little between reversals.
+The axis is fitted with all rows, and without those near a reversal or at rest (`away_from_reversals`). There is play if
+every law predicts windows of all rows with several times the error of the windows between reversals (`play_of`). Then
+these rows are left out of everything. An elastic drive, and friction near rest that no law describes, do the same, and
+matter as little between reversals.
 """
 
 from __future__ import annotations
@@ -248,7 +248,7 @@ def _error_of_most(
 def _apart(plain: OutputErrorFit, between: OutputErrorFit) -> dict[str, tuple[float, float]]:
     """Return which of mass and friction differ between two fits, with both values."""
     found = {}
-    first, second = _of_both_directions(plain), _of_both_directions(between)
+    first, second = of_both_directions(plain), of_both_directions(between)
     for label in (one for one in first if one in second):
         (ours, our_error), (theirs, their_error) = first[label], second[label]
         error = float(np.hypot(our_error, their_error))
@@ -262,7 +262,7 @@ def _apart(plain: OutputErrorFit, between: OutputErrorFit) -> dict[str, tuple[fl
     return found
 
 
-def _of_both_directions(fit: OutputErrorFit) -> dict[str, tuple[float, float]]:
+def of_both_directions(fit: OutputErrorFit) -> dict[str, tuple[float, float]]:
     """Return parameters by label with their standard errors; in place of one for each direction, their mean."""
     found = {label: (value, fit.standard_errors[label]) for label, value in fit.values.items()}
     for plus in [one for one in found if base_name(one).endswith("_plus")]:
