@@ -21,12 +21,14 @@ from ballbot.identification.axis.motion import default_bandwidth
 from ballbot.identification.axis.output_error import OutputErrorFit, sighting
 from ballbot.identification.axis.result import Estimate
 from ballbot.identification.axis.selection import (
+    LEAST_BLOCKS,
     SAME,
     blocks_of,
     fades,
     has_dry_friction,
     least_errors,
     problem_of,
+    show_noise_alone,
 )
 from ballbot.identification.axis.structure import AxisModel
 from campaigns.axis_machines import Logging, Machine, record_of
@@ -133,6 +135,20 @@ def test_dry_friction_is_clear_by_its_own_error(error: float, dry: bool) -> None
     """A position that noise makes most of the error of hardly improves by a friction that is known to 10 %."""
     fit = fit_of("coulomb", mass=1.0, viscous=1.0, coulomb=1.0, offset=0.0)
     assert has_dry_friction(replace(fit, standard_errors=fit.standard_errors | {"coulomb": error})) is dry
+
+
+def test_windows_of_noise_are_lengthened() -> None:
+    """Held-out errors cannot distinguish short windows whose errors are the camera's; a longer one shows the decay."""
+    model = AxisModel(law=AXIS_LAWS["coulomb"])
+    noisy = replace(
+        GEARED, position=GEARED.position + 0.02 * np.random.default_rng(1).standard_normal(len(GEARED))
+    )
+    for record, alone in ((GEARED, False), (noisy, True)):
+        seen, blocks = [sighting(record, default_bandwidth(record))], blocks_of([record])
+        start = {"mass": 0.05, "viscous": 1.0, "coulomb": 8.0, "offset": 0.0}
+        assert show_noise_alone(model, start, seen, blocks) is alone
+    assert blocks_of([GEARED], longest=True).duration == pytest.approx(GEARED.duration / LEAST_BLOCKS)
+    assert blocks_of([GEARED]).duration < 0.8 * GEARED.duration / LEAST_BLOCKS
 
 
 @pytest.mark.parametrize(("error", "law"), [(0.1, "coulomb"), (0.5, "viscous")])

@@ -26,7 +26,7 @@ from ballbot.identification.axis.inverse import SLOW_SAMPLING
 from ballbot.identification.axis.laws import AXIS_LAWS, Values
 from ballbot.identification.axis.output_error import OpenLoop, Sighting, derivatives
 from ballbot.identification.axis.record import AxisRecord
-from ballbot.identification.axis.selection import Blocks, fit_all, horizons_for, problem_of
+from ballbot.identification.axis.selection import ABOVE_NOISE, Blocks, fit_all, horizons_for, problem_of
 from ballbot.identification.axis.structure import AxisModel
 
 #: the force is taken as changing evenly between rows if that lowers the position error to less than this share
@@ -37,9 +37,9 @@ _CLEARLY_DELAYED = 0.92
 #: time [s] and rows by which a force is moved at most, the larger of the two: buses and filters delay it less
 _LONGEST_DELAY, _MOST_ROWS = 0.025, 8
 #: windows over which both are judged last so long [s], and so many rows at least; where the noise of a coarse encoder
-#: hides the force's time in them, the next longer ones whose error is above so many times the noise, up to so long
+#: hides the force's time in them, the next longer ones whose error is above the noise, up to so long
 _DURATION, _LEAST_ROWS = 0.1, 12
-_ABOVE_NOISE, _LONGEST = 1.2, 0.5
+_LONGEST = 0.5
 
 #: the part of a row by which an interpolated force acts later is clear if chance makes it in less than this share of
 #: cases, and at most half a row, as of a loop that is as slow as the log
@@ -57,7 +57,7 @@ def _window_length(sightings: Sequence[Sighting], model: AxisModel, start: Value
     noise = max(one.noise for one in sightings)
     longer = [one for one in horizons_for(blocks, records) if shortest < one <= _LONGEST]
     for length in (shortest, *longer):
-        if fit_all(model, start, sightings, blocks, length).rms > _ABOVE_NOISE * noise:
+        if fit_all(model, start, sightings, blocks, length).rms > ABOVE_NOISE * noise:
             return length
     return max((shortest, *longer))
 

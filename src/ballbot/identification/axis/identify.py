@@ -58,6 +58,7 @@ from ballbot.identification.axis.selection import (
     held_out_errors,
     select_horizon,
     select_law,
+    show_noise_alone,
 )
 from ballbot.identification.axis.structure import AxisModel, base_name
 from ballbot.progress import Progress, part_of
@@ -99,9 +100,10 @@ def identify_axis(
     bench, drifting, blocks = prepared.bench, prepared.drifting, prepared.blocks
     choosing = replace(run, progress=part_of(run.progress, 0.0, _HORIZON_TO))
     dry = AXIS_LAWS["dahl" if prepared.model.bending else "coulomb"]
-    horizon = select_horizon(
-        prepared.model.with_law(dry), prepared.starts[dry.name], bench.sightings, blocks, choosing
-    )
+    plain, start = prepared.model.with_law(dry), prepared.starts[dry.name]
+    if show_noise_alone(plain, start, bench.sightings, blocks):
+        blocks = blocks_of(bench.records, longest=True)
+    horizon = select_horizon(plain, start, bench.sightings, blocks, choosing)
     choosing.progress(Progress(stage="forces", done=1.0, total=1.0))
     prepared = with_best_load(prepared, dry, blocks, horizon.chosen)
     needed = without_refuted_forces(prepared, dry, blocks, horizon.chosen)

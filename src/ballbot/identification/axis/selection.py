@@ -48,8 +48,10 @@ LEAST_BLOCKS, MOST_BLOCKS = 9, 30
 #: blocks are not shorter [s], nor than so many rows
 SHORTEST_BLOCK, LEAST_BLOCK_ROWS = 0.4, 24
 #: lengths of windows tried [s]; a window has at least so many rows
-HORIZONS = (0.1, 0.2, 0.5, 1.0, 2.0)
+HORIZONS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 LEAST_WINDOW_ROWS = 10
+#: an error that is not above so many times the noise of the position is that noise
+ABOVE_NOISE = 1.2
 #: errors that differ by less than this share are the same
 SAME = 1e-3
 #: slower than this share of its usual speed, an axis reverses or rests
@@ -82,8 +84,8 @@ class Blocks:
         return [np.flatnonzero(parts == one) for one in np.unique(parts)]
 
 
-def blocks_of(records: Sequence[AxisRecord]) -> Blocks:
-    """Return the blocks of records.
+def blocks_of(records: Sequence[AxisRecord], *, longest: bool = False) -> Blocks:
+    """Return the blocks of records, of which there are many, or few and long ones.
 
     Raises
     ------
@@ -94,6 +96,8 @@ def blocks_of(records: Sequence[AxisRecord]) -> Blocks:
     usual = max(record.sample_time for record in records)
     shortest = max(SHORTEST_BLOCK, LEAST_BLOCK_ROWS * usual)
     duration = max(total / MOST_BLOCKS, shortest)
+    if longest:
+        duration = max(duration, min(total / LEAST_BLOCKS, HORIZONS[-1]))
     repeated = min((one.repetition for one in records if parts_in(one.repetition, shortest)), default=np.inf)
     if np.isfinite(repeated):  # a whole number of blocks is one motion
         duration = repeated / (parts_in(repeated, duration) or LEAST_PARTS)
@@ -129,6 +133,17 @@ def _parts_of(
         parts = parts_at(middles, record.repetition, count) if count else np.arange(len(rows))
         found += (begin + parts).tolist()
     return tuple(found)
+
+
+def show_noise_alone(model: AxisModel, start: Values, sightings: Sequence[Sighting], blocks: Blocks) -> bool:
+    """Return whether the errors of the longest windows are the noise of the positions alone.
+
+    Held-out errors do not distinguish lengths of windows then, and longer ones determine parameters far better.
+    """
+    longest = horizons_for(blocks, [one.record for one in sightings])[-1]
+    return fit_all(model, start, sightings, blocks, longest).rms < ABOVE_NOISE * min(
+        one.noise for one in sightings
+    )
 
 
 def horizons_for(blocks: Blocks, records: Sequence[AxisRecord]) -> tuple[float, ...]:
