@@ -1,11 +1,12 @@
 """A force that acts later than its row: found by what the records predict, and undone."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from ballbot.identification.axis import AXIS_LAWS, AxisOptions, identify_axis
+from ballbot.identification.axis import AXIS_LAWS, AxisOptions, force_timing, identify_axis
 from ballbot.identification.axis.force_timing import (
     LinearDelay,
     delay_findings,
@@ -16,7 +17,7 @@ from ballbot.identification.axis.force_timing import (
 )
 from ballbot.identification.axis.law_fits import initial_values
 from ballbot.identification.axis.motion import default_bandwidth
-from ballbot.identification.axis.output_error import sighting
+from ballbot.identification.axis.output_error import OutputErrorFit, sighting
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.selection import blocks_of
 from ballbot.identification.axis.structure import AxisModel
@@ -62,6 +63,20 @@ def test_the_time_of_a_force_is_found_in_spite_of_a_coarse_encoder() -> None:
 def test_a_force_that_fits_best_at_the_end_of_the_search_is_not_moved(motor: AxisRecord) -> None:
     """Such as a column that is no force at all; a delay of 9 rows is beyond those that are tried."""
     assert delay_of(late(motor, 9)) == 0.0
+
+
+def test_a_wider_law_that_is_lost_does_not_hide_a_delay(
+    motor: AxisRecord, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From the starts of late forces, the break-away force of a chirp ended far from the law within it."""
+    usual = force_timing.fit_all
+
+    def lost(model: AxisModel, *rest: Any, **options: Any) -> OutputErrorFit:
+        fit = usual(model, *rest, **options)
+        return fit if model.law.name == "coulomb" else replace(fit, rms=1.0)
+
+    monkeypatch.setattr(force_timing, "fit_all", lost)
+    assert delay_of(late(motor, 1)) == pytest.approx(1.0, abs=0.5)
 
 
 def test_a_bus_s_delay_of_many_rows_of_a_fast_log_is_found() -> None:

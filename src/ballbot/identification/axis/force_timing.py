@@ -99,7 +99,9 @@ def force_delay(
         if (law, rows) not in found:
             moved = [replace(one, record=delayed(one.record, rows)) for one in sightings]
             own = model.with_law(AXIS_LAWS[law])
-            found[law, rows] = fit_all(own, starts[law], moved, blocks, length).rms
+            least = fit_all(own, starts[law], moved, blocks, length).rms
+            # a wider law contains the first one; from starts of forces that are late a descent may miss that
+            found[law, rows] = least if law == first else min(least, error(first, rows))
         return found[law, rows]
 
     simplest = partial(error, first)

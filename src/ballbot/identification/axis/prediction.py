@@ -205,7 +205,7 @@ def elsewhere_findings(
                 warning(
                     "other-record",
                     f"{text}. The record differs in what the model leaves out: load, temperature, supply, "
-                    "another machine, or a wrong column or scale.",
+                    "faster motion or more reversals (an elastic drive), another machine, or a wrong column or scale.",
                 )
             )
         elif error < expected.lower:
