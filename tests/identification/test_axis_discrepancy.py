@@ -7,19 +7,20 @@ import numpy as np
 import pytest
 
 from ballbot.fitting.least_squares import fit_in_time
-from ballbot.identification.axis import AXIS_LAWS, AxisRecord
+from ballbot.fitting.model_selection import Candidate, Gain, HeldOut, ModelSelection
+from ballbot.identification.axis import AXIS_LAWS, AxisLaw, AxisRecord
 from ballbot.identification.axis.discrepancy import (
     Discrepancy,
     discrepancy_findings,
     discrepancy_of,
-    with_asymmetry,
+    with_another_law,
 )
 from ballbot.identification.axis.force_timing import delayed, part_of_a_row
 from ballbot.identification.axis.law_fits import initial_values
 from ballbot.identification.axis.motion import default_bandwidth
 from ballbot.identification.axis.output_error import OutputErrorFit, Sighting, sighting
 from ballbot.identification.axis.preparation import Bench
-from ballbot.identification.axis.selection import Blocks, blocks_of, fit_all
+from ballbot.identification.axis.selection import Blocks, blocks_of, fit_all, possible_laws
 from ballbot.identification.axis.structure import AxisModel
 from campaigns.axis_machines import Drive, Logging, Machine, record_of
 
@@ -71,10 +72,47 @@ def test_friction_that_differs_between_directions_moves_the_means_over_both() ->
     before = Discrepancy(
         errors={"coulomb": 0.1, "mass": 0.3}, causes={"coulomb": "with play", "mass": "with play"}
     )
-    found = with_asymmetry(before, plain, fit("asymmetric", mass=1.01, **sides))
+    found = with_another_law(before, plain, fit("asymmetric", mass=1.01, **sides), "with two frictions")
     # the means are 2.0 and 1.3, each with an error of 0.014
     assert found.errors == {"coulomb": pytest.approx(0.2, rel=0.01), "mass": 0.3}
-    assert found.causes == {"coulomb": "with friction that differs between directions", "mass": "with play"}
+    assert found.causes == {"coulomb": "with two frictions", "mass": "with play"}
+
+
+@pytest.mark.parametrize(
+    ("law", "gain", "speed", "possible"),
+    [
+        ("coulomb", 0.05, 0.1, {"stribeck", "asymmetric"}),
+        ("coulomb", 0.01, 0.1, {"asymmetric"}),  # too little to matter
+        ("coulomb", 0.05, 9.0, {"asymmetric"}),  # beyond the speeds of the record
+        ("dahl", 0.05, 0.1, {"asymmetric"}),
+        ("asymmetric", 0.05, 0.1, set()),
+    ],
+)
+def test_laws_that_the_records_do_not_exclude_are_possible(
+    law: str, gain: float, speed: float, possible: set[str]
+) -> None:
+    def candidate(name: str, upper: float, lower: float) -> Candidate[AxisLaw]:
+        held_out = HeldOut(model=AXIS_LAWS[name], squares=np.ones((1, 1)), baseline=None, groups=[])
+        found = Gain(share=0.5 * (lower + upper), lower=lower, upper=upper)
+        return Candidate(
+            name=name,
+            within="coulomb",
+            held_out=held_out,
+            gain=found,
+            over="coulomb",
+            gain_over=found,
+            error=1.0,
+        )
+
+    candidates = (candidate("stribeck", gain, -0.1), candidate("asymmetric", 0.4, 0.2))
+    _, seen, _ = fitted(record_of(JOINT, LOGGING, 1))
+    values = dict.fromkeys(("mass", "viscous", "coulomb", "offset", "stribeck"), 1.0) | {
+        "stribeck_speed": speed
+    }
+    model = AxisModel(law=AXIS_LAWS["stribeck"])
+    fits = {"stribeck": OutputErrorFit(model=model, values=values, standard_errors={}, rms=1.0)}
+    selection = ModelSelection(candidates=candidates, best=candidates[0])
+    assert {*possible_laws(selection, AXIS_LAWS[law], fits, seen)} == possible
 
 
 @pytest.mark.parametrize(

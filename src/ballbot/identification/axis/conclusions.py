@@ -132,8 +132,8 @@ def _lost_minimum(
     text = (
         f"{', '.join(one.name for one in fitted)}: the error over windows is {1e3 * least:.3g} m{fitted[0].unit} by "
         f"the method {other.method} (law {other.law.name}) and {1e3 * error:.3g} by the open loop (law "
-        f"{best.law.name}), which did not find the parameters of the least error. Compare the methods before you use "
-        "these parameters."
+        f"{best.law.name}), which minimizes it over windows that begin elsewhere: a few of them are most of the error, "
+        "or it did not find the parameters of the least error. Compare the methods before you use these parameters."
     )
     return [warning("lost-minimum", text)]
 

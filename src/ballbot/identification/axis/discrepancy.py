@@ -19,8 +19,8 @@ residuals and its standard error s, e has the variance V = 1 / (1 / s^2 + 1 / S^
 parameter that moves by D e if the others are fitted again has the error variance D^2 (V + e_1^2). It adds little where
 the record excludes a usual size.
 
-An asymmetric friction that predicts held-out blocks better is not selected from one record. How far the means over both
-directions are from a fit without it is a way as well (`with_asymmetry`).
+Another law of friction is a way as well (`with_another_law`): an asymmetric one that predicts held-out blocks better
+and is not selected from one record, and a break-away force that the records do not exclude.
 
 Of all ways the largest variance counts.
 """
@@ -158,26 +158,26 @@ def discrepancy_of(
     )
 
 
-def with_asymmetry(found: Discrepancy, symmetric: OutputErrorFit, asymmetric: OutputErrorFit) -> Discrepancy:
-    """Return a discrepancy with the errors by a friction that differs between directions.
+def with_another_law(
+    found: Discrepancy, plain: OutputErrorFit, other: OutputErrorFit, cause: str
+) -> Discrepancy:
+    """Return a discrepancy with the errors by a friction that another law has.
 
     Parameters
     ----------
     found : Discrepancy
-        Of a law with one friction for both directions.
-    symmetric, asymmetric : OutputErrorFit
-        Fits of the law coulomb and of the asymmetric one, whose means over both directions are compared.
+    plain, other : OutputErrorFit
+        Fits of the law coulomb and of the other one. Parameters of either direction are compared by their means.
+    cause : str
+        What moves the parameters.
     """
-    plain, means = of_both_directions(symmetric), of_both_directions(asymmetric)
+    ours, theirs = of_both_directions(plain), of_both_directions(other)
     errors, causes = dict(found.errors), dict(found.causes)
-    for label in (one for one in plain if one in means):
-        (ours, _), (theirs, error) = plain[label], means[label]
-        variance = (ours - theirs) ** 2 - error**2
+    for label in (one for one in ours if one in theirs):
+        (value, _), (another, error) = ours[label], theirs[label]
+        variance = (value - another) ** 2 - error**2
         if variance > errors.get(label, 0.0) ** 2:
-            errors[label], causes[label] = (
-                float(np.sqrt(variance)),
-                "with friction that differs between directions",
-            )
+            errors[label], causes[label] = float(np.sqrt(variance)), cause
     return replace(found, errors=errors, causes=causes)
 
 

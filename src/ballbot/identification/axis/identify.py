@@ -18,7 +18,7 @@ from ballbot.identification.axis.discrepancy import (
     Discrepancy,
     discrepancy_findings,
     discrepancy_of,
-    with_asymmetry,
+    with_another_law,
     with_discrepancy,
 )
 from ballbot.identification.axis.inverse import InverseFit, inverse_fit
@@ -56,6 +56,7 @@ from ballbot.identification.axis.selection import (
     blocks_of,
     errors_on,
     held_out_errors,
+    possible_laws,
     select_horizon,
     select_law,
     show_noise_alone,
@@ -114,13 +115,17 @@ def identify_axis(
     judging = replace(run, progress=part_of(run.progress, _FITS_TO, _LAWS_TO))
     selection, squares = select_law(fits, bench.sightings, blocks, horizon=horizon.chosen, run=judging)
     chosen = wanted or selection.best.model
-    simulated = _improving(bench, fits, squares, chosen.name, starts, blocks, horizon.chosen, run)
+    by_inverse = inverse_estimates(bench, inverse["complete"], model, horizon.chosen)
+    simulated = _improving(
+        bench, fits, squares, chosen.name, starts[chosen.name], by_inverse, blocks, horizon.chosen, run
+    )
+    check_determined(fits[chosen.name], starts["coulomb"], bench.sightings, blocks, horizon.chosen)
     by_law = {name: bench.estimate("open loop", fit, horizon.chosen) for name, fit in fits.items()}
-    others = [*inverse_estimates(bench, inverse["complete"], model, horizon.chosen), *simulated]
+    others = [*by_inverse, *simulated]
     fit = fits[chosen.name]
     lacking = discrepancy_of(fit, bench.sightings, blocks, horizon.chosen)
-    if chosen.symmetric and selection.find("asymmetric").accepted:
-        lacking = with_asymmetry(lacking, fits["coulomb"], fits["asymmetric"])
+    for name, cause in possible_laws(selection, chosen, fits, bench.sightings).items():
+        lacking = with_another_law(lacking, fits["coulomb"], fits[name], cause)
     best, doubts = _widened(bench, fit.quantile, by_law[chosen.name], others, lacking)
     by_law[chosen.name] = best
     estimates = [*others, best]
@@ -172,26 +177,24 @@ def _improving(
     fits: dict[str, OutputErrorFit],
     squares: dict[str, NDArray[np.float64]],
     law: str,
-    starts: Mapping[str, dict[str, float]],
+    start: Mapping[str, float],
+    by_inverse: Sequence[Estimate],
     blocks: Blocks,
     horizon: float,
     run: Run,
 ) -> list[Estimate]:
-    """Return a law by output error over whole records; replace its fit and its held-out errors if that is better.
+    """Return a law by output error over whole records.
 
-    Raises
-    ------
-    InputError
-        If the records do not determine the law.
+    Its fit and its held-out errors are replaced if the windows' error is less from there, or from the inverse model's.
     """
-    others = _simulated(bench, fits[law], starts[law], horizon, run)
-    best = improved(fits[law], [one.values for one in others], bench.sightings, blocks, horizon, run)
+    simulated = _simulated(bench, fits[law], start, horizon, run)
+    others = [one.values for one in (*simulated, *by_inverse) if one.values.keys() == fits[law].values.keys()]
+    best = improved(fits[law], others, bench.sightings, blocks, horizon, run)
     if best is not fits[law]:
         judged = [(horizon, False)]
         fits[law] = best
         squares[law] = held_out_errors(best, bench.sightings, blocks, horizon=horizon, judged=judged)[:, 0]
-    check_determined(best, starts["coulomb"], bench.sightings, blocks, horizon)
-    return others
+    return simulated
 
 
 def _expected(

@@ -363,11 +363,11 @@ def _complete(name: str, columns: Columns) -> NDArray[np.bool_]:
 
 def _times(file: _File) -> NDArray[np.float64]:
     """Return the time of each row (N,): a variable, or rows at the interval that is given instead."""
-    times = file.variables.get(file.columns.time, np.empty(0))
-    if times.size > 1:
+    times = file.variables.get(file.columns.time)
+    if times is not None and times.size != 1:
         return times
     try:
-        interval = float(times[0] if times.size else file.columns.time)
+        interval = float(file.columns.time if times is None else times[0])
     except ValueError:
         return file.column("time")
     if not 0.0 < interval <= LARGEST_CELL:

@@ -436,6 +436,27 @@ def _useful(
     return best
 
 
+def possible_laws(
+    selection: ModelSelection[AxisLaw],
+    chosen: AxisLaw,
+    fits: Mapping[str, OutputErrorFit],
+    sightings: Sequence[Sighting],
+) -> dict[str, str]:
+    """Return the laws beside the chosen one that may be the axis's own, each with what it would add to that."""
+    found = {}
+    stribeck = selection.find("stribeck").gain
+    if (
+        chosen.name == "coulomb"
+        and stribeck
+        and stribeck.upper >= USEFUL_GAIN
+        and fades(fits["stribeck"], sightings)
+    ):
+        found["stribeck"] = "with a break-away force"
+    if chosen.symmetric and selection.find("asymmetric").accepted:
+        found["asymmetric"] = "with friction that differs between directions"
+    return found
+
+
 def fades(fit: OutputErrorFit, sightings: Sequence[Sighting]) -> bool:
     """Return whether a fit has no break-away force, or one of which little is left at the fastest speeds."""
     slowest = [value for label, value in fit.values.items() if base_name(label) == "stribeck_speed"]
