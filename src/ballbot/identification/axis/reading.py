@@ -376,7 +376,7 @@ def _times(file: _File) -> NDArray[np.float64]:
             "above zero."
         )
     positions = "position" if file.columns.velocity is None or file.columns.position else "velocity"
-    return interval * np.arange(len(file.column(positions, default="position")))
+    return interval * np.arange(len(file.column(positions, default="position")), dtype=np.float64)
 
 
 def _driving_force(file: _File, rows: int) -> NDArray[np.float64]:
