@@ -57,9 +57,8 @@ from ballbot.identification.axis.selection import (
     errors_on,
     held_out_errors,
     possible_laws,
-    select_horizon,
     select_law,
-    show_noise_alone,
+    select_windows,
 )
 from ballbot.identification.axis.structure import AxisModel, base_name
 from ballbot.progress import Progress, part_of
@@ -102,9 +101,7 @@ def identify_axis(
     choosing = replace(run, progress=part_of(run.progress, 0.0, _HORIZON_TO))
     dry = AXIS_LAWS["dahl" if prepared.model.bending else "coulomb"]
     plain, start = prepared.model.with_law(dry), prepared.starts[dry.name]
-    if show_noise_alone(plain, start, bench.sightings, blocks):
-        blocks = blocks_of(bench.records, longest=True)
-    horizon = select_horizon(plain, start, bench.sightings, blocks, choosing)
+    blocks, horizon = select_windows(plain, start, bench.sightings, blocks, choosing)
     choosing.progress(Progress(stage="forces", done=1.0, total=1.0))
     prepared = with_best_load(prepared, dry, blocks, horizon.chosen)
     needed = without_refuted_forces(prepared, dry, blocks, horizon.chosen)

@@ -12,6 +12,7 @@ Everything is selected by errors on blocks of time that the fit did not use: eve
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
 
@@ -286,6 +287,20 @@ class HorizonChoice:
     horizons: tuple[float, ...]  #: [s]
     errors: NDArray[np.float64]  #: (fitted, predicted), root mean square [m]
     chosen: float  #: [s]
+
+
+def select_windows(
+    model: AxisModel,
+    start: Values,
+    sightings: Sequence[Sighting],
+    blocks: Blocks,
+    run: Run = DEFAULT_RUN,
+) -> tuple[Blocks, HorizonChoice]:
+    """Return blocks, which are fewer and longer if short windows show noise alone, and the length of windows in them."""
+    if show_noise_alone(model, start, sightings, blocks):
+        with suppress(InputError):  # if gaps leave too few long ones
+            blocks = blocks_of([one.record for one in sightings], longest=True)
+    return blocks, select_horizon(model, start, sightings, blocks, run)
 
 
 def select_horizon(
