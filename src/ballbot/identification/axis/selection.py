@@ -296,7 +296,7 @@ def select_windows(
     blocks: Blocks,
     run: Run = DEFAULT_RUN,
 ) -> tuple[Blocks, HorizonChoice]:
-    """Return blocks, which are fewer and longer if short windows show noise alone, and the length of windows in them."""
+    """Return blocks, fewer and longer ones if short windows show noise alone, and the length of windows in them."""
     if show_noise_alone(model, start, sightings, blocks):
         with suppress(InputError):  # if gaps leave too few long ones
             blocks = blocks_of([one.record for one in sightings], longest=True)
