@@ -45,7 +45,9 @@ def found_in(record: AxisRecord) -> tuple[OutputErrorFit, Discrepancy]:
 
 
 def test_nothing_is_found_where_nothing_is_missing() -> None:
-    """Of ten records without faults, friction's intervals widen by less than 10 % on average.
+    """Of ten records without faults, friction's intervals widen by less than a quarter on average.
+
+    Half of it is for a force that acts half a millisecond later, which rows of 5 ms do not quite exclude.
 
     The mass may have an error by a part of the effect of a usual drive, which widens it to some 0.1 % here.
     """
@@ -57,7 +59,21 @@ def test_nothing_is_found_where_nothing_is_missing() -> None:
             for name in ("viscous", "coulomb")
         ]
         assert found.errors.get("mass", 0.0) < 2e-3 * JOINT.inertia
-    assert np.mean(factors) < 1.1
+    assert np.mean(factors) < 1.25
+
+
+def test_a_delay_that_rows_hardly_show_is_in_the_mass_of_an_axis_of_much_friction() -> None:
+    """A servo whose back EMF is most of its friction, by a log of 8 ms rows and a loop of 1 ms rows.
+
+    Half a millisecond of b = 1.7 N m s/rad is 3 % of its inertia.
+    """
+    servo = Machine(kind="servo", inertia=0.03, viscous=1.7, coulomb=0.2)
+    logging = Logging(duration=12.0, rate=125.0, held=False, amplitude=1.5, fastest=1.0, counts=4096.0)
+    record = record_of(servo, logging, 1)
+    fit, seen, blocks = fitted(record, interpolated=True)
+    assert abs(fit.values["mass"] - servo.inertia) > 2.0 * fit.standard_errors["mass"]
+    found = discrepancy_of(fit, seen, blocks, HORIZON)
+    assert abs(fit.values["mass"] - servo.inertia) < 2.0 * found.errors["mass"]
 
 
 def test_friction_that_differs_between_directions_moves_the_means_over_both() -> None:
