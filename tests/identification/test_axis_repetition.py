@@ -70,6 +70,8 @@ def test_a_motion_shorter_than_the_blocks_shortens_them() -> None:
     blocks = blocks_of([repeated(period=5.0)])
     assert blocks.duration == pytest.approx(5.0 / LEAST_PARTS, rel=0.01)
     assert len(set(blocks.parts)) == LEAST_PARTS
+    # where noise asks for long ones, they stay long
+    assert blocks_of([repeated(period=5.0)], longest=True).duration == pytest.approx(30.0 / 9.0)
 
 
 def test_blocks_of_other_motions_and_records_are_all_different() -> None:

@@ -100,7 +100,8 @@ def blocks_of(records: Sequence[AxisRecord], *, longest: bool = False) -> Blocks
     if longest:
         duration = max(duration, min(total / LEAST_BLOCKS, HORIZONS[-1]))
     repeated = min((one.repetition for one in records if parts_in(one.repetition, shortest)), default=np.inf)
-    if np.isfinite(repeated):  # a whole number of blocks is one motion
+    # a whole number of blocks is one motion; long ones may each be more than one
+    if np.isfinite(repeated) and (parts_in(repeated, duration) or not longest):
         duration = repeated / (parts_in(repeated, duration) or LEAST_PARTS)
     if duration * LEAST_BLOCKS > total:
         raise InputError(
