@@ -48,6 +48,8 @@ FOLDS = 3
 LEAST_BLOCKS, MOST_BLOCKS = 9, 30
 #: blocks are not shorter [s], nor than so many rows
 SHORTEST_BLOCK, LEAST_BLOCK_ROWS = 0.4, 24
+#: share by which a sum of durations may be off
+_ROUNDING = 1e-9
 #: lengths of windows tried [s]; a window has at least so many rows
 HORIZONS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 LEAST_WINDOW_ROWS = 10
@@ -103,7 +105,7 @@ def blocks_of(records: Sequence[AxisRecord], *, longest: bool = False) -> Blocks
     # a whole number of blocks is one motion; long ones may each be more than one
     if np.isfinite(repeated) and (parts_in(repeated, duration) or not longest):
         duration = repeated / (parts_in(repeated, duration) or LEAST_PARTS)
-    if duration * LEAST_BLOCKS > total:
+    if duration * LEAST_BLOCKS > total * (1.0 + _ROUNDING):
         raise InputError(
             f"{records[0].name} lasts {total:.3g} s; to estimate friction and to judge it on parts that were held out, "
             f"the records must last {duration * LEAST_BLOCKS:.3g} s together."
