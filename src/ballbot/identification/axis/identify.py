@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding
+from ballbot.fitting.model_selection import ModelSelection
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification.axis.comparison import disagreements, largest_differences
 from ballbot.identification.axis.conclusions import axis_findings, inverse_mass_findings
@@ -23,7 +24,7 @@ from ballbot.identification.axis.discrepancy import (
 )
 from ballbot.identification.axis.inverse import InverseFit, inverse_fit
 from ballbot.identification.axis.law_fits import check_determined, fit_laws, improved, memoized
-from ballbot.identification.axis.laws import AXIS_LAWS, axis_law_named
+from ballbot.identification.axis.laws import AXIS_LAWS, AxisLaw, axis_law_named
 from ballbot.identification.axis.outliers import outlier_findings
 from ballbot.identification.axis.output_error import (
     ClosedLoop,
@@ -100,8 +101,8 @@ def identify_axis(
     bench, drifting, blocks = prepared.bench, prepared.drifting, prepared.blocks
     choosing = replace(run, progress=part_of(run.progress, 0.0, _HORIZON_TO))
     dry = AXIS_LAWS["dahl" if prepared.model.bending else "coulomb"]
-    plain, start = prepared.model.with_law(dry), prepared.starts[dry.name]
-    blocks, horizon = select_windows(plain, start, bench.sightings, blocks, choosing)
+    model, start = prepared.model.with_law(dry), prepared.starts[dry.name]
+    blocks, horizon = select_windows(model, start, bench.sightings, blocks, choosing)
     choosing.progress(Progress(stage="forces", done=1.0, total=1.0))
     prepared = with_best_load(prepared, dry, blocks, horizon.chosen)
     needed = without_refuted_forces(prepared, dry, blocks, horizon.chosen)
@@ -118,15 +119,11 @@ def identify_axis(
     )
     check_determined(fits[chosen.name], starts["coulomb"], bench.sightings, blocks, horizon.chosen)
     by_law = {name: bench.estimate("open loop", fit, horizon.chosen) for name, fit in fits.items()}
-    others = [*by_inverse, *simulated]
-    fit = fits[chosen.name]
-    lacking = discrepancy_of(fit, bench.sightings, blocks, horizon.chosen)
-    for name, cause in possible_laws(selection, chosen, fits, bench.sightings).items():
-        lacking = with_another_law(lacking, fits["coulomb"], fits[name], cause)
+    fit, others = fits[chosen.name], [*by_inverse, *simulated]
+    lacking = _lacking(bench, selection, chosen, fits, blocks, horizon.chosen)
     best, doubts = _widened(bench, fit.quantile, by_law[chosen.name], others, lacking)
     by_law[chosen.name] = best
-    estimates = [*others, best]
-    asymmetry = drifting.asymmetry
+    estimates, asymmetry = [*others, best], drifting.asymmetry
     tests = bench.residual_tests(model, fit.values, over_position=needed is prepared)
     expected = _expected(bench, drifting, fit, squares[chosen.name], blocks, horizon.chosen)
     run.progress(Progress(stage="done", done=1.0, total=1.0))
@@ -134,7 +131,7 @@ def identify_axis(
         *prepared.findings(records),
         *outlier_findings(fit, bench.sightings, records, blocks, horizon.chosen),
         *axis_findings(bench.all, selection, best, estimates, asymmetry, by_user=wanted is not None),
-        *inverse_mass_findings(inverse["complete"], estimates, records[0].unit),
+        *inverse_mass_findings(inverse["complete"], others, records[0].unit),
         *doubts,
         *residual_findings(tests, model.with_law(chosen), records),
         *_elsewhere(bench, fit, expected),
@@ -155,6 +152,21 @@ def identify_axis(
         expected=expected,
         findings=findings,
     )
+
+
+def _lacking(
+    bench: Bench,
+    selection: ModelSelection[AxisLaw],
+    chosen: AxisLaw,
+    fits: Mapping[str, OutputErrorFit],
+    blocks: Blocks,
+    horizon: float,
+) -> Discrepancy:
+    """Return what the chosen law may lack, the friction of laws that the records do not exclude included."""
+    lacking = discrepancy_of(fits[chosen.name], bench.sightings, blocks, horizon)
+    for name, cause in possible_laws(selection, chosen, fits, bench.sightings).items():
+        lacking = with_another_law(lacking, fits["coulomb"], fits[name], cause)
+    return lacking
 
 
 def _widened(
