@@ -25,7 +25,7 @@ from ballbot.identification.axis.preparation import (
     without_refuted_forces,
 )
 from ballbot.identification.axis.result import Estimate
-from ballbot.identification.axis.selection import blocks_of, select_horizon
+from ballbot.identification.axis.selection import blocks_of, select_windows
 from campaigns.axis_machines import Drive, Logging, Machine, Motion, record_of
 from campaigns.section import Section
 
@@ -82,10 +82,14 @@ def estimate_of(record: AxisRecord) -> tuple[Estimate, Estimate]:
     """Return the result of a record with the intervals of the standard errors alone, and with the discrepancies."""
     bench = Bench(records=(record,), others=(), bandwidth=None)
     prepared = prepared_records(bench, AxisOptions(law="coulomb"), blocks_of(bench.records))
-    dry, blocks = AXIS_LAWS["dahl" if prepared.model.bending else "coulomb"], prepared.blocks
-    chosen = select_horizon(
-        prepared.model.with_law(dry), prepared.starts[dry.name], prepared.bench.sightings, blocks
-    ).chosen
+    dry = AXIS_LAWS["dahl" if prepared.model.bending else "coulomb"]
+    blocks, horizon = select_windows(
+        prepared.model.with_law(dry),
+        prepared.starts[dry.name],
+        prepared.bench.sightings,
+        prepared.blocks,
+    )
+    chosen = horizon.chosen
     needed = without_refuted_forces(with_best_load(prepared, dry, blocks, chosen), dry, blocks, chosen)
     seen = needed.bench.sightings
     model = needed.model.with_law(AXIS_LAWS["coulomb"])

@@ -70,6 +70,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "held": "values are held over several rows",
         "horizon": "how the error of a prediction grows with its length",
         "imu": "the IMU's attitude or gyro has other axes, signs or units than the robot",
+        "inverse-mass": "the inverse model of an axis has no mass above zero, and is not compared with other methods",
         "jitter": "the time from row to row varies",
         "jump": "a position or an angle jumps",
         "law": "which friction law was chosen, and which did not improve the prediction",

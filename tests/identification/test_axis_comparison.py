@@ -4,13 +4,17 @@ import json
 from dataclasses import replace
 from functools import cache
 
+import numpy as np
 import pytest
 
 from ballbot.identification.axis import AXIS_LAWS, AxisRecord, inverse_fit
 from ballbot.identification.axis.checks import record_findings
 from ballbot.identification.axis.comparison import disagreements, largest_differences
+from ballbot.identification.axis.conclusions import inverse_mass_findings
 from ballbot.identification.axis.discrepancy import with_discrepancy
+from ballbot.identification.axis.identify import inverse_estimates
 from ballbot.identification.axis.loop_law import fitted_loop_law
+from ballbot.identification.axis.preparation import Bench
 from ballbot.identification.axis.result import Estimate
 from ballbot.identification.axis.structure import AxisModel
 from tests.support.axis_examples import TRUTH, simulated_record
@@ -71,6 +75,20 @@ def test_a_wrong_mass_is_found_beside_a_stribeck_curve() -> None:
     wrong = estimate("open loop", "stribeck", STRIBECK | {"mass": 120.0})
     (text,) = differences(record("stribeck"), wrong)
     assert text.startswith("M is 120 kg by the open loop, with the law stribeck, and 9")
+
+
+def test_an_inverse_model_without_a_mass_is_no_estimate() -> None:
+    """The mass of a light motor that steps, with a late force, was below zero, and could not be simulated."""
+    of = record("coulomb")
+    model = AxisModel(law=AXIS_LAWS["coulomb"])
+    fit = inverse_fit(of, model=model, moving=True)
+    bench = Bench(records=(of,), others=(), bandwidth=None)
+    (usual,) = inverse_estimates(bench, fit, model, 0.2)
+    assert inverse_mass_findings(fit, [usual], "m") == []
+    below = replace(fit, values=np.where(np.array(fit.names) == "mass", -0.8, fit.values))
+    assert inverse_estimates(bench, below, model, 0.2) == []
+    (found,) = inverse_mass_findings(below, [], "m")
+    assert found.text.startswith("The inverse model estimates a mass of -0.8")
 
 
 def test_methods_of_one_law_are_compared_by_their_numbers() -> None:

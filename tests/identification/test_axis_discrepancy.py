@@ -7,14 +7,20 @@ import numpy as np
 import pytest
 
 from ballbot.fitting.least_squares import fit_in_time
-from ballbot.identification.axis import AXIS_LAWS, AxisRecord
-from ballbot.identification.axis.discrepancy import Discrepancy, discrepancy_findings, discrepancy_of
+from ballbot.fitting.model_selection import Candidate, Gain, HeldOut, ModelSelection
+from ballbot.identification.axis import AXIS_LAWS, AxisLaw, AxisRecord
+from ballbot.identification.axis.discrepancy import (
+    Discrepancy,
+    discrepancy_findings,
+    discrepancy_of,
+    with_another_law,
+)
 from ballbot.identification.axis.force_timing import delayed, part_of_a_row
 from ballbot.identification.axis.law_fits import initial_values
 from ballbot.identification.axis.motion import default_bandwidth
 from ballbot.identification.axis.output_error import OutputErrorFit, Sighting, sighting
 from ballbot.identification.axis.preparation import Bench
-from ballbot.identification.axis.selection import Blocks, blocks_of, fit_all
+from ballbot.identification.axis.selection import Blocks, blocks_of, fit_all, possible_laws
 from ballbot.identification.axis.structure import AxisModel
 from campaigns.axis_machines import Drive, Logging, Machine, record_of
 
@@ -39,7 +45,9 @@ def found_in(record: AxisRecord) -> tuple[OutputErrorFit, Discrepancy]:
 
 
 def test_nothing_is_found_where_nothing_is_missing() -> None:
-    """Of ten records without faults, friction's intervals widen by less than 10 % on average.
+    """Of ten records without faults, friction's intervals widen by less than a quarter on average.
+
+    Half of it is for a force that acts half a millisecond later, which rows of 5 ms do not quite exclude.
 
     The mass may have an error by a part of the effect of a usual drive, which widens it to some 0.1 % here.
     """
@@ -51,7 +59,76 @@ def test_nothing_is_found_where_nothing_is_missing() -> None:
             for name in ("viscous", "coulomb")
         ]
         assert found.errors.get("mass", 0.0) < 2e-3 * JOINT.inertia
-    assert np.mean(factors) < 1.1
+    assert np.mean(factors) < 1.25
+
+
+def test_a_delay_that_rows_hardly_show_is_in_the_mass_of_an_axis_of_much_friction() -> None:
+    """A servo whose back EMF is most of its friction, by a log of 8 ms rows and a loop of 1 ms rows.
+
+    Half a millisecond of b = 1.7 N m s/rad is 3 % of its inertia.
+    """
+    servo = Machine(kind="servo", inertia=0.03, viscous=1.7, coulomb=0.2)
+    logging = Logging(duration=12.0, rate=125.0, held=False, amplitude=1.5, fastest=1.0, counts=4096.0)
+    record = record_of(servo, logging, 1)
+    fit, seen, blocks = fitted(record, interpolated=True)
+    assert abs(fit.values["mass"] - servo.inertia) > 2.0 * fit.standard_errors["mass"]
+    found = discrepancy_of(fit, seen, blocks, HORIZON)
+    assert abs(fit.values["mass"] - servo.inertia) < 2.0 * found.errors["mass"]
+
+
+def test_friction_that_differs_between_directions_moves_the_means_over_both() -> None:
+    def fit(law: str, **values: float) -> OutputErrorFit:
+        errors = dict.fromkeys(values, 0.02)
+        return OutputErrorFit(
+            model=AxisModel(law=AXIS_LAWS[law]), values=values, standard_errors=errors, rms=1.0
+        )
+
+    plain = fit("coulomb", mass=1.0, viscous=2.0, coulomb=1.5, offset=0.1)
+    sides = {"viscous_plus": 1.8, "viscous_minus": 2.2, "coulomb_plus": 1.5, "coulomb_minus": 1.1}
+    before = Discrepancy(
+        errors={"coulomb": 0.1, "mass": 0.3}, causes={"coulomb": "with play", "mass": "with play"}
+    )
+    found = with_another_law(before, plain, fit("asymmetric", mass=1.01, **sides), "with two frictions")
+    # the means are 2.0 and 1.3, each with an error of 0.014
+    assert found.errors == {"coulomb": pytest.approx(0.2, rel=0.01), "mass": 0.3}
+    assert found.causes == {"coulomb": "with two frictions", "mass": "with play"}
+
+
+@pytest.mark.parametrize(
+    ("law", "gain", "speed", "possible"),
+    [
+        ("coulomb", 0.05, 0.1, {"stribeck", "asymmetric"}),
+        ("coulomb", 0.01, 0.1, {"asymmetric"}),  # too little to matter
+        ("coulomb", 0.05, 9.0, {"asymmetric"}),  # beyond the speeds of the record
+        ("dahl", 0.05, 0.1, {"asymmetric"}),
+        ("asymmetric", 0.05, 0.1, set()),
+    ],
+)
+def test_laws_that_the_records_do_not_exclude_are_possible(
+    law: str, gain: float, speed: float, possible: set[str]
+) -> None:
+    def candidate(name: str, upper: float, lower: float) -> Candidate[AxisLaw]:
+        held_out = HeldOut(model=AXIS_LAWS[name], squares=np.ones((1, 1)), baseline=None, groups=[])
+        found = Gain(share=0.5 * (lower + upper), lower=lower, upper=upper)
+        return Candidate(
+            name=name,
+            within="coulomb",
+            held_out=held_out,
+            gain=found,
+            over="coulomb",
+            gain_over=found,
+            error=1.0,
+        )
+
+    candidates = (candidate("stribeck", gain, -0.1), candidate("asymmetric", 0.4, 0.2))
+    _, seen, _ = fitted(record_of(JOINT, LOGGING, 1))
+    values = dict.fromkeys(("mass", "viscous", "coulomb", "offset", "stribeck"), 1.0) | {
+        "stribeck_speed": speed
+    }
+    model = AxisModel(law=AXIS_LAWS["stribeck"])
+    fits = {"stribeck": OutputErrorFit(model=model, values=values, standard_errors={}, rms=1.0)}
+    selection = ModelSelection(candidates=candidates, best=candidates[0])
+    assert {*possible_laws(selection, AXIS_LAWS[law], fits, seen)} == possible
 
 
 @pytest.mark.parametrize(

@@ -1,21 +1,23 @@
 """A force that acts later than its row: found by what the records predict, and undone."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from ballbot.identification.axis import AXIS_LAWS, AxisOptions, identify_axis
+from ballbot.identification.axis import AXIS_LAWS, AxisOptions, force_timing, identify_axis
 from ballbot.identification.axis.force_timing import (
     LinearDelay,
     delay_findings,
     delayed,
     force_delay,
     is_interpolated,
+    remaining_delay,
 )
 from ballbot.identification.axis.law_fits import initial_values
 from ballbot.identification.axis.motion import default_bandwidth
-from ballbot.identification.axis.output_error import sighting
+from ballbot.identification.axis.output_error import OutputErrorFit, sighting
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.selection import blocks_of
 from ballbot.identification.axis.structure import AxisModel
@@ -61,6 +63,37 @@ def test_the_time_of_a_force_is_found_in_spite_of_a_coarse_encoder() -> None:
 def test_a_force_that_fits_best_at_the_end_of_the_search_is_not_moved(motor: AxisRecord) -> None:
     """Such as a column that is no force at all; a delay of 9 rows is beyond those that are tried."""
     assert delay_of(late(motor, 9)) == 0.0
+
+
+def test_a_wider_law_that_is_lost_does_not_hide_a_delay(
+    motor: AxisRecord, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From the starts of late forces, the break-away force of a chirp ended far from the law within it."""
+    usual = force_timing.fit_all
+
+    def lost(model: AxisModel, *rest: Any, **options: Any) -> OutputErrorFit:
+        fit = usual(model, *rest, **options)
+        return fit if model.law.name == "coulomb" else replace(fit, rms=1.0)
+
+    monkeypatch.setattr(force_timing, "fit_all", lost)
+    assert delay_of(late(motor, 1)) == pytest.approx(1.0, abs=0.5)
+
+
+def test_a_bus_s_delay_of_many_rows_of_a_fast_log_is_found() -> None:
+    """12 ms are 12 rows at 1 kHz, more than the rows that are tried of a slow log."""
+    record = record_of(MOTOR, Logging(duration=6.0, rate=1000.0, amplitude=2.0, counts=65536.0), 1)
+    assert delay_of(late(record, 12)) == pytest.approx(12.0, abs=0.5)
+
+
+def test_a_part_of_a_row_that_the_search_leaves_is_found(motor: AxisRecord) -> None:
+    early = delayed(motor, -0.3)
+    model = AxisModel(law=AXIS_LAWS["coulomb"])
+    seen = [sighting(early, default_bandwidth(early))]
+    starts = initial_values(seen, model, bandwidth=None)
+    # of a force that is held, moving it by parts of a row smooths the steps
+    assert remaining_delay(seen, model, starts, blocks_of([early])) == pytest.approx(0.3, abs=0.1)
+    exact = [sighting(motor, default_bandwidth(motor))]
+    assert abs(remaining_delay(exact, model, starts, blocks_of([motor]))) < 0.05
 
 
 def test_stribeck_friction_is_not_taken_for_a_delay() -> None:

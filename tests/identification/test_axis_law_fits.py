@@ -7,13 +7,29 @@ import pytest
 
 from ballbot.errors import InputError
 from ballbot.fitting.run import DEFAULT_RUN
-from ballbot.identification.axis import AXIS_LAWS, AxisIdentification, AxisOptions, identify_axis, inverse_fit
+from ballbot.identification.axis import (
+    AXIS_LAWS,
+    AxisIdentification,
+    AxisOptions,
+    identify_axis,
+    inverse_fit,
+    selection,
+)
 from ballbot.identification.axis.conclusions import axis_findings
 from ballbot.identification.axis.law_fits import check_determined, improved, initial_values
 from ballbot.identification.axis.motion import default_bandwidth
 from ballbot.identification.axis.output_error import OutputErrorFit, sighting
 from ballbot.identification.axis.result import Estimate
-from ballbot.identification.axis.selection import SAME, blocks_of, least_errors, problem_of
+from ballbot.identification.axis.selection import (
+    LEAST_BLOCKS,
+    SAME,
+    blocks_of,
+    fades,
+    has_dry_friction,
+    least_errors,
+    problem_of,
+    show_noise_alone,
+)
 from ballbot.identification.axis.structure import AxisModel
 from campaigns.axis_machines import Logging, Machine, record_of
 from tests.support.axis_examples import TRUTH, simulated_record
@@ -102,6 +118,56 @@ def test_records_fitted_together_are_compared_together(geared: AxisIdentificatio
             [GEARED, GEARED], geared.laws, chosen, [chosen, other], geared.asymmetry, by_user=True
         )
         assert [one.code for one in found].count("lost-minimum") == expected
+
+
+def test_a_break_away_force_beyond_the_speeds_is_no_stribeck_friction() -> None:
+    """At the fastest speeds a third of it would be left, and Coulomb friction would be that of no speed."""
+    seen = [sighting(GEARED, default_bandwidth(GEARED))]
+    fastest = float(np.quantile(np.abs(seen[0].motion.speed), 0.95))
+    values = {"mass": 1.0, "viscous": 1.0, "coulomb": 1.0, "offset": 0.0, "stribeck": 1.0}
+    assert fades(fit_of("stribeck", **values, stribeck_speed=0.4 * fastest), seen)
+    assert not fades(fit_of("stribeck", **values, stribeck_speed=0.9 * fastest), seen)
+    assert fades(fit_of("coulomb", **values), seen)
+
+
+@pytest.mark.parametrize(("error", "dry"), [(0.1, True), (0.5, False), (np.nan, False)])
+def test_dry_friction_is_clear_by_its_own_error(error: float, dry: bool) -> None:
+    """A position that noise makes most of the error of hardly improves by a friction that is known to 10 %."""
+    fit = fit_of("coulomb", mass=1.0, viscous=1.0, coulomb=1.0, offset=0.0)
+    assert has_dry_friction(replace(fit, standard_errors=fit.standard_errors | {"coulomb": error})) is dry
+
+
+def test_windows_of_noise_are_lengthened() -> None:
+    """Held-out errors cannot distinguish short windows whose errors are the camera's; a longer one shows the decay."""
+    model = AxisModel(law=AXIS_LAWS["coulomb"])
+    noisy = replace(
+        GEARED, position=GEARED.position + 0.02 * np.random.default_rng(1).standard_normal(len(GEARED))
+    )
+    for record, alone in ((GEARED, False), (noisy, True)):
+        seen, blocks = [sighting(record, default_bandwidth(record))], blocks_of([record])
+        start = {"mass": 0.05, "viscous": 1.0, "coulomb": 8.0, "offset": 0.0}
+        assert show_noise_alone(model, start, seen, blocks) is alone
+    assert blocks_of([GEARED], longest=True).duration == pytest.approx(GEARED.duration / LEAST_BLOCKS)
+    assert blocks_of([GEARED]).duration < 0.8 * GEARED.duration / LEAST_BLOCKS
+
+
+@pytest.mark.parametrize(("error", "law"), [(0.1, "coulomb"), (0.5, "viscous")])
+def test_a_dry_friction_that_noise_hides_is_selected_if_it_is_clear(
+    monkeypatch: pytest.MonkeyPatch, error: float, law: str
+) -> None:
+    seen, blocks = [sighting(GEARED, default_bandwidth(GEARED))], blocks_of([GEARED])
+    monkeypatch.setattr(selection, "held_out_errors", lambda *_, **__: np.full((len(blocks), 2), 1e-6))
+    some = dict.fromkeys(
+        ("mass", "viscous", "coulomb", "offset", "stribeck", "stribeck_speed", "stiffness"), 1.0
+    )
+    some |= dict.fromkeys(
+        ("micro_damping", "viscous_plus", "viscous_minus", "coulomb_plus", "coulomb_minus"), 1.0
+    )
+    fits = {name: fit_of(name, **some) for name in AXIS_LAWS}
+    dry = fits["coulomb"]
+    fits["coulomb"] = replace(dry, standard_errors=dry.standard_errors | {"coulomb": error})
+    chosen, _ = selection.select_law(fits, seen, blocks, horizon=0.2)
+    assert chosen.best.name == law
 
 
 def test_a_break_away_force_that_makes_the_axis_stick_is_in_the_law_s_start() -> None:

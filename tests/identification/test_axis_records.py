@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -33,6 +34,25 @@ def test_uneven_rows_keep_their_times(tmp_path: Path) -> None:
     np.testing.assert_allclose(record.t, t - t[0], atol=1e-12)
     np.testing.assert_allclose(record.durations[:-1], np.diff(t), atol=1e-12)
     assert record.segments == ((0, ROWS),)
+
+
+def test_rows_without_times_come_at_the_interval_that_is_given(tmp_path: Path) -> None:
+    """Public records often have their sample time in a text, or as a variable of one value."""
+    path = tmp_path / "a.mat"
+    variables = {"position": POSITION, "force": FORCE}
+    scipy.io.savemat(path, variables | {"Ts": 2.0})
+    for columns in (AxisColumns(time="0.002"), AxisColumns(time="Ts", time_scale="0.001")):
+        record = read_axis_record(path, columns)
+        assert record.even
+        np.testing.assert_allclose(record.t, T, atol=1e-12)
+    with pytest.raises(
+        InputError, match="--time is 0; give the variable with the time, or the time between rows"
+    ):
+        read_axis_record(path, AxisColumns(time="0"))
+    with pytest.raises(
+        InputError, match=r"called t.*--time NAME \(or --time 0.001, the time between rows\)$"
+    ):
+        read_axis_record(path, AxisColumns())
 
 
 def test_missing_values_leave_a_gap_that_is_reported(tmp_path: Path) -> None:

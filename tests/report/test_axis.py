@@ -67,6 +67,12 @@ def test_a_page_of_separate_parameters_draws_those_of_the_record(found: AxisIden
     speed, friction = (np.asarray(one) for one in curves["coulomb, open loop"].get_data())
     np.testing.assert_allclose(friction, 1.5 + 2.0 * speed, rtol=0.02)
     assert [row[0] for row in parameter_rows(found)] == ["M", "b[1]", "b[2]", "c", "offset"]
+    # without a mass above zero, the inverse model is no estimate
+    alone = replace(found, estimates=tuple(one for one in found.estimates if one.method != "inverse"))
+    labels = {str(line.get_label()) for line in axis_friction_figure(alone, records()[0]).axes[0].get_lines()}
+    assert "coulomb, inverse" in curves
+    assert {"record", "coulomb, open loop"} <= labels
+    assert "coulomb, inverse" not in labels
 
 
 @pytest.mark.slow

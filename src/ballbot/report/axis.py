@@ -51,7 +51,7 @@ _LEAST_GAIN = -100.0
 def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
     """Return the friction over speed: the force less all other forces, and the laws found."""
     motion = smoothed_motion(record, bandwidth=default_bandwidth(record))
-    axis = found.estimate("inverse").axis()
+    axis = (found.inverse_estimate or found.best).axis()
     needed = axis.needed_force(record, motion.position, np.zeros(len(record)), motion.acceleration)
     friction = record.force - needed
     if axis.load:
@@ -80,10 +80,9 @@ def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figur
 
 def _drawn_laws(found: AxisIdentification) -> list[tuple[Estimate, str, str, Look]]:
     """Return the estimates that are drawn, each with its color and dash, and with the same look in time series."""
-    drawn: list[tuple[Estimate, str, str, Look]] = [
-        (found.estimate("inverse"), ORANGE, "--", "second"),
-        (found.best, BLUE, "-", "first"),
-    ]
+    drawn: list[tuple[Estimate, str, str, Look]] = [(found.best, BLUE, "-", "first")]
+    if found.inverse_estimate:
+        drawn.insert(0, (found.inverse_estimate, ORANGE, "--", "second"))
     if found.chosen.symmetric:
         drawn.append((found.by_law["asymmetric"], GREEN, "-.", "third"))
     return drawn

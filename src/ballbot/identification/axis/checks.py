@@ -391,7 +391,8 @@ def _of_motion(record: AxisRecord, fit: InverseFit) -> Iterator[Finding]:
     if mass > 0.0 and viscous < 0.0:
         text = (
             f"The inverse model estimates a viscous friction of {viscous:.3g}, below zero; it "
-            "is fixed at zero. The speeds of the record do not separate it from dry friction."
+            "is fixed at zero. The speeds of the record do not separate it from dry friction, or the force acts later "
+            "than its row (then a finding says so)."
         )
         yield column_finding("force-friction", "warning", text, "force")
 

@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 
 from ballbot.findings import Finding, note, warning
 from ballbot.fitting.model_selection import ModelSelection
+from ballbot.identification.axis.inverse import InverseFit
 from ballbot.identification.axis.laws import PARAMETERS, AxisLaw, unit_for
 from ballbot.identification.axis.prediction import failure_findings
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.result import Estimate
 from ballbot.identification.axis.selection import USEFUL_GAIN
+from ballbot.identification.axis.structure import base_name
 from ballbot.rounding import plus_minus
 
 #: a parameter whose 95 % interval reaches further than itself is poorly determined, and than so many times it
@@ -130,10 +132,23 @@ def _lost_minimum(
     text = (
         f"{', '.join(one.name for one in fitted)}: the error over windows is {1e3 * least:.3g} m{fitted[0].unit} by "
         f"the method {other.method} (law {other.law.name}) and {1e3 * error:.3g} by the open loop (law "
-        f"{best.law.name}), which did not find the parameters of the least error. Compare the methods before you use "
-        "these parameters."
+        f"{best.law.name}), which minimizes it over windows that begin elsewhere: a few of them are most of the error, "
+        "or it did not find the parameters of the least error. Compare the methods before you use these parameters."
     )
     return [warning("lost-minimum", text)]
+
+
+def inverse_mass_findings(fit: InverseFit, estimates: Sequence[Estimate], unit: str) -> list[Finding]:
+    """Return a note if the inverse model's fit is not among the estimates, as its mass is not above zero."""
+    if any(one.method == "inverse" for one in estimates):
+        return []
+    place = next(i for i, label in enumerate(fit.names) if base_name(label) == "mass")
+    number = plus_minus(float(fit.values[place]), float(fit.clustered_errors[place]))
+    text = (
+        f"The inverse model estimates a mass of {number} {unit_for(PARAMETERS['mass'], unit)}, which is not above "
+        "zero, and is left out of the comparison of methods: noise of the position and a late force bias it."
+    )
+    return [note("inverse-mass", text)]
 
 
 def _open_parameters(best: Estimate, records: Sequence[AxisRecord]) -> list[Finding]:

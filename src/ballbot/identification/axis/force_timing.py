@@ -2,7 +2,8 @@
 
 A force that acts a sample later than its row, as behind a bus or a filter, changes the viscous friction and the mass of
 a fit by tens of percent, and no residual says so. Windows in open loop show it: the simplest law predicts them clearly
-better with the force moved by the true delay, which is found in half samples. Friction that the simplest law does not
+better with the force moved by the true delay, which is found in half samples, and then to a part of them by one linear
+step. Friction that the simplest law does not
 have may look like a delay, too; so every wider law must need it as clearly.
 
 A log that is slower than the loop shows a smaller delay: the loop holds each force for its own sample time, half of
@@ -25,7 +26,7 @@ from ballbot.identification.axis.inverse import SLOW_SAMPLING
 from ballbot.identification.axis.laws import AXIS_LAWS, Values
 from ballbot.identification.axis.output_error import OpenLoop, Sighting, derivatives
 from ballbot.identification.axis.record import AxisRecord
-from ballbot.identification.axis.selection import Blocks, fit_all, horizons_for, problem_of
+from ballbot.identification.axis.selection import ABOVE_NOISE, Blocks, fit_all, horizons_for, problem_of
 from ballbot.identification.axis.structure import AxisModel
 
 #: the force is taken as changing evenly between rows if that lowers the position error to less than this share
@@ -33,12 +34,12 @@ _CLEARER = 0.98
 #: and as delayed, if that lowers it to less than this one; the lowest of 12 simulated records without a delay is 0.96,
 #: the highest of 4 with delays of one to three rows 0.87
 _CLEARLY_DELAYED = 0.92
-#: rows by which a force is moved at most
-_MOST_ROWS = 8
+#: time [s] and rows by which a force is moved at most, the larger of the two: buses and filters delay it less
+_LONGEST_DELAY, _MOST_ROWS = 0.025, 8
 #: windows over which both are judged last so long [s], and so many rows at least; where the noise of a coarse encoder
-#: hides the force's time in them, the next longer ones whose error is above so many times the noise, up to so long
+#: hides the force's time in them, the next longer ones whose error is above the noise, up to so long
 _DURATION, _LEAST_ROWS = 0.1, 12
-_ABOVE_NOISE, _LONGEST = 1.2, 0.5
+_LONGEST = 0.5
 
 #: the part of a row by which an interpolated force acts later is clear if chance makes it in less than this share of
 #: cases, and at most half a row, as of a loop that is as slow as the log
@@ -56,9 +57,14 @@ def _window_length(sightings: Sequence[Sighting], model: AxisModel, start: Value
     noise = max(one.noise for one in sightings)
     longer = [one for one in horizons_for(blocks, records) if shortest < one <= _LONGEST]
     for length in (shortest, *longer):
-        if fit_all(model, start, sightings, blocks, length).rms > _ABOVE_NOISE * noise:
+        if fit_all(model, start, sightings, blocks, length).rms > ABOVE_NOISE * noise:
             return length
     return max((shortest, *longer))
+
+
+def _most_rows(sightings: Sequence[Sighting]) -> int:
+    """Return the rows by which a force is moved at most."""
+    return max(_MOST_ROWS, round(_LONGEST_DELAY / max(one.record.sample_time for one in sightings)))
 
 
 def is_interpolated(
@@ -93,15 +99,17 @@ def force_delay(
         if (law, rows) not in found:
             moved = [replace(one, record=delayed(one.record, rows)) for one in sightings]
             own = model.with_law(AXIS_LAWS[law])
-            found[law, rows] = fit_all(own, starts[law], moved, blocks, length).rms
+            least = fit_all(own, starts[law], moved, blocks, length).rms
+            # a wider law contains the first one; from starts of forces that are late a descent may miss that
+            found[law, rows] = least if law == first else min(least, error(first, rows))
         return found[law, rows]
 
     simplest = partial(error, first)
     best = min((0.0, 1.0, -1.0), key=simplest)
-    step = best
-    while step and abs(best) < _MOST_ROWS and simplest(best + step) < simplest(best):
+    step, most = best, _most_rows(sightings)
+    while step and abs(best) < most and simplest(best + step) < simplest(best):
         best += step
-    if abs(best) >= _MOST_ROWS:  # an optimum beyond is no delay
+    if abs(best) >= most:  # an optimum beyond is no delay
         return 0.0
     best = min((best, best - 0.5, best + 0.5), key=simplest)
     laws = ("dahl", "lugre") if model.bending else ("coulomb", "stribeck", "asymmetric")
@@ -142,7 +150,7 @@ def linear_delay(
     rows = float(step.values[-1])
     # a step far beyond the search is no delay, and is not tried
     improves = False
-    if abs(rows) <= _MOST_ROWS:
+    if abs(rows) <= _most_rows(sightings):
         moved = [replace(one, record=delayed(one.record, rows)) for one in sightings]
         improves = fit_all(own, fit.values, moved, blocks, length).rms < fit.rms
     return LinearDelay(rows=rows, error=float(step.errors[-1]), p_value=step.p_value(-1), improves=improves)
@@ -157,10 +165,21 @@ def part_of_a_row(
     """
     if not model.interpolated or any(one.record.loop is not None for one in sightings):
         return 0.0
+    return max(0.0, remaining_delay(sightings, model, starts, blocks))
+
+
+def remaining_delay(
+    sightings: Sequence[Sighting], model: AxisModel, starts: Mapping[str, Values], blocks: Blocks
+) -> float:
+    """Return by which part of a row forces that were moved by halves of a row act later still, negative if earlier.
+
+    Zero if that is not clear. Half of the search's step may matter: it is a millisecond of the force where rows come at
+    250 Hz.
+    """
     found = linear_delay(sightings, model, starts, blocks)
     if found is None or not (found.improves and found.p_value < _PART_BY_CHANCE):
         return 0.0
-    return found.rows if 0.0 < found.rows <= _MOST_OF_A_ROW else 0.0
+    return found.rows if abs(found.rows) <= _MOST_OF_A_ROW else 0.0
 
 
 def delay_column(problem: OpenLoop, values: Values) -> NDArray[np.float64]:

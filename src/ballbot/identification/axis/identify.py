@@ -11,13 +11,20 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding
+from ballbot.fitting.model_selection import ModelSelection
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification.axis.comparison import disagreements, largest_differences
-from ballbot.identification.axis.conclusions import axis_findings
-from ballbot.identification.axis.discrepancy import discrepancy_findings, discrepancy_of, with_discrepancy
+from ballbot.identification.axis.conclusions import axis_findings, inverse_mass_findings
+from ballbot.identification.axis.discrepancy import (
+    Discrepancy,
+    discrepancy_findings,
+    discrepancy_of,
+    with_another_law,
+    with_discrepancy,
+)
 from ballbot.identification.axis.inverse import InverseFit, inverse_fit
 from ballbot.identification.axis.law_fits import check_determined, fit_laws, improved, memoized
-from ballbot.identification.axis.laws import AXIS_LAWS, axis_law_named
+from ballbot.identification.axis.laws import AXIS_LAWS, AxisLaw, axis_law_named
 from ballbot.identification.axis.outliers import outlier_findings
 from ballbot.identification.axis.output_error import (
     ClosedLoop,
@@ -50,8 +57,9 @@ from ballbot.identification.axis.selection import (
     blocks_of,
     errors_on,
     held_out_errors,
-    select_horizon,
+    possible_laws,
     select_law,
+    select_windows,
 )
 from ballbot.identification.axis.structure import AxisModel, base_name
 from ballbot.progress import Progress, part_of
@@ -93,9 +101,8 @@ def identify_axis(
     bench, drifting, blocks = prepared.bench, prepared.drifting, prepared.blocks
     choosing = replace(run, progress=part_of(run.progress, 0.0, _HORIZON_TO))
     dry = AXIS_LAWS["dahl" if prepared.model.bending else "coulomb"]
-    horizon = select_horizon(
-        prepared.model.with_law(dry), prepared.starts[dry.name], bench.sightings, blocks, choosing
-    )
+    model, start = prepared.model.with_law(dry), prepared.starts[dry.name]
+    blocks, horizon = select_windows(model, start, bench.sightings, blocks, choosing)
     choosing.progress(Progress(stage="forces", done=1.0, total=1.0))
     prepared = with_best_load(prepared, dry, blocks, horizon.chosen)
     needed = without_refuted_forces(prepared, dry, blocks, horizon.chosen)
@@ -106,14 +113,17 @@ def identify_axis(
     judging = replace(run, progress=part_of(run.progress, _FITS_TO, _LAWS_TO))
     selection, squares = select_law(fits, bench.sightings, blocks, horizon=horizon.chosen, run=judging)
     chosen = wanted or selection.best.model
-    simulated = _improving(bench, fits, squares, chosen.name, starts, blocks, horizon.chosen, run)
+    by_inverse = inverse_estimates(bench, inverse["complete"], model, horizon.chosen)
+    simulated = _improving(
+        bench, fits, squares, chosen.name, starts[chosen.name], by_inverse, blocks, horizon.chosen, run
+    )
+    check_determined(fits[chosen.name], starts["coulomb"], bench.sightings, blocks, horizon.chosen)
     by_law = {name: bench.estimate("open loop", fit, horizon.chosen) for name, fit in fits.items()}
-    others = [_inverse_estimate(bench, inverse["complete"], model, horizon.chosen), *simulated]
-    fit = fits[chosen.name]
-    best, doubts = _widened(bench, fit, by_law[chosen.name], others, blocks, horizon.chosen)
+    fit, others = fits[chosen.name], [*by_inverse, *simulated]
+    lacking = _lacking(bench, selection, chosen, fits, blocks, horizon.chosen)
+    best, doubts = _widened(bench, fit.quantile, by_law[chosen.name], others, lacking)
     by_law[chosen.name] = best
-    estimates = [*others, best]
-    asymmetry = drifting.asymmetry
+    estimates, asymmetry = [*others, best], drifting.asymmetry
     tests = bench.residual_tests(model, fit.values, over_position=needed is prepared)
     expected = _expected(bench, drifting, fit, squares[chosen.name], blocks, horizon.chosen)
     run.progress(Progress(stage="done", done=1.0, total=1.0))
@@ -121,6 +131,7 @@ def identify_axis(
         *prepared.findings(records),
         *outlier_findings(fit, bench.sightings, records, blocks, horizon.chosen),
         *axis_findings(bench.all, selection, best, estimates, asymmetry, by_user=wanted is not None),
+        *inverse_mass_findings(inverse["complete"], others, records[0].unit),
         *doubts,
         *residual_findings(tests, model.with_law(chosen), records),
         *_elsewhere(bench, fit, expected),
@@ -143,20 +154,29 @@ def identify_axis(
     )
 
 
-def _widened(
+def _lacking(
     bench: Bench,
-    fit: OutputErrorFit,
-    plain: Estimate,
-    others: Sequence[Estimate],
+    selection: ModelSelection[AxisLaw],
+    chosen: AxisLaw,
+    fits: Mapping[str, OutputErrorFit],
     blocks: Blocks,
     horizon: float,
+) -> Discrepancy:
+    """Return what the chosen law may lack, the friction of laws that the records do not exclude included."""
+    lacking = discrepancy_of(fits[chosen.name], bench.sightings, blocks, horizon)
+    for name, cause in possible_laws(selection, chosen, fits, bench.sightings).items():
+        lacking = with_another_law(lacking, fits["coulomb"], fits[name], cause)
+    return lacking
+
+
+def _widened(
+    bench: Bench, quantile: float, plain: Estimate, others: Sequence[Estimate], lacking: Discrepancy
 ) -> tuple[Estimate, list[Finding]]:
     """Return the result with intervals that include what the model lacks and other methods find, and the findings."""
-    lacking = discrepancy_of(fit, bench.sightings, blocks, horizon)
     apart = disagreements(bench.records, plain, others, bandwidth=bench.bandwidth)
-    between = {name: size / fit.quantile for name, size in largest_differences(apart).items()}
-    best = with_discrepancy(plain, lacking.errors, fit.quantile)
-    best = with_discrepancy(best, between, fit.quantile)
+    between = {name: size / quantile for name, size in largest_differences(apart).items()}
+    best = with_discrepancy(plain, lacking.errors, quantile)
+    best = with_discrepancy(best, between, quantile)
     findings = [one.finding for one in apart]
     return best, [*findings, *discrepancy_findings(plain, lacking, bench.records[0].unit)]
 
@@ -166,26 +186,24 @@ def _improving(
     fits: dict[str, OutputErrorFit],
     squares: dict[str, NDArray[np.float64]],
     law: str,
-    starts: Mapping[str, dict[str, float]],
+    start: Mapping[str, float],
+    by_inverse: Sequence[Estimate],
     blocks: Blocks,
     horizon: float,
     run: Run,
 ) -> list[Estimate]:
-    """Return a law by output error over whole records; replace its fit and its held-out errors if that is better.
+    """Return a law by output error over whole records.
 
-    Raises
-    ------
-    InputError
-        If the records do not determine the law.
+    Its fit and its held-out errors are replaced if the windows' error is less from there, or from the inverse model's.
     """
-    others = _simulated(bench, fits[law], starts[law], horizon, run)
-    best = improved(fits[law], [one.values for one in others], bench.sightings, blocks, horizon, run)
+    simulated = _simulated(bench, fits[law], start, horizon, run)
+    others = [one.values for one in (*simulated, *by_inverse) if one.values.keys() == fits[law].values.keys()]
+    best = improved(fits[law], others, bench.sightings, blocks, horizon, run)
     if best is not fits[law]:
         judged = [(horizon, False)]
         fits[law] = best
         squares[law] = held_out_errors(best, bench.sightings, blocks, horizon=horizon, judged=judged)[:, 0]
-    check_determined(best, starts["coulomb"], bench.sightings, blocks, horizon)
-    return others
+    return simulated
 
 
 def _expected(
@@ -263,9 +281,14 @@ def _inverse_fits(bench: Bench, model: AxisModel) -> dict[str, InverseFit]:
     return found
 
 
-def _inverse_estimate(bench: Bench, fit: InverseFit, own: AxisModel, horizon: float) -> Estimate:
-    """Return the estimate of a fit of the inverse model `own`."""
+def inverse_estimates(bench: Bench, fit: InverseFit, own: AxisModel, horizon: float) -> list[Estimate]:
+    """Return the estimate of a fit of the inverse model `own`; none if a mass is not above zero, which cannot move."""
     values, errors = fit.by_name, dict(zip(fit.names, fit.clustered_errors.tolist(), strict=True))
+    masses = (
+        values[own.label("mass", number)] + one.known_load.inertia for number, one in enumerate(bench.records)
+    )
+    if not min(masses) > 0.0:
+        return []
     if own.bending:
         own = own.with_law(AXIS_LAWS["dahl"])
         dry = np.mean([value for label, value in values.items() if base_name(label) == "coulomb"])
@@ -278,7 +301,7 @@ def _inverse_estimate(bench: Bench, fit: InverseFit, own: AxisModel, horizon: fl
         rms=fit.relative_force_error,
         freedom=max(1, fit.blocks - len(fit.names)),
     )
-    return bench.estimate("inverse", found, horizon)
+    return [bench.estimate("inverse", found, horizon)]
 
 
 def _simulated(

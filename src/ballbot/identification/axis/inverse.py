@@ -178,6 +178,11 @@ def free_inverse_fit(
     )
 
 
+def at_rest(speed: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return in which rows (N,) an axis of such a speed is at rest."""
+    return np.abs(speed) < REST * float(np.sqrt(np.mean(speed**2)))
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RegressionRows:
     """Rows that the inverse model is fitted to, of all records one after another."""
@@ -267,8 +272,7 @@ def _rows_of(
     for name in ("temperature", "load"):
         if getattr(record, name) is not None:
             seen[name] = getattr(record, name)
-    usual = float(np.sqrt(np.mean(motion.speed**2)))
-    rests = (np.abs(motion.speed) < REST * usual).astype(float)
+    rests = at_rest(motion.speed).astype(float)
     if not kept:
         raise InputError(f"{record.name} has no part of {LEAST_SEGMENT} rows on end; log without gaps.")
 
@@ -278,8 +282,8 @@ def _rows_of(
 
     chosen = np.ones(len(picked(rests)), dtype=bool)
     if moving:
-        at_rest = rows.of(rests) > 0.5
-        chosen = ~rows.disturbed if at_rest.mean() > 0.9 else ~(at_rest | rows.disturbed)
+        resting = rows.of(rests) > 0.5
+        chosen = ~rows.disturbed if resting.mean() > 0.9 else ~(resting | rows.disturbed)
     block = (picked(record.t) // BLOCK if not record.even else _even_blocks(record, kept, factor)).astype(
         np.int64
     )

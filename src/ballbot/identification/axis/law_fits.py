@@ -243,7 +243,9 @@ def improved(
     if not problem.rms(best) < (1.0 - SAME) * problem.rms(fit.values):
         return fit
     descend = partial(fit_all, fit.model, best, sightings, blocks, horizon, restarts=1)
-    return memoized(run, "open loop, improved", fit.model, best, descend)
+    found = memoized(run, "open loop, improved", fit.model, best, descend)
+    # a descent keeps the starts of its windows, and may end above where it began
+    return min(fit, found, key=lambda one: problem.rms(one.values))
 
 
 def check_determined(

@@ -5,10 +5,10 @@ the play, the axis coasts or rests meanwhile, and the impact changes its speed a
 a fit with these rows has too little dry friction and too much of viscous one, finds a break-away force that is not
 there, or takes the lag after each reversal for a delay of the force.
 
-The axis is fitted with all rows, and without those near a reversal (`away_from_reversals`). There is play if every law
-predicts windows of all rows with several times the error of the windows between reversals (`play_of`). Then the rows
-near reversals are left out of everything. An elastic drive, and friction near rest that no law describes, do the same,
-and matter as little between reversals.
+The axis is fitted with all rows, and without those near a reversal or at rest (`away_from_reversals`). There is play if
+every law predicts windows of all rows with several times the error of the windows between reversals (`play_of`). Then
+these rows are left out of everything. An elastic drive, and friction near rest that no law describes, do the same, and
+matter as little between reversals.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, note, warning
+from ballbot.identification.axis.inverse import at_rest
 from ballbot.identification.axis.law_fits import fit_law
 from ballbot.identification.axis.laws import AXIS_LAWS, PARAMETERS, Values, unit_for
 from ballbot.identification.axis.model import Axis
@@ -59,6 +60,7 @@ class Contact:
     """The rows of records between reversals of the force, in which the drive does not cross any play."""
 
     rows: Sequence[NDArray[np.bool_]]  #: (N,) of each record
+    moving: float  #: share of all rows in which the axis moves
     sightings: Sequence[Sighting]  #: of these rows
     blocks: Blocks
     everywhere: OutputErrorFit  #: of the law coulomb to all rows
@@ -68,8 +70,8 @@ class Contact:
 
     @property
     def share(self) -> float:
-        """The share of rows that are left."""
-        return float(np.mean(np.concatenate(self.rows)))
+        """The share of the rows in motion that are left."""
+        return float(np.mean(np.concatenate(self.rows))) / self.moving
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +85,10 @@ class Play:
 
 
 def away_from_reversals(seen: Sighting, axis: Axis, *, after: float) -> NDArray[np.bool_]:
-    """Return which rows (N,) are not near a reversal of the speed, or of the force that the motion needs.
+    """Return which rows (N,) are in motion and not near a reversal of the speed, or of the force that it needs.
+
+    Any friction that is large enough predicts an axis at rest: an error between reversals that includes rest shows
+    nothing.
 
     Parameters
     ----------
@@ -96,7 +101,7 @@ def away_from_reversals(seen: Sighting, axis: Axis, *, after: float) -> NDArray[
     record, motion = seen.record, seen.motion
     force = axis.needed_force(record, motion.position, motion.speed, motion.acceleration)
     force = force - (record.force - axis.acting(record))
-    kept = np.ones(len(record), dtype=bool)
+    kept = ~at_rest(motion.speed)
     rows = max(_LEAST_ROWS_AFTER, round(after / record.sample_time))
     for values, share in ((force, _SMALL_FORCE), (motion.speed, _SMALL_SPEED)):
         least = share * float(np.sqrt(np.mean(values**2)))
@@ -161,6 +166,7 @@ def _between(
 ) -> Contact | None:
     """Return the rows away from reversals by a fit, with the fit to them; None if they are too few."""
     found = list[Contact]()
+    resting = np.concatenate([at_rest(seen.motion.speed) for seen in sightings])
     for after in _AFTER:
         rows = [
             away_from_reversals(seen, fit.model.axis(fit.values, number), after=after)
@@ -176,6 +182,7 @@ def _between(
             between = fit_all(held, fit.values, parts, blocks, horizon)
             contact = Contact(
                 rows=rows,
+                moving=1.0 - float(np.mean(resting)),
                 sightings=parts,
                 blocks=blocks,
                 everywhere=whole,
@@ -241,7 +248,7 @@ def _error_of_most(
 def _apart(plain: OutputErrorFit, between: OutputErrorFit) -> dict[str, tuple[float, float]]:
     """Return which of mass and friction differ between two fits, with both values."""
     found = {}
-    first, second = _of_both_directions(plain), _of_both_directions(between)
+    first, second = of_both_directions(plain), of_both_directions(between)
     for label in (one for one in first if one in second):
         (ours, our_error), (theirs, their_error) = first[label], second[label]
         error = float(np.hypot(our_error, their_error))
@@ -255,7 +262,7 @@ def _apart(plain: OutputErrorFit, between: OutputErrorFit) -> dict[str, tuple[fl
     return found
 
 
-def _of_both_directions(fit: OutputErrorFit) -> dict[str, tuple[float, float]]:
+def of_both_directions(fit: OutputErrorFit) -> dict[str, tuple[float, float]]:
     """Return parameters by label with their standard errors; in place of one for each direction, their mean."""
     found = {label: (value, fit.standard_errors[label]) for label, value in fit.values.items()}
     for plus in [one for one in found if base_name(one).endswith("_plus")]:
@@ -285,8 +292,9 @@ def play_findings(
     """
     if play is None and not tested and all(np.ptp(one.force) > 0.0 for one in records):
         text = (
-            "The force reverses too often to show whether there is play (backlash) between drive and axis, which would "
-            "make dry friction too small. Record longer motions in one direction if the drive may have play."
+            "The force reverses too often, or the axis rests too long, to show whether there is play (backlash) "
+            "between drive and axis, which would make dry friction too small. Record longer motions in one direction "
+            "if the drive may have play."
         )
         return [note("play", text)]
     if play is None:
@@ -303,8 +311,9 @@ def play_findings(
         "Where the force on the axis reverses, no friction law describes the motion: over windows the error of "
         f"the best of them is {1e3 * play.error:.3g} m{unit}, and {1e3 * play.error_between:.3g} m{unit} between "
         f"reversals. Play (backlash) between drive and axis does this, or an elastic drive. {changes}The rows near "
-        f"reversals, {left_out:.0f} % of all, are left out of all results, which hold while drive and axis are in "
-        "contact and do not predict reversals. Remove the play, or preload the axis, to identify friction near rest."
+        f"reversals, {left_out:.0f} % of those in motion, and the rows at rest are left out of all results, which hold "
+        "while drive and axis are in contact and do not predict reversals. Remove the play, or preload the axis, to "
+        "identify friction near rest."
     )
     if with_reversals:
         keep = "keeps its" if len(with_reversals) == 1 else "keep their"

@@ -93,12 +93,15 @@ def predicted_error(
     elsewhere : int, optional
         How many blocks the other record has; as many as these by default.
     """
+    groups = blocks.groups()
+    owner = np.array([blocks.spans[one[0]][0] for one in groups])
+    # blocks that repeat each other show the variation between blocks once
+    squares = np.array([squares[one].mean() for one in groups])
     count = len(squares)
     other = elsewhere or count
     own = resamples(count, block=1, repeats=_DRAWS, seed=_SEED) @ squares / count
     new = np.random.default_rng(_SEED + 1).choice(squares, size=(_DRAWS, other)).mean(axis=1)
     variance = float(np.var(0.5 * np.log(new / own))) * count / (count - 1)
-    owner = np.array([number for number, _ in blocks.spans])
     records = int(owner.max()) + 1
     logs = np.array([0.5 * np.log(squares[owner == i].mean()) for i in range(records)])
     freedom = count - 1
@@ -202,7 +205,7 @@ def elsewhere_findings(
                 warning(
                     "other-record",
                     f"{text}. The record differs in what the model leaves out: load, temperature, supply, "
-                    "another machine, or a wrong column or scale.",
+                    "faster motion or more reversals (an elastic drive), another machine, or a wrong column or scale.",
                 )
             )
         elif error < expected.lower:

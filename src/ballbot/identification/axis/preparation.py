@@ -20,6 +20,7 @@ from ballbot.identification.axis.force_timing import (
     is_interpolated,
     linear_delay,
     part_of_a_row,
+    remaining_delay,
 )
 from ballbot.identification.axis.inverse import asymmetry_over_time, without_drift
 from ballbot.identification.axis.law_fits import initial_values
@@ -259,18 +260,23 @@ def prepared_records(bench: Bench, options: AxisOptions, blocks: Blocks) -> Prep
     prepared = _prepared(bench, options, blocks)
     contact = _contact(prepared, blocks)
     rows, unconfirmed = force_delay(prepared.bench.sightings, prepared.model, prepared.starts, blocks), 0.0
-    # the lag after a reversal, as of play, resembles a delay, which acts between reversals, too
-    if rows and contact:
-        between = force_delay(contact.sightings, prepared.model, prepared.starts, contact.blocks)
-        rows, unconfirmed = (rows, 0.0) if rows * between > 0.0 else (0.0, rows)
-        if unconfirmed:
-            seen = linear_delay(contact.sightings, prepared.model, prepared.starts, contact.blocks)
-            unconfirmed = 0.0 if seen and seen.refutes(unconfirmed) else unconfirmed
     if rows:
-        bench = bench.delayed(rows)
-        prepared = replace(_prepared(bench, options, blocks), delay=rows, delay_is_clear=contact is not None)
-        contact = _contact(prepared, blocks)
-    elif not unconfirmed:  # of which all windows would show a part
+        later = bench.delayed(rows)
+        moved = _prepared(later, options, blocks)
+        in_contact = _contact(moved, blocks)
+        if contact is None or is_confirmed(rows, contact, in_contact, prepared):
+            clear, contact = contact is not None, in_contact
+            more = remaining_delay(moved.bench.sightings, moved.model, moved.starts, blocks)
+            if more:
+                rows += more
+                later = bench.delayed(rows)
+                moved = _prepared(later, options, blocks)
+                contact = _contact(moved, blocks)
+            bench, prepared = later, replace(moved, delay=rows, delay_is_clear=clear)
+        else:
+            seen = linear_delay(contact.sightings, prepared.model, prepared.starts, contact.blocks)
+            unconfirmed = 0.0 if seen and seen.refutes(rows) else rows
+    if not (prepared.delay or unconfirmed):  # of an unconfirmed delay, all windows would show a part
         part = part_of_a_row(prepared.bench.sightings, prepared.model, prepared.starts, blocks)
         if part:
             bench = bench.delayed(part)
@@ -290,6 +296,16 @@ def prepared_records(bench: Bench, options: AxisOptions, blocks: Blocks) -> Prep
         part=prepared.part,
         play=play,
     )
+
+
+def is_confirmed(rows: float, contact: Contact, moved: Contact | None, prepared: Prepared) -> bool:
+    """Return whether a delay by so many rows is no play, whose lag after a reversal resembles one.
+
+    A delay acts between reversals, too. If these rows say nothing, as those of calm motion, a delay still explains the
+    reversals better than leaving them out does, `contact`, with the force `moved` by it.
+    """
+    between = force_delay(contact.sightings, prepared.model, prepared.starts, contact.blocks)
+    return rows * between > 0.0 or (moved is not None and moved.everywhere.rms < contact.between.rms)
 
 
 def _contact(prepared: Prepared, blocks: Blocks) -> Contact | None:

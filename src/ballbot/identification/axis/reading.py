@@ -27,8 +27,9 @@ from ballbot.identification.axis.record import (
     Wraps,
 )
 from ballbot.identification.axis.spikes import without_spikes
+from ballbot.identification.axis.units import QUANTITIES, unit_at_end, unit_of
 from ballbot.identification.axis.wrapping import without_wraps, wrapping_period
-from ballbot.log.columns import FACTORS, LARGEST_CELL, Columns
+from ballbot.log.columns import LARGEST_CELL, Columns
 from ballbot.log.formats import read_units, read_variables
 
 #: a record in which more rows than this share lack a value is refused
@@ -43,7 +44,7 @@ class AxisColumns:
     """The variables of a file. A number is written out, or is the name of a variable or of a constant column."""
 
     time: str = "t"
-    """The variable with the time, in seconds."""
+    """The variable with the time, in seconds; or the time between rows: a number, or a variable of one."""
 
     time_scale: str = "1"
     """Factor from that variable to seconds, such as 0.001 for milliseconds: a number, or a variable of the file."""
@@ -197,7 +198,7 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     file = _File(name=Path(path).name, variables=read_variables(path), columns=columns)
     _check_names(file)
     _check_units(file, read_units(path))
-    t = file.factor("time_scale", negative=False) * file.column("time")
+    t = file.factor("time_scale", negative=False) * _times(file)
     scale = file.factor("force_scale")
     driving = _driving_force(file, len(t))
     limit = np.inf if columns.limit is None else file.factor("limit", negative=False)
@@ -282,6 +283,7 @@ def _check_names(file: _File) -> None:
         raise InputError(
             f"{file.name} has no variable called {either(lacking.values())}; it has {', '.join(file.variables)}. "
             f"Name what is meant, perhaps with {' '.join(options)}"
+            + (" (or --time 0.001, the time between rows)" if "--time NAME" in options else "")
         )
 
 
@@ -291,39 +293,17 @@ def _usual(field: str, variables: Collection[str]) -> str | None:
     return next((name for word in _USUAL_NAMES[field] for name in words if word in words[name]), None)
 
 
-#: by the unit of positions, what each quantity may be in, with the factor to its unit
-_FORCES = {"N": 1.0, "kN": 1e3, "mN": 1e-3}
-_TORQUES = {**FACTORS["N m"], "kN m": 1e3}
-_QUANTITIES = {
-    "time": {"m": FACTORS["s"], "rad": FACTORS["s"]},
-    "position": {"m": FACTORS["m"], "rad": FACTORS["rad"]},
-    "velocity": {"m": FACTORS["m/s"], "rad": FACTORS["rad/s"]},
-    "force": {"m": _FORCES, "rad": _TORQUES},
-}
-#: other spellings of units
-_SPELLINGS = {
-    "Nm": "N m",
-    "mNm": "mN m",
-    "Ncm": "N cm",
-    "kNm": "kN m",
-    "µs": "us",
-    "μs": "us",
-    "°": "deg",
-    "rev": "turn",
-}
-
-
 def _check_units(file: _File, units: Mapping[str, str]) -> None:
     """Raise InputError if a unit in the file contradicts `--unit`, or needs a factor and none is given.
 
     A file gives a unit in a row below the header, in brackets behind a column's name, or at the end of the name.
     """
-    for field, kinds in _QUANTITIES.items():
+    for field, kinds in QUANTITIES.items():
         name = getattr(file.columns, field) or ("position" if file.columns.velocity is None else "")
         scale = f"{'position' if field == 'velocity' else field}_scale"
         if name not in file.variables or file.number(scale) != 1.0:
             continue
-        given = _unit_of(name, units) or _unit_at_end(name, {**kinds["m"], **kinds["rad"]})
+        given = unit_of(name, units) or unit_at_end(name, {**kinds["m"], **kinds["rad"]})
         unit = file.columns.unit
         other = "rad" if unit == "m" else "m"
         actual = next((one for one in (unit, other) if given in kinds[one]), unit)
@@ -336,27 +316,6 @@ def _check_units(file: _File, units: Mapping[str, str]) -> None:
                 f"{file.name} gives the unit of {name.partition('[')[0].strip()} as {given}, and {against}; "
                 f"give {' '.join(options)}, or correct the unit in the file."
             )
-
-
-def _unit_of(name: str, units: Mapping[str, str]) -> str:
-    """Return the unit of a variable as `FACTORS` spells it; empty if the file does not give it."""
-    text = units.get(name, "")
-    bracketed = re.search(r"[\[(<]([^\])>]*)[\])>]$", text or name)
-    unit = (bracketed.group(1) if bracketed else text).strip().replace("·", " ").replace("*", " ")
-    return _SPELLINGS.get(unit, unit)
-
-
-def _unit_at_end(name: str, known: Collection[str]) -> str:
-    """Return the unit among those known that a name ends in, such as "deg" of "position_deg"; empty if in none.
-
-    Single letters are no units: "position_m" may be that of the motor.
-    """
-    parts = name.split("_")
-    ends = ("/".join(parts[-2:]), parts[-1]) if len(parts) > 2 else tuple(parts[1:])
-    spelled = {one.replace(" ", "").lower(): one for one in known} | {
-        spelling.lower(): unit for spelling, unit in _SPELLINGS.items() if unit in known
-    }
-    return next((spelled[one.lower()] for one in ends if len(one) > 1 and one.lower() in spelled), "")
 
 
 def sampling(name: str, t: NDArray[np.float64]) -> tuple[float, NDArray[np.float64] | None]:
@@ -400,6 +359,24 @@ def _complete(name: str, columns: Columns) -> NDArray[np.bool_]:
             f"and at most {100.0 * MOST_MISSING:.0f} % may."
         )
     return kept
+
+
+def _times(file: _File) -> NDArray[np.float64]:
+    """Return the time of each row (N,): a variable, or rows at the interval that is given instead."""
+    times = file.variables.get(file.columns.time)
+    if times is not None and times.size != 1:
+        return times
+    try:
+        interval = float(file.columns.time if times is None else times[0])
+    except ValueError:
+        return file.column("time")
+    if not 0.0 < interval <= LARGEST_CELL:
+        raise InputError(
+            f"{file.name}: --time is {interval:g}; give the variable with the time, or the time between rows, a number "
+            "above zero."
+        )
+    positions = "position" if file.columns.velocity is None or file.columns.position else "velocity"
+    return interval * np.arange(len(file.column(positions, default="position")), dtype=np.float64)
 
 
 def _driving_force(file: _File, rows: int) -> NDArray[np.float64]:

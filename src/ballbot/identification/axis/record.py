@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from ballbot.arrays import real_array, whole_number
 from ballbot.errors import InputError
+from ballbot.identification.axis.repetition import repetition_time
 
 #: rows that make a record too short for any of the methods
 LEAST_ROWS = 200
@@ -180,6 +181,11 @@ class AxisRecord:
         if self.times is not None:
             return self.times - self.times[0]
         return self.sample_time * np.arange(len(self), dtype=np.float64)
+
+    @cached_property
+    def repetition(self) -> float:
+        """The time after which the motion repeats itself [s]; infinite if it does not."""
+        return repetition_time(self.t, self.position)
 
     @cached_property
     def durations(self) -> NDArray[np.float64]:

@@ -95,6 +95,11 @@ class AxisIdentification:
         return next(one for one in self.estimates if one.method == method)
 
     @property
+    def inverse_estimate(self) -> Estimate | None:
+        """The chosen law's linear part by the inverse model; None if its mass is not above zero."""
+        return next((one for one in self.estimates if one.method == "inverse"), None)
+
+    @property
     def best(self) -> Estimate:
         """The estimate to simulate the axis with."""
         return self.estimate("open loop")

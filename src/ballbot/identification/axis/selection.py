@@ -12,6 +12,7 @@ Everything is selected by errors on blocks of time that the fit did not use: eve
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
 
@@ -24,11 +25,9 @@ from ballbot.fitting.model_selection import (
     HeldOut,
     ModelSelection,
     gain_between,
-    neighbours,
     select_model,
 )
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.uncertainty import block_length
 from ballbot.identification.axis.laws import AXIS_LAWS, AxisLaw, Values
 from ballbot.identification.axis.output_error import (
     OpenLoop,
@@ -41,6 +40,7 @@ from ballbot.identification.axis.output_error import (
 )
 from ballbot.identification.axis.presliding import bristles_agree
 from ballbot.identification.axis.record import AxisRecord, Span
+from ballbot.identification.axis.repetition import LEAST_PARTS, parts_at, parts_in
 from ballbot.identification.axis.structure import AxisModel, base_name
 from ballbot.progress import Progress
 
@@ -48,9 +48,13 @@ FOLDS = 3
 LEAST_BLOCKS, MOST_BLOCKS = 9, 30
 #: blocks are not shorter [s], nor than so many rows
 SHORTEST_BLOCK, LEAST_BLOCK_ROWS = 0.4, 24
+#: share by which a sum of durations may be off
+_ROUNDING = 1e-9
 #: lengths of windows tried [s]; a window has at least so many rows
-HORIZONS = (0.1, 0.2, 0.5, 1.0, 2.0)
+HORIZONS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 LEAST_WINDOW_ROWS = 10
+#: an error that is not above so many times the noise of the position is that noise
+ABOVE_NOISE = 1.2
 #: errors that differ by less than this share are the same
 SAME = 1e-3
 #: slower than this share of its usual speed, an axis reverses or rests
@@ -63,26 +67,28 @@ class Blocks:
 
     spans: tuple[tuple[int, Span], ...]  #: the record and the rows of each
     duration: float  #: of each [s], about
+    #: the part of the motion that each contains: blocks of one part repeat each other
+    parts: tuple[int, ...]
 
     def __len__(self) -> int:
         return len(self.spans)
 
     def held_out(self, fold: int) -> list[int]:
         """Return the blocks that a fold leaves out."""
-        return list(range(fold, len(self), FOLDS))
+        return [i for i, part in enumerate(self.parts) if part % FOLDS == fold]
 
     def seen(self, fold: int) -> list[int]:
         """Return the blocks that a fold is fitted to."""
-        return [i for i in range(len(self)) if i % FOLDS != fold]
+        return [i for i, part in enumerate(self.parts) if part % FOLDS != fold]
 
-    @property
-    def groups(self) -> list[NDArray[np.int64]]:
-        """Blocks that are drawn together."""
-        return neighbours(range(len(self)), block=block_length(len(self)) if len(self) > 20 else 1)
+    def groups(self, chosen: Sequence[int] | None = None) -> list[NDArray[np.int64]]:
+        """Return the places, among some blocks or all, of those that repeat each other."""
+        parts = np.array(self.parts)[list(range(len(self)) if chosen is None else chosen)]
+        return [np.flatnonzero(parts == one) for one in np.unique(parts)]
 
 
-def blocks_of(records: Sequence[AxisRecord]) -> Blocks:
-    """Return the blocks of records.
+def blocks_of(records: Sequence[AxisRecord], *, longest: bool = False) -> Blocks:
+    """Return the blocks of records, of which there are many, or few and long ones.
 
     Raises
     ------
@@ -91,8 +97,15 @@ def blocks_of(records: Sequence[AxisRecord]) -> Blocks:
     """
     total = sum(record.duration for record in records)
     usual = max(record.sample_time for record in records)
-    duration = max(total / MOST_BLOCKS, SHORTEST_BLOCK, LEAST_BLOCK_ROWS * usual)
-    if duration * LEAST_BLOCKS > total:
+    shortest = max(SHORTEST_BLOCK, LEAST_BLOCK_ROWS * usual)
+    duration = max(total / MOST_BLOCKS, shortest)
+    if longest:
+        duration = max(duration, min(total / LEAST_BLOCKS, HORIZONS[-1]))
+    repeated = min((one.repetition for one in records if parts_in(one.repetition, shortest)), default=np.inf)
+    # a whole number of blocks is one motion; long ones may each be more than one
+    if np.isfinite(repeated) and (parts_in(repeated, duration) or not longest):
+        duration = repeated / (parts_in(repeated, duration) or LEAST_PARTS)
+    if duration * LEAST_BLOCKS > total * (1.0 + _ROUNDING):
         raise InputError(
             f"{records[0].name} lasts {total:.3g} s; to estimate friction and to judge it on parts that were held out, "
             f"the records must last {duration * LEAST_BLOCKS:.3g} s together."
@@ -108,7 +121,33 @@ def blocks_of(records: Sequence[AxisRecord]) -> Blocks:
             f"{records[0].name} has {len(spans)} parts of {duration:.2g} s without a gap; "
             f"to estimate friction and to judge it on parts that were held out takes {LEAST_BLOCKS}."
         )
-    return Blocks(spans=tuple(spans), duration=duration)
+    return Blocks(spans=tuple(spans), duration=duration, parts=_parts_of(records, spans, duration))
+
+
+def _parts_of(
+    records: Sequence[AxisRecord], spans: Sequence[tuple[int, Span]], duration: float
+) -> tuple[int, ...]:
+    """Return the part of the motion that each span contains; no two records have one in common."""
+    found = list[int]()
+    for number, record in enumerate(records):
+        begin = max(found, default=-1) + 1
+        rows = np.array([span for of, span in spans if of == number]).reshape(-1, 2)
+        count = parts_in(record.repetition, duration)
+        middles = record.t[rows].mean(axis=1)
+        parts = parts_at(middles, record.repetition, count) if count else np.arange(len(rows))
+        found += (begin + parts).tolist()
+    return tuple(found)
+
+
+def show_noise_alone(model: AxisModel, start: Values, sightings: Sequence[Sighting], blocks: Blocks) -> bool:
+    """Return whether the errors of the longest windows are the noise of the positions alone.
+
+    Held-out errors do not distinguish lengths of windows then, and longer ones determine parameters far better.
+    """
+    longest = horizons_for(blocks, [one.record for one in sightings])[-1]
+    return fit_all(model, start, sightings, blocks, longest).rms < ABOVE_NOISE * min(
+        one.noise for one in sightings
+    )
 
 
 def horizons_for(blocks: Blocks, records: Sequence[AxisRecord]) -> tuple[float, ...]:
@@ -253,6 +292,20 @@ class HorizonChoice:
     chosen: float  #: [s]
 
 
+def select_windows(
+    model: AxisModel,
+    start: Values,
+    sightings: Sequence[Sighting],
+    blocks: Blocks,
+    run: Run = DEFAULT_RUN,
+) -> tuple[Blocks, HorizonChoice]:
+    """Return blocks, fewer and longer ones if short windows show noise alone, and the length of windows in them."""
+    if show_noise_alone(model, start, sightings, blocks):
+        with suppress(InputError):  # if gaps leave too few long ones
+            blocks = blocks_of([one.record for one in sightings], longest=True)
+    return blocks, select_horizon(model, start, sightings, blocks, run)
+
+
 def select_horizon(
     model: AxisModel,
     start: Values,
@@ -298,6 +351,10 @@ _BRISTLES = {"coulomb": None, "dahl": "coulomb", "lugre": "dahl"}
 USEFUL_GAIN = 0.02
 #: and one that surely lowers it by this share is needed, even if parameters of its own are not determined; chosen
 _CLEAR_GAIN = 0.2
+#: a break-away force fades if it is below 1 / e^2 at the speed below which the axis is in this share of the rows
+_FADED, _FAST = 0.5, 0.95
+#: standard errors that a Coulomb friction is above zero where chance makes it so in less than one of 1,000 cases
+_CLEARLY_DRY = 3.3
 
 
 def select_law(
@@ -334,18 +391,17 @@ def select_law(
         errors_on(going_on, sightings, blocks, range(len(blocks)), horizon, slow=s) for s in (False, True)
     ]
     tables = {name: np.fmin(table, np.column_stack(useless)) for name, table in tables.items()}
-    sliding = _select(_SLIDING, {name: table[:, 0] for name, table in tables.items()})
+    sliding = _select(_SLIDING, {name: table[:, 0] for name, table in tables.items()}, blocks)
     candidates: tuple[Candidate[AxisLaw], ...] = sliding.candidates
-    best = _useful(sliding, fits)
+    best = _useful(sliding, fits, sightings)
     slow = {name: table[:, 1] for name, table in tables.items()}
     if np.isfinite(slow["coulomb"]).sum() >= LEAST_BLOCKS:
-        bristles = _select(_BRISTLES, slow)
+        bristles = _select(_BRISTLES, slow, blocks)
         candidates += tuple(one for one in bristles.candidates if one.within)
-        softer = _useful(bristles, fits)
+        softer = _useful(bristles, fits, sightings)
         while softer.within and not bristles_agree(fits[softer.name], sightings):
             softer = bristles.find(softer.within)
-        groups = neighbours(range(len(blocks)), block=1)
-        everywhere = gain_between(tables[softer.name][:, :1], tables[best.name][:, :1], groups)
+        everywhere = gain_between(tables[softer.name][:, :1], tables[best.name][:, :1], blocks.groups())
         # laws that slide imitate bristles that the inverse model shows
         eligible = best.name == "coulomb" or fits[best.name].model.bending > 0.0
         if eligible and softer.within and everywhere.upper > 0.0:
@@ -358,11 +414,11 @@ def select_law(
 
 
 def _select(
-    within: Mapping[str, str | None], squares: Mapping[str, NDArray[np.float64]]
+    within: Mapping[str, str | None], squares: Mapping[str, NDArray[np.float64]], blocks: Blocks
 ) -> ModelSelection[AxisLaw]:
     """Return the selection among laws with such errors of blocks (blocks,), NaN for a block without errors."""
     known = np.isfinite(squares["coulomb"])
-    groups = neighbours(range(int(known.sum())), block=1)
+    groups = blocks.groups(np.flatnonzero(known).tolist())
 
     def held_out(name: str, inner: AxisLaw | None) -> HeldOut[AxisLaw]:  # noqa: ARG001 (fits are made)
         return HeldOut(
@@ -374,10 +430,14 @@ def _select(
     return select_model(within, held_out, eligible=[name for name in within if AXIS_LAWS[name].symmetric])
 
 
-def _useful(selection: ModelSelection[AxisLaw], fits: Mapping[str, OutputErrorFit]) -> Candidate[AxisLaw]:
+def _useful(
+    selection: ModelSelection[AxisLaw], fits: Mapping[str, OutputErrorFit], sightings: Sequence[Sighting]
+) -> Candidate[AxisLaw]:
     """Return the best law, or one within it while it gains too little.
 
-    One whose own parameters are not determined has to gain more.
+    One whose own parameters are not determined has to gain more, and so has a break-away force that does not fade
+    within the speeds of the records: it stands for another curve, and what is left of Coulomb friction is no friction
+    of any speed.
     """
     best = selection.best
     while best.within and best.gain:
@@ -385,7 +445,47 @@ def _useful(selection: ModelSelection[AxisLaw], fits: Mapping[str, OutputErrorFi
         own = [label for label in fit.values if base_name(label) in best.model.names]
         own = [label for label in own if base_name(label) not in inner]
         determined = all(fit.standard_errors[label] < abs(fit.values[label]) for label in own)
+        determined = determined and fades(fit, sightings)
         if (determined or best.gain.lower >= _CLEAR_GAIN) and best.gain.share >= USEFUL_GAIN:
             break
         best = selection.find(best.within)
+    if best.name == "viscous" and has_dry_friction(fits["coulomb"]):
+        return selection.find("coulomb")
     return best
+
+
+def possible_laws(
+    selection: ModelSelection[AxisLaw],
+    chosen: AxisLaw,
+    fits: Mapping[str, OutputErrorFit],
+    sightings: Sequence[Sighting],
+) -> dict[str, str]:
+    """Return the laws beside the chosen one that may be the axis's own, each with what it would add to that."""
+    found = {}
+    stribeck = selection.find("stribeck").gain
+    if (
+        chosen.name == "coulomb"
+        and stribeck
+        and stribeck.upper >= USEFUL_GAIN
+        and fades(fits["stribeck"], sightings)
+    ):
+        found["stribeck"] = "with a break-away force"
+    if chosen.symmetric and selection.find("asymmetric").accepted:
+        found["asymmetric"] = "with friction that differs between directions"
+    return found
+
+
+def fades(fit: OutputErrorFit, sightings: Sequence[Sighting]) -> bool:
+    """Return whether a fit has no break-away force, or one of which little is left at the fastest speeds."""
+    slowest = [value for label, value in fit.values.items() if base_name(label) == "stribeck_speed"]
+    fastest = max(float(np.quantile(np.abs(one.motion.speed), _FAST)) for one in sightings)
+    return all(value <= _FADED * fastest for value in slowest)
+
+
+def has_dry_friction(fit: OutputErrorFit) -> bool:
+    """Return whether the Coulomb friction of a fit is clearly above zero.
+
+    Noise of the position may be most of the error, and hide a friction that is known to a few percent.
+    """
+    dry = [label for label in fit.values if base_name(label) == "coulomb"]
+    return all(fit.values[label] > _CLEARLY_DRY * fit.standard_errors[label] for label in dry)

@@ -21,12 +21,13 @@ from numpy.typing import NDArray
 
 from ballbot.fitting.least_squares import fit_linear
 from ballbot.fitting.model_selection import Gain, gain_between, neighbours
-from ballbot.identification.axis.inverse import RegressionRows, regression_rows
+from ballbot.identification.axis.inverse import BLOCK, RegressionRows, regression_rows
 from ballbot.identification.axis.laws import Values
 from ballbot.identification.axis.load import possible_loads
 from ballbot.identification.axis.output_error import Sighting
 from ballbot.identification.axis.presliding import bristles_travel
 from ballbot.identification.axis.record import AxisRecord, moved_by_one_load
+from ballbot.identification.axis.repetition import parts_at, parts_in
 from ballbot.identification.axis.selection import FOLDS, MOST_BLOCKS, Blocks, fit_all, held_out_errors
 from ballbot.identification.axis.structure import TURN, AxisModel, base_name, harmonic
 
@@ -66,7 +67,7 @@ def select_terms(
     wanted, gains = model, list[tuple[str, Gain]]()
     turns = records[0].unit == "rad"
     rows = regression_rows(records, model, bandwidth=bandwidth, moving=True)
-    squares = _held_out_force(rows)
+    squares = _held_out_force(records, rows)
     for _ in range(_MOST_TERMS):
         best = None
         for name, candidate in _wider(records, model, rows, kinds):
@@ -83,7 +84,7 @@ def select_terms(
             break
         _, name, model, gain, rows = best
         gains.append((name, gain))
-        squares = _held_out_force(rows)
+        squares = _held_out_force(records, rows)
     if wanted.bending == 0.0 and (travel := bristles_travel(records, model, bandwidth=bandwidth)):
         # forces over position may have stood for bristles
         return select_terms(records, replace(wanted, bending=travel), kinds=kinds, bandwidth=bandwidth)
@@ -95,7 +96,7 @@ def gain_of_load(
 ) -> Gain | None:
     """Return what friction over a model's load gains; None if the records do not support it."""
     rows = regression_rows(records, replace(model, load=None), bandwidth=bandwidth, moving=True)
-    found = _gain_of(records, model, rows, _held_out_force(rows), bandwidth, LARGEST_CHANCE)
+    found = _gain_of(records, model, rows, _held_out_force(records, rows), bandwidth, LARGEST_CHANCE)
     return found[1] if found else None
 
 
@@ -159,18 +160,19 @@ def _gain_of(
     if not lengths.all() or np.linalg.cond(X / lengths) > _LARGEST_CONDITION:
         return None
     chance = fit_linear(X, wider.force, wider.block).p_value(new)
-    ours = _held_out_force(wider)
+    ours = _held_out_force(records, wider)
     gain = gain_between(ours, squares, neighbours(range(len(ours)), block=1))
     if not gain.significant or gain.share < LEAST_GAIN or chance > largest_chance:
         return None
     return wider, gain
 
 
-def _held_out_force(rows: RegressionRows) -> NDArray[np.float64]:
+def _held_out_force(records: Sequence[AxisRecord], rows: RegressionRows) -> NDArray[np.float64]:
     """Return the sum of squared force errors of each held-out group of blocks (g, 1)."""
     X = np.column_stack(list(rows.columns.values()))
-    count = int(rows.block.max()) + 1
-    group = rows.block * min(count, MOST_BLOCKS) // count
+    part = parts_of(records, rows)
+    count = int(part.max()) + 1
+    group = part * min(count, MOST_BLOCKS) // count
     squares = np.empty((int(group.max()) + 1, 1))
     for fold in range(FOLDS):
         seen = group % FOLDS != fold
@@ -179,6 +181,19 @@ def _held_out_force(rows: RegressionRows) -> NDArray[np.float64]:
         sums = np.bincount(group[~seen], weights=errors, minlength=len(squares))
         squares[fold::FOLDS, 0] = sums[fold::FOLDS]
     return squares
+
+
+def parts_of(records: Sequence[AxisRecord], rows: RegressionRows) -> NDArray[np.int64]:
+    """Return the part of the motion that each row (n,) is in: its block, or all blocks that repeat each other."""
+    found, begin = np.empty(len(rows.block), dtype=np.int64), 0
+    for number, record in enumerate(records):
+        own = rows.seen["record"] == number
+        count = parts_in(record.repetition, BLOCK)
+        parts = parts_at(rows.seen["time"][own], record.repetition, count) if count else rows.block[own]
+        _, parts = np.unique(parts, return_inverse=True)
+        found[own] = begin + parts
+        begin = int(found[own].max()) + 1
+    return found
 
 
 def without_refuted(
@@ -233,7 +248,7 @@ def without_refuted(
     wide, thin = (
         held_out_errors(fit, sightings, blocks, horizon=horizon, judged=[(horizon, False)]) for fit in fits
     )
-    needed = gain_between(wide, thin, neighbours(range(len(blocks)), block=1)).significant
+    needed = gain_between(wide, thin, blocks.groups()).significant
     return (model, selected) if needed else (narrow, kept)
 
 
