@@ -38,7 +38,7 @@ from ballbot.workflows.controller_prediction import Prediction, read_prediction
 from ballbot.workflows.controller_verdict import check_controller, evaluate_log
 from ballbot.workflows.metrics import SETTLE, Performance, settled
 
-_ABOUT = """Run a live robot over a serial port or UDP: check it, record it, balance it, compare controllers on it.
+ABOUT = """Run a live robot over a serial port or UDP: check it, record it, balance it, compare controllers on it.
 
 Every command takes the robot's port, such as /dev/ttyACM0 or udp://127.0.0.1:5005, or --emulated in its place.
 docs/tutorials/hardware.md and docs/bring_up.md have the commands in the order in which a new robot needs them.
@@ -48,7 +48,7 @@ Example: ballbot run /dev/ttyACM0 --reference square --duration 32 --out run1
 Example: ballbot run wiring --emulated
 """
 
-run = App(name="run", help=_ABOUT)
+run = App(name="run", help=ABOUT)
 
 
 _LINK, _CONTROLLER = LinkOptions(), ControllerOnRobot()
