@@ -59,7 +59,7 @@ def planes_figure(found: Mapping[str, RobotLimits]) -> Figure:
         axes.set_xlabel("tilt [deg]")
         axes.grid(visible=False)
     for axes in panels[:, 0]:
-        axes.set_ylabel("tilt rate [degrees/s]")
+        axes.set_ylabel("tilt rate [deg/s]")
     figure.legend(
         handles=[
             Patch(facecolor=LOWER, edgecolor=INK, label="recovers, and no wheel slips"),
@@ -198,7 +198,8 @@ def limit_pictures(
             "planes",
             partial(planes_figure, found),
             "The tilts and tilt rates that each controller recovers from, in its worst direction. Strong: no "
-            "wheel slips; faint: only if wheels never slip.",
+            "wheel slips; faint: only if wheels never slip. Without an outline, an area continues beyond what was "
+            "tried.",
         ),
         "directions": drawn_picture(
             "directions",
