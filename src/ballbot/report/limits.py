@@ -253,10 +253,10 @@ def _undecided(on_twin: Mapping[str, Sequence[TwinLimit]]) -> list[str]:
     sentences = [
         "The limit between the two bounds: above the lower one a wheel slips somewhere, and what follows depends on "
         "its friction while it slips.",
-        "The grip of the real wheels on the real ball: it is an assumption (--grip).",
+        "The grip of the real wheels on the real ball: it is an assumption (`--grip`).",
     ]
     if not on_twin:
         sentences.append(
-            "What sensors, delay and play take from the limits: --twin runs a robot that has them."
+            "What sensors, delay and play take from the limits: `--twin` runs a robot that has them."
         )
     return sentences
