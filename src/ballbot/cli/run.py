@@ -9,7 +9,7 @@ import numpy as np
 from cyclopts import App
 from numpy.typing import NDArray
 
-from ballbot.cli.context import PAGE, WholeNumber, input_files, open_result
+from ballbot.cli.context import PAGE, Seconds, WholeNumber, input_files, open_result
 from ballbot.cli.live_run import WRITTEN, Plan, about_run, about_words, finish, make_run, record_run
 from ballbot.cli.output import emit, print_parts, standard_output, suggest_page
 from ballbot.cli.robot_link import Connection, ControllerOnRobot, LinkOptions, Monitor, connected
@@ -62,7 +62,7 @@ def balance(
     link: LinkOptions = _LINK,
     chosen: ControllerOnRobot = _CONTROLLER,
     reference: str = "hold",
-    duration: float = 30.0,
+    duration: Seconds = 30.0,
     ramp: float = 0.0,
     out: Path | None = None,
 ) -> None:
@@ -146,7 +146,7 @@ def _balance(
 
 
 @run.command
-def monitor(port: str | None = None, /, *, link: LinkOptions = _LINK, duration: float = 60.0) -> None:
+def monitor(port: str | None = None, /, *, link: LinkOptions = _LINK, duration: Seconds = 60.0) -> None:
     """Show a robot's sensors, self-test and stops, and what it runs; nothing is driven.
 
     Example: ballbot run monitor /dev/ttyACM0
@@ -226,7 +226,7 @@ def sweep(
     /,
     *,
     link: LinkOptions = _LINK,
-    duration: float = 2.0 * SWEEP_PERIOD,
+    duration: Seconds = 2.0 * SWEEP_PERIOD,
     torque: float = 1.0,
     out: Path,
 ) -> None:
@@ -259,7 +259,7 @@ def upside_down(
     /,
     *,
     link: LinkOptions = _LINK,
-    duration: float = 60.0,
+    duration: Seconds = 60.0,
     torque_seed: WholeNumber = 1,
     out: Path,
 ) -> None:
