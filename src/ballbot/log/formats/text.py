@@ -267,14 +267,9 @@ def _is_row(cells: list[str], width: int, missing: set[str]) -> bool:
 
 
 def _cells(line: str, separator: str | None) -> list[str]:
-    quoted = (
-        separator is not None and len(separator) == 1 and '"' in line
-    )  # a separator in quotes separates nothing
-    cells = (
-        next(csv.reader([line], delimiter=separator, skipinitialspace=True))
-        if quoted
-        else line.split(separator)
-    )
+    cells = line.split(separator)
+    if separator is not None and len(separator) == 1 and '"' in line:  # in quotes it separates nothing
+        cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
     return [cell.strip().strip('"').strip() for cell in cells]
 
 
