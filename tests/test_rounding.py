@@ -1,12 +1,11 @@
 """Numbers as people read them."""
 
 import ast
-import math
 import re
 
 import pytest
 
-from ballbot.rounding import digits, percent, plus_minus, unit_heading
+from ballbot.rounding import digits, percent, unit_heading
 from tests.support.paths import ROOT
 
 
@@ -43,19 +42,6 @@ def test_every_heading_has_its_unit_in_brackets():
 )
 def test_nearly_nothing_beside_a_number_is_zero(value: float, beside: float, text: str) -> None:
     assert digits(value, 2, beside=beside) == text
-
-
-@pytest.mark.parametrize(
-    ("value", "error", "text"),
-    [
-        (8681156.0, 7803784.0, "8700000 ± 7800000"),
-        (94.49, 0.3421, "94.49 ± 0.34"),
-        (-0.001, 22.0, "0 ± 22"),
-        (0.5, math.nan, "0.500"),
-    ],
-)
-def test_a_value_is_rounded_to_the_second_digit_of_its_error(value: float, error: float, text: str) -> None:
-    assert plus_minus(value, error) == text
 
 
 def test_a_quantity_without_a_unit_has_its_name_alone() -> None:
