@@ -26,7 +26,7 @@ def test_a_small_share_is_not_none(share: float, text: str) -> None:
 
 def test_every_heading_has_its_unit_in_brackets():
     units = "mm|m|s|ms|rad|deg|degrees|°|N|N m|N s|rad/s|deg/s|m/s|mm/s|Hz|J|W|kg|%"
-    other = re.compile(rf"\w,? \((?:{units})\)$|\[(?:degrees|°)\]$")
+    other = re.compile(rf"\w,? \((?:{units})\)$|\[(?:degrees(?:/s)?|°)\]$")
     for folder in ("src/ballbot", "campaigns"):
         for path in (ROOT / folder).rglob("*.py"):
             literals = (

@@ -51,9 +51,10 @@ def value_and_error(value: float, error: float) -> tuple[str, str]:
     """Return a value and its error, both to the error's second digit; without an error three digits and a dash."""
     if not (math.isfinite(value) and math.isfinite(error) and error > 0.0):
         return digits(value), DASH
-    places = max(0, 1 - math.floor(math.log10(error)))
+    last = 1 - math.floor(math.log10(error))
+    places = max(0, last)
     # adding zero keeps a minus sign off what prints as nothing
-    return f"{round(value, places) + 0.0:.{places}f}", f"{error:.{places}f}"
+    return f"{round(value, last) + 0.0:.{places}f}", f"{round(error, last):.{places}f}"
 
 
 def plus_minus(value: float, error: float) -> str:

@@ -118,13 +118,20 @@ def test_input_files_are_named_once_and_presets_are_none(tmp_path: Path) -> None
     [
         ("simulate altn", "There is no robot file or preset 'altn'; did you mean the preset 'alten'?"),
         ("simulate alten --referense circle", "There is no option --referense; did you mean --reference?"),
+        ("check --robot alten", "There is no option --robot: write ROBOT without a name, in its place. Try:"),
+        ("run --port", "There is no option --port: write PORT without a name, in its place. Try:"),
         ("simulate alten", "simulate needs --out FOLDER."),
+        (
+            "simulate alten --controller precise --compensation full --out out",
+            "--compensation belongs to the nominal controller, and --controller names precise; leave one of them out.",
+        ),
+        ("excite alten --lean 90 --out out", "The lean limit is 90 degrees; it must be below 90 degrees."),
         ("simulate", "simulate needs ROBOT."),
         ("run sweep alten", "run sweep needs --out FOLDER."),
         ("convert log.csv --out c.npz", "the file to write is the second argument, without a name."),
     ],
 )
-def test_misspelling_comes_before_what_is_missing(
+def test_bad_command_line_is_answered_in_one_sentence(
     line: str, sentence: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(line.split()) == 2

@@ -92,6 +92,7 @@ def test_help_on_a_misspelt_command_names_the_nearest(capsys: pytest.CaptureFixt
         ("compare alten partal --out out", "'partial'"),
         ("compare alten none --scenarios sqare --out out", "'square'"),
         ("compare alten none@kallman --out out", "'kalman'"),
+        ("simulate alten --controller precice --out out", "'precise'"),
         ("simulate alten --scenario nomnal --out out", "'nominal'"),
         ("simulate alten --format parquett --out out", "'parquet'"),
         ("identify alten log.csv --exclude-states psi_dt --out out", "'psi_dot'"),

@@ -104,7 +104,9 @@ def test_controller_is_sent(tmp_path, capsys):
     [
         ("run", "Give the robot's port"),
         ("run /dev/ttyACM9 --emulated", "Give the robot's port"),
-        ("run /dev/ttyACM9", "cannot be opened"),
+        ("run /dev/ttyACM9", "The serial port /dev/ttyACM9 cannot be opened: No such file or directory."),
+        ("run --emulated --duration -1", "Invalid value for --duration: '-1' is not a number above 0."),
+        ("run monitor --emulated --duration nan", "'nan' is not a number above 0."),
         ("run /dev/ttyACM9 --board", "--board and --plant are of an emulated robot"),
         ("run /dev/ttyACM9 --plant twin", "--board and --plant are of an emulated robot"),
         ("run --emulated --reference sqare", "There is no reference 'sqare'"),

@@ -498,6 +498,7 @@ def test_a_row_of_units_is_read(tmp_path):
             "line 2: 'run' in column mode is not a number; .* column of words",
         ),
         ("t;x\n0,5;1\n1,5;1.5\n", "decimal comma in line 2 and a decimal point in line 3"),
+        ('t,x,mode\n0,1,"run, left"\n', "line 2: 'run, left' in column mode is not a number"),
         ("t;x;t\n0,5;1;2\n1,5;1;3\n", "the column name t appears twice"),
         ("a;b\n", "the header is not separated by commas; no row of numbers below shows"),
     ],

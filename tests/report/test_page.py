@@ -228,6 +228,7 @@ def test_powers_of_units_are_raised():
 def test_no_line_breaks_between_a_number_and_its_unit():
     shown = page(Paragraph(text="It is 0.28 ± 0.01 N m at any speed, 96 % of 4 runs."))
     assert "0.28\u00a0±\u00a00.01\u00a0N\u00a0m at any speed, 96\u00a0% of 4 runs" in shown
+    assert "ψ̇\u00a0[rad/s] about\u00a0x" in page(Paragraph(text="ψ̇ [rad/s] about x"))
 
 
 def test_a_table_of_many_blocks_is_folded_on_a_phone():

@@ -60,6 +60,7 @@ def test_digits_keep_what_was_asked_for(value, text):
         (4.0, np.nan, "4.00 (no standard error)"),
         (np.nan, np.nan, "not identified by these logs"),
         (123.4, 25.0, "123 ± 25"),
+        (8681156.0, 7803784.0, "8700000 ± 7800000"),
     ],
 )
 def test_a_value_is_printed_to_its_errors_second_digit(value, error, text):

@@ -299,5 +299,9 @@ class TestCommands:
         assert main(["check", "alten", "--out", str(tmp_path)]) == 0
         assert "No value in the file has a standard_deviation" in capsys.readouterr().out
         assert json.loads((tmp_path / "results.json").read_text())["unstable_pole_uncertainty"] is None
-        assert main(["design", "alten", "--out", str(tmp_path / "designed")]) == 0
-        assert "+-" not in capsys.readouterr().out
+        rolling, without = tmp_path / "rolling.toml", tmp_path / "designed"
+        write_robot(known_to({"friction.rolling": 0.001}), rolling)  # which the gain does not depend on
+        for robot in ("alten", str(rolling)):
+            assert main(["design", robot, "--out", str(without)]) == 0
+            assert "+-" not in capsys.readouterr().out
+            assert "Standard deviation of each entry" not in (without / "report.html").read_text("utf-8")

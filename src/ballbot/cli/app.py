@@ -167,8 +167,10 @@ def build_app(tokens: Sequence[str] = (), *, unavailable: Collection[str] = ()) 
         if command.name in unavailable:
             app.command(_unavailable, name=command.name, help=command.summary, group=group, sort_key=place)
         elif command.name in tokens[:1]:
-            loaded = getattr(importlib.import_module(command.module), command.function)
+            module = importlib.import_module(command.module)
+            loaded = getattr(module, command.function)
             if isinstance(loaded, App):  # a group of commands has its name already
+                loaded.help = module.ABOUT  # a list of all commands made earlier has left its line there
                 app.command(loaded)
             else:
                 app.command(loaded, name=command.name, sort_key=place)

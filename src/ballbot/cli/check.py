@@ -60,7 +60,7 @@ def check(
     figure: Path | None = None,
     predict: Path | None = None,
     reference: str | None = None,
-    controller: Path | None = None,
+    controller: str = "nominal",
     swinging: SwingOptions = _SWING,
     accept: Accept = None,
     out: Path | None = None,
@@ -90,9 +90,9 @@ def check(
     reference : str
         A reference's name, or a file with t, ref_x, ref_y and ref_psi: shows whether the robot can follow it and
         how much of each limit that takes.
-    controller : Path
-        The controller file whose margins are computed and that follows the reference; the nominal controller if not
-        given.
+    controller : str
+        The controller whose margins are computed and that follows the reference: nominal, precise or a controller
+        file.
     out : Path
         Folder for report.html, results.json and check.txt; with --swing also swing.svg.
     """
@@ -160,7 +160,7 @@ def _robot_findings(robot: Robot, accept: list[str] | None) -> tuple[Finding, ..
     return findings
 
 
-def _following(robot: Robot, reference: str | None, controller: Path | None) -> CheckedReference | None:
+def _following(robot: Robot, reference: str | None, controller: str) -> CheckedReference | None:
     if reference is None:
         return None
     from ballbot.workflows.robot_check import follow_reference

@@ -77,10 +77,14 @@ def _names_of(argument: str, path: tuple[str, ...]) -> Sequence[str]:
         return Robot.presets()
     if path == ("help",):
         return [command.name for command in COMMANDS]
-    if argument == "CONTROLLERS":
+    if argument == "CONTROLLERS" or (path, argument) == (("view",), "--controller"):
         from ballbot.workflows.candidates import NAMED_CONTROLLERS
 
         return NAMED_CONTROLLERS
+    if argument == "--controller" and path[0] in ("check", "excite", "record", "simulate"):
+        from ballbot.control.presets import PRESETS
+
+        return list(PRESETS)
     if argument == "--reference" and path != ("identify-axis",):  # there it is a column
         return list(REFERENCES)
     if argument in ("--scenario", "SCENARIO") or (path, argument) == (("twin", "scenario"), "SOURCE"):

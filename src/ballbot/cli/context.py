@@ -14,6 +14,7 @@ and lists of seeds are read here, too.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -63,6 +64,21 @@ def _whole_number(_: type, tokens: Sequence[Token]) -> int:
         raise ValueError(f"{given!r} is not a whole number.")
     return int(given)
 
+
+def _positive_number(_: type, tokens: Sequence[Token]) -> float:
+    """Return the number that is given, if it is finite and above 0."""
+    given = tokens[0].value
+    try:
+        number = float(given)
+    except ValueError:
+        number = math.nan
+    if not 0.0 < number < math.inf:
+        raise ValueError(f"{given!r} is not a number above 0.")
+    return number
+
+
+#: the length of a live run
+Seconds = Annotated[float, Parameter(converter=_positive_number)]
 
 #: every integer option
 WholeNumber = Annotated[int, Parameter(converter=_whole_number)]

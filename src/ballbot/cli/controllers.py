@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 from cyclopts import Parameter
 
 from ballbot.cli.output import notice_output
 from ballbot.control.controller import Compensation, Controller
-from ballbot.control.file import read_controller
 from ballbot.control.interface import Feedback
 from ballbot.control.overcompensation import overcompensation_warning
-from ballbot.control.presets import nominal_controller
+from ballbot.control.presets import named_controller, nominal_controller
+from ballbot.errors import InputError
 from ballbot.robot import Robot
 
 
@@ -22,17 +21,23 @@ from ballbot.robot import Robot
 class ControllerOptions:
     """The controller of a run."""
 
-    controller: Path | None = None
-    """A controller file, instead of the nominal gain and compensation."""
+    controller: str | None = None
+    """nominal, precise or a controller file; nominal if not given."""
 
-    compensation: Compensation = "none"
-    """How the nominal controller compensates the friction in the robot's file: none, full or partial."""
+    compensation: Compensation | None = None
+    """How the nominal controller compensates the friction in the robot's file: none, full or partial; none if not
+    given."""
 
     def read(self, robot: Robot) -> Controller:
         """Return the controller for a robot."""
-        if self.controller:
-            return read_controller(self.controller, robot)
-        return nominal_controller(robot, compensation=self.compensation)
+        if self.controller in (None, "nominal"):
+            return nominal_controller(robot, compensation=self.compensation or "none")
+        if self.compensation is not None:
+            raise InputError(
+                f"--compensation belongs to the nominal controller, and --controller names {self.controller}; leave "
+                "one of them out."
+            )
+        return named_controller(self.controller, robot)
 
 
 def warn_of_overcompensation(controllers: Mapping[str, Feedback], robot: Robot) -> None:

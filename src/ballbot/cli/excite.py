@@ -18,8 +18,8 @@ from ballbot.cli.context import (
     open_long_result,
 )
 from ballbot.control.controller import Controller
-from ballbot.control.file import controller_text, read_controller, write_controller
-from ballbot.control.presets import nominal_controller
+from ballbot.control.file import controller_text, write_controller
+from ballbot.control.presets import named_controller
 from ballbot.control.references import write_reference
 from ballbot.file_formats import without_format
 from ballbot.files import write_text
@@ -119,7 +119,7 @@ def excite(
     search: SearchOptions = _SEARCH,
     trial: TrialOptions = _TRIAL,
     identification: IdentificationOptions = _IDENTIFICATION,
-    controller: Path | None = None,
+    controller: str = "nominal",
     resume: Annotated[bool, Parameter(negative="")] = False,
     out: Path,
 ) -> None:
@@ -137,7 +137,7 @@ def excite(
     robot
         A preset's name or a robot file, with or without identified friction.
     controller
-        The controller file that the robot will use. If not given, the nominal controller without compensation.
+        The controller that the robot will use: nominal (without compensation), precise or a controller file.
     resume
         Continue an interrupted run in the same folder.
     out
@@ -150,7 +150,7 @@ def excite(
         torque=0.5 * described.drive.torque_limit if within.torque is None else within.torque,
     )
     effort = DesignEffort(generations=search.generations, population=search.population)
-    chosen = read_controller(controller, described) if controller else nominal_controller(described)
+    chosen = named_controller(controller, described)
     scenario = load_scenario(trial.scenario, described)
     bounds = read_bounds(identification.bounds) if identification.bounds else None
     deviations = deviations_found(identification.found) if identification.found else None

@@ -96,8 +96,10 @@ def record_run(
             )
             result.write_page(page, new)
         recording.unlink(missing_ok=True)
-    result.show_file("log.csv", PAGE)
-    finish(connection, made)
+    try:
+        finish(connection, made)
+    finally:
+        result.show_file("log.csv", PAGE)
 
 
 def make_run(

@@ -177,6 +177,9 @@ def _unknown_option(error: UnknownOptionError) -> str:
     names = [name for one in error.argument_collection if one.parse for name in one.names]
     if option == "--out" and "OUT" in names:
         return "There is no option --out: the file to write is the second argument, without a name."
+    argument = option.lstrip("-").upper()
+    if argument in names:
+        return f"There is no option {option}: write {argument} without a name, in its place."
     return _no_option(option, [*names, *OUTPUT_OPTIONS, "--help"])
 
 
@@ -214,8 +217,9 @@ def _unused(error: UnusedCliTokensError) -> str:
 
 
 def _no_option(option: str, names: Sequence[str]) -> str:
-    near = nearest(option, names)
-    hint = f"; did you mean {near[0]}?" if near else "."
+    bare = {name.lstrip("-"): name for name in names}  # dashes make any two options alike
+    near = nearest(option.lstrip("-"), bare)
+    hint = f"; did you mean {bare[near[0]]}?" if near else "."
     return f"There is no option {option}{hint}"
 
 

@@ -132,9 +132,9 @@ def record(
     )
     console = standard_output()
     if chosen.controller:
-        warn_of_overcompensation({str(chosen.controller): job.controller}, described)
+        warn_of_overcompensation({chosen.controller: job.controller}, described)
     if run.experiment == "balance":
-        name = str(chosen.controller or "nominal controller")
+        name = chosen.controller or "nominal controller"
         warn_of_idle_compensation({name: job.controller})
     sample_count(job.duration, job.controller.sample_time)
     check_folder(out)

@@ -9,7 +9,7 @@ import numpy as np
 from cyclopts import App
 from numpy.typing import NDArray
 
-from ballbot.cli.context import PAGE, WholeNumber, input_files, open_result
+from ballbot.cli.context import PAGE, Seconds, WholeNumber, input_files, open_result
 from ballbot.cli.live_run import WRITTEN, Plan, about_run, about_words, finish, make_run, record_run
 from ballbot.cli.output import emit, print_parts, standard_output, suggest_page
 from ballbot.cli.robot_link import Connection, ControllerOnRobot, LinkOptions, Monitor, connected
@@ -38,7 +38,7 @@ from ballbot.workflows.controller_prediction import Prediction, read_prediction
 from ballbot.workflows.controller_verdict import check_controller, evaluate_log
 from ballbot.workflows.metrics import SETTLE, Performance, settled
 
-_ABOUT = """Run a live robot over a serial port or UDP: check it, record it, balance it, compare controllers on it.
+ABOUT = """Run a live robot over a serial port or UDP: check it, record it, balance it, compare controllers on it.
 
 Every command takes the robot's port, such as /dev/ttyACM0 or udp://127.0.0.1:5005, or --emulated in its place.
 docs/tutorials/hardware.md and docs/bring_up.md have the commands in the order in which a new robot needs them.
@@ -48,7 +48,7 @@ Example: ballbot run /dev/ttyACM0 --reference square --duration 32 --out run1
 Example: ballbot run wiring --emulated
 """
 
-run = App(name="run", help=_ABOUT)
+run = App(name="run", help=ABOUT)
 
 
 _LINK, _CONTROLLER = LinkOptions(), ControllerOnRobot()
@@ -62,7 +62,7 @@ def balance(
     link: LinkOptions = _LINK,
     chosen: ControllerOnRobot = _CONTROLLER,
     reference: str = "hold",
-    duration: float = 30.0,
+    duration: Seconds = 30.0,
     ramp: float = 0.0,
     out: Path | None = None,
 ) -> None:
@@ -146,7 +146,7 @@ def _balance(
 
 
 @run.command
-def monitor(port: str | None = None, /, *, link: LinkOptions = _LINK, duration: float = 60.0) -> None:
+def monitor(port: str | None = None, /, *, link: LinkOptions = _LINK, duration: Seconds = 60.0) -> None:
     """Show a robot's sensors, self-test and stops, and what it runs; nothing is driven.
 
     Example: ballbot run monitor /dev/ttyACM0
@@ -226,7 +226,7 @@ def sweep(
     /,
     *,
     link: LinkOptions = _LINK,
-    duration: float = 2.0 * SWEEP_PERIOD,
+    duration: Seconds = 2.0 * SWEEP_PERIOD,
     torque: float = 1.0,
     out: Path,
 ) -> None:
@@ -259,7 +259,7 @@ def upside_down(
     /,
     *,
     link: LinkOptions = _LINK,
-    duration: float = 60.0,
+    duration: Seconds = 60.0,
     torque_seed: WholeNumber = 1,
     out: Path,
 ) -> None:

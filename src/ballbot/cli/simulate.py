@@ -92,8 +92,8 @@ def simulate(
     controller = chosen.read(described)
     console = standard_output()
     if chosen.controller:
-        warn_of_overcompensation({str(chosen.controller): controller}, described)
-    warn_of_idle_compensation({str(chosen.controller or "nominal controller"): controller})
+        warn_of_overcompensation({chosen.controller: controller}, described)
+    warn_of_idle_compensation({chosen.controller or "nominal controller": controller})
     plant = _plant(Model(described, simulated.formulation), simulated.scenario, controller.estimator)
     inputs = input_files(robot, reference, chosen.controller, simulated.scenario)
     with open_result(out, command="simulate", writes=_WRITTEN, inputs=inputs, seed=simulated.seed) as result:

@@ -19,14 +19,14 @@ from ballbot.twin.mjcf import Mounting
 from ballbot.twin.model_files import model_text
 from ballbot.twin.scenario_file import load_scenario, write_scenario
 
-_ABOUT = """The twin's MuJoCo model, its scenarios, and the thesis's recommendations tried on it.
+ABOUT = """The twin's MuJoCo model, its scenarios, and the thesis's recommendations tried on it.
 
 Example: ballbot twin export alten --out twin.xml
 """
 
 _WRITTEN = (PAGE, "results.json")
 
-twin = App(name="twin", help=_ABOUT)
+twin = App(name="twin", help=ABOUT)
 
 
 @twin.command

@@ -243,6 +243,17 @@ def as_controller(source: ControllerLike, robot: RobotLike) -> Feedback:
             f"sample_time, reset() and update(t, state, reference), {either(map(repr, PRESETS))}, or the path of a "
             "controller file."
         )
+    return named_controller(source, robot)
+
+
+def named_controller(source: str | Path, robot: RobotLike) -> Controller:
+    """Return for a robot the ready-made controller of that name, or the one in that file.
+
+    Raises
+    ------
+    InputError
+        If it is neither, or the file is not of that robot.
+    """
     if source in PRESETS:
         return PRESETS[str(source)](robot)
     if not Path(source).exists():

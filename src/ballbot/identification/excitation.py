@@ -84,11 +84,12 @@ def check_count(windows: Windows, *, fitted: int, parameters: int) -> None:
     if fitted < least:
         length = windows.samples * windows.sample_time
         # the same share of the windows is held out
-        needed = math.ceil(math.ceil(least * len(windows) / max(fitted, 1)) * length)
+        needed = math.ceil(math.ceil(least * max(len(windows), 1) / max(fitted, 1)) * length)
         raise InputError(
             f"The logs have {counted(len(windows), 'window')} of {length:g} s without gaps or "
             f"missing values, of which {fitted} are used to fit {parameters} parameters; "
-            f"this needs at least {least}. Log the robot balancing for about {needed} s in all."
+            f"this needs at least {least}. Log the robot balancing for about {needed} s in all, or choose shorter "
+            "windows."
         )
 
 

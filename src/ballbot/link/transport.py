@@ -13,6 +13,7 @@ one without it is dropped; see `ballbot.link.datagram`.
 from __future__ import annotations
 
 import ipaddress
+import os
 import select
 import socket
 from typing import Protocol
@@ -110,7 +111,8 @@ class SerialTransport:
         try:
             self._port = serial.serial_for_url(port, baudrate=baud, timeout=0.0, write_timeout=0.1)
         except (serial.SerialException, ValueError) as problem:
-            raise LinkError(f"The serial port {port} cannot be opened: {problem}") from None
+            reason = os.strerror(problem.errno) if isinstance(problem, OSError) and problem.errno else problem
+            raise LinkError(f"The serial port {port} cannot be opened: {reason}.") from None
 
     def read(self, timeout: float) -> bytes:
         """Return what has come; wait for it at most `timeout` [s], then return b""."""

@@ -266,10 +266,8 @@ class Log:
         """
         kept = (self.t >= start) & (self.t < end)
         if not kept.any():
-            raise InputError(
-                f"The log has no row from {start:g} to {end:g} s; it runs from {self.t[0]:g} to "
-                f"{self.t[-1]:g} s."
-            )
+            asked = f"from {start:g} to {end:g} s" if np.isfinite(end) else f"from {start:g} s on"
+            raise InputError(f"The log has no row {asked}; it runs from {self.t[0]:g} to {self.t[-1]:g} s.")
         return Log({name: values[kept] for name, values in self.columns.items()})
 
     def select(self, rows: slice) -> Log:

@@ -115,8 +115,8 @@ def controller_design_parts(found: ControllerDesign, *, framed: bool) -> Iterato
     yield Text(matrix_text("B", linear.B))
     yield Text("\nGain", style="bold")
     yield Text(matrix_text("K", found.gain.gain))
-    if spread.parts:
-        causes = ", ".join(f"{percent(share)} from {label}" for label, share in spread.largest())
+    if largest := spread.largest():
+        causes = ", ".join(f"{percent(share)} from {label}" for label, share in largest)
         yield Text(f"\nStandard deviation of the gain, from those in the robot file ({causes}):\n")
         yield Text(matrix_text("+-", spread.deviation))
     rows = [[f"{pole.real:.4f}", f"{pole.imag:.4f}"] for pole in found.gain.poles]
@@ -145,7 +145,7 @@ def _certain_fractions(stated: Friction, certain: Friction) -> str:
     ]
     return (
         "\nOnly the friction that is certain is compensated, "
-        f"as a fraction of each wheel's: {', '.join(fractions)}"
+        f"as a fraction of each wheel's: {', '.join(fractions)}."
     )
 
 
@@ -223,8 +223,8 @@ def controller_design_report(
 def _gain_blocks(found: ControllerDesign) -> Iterator[Block]:
     yield _gain_sheet(found.gain.gain, "Gain K of u = K S(ψ) (r − x), in N m per unit of each state.")
     spread = found.uncertainty
-    if spread.parts:
-        causes = ", ".join(f"{percent(share)} from {label}" for label, share in spread.largest())
+    if largest := spread.largest():
+        causes = ", ".join(f"{percent(share)} from {label}" for label, share in largest)
         caption = f"Standard deviation of each entry, from those in the robot file ({causes})."
         yield _gain_sheet(spread.deviation, caption)
 

@@ -15,7 +15,7 @@ from rich.text import Text
 from ballbot.findings import Finding, finding_results, note, texts
 from ballbot.identification.driveline import NAMES, DrivelineFit, PrintedFit, Sweep
 from ballbot.mechanics.friction import stribeck_gradient
-from ballbot.report.blocks import Block, Paragraph, Report, Sheet, section
+from ballbot.report.blocks import Block, Cell, Paragraph, Report, Sheet, section
 from ballbot.report.console import table
 from ballbot.report.palette import BLUE, GREEN, INK, ORANGE
 from ballbot.report.provenance import Provenance
@@ -130,7 +130,8 @@ def driveline_report(
         "the sweep cannot identify it."
     )
     headings = ("parameter", "unit", *(f"wheel {fit.wheel}" for fit in fits))
-    parameters = Sheet(headings=headings, rows=parameter_rows(fits), caption="With 95 % intervals.")
+    rows = [(name, unit, *map(_interval_below, cells)) for name, unit, *cells in parameter_rows(fits)]
+    parameters = Sheet(headings=headings, rows=rows, caption="With 95 % intervals.")
     return Report(
         title=f"{robot}: friction of the drivelines",
         lead=f"Wheels free, {seconds:.0f} s, up to {largest:.3g} N m and {sweeps[0].limit:.4g} rad/s.",
@@ -224,6 +225,12 @@ def parameter_rows(fits: Sequence[DrivelineFit]) -> list[tuple[str, ...]]:
         (name, unit, *(_written(fit, i) for fit in fits))
         for i, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True))
     ]
+
+
+def _interval_below(text: str) -> Cell:
+    """Return a cell with the interval in a second line, so that four wheels fit on a page."""
+    value, _, interval = text.partition(" (")
+    return Cell(text=value, below=interval.removesuffix(")"))
 
 
 def _written(fit: DrivelineFit, place: int) -> str:

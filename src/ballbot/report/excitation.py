@@ -137,7 +137,7 @@ def _draw_path(axes: Axes, shown: Followed, limits: RunLimits) -> None:
 
 
 #: how a limit is shown: its unit, and by what its SI number is multiplied
-_SHOWN = {"lean": ("degrees", 180.0 / np.pi), "floor": ("m", 1.0), "torque": ("N m", 1.0)}
+_SHOWN = {"lean": ("deg", 180.0 / np.pi), "floor": ("m", 1.0), "torque": ("N m", 1.0)}
 
 
 def excitation_parts(result: Excitation, *, framed: bool) -> Iterator[RenderableType]:
@@ -293,9 +293,9 @@ def excitation_report(result: Excitation, robot: Robot, *, errors: Picture, made
 
 
 _HOW_TO_RUN = (
-    "Let the robot follow reference.csv of this folder, with the options --reference reference.csv and --controller "
-    "controller.toml of ballbot run; any other controller that follows positions will do. Then give the log of the run "
-    "to ballbot identify."
+    "Let the robot follow reference.csv of this folder: `ballbot run --reference reference.csv --controller "
+    "controller.toml`; any other controller that follows positions will do. Then give the log of the run to "
+    "`ballbot identify`."
 )
 
 

@@ -59,7 +59,7 @@ def planes_figure(found: Mapping[str, RobotLimits]) -> Figure:
         axes.set_xlabel("tilt [deg]")
         axes.grid(visible=False)
     for axes in panels[:, 0]:
-        axes.set_ylabel("tilt rate [degrees/s]")
+        axes.set_ylabel("tilt rate [deg/s]")
     figure.legend(
         handles=[
             Patch(facecolor=LOWER, edgecolor=INK, label="recovers, and no wheel slips"),
@@ -198,7 +198,8 @@ def limit_pictures(
             "planes",
             partial(planes_figure, found),
             "The tilts and tilt rates that each controller recovers from, in its worst direction. Strong: no "
-            "wheel slips; faint: only if wheels never slip.",
+            "wheel slips; faint: only if wheels never slip. Without an outline, an area continues beyond what was "
+            "tried.",
         ),
         "directions": drawn_picture(
             "directions",
@@ -252,10 +253,10 @@ def _undecided(on_twin: Mapping[str, Sequence[TwinLimit]]) -> list[str]:
     sentences = [
         "The limit between the two bounds: above the lower one a wheel slips somewhere, and what follows depends on "
         "its friction while it slips.",
-        "The grip of the real wheels on the real ball: it is an assumption (--grip).",
+        "The grip of the real wheels on the real ball: it is an assumption (`--grip`).",
     ]
     if not on_twin:
         sentences.append(
-            "What sensors, delay and play take from the limits: --twin runs a robot that has them."
+            "What sensors, delay and play take from the limits: `--twin` runs a robot that has them."
         )
     return sentences

@@ -27,9 +27,10 @@ from ballbot.viewer.page import hash_source, web_file
 
 _OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
 _UNIT = re.compile(r"[(\[][^()\[\]]{1,12}[)\]]")
-#: blanks at which a line must not break: within N m s/rad, before a unit or %, and after ±
+#: blanks at which a line must not break: within N m s/rad and about x, before a unit, [rad/s] or %, and after ±
 _TOGETHER = re.compile(
     r"(?<=\bN) (?=m\b)|(?<=N m) (?=s\b)|(?<=±) |(?<=\d) (?=[%±×]|(?:m|s|mm|ms|N|rad|deg|kg|Hz|ppm)(?![\w-]))"
+    r"| (?=\[(?:m|rad)(?:/s)?\])|(?<=\babout) (?=[xyz]\b)"
 )
 _POWER = re.compile(r"\^(-?\d)\b")
 #: of a letter in a figure, as Matplotlib writes it

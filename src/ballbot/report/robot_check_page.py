@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 
+from ballbot.control.presets import PRESETS
 from ballbot.report.blocks import (
     Block,
     Bullets,
@@ -132,7 +133,7 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
 
 
 def _loop_section(loop: CheckedLoop) -> Section:
-    of = f"the {loop.controller} controller" if loop.controller == "nominal" else loop.controller
+    of = f"the {loop.controller} controller" if loop.controller in PRESETS else loop.controller
     if loop.margins is None:
         return section(f"Stability margins with {of}", Paragraph(text=loop.refusal))
     return loop_section(loop.margins, of=of)

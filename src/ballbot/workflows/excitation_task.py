@@ -59,7 +59,7 @@ class RunLimits:
     Raises
     ------
     InputError
-        If a limit is not positive.
+        If a limit is not positive, or the lean not below a quarter of a turn.
     """
 
     lean: float  #: of the axis from the vertical [rad]
@@ -73,6 +73,10 @@ class RunLimits:
                 raise InputError(
                     f"The {field.name} limit is {value:g} {PEAK_UNITS[field.name]}; it must be positive."
                 )
+        if self.lean >= 0.5 * np.pi:
+            raise InputError(
+                f"The lean limit is {np.degrees(self.lean):.4g} degrees; it must be below 90 degrees."
+            )
 
     def scaled(self, share: float) -> RunLimits:
         """Return that share of them."""

@@ -18,9 +18,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.file import read_controller
 from ballbot.control.margins import Margins, loop_margins
-from ballbot.control.presets import nominal_controller
+from ballbot.control.presets import PRESETS, named_controller
 from ballbot.control.references import as_reference, is_reference_file
 from ballbot.errors import InputError
 from ballbot.findings import Finding, by_severity, finding_results, no_command, stop_on_errors
@@ -353,11 +352,11 @@ class CheckedReference:
         return {"name": self.name, **margin_results(self.margins)}
 
 
-def follow_reference(robot: Robot, source: str, controller: Path | None) -> CheckedReference:
-    """Return what following the reference of that name or file takes, with a controller file or the nominal one."""
+def follow_reference(robot: Robot, source: str, controller: str) -> CheckedReference:
+    """Return what following the reference of that name or file takes, with a ready-made controller or a file's."""
     reference = as_reference(source)
     duration = float(Log.read(source).t[-1]) + _BEYOND if is_reference_file(source) else _DURATION
-    chosen = read_controller(controller, robot) if controller else nominal_controller(robot)
+    chosen = named_controller(controller, robot)
     return CheckedReference(name=source, margins=check_reference(robot, chosen, reference, duration=duration))
 
 
@@ -365,7 +364,7 @@ def follow_reference(robot: Robot, source: str, controller: Path | None) -> Chec
 class CheckedLoop:
     """The margins of a robot's loop with a controller."""
 
-    controller: str  #: the file, or "nominal"
+    controller: str  #: "nominal", "precise" or the file
     margins: Margins | None  #: None if there is no such loop, or it is unstable
     refusal: str = ""  #: why there are no margins
 
@@ -375,16 +374,14 @@ class CheckedLoop:
         return {"controller": self.controller, **stated}
 
 
-def loop_of(robot: Robot, controller: Path | None) -> CheckedLoop:
-    """Return the margins of a robot's loop with the controller in a file, or with the nominal one."""
-    name = str(controller) if controller else "nominal"
+def loop_of(robot: Robot, controller: str) -> CheckedLoop:
+    """Return the margins of a robot's loop with a ready-made controller or a file's."""
     try:
-        chosen = read_controller(controller, robot) if controller else nominal_controller(robot)
-        return CheckedLoop(controller=name, margins=loop_margins(chosen))
+        return CheckedLoop(controller=controller, margins=loop_margins(named_controller(controller, robot)))
     except InputError as error:
-        if controller:
+        if controller not in PRESETS:
             raise
-        return CheckedLoop(controller=name, margins=None, refusal=str(error))
+        return CheckedLoop(controller=controller, margins=None, refusal=str(error))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -432,7 +429,7 @@ def check_robot(
     robot: Robot,
     findings: Sequence[Finding],
     *,
-    controller: Path | None = None,
+    controller: str = "nominal",
     log: CheckedLogs | None = None,
     swing: CheckedSwing | None = None,
     following: CheckedReference | None = None,
@@ -444,8 +441,8 @@ def check_robot(
     robot : Robot
     findings : sequence of Finding
         Of the robot.
-    controller : Path, optional
-        The file of the controller whose margins are computed; by default those of the nominal one.
+    controller : str
+        The controller whose margins are computed: a ready-made one or a file.
     log : CheckedLogs, optional
         A log to predict; the spread of the predictions then follows from the standard deviations.
     swing : CheckedSwing, optional

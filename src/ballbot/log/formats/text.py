@@ -10,6 +10,7 @@ write it in many countries. The header shows which: it has the column t.
 
 from __future__ import annotations
 
+import csv
 import io
 import math
 import re
@@ -266,7 +267,10 @@ def _is_row(cells: list[str], width: int, missing: set[str]) -> bool:
 
 
 def _cells(line: str, separator: str | None) -> list[str]:
-    return [cell.strip().strip('"').strip() for cell in line.split(separator)]
+    cells = line.split(separator)
+    if separator is not None and len(separator) == 1 and '"' in line:  # in quotes it separates nothing
+        cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    return [cell.strip().strip('"').strip() for cell in cells]
 
 
 def _number(path: str | Path, line: int, name: str, cell: str, missing: set[str], mapped: bool) -> float:
@@ -278,7 +282,7 @@ def _number(path: str | Path, line: int, name: str, cell: str, missing: set[str]
     if seconds is not None:
         return seconds
     remedy = (
-        "name a marker of missing values in a mapping file"
+        "name a marker of missing values in a mapping file; a column of words cannot be read, so remove it"
         if mapped
         else "correct it, or leave the cell empty if the value is missing; a column of words cannot be read"
     )
