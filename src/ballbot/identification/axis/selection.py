@@ -300,7 +300,11 @@ def select_windows(
     run: Run = DEFAULT_RUN,
 ) -> tuple[Blocks, HorizonChoice]:
     """Return blocks, fewer and longer ones if short windows show noise alone, and the length of windows in them."""
-    if show_noise_alone(model, start, sightings, blocks):
+
+    def answer() -> list[NDArray[np.float64]]:
+        return [np.array([show_noise_alone(model, start, sightings, blocks)], dtype=np.float64)]
+
+    if run.memoize("noise alone", model.vector(start), answer)[0][0]:
         with suppress(InputError):  # if gaps leave too few long ones
             blocks = blocks_of([one.record for one in sightings], longest=True)
     return blocks, select_horizon(model, start, sightings, blocks, run)
