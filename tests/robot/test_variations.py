@@ -300,7 +300,10 @@ class TestCommands:
         assert "No value in the file has a standard_deviation" in capsys.readouterr().out
         assert json.loads((tmp_path / "results.json").read_text())["unstable_pole_uncertainty"] is None
         rolling, without = tmp_path / "rolling.toml", tmp_path / "designed"
-        write_robot(known_to({"friction.rolling": 0.001}), rolling)  # which the gain does not depend on
+        resisted = ALTEN.replace(friction=replace(ALTEN.friction, rolling=0.01))
+        write_robot(
+            known_to({"friction.rolling": 0.001}, resisted), rolling
+        )  # the gain does not depend on it
         for robot in ("alten", str(rolling)):
             assert main(["design", robot, "--out", str(without)]) == 0
             assert "+-" not in capsys.readouterr().out
