@@ -405,6 +405,14 @@ def test_a_duty_of_a_motor_stronger_than_the_torque_limit_leaves_the_full_scale_
     assert by_scale[255] > by_scale[100]
 
 
+@pytest.mark.parametrize(("largest", "limited"), [(255.0, True), (280.0, False)])
+def test_a_duty_is_limited_at_a_full_scale_only_if_it_goes_no_further(largest, limited):
+    commands = np.minimum(np.abs(np.round(300.0 * np.sin(np.arange(30000.0)))), largest).reshape(-1, 3)
+    found = unit_probabilities(Robot.load("alten"), None, commands, named_kind="duty", named_unit=None)
+    by_scale = {round(1.0 / one.scale): p for one, p in found.items() if one.kind == "duty"}
+    assert (by_scale[255] > 1.5 * by_scale[1000]) == limited
+
+
 @pytest.mark.parametrize("seed", [0, 3, 5])
 def test_commands_of_motors_alike_are_told_apart_even_if_the_robot_moves_along_one_line(seed):
     """Along a line the wheels need 1, -1/2 and -1/2 of a torque: with gains of their own, u1 = n2 and u2 = n1 as well

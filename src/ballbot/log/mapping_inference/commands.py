@@ -466,7 +466,8 @@ def _size_weight(unit: Unit, per_number: float, commands: NDArray[np.float64], r
     else:
         # firmware that counts to 255 has whole numbers
         weight += math.log(0.3 if whole else 0.15 if full == 100.0 else 0.03)
-    at_full = int(np.sum(known == full))
+    # limited there, and does not just pass it
+    at_full = int(np.sum(known == full)) if largest == full else 0
     return weight + (4.0 if at_full >= 3 and full > 1.0 else 0.0)
 
 
