@@ -171,6 +171,16 @@ def test_a_compass_heading_as_x_is_the_heading(turned):
     assert not found.alternatives
 
 
+def test_a_heading_that_turns_as_y_is_the_heading():
+    columns = columns_of(swaying_log(heading=3.0), Habits())
+    table = {"t": columns["t_now"], "theta_x": columns["theta_x"]}
+    table |= {"theta_y": columns["theta_z"], "theta_z": columns["theta_y"]}
+    table |= {f"enc{k}": columns[f"psi_{k}"] for k in (1, 2, 3)}
+    found = with_heading_behind(roles_by_name(table, wheel_count=3), table, small_robot())
+    assert found.attitude == ("theta_x", "theta_z", "theta_y")
+    assert not found.alternatives
+
+
 def test_angles_x_y_and_z_in_the_usual_order_keep_it():
     columns = columns_of(swaying_log(), Habits())
     table = {"t": columns["t_now"], **{f"orientation_{a}": columns[f"theta_{a}"] for a in "xyz"}}
@@ -179,12 +189,13 @@ def test_angles_x_y_and_z_in_the_usual_order_keep_it():
     assert with_heading_behind(named, table, small_robot()) == named
 
 
-def test_a_heading_as_z_stays_the_heading_beside_a_noisy_roll():
-    """The wheels explain pitch and a heading that turns much better than a noisy roll and pitch."""
+@pytest.mark.parametrize("noisy", "xy")
+def test_a_heading_as_z_stays_the_heading_beside_a_noisy_lean(noisy):
+    """The wheels explain the other angle and a heading that turns much better than a noisy roll and pitch."""
     columns = columns_of(swaying_log(heading=3.0), Habits())
+    table = {"t": columns["t_now"], **{f"orientation_{a}": columns[f"theta_{a}"] for a in "xyz"}}
     noise = 10.0 * np.random.default_rng(1).standard_normal(len(columns["t_now"]))  # [deg]
-    table = {"t": columns["t_now"], "orientation_x": columns["theta_x"] + noise}
-    table |= {"orientation_y": columns["theta_y"], "orientation_z": columns["theta_z"]}
+    table[f"orientation_{noisy}"] = table[f"orientation_{noisy}"] + noise
     table |= {f"enc{k}": columns[f"psi_{k}"] for k in (1, 2, 3)}
     named = roles_by_name(table, wheel_count=3)
     assert with_heading_behind(named, table, small_robot()) == named

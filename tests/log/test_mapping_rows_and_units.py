@@ -10,13 +10,13 @@ import pytest
 from ballbot.errors import InputError
 from ballbot.log.mapping_inference.commands import GAIN_BIAS
 from ballbot.log.mapping_inference.conclusions import conclusions_of
-from ballbot.log.mapping_inference.drive import resistance_confidence
 from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.file_signals import pitch_in_rolls_unit
 from ballbot.log.mapping_inference.open_names import with_rates_of
 from ballbot.log.mapping_inference.proposal import propose
 from ballbot.log.mapping_inference.report import Evaluation, evaluate
 from ballbot.log.mapping_inference.roles import roles_by_name
+from ballbot.log.mapping_inference.stall import resistance_confidence
 from ballbot.log.mapping_inference.units import (
     Scale,
     UnitEvidence,

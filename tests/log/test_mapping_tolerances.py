@@ -14,7 +14,6 @@ from ballbot.log.mapping_inference.commands import (
     Assignment,
     Response,
     assign,
-    back_emf_damping,
     unit_probabilities,
 )
 from ballbot.log.mapping_inference.dead_band import (
@@ -29,6 +28,7 @@ from ballbot.log.mapping_inference.drive import _compared, _senses_and_signs, _t
 from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.file_signals import Signals
 from ballbot.log.mapping_inference.placement import LeanTest
+from ballbot.log.mapping_inference.stall import back_emf_damping
 from ballbot.log.mapping_inference.tolerances import (
     COMMAND_ERROR,
     LONGEST_COMMAND_DELAY,
@@ -389,6 +389,28 @@ def test_few_whole_numbers_are_a_duty_rather_than_a_torque():
     few, many = torque(30.0), torque(150.0)
     assert few < 0.5 * many
     assert few > 0.01  # and no proof
+
+
+def test_a_duty_of_a_motor_stronger_than_the_torque_limit_leaves_the_full_scale_open():
+    """At 255, such a motor gives nearly the torque of one that just gives the limit, at 100; its braking shows it."""
+    robot = Robot.load("kugle")
+    stronger = 3.3
+    emf = stronger * back_emf_damping(robot)
+    gain = 255.0 / (stronger * robot.drive.torque_limit)
+    seen = Response(gain=gain, gain_error=0.02, damping=emf + 0.015, damping_error=0.001)
+    commands = np.round(40.0 * np.sin(np.arange(300.0))).reshape(100, 3)
+    found = unit_probabilities(robot, seen, commands, named_kind="duty", named_unit=None)
+    by_scale = {round(1.0 / one.scale): p for one, p in found.items() if one.kind == "duty"}
+    assert by_scale[100] < CONFIDENT
+    assert by_scale[255] > by_scale[100]
+
+
+@pytest.mark.parametrize(("largest", "limited"), [(255.0, True), (280.0, False)])
+def test_a_duty_is_limited_at_a_full_scale_only_if_it_goes_no_further(largest, limited):
+    commands = np.minimum(np.abs(np.round(300.0 * np.sin(np.arange(30000.0)))), largest).reshape(-1, 3)
+    found = unit_probabilities(Robot.load("alten"), None, commands, named_kind="duty", named_unit=None)
+    by_scale = {round(1.0 / one.scale): p for one, p in found.items() if one.kind == "duty"}
+    assert (by_scale[255] > 1.5 * by_scale[1000]) == limited
 
 
 @pytest.mark.parametrize("seed", [0, 3, 5])

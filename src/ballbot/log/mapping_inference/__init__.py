@@ -18,6 +18,7 @@ placements               every order and sign of the wheels, compared
 frame                    order, signs, the IMU's turn and reversed axes that follow
 wheel_response           how late the wheels answer to the commands
 commands, drive          which command drives which wheel, its kind and scale, how often wheels turn against it
+stall                    what duties give at standstill, and the motors' resistance
 dead_band                how large the dead band is, by the motion
 evidence                 a conclusion with its confidence
 tolerances               what an unknown delay or turn would change, and the confidence that follows

@@ -8,10 +8,11 @@ from collections.abc import Iterable
 import numpy as np
 
 from ballbot.log.mapping_inference.commands import FULL_DUTIES, Assignment, Unit
-from ballbot.log.mapping_inference.drive import RATIO_ERROR, DriveEvidence, gain_bias, resistance_confidence
+from ballbot.log.mapping_inference.drive import RATIO_ERROR, DriveEvidence, gain_bias
 from ballbot.log.mapping_inference.evidence import CONFIDENT, MOST, Conclusion, in_percent
 from ballbot.log.mapping_inference.proposal import Proposal
 from ballbot.log.mapping_inference.roles import PLAIN
+from ballbot.log.mapping_inference.stall import resistance_confidence
 from ballbot.log.mapping_inference.tolerances import (
     command_delay_confidence,
     delay_evidence,

@@ -46,6 +46,7 @@ from ballbot.log.mapping_inference.evidence import (
     without_each_block,
 )
 from ballbot.log.mapping_inference.names import InputKind
+from ballbot.log.mapping_inference.stall import back_emf_damping, damping_log_weight, with_stronger_motors
 from ballbot.robot import Robot
 
 #: largest numbers that drivers and libraries call full duty
@@ -344,13 +345,6 @@ def units_of(robot: Robot) -> dict[Unit, float]:
     return found
 
 
-def back_emf_damping(robot: Robot) -> float:
-    """Return n^2 k_t k_e / R [N m s/rad], with the resistance at which full duty gives the torque limit."""
-    drive = robot.drive
-    resistance = drive.gear_ratio * drive.torque_constant * drive.supply_voltage / drive.torque_limit
-    return drive.gear_ratio**2 * drive.torque_constant / drive.speed_constant / resistance
-
-
 #: before names and numbers are seen
 _PRIOR: dict[InputKind, float] = {"duty": 0.5, "torque": 0.3, "current": 0.15, "voltage": 0.05}
 _RARE_UNITS = {
@@ -373,9 +367,6 @@ _FREE_DEVIATION = 1.5
 #: friction that the terms do not contain makes the gain too large by this [log]: mean of 115 logs of the development
 #: halves, whose standard deviation is 0.09 for torques and currents
 GAIN_BIAS = 0.07
-#: viscous friction and its deviation, over the torque limit [s/rad]; the medians of the development halves' robots are
-#: 0.001 to 0.011
-_VISCOUS, _VISCOUS_DEVIATION = 0.005, 0.006
 
 
 def unit_probabilities(
@@ -408,12 +399,7 @@ def unit_probabilities(
             unit, per_number, commands, robot
         )
         if found is not None and math.isfinite(found.gain) and found.gain_error < 0.5:
-            off = math.log(found.gain * per_number)
-            own = _GAIN_DEVIATION[unit.kind] if known_inertia else _FREE_DEVIATION
-            deviation = math.hypot(own, found.gain_error)
-            weight += normal_log_weight(off - GAIN_BIAS, deviation, outlier=1e-4) - math.log(deviation)
-            # of wheels that turn free, the torque that a speed needs, by this unit
-            weight += _damping_weight(unit, found, robot, 1.0 if known_inertia else math.exp(off))
+            weight += _fits(unit, found, robot, named_kind=named_kind, known_inertia=known_inertia)
         weights[unit] = weight
     return probabilities(weights)
 
@@ -480,7 +466,8 @@ def _size_weight(unit: Unit, per_number: float, commands: NDArray[np.float64], r
     else:
         # firmware that counts to 255 has whole numbers
         weight += math.log(0.3 if whole else 0.15 if full == 100.0 else 0.03)
-    at_full = int(np.sum(known == full))
+    # limited there, and does not just pass it
+    at_full = int(np.sum(known == full)) if largest == full else 0
     return weight + (4.0 if at_full >= 3 and full > 1.0 else 0.0)
 
 
@@ -489,12 +476,21 @@ def _too_small(share: float) -> float:
     return math.log(1.0 if share > 0.05 else 0.4 if share > 0.01 else 0.02)
 
 
-def _damping_weight(unit: Unit, found: Response, robot: Robot, factor: float) -> float:
-    if not math.isfinite(found.damping_error):
-        return 0.0
-    emf = back_emf_damping(robot) if unit.kind in ("duty", "voltage") else 0.0
-    limit = robot.drive.torque_limit
-    deviation = math.sqrt(
-        (factor * found.damping_error) ** 2 + (_VISCOUS_DEVIATION * limit) ** 2 + (0.3 * emf) ** 2
-    )
-    return normal_log_weight(factor * found.damping - emf - _VISCOUS * limit, deviation, outlier=0.01)
+def _fits(
+    unit: Unit, found: Response, robot: Robot, *, named_kind: InputKind | None, known_inertia: bool
+) -> float:
+    """Return the logarithm of how well gain and damping fit a unit."""
+    off = math.log(found.gain * units_of(robot)[unit])
+    own = _GAIN_DEVIATION[unit.kind] if known_inertia else _FREE_DEVIATION
+    deviation = math.hypot(own, found.gain_error)
+    driven = unit.kind in ("duty", "voltage")
+    emf = back_emf_damping(robot) if driven else 0.0
+    # of wheels that turn free, the torque that a speed needs, by this unit
+    factor = 1.0 if known_inertia else math.exp(off)
+    damping = (factor * found.damping, factor * found.damping_error)
+    weight = normal_log_weight(off - GAIN_BIAS, deviation, outlier=1e-4) - math.log(deviation)
+    weight += damping_log_weight(*damping, robot, emf=emf)
+    # a name of another kind, and stronger motors as well, would be two doubts at once
+    if not (driven and known_inertia and named_kind in (None, unit.kind)):
+        return weight
+    return with_stronger_motors(weight, off - GAIN_BIAS, deviation, damping, robot)

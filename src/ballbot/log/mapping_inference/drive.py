@@ -33,7 +33,6 @@ from ballbot.log.mapping_inference.commands import (
     Response,
     Unit,
     assign,
-    back_emf_damping,
     contradicting_factor,
     response,
     unit_probabilities,
@@ -47,6 +46,7 @@ from ballbot.log.mapping_inference.dead_band import (
 )
 from ballbot.log.mapping_inference.evidence import TINY
 from ballbot.log.mapping_inference.names import Reading
+from ballbot.log.mapping_inference.stall import back_emf_damping, stall_resistance
 from ballbot.log.pose import with_odometry
 from ballbot.log.signals import MOVING_SPEED, even_rows, smooth
 from ballbot.robot import Robot
@@ -110,33 +110,11 @@ def gain_bias(unit: Unit) -> float:
     return GAIN_BIAS if unit.kind in ("torque", "current") else 0.0
 
 
-def stall_resistance(robot: Robot) -> float:
-    """Return the winding resistance [ohm] with which full duty at standstill gives the robot's torque limit."""
-    drive = robot.drive
-    return drive.gear_ratio * drive.torque_constant * drive.supply_voltage / drive.torque_limit
-
-
 #: error of the torques' ratio beyond its jackknife [log]: of 61 logs of duties of the third development half, whose
 #: resistance is the assumed one, the mean is -0.01 and the standard deviation 0.07. With the bias of torques and
 #: currents the mean would be -0.08: it is not taken from duties and voltages. A robot file's masses are not known to
 #: an eighth, which is added
 RATIO_ERROR = math.hypot(0.1, 0.125)
-#: probability before the log is seen that full duty gives the torque limit, and how far the resistance else is from
-#: that [log]; chosen
-GIVES_LIMIT, OTHER_RESISTANCE = 0.92, 0.3
-
-
-def resistance_confidence(ratio: float, error: float) -> float:
-    """Return the confidence that full duty at standstill gives the torque limit, by `DriveEvidence.torque_ratio`."""
-
-    def density(deviation: float) -> float:
-        return math.exp(-0.5 * (math.log(ratio) / deviation) ** 2) / deviation
-
-    assumed, other = (
-        GIVES_LIMIT * density(error),
-        (1.0 - GIVES_LIMIT) * density(math.hypot(error, OTHER_RESISTANCE)),
-    )
-    return assumed / max(assumed + other, TINY)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -10,9 +10,9 @@ from ballbot.file_formats import format_line
 from ballbot.log.columns import FACTORS
 from ballbot.log.mapping_inference.commands import Unit
 from ballbot.log.mapping_inference.conclusions import conclusions_of
-from ballbot.log.mapping_inference.drive import stall_resistance
 from ballbot.log.mapping_inference.evidence import Conclusion, in_percent
 from ballbot.log.mapping_inference.proposal import Proposal, rates_delay, rates_signs
+from ballbot.log.mapping_inference.stall import stall_resistance
 from ballbot.log.mapping_inference.units import PATH
 from ballbot.log.row_order import repeated_rows
 from ballbot.printable import printable_line

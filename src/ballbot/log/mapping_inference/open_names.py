@@ -169,12 +169,12 @@ JUMP = 0.9
 
 
 def with_heading_behind(named: Roles, columns: Mapping[str, NDArray[np.float64]], robot: Robot) -> Roles:
-    """Return roles in which x, y and z are heading, roll and pitch if the values show it, as a BNO055's often are.
+    """Return roles in which x or y of x, y and z is the heading if the values show it, and the others are the lean.
 
-    Only the letters may be so: a column that is called roll is not taken for a heading. The first column is the heading
-    if the wheels explain the lean clearly better by the other two than by the first two and its rate better than the
-    last one's, or if it jumps by a turn as a compass does and they explain the lean no worse. If it jumps and they do
-    not say more, the columns are in doubt.
+    A BNO055 has the heading first, a frame whose y points up second. Only the letters may be so: a column that is
+    called roll is not taken for a heading. A column is the heading if the wheels explain the lean clearly better by the
+    other two than by the first two and its rate better than the last one's, or if it jumps by a turn as a compass does
+    and they explain the lean no worse. If it jumps and they do not say more, the columns are in doubt.
     """
     readings = [one for name in named.attitude if (one := named.reading((name,)))]
     if (
@@ -184,30 +184,31 @@ def with_heading_behind(named: Roles, columns: Mapping[str, NDArray[np.float64]]
         or len(readings) < 3
     ):
         return named
-    first, second = (
-        _rest_by_names(named, lean, columns, robot) for lean in (named.attitude[:2], named.attitude[1:])
-    )
-    jumps = _jumps(columns[named.attitude[0]]) and not _jumps(columns[named.attitude[2]])
-    turned = replace(named, attitude=(*named.attitude[1:], named.attitude[0]))
-    lean_behind = second < LARGEST_REST and second * (1.0 if jumps else CLEAR_MARGIN) < first
-    if lean_behind and (jumps or _turns_with_the_wheels(named, columns)):
-        return turned
-    if not jumps:
-        return named
     x, y, z = named.attitude
-    return replace(turned, confidence=0.6, alternatives=(f"{x}, {y}, {z} are roll, pitch and yaw",))
+    least, found, doubted = _rest_by_names(named, (x, y), columns, robot), named, named
+    usual = least
+    for heading, lean in ((x, (y, z)), (y, (x, z))):
+        rest = _rest_by_names(named, lean, columns, robot)
+        jumps = _jumps(columns[heading]) and not _jumps(columns[z])
+        turned = replace(named, attitude=(*lean, heading))
+        lean_behind = rest < LARGEST_REST and rest * (1.0 if jumps else CLEAR_MARGIN) < usual
+        if lean_behind and rest < least and (jumps or _turns_with_the_wheels(named, heading, columns)):
+            least, found = rest, turned
+        elif jumps:
+            in_words = f"{x}, {y}, {z} are roll, pitch and yaw"
+            doubted = replace(turned, confidence=0.6, alternatives=(in_words,))
+    return doubted if found is named else found
 
 
-def _turns_with_the_wheels(named: Roles, columns: Mapping[str, NDArray[np.float64]]) -> bool:
-    """Return whether the wheels' speeds leave less of the rate of the first of three angles than of the last one's."""
+def _turns_with_the_wheels(named: Roles, heading: str, columns: Mapping[str, NDArray[np.float64]]) -> bool:
+    """Return whether the wheels' speeds leave less of the rate of one of three angles than of the last one's."""
     signals = smooth_columns(named, columns, (named.attitude, named.angles))
     if signals is None or not {*named.attitude, *named.angles} <= set(signals[1]):
         return False
     smoothed = signals[1]
     speeds = np.column_stack([smoothed[name].rate[:, 0] for name in named.angles])
-    first, _, last = unexplained_parts(
-        speeds, np.column_stack([smoothed[name].rate[:, 0] for name in named.attitude])
-    )
+    rates = np.column_stack([smoothed[name].rate[:, 0] for name in (heading, named.attitude[2])])
+    first, last = unexplained_parts(speeds, rates)
     return bool(first < last)
 
 

@@ -1,0 +1,84 @@
+"""What duties and voltages give at standstill, and what their motors' resistance is expected to be.
+
+A robot file has a torque limit and no resistance. Full duty at standstill is taken to give that limit. Of a motor that
+could do more than its robot asks of it, the resistance is less: its duties give more torque at standstill, and the
+back-EMF brakes it more, both by the same factor.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ballbot.log.mapping_inference.evidence import TINY, normal_log_weight
+from ballbot.robot import Robot
+
+#: probability before the log is seen that full duty gives the torque limit, and how far the resistance else is from
+#: that [log]; chosen
+GIVES_LIMIT, OTHER_RESISTANCE = 0.92, 0.3
+#: torque at standstill over the torque limit of the strongest motor that must be expected: chosen. From data sheets it
+#: is 1.3 on the preset rob311
+STRONGEST = 6.0
+#: viscous friction and its deviation, over the torque limit [s/rad]; the medians of the development halves' robots are
+#: 0.001 to 0.011
+_VISCOUS, _VISCOUS_DEVIATION = 0.005, 0.006
+
+
+def stall_resistance(robot: Robot) -> float:
+    """Return the winding resistance [ohm] with which full duty at standstill gives the robot's torque limit."""
+    drive = robot.drive
+    return drive.gear_ratio * drive.torque_constant * drive.supply_voltage / drive.torque_limit
+
+
+def back_emf_damping(robot: Robot) -> float:
+    """Return n^2 k_t k_e / R [N m s/rad], with the resistance at which full duty gives the torque limit."""
+    drive = robot.drive
+    return drive.gear_ratio**2 * drive.torque_constant / drive.speed_constant / stall_resistance(robot)
+
+
+def resistance_confidence(ratio: float, error: float) -> float:
+    """Return the confidence that full duty at standstill gives the torque limit, by `DriveEvidence.torque_ratio`."""
+
+    def density(deviation: float) -> float:
+        return math.exp(-0.5 * (math.log(ratio) / deviation) ** 2) / deviation
+
+    assumed, other = (
+        GIVES_LIMIT * density(error),
+        (1.0 - GIVES_LIMIT) * density(math.hypot(error, OTHER_RESISTANCE)),
+    )
+    return assumed / max(assumed + other, TINY)
+
+
+def damping_log_weight(damping: float, error: float, robot: Robot, *, emf: float) -> float:
+    """Return the logarithm of how well a damping fits a back-EMF's [N m s/rad] and usual viscous friction."""
+    if not math.isfinite(error):
+        return 0.0
+    limit = robot.drive.torque_limit
+    deviation = math.sqrt(error**2 + (_VISCOUS_DEVIATION * limit) ** 2 + (0.3 * emf) ** 2)
+    return normal_log_weight(damping - emf - _VISCOUS * limit, deviation, outlier=0.01)
+
+
+def with_stronger_motors(
+    weight: float, off: float, deviation: float, damping: tuple[float, float], robot: Robot
+) -> float:
+    """Return the logarithm of how well a duty or voltage fits the motion, of motors of any strength.
+
+    Parameters
+    ----------
+    weight : float
+        If full duty gives the torque limit.
+    off, deviation : float
+        Logarithm of that torque over the one that the motion needs, and its deviation. Less is a stronger motor, up to
+        `STRONGEST`, each strength (its logarithm) as likely.
+    damping : tuple of float
+        As the motion shows it, and its standard error [N m s/rad].
+    robot : Robot
+    """
+    least = -math.log(STRONGEST)
+
+    def below(bound: float) -> float:
+        return 0.5 * math.erfc((off - bound) / (deviation * math.sqrt(2.0)))
+
+    strengths = math.sqrt(2.0 * math.pi) / -least * (below(0.0) - below(least))
+    emf = back_emf_damping(robot) * math.exp(-min(max(off, least), 0.0))
+    stronger = strengths * math.exp(damping_log_weight(*damping, robot, emf=emf))
+    return math.log(GIVES_LIMIT * math.exp(weight) + (1.0 - GIVES_LIMIT) * stronger + TINY)
