@@ -75,7 +75,10 @@ def test_design_simulate_compare_from_the_command_line(tmp_path, capsys):
         (["design", "alten", "--q", "1,2,many"], "--q is '1,2,many'"),
         (["design", "alten", "--r", "-1"], "R is not positive definite"),
         (["simulate", "alten", "--reference", "triangle"], "There is no reference 'triangle'"),
-        (["simulate", "alten", "--controller", "nowhere.toml"], "nowhere.toml cannot be read"),
+        (
+            ["simulate", "alten", "--controller", "nowhere.toml"],
+            "no controller file or ready-made controller 'nowhere.toml'",
+        ),
         (["simulate", "alten", "--duration", "0"], "at least one sample"),
     ],
 )
