@@ -449,8 +449,4 @@ if __name__ == "__main__":
     halves: dict[str, Half] = {str(half): half for half in ROBOTS}
     chosen = halves[sys.argv[1]]
     outcomes_found = list(_followed(chosen, range(int(sys.argv[2]))))
-    print(
-        section(
-            outcomes_found, dead_bands=dead_band_parts(), remarks=f"{time_in_motion()} {course_logs()}"
-        ).markdown()
-    )
+    print(written(outcomes_found).markdown())

@@ -440,8 +440,8 @@ def _useful(
     """Return the best law, or one within it while it gains too little.
 
     One whose own parameters are not determined has to gain more, and so has a break-away force that does not fade
-    within the speeds of the records: it stands for another curve, and what is left of Coulomb friction is no friction
-    of any speed.
+    within the speeds of the records: it represents another curve, and the Coulomb friction beside it is that of no
+    recorded speed.
     """
     best = selection.best
     while best.within and best.gain:

@@ -113,7 +113,7 @@ class UndoneDeadBand:
     """A dead band as a mapping undoes it."""
 
     value: float  #: over the size of what drives; zero counts it as less dry friction
-    confidence: float  #: that what is left of it changes the torques by no more than they may miss
+    confidence: float  #: that the rest of it changes the torques by no more than `TORQUE_PART`
     probability: float  #: that the firmware adds one
 
 
@@ -129,7 +129,7 @@ def undone_dead_band(
     Parameters
     ----------
     turning_against : float
-        As `DriveEvidence` has it: the error is this times what is left of the dead band.
+        As `DriveEvidence` has it: the error is this times the rest of the dead band.
     estimate : DeadBandEstimate, optional
     full_duty : float
         Full duty over the size of what drives; zero if that is unknown.

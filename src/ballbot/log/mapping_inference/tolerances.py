@@ -226,7 +226,7 @@ def _delay(
     """Return the delay to undo if it is clearly none of zero; one that is not seen is at most the first limit."""
     longest, impossible = limits
     unseen = longest * math.sqrt((1.0 - NO_DELAY) / 3.0)  # root mean square, before the log is seen
-    # an estimate that is less accurate than a delay that every robot has is none
+    # an estimate is of use only if its error is below the deviation of usual delays
     known = error < longest / math.sqrt(3.0) and -EARLY * error < estimate < impossible
     said = f"standard error of the estimate {1e3 * error:.1f} ms"
     if known and clear:
