@@ -145,7 +145,7 @@ def test_every_warning_of_the_identification_is_explained(identified):
 def test_rolling_friction_of_the_log_is_about_twice_the_floors(identified):
     found = Robot.load(identified / "robot.toml").friction.rolling
     floor = Scenario.named("nominal", Robot.load("alten")).friction.rolling
-    assert f"the floor of this twin has {floor:g}, and the log gives about twice as much" in DOCUMENT
+    assert f"On this twin, C_rr is about twice the floor's {floor:g}." in DOCUMENT
     assert 1.5 < found / floor < 2.5
 
 
