@@ -82,7 +82,8 @@ def test_a_lost_minimum_and_an_undetermined_mass_are_warnings(geared: AxisIdenti
     found = axis_findings([GEARED], geared.laws, lost, geared.estimates, geared.asymmetry, by_user=True)
     texts = {one.code: one.text for one in found if one.severity == "warning"}
     assert "did not find the parameters of the least error" in texts["lost-minimum"]
-    assert "M is undetermined" in texts["undetermined"]
+    assert texts["undetermined"].startswith("M is not determined")
+    assert "±" not in texts["undetermined"]
 
 
 @pytest.mark.sample
@@ -100,6 +101,23 @@ def test_intervals_decide_what_is_poorly_determined(geared: AxisIdentification) 
     assert codes(offset=0.3 * GEARED.usual_force) == {"poorly-determined offset"}
     assert codes(offset=3.0 * GEARED.usual_force) == {"undetermined offset"}
     assert codes(mass=1.3 * best.values["mass"]) == {"poorly-determined M"}
+
+
+@pytest.mark.sample
+def test_a_stiffness_that_is_not_determined_has_no_number(geared: AxisIdentification) -> None:
+    """Half an interval of 1.84 times the value was printed as "8.68e+06 ± 1.6e+07", which bounds nothing."""
+    soft = geared.by_law["dahl"]
+    half = 1.84 * soft.values["stiffness"]
+    wide = replace(
+        soft,
+        standard_errors=soft.standard_errors | {"stiffness": half},
+        half_widths=soft.half_widths | {"stiffness": half, "viscous": 1.2 * soft.values["viscous"]},
+    )
+    found = axis_findings([GEARED], geared.laws, wide, [wide], geared.asymmetry, by_user=True)
+    texts = {one.text.split()[0]: one.text for one in found if one.code.endswith("determined")}
+    assert texts["sigma_0"].startswith("sigma_0 is not determined")
+    assert "±" not in texts["sigma_0"]
+    assert texts["b"].endswith("N m s/rad.")  # an upper end of friction is of use
 
 
 @pytest.mark.sample

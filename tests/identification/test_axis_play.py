@@ -47,6 +47,7 @@ def contact_in(record: AxisRecord, everywhere: OutputErrorFit, between: OutputEr
         between=between,
         starts={name: {} for name in AXIS_LAWS},
         after=0.04,
+        length=0.2,
     )
 
 
