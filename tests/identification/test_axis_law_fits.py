@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ballbot.errors import InputError
+from ballbot.fitting.model_selection import Gain
 from ballbot.fitting.run import DEFAULT_RUN
 from ballbot.identification.axis import (
     AXIS_LAWS,
@@ -118,6 +119,44 @@ def test_a_stiffness_that_is_not_determined_has_no_number(geared: AxisIdentifica
     assert texts["sigma_0"].startswith("sigma_0 is not determined")
     assert "±" not in texts["sigma_0"]
     assert texts["b"].endswith("N m s/rad.")  # an upper end of friction is of use
+
+
+@pytest.mark.sample
+@pytest.mark.parametrize(
+    ("share", "words"),
+    [
+        (0.5, "other: the asymmetric law has 50 % less error there as well"),
+        (0.99, "is not clearly better there"),
+    ],
+)
+def test_another_record_says_whether_an_asymmetry_is_the_machine_s(
+    geared: AxisIdentification, share: float, words: str
+) -> None:
+    errors = geared.best.errors[0]
+    best = replace(geared.best, errors=(errors, errors))
+    sides = replace(
+        geared.by_law["asymmetric"],
+        errors=(errors, replace(errors, window_rmse=share * errors.window_rmse)),
+    )
+    gain = Gain(share=0.4, lower=0.3, upper=0.5)
+    laws = replace(
+        geared.laws,
+        candidates=tuple(
+            replace(one, gain=gain, over=None, gain_over=None) if one.name == "asymmetric" else one
+            for one in geared.laws.candidates
+        ),
+    )
+    found = axis_findings(
+        [GEARED, replace(GEARED, name="other")],
+        laws,
+        best,
+        [best],
+        geared.asymmetry,
+        by_user=True,
+        asymmetric=sides,
+    )
+    (text,) = (one.text for one in found if one.code == "asymmetry")
+    assert words in text
 
 
 @pytest.mark.sample
