@@ -204,9 +204,9 @@ def drivelines() -> Section:
     printed = [fit_as_printed(sweep, fit) for sweep, fit in zip(sweeps, fits, strict=True)]
     rows = [[f"{name} [{unit}]" if unit else name, *cells] for name, unit, *cells in parameter_rows(fits)]
     rows.append(["RMS speed error [rad/s]", *(f"{fit.rmse:.3f}" for fit in fits)])
-    rows.append(["clamp (3.2) as printed, its own best", *(f"{one.rmse:.2f}" for one in printed)])
+    rows.append(["wind-up at the limit, refitted", *(f"{one.rmse:.2f}" for one in printed)])
     rows.append(
-        ["clamp (3.2) as printed, the friction above", *(f"{one.rmse_restarted:.1f}" for one in printed)]
+        ["wind-up at the limit, the friction above", *(f"{one.rmse_restarted:.1f}" for one in printed)]
     )
     rows.append(["without friction", *(f"{fit.rmse_without:.1f}" for fit in fits)])
     return Section(

@@ -17,6 +17,7 @@ from ballbot.identification.axis.discrepancy import (
 )
 from ballbot.identification.axis.force_timing import delayed, part_of_a_row
 from ballbot.identification.axis.law_fits import initial_values
+from ballbot.identification.axis.model import Axis
 from ballbot.identification.axis.motion import default_bandwidth
 from ballbot.identification.axis.output_error import OutputErrorFit, Sighting, sighting
 from ballbot.identification.axis.preparation import Bench
@@ -74,6 +75,39 @@ def test_a_delay_that_rows_hardly_show_is_in_the_mass_of_an_axis_of_much_frictio
     assert abs(fit.values["mass"] - servo.inertia) > 2.0 * fit.standard_errors["mass"]
     found = discrepancy_of(fit, seen, blocks, HORIZON)
     assert abs(fit.values["mass"] - servo.inertia) < 2.0 * found.errors["mass"]
+
+
+def pulses(seed: int) -> AxisRecord:
+    """Return the record of quick moves by pulses of 80 ms, with rests, of a noisy force."""
+    random = np.random.default_rng(seed)
+    force, way = np.zeros(12_000), 1.0
+    for first in range(300, len(force) - 200, 500):
+        size, way = way * random.uniform(0.5, 1.5), -way
+        force[first : first + 40], force[first + 40 : first + 78] = size, -0.9 * size
+    values = {"mass": 0.004, "viscous": 0.007, "coulomb": 0.05, "offset": 0.0}
+    moved = Axis(law=AXIS_LAWS["coulomb"], values=values).open_loop(
+        force, position=0.0, speed=0.0, sample_time=1e-3
+    )
+    return AxisRecord(
+        name="pulses",
+        sample_time=1e-3,
+        force=force + 0.02 * random.standard_normal(len(force)),
+        position=2e-5 * np.round(np.append(0.0, moved[:-1]) / 2e-5),
+        unit="rad",
+    )
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_windows_at_rest_say_nothing_of_mass_and_viscous_friction(seed: int) -> None:
+    """The windows of the largest errors are those that move: without them b had an error of 30 to 70 times b."""
+    record = pulses(seed)
+    seen, blocks = [sighting(record, default_bandwidth(record))], blocks_of([record])
+    model = AxisModel(law=AXIS_LAWS["coulomb"])
+    fit = fit_all(model, initial_values(seen, model, bandwidth=None)["coulomb"], seen, blocks, 0.1)
+    found = discrepancy_of(fit, seen, blocks, 0.1)
+    # half a millisecond of delay is some 5 % of b, and a usual elastic drive 3 % of the mass
+    assert found.errors["viscous"] < 0.1 * 0.007
+    assert found.errors["mass"] < 0.05 * 0.004
 
 
 def test_friction_that_differs_between_directions_moves_the_means_over_both() -> None:

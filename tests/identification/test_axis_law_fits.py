@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ballbot.errors import InputError
+from ballbot.fitting.model_selection import Gain
 from ballbot.fitting.run import DEFAULT_RUN
 from ballbot.identification.axis import (
     AXIS_LAWS,
@@ -82,7 +83,8 @@ def test_a_lost_minimum_and_an_undetermined_mass_are_warnings(geared: AxisIdenti
     found = axis_findings([GEARED], geared.laws, lost, geared.estimates, geared.asymmetry, by_user=True)
     texts = {one.code: one.text for one in found if one.severity == "warning"}
     assert "did not find the parameters of the least error" in texts["lost-minimum"]
-    assert "M is undetermined" in texts["undetermined"]
+    assert texts["undetermined"].startswith("M is not determined")
+    assert "±" not in texts["undetermined"]
 
 
 @pytest.mark.sample
@@ -100,6 +102,61 @@ def test_intervals_decide_what_is_poorly_determined(geared: AxisIdentification) 
     assert codes(offset=0.3 * GEARED.usual_force) == {"poorly-determined offset"}
     assert codes(offset=3.0 * GEARED.usual_force) == {"undetermined offset"}
     assert codes(mass=1.3 * best.values["mass"]) == {"poorly-determined M"}
+
+
+@pytest.mark.sample
+def test_a_stiffness_that_is_not_determined_has_no_number(geared: AxisIdentification) -> None:
+    """Half an interval of 1.84 times the value was printed as "8.68e+06 ± 1.6e+07", which bounds nothing."""
+    soft = geared.by_law["dahl"]
+    half = 1.84 * soft.values["stiffness"]
+    wide = replace(
+        soft,
+        standard_errors=soft.standard_errors | {"stiffness": half},
+        half_widths=soft.half_widths | {"stiffness": half, "viscous": 1.2 * soft.values["viscous"]},
+    )
+    found = axis_findings([GEARED], geared.laws, wide, [wide], geared.asymmetry, by_user=True)
+    texts = {one.text.split()[0]: one.text for one in found if one.code.endswith("determined")}
+    assert texts["sigma_0"].startswith("sigma_0 is not determined")
+    assert "±" not in texts["sigma_0"]
+    assert texts["b"].endswith("N m s/rad.")  # an upper end of friction is of use
+
+
+@pytest.mark.sample
+@pytest.mark.parametrize(
+    ("share", "words"),
+    [
+        (0.5, "other: the asymmetric law has 50 % less error there as well"),
+        (0.99, "is not clearly better there"),
+    ],
+)
+def test_another_record_says_whether_an_asymmetry_is_the_machine_s(
+    geared: AxisIdentification, share: float, words: str
+) -> None:
+    errors = geared.best.errors[0]
+    best = replace(geared.best, errors=(errors, errors))
+    sides = replace(
+        geared.by_law["asymmetric"],
+        errors=(errors, replace(errors, window_rmse=share * errors.window_rmse)),
+    )
+    gain = Gain(share=0.4, lower=0.3, upper=0.5)
+    laws = replace(
+        geared.laws,
+        candidates=tuple(
+            replace(one, gain=gain, over=None, gain_over=None) if one.name == "asymmetric" else one
+            for one in geared.laws.candidates
+        ),
+    )
+    found = axis_findings(
+        [GEARED, replace(GEARED, name="other")],
+        laws,
+        best,
+        [best],
+        geared.asymmetry,
+        by_user=True,
+        asymmetric=sides,
+    )
+    (text,) = (one.text for one in found if one.code == "asymmetry")
+    assert words in text
 
 
 @pytest.mark.sample

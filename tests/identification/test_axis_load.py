@@ -8,7 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ballbot.errors import InputError
-from ballbot.identification.axis import AXIS_LAWS, AxisOptions, AxisRecord, identify_axis, inverse_fit
+from ballbot.identification.axis import (
+    AXIS_LAWS,
+    AxisOptions,
+    AxisRecord,
+    identify_axis,
+    inverse_fit,
+    preparation,
+)
 from ballbot.identification.axis.load import (
     LOADS,
     Load,
@@ -17,6 +24,8 @@ from ballbot.identification.axis.load import (
     load_named,
 )
 from ballbot.identification.axis.model import Axis
+from ballbot.identification.axis.preparation import Bench, prepared_records, with_missed_load
+from ballbot.identification.axis.selection import blocks_of
 from ballbot.identification.axis.structure import AxisModel
 from ballbot.identification.axis.terms import select_terms
 from campaigns.axis_machines import Logging, Machine, record_of
@@ -72,6 +81,50 @@ def test_friction_under_load_is_identified(kind: Load) -> None:
         assert abs(value - truth) < 2.0 * half
         assert value == pytest.approx(truth, rel=0.1)
     assert not any(one.dependent for one in found.residuals if one.quantity == "load")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("machine", "load"),
+    [
+        (replace(PENDULUM, gears=(MU, *SHARES["position"])), "position"),
+        # friction that falls with speed is largest where a pendulum turns, as its load is
+        (replace(PENDULUM, stribeck=0.05, stribeck_speed=0.3), None),
+    ],
+    ids=["gears", "stribeck"],
+)
+def test_a_load_that_the_inverse_model_misses_is_selected_by_the_open_loop(
+    machine: Machine, load: Load | None
+) -> None:
+    record = record_of(machine, LOGGED, 1)
+    bench = Bench(records=(record,), others=(), bandwidth=None)
+    options = AxisOptions(harmonics=(1,), spring=False, drift=False, load_friction="none")
+    missed = prepared_records(bench, options, blocks_of([record]))
+    found = with_missed_load(missed, AXIS_LAWS["coulomb"], missed.blocks, 0.2)
+    assert missed.model.load is None
+    assert found.model.load == load
+    assert [name for name, _ in found.terms] == ([f"load {load}"] if load else [])
+
+
+@pytest.mark.parametrize("interpolated", [False, True])
+def test_forces_are_selected_as_they_act_between_rows(
+    monkeypatch: pytest.MonkeyPatch, interpolated: bool
+) -> None:
+    """Half a row of 8 ms hid a servo's friction under load, which was a fifth of its dry friction."""
+    tried = list[bool]()
+
+    def select(_: object, model: AxisModel, **__: object) -> tuple[AxisModel, tuple[()]]:
+        tried.append(model.interpolated)
+        return model, ()
+
+    monkeypatch.setattr(preparation, "select_terms", select)
+    monkeypatch.setattr(preparation, "is_interpolated", lambda *_: interpolated)
+    record = geared("position")
+    bench = Bench(records=(record,), others=(), bandwidth=None)
+    options = AxisOptions(harmonics=(1,), spring=False, drift=False)
+    found = prepared_records(bench, options, blocks_of([record]))
+    assert found.model.interpolated is interpolated
+    assert tried[-1] is interpolated
 
 
 @pytest.mark.parametrize("law", ["coulomb", "stribeck", "dahl", "lugre", "asymmetric"])

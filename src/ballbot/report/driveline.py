@@ -47,7 +47,7 @@ def comparison_series(sweep: Sweep, fit: DrivelineFit, printed: PrintedFit) -> T
     lines = (
         Line(name="measured", values=sweep.speed, look="reference"),
         Line(name="without friction", values=fit.without, look="second"),
-        Line(name="clamp (3.2) as printed", values=printed.predicted, look="third"),
+        Line(name="with wind-up at the limit", values=printed.predicted, look="third"),
         Line(name="with friction", values=fit.predicted, look="first"),
     )
     error = (Line(name="with friction less measured", values=fit.predicted - sweep.speed, look="first"),)
@@ -185,12 +185,13 @@ def _modelled(
     sweeps: Sequence[Sweep], fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit]
 ) -> Iterator[Block]:
     caption = (
-        "Errors of the simulated speed. The last two columns are for the clamp of the supply's limit whose "
-        "integrated speed winds up: with five parameters fitted to that model, and with the friction found here."
+        "Errors of the simulated speed. The last two columns are for a model that limits only the speed that friction "
+        "and sensors see, while the integrated speed winds up beyond the supply's limit: with five parameters fitted "
+        "to that model, and with the friction found here."
     )
     headings = (
         *("wheel", "cost [rad/s]", "RMS error [rad/s]", "without friction"),
-        *("clamp (3.2), its own best", "clamp (3.2), this friction"),
+        *("wind-up at the limit, refitted", "wind-up at the limit, this friction"),
     )
     yield Sheet(headings=headings, rows=error_rows(fits, printed), caption=caption)
     yield drawn_picture(
@@ -244,7 +245,7 @@ def _written(fit: DrivelineFit, place: int) -> str:
 
 
 def error_rows(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit]) -> list[tuple[str, ...]]:
-    """Return RMS errors [rad/s] by wheel: with friction, without, and with (3.2) as printed."""
+    """Return RMS errors [rad/s] by wheel: with friction, without, and with a speed that winds up."""
     return [
         (
             f"wheel {fit.wheel}",
@@ -287,9 +288,9 @@ def driveline_findings(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFi
     )
     if ratio > _WINDS_UP:
         sentences.append(
-            "With the clamp (3.2) as printed, the best five parameters leave up to "
-            f"{ratio:.1f} times the error: the integrated speed winds up at the limit and "
-            "leaves it late, and the search compensates with friction that does not exist."
+            "With a speed that winds up at the supply's limit, as in the thesis's equation (3.2), the best five "
+            f"parameters leave up to {ratio:.1f} times the error: the speed leaves the limit late, and the search "
+            "compensates with friction that does not exist."
         )
     return [note("driveline", sentence) for sentence in sentences]
 

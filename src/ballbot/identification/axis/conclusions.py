@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ballbot.findings import Finding, note, warning
 from ballbot.fitting.model_selection import ModelSelection
+from ballbot.fitting.parameter import Parameter
 from ballbot.identification.axis.inverse import InverseFit
 from ballbot.identification.axis.laws import PARAMETERS, AxisLaw, unit_for
 from ballbot.identification.axis.prediction import failure_findings
@@ -16,11 +17,13 @@ from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.result import Estimate
 from ballbot.identification.axis.selection import USEFUL_GAIN
 from ballbot.identification.axis.structure import base_name
-from ballbot.rounding import plus_minus
+from ballbot.rounding import digits, plus_minus
 
 #: a parameter whose 95 % interval reaches further than itself is poorly determined, and than so many times it
 #: undetermined; a force of either sign is poorly determined if it reaches further than that share of the usual force
 _UNDETERMINED, _SHARE_OF_FORCE = 2.0, 0.1
+#: of parameters that shape a law near rest, of which even the largest value of such an interval says nothing
+_SHAPES, _UNDETERMINED_SHAPE = ("stribeck_speed", "stiffness", "micro_damping"), 1.0
 #: another method predicts windows better if its error is below this share
 _BETTER = 0.95
 #: beyond so many standard errors, two parts of a record differ
@@ -35,13 +38,31 @@ def axis_findings(
     asymmetry: NDArray[np.float64],
     *,
     by_user: bool,
+    asymmetric: Estimate | None = None,
 ) -> tuple[Finding, ...]:
-    """Return the findings on all records, those that were fitted first; `by_user`: whether the user named the law."""
+    """Return the findings on all records, those that were fitted first.
+
+    Parameters
+    ----------
+    records : sequence of AxisRecord
+    laws : ModelSelection
+    best : Estimate
+        The result.
+    estimates : sequence of Estimate
+        Of the chosen law by every method.
+    asymmetry : ndarray (parts, 2)
+        Of the record over time; empty if it is not known.
+    by_user : bool
+        Whether the user named the law.
+    asymmetric : Estimate, optional
+        Of the law asymmetric.
+    """
     record = records[0]
+    elsewhere = _asymmetry_elsewhere(records, best, asymmetric)
     return (
         *failure_findings(records, best.errors),
         _law_finding(laws, best.model.law, by_user=by_user),
-        *_asymmetry_findings(record, laws, best.model.law, asymmetry),
+        *_asymmetry_findings(record, laws, best.model.law, asymmetry, elsewhere),
         *_lost_minimum(records, best, estimates),
         *_open_parameters(best, records),
     )
@@ -86,7 +107,11 @@ def _law_finding(laws: ModelSelection[AxisLaw], chosen: AxisLaw, *, by_user: boo
 
 
 def _asymmetry_findings(
-    record: AxisRecord, laws: ModelSelection[AxisLaw], chosen: AxisLaw, asymmetry: NDArray[np.float64]
+    record: AxisRecord,
+    laws: ModelSelection[AxisLaw],
+    chosen: AxisLaw,
+    asymmetry: NDArray[np.float64],
+    elsewhere: str,
 ) -> list[Finding]:
     verdict = next(one for one in laws.candidates if not one.model.symmetric)
     if verdict.gain is None or not verdict.accepted or not chosen.symmetric:
@@ -96,9 +121,26 @@ def _asymmetry_findings(
         "The asymmetric law predicts other blocks of this record with "
         f"{100.0 * verdict.gain.share:.0f} % less error, yet it is not selected: "
         f"{over_time}only another record can show whether the asymmetry belongs to the machine "
-        "or to this run (temperature, supply). Validate against one, or choose --law asymmetric."
+        f"or to this run (temperature, supply). {elsewhere}"
     )
     return [note("asymmetry", text)]
+
+
+def _asymmetry_elsewhere(records: Sequence[AxisRecord], best: Estimate, asymmetric: Estimate | None) -> str:
+    """Return what the records that were not fitted show of an asymmetry."""
+    fitted = best.model.records
+    if asymmetric is None or len(records) == fitted:
+        return "Validate against one, or choose --law asymmetric."
+    names = ", ".join(one.name for one in records[fitted:])
+    errors = zip(asymmetric.errors[fitted:], best.errors[fitted:], strict=True)
+    pairs = [(theirs.window_rmse, ours.window_rmse) for theirs, ours in errors]
+    if all(theirs < (1.0 - USEFUL_GAIN) * ours for theirs, ours in pairs):
+        least = min(1.0 - theirs / ours for theirs, ours in pairs)
+        return (
+            f"{names}: the asymmetric law has {100.0 * least:.0f} % less error there as well, so that it is the "
+            "machine's: choose --law asymmetric."
+        )
+    return f"{names}: the asymmetric law is not clearly better there, so that it may be of this run alone."
 
 
 def _over_time(asymmetry: NDArray[np.float64], unit: str) -> str:
@@ -157,16 +199,29 @@ def _open_parameters(best: Estimate, records: Sequence[AxisRecord]) -> list[Find
     reach = 0.5 * max(float(np.ptp(one.position)) for one in records)
     for label, value in best.values.items():
         half, kind = best.half_widths[label], best.model.parameter(label)
-        interval = f"its 95 % interval is {value:.3g} ± {half:.2g}"
         # a number of either sign, or an amount, may be near zero and well known; it may not be as large as the force
         large = kind.scale == "ratio" or (kind.unit == "N" and half > usual)
         force = half * (reach if kind.unit == "N/m" else 1.0)
         small = kind.scale == "signed" and force < _SHARE_OF_FORCE * usual
+        drift = label.startswith("drift_")
+        undetermined = _UNDETERMINED_SHAPE if base_name(label) in _SHAPES else _UNDETERMINED
         if not np.isfinite(best.standard_errors[label]):
             found.append(note("at-bound", f"{kind.symbol} is at a bound and has no standard error."))
-        elif half > _UNDETERMINED * abs(value) and large and not label.startswith("drift_"):
-            text = f"{kind.symbol} is undetermined: {interval}. Do not use this number."
-            found.append(warning("undetermined", text))
-        elif half > abs(value) and not small and not label.startswith("drift_"):
+        elif half > undetermined * abs(value) and large and not drift:
+            text = (
+                f"{kind.symbol} is not determined by these records: its 95 % interval contains zero and more than "
+                "twice its value. Do not use its number."
+            )
+            severe = half > _UNDETERMINED * abs(value)
+            found.append((warning if severe else note)("undetermined", text))
+        elif half > abs(value) and not small and not drift:
+            interval = _interval_words(kind, value, half, unit_for(kind, records[0].unit))
             found.append(note("poorly-determined", f"{kind.symbol} is poorly determined: {interval}."))
     return found
+
+
+def _interval_words(kind: Parameter, value: float, half: float, unit: str) -> str:
+    """Return a 95 % interval that contains zero in words; of an amount, which is not negative, its end."""
+    if kind.scale == "signed":
+        return f"its 95 % interval is {plus_minus(value, half)} {unit}".rstrip()
+    return f"its 95 % interval ends at {digits(value + half, 2)} {unit}".rstrip()

@@ -8,7 +8,7 @@ fit hides such an effect in its parameters. Here it is given a way out, by one G
   by an elastic drive, in proportion to the force that the drive transmits, or by play, with the sign of that force;
 - windows with large errors count less (Tukey's biweight); or windows near reversals of speed or of the transmitted
   force, or those of the slower motion are left out, if their errors are several times the others', or if they show
-  another friction, as they do if the law is wrong.
+  another friction, as they do if the law is wrong. It counts for parameters that the other windows determine.
 
 If a way moves a parameter by d, with the standard error s of its own estimate, the model's error of that parameter has
 the variance d^2 - s^2, or zero if that is negative. Where nothing is missing, d is seldom beyond s.
@@ -62,6 +62,9 @@ _FAR = 3.0
 #: kinds of windows are left out whose mean square error is above so many times that of the others (medians), or whose
 #: friction differs from that of the others with less than this p-value, if at least this share of the windows is left
 _WORSE, _DIFFERENT, _LEAST_LEFT = 3.0, 0.01, 0.25
+#: windows that are left with less than this share of a parameter's information say nothing of it: where rest is long,
+#: those of the largest errors are all that move. Of useful kinds of windows the least is 0.1
+_LEAST_INFORMATION = 0.02
 _FRICTION = ("viscous", "viscous_plus", "viscous_minus", "coulomb", "coulomb_plus", "coulomb_minus")
 #: usual time in which a drive crosses its play [s]
 _CROSSING = 0.03
@@ -279,11 +282,17 @@ def _by_weights(linear: _Linear) -> Iterator[tuple[str, FitInTime]]:
         if len(np.unique(linear.block[kept])) <= linear.J.shape[1]:
             continue
         of_row = weight[window][kept]
-        step = fit_in_time(
-            linear.J[kept] * of_row[:, None], linear.residuals[kept] * of_row, linear.block[kept]
-        )
+        J = linear.J[kept] * of_row[:, None]
+        step = fit_in_time(J, linear.residuals[kept] * of_row, linear.block[kept])
         if step is not None:
-            yield cause, step
+            informed = _information(J) > _LEAST_INFORMATION * _information(linear.J)
+            yield cause, replace(step, values=np.where(informed, step.values, 0.0))
+
+
+def _information(J: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the inverse variance (p,) of each parameter by derivatives (m, p) of errors of variance one."""
+    lengths = np.linalg.norm(J, axis=0)
+    return lengths**2 / np.linalg.pinv((J / lengths).T @ (J / lengths)).diagonal()
 
 
 def _kinds_of_windows(linear: _Linear) -> Iterator[tuple[str, NDArray[np.bool_]]]:

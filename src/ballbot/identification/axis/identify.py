@@ -47,6 +47,7 @@ from ballbot.identification.axis.preparation import (
     Bench,
     prepared_records,
     with_best_load,
+    with_missed_load,
     without_refuted_forces,
 )
 from ballbot.identification.axis.record import AxisRecord
@@ -105,6 +106,8 @@ def identify_axis(
     blocks, horizon = select_windows(model, start, bench.sightings, blocks, choosing)
     choosing.progress(Progress(stage="forces", done=1.0, total=1.0))
     prepared = with_best_load(prepared, dry, blocks, horizon.chosen)
+    if options.load_friction is None:
+        prepared = with_missed_load(prepared, dry, blocks, horizon.chosen)
     needed = without_refuted_forces(prepared, dry, blocks, horizon.chosen)
     model, terms, starts = needed.model, needed.terms, needed.starts
     inverse = _inverse_fits(bench, model)
@@ -130,7 +133,15 @@ def identify_axis(
     findings = (
         *prepared.findings(records),
         *outlier_findings(fit, bench.sightings, records, blocks, horizon.chosen),
-        *axis_findings(bench.all, selection, best, estimates, asymmetry, by_user=wanted is not None),
+        *axis_findings(
+            bench.all,
+            selection,
+            best,
+            estimates,
+            asymmetry,
+            by_user=wanted is not None,
+            asymmetric=by_law["asymmetric"],
+        ),
         *inverse_mass_findings(inverse["complete"], others, records[0].unit),
         *doubts,
         *residual_findings(tests, model.with_law(chosen), records),

@@ -29,7 +29,14 @@ from ballbot.identification.axis.model import Axis
 from ballbot.identification.axis.motion import LEAST_SEGMENT, Motion
 from ballbot.identification.axis.output_error import OutputErrorFit, Sighting
 from ballbot.identification.axis.record import AxisRecord
-from ballbot.identification.axis.selection import Blocks, blocks_of, fit_all, horizons_for, problem_of
+from ballbot.identification.axis.selection import (
+    Blocks,
+    blocks_of,
+    fit_all,
+    horizons_for,
+    problem_of,
+    windows_in,
+)
 from ballbot.identification.axis.structure import AxisModel, base_name
 
 #: a reversal lasts from where force or speed falls below this share of its usual size to where it exceeds it again
@@ -63,10 +70,11 @@ class Contact:
     moving: float  #: share of all rows in which the axis moves
     sightings: Sequence[Sighting]  #: of these rows
     blocks: Blocks
-    everywhere: OutputErrorFit  #: of the law coulomb to all rows
+    everywhere: OutputErrorFit  #: of the law coulomb to all rows, over windows of `length`
     between: OutputErrorFit  #: and to these rows
     starts: Mapping[str, Values]  #: by law, where fits of this model begin
     after: float  #: how long a reversal counts after its end [s]
+    length: float  #: of windows whose errors are comparable with those between reversals [s]
 
     @property
     def share(self) -> float:
@@ -154,7 +162,27 @@ def contact_of(
             best = replace(best, everywhere=whole)
             break
         best = again
-    return best
+    return best and _over_comparable_windows(best, sightings, blocks)
+
+
+def _over_comparable_windows(contact: Contact, sightings: Sequence[Sighting], blocks: Blocks) -> Contact:
+    """Return what was found, with the fit to all rows over windows as short as those between reversals are.
+
+    By noise of the force a position error grows with the power 1.5 of time: where reversals follow each other quickly,
+    windows that contain them would be worse for being longer.
+    """
+    again = fit_all(contact.everywhere.model, contact.everywhere.values, sightings, blocks, contact.length)
+    return replace(contact, everywhere=again)
+
+
+def _comparable_length(sightings: Sequence[Sighting], blocks: Blocks, horizon: float) -> float:
+    """Return the length [s] of equal windows whose error by noise of the force is that of windows in these blocks."""
+    windows, _ = windows_in(sightings, blocks, range(len(blocks)), horizon)
+    found = [
+        np.diff(sightings[one.record].record.t[[one.firsts, one.firsts + one.counts]], axis=0)[0][one.window]
+        for one in windows
+    ]
+    return float(np.mean(np.concatenate(found) ** 3) ** (1.0 / 3.0))
 
 
 def _between(
@@ -189,6 +217,7 @@ def _between(
                 between=between,
                 starts=starts,
                 after=after,
+                length=_comparable_length(parts, blocks, horizon),
             )
             found.append(contact)
     return min(found, key=lambda one: one.between.rms, default=None)
@@ -210,7 +239,7 @@ def play_of(contact: Contact, sightings: Sequence[Sighting], blocks: Blocks) -> 
     blocks : Blocks
         Of all rows.
     """
-    plain, between, horizon = contact.everywhere, contact.between, _horizon(blocks, sightings)
+    plain, between, horizon = contact.everywhere, contact.between, contact.length
     if not _error_of_most(between, sightings, blocks, horizon) > _STILL * between.rms:
         return None
     values = _apart(plain, between)

@@ -100,6 +100,15 @@ def gain_of_load(
     return found[1] if found else None
 
 
+def chance_of_load(
+    records: Sequence[AxisRecord], model: AxisModel, *, bandwidth: float | None = None
+) -> float:
+    """Return the p-value that the inverse model gives to no friction over a model's load."""
+    rows = regression_rows(records, model, bandwidth=bandwidth, moving=True)
+    own = [place for place, label in enumerate(rows.columns) if base_name(label) == "load"]
+    return fit_linear(np.column_stack(list(rows.columns.values())), rows.force, rows.block).p_value(own)
+
+
 def _wider(
     records: Sequence[AxisRecord], model: AxisModel, rows: RegressionRows, kinds: Collection[Kind]
 ) -> list[tuple[str, AxisModel]]:
