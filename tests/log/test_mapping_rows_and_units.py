@@ -1,5 +1,6 @@
 """Foreign logs whose stamps jitter, whose columns have several units, or whose names are those of other quantities."""
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 from ballbot.errors import InputError
 from ballbot.log.mapping_inference.commands import GAIN_BIAS
 from ballbot.log.mapping_inference.conclusions import conclusions_of
+from ballbot.log.mapping_inference.drive import RATIO_ERROR
 from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.file_signals import pitch_in_rolls_unit
 from ballbot.log.mapping_inference.open_names import with_rates_of
@@ -174,10 +176,14 @@ def test_the_bias_of_a_gain_is_that_of_torques_and_currents(evaluated, plain: Co
     assert ratios == {"torque": biased, "current": biased, "duty": unbiased, "voltage": unbiased}
 
 
-def test_a_resistance_is_doubted_by_clear_evidence_only():
-    assert resistance_confidence(1.1, 0.1) >= CONFIDENT
-    assert resistance_confidence(1.25, 0.1) < CONFIDENT
-    assert resistance_confidence(1.0, 2.0) >= CONFIDENT  # a log that shows nothing raises no doubt
+@pytest.mark.parametrize("times", [0.79, 1.27])
+def test_a_resistance_is_doubted_from_a_fifth_on(times):
+    """A course's motor has 2.18 ohm by its data sheet, and 2.76 give its robot file's torque limit."""
+    error = math.hypot(RATIO_ERROR, 0.03)  # of the gain, the median of the development halves
+    assert resistance_confidence(times, error) < CONFIDENT
+    assert resistance_confidence(times**0.5, error) >= CONFIDENT
+    # a log that shows nothing leaves what is assumed, which is not stated with confidence
+    assert 0.8 < resistance_confidence(times, 2.0) < CONFIDENT
 
 
 def test_counts_of_a_robot_unlike_its_file_are_asked_for(evaluated, plain: Columns):

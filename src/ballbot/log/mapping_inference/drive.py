@@ -114,7 +114,7 @@ def gain_bias(unit: Unit) -> float:
 #: resistance is the assumed one, the mean is -0.01 and the standard deviation 0.07. With the bias of torques and
 #: currents the mean would be -0.08: it is not taken from duties and voltages. A robot file's masses are not known to
 #: an eighth, which is added
-RATIO_ERROR = math.hypot(0.1, 0.125)
+RATIO_ERROR = math.hypot(0.06, 0.1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -14,7 +14,7 @@ from ballbot.robot import Robot
 
 #: probability before the log is seen that full duty gives the torque limit, and how far the resistance else is from
 #: that [log]; chosen
-GIVES_LIMIT, OTHER_RESISTANCE = 0.92, 0.3
+GIVES_LIMIT, OTHER_RESISTANCE = 0.88, 0.3
 #: torque at standstill over the torque limit of the strongest motor that must be expected: chosen. From data sheets it
 #: is 1.3 on the preset rob311
 STRONGEST = 6.0
