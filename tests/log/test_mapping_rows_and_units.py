@@ -181,7 +181,7 @@ def test_a_resistance_is_doubted_from_a_fifth_on(times):
     """A course's motor has 2.18 ohm by its data sheet, and 2.76 give its robot file's torque limit."""
     error = math.hypot(RATIO_ERROR, 0.03)  # of the gain, the median of the development halves
     assert resistance_confidence(times, error) < CONFIDENT
-    assert resistance_confidence(times**0.5, error) >= CONFIDENT
+    assert resistance_confidence(times**0.4, error) >= CONFIDENT
     # a log that shows nothing leaves what is assumed, which is not stated with confidence
     assert 0.8 < resistance_confidence(times, 2.0) < CONFIDENT
 

@@ -212,8 +212,15 @@ def _delays(
     late = command_delay(commands, measured.signals, usable, interval=interval, early=early)
     if tested is None:
         return None, late
-    early -= late.applied
-    return lean_delay(tested, measured.signals, measured.gyro, interval=interval, early=early), late
+    lean = lean_delay(
+        tested,
+        measured.signals,
+        measured.gyro,
+        interval=interval,
+        early=early - late.applied,
+        early_error=late.error,
+    )
+    return lean, late
 
 
 def _feedback(raw: Raw, interval: float) -> float | None:

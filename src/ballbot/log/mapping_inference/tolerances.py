@@ -62,6 +62,8 @@ LIKELY = 1.0
 EARLY = 2.0
 #: delays that are not seen lie between zero and these [s]: an IMU's filter takes up to 20 ms, a driver up to 15
 LONGEST_LEAN_DELAY, LONGEST_COMMAND_DELAY = 0.02, 0.015
+#: root mean square of a gyro's own delay [s], by its filter: chosen
+GYRO_DELAY = 0.004
 #: a delay of the commands that no robot that balances has [s]: it comes from something else
 IMPOSSIBLE_COMMAND_DELAY = 0.025
 #: filter of the commands before their quickness is taken [s]
@@ -120,7 +122,13 @@ def quickness(signal: Smooth, usable: NDArray[np.bool_]) -> float:
 
 
 def lean_delay(
-    tested: LeanTest, signals: Signals, gyro: GyroTest | None, *, interval: float, early: float = 0.0
+    tested: LeanTest,
+    signals: Signals,
+    gyro: GyroTest | None,
+    *,
+    interval: float,
+    early: float = 0.0,
+    early_error: float = 0.0,
 ) -> Delay:
     """Return the lean's delay: what it is later than a gyro, or than commands that respond to its noise.
 
@@ -136,6 +144,8 @@ def lean_delay(
     early : float
         By how much commands, later by their own delay, respond to the lean's noise before it is in the log [s]; it
         counts from a row's length on.
+    early_error : float
+        Standard error of the commands' own delay [s].
     """
     if signals.lean is None:
         return Delay(applied=0.0, error=math.inf, quickness=0.0, harmless=0.5, evidence="there is no lean")
@@ -146,10 +156,10 @@ def lean_delay(
     )
     said = f"the log does not measure it: up to {1e3 * LONGEST_LEAN_DELAY:.0f} ms must be expected"
     if early >= interval:
-        applied, error = early, interval
+        applied, error = early, min(math.hypot(early_error, interval), unseen)
         said = f"the commands respond to its noise {1e3 * early:.0f} ms before it is in the log"
     elif gyro is not None and gyro.lag > 0.0:
-        applied, error = gyro.lag, min(gyro.lag_error, unseen)
+        applied, error = gyro.lag, min(math.hypot(gyro.lag_error, GYRO_DELAY), unseen)
         said = f"roll and pitch are {1e3 * applied:.1f} ms later than the gyro, which is taken to be in time"
     quick = quickness(signals.lean, tested.balancing)
     return Delay(
