@@ -138,6 +138,14 @@ def test_commands_without_a_sign_are_refused_and_not_asked_for_order_and_signs(f
     assert "(is it in dir1, dir2, dir3?)" in shown_for(folder, capsys, columns)
 
 
+@pytest.mark.parametrize(("zero", "full"), [(128.0, 127.0), (1500.0, 500.0)])
+def test_commands_about_another_number_than_zero_are_named_with_it(folder, capsys, zero, full):
+    columns = columns_of(swaying_log(), Habits())
+    columns |= {f"u{i}": np.round(zero + full * columns[f"u{i}"]) for i in (1, 2, 3)}
+    said = shown_for(folder, capsys, columns)
+    assert f"whose zero is about {zero:.3g}: subtract the number" in said
+
+
 def test_missing_cells_and_slow_rows_are_named_where_commands_show_no_effect(folder, capsys):
     columns = columns_of(swaying_log(), Habits())
     random = np.random.default_rng(0)

@@ -79,6 +79,10 @@ def _question(open_questions: Sequence[Conclusion], mapping: str) -> str:
     return f"cannot determine: {first.question}; write it in {mapping}, {first.key}{more}."
 
 
+#: of magnitudes of commands, this part is below that part of the largest: commands that balance pass through zero
+LEAST_MAGNITUDE, FAR_FROM_ZERO = 0.1, 0.15
+
+
 def _unsigned(proposal: Proposal) -> str:
     """Return that the commands of a balancing robot have no sign; empty if they have one, or turn a wheel in a rig."""
     columns, commands = proposal.table.columns, proposal.roles.commands
@@ -87,6 +91,11 @@ def _unsigned(proposal: Proposal) -> str:
     values = np.concatenate([columns[name][np.isfinite(columns[name])] for name in commands])
     if not len(values) or values.min() < 0.0 < values.max():
         return ""
+    if np.quantile(np.abs(values), LEAST_MAGNITUDE) > FAR_FROM_ZERO * np.abs(values).max():
+        return (
+            f"the commands {', '.join(commands)} stay between {values.min():g} and {values.max():g}, as pulses or duties "
+            f"whose zero is about {np.median(values):.3g}: subtract the number that stands for zero from each."
+        )
     direction = [
         one.name
         for one in read_names(list(columns))
