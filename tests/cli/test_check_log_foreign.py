@@ -34,7 +34,7 @@ def test_a_log_whose_mapping_is_certain_suggests_the_next_command(folder, capsys
     assert "Next: ballbot identify" in shown
     results = json.loads((out / "results.json").read_text())
     assert results["undetermined"] == []
-    assert all(one["confidence"] >= 0.9 for one in results["conclusions"])
+    assert all(max(one["confidence"], one["harmless"]) >= 0.9 for one in results["conclusions"])
     assert {"name", "value", "confidence", "evidence", "alternatives"} <= set(results["conclusions"][0])
     assert (out / "log.csv").exists()
     assert "complete" not in (out / "mapping.toml").read_text()
@@ -143,7 +143,9 @@ def test_commands_about_another_number_than_zero_are_named_with_it(folder, capsy
     columns = columns_of(swaying_log(), Habits())
     columns |= {f"u{i}": np.round(zero + full * columns[f"u{i}"]) for i in (1, 2, 3)}
     said = shown_for(folder, capsys, columns)
-    assert f"whose zero is about {zero:.3g}: subtract the number" in said
+    found = float(said.partition("whose zero is about ")[2].partition(":")[0])
+    # the median of commands that balance is off by a hundredth of their range
+    assert found == pytest.approx(zero, abs=0.01 * full)
 
 
 def test_missing_cells_and_slow_rows_are_named_where_commands_show_no_effect(folder, capsys):

@@ -95,9 +95,13 @@ class Delay:
         return harmless(self.error, RIGHT_DELAY)
 
 
+#: end of an answer that the log does not show
+ASSUMED = ", assumed"
+
+
 def delay_words(late: Delay) -> str:
     """Return a delay as it is undone."""
-    return f"{1e3 * late.applied:.1f} ms{'' if late.measured else ', assumed'}"
+    return f"{1e3 * late.applied:.1f} ms{'' if late.measured else ASSUMED}"
 
 
 def delay_evidence(late: Delay, bearable: float) -> str:
