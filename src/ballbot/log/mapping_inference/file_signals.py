@@ -212,19 +212,32 @@ def gyro_of(
         found = _in_counts(found, wide, seen_wide, signals, with_yaw=with_yaw)
     if found is None:
         return None
-    t, angles = sampled[kept], angles[kept]
-    rates = raw.gyro[kept][:, list(found.order)] * found.factor * np.asarray(found.signs)
+    return _integrated_test(found, sampled[kept], angles[kept], raw.gyro[kept], signals, with_yaw=with_yaw)
+
+
+def _integrated_test(
+    found: GyroTest,
+    t: NDArray[np.float64],
+    angles: NDArray[np.float64],
+    gyro: NDArray[np.float64],
+    signals: Signals,
+    *,
+    with_yaw: bool,
+) -> GyroTest:
+    """Return a test of a gyro (N, 3) with what its integral shows: how late the angles are, and the handedness."""
+    rates = gyro[:, list(found.order)] * found.factor * np.asarray(found.signs)
     turning = rates[:, 2]
     if with_yaw:
-        turning = np.interp(t, signals.rows, smooth(signals.rows, t, angles[:, 2:], width=YAW_WIDTH).rate[:, 0])
+        yaw = smooth(signals.rows, t, angles[:, 2:], width=YAW_WIDTH).rate[:, 0]
+        turning = np.interp(t, signals.rows, yaw)
     usable = np.interp(t, signals.rows, signals.usable) == 1.0
     lag, error = angles_after_gyro(t, angles, rates[:, :2], turning, usable)
     error = math.hypot(GYRO_LAG_ERRORS * error, GYRO_LAG_ERROR)
     found = replace(found, lag=lag if lag > CLEAR_LAG * error else 0.0, lag_error=error)
     if not with_yaw:
         return found
-    at_angles = np.column_stack([np.interp(t, t + found.lag, column) for column in rates[:, :2].T])
-    sigma, error = handedness_by_gyro(t, angles, at_angles, turning, usable)
+    in_time = np.column_stack([np.interp(t, t + found.lag, column) for column in rates[:, :2].T])
+    sigma, error = handedness_by_gyro(t, angles, in_time, turning, usable)
     return replace(found, handedness=sigma, handedness_error=error)
 
 

@@ -93,8 +93,8 @@ def _unsigned(proposal: Proposal) -> str:
         return ""
     if np.quantile(np.abs(values), LEAST_MAGNITUDE) > FAR_FROM_ZERO * np.abs(values).max():
         return (
-            f"the commands {', '.join(commands)} stay between {values.min():g} and {values.max():g}, as pulses or duties "
-            f"whose zero is about {np.median(values):.3g}: subtract the number that stands for zero from each."
+            f"the commands {', '.join(commands)} stay between {values.min():g} and {values.max():g}, as pulses or "
+            f"duties whose zero is about {np.median(values):.3g}: subtract the number that stands for zero from each."
         )
     direction = [
         one.name
@@ -132,8 +132,8 @@ def _missing_between_rows(proposal: Proposal) -> str:
     interval = 1e3 * proposal.time.factor * float(np.median(np.diff(columns[roles.time or ""])))
     return (
         f"the commands {', '.join(roles.commands)} change from each of the controller's samples to the next, and rows "
-        f"that come every {interval:.3g} ms miss about {100.0 * proposal.missed:.0f} % of the torques: log every sample, "
-        "or correct the sample time in the robot file if these are all."
+        f"that come every {interval:.3g} ms miss about {100.0 * proposal.missed:.0f} % of the torques: log every "
+        "sample, or correct the sample time in the robot file if these are all."
     )
 
 

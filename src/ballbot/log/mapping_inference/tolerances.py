@@ -161,7 +161,7 @@ def lean_delay(
     said = f"the log does not measure it: up to {1e3 * LONGEST_LEAN_DELAY:.0f} ms must be expected"
     if early >= interval:
         applied, error = early, min(math.hypot(early_error, interval), unseen)
-        said = f"the commands respond to its noise {1e3 * early:.0f} ms before it is in the log"
+        said = f"less their own delay, the commands respond to its noise {1e3 * early:.0f} ms before it is in the log"
     elif gyro is not None and gyro.lag > 0.0:
         applied, error = gyro.lag, min(math.hypot(gyro.lag_error, GYRO_DELAY), unseen)
         said = f"roll and pitch are {1e3 * applied:.1f} ms later than the gyro, which is taken to be in time"
