@@ -16,6 +16,7 @@ from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.file_signals import pitch_in_rolls_unit
 from ballbot.log.mapping_inference.open_names import with_rates_of
 from ballbot.log.mapping_inference.proposal import propose
+from ballbot.log.mapping_inference.refusal import LARGEST_MISSED, refusal_of
 from ballbot.log.mapping_inference.report import Evaluation, evaluate
 from ballbot.log.mapping_inference.roles import roles_by_name
 from ballbot.log.mapping_inference.stall import resistance_confidence
@@ -161,6 +162,15 @@ def test_a_resistance_unlike_that_of_the_torque_limit_is_asked_for(evaluated, pl
     own: Evaluation = evaluated(plain)
     assert not own.refusal
     assert "the motion and the robot file's masses give" in own.text
+
+
+def test_a_lean_that_seems_late_is_noted_and_rows_that_miss_torques_are_refused(evaluated, plain: Columns):
+    found: Evaluation = evaluated(plain)
+    assert found.proposal.sensor_delay == 0.0
+    assert [one for one in found.findings if "Play in the gears and noise do that" in one.text]
+    missing = replace(found.proposal, missed=1.25 * LARGEST_MISSED)
+    assert "miss about 15 % of the torques: log every sample" in refusal_of(missing, (), "mapping.toml")
+    assert not refusal_of(found.proposal, (), "mapping.toml")
 
 
 def test_the_bias_of_a_gain_is_that_of_torques_and_currents(evaluated, plain: Columns):

@@ -267,6 +267,7 @@ class _Steps:
 
     @staticmethod
     def of(t: NDArray[np.float64], angle: NDArray[np.float64], largest_speed: float) -> _Steps:
+        """Return the steps of an angle (N,) [rad]."""
         known = np.isfinite(angle)
         values, none = angle[known], np.zeros(len(t), dtype=np.bool_)
         steps = np.diff(values)

@@ -147,6 +147,7 @@ def _integrated(
 
 
 def _whitened(columns: NDArray[np.float64], gain: float) -> NDArray[np.float64]:
+    """Return columns (N, k) of a span less what a random walk in proportion to a gain adds up to."""
     whitened = lfilter([1.0, -1.0], [1.0, gain - 1.0], columns, axis=0) if gain else columns
     return np.asarray(whitened, dtype=np.float64)
 

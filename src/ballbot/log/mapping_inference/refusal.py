@@ -94,7 +94,7 @@ def _unsigned(proposal: Proposal) -> str:
     if np.quantile(np.abs(values), LEAST_MAGNITUDE) > FAR_FROM_ZERO * np.abs(values).max():
         return (
             f"the commands {', '.join(commands)} stay between {values.min():g} and {values.max():g}, as pulses or "
-            f"duties whose zero is about {np.median(values):.3g}: subtract the number that stands for zero from each."
+            f"duties whose zero is about {np.median(values):.4g}: subtract the number that stands for zero from each."
         )
     direction = [
         one.name
