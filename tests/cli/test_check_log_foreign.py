@@ -34,7 +34,7 @@ def test_a_log_whose_mapping_is_certain_suggests_the_next_command(folder, capsys
     assert "Next: ballbot identify" in shown
     results = json.loads((out / "results.json").read_text())
     assert results["undetermined"] == []
-    assert all(one["confidence"] >= 0.9 for one in results["conclusions"])
+    assert all(max(one["confidence"], one["harmless"]) >= 0.9 for one in results["conclusions"])
     assert {"name", "value", "confidence", "evidence", "alternatives"} <= set(results["conclusions"][0])
     assert (out / "log.csv").exists()
     assert "complete" not in (out / "mapping.toml").read_text()
@@ -136,6 +136,16 @@ def test_commands_without_a_sign_are_refused_and_not_asked_for_order_and_signs(f
     assert "cannot determine" not in said
     columns |= {f"dir{name[1]}": (values > 0.0) * 1.0 for name, values in duties.items()}
     assert "(is it in dir1, dir2, dir3?)" in shown_for(folder, capsys, columns)
+
+
+@pytest.mark.parametrize(("zero", "full"), [(128.0, 127.0), (1500.0, 500.0)])
+def test_commands_about_another_number_than_zero_are_named_with_it(folder, capsys, zero, full):
+    columns = columns_of(swaying_log(), Habits())
+    columns |= {f"u{i}": np.round(zero + full * columns[f"u{i}"]) for i in (1, 2, 3)}
+    said = shown_for(folder, capsys, columns)
+    found = float(said.partition("whose zero is about ")[2].partition(":")[0])
+    # the median of commands that balance is off by a hundredth of their range
+    assert found == pytest.approx(zero, abs=0.01 * full)
 
 
 def test_missing_cells_and_slow_rows_are_named_where_commands_show_no_effect(folder, capsys):

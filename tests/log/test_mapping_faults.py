@@ -203,9 +203,9 @@ def test_missing_cells_leave_the_conclusions_and_no_unbelieved_delay_is_told(eva
     assert found.proposal.wheel.unit == "counts"
     (missing,) = (one for one in found.findings if one.code == "missing")
     assert "23 cells of theta_x, psi_2 are missing" in missing.text
-    (drive,) = (one for one in found.findings if one.code == "drive")
+    drive = [one.text for one in found.findings if one.code == "drive"]
     applied = found.proposal.command_delay.applied
-    assert ("after the command" in drive.text) == (applied > 0.0)
+    assert any("after the command" in text for text in drive) == (applied > 0.0)
 
 
 WHEELS = ("psi_1", "psi_2", "psi_3")

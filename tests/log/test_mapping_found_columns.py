@@ -84,6 +84,16 @@ def test_columns_that_do_not_follow_the_lean_are_no_gyro(tmp_path):
     assert recognised(tmp_path, columns).roles.gyro == ()
 
 
+def test_columns_that_are_plainly_something_else_are_no_wheels_though_they_look_like_some(tmp_path):
+    columns = columns_of(swaying_log(), Habits())
+    names = {f"psi_{i}": f"axle_{i}" for i in "123"}
+    fields = {f"mag_{axis}": 0.9 * columns[f"psi_{i}"] for i, axis in zip("123", "xyz", strict=True)}
+    renamed = {names.get(name, name): values for name, values in columns.items()}
+    found = recognised(tmp_path, {"t_now": renamed.pop("t_now"), **fields, **renamed})
+    assert found.roles.angles == ("axle_1", "axle_2", "axle_3")
+    assert not found.roles.alternatives
+
+
 def test_a_gyro_that_lacks_an_axis_is_named(tmp_path):
     columns = with_rates("gyro_x", "gyro_y", "gyro_z")
     del columns["gyro_y"]

@@ -192,6 +192,11 @@ def test_corners_that_number_a_series_are_its_numbers_in_the_order_of_the_file(f
     [
         ("wielhoek1 [rad]", ("wheel angle", None, 1, "rad", None)),
         ("motorkoppel2 [Nm]", ("command", None, 2, "N m", "torque")),
+        ("/joint2/position", ("wheel angle", None, 2, None, None)),
+        ("/joint1/cmd", ("command", None, 1, None, None)),
+        ("/imu/gyro_x_rad/s", ("gyro", "x", None, "rad/s", None)),
+        ("Stellgr\u00f6\u00dfe_2", ("command", None, 2, None, None)),
+        ("Stellgroesse_M3", ("command", None, 3, None, None)),
         ("tijd [s]", ("time", None, None, "s", None)),
         ("Inkremente_Rad1", ("wheel angle", None, 1, None, None)),
         ("beccheggio_gradi", ("attitude", "y", None, "deg", None)),

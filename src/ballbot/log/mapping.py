@@ -221,8 +221,10 @@ def _applied(
     if mapping.wrap is not None:
         periods = {name: abs(mapping.columns[name].factor) * mapping.wrap for name in _wheel_angles(raw)}
         raw |= {name: unwrapped(raw[name], period=period) for name, period in periods.items()}
-    if mapping.largest_speed is not None:
-        raw |= {name: without_resets(t, raw[name], mapping.largest_speed) for name in _wheel_angles(raw)}
+    names = _wheel_angles(raw)
+    if mapping.largest_speed is not None and names:
+        carried = without_resets(t, np.column_stack([raw[name] for name in names]), mapping.largest_speed)
+        raw |= dict(zip(names, carried.T, strict=True))
     sampled = _sampled(mapping, t, raw)
     even = mapping.timing.sample_time
     count = len(mapping.columns) + len(mapping.derivatives) + 10

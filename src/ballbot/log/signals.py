@@ -222,32 +222,85 @@ def unwrapped(angle: NDArray[np.float64], *, period: float = 2.0 * np.pi) -> NDA
 
 
 def without_resets(
-    t: NDArray[np.float64], angle: NDArray[np.float64], largest_speed: float
+    t: NDArray[np.float64], angles: NDArray[np.float64], largest_speed: float
 ) -> NDArray[np.float64]:
-    """Return an encoder's angle (N,) without the steps that no wheel can make: resets, overflows, and ends of a turn.
+    """Return encoders' angles without the steps that no wheel makes: resets, overflows, and ends of a turn.
 
     An angle that stays within one turn, and jumps from end to end of it again and again, is unwrapped: on a fast wheel
-    or with slow rows such a jump may be less than what the wheel could turn.
+    or with slow rows such a jump may be less than what the wheel could turn. A step to zero is a reset if the wheel
+    hardly moves before and after it, and one that is less clear if another encoder is reset in the same row.
 
     Parameters
     ----------
-    t, angle : ndarray (N,)
-        [s], [rad]; missing values stay missing.
+    t : ndarray (N,)
+        [s]
+    angles : ndarray (N,) or (N, n)
+        [rad]; missing values stay missing.
     largest_speed : float
-        A speed that the wheel cannot reach [rad/s].
+        A speed that the wheels cannot reach [rad/s].
     """
-    known = np.isfinite(angle)
-    steps = np.diff(angle[known])
-    if not steps.size:
-        return angle
-    if _is_wrapped(angle[known], steps):
-        return unwrapped(angle)
-    # three usual intervals, so that a late row is not taken for a reset
-    allowed = largest_speed * np.maximum(np.diff(t[known]), 3.0 * np.median(np.diff(t)))
-    steps[np.abs(steps) > allowed] = 0.0
-    found = angle.copy()
-    found[known] = angle[known][0] + np.concatenate(([0.0], np.cumsum(steps)))
-    return found
+    columns = list(np.asarray(angles).reshape(len(t), -1).T)
+    steps = [_Steps.of(t, column, largest_speed) for column in columns]
+    together = np.any([one.reset for one in steps], axis=0)
+    found = [
+        one.carried(column, together) if one.known.any() else column
+        for one, column in zip(steps, columns, strict=True)
+    ]
+    return np.column_stack(found).reshape(np.shape(angles))
+
+
+#: a step to zero is a reset if it is so many times as large as the steps beside it, and so many counts more; and this
+#: many times if another encoder is reset in the same row
+_ALONE, _COUNTS, _TOGETHER = 4.0, 8.0, 2.0
+#: what is left of a step to zero, over the step
+_TO_ZERO = 0.2
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Steps:
+    """The steps of an encoder's angle from row to row, and which are resets."""
+
+    known: NDArray[np.bool_]  #: (N,), rows with a value
+    reset: NDArray[np.bool_]  #: (N,), rows with a reset just before
+    likely: NDArray[np.bool_]  #: (N,), rows with one if another encoder has one
+    wrapped: NDArray[np.float64] | None  #: (N,), the angle unwrapped, if it is one within a turn
+
+    @staticmethod
+    def of(t: NDArray[np.float64], angle: NDArray[np.float64], largest_speed: float) -> _Steps:
+        """Return the steps of an angle (N,) [rad]."""
+        known = np.isfinite(angle)
+        values, none = angle[known], np.zeros(len(t), dtype=np.bool_)
+        steps = np.diff(values)
+        if not steps.size:
+            return _Steps(known=none, reset=none, likely=none, wrapped=None)
+        if _is_wrapped(values, steps):
+            return _Steps(known=known, reset=none, likely=none, wrapped=unwrapped(angle))
+        usual, size = float(np.median(np.diff(t))), np.abs(steps)
+        between = np.maximum(np.diff(t[known]), usual)
+        # three usual intervals, so that a late row is not taken for a reset
+        impossible = size > largest_speed * np.maximum(between, 3.0 * usual)
+        rates = np.pad(size * usual / between, 2)
+        beside = np.max([rates[place : len(rates) - 4 + place] for place in (0, 1, 3, 4)], axis=0)
+        to_zero = np.abs(values[1:]) < _TO_ZERO * size
+        count = float(size[size > 0.0].min(initial=np.inf))
+        alone = to_zero & (rates[2:-2] > _ALONE * beside + _COUNTS * count)
+        for place in np.flatnonzero(alone):  # a value of zero that ends again is a spike
+            alone[place] = not (np.abs(steps + steps[place]) < _TO_ZERO * size[place]).any()
+        reset, likely = none.copy(), none.copy()
+        rows = np.flatnonzero(known)[1:]
+        reset[rows] = impossible | alone
+        likely[rows] = to_zero & (rates[2:-2] > _TOGETHER * beside)
+        return _Steps(known=known, reset=reset, likely=likely, wrapped=None)
+
+    def carried(self, angle: NDArray[np.float64], together: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Return the angle (N,) across its resets; `together` has the rows in which any encoder has one."""
+        if self.wrapped is not None:
+            return self.wrapped
+        found, values = angle.copy(), angle[self.known]
+        steps = np.diff(values)
+        steps[(self.reset | (self.likely & together))[self.known][1:]] = 0.0
+        found[self.known] = values[0] + np.concatenate(([0.0], np.cumsum(steps)))
+        return found
 
 
 #: an angle is wrapped if it fills this share of a turn, with so many jumps of more than half a turn at least: one that

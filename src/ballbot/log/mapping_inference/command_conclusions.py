@@ -14,7 +14,7 @@ from ballbot.log.mapping_inference.proposal import Proposal
 from ballbot.log.mapping_inference.roles import PLAIN
 from ballbot.log.mapping_inference.stall import resistance_confidence
 from ballbot.log.mapping_inference.tolerances import (
-    command_delay_confidence,
+    command_delay_harmless,
     delay_evidence,
     delay_words,
 )
@@ -80,12 +80,13 @@ def command_conclusions(proposal: Proposal) -> list[Conclusion]:
         *_kind(proposal),
     ]
     late = proposal.command_delay
-    confidence = command_delay_confidence(late, drive.braked)
+    bearable = command_delay_harmless(late, drive.braked)
     delay = Conclusion(
         name="delay of the commands",
         value=delay_words(late),
-        confidence=confidence,
-        evidence=delay_evidence(late, confidence),
+        confidence=late.confidence,
+        harmless=bearable,
+        evidence=delay_evidence(late, bearable),
         error=1e3 * late.error,
         unit="ms",
         key="[input] delay",

@@ -33,6 +33,8 @@ class Conclusion:
     name: str  #: the question: "time unit", "command kind"
     value: str  #: the answer, as words or as the mapping file has it
     confidence: float  #: from 0 to 1, that the answer is right
+    #: from 0 to 1, that its error changes the log by no more than one can bear, if that is another question
+    harmless: float = 0.0
     evidence: str  #: one sentence
     alternatives: tuple[str, ...] = ()  #: other answers that are not excluded, the likeliest first
     error: float | None = None  #: standard error of a number
@@ -41,8 +43,8 @@ class Conclusion:
 
     @property
     def determined(self) -> bool:
-        """Whether the confidence is enough to go on."""
-        return self.confidence >= CONFIDENT
+        """Whether the answer is right, or its error harmless, with enough confidence to go on."""
+        return max(self.confidence, self.harmless) >= CONFIDENT
 
     @property
     def percent(self) -> str:

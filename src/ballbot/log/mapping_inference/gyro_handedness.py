@@ -1,4 +1,4 @@
-"""The handedness of roll, pitch and yaw, by a gyro.
+"""The handedness of roll, pitch and yaw, and how late roll and pitch are, by a gyro.
 
 Where the heading turns, a gyro shows whether roll, pitch and yaw have one handedness: of angles of the aerospace order
 with sigma = 1 if they have it and -1 if one of them is reversed, a gyro measures to first order of the lean
@@ -12,11 +12,16 @@ part of the yaw's rate,
 
 each up to an offset of each span of rows, and a gyro's offset. What is left is white noise and a random walk, the
 gyro's noise integrated, in a proportion that the likelihood chooses (`WHITENING`).
+
+Angles that are d later than the gyro leave -d gyro besides. The noise of the angles is not in the gyro's of the same
+row, even if the robot's motors respond to it later. Correlations of the gyro with rates of filtered angles, whose noise
+is spread over the rows before, are largest up to 35 ms beside the true delay.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -62,26 +67,57 @@ def handedness_by_gyro(
         The yaw's rate [rad/s].
     usable : ndarray (N,)
     """
-    spans = _spans(t, usable)
+
+    def table(rows: slice, axis: int, gain: float) -> NDArray[np.float64]:
+        turned = (1.0, -1.0)[axis] * turning[rows] * angles[rows, 1 - axis]
+        return _integrated(t[rows], angles[rows, axis], turned, rates[rows, axis], gain)
+
+    return _likeliest_factor(t, _spans(t, usable), table)
+
+
+def angles_after_gyro(
+    t: NDArray[np.float64],
+    angles: NDArray[np.float64],
+    rates: NDArray[np.float64],
+    turning: NDArray[np.float64],
+    usable: NDArray[np.bool_],
+) -> tuple[float, float]:
+    """Return by how much roll and pitch are later than the gyro [s], and its standard error; as `handedness_by_gyro`.
+
+    The rates are as logged, at times of their own.
+    """
+
+    def table(rows: slice, axis: int, gain: float) -> NDArray[np.float64]:
+        turned, rate = turning[rows] * angles[rows, 1 - axis], rates[rows, axis]
+        later = _whitened(-rate[:, None], gain)
+        return np.hstack([later, _integrated(t[rows], angles[rows, axis], turned, rate, gain)])
+
+    return _likeliest_factor(t, _spans(t, usable), table)
+
+
+def _likeliest_factor(
+    t: NDArray[np.float64], spans: list[slice], table: Callable[[slice, int, float], NDArray[np.float64]]
+) -> tuple[float, float]:
+    """Return the first factor of both axes' tables and its standard error, with the likeliest of `WHITENING`.
+
+    `table` gives the columns of a span, an axis (0 or 1) and a gain. With too few rows the factor is nan, and its
+    error infinite.
+    """
     if sum(len(t[one]) for one in spans) < LEAST_ROWS:
         return math.nan, math.inf
     whole = np.concatenate([t[one] for one in spans])
     found = []
     for gain in WHITENING:
         likelihood, estimates = 0.0, []
-        for axis, other, sign in ((0, 1, 1.0), (1, 0, -1.0)):
-            turned = sign * turning * angles[:, other]
-            tables = [
-                _integrated(t[one], angles[one, axis], turned[one], rates[one, axis], gain) for one in spans
-            ]
-            sigma, variance, rest = _first_factor(tables, whole)
+        for axis in (0, 1):
+            factor, variance, rest = _first_factor([table(one, axis, gain) for one in spans], whole)
             likelihood -= 0.5 * len(whole) * math.log(max(rest, TINY))
-            estimates.append((sigma, max(variance, TINY)))
+            estimates.append((factor, max(variance, TINY)))
         weights = np.array([1.0 / variance for _, variance in estimates])
-        sigma = float(weights @ [one for one, _ in estimates] / weights.sum())
-        found.append((likelihood, sigma, float(weights.sum() ** -0.5)))
-    _, sigma, error = max(found)
-    return sigma, error
+        factor = float(weights @ [one for one, _ in estimates] / weights.sum())
+        found.append((likelihood, factor, float(weights.sum() ** -0.5)))
+    _, factor, error = max(found)
+    return factor, error
 
 
 def _spans(t: NDArray[np.float64], usable: NDArray[np.bool_]) -> list[slice]:
@@ -107,6 +143,11 @@ def _integrated(
     steps = 0.5 * (table[1:] + table[:-1]) * np.diff(t)[:, None]
     summed = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
     columns = np.column_stack([summed[:, :2], np.ones(len(t)), angle - summed[:, 2]])
+    return _whitened(columns, gain)
+
+
+def _whitened(columns: NDArray[np.float64], gain: float) -> NDArray[np.float64]:
+    """Return columns (N, k) of a span less what a random walk in proportion to a gain adds up to."""
     whitened = lfilter([1.0, -1.0], [1.0, gain - 1.0], columns, axis=0) if gain else columns
     return np.asarray(whitened, dtype=np.float64)
 

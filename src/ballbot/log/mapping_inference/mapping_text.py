@@ -13,6 +13,7 @@ from ballbot.log.mapping_inference.conclusions import conclusions_of
 from ballbot.log.mapping_inference.evidence import Conclusion, in_percent
 from ballbot.log.mapping_inference.proposal import Proposal, rates_delay, rates_signs
 from ballbot.log.mapping_inference.stall import stall_resistance
+from ballbot.log.mapping_inference.tolerances import ASSUMED
 from ballbot.log.mapping_inference.units import PATH
 from ballbot.log.row_order import repeated_rows
 from ballbot.printable import printable_line
@@ -120,7 +121,8 @@ def _reason(one: Conclusion | None) -> str:
     """Return why a number is what it is, with its standard error."""
     if one is None:
         return "assumed"
-    reason = one.evidence.partition(";")[0]
+    assumed = "assumed; " if one.value.endswith(ASSUMED) else ""
+    reason = assumed + one.evidence.partition(";")[0]
     return f"{reason}; standard error {one.error_text}" if one.error is not None else reason
 
 

@@ -148,7 +148,7 @@ def measured_with(raw: Raw, units: AssumedUnits, robot: Robot, stuck: Sequence[S
     """Return what the sensors show with units; rows in which an encoder is stuck are not used."""
     limit = IMPOSSIBLE_SPEED * _speed_limit(robot)
     angles = raw.angles * units.wheel.factor
-    carried = np.column_stack([without_resets(raw.t, column, limit) for column in angles.T])
+    carried = without_resets(raw.t, angles, limit)
     timing, sampled = _timing(raw.t, carried)
     attitude = None if raw.attitude is None or units.lean is None else units.in_radians(raw.attitude)
     signals = _without(stuck, signals_of(raw, carried, sampled, attitude, width=LEAN_WIDTHS[0]))

@@ -301,6 +301,7 @@ _TRANSLATIONS = {
     "position": "positie posizione posicion posicao pozycja weg",
     "encoder": "codeur encodeur codificador codificatore drehgeber",
     "torque": "koppel coppia couple binario vridmoment",
+    "command": "stellgrosse stellgroesse stellwert befehl comando commande",
     "current": "stroom corrente corriente courant prad",
     "voltage": "spanning tensione tension tensao napiecie voltaje",
     "velocity": "snelheid velocita velocidad velocidade vitesse predkosc hastighet",

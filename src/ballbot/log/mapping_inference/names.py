@@ -183,7 +183,7 @@ def _words_and_unit(name: str) -> tuple[list[str], str | None]:
         if spelled in UNIT_OF:
             unit = UNIT_OF[spelled]
             name = name.replace(content, " ")
-    parts = [part for part in re.split(r"[^0-9A-Za-zµμ%°/^²]+", name) if part]
+    parts = [one for part in re.split(r"[^0-9A-Za-zµμ%°/^²]+", name) for one in _without_path(part) if one]
     if unit is None and len(parts) > 1:
         parts, unit = _unit_at_the_end(parts)
     if unit is None and len(parts) > 2 and (parts[-1].isdigit() or parts[-1].lower() in "xyz"):
@@ -205,9 +205,18 @@ def _words_and_unit(name: str) -> tuple[list[str], str | None]:
     return words, unit
 
 
+#: units with a slash, which no path has
+_WITH_SLASH = tuple(spelling for spelling in UNIT_OF if "/" in spelling)
+
+
+def _without_path(part: str) -> list[str]:
+    """Return the parts of a path, such as a topic of ROS; a unit with a slash is none."""
+    return [part] if part.lower().endswith(_WITH_SLASH) else part.split("/")
+
+
 def _without_accents(name: str) -> str:
     """Return a name with plain letters for those with accents; signs such as µ and ° stay."""
-    parted = unicodedata.normalize("NFD", name.replace("ł", "l").replace("Ł", "L"))
+    parted = unicodedata.normalize("NFD", name.replace("ł", "l").replace("Ł", "L").replace("ß", "ss"))
     return "".join(mark for mark in parted if not unicodedata.combining(mark))
 
 

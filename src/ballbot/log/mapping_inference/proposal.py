@@ -30,11 +30,22 @@ from ballbot.log.mapping import (
 from ballbot.log.mapping_inference.drive import DriveEvidence, drive_evidence
 from ballbot.log.mapping_inference.file_signals import GyroTest, Raw, Signals, filled
 from ballbot.log.mapping_inference.frame import Frame, HeadingTest, frame_of
-from ballbot.log.mapping_inference.measured import AssumedUnits, TimingRepair, settled_units, stuck_in
+from ballbot.log.mapping_inference.measured import (
+    AssumedUnits,
+    Measured,
+    TimingRepair,
+    settled_units,
+    stuck_in,
+)
 from ballbot.log.mapping_inference.placement import LeanTest
 from ballbot.log.mapping_inference.recognition import recognise
 from ballbot.log.mapping_inference.roles import Roles
-from ballbot.log.mapping_inference.tolerances import Delay, command_delay, lean_delay
+from ballbot.log.mapping_inference.tolerances import (
+    Delay,
+    command_delay,
+    lean_delay,
+    missed_between_rows,
+)
 from ballbot.log.mapping_inference.units import Scale
 from ballbot.log.mapping_inference.wheel_response import (
     COMMAND_WIDTH,
@@ -76,6 +87,8 @@ class Proposal:
     sample_time: float  #: of even rows [s]
     signals: Signals
     stuck: tuple[StuckEncoder, ...]  #: encoders that hold their angle while their wheels turn
+    #: size of the torques that the controller commands between the rows, over that of all torques
+    missed: float = 0.0
     #: duty that the firmware adds, as the user says; None if it is not known
     dead_band: float | None = None
 
@@ -137,7 +150,7 @@ def propose(
     usable = tested.balancing if tested else signals.usable
     # by then all wheels count the same way round
     commands = _test_commands(signals, measured.angles * np.asarray(frame.signs), measured.sampled, usable)
-    lean, late = _delays(raw, signals, usable, commands, tested)
+    lean, late = _delays(raw, measured, usable, commands)
     proposal = Proposal(
         table=table,
         roles=roles,
@@ -176,7 +189,9 @@ def propose(
     # a hole in one column does not keep the commands' effect from showing
     whole_table = {name: values if name == roles.time else filled(values) for name, values in cut.items()}
     drive = drive_evidence(mapping, whole_table, raw.commands, robot, reading=reading, expected=expected)
-    return replace(proposal, drive=drive)
+    interval, sample_time = float(np.median(np.diff(raw.t))), robot.sensors.sample_time
+    missed = missed_between_rows(signals, usable, drive.braked, interval=interval, sample_time=sample_time)
+    return replace(proposal, drive=drive, missed=missed)
 
 
 def taken_rows(
@@ -189,22 +204,22 @@ def taken_rows(
 
 
 def _delays(
-    raw: Raw,
-    signals: Signals,
-    usable: NDArray[np.bool_],
-    commands: CommandTest | None,
-    tested: LeanTest | None,
+    raw: Raw, measured: Measured, usable: NDArray[np.bool_], commands: CommandTest | None
 ) -> tuple[Delay | None, Delay]:
     """Return the delays of lean and commands, with which the latter respond to the former's noise in time."""
-    interval = float(np.median(np.diff(raw.t)))
-    feedback = _feedback(raw, interval)
-    lean = lean_delay(tested, signals) if tested else None
-    earliest = 0.0 if feedback is None else -feedback - (lean.applied if lean else 0.0)
-    late = command_delay(commands, signals, usable, interval=interval, earliest=earliest)
-    if tested and feedback is not None:
-        # the check of the log that the mapping makes sees whole rows
-        latest = LARGEST_DELAY - 0.5 * interval - feedback - late.applied
-        lean = lean_delay(tested, signals, latest=latest)
+    interval, tested = float(np.median(np.diff(raw.t))), measured.lean_test
+    early = max(-(_feedback(raw, interval) or 0.0), 0.0)
+    late = command_delay(commands, measured.signals, usable, interval=interval, early=early)
+    if tested is None:
+        return None, late
+    lean = lean_delay(
+        tested,
+        measured.signals,
+        measured.gyro,
+        interval=interval,
+        early=early - late.applied,
+        early_error=late.error,
+    )
     return lean, late
 
 

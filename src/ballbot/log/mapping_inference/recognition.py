@@ -225,6 +225,10 @@ def _roles(
     return found, True
 
 
+#: kinds of columns that are neither angles nor commands, if their names say so plainly: "other" are magnetometers, ..
+_NEVER_WHEELS = ("gyro", "accelerometer", "wheel speed", "reference", "other")
+
+
 def _by_data(table: ForeignTable, robot: Robot, named: Roles, parts: Collection[str]) -> Roles | None:
     """Return the roles by values, with the heading and the commands that names say plainly.
 
@@ -235,7 +239,7 @@ def _by_data(table: ForeignTable, robot: Robot, named: Roles, parts: Collection[
     plain = [one for one in read_names(list(table.columns), table.units) if one.weight >= PLAIN]
     yaw = next((one.name for one in plain if (one.kind, one.axis) == ("attitude", "z")), None)
     motors = named.commands if {*named.commands} <= {one.name for one in plain} else ()
-    others = {one.name for one in plain if one.kind in ("gyro", "accelerometer", "wheel speed", "reference")}
+    others = {one.name for one in plain if one.kind in _NEVER_WHEELS}
     rest = {name: values for name, values in columns.items() if name not in others}
     found = roles_by_data(rest, robot, yaw=yaw, motors=motors)
     if found is None and others:

@@ -58,7 +58,7 @@ def refusal_of(proposal: Proposal, conclusions: Sequence[Conclusion], mapping: s
         return _without_stuck_rows(proposal, open_questions, mapping)
     if open_questions:
         return _question(open_questions, mapping) + _likely_cause(proposal, open_questions)
-    return ""
+    return _missing_between_rows(proposal)
 
 
 def _without_advice(sentences: str) -> str:
@@ -79,6 +79,10 @@ def _question(open_questions: Sequence[Conclusion], mapping: str) -> str:
     return f"cannot determine: {first.question}; write it in {mapping}, {first.key}{more}."
 
 
+#: of magnitudes of commands, this part is below that part of the largest: commands that balance pass through zero
+LEAST_MAGNITUDE, FAR_FROM_ZERO = 0.1, 0.15
+
+
 def _unsigned(proposal: Proposal) -> str:
     """Return that the commands of a balancing robot have no sign; empty if they have one, or turn a wheel in a rig."""
     columns, commands = proposal.table.columns, proposal.roles.commands
@@ -87,6 +91,11 @@ def _unsigned(proposal: Proposal) -> str:
     values = np.concatenate([columns[name][np.isfinite(columns[name])] for name in commands])
     if not len(values) or values.min() < 0.0 < values.max():
         return ""
+    if np.quantile(np.abs(values), LEAST_MAGNITUDE) > FAR_FROM_ZERO * np.abs(values).max():
+        return (
+            f"the commands {', '.join(commands)} stay between {values.min():g} and {values.max():g}, as pulses or "
+            f"duties whose zero is about {np.median(values):.4g}: subtract the number that stands for zero from each."
+        )
     direction = [
         one.name
         for one in read_names(list(columns))
@@ -108,6 +117,24 @@ def _without_stuck_rows(proposal: Proposal, open_questions: Sequence[Conclusion]
         return f"{found} Remove these rows from the file, or use another log."
     spans = ", ".join(f"{start:.6g} to {end:.6g} s" for start, end in proposal.keep)
     return f"{found} In {mapping}, [time] keep is the rest, {spans}: if that is enough, go on with --mapping."
+
+
+#: largest part of the torques that may be missing between rows: its estimate is right to a quarter, and other errors
+#: add to it, up to the fifth of all torques that a log can bear
+LARGEST_MISSED = 0.12
+
+
+def _missing_between_rows(proposal: Proposal) -> str:
+    """Return that the rows miss too much of what the controller commands; empty if they do not."""
+    if proposal.missed < LARGEST_MISSED:
+        return ""
+    columns, roles = proposal.table.columns, proposal.roles
+    interval = 1e3 * proposal.time.factor * float(np.median(np.diff(columns[roles.time or ""])))
+    return (
+        f"the commands {', '.join(roles.commands)} change from each of the controller's samples to the next, and rows "
+        f"that come every {interval:.3g} ms miss about {100.0 * proposal.missed:.0f} % of the torques: log every "
+        "sample, or correct the sample time in the robot file if these are all."
+    )
 
 
 #: slower rows [s] show little of what commands do to wheels

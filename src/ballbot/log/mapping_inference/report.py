@@ -101,6 +101,7 @@ def findings_of(proposal: Proposal) -> tuple[Finding, ...]:
         *stuck_findings(proposal.stuck, names=proposal.roles.angles),
         *_timing(proposal),
         *_placement(proposal),
+        *_lean_delay(proposal),
         *_heading(proposal),
         *_episodes(proposal),
         *_gyro(proposal),
@@ -314,6 +315,22 @@ def _placement(proposal: Proposal) -> list[Finding]:
         sentence = f"Wheel {wheel} of the file counts in the opposite direction to the others."
         found.append(_finding("note", "wheels", sentence))
     return found
+
+
+#: a lean that seems later than this [s], and than its standard error, is worth a note
+NOTED_LAG = 0.01
+
+
+def _lean_delay(proposal: Proposal) -> list[Finding]:
+    """Return a note if the lean seems late, and no delay is undone."""
+    tested, late = proposal.lean_test, proposal.lean_delay
+    if tested is None or late is None or late.measured or not tested.lag > NOTED_LAG + tested.lag_error:
+        return []
+    sentence = (
+        f"The wheels explain the lean best {1e3 * tested.lag:.0f} ms earlier. Play in the gears and noise do that as "
+        "well as a delay, so that none is undone: if the IMU's data sheet gives one, write it in [attitude] delay."
+    )
+    return [_finding("note", "timing", sentence, proposal.roles.attitude)]
 
 
 def _mirror_words(proposal: Proposal) -> str:
