@@ -212,8 +212,8 @@ def _open_parameters(best: Estimate, records: Sequence[AxisRecord]) -> list[Find
                 f"{kind.symbol} is not determined by these records: its 95 % interval contains zero and more than "
                 "twice its value. Do not use its number."
             )
-            severe = half > _UNDETERMINED * abs(value)
-            found.append((warning if severe else note)("undetermined", text))
+            severity = "warning" if half > _UNDETERMINED * abs(value) else "note"
+            found.append(Finding(code="undetermined", severity=severity, text=text))
         elif half > abs(value) and not small and not drift:
             interval = _interval_words(kind, value, half, unit_for(kind, records[0].unit))
             found.append(note("poorly-determined", f"{kind.symbol} is poorly determined: {interval}."))

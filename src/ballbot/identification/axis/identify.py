@@ -45,6 +45,7 @@ from ballbot.identification.axis.preparation import (
     DEFAULT_OPTIONS,
     AxisOptions,
     Bench,
+    Prepared,
     prepared_records,
     with_best_load,
     with_missed_load,
@@ -55,6 +56,7 @@ from ballbot.identification.axis.residuals import residual_findings
 from ballbot.identification.axis.result import AxisIdentification, Estimate
 from ballbot.identification.axis.selection import (
     Blocks,
+    HorizonChoice,
     blocks_of,
     errors_on,
     held_out_errors,
@@ -97,18 +99,8 @@ def identify_axis(
     _check(records, validation_records, options)
     wanted = None if options.law is None else axis_law_named(options.law)
     bench = Bench(records=records, others=tuple(validation_records), bandwidth=options.bandwidth)
-    run.progress(Progress(stage="inverse model", done=0.0, total=1.0))
-    prepared = prepared_records(bench, options, blocks_of(records))
-    bench, drifting, blocks = prepared.bench, prepared.drifting, prepared.blocks
-    choosing = replace(run, progress=part_of(run.progress, 0.0, _HORIZON_TO))
-    dry = AXIS_LAWS["dahl" if prepared.model.bending else "coulomb"]
-    model, start = prepared.model.with_law(dry), prepared.starts[dry.name]
-    blocks, horizon = select_windows(model, start, bench.sightings, blocks, choosing)
-    choosing.progress(Progress(stage="forces", done=1.0, total=1.0))
-    prepared = with_best_load(prepared, dry, blocks, horizon.chosen)
-    if options.load_friction is None:
-        prepared = with_missed_load(prepared, dry, blocks, horizon.chosen)
-    needed = without_refuted_forces(prepared, dry, blocks, horizon.chosen)
+    prepared, needed, blocks, horizon = _prepared_with_windows(bench, blocks_of(records), options, run)
+    bench, drifting = prepared.bench, prepared.drifting
     model, terms, starts = needed.model, needed.terms, needed.starts
     inverse = _inverse_fits(bench, model)
     fitting = replace(run, progress=part_of(run.progress, _HORIZON_TO, _FITS_TO))
@@ -163,6 +155,23 @@ def identify_axis(
         expected=expected,
         findings=findings,
     )
+
+
+def _prepared_with_windows(
+    bench: Bench, blocks: Blocks, options: AxisOptions, run: Run
+) -> tuple[Prepared, Prepared, Blocks, HorizonChoice]:
+    """Return what was prepared, the same without forces that the open loop refutes, blocks and horizon."""
+    run.progress(Progress(stage="inverse model", done=0.0, total=1.0))
+    prepared = prepared_records(bench, options, blocks)
+    choosing = replace(run, progress=part_of(run.progress, 0.0, _HORIZON_TO))
+    dry = AXIS_LAWS["dahl" if prepared.model.bending else "coulomb"]
+    model, start = prepared.model.with_law(dry), prepared.starts[dry.name]
+    blocks, horizon = select_windows(model, start, prepared.bench.sightings, prepared.blocks, choosing)
+    choosing.progress(Progress(stage="forces", done=1.0, total=1.0))
+    prepared = with_best_load(prepared, dry, blocks, horizon.chosen)
+    if options.load_friction is None:
+        prepared = with_missed_load(prepared, dry, blocks, horizon.chosen)
+    return prepared, without_refuted_forces(prepared, dry, blocks, horizon.chosen), blocks, horizon
 
 
 def _lacking(
