@@ -1,6 +1,6 @@
 """How right the remaining time is that long commands print: writes docs/generated/remaining_time.md.
 
-    .venv/bin/python -m benchmarks.remaining_time [--only design study]
+    .venv/bin/python -m benchmarks.remaining_time [--only limits study]
 
 Each command runs as a person runs it whose output goes into a file: its lines on standard error say "about 2:30 left".
 Each is compared with the time that was left in fact.
@@ -30,13 +30,11 @@ RECORDED = {
     "square.csv": "record nominal --reference square --duration 48 --seed 1 --out square",
     "figure_eight.csv": "record nominal --reference figure_eight --duration 48 --seed 2 --out figure_eight",
 }
-#: commands that take a minute or more
+#: commands that take about a minute or more
 COMMANDS = {
     "identify": "identify alten square.csv figure_eight.csv --law best --out identify",
-    "compare": "compare alten none full --plant twin --seeds 1-6 --out compare",
     "limits": "limits alten none full --twin --out limits",
     "excite": "excite alten --out excite",
-    "design": "design alten --robust --out design",
     "study": "study alten square.csv figure_eight.csv --plant twin --out study",
 }
 #: from this share of a run on its estimates count, and right within this factor
