@@ -5,8 +5,8 @@
 
 The logs are of the robots of the University of Michigan's course ROB 311 (https://github.com/michiganrobotics/rob311).
 They carry no licence and are not part of Ballbot: put them into the folder rob311 of DIR. `ballbot check-log` proposes
-a mapping for each. For one of them it cannot determine the kind of the commands; they are duties, as the course's
-firmware sends them.
+a mapping for each. What it cannot determine is filled in: commands are duties, as the course's firmware sends them,
+the resistance of all motors is that of the robot file, and no lean is late.
 """
 
 from __future__ import annotations
@@ -85,14 +85,14 @@ def log_file(name: str) -> Path:
     return path
 
 
-def with_duties(mapping: str) -> str:
-    """Return a proposed mapping with its lines for duties in place of those for torques, as its comments say."""
-    before, section = mapping.split("[input]\n")
+def filled_in(mapping: str) -> str:
+    """Return a proposed mapping as it stands, without its open lines; where torques may be duties, with duties."""
+    before, section = re.sub(r"^complete = .*\n", "", mapping, flags=re.MULTILINE).split("[input]\n")
     header = re.escape("# if it is a duty, these lines in place of those above in [input]:")
     duties = re.search(header + r"\n((?:#   .*\n)+)", section)
-    assert duties
+    if duties is None:
+        return f"{before}[input]\n{section}"
     kept = "".join(re.findall(r"^(?:from|sign|delay) = .*\n", section, flags=re.MULTILINE))
-    before = re.sub(r"^complete = .*\n", "", before, flags=re.MULTILINE)
     return f"{before}[input]\n{re.sub(r'^#   ', '', duties[1], flags=re.MULTILINE)}{kept}"
 
 
@@ -104,7 +104,7 @@ def found_in(name: str, folder: Path) -> Found:
     undetermined = ballbot([*words, "--dead-band", str(SOURCES[name].dead_band)])
     mapping = out / "mapping.toml"
     if undetermined:
-        write_text(mapping, with_duties(mapping.read_text(encoding="utf-8")))
+        write_text(mapping, filled_in(mapping.read_text(encoding="utf-8")))
     found = identify(
         robot,
         read_balancing_log(path, mapping, robot),

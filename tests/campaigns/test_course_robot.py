@@ -9,7 +9,7 @@ import pytest
 
 from ballbot.fitting.intervals import Interval
 from campaigns import course_robot
-from campaigns.course_robot import Found, pair_row, with_duties
+from campaigns.course_robot import Found, filled_in, pair_row
 from campaigns.evidence import written_sections
 
 PROPOSED = """# proposed
@@ -34,7 +34,7 @@ delay = 0.008
 
 
 def test_the_lines_for_duties_replace_those_for_torques() -> None:
-    assert tomllib.loads(with_duties(PROPOSED)) == {
+    assert tomllib.loads(filled_in(PROPOSED)) == {
         "time": {"keep": [[1.0, 2.0]]},
         "input": {"kind": "pwm", "dead_band": 0.031, "from": ["T1", "T2", "T3"], "delay": 0.008},
     }
