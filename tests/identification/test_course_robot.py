@@ -5,6 +5,7 @@ predicted) and a sweep of the motors with the wheels free.
 """
 
 import json
+import re
 from functools import partial
 from pathlib import Path
 
@@ -71,6 +72,29 @@ def test_the_other_log_is_predicted_from_causal_starts(results):
 def test_identified_friction_is_dry_and_significant(results):
     c = np.array(results["parameters"]["c"])
     assert np.all(c > 4.0 * np.array(results["standard_errors"]["c"]))
+
+
+def test_the_page_has_these_numbers(results):
+    page = (Path(__file__).parents[2] / "docs" / "real_robots.md").read_text()
+    for name, text in re.findall(r"(b|c) = ((?:[\d.]+(?: ± [\d.]+)?(?:, | and )?){3})", page):
+        written = np.array([float(one) for one in re.findall(r"(?<!± )0\.\d+", text)])
+        # the page's are of the usual inner step, and rounded
+        errors = np.array(results["standard_errors"][name])
+        assert np.all(np.abs(written - results["parameters"][name]) < 0.25 * errors)
+    errors = {
+        round(one["horizon_s"], 3): one for one in results["judged_on"][PREDICTED]["horizons"]["errors"]
+    }
+    speed, lean = (
+        [errors[0.5][signal][f"{part}_friction"] for part in ("with", "without")]
+        for signal in ("wheel_speed_rmse", "lean_rmse")
+    )
+    stated = re.search(
+        r"is ([\d.]+) rad/s RMS, and ([\d.]+) with .* is ([\d.]+)\s+instead of ([\d.]+)", page, re.DOTALL
+    )
+    assert stated
+    np.testing.assert_allclose(
+        [*speed, *np.degrees(lean)], [float(one) for one in stated.groups()], rtol=0.02
+    )
 
 
 def test_speed_per_duty_is_the_free_wheels(folder, shared_data):
