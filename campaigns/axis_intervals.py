@@ -18,14 +18,8 @@ from scipy.stats import binomtest
 from ballbot.identification.axis import AXIS_LAWS, AxisOptions, AxisRecord
 from ballbot.identification.axis.discrepancy import discrepancy_of, with_discrepancy
 from ballbot.identification.axis.law_fits import fit_law
-from ballbot.identification.axis.preparation import (
-    Bench,
-    prepared_records,
-    with_best_load,
-    without_refuted_forces,
-)
+from ballbot.identification.axis.preparation import Bench, prepared_with_windows
 from ballbot.identification.axis.result import Estimate
-from ballbot.identification.axis.selection import blocks_of, select_windows
 from campaigns.axis_machines import Drive, Logging, Machine, Motion, record_of
 from campaigns.section import Section
 
@@ -81,16 +75,8 @@ class Trial:
 def estimate_of(record: AxisRecord) -> tuple[Estimate, Estimate]:
     """Return the result of a record with the intervals of the standard errors alone, and with the discrepancies."""
     bench = Bench(records=(record,), others=(), bandwidth=None)
-    prepared = prepared_records(bench, AxisOptions(law="coulomb"), blocks_of(bench.records))
-    dry = AXIS_LAWS["dahl" if prepared.model.bending else "coulomb"]
-    blocks, horizon = select_windows(
-        prepared.model.with_law(dry),
-        prepared.starts[dry.name],
-        prepared.bench.sightings,
-        prepared.blocks,
-    )
+    _, needed, blocks, horizon = prepared_with_windows(bench, AxisOptions(law="coulomb"))
     chosen = horizon.chosen
-    needed = without_refuted_forces(with_best_load(prepared, dry, blocks, chosen), dry, blocks, chosen)
     seen = needed.bench.sightings
     model = needed.model.with_law(AXIS_LAWS["coulomb"])
     fit = fit_law(model, needed.starts["coulomb"], None, seen, blocks, chosen)

@@ -249,10 +249,10 @@ def without_resets(
     return np.column_stack(found).reshape(np.shape(angles))
 
 
-#: a step to zero is a reset if it is so many times as large as the steps beside it, and so many counts more; and this
-#: many times if another encoder is reset in the same row
+#: a step to zero is a reset if it exceeds this many times the steps beside it by this many counts; the third number
+#: stands for the first, without counts, if another encoder is reset in the same row
 _ALONE, _COUNTS, _TOGETHER = 4.0, 8.0, 2.0
-#: what is left of a step to zero, over the step
+#: a step leads to zero if the angle after it is less than this fraction of the step
 _TO_ZERO = 0.2
 
 

@@ -45,24 +45,17 @@ from ballbot.identification.axis.preparation import (
     DEFAULT_OPTIONS,
     AxisOptions,
     Bench,
-    Prepared,
-    prepared_records,
-    with_best_load,
-    with_missed_load,
-    without_refuted_forces,
+    prepared_with_windows,
 )
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.residuals import residual_findings
 from ballbot.identification.axis.result import AxisIdentification, Estimate
 from ballbot.identification.axis.selection import (
     Blocks,
-    HorizonChoice,
-    blocks_of,
     errors_on,
     held_out_errors,
     possible_laws,
     select_law,
-    select_windows,
 )
 from ballbot.identification.axis.structure import AxisModel, base_name
 from ballbot.progress import Progress, part_of
@@ -99,7 +92,8 @@ def identify_axis(
     _check(records, validation_records, options)
     wanted = None if options.law is None else axis_law_named(options.law)
     bench = Bench(records=records, others=tuple(validation_records), bandwidth=options.bandwidth)
-    prepared, needed, blocks, horizon = _prepared_with_windows(bench, blocks_of(records), options, run)
+    choosing = replace(run, progress=part_of(run.progress, 0.0, _HORIZON_TO))
+    prepared, needed, blocks, horizon = prepared_with_windows(bench, options, choosing)
     bench, drifting = prepared.bench, prepared.drifting
     model, terms, starts = needed.model, needed.terms, needed.starts
     inverse = _inverse_fits(bench, model)
@@ -118,7 +112,6 @@ def identify_axis(
     lacking = _lacking(bench, selection, chosen, fits, blocks, horizon.chosen)
     best, doubts = _widened(bench, fit.quantile, by_law[chosen.name], others, lacking)
     by_law[chosen.name] = best
-    estimates, asymmetry = [*others, best], drifting.asymmetry
     tests = bench.residual_tests(model, fit.values, over_position=needed is prepared)
     expected = _expected(bench, drifting, fit, squares[chosen.name], blocks, horizon.chosen)
     run.progress(Progress(stage="done", done=1.0, total=1.0))
@@ -129,8 +122,8 @@ def identify_axis(
             bench.all,
             selection,
             best,
-            estimates,
-            asymmetry,
+            [*others, best],
+            drifting.asymmetry,
             by_user=wanted is not None,
             asymmetric=by_law["asymmetric"],
         ),
@@ -148,30 +141,13 @@ def identify_axis(
         horizon=horizon,
         inverse=inverse,
         laws=selection,
-        estimates=tuple(estimates),
+        estimates=(*others, best),
         by_law=by_law,
-        asymmetry=asymmetry,
+        asymmetry=drifting.asymmetry,
         residuals=tests,
         expected=expected,
         findings=findings,
     )
-
-
-def _prepared_with_windows(
-    bench: Bench, blocks: Blocks, options: AxisOptions, run: Run
-) -> tuple[Prepared, Prepared, Blocks, HorizonChoice]:
-    """Return what was prepared, the same without forces that the open loop refutes, blocks and horizon."""
-    run.progress(Progress(stage="inverse model", done=0.0, total=1.0))
-    prepared = prepared_records(bench, options, blocks)
-    choosing = replace(run, progress=part_of(run.progress, 0.0, _HORIZON_TO))
-    dry = AXIS_LAWS["dahl" if prepared.model.bending else "coulomb"]
-    model, start = prepared.model.with_law(dry), prepared.starts[dry.name]
-    blocks, horizon = select_windows(model, start, prepared.bench.sightings, prepared.blocks, choosing)
-    choosing.progress(Progress(stage="forces", done=1.0, total=1.0))
-    prepared = with_best_load(prepared, dry, blocks, horizon.chosen)
-    if options.load_friction is None:
-        prepared = with_missed_load(prepared, dry, blocks, horizon.chosen)
-    return prepared, without_refuted_forces(prepared, dry, blocks, horizon.chosen), blocks, horizon
 
 
 def _lacking(

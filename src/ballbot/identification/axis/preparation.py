@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError, suggest
 from ballbot.findings import Finding
 from ballbot.fitting.model_selection import Gain, gain_between
+from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification.axis.force_timing import (
     delay_findings,
     delayed,
@@ -42,7 +43,15 @@ from ballbot.identification.axis.prediction import axis_errors
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.residuals import ResidualTest, residual_tests
 from ballbot.identification.axis.result import Estimate
-from ballbot.identification.axis.selection import USEFUL_GAIN, Blocks, blocks_of, fit_all, held_out_errors
+from ballbot.identification.axis.selection import (
+    USEFUL_GAIN,
+    Blocks,
+    HorizonChoice,
+    blocks_of,
+    fit_all,
+    held_out_errors,
+    select_windows,
+)
 from ballbot.identification.axis.structure import TURN, AxisModel, harmonic, terms_of
 from ballbot.identification.axis.terms import (
     LARGEST_CHANCE,
@@ -52,6 +61,7 @@ from ballbot.identification.axis.terms import (
     select_terms,
     without_refuted,
 )
+from ballbot.progress import Progress
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -347,6 +357,22 @@ def _contact(prepared: Prepared, blocks: Blocks) -> Contact | None:
     with suppress(InputError):  # if the records do not determine these forces
         candidates.append((wider, initial_values(seen, wider, bandwidth=prepared.bench.bandwidth)))
     return contact_of(seen, candidates, blocks)
+
+
+def prepared_with_windows(
+    bench: Bench, options: AxisOptions, run: Run = DEFAULT_RUN
+) -> tuple[Prepared, Prepared, Blocks, HorizonChoice]:
+    """Return what was prepared, the same without forces that the open loop refutes, blocks and horizon."""
+    run.progress(Progress(stage="inverse model", done=0.0, total=1.0))
+    prepared = prepared_records(bench, options, blocks_of(bench.records))
+    dry = AXIS_LAWS["dahl" if prepared.model.bending else "coulomb"]
+    model, start = prepared.model.with_law(dry), prepared.starts[dry.name]
+    blocks, horizon = select_windows(model, start, prepared.bench.sightings, prepared.blocks, run)
+    run.progress(Progress(stage="forces", done=1.0, total=1.0))
+    prepared = with_best_load(prepared, dry, blocks, horizon.chosen)
+    if options.load_friction is None:
+        prepared = with_missed_load(prepared, dry, blocks, horizon.chosen)
+    return prepared, without_refuted_forces(prepared, dry, blocks, horizon.chosen), blocks, horizon
 
 
 def with_best_load(prepared: Prepared, law: AxisLaw, blocks: Blocks, horizon: float) -> Prepared:

@@ -33,7 +33,7 @@ class Conclusion:
     name: str  #: the question: "time unit", "command kind"
     value: str  #: the answer, as words or as the mapping file has it
     confidence: float  #: from 0 to 1, that the answer is right
-    #: from 0 to 1, that its error changes the log by no more than one can bear, if that is another question
+    #: from 0 to 1, that its error does not matter in this log; 0 if only a right answer will do
     harmless: float = 0.0
     evidence: str  #: one sentence
     alternatives: tuple[str, ...] = ()  #: other answers that are not excluded, the likeliest first

@@ -166,10 +166,10 @@ def signals_of(
 
 #: filter of the yaw for its rate [s]: the heading turns slowly
 YAW_WIDTH = 0.1
-#: error of what the angles are later than the gyro: times its standard error, and beyond [s]. Of 51 recordings of four
-#: development halves and of other twins, in which they are not, the estimate is off by 2.9 ms (root mean square)
+#: error of the angles' lag behind the gyro: this many times the estimate's standard error, and so much more [s]. In 51
+#: recordings of four development halves and of other twins, whose angles are in time, it is 2.9 ms (root mean square)
 GYRO_LAG_ERRORS, GYRO_LAG_ERROR = 1.5, 0.002
-#: errors from which the angles are taken to be later
+#: standard errors from which on the angles are taken to be late
 CLEAR_LAG = 2.0
 #: filters of gyro and angles [s]: the next wider one if noise of the angles hides that they belong together
 GYRO_WIDTHS = (0.05, 0.1, 0.2)
@@ -252,7 +252,7 @@ class GyroTest:
     factor: float  #: what turns the file's number into rad/s
     scale: float = 1.0  #: part of the factor that the unit does not have: of raw counts
     correlations: tuple[float, ...]  #: of x, y, z
-    lag: float  #: angles later than the gyro [s]; zero if it cannot be told from zero
+    lag: float  #: by which the angles are later than the gyro [s]; zero if they are not clearly later
     lag_error: float = math.inf  #: its standard error [s]
     confidence: float
     reason: str

@@ -210,7 +210,7 @@ _WITH_SLASH = tuple(spelling for spelling in UNIT_OF if "/" in spelling)
 
 
 def _without_path(part: str) -> list[str]:
-    """Return the parts of a path, such as a topic of ROS; a unit with a slash is none."""
+    """Return the parts between slashes of a path, such as the name of a ROS topic; a unit such as rad/s stays whole."""
     return [part] if part.lower().endswith(_WITH_SLASH) else part.split("/")
 
 

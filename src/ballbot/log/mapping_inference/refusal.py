@@ -79,7 +79,7 @@ def _question(open_questions: Sequence[Conclusion], mapping: str) -> str:
     return f"cannot determine: {first.question}; write it in {mapping}, {first.key}{more}."
 
 
-#: of magnitudes of commands, this part is below that part of the largest: commands that balance pass through zero
+#: commands that balance pass through zero: of their magnitudes, this fraction is below that fraction of the largest
 LEAST_MAGNITUDE, FAR_FROM_ZERO = 0.1, 0.15
 
 

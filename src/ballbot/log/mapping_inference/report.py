@@ -322,13 +322,14 @@ NOTED_LAG = 0.01
 
 
 def _lean_delay(proposal: Proposal) -> list[Finding]:
-    """Return a note if the lean seems late, and no delay is undone."""
+    """Return a note if the lean seems late and no delay is corrected."""
     tested, late = proposal.lean_test, proposal.lean_delay
     if tested is None or late is None or late.measured or not tested.lag > NOTED_LAG + tested.lag_error:
         return []
     sentence = (
-        f"The wheels explain the lean best {1e3 * tested.lag:.0f} ms earlier. Play in the gears and noise do that as "
-        "well as a delay, so that none is undone: if the IMU's data sheet gives one, write it in [attitude] delay."
+        f"The lean seems to lag behind the wheels by {1e3 * tested.lag:.0f} ms. Play in the gears and noise can cause "
+        "this as well as a delay, so it is not corrected: if the IMU's data sheet gives a delay, write it in "
+        "[attitude] delay."
     )
     return [_finding("note", "timing", sentence, proposal.roles.attitude)]
 

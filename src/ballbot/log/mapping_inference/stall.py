@@ -5,7 +5,8 @@ could do more than its robot asks of it, the resistance is less: its duties give
 back-EMF brakes it more, both by the same factor.
 
 The motion shows the resistance over the masses alone: gain and back-EMF change with either by the same factor, and the
-viscous friction beside the back-EMF is not known. So only the prior and the masses' error decide what is asked.
+viscous friction beside the back-EMF is not known. Whether it is asked for depends on the prior and on the error of the
+masses.
 """
 
 from __future__ import annotations
@@ -15,10 +16,10 @@ import math
 from ballbot.log.mapping_inference.evidence import TINY, normal_log_weight
 from ballbot.robot import Robot
 
-#: probabilities before the log is seen that the motors could do more than the torque limit, as many can, or less, which
-#: a robot file should not have; else full duty gives the limit. How far the resistance is from that [log]. All chosen:
-#: of 142 logs of duties of the development halves, 4 % are asked though full duty gives the limit; if their motors
-#: gave 1.26 times that, 87 % would be, and 76 % at 0.79 times
+#: prior probabilities that full duty gives more torque than the robot file's limit, as with many motors, and that it
+#: gives less, so that the file is wrong; and the standard deviation of the resistance then [log]. All chosen: of 142
+#: logs of duties of the development halves, 4 % are asked for the resistance though full duty gives the limit. With
+#: motors of 1.26 times that torque 87 % would be, and with 0.79 times 76 %
 STRONGER, WEAKER, OTHER_RESISTANCE = 0.1, 0.03, 0.3
 GIVES_LIMIT = 1.0 - STRONGER - WEAKER
 #: torque at standstill over the torque limit of the strongest motor that must be expected: chosen. From data sheets it

@@ -68,13 +68,12 @@ GYRO_DELAY = 0.004
 IMPOSSIBLE_COMMAND_DELAY = 0.025
 #: filter of the commands before their quickness is taken [s]
 COMMAND_FILTER = 0.05
-#: size of the torques that rows miss, over all torques, for the root of the chatter's share of the commands' power and
-#: of the rows' interval, and for `DriveEvidence.braked` [1/sqrt(s)]: 0.44 to 0.56 on the five logs of the second
-#: development half where it matters
+#: factor of `missed_between_rows` [1/sqrt(s)], measured: 0.44 to 0.56 on the five logs of the second development half
+#: where it matters
 MISSED = 0.49
-#: rows this many times as far apart as the controller's samples miss some
+#: rows miss samples of the controller if they are this many times as far apart
 SLOWER = 1.2
-#: a delay is right to this [s], a row of most logs
+#: a delay counts as right if its error is no larger than this [s], a row of most logs
 RIGHT_DELAY = 0.005
 
 
@@ -136,7 +135,7 @@ def lean_delay(
 ) -> Delay:
     """Return the lean's delay: what it is later than a gyro, or than commands that respond to its noise.
 
-    That the wheels explain the lean best some time earlier is no measure of a delay (see the module's text).
+    The lag at which the wheels explain the lean best does not measure it (see the module's text).
 
     Parameters
     ----------
@@ -153,7 +152,8 @@ def lean_delay(
     """
     if signals.lean is None:
         return Delay(applied=0.0, error=math.inf, quickness=0.0, harmless=0.5, evidence="there is no lean")
-    unseen, applied, error = _unseen(LONGEST_LEAN_DELAY), 0.0, _unseen(LONGEST_LEAN_DELAY)
+    unseen = _unseen(LONGEST_LEAN_DELAY)
+    applied, error = 0.0, unseen
     evidence = (
         f"the wheels explain the lean best {1e3 * tested.lag:.1f} ms earlier, as they do up to "
         f"{1e3 * LAG_OF_PLAY:.0f} ms without a delay, by play and noise"
