@@ -167,7 +167,7 @@ def test_a_resistance_unlike_that_of_the_torque_limit_is_asked_for(evaluated, pl
 def test_a_lean_that_seems_late_is_noted_and_rows_that_miss_torques_are_refused(evaluated, plain: Columns):
     found: Evaluation = evaluated(plain)
     assert found.proposal.sensor_delay == 0.0
-    assert [one for one in found.findings if "Play in the gears and noise do that" in one.text]
+    assert [one for one in found.findings if "The lean seems to lag behind the wheels" in one.text]
     missing = replace(found.proposal, missed=1.25 * LARGEST_MISSED)
     assert "miss about 15 % of the torques: log every sample" in refusal_of(missing, (), "mapping.toml")
     assert not refusal_of(found.proposal, (), "mapping.toml")
