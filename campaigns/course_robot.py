@@ -86,8 +86,14 @@ def log_file(name: str) -> Path:
 
 
 def filled_in(mapping: str) -> str:
-    """Return a proposed mapping as it stands, without its open lines; where torques may be duties, with duties."""
+    """Return a proposed mapping as it stands, without its open lines.
+
+    Where torques may be duties, with duties; where the delay of the lean is asked for, with the one at which the wheels
+    explain the lean best. Without it, the third log's viscous friction is at its bound.
+    """
     before, section = re.sub(r"^complete = .*\n", "", mapping, flags=re.MULTILINE).split("[input]\n")
+    asked = r"(# cannot determine: delay of the lean .* explain the lean best ([\d.]+) ms earlier.*\ndelay = )[\d.]+"
+    before = re.sub(asked, lambda found: f"{found[1]}{1e-3 * float(found[2]):.4g}", before)
     header = re.escape("# if it is a duty, these lines in place of those above in [input]:")
     duties = re.search(header + r"\n((?:#   .*\n)+)", section)
     if duties is None:
@@ -146,7 +152,9 @@ def campaign() -> Section:
         f"{hashes}), each identified by itself (law coulomb, heading excluded). The 95 % intervals from one log are "
         "compared with the estimate from another: that under the log's own conditions, and that for another log. Of "
         "the robot and the floor nothing is known but the logs; the third log may be of another robot of the course. "
-        "So this shows what happens outside of simulated robots, and sets no mark to pass. Score: mean over the "
+        "So this shows what happens outside of simulated robots, and sets no mark to pass. Where `check-log` asks, the "
+        "commands are duties, full duty gives the torque limit, and the lean's delay is the one at which the wheels "
+        "explain the lean best. Score: mean over the "
         "parameters of the interval score over that of the own conditions.",
         columns=["log for another", *(f"{group}: own, another" for group in _GROUPS), "score"],
         rows=rows,

@@ -19,7 +19,14 @@ from ballbot.log.mapping_inference.proposal import propose
 from ballbot.log.mapping_inference.refusal import LARGEST_MISSED, refusal_of
 from ballbot.log.mapping_inference.report import Evaluation, evaluate
 from ballbot.log.mapping_inference.roles import roles_by_name
-from ballbot.log.mapping_inference.stall import resistance_confidence
+from ballbot.log.mapping_inference.stall import (
+    STRONGER,
+    STRONGEST,
+    WEAKER,
+    back_emf_damping,
+    resistance_confidence,
+    with_other_motors,
+)
 from ballbot.log.mapping_inference.units import (
     Scale,
     UnitEvidence,
@@ -194,6 +201,26 @@ def test_a_resistance_is_doubted_from_a_fifth_on(times):
     assert resistance_confidence(times**0.4, error) >= CONFIDENT
     # a log that shows nothing leaves what is assumed, which is not stated with confidence
     assert 0.8 < resistance_confidence(times, 2.0) < CONFIDENT
+
+
+@pytest.mark.parametrize("times", [0.4, 2.5])
+def test_motors_of_another_strength_are_expected_with_the_back_emf_of_theirs(times: float):
+    """On a course's log, full duty gives 0.38 of its robot file's torque limit, and the damping is of such a motor."""
+    robot = Robot.load("rob311")
+    off, deviation, contradicted = -math.log(times), 0.15, -30.0
+    damping = back_emf_damping(robot) * times + 0.005 * robot.drive.torque_limit
+    own, without, farther = (
+        with_other_motors(contradicted, one, deviation, (damping * emf, 0.01), robot)
+        for one, emf in ((off, 1.0), (off, 0.0), (2.5 * off, 1.0))
+    )
+    prior = STRONGER if times > 1.0 else WEAKER
+    # the damping's outlier, 0.01, is all that is added
+    assert own == pytest.approx(
+        math.log(prior * math.sqrt(2.0 * math.pi) / math.log(STRONGEST) * 1.01), abs=1e-3
+    )
+    # a motor that drives brakes, and 2.5 squared and more is beyond what must be expected
+    assert own > without + 0.5
+    assert farther < own - 3.0
 
 
 def test_counts_of_a_robot_unlike_its_file_are_asked_for(evaluated, plain: Columns):

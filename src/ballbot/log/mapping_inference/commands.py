@@ -46,7 +46,7 @@ from ballbot.log.mapping_inference.evidence import (
     without_each_block,
 )
 from ballbot.log.mapping_inference.names import InputKind
-from ballbot.log.mapping_inference.stall import back_emf_damping, damping_log_weight, with_stronger_motors
+from ballbot.log.mapping_inference.stall import back_emf_damping, damping_log_weight, with_other_motors
 from ballbot.robot import Robot
 
 #: largest numbers that drivers and libraries call full duty
@@ -490,7 +490,7 @@ def _fits(
     damping = (factor * found.damping, factor * found.damping_error)
     weight = normal_log_weight(off - GAIN_BIAS, deviation, outlier=1e-4) - math.log(deviation)
     weight += damping_log_weight(*damping, robot, emf=emf)
-    # a name of another kind, and stronger motors as well, would be two doubts at once
+    # a name of another kind, and other motors as well, would be two doubts at once
     if not (driven and known_inertia and named_kind in (None, unit.kind)):
         return weight
-    return with_stronger_motors(weight, off - GAIN_BIAS, deviation, damping, robot)
+    return with_other_motors(weight, off - GAIN_BIAS, deviation, damping, robot)

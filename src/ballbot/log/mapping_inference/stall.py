@@ -65,7 +65,7 @@ def damping_log_weight(damping: float, error: float, robot: Robot, *, emf: float
     return normal_log_weight(damping - emf - _VISCOUS * limit, deviation, outlier=0.01)
 
 
-def with_stronger_motors(
+def with_other_motors(
     weight: float, off: float, deviation: float, damping: tuple[float, float], robot: Robot
 ) -> float:
     """Return the logarithm of how well a duty or voltage fits the motion, of motors of any strength.
@@ -75,18 +75,19 @@ def with_stronger_motors(
     weight : float
         If full duty gives the torque limit.
     off, deviation : float
-        Logarithm of that torque over the one that the motion needs, and its deviation. Less is a stronger motor, up to
-        `STRONGEST`, each strength (its logarithm) as likely.
+        Logarithm of that torque over the one that the motion needs, and its deviation. Less is a stronger motor, more
+        a weaker one, up to `STRONGEST` and down to its inverse, each strength (its logarithm) as likely.
     damping : tuple of float
         As the motion shows it, and its standard error [N m s/rad].
     robot : Robot
     """
-    least = -math.log(STRONGEST)
+    most = math.log(STRONGEST)
 
     def below(bound: float) -> float:
         return 0.5 * math.erfc((off - bound) / (deviation * math.sqrt(2.0)))
 
-    strengths = math.sqrt(2.0 * math.pi) / -least * (below(0.0) - below(least))
-    emf = back_emf_damping(robot) * math.exp(-min(max(off, least), 0.0))
-    stronger = strengths * math.exp(damping_log_weight(*damping, robot, emf=emf))
-    return math.log(GIVES_LIMIT * math.exp(weight) + STRONGER * stronger + TINY)
+    density = math.sqrt(2.0 * math.pi) / most
+    stronger, weaker = (density * (below(high) - below(low)) for low, high in ((-most, 0.0), (0.0, most)))
+    emf = back_emf_damping(robot) * math.exp(-min(max(off, -most), most))
+    other = (STRONGER * stronger + WEAKER * weaker) * math.exp(damping_log_weight(*damping, robot, emf=emf))
+    return math.log(GIVES_LIMIT * math.exp(weight) + other + TINY)
