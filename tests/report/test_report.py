@@ -157,7 +157,7 @@ def test_an_interval_without_a_limit_goes_on_to_the_border_of_its_panel():
     assert tuple(bar.get_ydata()) == (0.3, panels["v_s [rad/s]"].get_ylim()[1])
     assert len([line for line in panels["b [N m s/rad]"].lines if len(line.get_xdata()) == 2]) == 3
     words = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert words == ["95 %, these logs", "in the robot file", "found"]
+    assert words == ["95 %, this log", "in the robot file", "found"]
 
 
 def test_both_intervals_are_open_at_the_bounds_of_the_search_and_every_value_says_what_it_has():

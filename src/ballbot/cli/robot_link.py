@@ -254,7 +254,9 @@ class Monitor:
         now = 1e-6 * (state.time % 2**32)
         self._began = now if self._began is None else self._began
         if self._is_due((now - self._began) % (1e-6 * 2**32)):
-            self._show(state_table(state, wheel_count=self._wheels), state_line(state))
+            self._show(
+                state_table(state, wheel_count=self._wheels), state_line(state, wheel_count=self._wheels)
+            )
 
     def _is_due(self, t: float) -> bool:
         """Return whether something is to be shown at the robot's time t [s]."""

@@ -148,8 +148,9 @@ class Margins:
 HEADINGS = ("torque of", "gain", "phase", "delay", "disk gain", "disk phase")
 #: what the rows are
 MEANING = (
-    "A torque may change on its way by these factors, by this phase or by this delay; in the disk by gain and phase at "
-    "once, each wheel in its own way. Friction, and the lag of an estimator and of the motors, are not counted."
+    "The loop stays stable if a torque is scaled by a factor in this range, shifted by less than this phase or delayed "
+    "by less than this time. Within the disk margins, gain and phase may change together, independently for each "
+    "wheel. Friction and the lags of the estimator and of the motors are not included."
 )
 
 

@@ -101,7 +101,7 @@ def position_error_series(runs: Mapping[str, Log], caption: str) -> TimeSeries:
         ),
         caption=caption,
         shaded=true_spans(longest.t, settled(longest, SETTLE)),
-        shade="settled: counts",
+        shade="errors count",
     )
 
 

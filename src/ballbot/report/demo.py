@@ -68,6 +68,7 @@ def state_found(found: Identification) -> ResultState:
     truth = robot_of_runs().friction
     speeds = np.full(robot.wheel_count, SPEED)
     true = wheel_friction(speeds, truth)
+    friction = f"friction [N\N{NO-BREAK SPACE}m] at {SPEED:g}\N{NO-BREAK SPACE}rad/s"
     rows = []
     for wheel in range(robot.wheel_count):
         curve = friction_curve(found, wheel, speeds[:1])
@@ -83,7 +84,7 @@ def state_found(found: Identification) -> ResultState:
             "precise controller compensates friction identified from the whole log, by the full law.",
             error_sentence(found),
         ),
-        columns=("friction [N m]", "identified", "95 % interval", "simulated robot's own"),
+        columns=(friction, "identified", "95 % interval", "true"),
         rows=tuple(rows),
         caption=f"Friction torque of each wheel at {SPEED:g} rad/s. The interval holds under this log's conditions.",
     )

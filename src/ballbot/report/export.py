@@ -32,14 +32,14 @@ def _limit_rows(exported: Export, controller: Controller) -> list[list[str]]:
     limits = exported.limits
     return [
         ["period", f"{1e3 * controller.sample_time:g} ms"],
-        ["numbers of the controller (flash)", f"{exported.parameter_bytes} bytes"],
+        ["parameters of the controller (flash)", f"{exported.parameter_bytes} bytes"],
         ["state (RAM)", f"{exported.state_bytes} bytes"],
         ["torque limit", f"{controller.torque_limit:.3g} N m"],
         ["stops beyond a lean of", f"{limits.lean:g} rad"],
-        ["stops if a sample comes after more than", f"{1e3 * limits.max_interval:g} ms"],
-        ["stops after missing samples", f"{limits.max_missing + 1}"],
+        ["stops if a sample takes longer than", f"{1e3 * limits.max_interval:g} ms"],
+        ["stops after missing", f"{limits.max_missing + 1} samples in a row"],
         ["stops if a sensor repeats itself for", f"{limits.max_unchanged} samples"],
-        ["a wheel must turn under", f"{limits.turning_torque:.3g} N m"],
+        ["stops if a wheel does not turn under", f"{limits.turning_torque:.3g} N m"],
     ]
 
 
@@ -107,7 +107,7 @@ def export_report(
         "Whether motors, encoders and IMU are wired as the library expects: `ballbot run wiring` checks a robot."
     ]
     if load is None:
-        undecided.insert(0, f"What an update takes on the processor: it was not measured. {to_install}")
+        undecided.insert(0, f"What an update takes on the processor. {to_install}")
     else:
         worst = 100.0 * load.worst_share
         verdict.append(

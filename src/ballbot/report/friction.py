@@ -118,20 +118,20 @@ def log_blocks(logs: Sequence[StudiedLog]) -> Iterator[Block]:
 def parameter_blocks(found: Identification, logs: Sequence[StudiedLog]) -> Iterator[Block]:
     """Yield the figures of the parameters: their intervals, each wheel's friction, their errors' correlation."""
     intervals = (
-        "Each parameter with an interval: as found, its 95 % intervals under the conditions of these logs and for "
+        f"Each parameter with an interval: as found, its 95 % intervals under the conditions of {_logs(found)} and for "
         "another log of this robot, and its value in the robot file. An interval that reaches the border has no limit "
         "on that side."
     )
     yield drawn_picture("intervals", partial(interval_figure, found), intervals)
     curve = (
-        "Friction of each wheel over its speed, with the 95 % band that the standard errors leave, and how often the "
-        "logs have such a speed."
+        "Friction of each wheel against its speed, with the 95 % band from the standard errors; below, the share of "
+        "the logs at each speed."
     )
     yield drawn_picture("friction", partial(friction_figure, found, logs), curve)
     if np.isfinite(found.correlation).any():
         pairs = (
-            "Correlation of the parameters' errors. A strong colour marks a pair of which the data determine a "
-            "combination better than each. Parameters without a standard error are left out."
+            "Correlation of the parameters' errors. A strong colour marks two parameters of which the data determine "
+            "a combination better than either alone. Parameters without a standard error are left out."
         )
         draw = partial(correlation_figure, _symbols(found.labels), found.correlation)
         yield drawn_picture("parameters", draw, pairs)
@@ -199,7 +199,7 @@ def _draw_intervals(
     places = np.arange(len(labels))
     kinds = (
         (found.another_log, MUTED, 1.2, 0.13, "95 %, another log"),
-        (found.intervals, BLUE, 3.0, -0.13, "95 %, these logs"),
+        (found.intervals, BLUE, 3.0, -0.13, f"95 %, {_logs(found)}"),
     )
     ends = np.array(
         [(one.lower, one.upper) for kind, *_ in kinds for label in labels if (one := kind.get(label))]
@@ -387,9 +387,12 @@ def parameter_table(found: Identification, *, framed: bool) -> TextTable:
         for label, value, error, kind in zip(found.labels, values, errors, kinds, strict=True)
         if kind.name in found.names
     ]
-    logs = "this log" if found.variation.logs == 1 else "these logs"
-    headings = ("parameter", "value", "standard error", f"95 %, {logs}", "95 %, another log", "unit")
+    headings = ("parameter", "value", "standard error", f"95 %, {_logs(found)}", "95 %, another log", "unit")
     return table("Identified parameters", headings, rows, framed=framed)
+
+
+def _logs(found: Identification) -> str:
+    return "this log" if found.variation.logs == 1 else "these logs"
 
 
 def error_table(found: Identification, holdouts: Sequence[HoldoutResult], *, framed: bool) -> TextTable:

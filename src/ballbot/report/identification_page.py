@@ -158,7 +158,7 @@ def _predictions(found: Identification, logs: Sequence[StudiedLog]) -> TimeSerie
         )
         panels.append(Panel(label=f"{state_mark(state)} [{STATE_UNITS[state]}]", lines=lines))
     caption = (
-        f"Predictions of {len(windows)} windows of {studied.name} that the fit did not see, each from the state "
+        f"Predictions of {len(windows)} windows of “{studied.name}” that the fit did not see, each from the state "
         "measured at its start and with the torques of the log."
     )
     return TimeSeries(t=t, panels=panels, caption=caption, across="time of the log [s]")
@@ -196,8 +196,8 @@ def _replay(found: Identification, logs: Sequence[StudiedLog]) -> Film | None:
     except InputError:  # a stretch without a whole run, or a model whose run has no value
         return None
     caption = (
-        f"{len(windows) * windows.samples * windows.sample_time:.0f} s of {studied.name} that the fit did not see, in "
-        "three dimensions, with both models as ghosts of the measured robot. The models have the torques of the log "
+        f"{len(windows) * windows.samples * windows.sample_time:.0f} s of “{studied.name}” that the fit did not see, "
+        "in three dimensions, with both models as ghosts of the measured robot. The models have the torques of the log "
         f"and start again from the measured state every {_RESTART:g} s: left alone, either falls in time."
     )
     return Film(part=film, caption=caption)

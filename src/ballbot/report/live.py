@@ -107,14 +107,15 @@ BALANCING = View(line=sample_line, table=sample_table)
 HELD = View(line=bench_line, table=bench_table)
 
 
-def state_line(state: State) -> str:
+def state_line(state: State, *, wheel_count: int) -> str:
     """Return a state in one line."""
     theta, phi, psi = np.degrees(state.attitude)
     stop = stop_reason(state)
     return (
         f"{'armed' if state.armed else 'disarmed'}, self-test {_self_test(state)}, "
         f"theta {theta:+.1f}, phi {phi:+.1f}, psi {psi:+.1f} degrees, counts "
-        f"{' '.join(map(str, state.wheel_counts.tolist()))}" + (f", stopped: {_words(stop)}" if stop else "")
+        f"{' '.join(map(str, state.wheel_counts[:wheel_count].tolist()))}"
+        + (f", stopped: {_words(stop)}" if stop else "")
     )
 
 
@@ -157,7 +158,7 @@ def wiring_parts(check: WiringCheck, *, framed: bool) -> Iterator[RenderableType
     yield Text("The wiring is right." if check.passed else "The wiring is not right.", style="bold")
     rows = [(one.movement.words, *_turn_cells(one)) for one in check.turns]
     yield table(
-        "Turns about x, y, z",
+        "Turns about x, y, z, and of each wheel",
         ("the robot was", "attitude [deg]", "gyro [deg]", "wheels [deg]"),
         rows,
         framed=framed,

@@ -49,6 +49,7 @@ def wiring_report(check: WiringCheck, *, about: str, made: Provenance) -> Report
         if check.passed
         else f"The wiring is not right. {check.findings[0].text}"
     )
+    caption = "What each sensor measured of each movement: attitude and gyro about x, y, z; the wheels in their order."
     untested = (
         "The direction of the torques: the self-test of each motor with its encoder waits for the wiring."
     )
@@ -56,11 +57,9 @@ def wiring_report(check: WiringCheck, *, about: str, made: Provenance) -> Report
         title="Wiring of a robot",
         lead=about,
         verdict=[("", verdict)],
-        sections=[
-            section("Turns by hand", Sheet.of(turns, caption="What each sensor measured of each movement."))
-        ],
+        sections=[section("Turns by hand", Sheet.of(turns, caption=caption))],
         undecided=[
-            "Scales to better than the hand turned the robot: `ballbot identify-geometry` finds them from logs.",
+            "Scale factors more exactly than the hand turns: `ballbot identify-geometry` finds them from logs.",
             *([] if check.passed else [untested]),
         ],
         made=made,

@@ -75,9 +75,10 @@ def loop_section(margins: Margins, *, of: str = "") -> Section:
     """Return the section on a loop; `of` names its controller, if that is not the page's own."""
     loop = margins.loop
     bode = (
-        "Bode diagram of the loop broken at the wheels' torques: at one wheel while the others stay closed, and at all "
-        "alike, by the leans and the heading. Where a gain crosses 0 dB, the distance of its phase to -180° is the "
-        "phase margin; where a phase crosses -180°, that of its gain to 0 dB is the gain margin."
+        "Bode diagram of the loop broken at the wheels' torques: at one wheel with the others closed, and at all "
+        "wheels together, as the eigenvalues for the two leans and the heading. Where a gain crosses 0 dB, the "
+        "distance of its phase to -180° is the phase margin; where a phase crosses -180°, that of its gain to 0 dB "
+        "is the gain margin."
     )
     return section(
         f"Stability margins{f' with {of}' if of else ''}",
@@ -149,7 +150,7 @@ def _draw_bode(gain: Axes, phase: Axes, margins: Margins) -> None:
     omega = np.geomspace(_LOWEST, 0.999 * math.pi / loop.sample_time, _POINTS)
     alike = len(margins.rows()) == 2  # one row of each wheel, one of all
     wheels, names = loop.wheel_responses(omega), ("one wheel",) if alike else loop.wheels
-    modes = zip(("lean", "lean, across", "heading"), loop.mode_responses(omega).T, _MODES, strict=True)
+    modes = zip(("lean 1", "lean 2", "heading"), loop.mode_responses(omega).T, _MODES, strict=True)
     lines = [*zip(names, wheels.T, _LOOKS, strict=False), *modes]
     for name, response, style in lines:
         gain.plot(omega, 20.0 * np.log10(np.abs(response)), label=name, **style)
@@ -162,9 +163,8 @@ def _draw_bode(gain: Axes, phase: Axes, margins: Margins) -> None:
         axes.set_xscale("log")
         axes.margins(x=0.0)
     gain.set_ylabel("gain [dB]")
-    gain.legend(
-        loc="lower left", ncols=2, frameon=True, facecolor="#ffffff", edgecolor="none", framealpha=1.0
-    )
+    # outside: within the axes it would cover the crossing of 0 dB of some loops
+    gain.figure.legend(*gain.get_legend_handles_labels(), loc="outside upper left", ncols=4)
     phase.set_ylabel("phase [deg]")
     phase.yaxis.set_major_locator(MultipleLocator(90.0))
     phase.set_xlabel("frequency [rad/s]")

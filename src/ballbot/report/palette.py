@@ -16,6 +16,7 @@ ORANGE = "#c2670f"
 GREEN = "#2f7554"
 VIOLET = "#8a4f7d"
 YELLOW = "#a8901c"
+RED = "#b3372f"
 PALE = "#b4bfc8"
 AXIS = "#9aa5ae"
 #: of areas that are certain, and that may be
@@ -32,6 +33,7 @@ _THEMED = {
     GREEN: "green",
     VIOLET: "violet",
     YELLOW: "yellow",
+    RED: "red",
     PALE: "pale",
     AXIS: "axis",
     LOWER: "lower",

@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ballbot.control.margins import MEANING
+from ballbot.control.presets import PRESETS
 from ballbot.report.console import finding_line, matrix_text, table
 from ballbot.report.loop import margins_table
 from ballbot.robot import Robot
@@ -84,7 +85,12 @@ def sources_sentence(robot: Robot) -> str:
 
 
 def _loop_parts(loop: CheckedLoop, *, framed: bool) -> list[RenderableType]:
-    title = f"\nLoop with the controller {loop.controller}"
+    preset = loop.controller in PRESETS
+    title = (
+        f"\nLoop with the {loop.controller} controller"
+        if preset
+        else f"\nLoop with the controller {loop.controller}"
+    )
     if loop.margins is None:
         return [Text(title, style="bold"), Text(loop.refusal)]
     return [Text(title, style="bold"), margins_table(loop.margins, framed=framed), Text(MEANING)]

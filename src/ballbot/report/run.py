@@ -92,7 +92,10 @@ def run_verdict(log: Log) -> list[tuple[str, str]]:
         return verdict
     counted, error = settled(log, SETTLE), position_error(log)
     if counted.any():
-        text = f"Once settled, {_mm(error[counted].max())} mm at most, {_mm(rms(error[counted]))} mm RMS."
+        text = (
+            f"{_mm(error[counted].max())} mm at most, {_mm(rms(error[counted]))} mm RMS, leaving out the {SETTLE:g} s "
+            "after the start and after each jump of the reference."
+        )
     else:
         short = "run is" if length < SETTLE else "times between jumps of the reference are"
         text = (
@@ -184,7 +187,7 @@ def _numbers(log: Log, robot: Robot | None) -> list[Block]:
             (
                 "settling time",
                 f"{'' if always else '≥ '}{arriving:.2f} s",
-                f"until within {1e3 * BAND:g} mm for good, the longest of the run",
+                f"until it stays within {1e3 * BAND:g} mm; the longest of the run",
             ),
         ]
     if _has_lean(log):
@@ -198,9 +201,9 @@ def _numbers(log: Log, robot: Robot | None) -> list[Block]:
             ("change of torque from row to row, RMS", f"{digits(rms_torque_change(log))} N m", "roughness"),
         ]
     caption = (
-        f"Errors are of the {'true' if _has_truth(log) else 'logged'} position. Settled: {SETTLE:g} s after "
+        f"Errors are of the {'true' if _has_truth(log) else 'logged'} position. “Once settled” leaves out the "
+        f"{SETTLE:g} s after the start and after each jump of the reference, however far off the robot then is."
     )
-    caption += "the start and after each jump of the reference."
     return [Sheet(headings=("quantity", "value", ""), rows=rows, caption=caption)]
 
 

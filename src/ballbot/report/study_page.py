@@ -309,7 +309,7 @@ def _controller_words(study: Study) -> str:
             if far < 0.01
             else f"not the nominal one: entries differ by up to {100 * far:.0f} % of the nominal gain's largest entry"
         )
-        words += f" The gain that {study.logs[0].name} was recorded with is {same}."
+        words += f" The gain that “{study.logs[0].name}” was recorded with is {same}."
     return words
 
 
@@ -344,7 +344,7 @@ def _rolling_words(rolling: TwinRolling | None) -> str:
     return (
         f" The identified C_rr {rolling.identified:.3g} contains losses of the rollers, play and noise. The twins "
         f"have these as well, and they add {rolling.added:.2g} to the C_rr of a twin's log. The floor of the twins "
-        "therefore has the rest."
+        "therefore has the remainder."
     )
 
 

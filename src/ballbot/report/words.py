@@ -55,7 +55,7 @@ def driveline_symbols(names: Collection[str] = FRICTION) -> str:
     if "stribeck" in names:
         fades = "which fades with speed at a rate set by v_s and delta (the Stribeck effect)"
         meanings.append(f"s: static friction above c, {fades}.")
-    return f"{' '.join(meanings)} Numbers of symbols are those of wheels."
+    return f"{' '.join(meanings)} The number after a symbol is the wheel's."
 
 
 def millimetres(metres: float) -> str:

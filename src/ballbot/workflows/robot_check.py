@@ -249,9 +249,9 @@ MATRIX_EQUATIONS = {
 
 #: what is wrong with each matrix that the thesis's mistakes are in; numbers: docs/generated/reproduce.md
 MISTAKEN_MATRICES = {
-    "T_trw": "the thesis's mistake 6: without the motors' counter-torque; the exact model does not use it",
-    "T_owr": "the thesis's mistake 8: absolute spin, where motor, friction and encoder have the speed against the "
-    "body; the exact model does not use it",
+    "T_trw": "the thesis's mistake 6, which leaves out the motors' counter-torque. The exact model does not use it",
+    "T_owr": "the thesis's mistake 8, the absolute spin of a wheel in place of its speed relative to the body. The "
+    "exact model does not use it",
 }
 MISTAKEN_LINEARIZATION = (
     "the thesis's mistakes 5, 6, 7 and 17 (docs/generated/reproduce.md): to compare with, not to design with"
