@@ -19,7 +19,7 @@ complete = false  # fill in the lines with cannot determine
 keep = [[1.0, 2.0]]
 
 [attitude]
-# cannot determine: delay of the lean (is it 0.0 ms?); the wheels explain the lean best 16.6 ms earlier, as they do up to
+# cannot determine: delay of the lean (is it 0.0 ms?); the wheels explain the lean best 16.6 ms earlier, as
 delay = 0.0  # assumed; the wheels explain the lean best 16.6 ms earlier
 
 [input]

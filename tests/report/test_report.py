@@ -28,13 +28,14 @@ from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.driveline import driveline_findings, parameter_rows
 from ballbot.report.friction import friction_curve, interval_figure, search_figure
 from ballbot.report.identification_page import _rows_within
-from ballbot.report.study import friction_sentence
+from ballbot.report.study import doubts_sentence, friction_sentence
 from ballbot.report.style import drawn, thinned, with_peaks
 from ballbot.report.tables import parameter_sheet
 from ballbot.report.words import interval_text, logs_words, state_mark, with_error, with_powers, with_symbols
 from ballbot.results import as_json
 from ballbot.robot import Friction
 from ballbot.rounding import between, digits
+from ballbot.workflows.study import Study
 from tests.support.validation_examples import true_robot
 
 
@@ -223,6 +224,20 @@ def test_the_friction_in_words_names_parameters_without_a_limit():
     one_sided = {"v_s": Interval(lower=0.3, upper=np.inf, method="profile")}
     found = replace(found, intervals={**open_ones, **one_sided})
     assert friction_sentence(found).endswith("The logs do not limit c2, c3: any value fits.")
+
+
+def test_the_doubts_name_parameters_that_another_log_leaves_open():
+    found = replace(_found(), findings=())
+    assert _doubts(found).startswith("No parameter is at a bound. The two")
+    upper = found.bounds[found.labels.index("delta"), 1]
+    wide = {"delta": Interval(lower=0.0, upper=upper, method="profile")}
+    predictions = {**found.variation.predictions, **wide}
+    found = replace(found, variation=replace(found.variation, predictions=predictions))
+    assert " From another log, any value of delta must be expected. The two" in _doubts(found)
+
+
+def _doubts(found: Identification) -> str:
+    return doubts_sentence(cast(Study, SimpleNamespace(found=found)))
 
 
 def test_sentences_and_summary_name_no_parameter_that_the_law_lacks():

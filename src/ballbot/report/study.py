@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from ballbot.findings import texts
+from ballbot.fitting.intervals import Interval
 from ballbot.identification import Identification
 from ballbot.identification.coulomb import SHARE
 from ballbot.mechanics.friction import wheel_friction
@@ -46,8 +49,13 @@ def friction_sentence(found: Identification) -> str:
 
 def _without_limit(found: Identification) -> str:
     """Return a sentence on the parameters of which any value fits; empty if there are none."""
-    labels = [label for label, one in found.intervals.items() if np.isinf(one.upper) and not one.lower > 0.0]
+    labels = _open(found.intervals)
     return f" The logs do not limit {', '.join(labels)}: any value fits." if labels else ""
+
+
+def _open(intervals: Mapping[str, Interval]) -> list[str]:
+    """Return the labels of intervals that leave any value open."""
+    return [label for label, one in intervals.items() if np.isinf(one.upper) and not one.lower > 0.0]
 
 
 def _wheel_words(friction: Friction, fastest: float) -> str:
@@ -211,7 +219,7 @@ def _rougher(choice: ControllerChoice, part: str) -> str:
 
 
 def doubts_sentence(study: Study) -> str:
-    """Return the first of the identification's findings and their number, or the largest correlation without any."""
+    """Return the first of the identification's findings and their number, or what is least certain without any."""
     warnings = study.found.findings
     if warnings:
         more = len(warnings) - 1
@@ -221,8 +229,10 @@ def doubts_sentence(study: Study) -> str:
     correlation = np.nan_to_num(np.triu(study.found.correlation, 1))
     first, second = np.unravel_index(np.argmax(np.abs(correlation)), correlation.shape)
     labels = study.found.labels
+    unlimited = ", ".join(_open(study.found.another_log))
+    other_log = f" From another log, any value of {unlimited} must be expected." if unlimited else ""
     return (
-        "No parameter is at a bound or undetermined. The two that the logs separate least are "
+        f"No parameter is at a bound.{other_log} The two that the logs separate least are "
         f"{labels[first]} and {labels[second]} (correlation {correlation[first, second]:+.2f})."
     )
 
