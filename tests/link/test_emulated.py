@@ -13,12 +13,13 @@ from ballbot.firmware.build import compile_sources, compilers
 from ballbot.firmware.export import PROJECT
 from ballbot.firmware.host import SelfTestOutcome
 from ballbot.firmware.records import parameter_record
-from ballbot.link.emulated import HARDWARE, CompiledRobot, EmulatedRobot
+from ballbot.link.emulated import HARDWARE, CompiledRobot, EmulatedRobot, emulated_robot
 from ballbot.link.lock_step import LockStep
 from ballbot.link.messages import Capability, ControllerPlace, Result, State
 from ballbot.link.session import Session, stop_reason
 from ballbot.link.transport import LinkError
 from ballbot.simulation.sensed_plant import Imperfections, SensedPlant
+from ballbot.twin.scenario_file import load_scenario
 from tests.support.control_examples import FRICTION, alten
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
@@ -271,3 +272,8 @@ def test_ramp_that_is_negative_or_too_long_is_refused():
     for ramp in (-1.0, 61.0, np.nan):
         with pytest.raises(InputError, match="torque ramp"):
             session.arm(lambda: True, ramp=ramp)
+
+
+def test_a_scenario_whose_imu_repeats_itself_is_refused_before_the_firmware_stops_for_it():
+    with pytest.raises(InputError, match="IMU has no noise, so that its values repeat"):
+        emulated_robot(ROBOT, load_scenario("ideal", ROBOT))

@@ -214,8 +214,13 @@ def emulated_robot(
     Raises
     ------
     InputError
-        If there is no compiler, or the board or the twin is not installed.
+        If there is no compiler, the board or the twin is not installed, or the scenario's IMU has no noise.
     """
+    if not (scenario.sensors.gyro_noise or scenario.sensors.attitude_noise):
+        raise InputError(
+            "The scenario's IMU has no noise, so that its values repeat while the robot stands, and the firmware stops as "
+            "for a broken sensor. Take another scenario, such as nominal, or give gyro_noise and attitude_noise."
+        )
     model = true_model(robot, scenario)
     controller = nominal_controller(robot)
     exported = export_controller(controller)
