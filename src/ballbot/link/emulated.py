@@ -218,8 +218,8 @@ def emulated_robot(
     """
     if not (scenario.sensors.gyro_noise or scenario.sensors.attitude_noise):
         raise InputError(
-            "The scenario's IMU has no noise, so that its values repeat while the robot stands, and the firmware stops as "
-            "for a broken sensor. Take another scenario, such as nominal, or give gyro_noise and attitude_noise."
+            "The scenario's IMU has no noise, so that its values repeat while the robot stands, and the firmware stops "
+            "as for a broken sensor. Take another scenario, such as nominal, or give gyro_noise and attitude_noise."
         )
     model = true_model(robot, scenario)
     controller = nominal_controller(robot)
