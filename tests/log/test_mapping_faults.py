@@ -267,15 +267,6 @@ def test_a_set_point_among_the_commands_is_named(evaluated, plain: Columns):
     assert "torque2_Nm as a set point" in asked.answers
 
 
-def test_speeds_by_one_letter_are_refused_with_the_entry_for_them(evaluated, angles: Columns):
-    t = angles["t_now"]
-    columns = {"t": t, "tilt_x": angles["theta_x"], "tilt_y": angles["theta_y"]}
-    columns |= {f"w{k}": np.gradient(angles[f"psi_{k}"], t) for k in (1, 2, 3)}
-    columns |= {f"tau{k}": angles[f"torque{k}_Nm"] for k in (1, 2, 3)}
-    with pytest.raises(InputError, match=r'there are speeds \(w1, w2, w3\), but no angles.*unit = "rad/s"'):
-        evaluated(columns)
-
-
 def test_a_gyro_with_an_offset_is_left_out_for_that_reason(evaluated, plain: Columns):
     """131 counts per deg/s and an offset of 3 deg/s, without a yaw."""
     log, t = swaying_log(), plain["t_now"] - 0.0175

@@ -276,21 +276,6 @@ def test_roll_and_pitch_whose_names_say_nothing_are_found_beside_wheels_whose_na
 
 
 @pytest.mark.parametrize(
-    ("form", "entry"),
-    [
-        ("rpm{}", 'unit = "rpm" }'),
-        ("wheel{}_rad_s", 'unit = "rad/s" }'),
-        ("w{}_rps", 'unit = "rpm", scale = 60.0 if they are revolutions'),
-        ("wheel{}_rev_s", 'unit = "rpm", scale = 60.0 }'),
-    ],
-)
-def test_a_log_with_wheel_speeds_alone_says_that_it_has_no_angles(tmp_path, form, entry):
-    with pytest.raises(InputError, match=r"speeds .*, but no angles") as refused:
-        renamed(tmp_path, {f"psi_{k}": form.format(k) for k in (1, 2, 3)})
-    assert entry in str(refused.value)
-
-
-@pytest.mark.parametrize(
     ("name", "factor"), [("wheel{}_rpm", 60.0), ("wheel{}_vel", 60.0), ("wheel{}_vel", 2.0 * np.pi)]
 )
 def test_logged_speeds_that_agree_are_no_glitches_in_any_unit_of_time_and_speed(tmp_path, name, factor):

@@ -41,6 +41,7 @@ An example with everything in it::
     # angle may have wrap = 4096, in the file's numbers: an encoder that begins again after so many is continued
     # angle may have largest_speed = 40.0 [rad/s]: faster steps are encoder resets, across which it continues
     speed = { derivative_of = "angle" }   # or { from = [..], unit = "rpm" }
+    # angle may be { integral_of = "speed" }, if the file has speeds alone
 
     [input]
     kind = "pwm"                  # torque, current or pwm
@@ -168,6 +169,7 @@ def _mapping(table: MappingTable) -> LogMapping:
             derivatives[name] = entry.derivative_of
     columns |= _wheel_columns(table.wheels)
     derivatives |= _wheel_derivatives(table.wheels)
+    integrals = _wheel_integrals(table.wheels)
     if "t" not in columns:
         raise InputError('[columns] lacks t, the time: t = { from = "..", unit = "s" }')
     attitude = None if table.attitude is None else _attitude(table.attitude, columns)
@@ -180,6 +182,7 @@ def _mapping(table: MappingTable) -> LogMapping:
         layout=_layout(table.file),
         columns=columns,
         derivatives=derivatives,
+        integrals=integrals,
         motors=motors,
         attitude=attitude,
         timing=table.time,
@@ -243,10 +246,10 @@ def _rates(table: RatesTable | None) -> tuple[Source, ...]:
 
 def _wheel_columns(wheels: WheelsTable) -> dict[str, Source]:
     columns: dict[str, Source] = {}
-    if wheels.angle:
+    if wheels.angle and not wheels.angle.integral_of:
         columns |= _wheel_sources(wheels.angle, "", wheels)
     if wheels.speed and not wheels.speed.derivative_of:
-        for key in ("wrap", "largest_speed"):
+        for key in ("wrap", "largest_speed", "integral_of"):
             if getattr(wheels.speed, key) is not None:
                 raise InputError(f"[wheels] speed has {key}, which only angle may have")
         columns |= _wheel_sources(wheels.speed, "_dot", wheels)
@@ -262,13 +265,20 @@ def _wheel_derivatives(wheels: WheelsTable) -> dict[str, str]:
     return {f"wheel{i}_dot": f"wheel{i}" for i in range(1, len(wheels.angle.sources) + 1)}
 
 
-def _check_alone(where: str, entry: ColumnTable | WheelColumnsTable) -> None:
+def _wheel_integrals(wheels: WheelsTable) -> dict[str, str]:
+    if not (wheels.angle and wheels.angle.integral_of):
+        return {}
+    _check_alone("[wheels] angle", wheels.angle, key="integral_of")
+    if not (wheels.speed and wheels.speed.sources):
+        raise InputError("[wheels] angle is the integral of speed, which [wheels] lacks")
+    return {f"wheel{i}": f"wheel{i}_dot" for i in range(1, len(wheels.speed.sources) + 1)}
+
+
+def _check_alone(where: str, entry: ColumnTable | WheelColumnsTable, *, key: str = "derivative_of") -> None:
     others = [one.name for one in fields(entry) if getattr(entry, one.name) != one.default]
-    keys = ["from" if name in ("source", "sources") else name for name in others if name != "derivative_of"]
+    keys = ["from" if name in ("source", "sources") else name for name in others if name != key]
     if keys:
-        raise InputError(
-            f"{where} has derivative_of, which allows no other key, but also has {', '.join(keys)}"
-        )
+        raise InputError(f"{where} has {key}, which allows no other key, but also has {', '.join(keys)}")
 
 
 def _check_name(name: str) -> None:

@@ -83,6 +83,7 @@ class WheelColumnsTable:
         None
     )
     derivative_of: Literal["angle"] | None = None
+    integral_of: Literal["speed"] | None = None
     unit: str | None = None
     counts_per_turn: PositiveFloat | None = None
     scale: FiniteFloat = 1.0

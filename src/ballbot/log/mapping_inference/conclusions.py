@@ -64,7 +64,7 @@ def _columns(proposal: Proposal) -> Conclusion:
         name="columns",
         value=value,
         confidence=min(roles.confidence, MOST),
-        evidence=f"time, lean, wheel angles and commands are recognised {named}",
+        evidence=f"time, lean, wheel {'speeds' if roles.of_speeds else 'angles'} and commands are recognised {named}",
         alternatives=roles.alternatives,
         key="--columns",
     )
@@ -109,7 +109,9 @@ GAIN_CONTRADICTED, TOO_SMALL = 2.5, 1.3
 
 def _unit_of_wheels(proposal: Proposal) -> Conclusion:
     """Return the unit of the wheel angles, in doubt if the lean responds to the wheels unlike the robot's."""
-    found, tested = _scale("unit of the wheel angles", proposal.wheel, "[wheels] angle"), proposal.lean_test
+    measured = "speed" if proposal.roles.of_speeds else "angle"
+    found = _scale(f"unit of the wheel {measured}s", proposal.wheel, f"[wheels] {measured}")
+    tested = proposal.lean_test
     gain = tested.gain if tested else None
     if tested is None or gain is None or not math.isfinite(tested.gain_error):
         return found

@@ -219,6 +219,7 @@ def _delays(
         interval=interval,
         early=early - late.applied,
         early_error=late.error,
+        of_speeds=raw.speeds is not None,
     )
     return lean, late
 
@@ -239,11 +240,15 @@ def log_mapping(proposal: Proposal, *, delay: float) -> LogMapping:
     clock = Source(column=roles.time or "", factor=proposal.time.factor)
     if roles.time_parts:
         clock = Source(column=roles.time_parts[0], nanoseconds=roles.time_parts[1])
-    columns = {"t": clock}
+    columns, derivatives, integrals = {"t": clock}, dict[str, str](), dict[str, str]()
     for i, wheel in enumerate(frame.order, start=1):
         factor = frame.signs[wheel - 1] * proposal.wheel.factor
-        columns[f"wheel{i}"] = Source(column=roles.angles[wheel - 1], factor=factor)
-    derivatives = {f"wheel{i}_dot": f"wheel{i}" for i in range(1, len(frame.order) + 1)}
+        angle, speed = f"wheel{i}", f"wheel{i}_dot"
+        measured = speed if roles.of_speeds else angle
+        columns[measured] = Source(column=roles.angles[wheel - 1], factor=factor)
+        (integrals if roles.of_speeds else derivatives).update(
+            {angle if roles.of_speeds else speed: measured}
+        )
     attitude = _attitude(proposal)
     if attitude is not None and not attitude.rates:
         derivatives |= {f"{name}_dot": name for name in ("theta", "phi", "psi")}
@@ -252,6 +257,7 @@ def log_mapping(proposal: Proposal, *, delay: float) -> LogMapping:
         layout=proposal.table.layout,
         columns=columns,
         derivatives=derivatives,
+        integrals=integrals,
         motors=MotorInput(sources=motors, drive=TorqueInput()),
         attitude=attitude,
         timing=Timing(repair=timing.worth_it, sample_time=proposal.sample_time, keep=proposal.keep),

@@ -15,12 +15,19 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.log.formats.inference import ForeignTable
-from ballbot.log.imu_angles import QUATERNION_ANGLES, less_half_a_turn, quaternion_angles
+from ballbot.log.imu_angles import QUATERNION_ANGLES, integral_of, less_half_a_turn, quaternion_angles
 from ballbot.log.mapping_inference.column_values import roles_by_data
 from ballbot.log.mapping_inference.counted_time import seconds_of_a_count
+from ballbot.log.mapping_inference.file_signals import filled
 from ballbot.log.mapping_inference.gyro_columns import with_gyro
 from ballbot.log.mapping_inference.names import read_name, read_names
-from ballbot.log.mapping_inference.open_names import seem_speeds, settled, with_heading_behind, with_rates_of
+from ballbot.log.mapping_inference.open_names import (
+    seem_angles,
+    seem_speeds,
+    settled,
+    with_heading_behind,
+    with_rates_of,
+)
 from ballbot.log.mapping_inference.roles import (
     PLAIN,
     Roles,
@@ -75,11 +82,8 @@ def recognise(path: str | Path, table: ForeignTable, robot: Robot) -> Recognised
     roles = replace(roles, half_turn=_half_turn(table.columns, roles))
     if stamp and roles.time == _STAMP:
         roles = replace(roles, time_parts=stamp)
-    if not by_data and seem_speeds(roles, _upright(table.columns, roles), robot):
-        raise InputError(
-            f"{path}: {', '.join(roles.angles)} are called wheel angles, but the lean follows from them as from "
-            "speeds, or from increments of a row. Log the angles, or replace these columns by their running sums."
-        )
+    if not by_data:
+        _check_named_wheels(path, table, roles, robot)
     copies = _copies(table, roles)
     if copies:
         roles = replace(roles, confidence=min(roles.confidence, 0.6), alternatives=copies)
@@ -125,6 +129,8 @@ def _upright(columns: Mapping[str, NDArray[np.float64]], roles: Roles) -> dict[s
 def _with_gyro_and_notes(table: ForeignTable, roles: Roles) -> tuple[Roles, list[str]]:
     """Return the roles with the gyro, and sentences on what the columns are taken for."""
     notes = []
+    if roles.of_speeds:
+        notes.append(f"{', '.join(roles.angles)} are wheel speeds, whose integrals are taken as the angles.")
     if roles.wrap:
         notes.append(
             f"{', '.join(roles.angles)} begin again after {roles.wrap:g} counts: the angles are continued there."
@@ -191,13 +197,14 @@ def _roles(
     named = settled(named, _upright(table.columns, named), robot)
     if doubted:
         named = replace(named, confidence=0.6, alternatives=(*doubted, *named.alternatives))
+    integrals: dict[str, NDArray[np.float64]] = {}
+    if table.named and (of_speeds := _of_speeds(table, named, robot)):
+        named, integrals = of_speeds, _integrals(table, of_speeds)
     known = table.named and named.time is not None and named.angles
     if known and (named.attitude or len(table.columns) < len(named.angles) + len(named.commands) + 3):
         return named, False
-    if not known and table.named and named.time is not None and named.speeds:
-        _check_has_angles(path, named)
     found = (
-        roles_by_data(_perhaps_lean(table.columns), robot)
+        roles_by_data(_perhaps_lean(table.columns) | integrals, robot)
         if known
         else _by_data(table, robot, named, {*quaternion, *stamp})
     )
@@ -215,7 +222,7 @@ def _roles(
         raise _no_time(path, table, named)
     if found is None:
         if table.named and named.time is not None and not named.angles:
-            _check_has_angles(path, named, least=0.0)
+            _check_has_angles(path, named)
         raise InputError(
             f"{path}: cannot determine which columns are the time, the lean and the wheel angles, neither by "
             f"names nor by numbers (the columns are {', '.join(table.columns)}). Name them in the file's order, "
@@ -305,10 +312,46 @@ _PLAINLY = 0.7
 _OMEGA = ("w", "omega")
 
 
-def _check_has_angles(path: str | Path, named: Roles, *, least: float = _PLAINLY) -> None:
-    """Raise InputError if names say, at least so plainly, that wheels have speeds and no angles, with the entry."""
+def _of_speeds(table: ForeignTable, named: Roles, robot: Robot) -> Roles | None:
+    """Return the roles of a table that has wheel speeds and no angles; None if neither names nor values say so."""
     reading = named.reading(named.speeds)
-    if reading is None or reading.weight < least:
+    if reading is None or named.time is None or named.angles:
+        return None
+    found = replace(named, angles=named.speeds, speeds=(), of_speeds=True)
+    plain = reading.weight >= _PLAINLY
+    return found if plain or seem_speeds(found, _upright(table.columns, found), robot) else None
+
+
+def _integrals(table: ForeignTable, named: Roles) -> dict[str, NDArray[np.float64]]:
+    """Return the integrals of wheel speeds over the file's time, by the speeds' names; none without a known unit."""
+    time = table.columns[named.time or ""]
+    reading = named.reading((named.time or "",))
+    scale = time_scale(time, reading.unit if reading else None)
+    if scale is None:
+        return {}
+    t = np.maximum.accumulate(filled(time) * scale.factor)
+    return {name: integral_of(t, filled(table.columns[name])) for name in named.angles}
+
+
+def _check_named_wheels(path: str | Path, table: ForeignTable, roles: Roles, robot: Robot) -> None:
+    """Raise InputError if the lean follows from columns called wheel angles as from speeds, or the other way round."""
+    names, columns = ", ".join(roles.angles), _upright(table.columns, roles)
+    if roles.of_speeds and seem_angles(roles, columns, robot):
+        raise InputError(
+            f"{path}: {names} are called wheel speeds, but the lean follows from them as from angles. Name them as "
+            "angles with --columns, wheel1_angle and so on."
+        )
+    if not roles.of_speeds and seem_speeds(roles, columns, robot):
+        raise InputError(
+            f"{path}: {names} are called wheel angles, but the lean follows from them as from speeds, or from "
+            "increments of a row. Log the angles, or replace these columns by their running sums."
+        )
+
+
+def _check_has_angles(path: str | Path, named: Roles) -> None:
+    """Raise InputError if names say that wheels have speeds and no angles, with the entry."""
+    reading = named.reading(named.speeds)
+    if reading is None:
         return
     unknown = "rad/s" if reading.stem in _OMEGA else "rpm"
     unit = {"turn/s": "rpm", None: unknown}.get(reading.unit, reading.unit)
@@ -322,8 +365,8 @@ def _check_has_angles(path: str | Path, named: Roles, *, least: float = _PLAINLY
     elif reading.unit == "turn/s":
         entry = entry.replace(" }", ", scale = 60.0 }")
     raise InputError(
-        f"{path}: cannot determine the wheels: there are speeds ({', '.join(named.speeds)}), but no angles, which the "
-        f"comparison with the robot needs. Log the angles, too, or write a mapping file; in [wheels], {entry}."
+        f"{path}: cannot determine the wheels: there are speeds ({', '.join(named.speeds)}), but no angles, and "
+        f"the lean does not confirm them. Log the angles, too, or write a mapping file; in [wheels], {entry}."
     )
 
 

@@ -27,7 +27,7 @@ class Roles:
 
     time: str | None
     attitude: tuple[str, ...]  #: roll, pitch and, if there is one, yaw
-    angles: tuple[str, ...]  #: a wheel each
+    angles: tuple[str, ...]  #: a wheel each; or its speed, if they are `of_speeds`
     speeds: tuple[str, ...]
     commands: tuple[str, ...]
     #: Tx, Ty, Tz: commands about the body's axes, before they go to the wheels
@@ -45,6 +45,7 @@ class Roles:
     wrap: float | None = (
         None  #: period of the wheel angles in the file's numbers, if they begin again after it
     )
+    of_speeds: bool = False  #: whether the file has wheel speeds alone, whose integrals are the angles
     time_parts: tuple[str, ...] = ()  #: the columns of seconds and nanoseconds of which the time is made
     units: Mapping[str, str] = field(default_factory=dict)  #: of columns, as a row below the header has them
 
