@@ -134,7 +134,7 @@ def test_commands_without_a_sign_are_refused_and_not_asked_for_order_and_signs(f
     said = shown_for(folder, capsys, columns)
     assert "the commands u1, u2, u3 never change sign" in said
     assert "cannot determine" not in said
-    columns |= {f"dir{name[1]}": (values > 0.0) * 1.0 for name, values in duties.items()}
+    columns |= {f"dir{name[1]}": (values > 0.0) + 1.0 for name, values in duties.items()}
     assert "(is it in dir1, dir2, dir3?)" in shown_for(folder, capsys, columns)
 
 

@@ -240,6 +240,14 @@ def test_time_that_does_not_increase_is_refused_before_it_is_used(tmp_path):
             '[columns]\nt = "t"\n[input]\nkind = "current"\nfrom = ["a"]\ngear_ratio = 2.0\n',
             "torque_constant is missing",
         ),
+        (
+            '[columns]\nt = "t"\n[input]\nkind = "torque"\nfrom = ["a", "b"]\nzero = [1, 2, 3]\n',
+            "[input] zero has 3 values; it needs one for each of the 2 wheels",
+        ),
+        (
+            '[columns]\nt = "t"\n[input]\nkind = "torque"\nfrom = ["a", "b"]\ndirection = ["c"]\n',
+            "[input] direction has 1 values; it needs one for each of the 2 wheels",
+        ),
         ('[columns]\nt = "t"\n[file]\nheader_lines = 0\n', "header_lines = 0 and therefore needs names"),
         ('[columns]\nt = "t"\n[file]\nseparator = ":"\n', "file.separator is ':'; it must be 'comma'"),
     ],
@@ -284,6 +292,31 @@ def test_a_time_may_be_seconds_and_nanoseconds_of_two_columns(tmp_path):
         '[file]\nseparator = "blanks"\n[columns]\nt = "t"\nx = "x"\n',
     )
     np.testing.assert_allclose(log_of_clock.t, [86399.99, 86399.995], rtol=1e-12)
+
+
+def test_commands_have_a_zero_and_directions(tmp_path):
+    table = "t,a,b,c,d\n0,138,1,90,1\n1,118,0,91,-1\n2,128,,93,0\n"
+    mapping = """
+[columns]
+t = "t"
+
+[wheels]
+order = [2, 1]
+
+[input]
+kind = "torque"
+from = ["a", "c"]
+sign = [1, -1]
+scale = 0.5
+"""
+    log = read(tmp_path, table, mapping + "zero = [128, 90]\n")
+    np.testing.assert_array_equal(log["u2"], [5.0, -5.0, 0.0])
+    np.testing.assert_array_equal(log["u1"], [0.0, -0.5, -1.5])
+    log = read(tmp_path, table, mapping + 'direction = ["b", "d"]\n')
+    np.testing.assert_array_equal(log["u2"], [69.0, -59.0, np.nan])
+    np.testing.assert_array_equal(log["u1"], [-45.0, 45.5, 46.5])
+    with pytest.raises(InputError, match="takes u2 from the column 'q', which does not exist"):
+        read(tmp_path, table, mapping + 'direction = ["q", "d"]\n')
 
 
 def test_the_angles_of_speeds_are_their_integrals(tmp_path):

@@ -11,7 +11,8 @@ import pytest
 from ballbot.errors import InputError
 from ballbot.findings import Finding
 from ballbot.log.checks.kinematics import check_wheels
-from ballbot.log.mapping_inference.commands import Response, unit_probabilities
+from ballbot.log.mapping_inference.command_units import unit_probabilities
+from ballbot.log.mapping_inference.commands import Response
 from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.proposal import propose
 from ballbot.log.mapping_inference.refusal import contradiction, errors_of

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.mapping_file import parse_mapping
-from ballbot.log.mapping_inference.commands import Unit
+from ballbot.log.mapping_inference.command_units import Unit
 from ballbot.log.mapping_inference.conclusions import conclusions_of
 from ballbot.log.mapping_inference.evidence import Conclusion
 from ballbot.log.mapping_inference.placement import torque_free_gains

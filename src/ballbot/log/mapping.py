@@ -112,6 +112,7 @@ class Source:
     offset: float = 0.0  #: in Ballbot's unit
     delay: float = 0.0  #: [s]
     nanoseconds: str | None = None  #: of a time: the column with the nanoseconds that its seconds lack
+    direction: str | None = None  #: of a motor's magnitude: the column that is above zero where it is forward
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,8 +162,7 @@ class LogMapping:
     layout: TextLayout
     columns: Mapping[str, Source]  #: by Ballbot's name, t among them
     derivatives: Mapping[str, str]  #: by Ballbot's name, which of Ballbot's columns to differentiate
-    #: by Ballbot's name of a wheel's angle, that of its speed, whose integral over the file's rows it is
-    integrals: Mapping[str, str] = field(default_factory=dict)
+    integrals: Mapping[str, str] = field(default_factory=dict)  #: by wheel angle, the speed to integrate
     motors: MotorInput | None = None
     attitude: Attitude | None = None
     timing: Timing = Timing()
@@ -327,18 +327,20 @@ def _even_rows(
 
 
 def _scaled(name: str, source: Source, table: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-    if source.column not in table:
-        hint = suggest(source.column, table, otherwise="it has")
-        raise InputError(
-            f"The mapping takes {name} from the column {source.column!r}, which does not exist; {hint}"
-        )
-    return mark_missing(source.factor * table[source.column] + source.offset)
+    for column in (source.column, source.direction):
+        if column is not None and column not in table:
+            hint = suggest(column, table, otherwise="it has")
+            raise InputError(
+                f"The mapping takes {name} from the column {column!r}, which does not exist; {hint}"
+            )
+    values = mark_missing(source.factor * table[source.column] + source.offset)
+    return values if source.direction is None else values * np.sign(np.sign(table[source.direction]) - 0.5)
 
 
 def _integral(t: NDArray[np.float64], speed: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the integral (N,) of a wheel's speed, missing where the speed is, but in short holes."""
     speed = without_holes(t, speed)
-    return np.where(np.isfinite(speed), integral_of(t, speed), np.nan)
+    return integral_of(t, speed) + 0.0 * speed
 
 
 def _wheel_angles(columns: Columns) -> tuple[str, ...]:

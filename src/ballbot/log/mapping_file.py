@@ -48,6 +48,8 @@ An example with everything in it::
     from = ["u1", "u2", "u3"]     # in the file's order; [wheels] order applies
     sign = -1                     # one for all, or a list
     scale = 1.0                   # factor that makes the full duty 1 (or converts to A, or N m)
+    zero = 0.0                    # number that stands for no command, such as 128 or 1500; one for all, or a list
+    # direction = ["d1", "d2", "d3"] if the commands are magnitudes: forward where it is above zero, else backward
     delay = 0.012                 # [s] from the log's time to the motor
     supply_voltage = 11.1         # [V]
     torque_constant = 0.01        # [N m/A], motor side
@@ -357,8 +359,21 @@ def _motors(table: TorqueTable | CurrentTable | DutyTable, wheels: WheelsTable) 
     count = len(table.sources)
     signs = _signs("[input]", table.sign, count)
     unit = _unit_factor("[input]", "u1", table.unit, None) if isinstance(table, TorqueTable) else 1.0
+    zeros = table.zero if isinstance(table.zero, tuple) else (table.zero,) * count
+    for key, values in (("zero", zeros), ("direction", table.direction or table.sources)):
+        if len(values) != count:
+            raise InputError(
+                f"[input] {key} has {len(values)} values; it needs one for each of the {count} wheels"
+            )
+    factors = [sign * table.scale * unit for sign in signs]
     sources = tuple(
-        Source(column=table.sources[k], factor=signs[k] * table.scale * unit, delay=table.delay)
+        Source(
+            column=table.sources[k],
+            factor=factors[k],
+            offset=-zeros[k] * factors[k] if zeros[k] else 0.0,
+            delay=table.delay,
+            direction=table.direction[k] if table.direction else None,
+        )
         for k in _order(wheels, count)
     )
     return MotorInput(sources=sources, drive=_drive(table))

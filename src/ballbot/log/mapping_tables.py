@@ -109,6 +109,8 @@ class MotorsTable:
     sources: Annotated[tuple[str, ...], Field(alias="from", min_length=1, max_length=MAX_WHEELS)]
     sign: Sign | tuple[Sign, ...] = 1
     scale: FiniteFloat = 1.0
+    zero: FiniteFloat | tuple[FiniteFloat, ...] = 0.0
+    direction: tuple[str, ...] = ()
     delay: FiniteFloat = 0.0
 
 

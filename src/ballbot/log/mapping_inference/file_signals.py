@@ -83,12 +83,23 @@ class Raw:
             angles=angles,
             speeds=speeds,
             attitude=attitude,
-            commands=stacked(roles.commands),
+            commands=_with_signs(stacked(roles.commands), stacked(roles.directions), roles),
             gyro=stacked(roles.gyro),
             gyro_unit=named.unit if named else None,
             pitch_factor=pitch_factor,
             gyro_counts=_may_be_counts(columns, roles),
         )
+
+
+def _with_signs(
+    commands: NDArray[np.float64] | None, directions: NDArray[np.float64] | None, roles: Roles
+) -> NDArray[np.float64] | None:
+    """Return commands (M, n) from their zero and with their directions, if the file has them without a sign."""
+    if commands is None:
+        return None
+    if roles.zero is not None:
+        commands = commands - roles.zero.value
+    return commands if directions is None else commands * np.where(directions > 0.0, 1.0, -1.0)
 
 
 def pitch_in_rolls_unit(roles: Roles) -> float:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ballbot.file_formats import format_line
 from ballbot.log.columns import FACTORS
-from ballbot.log.mapping_inference.commands import Unit
+from ballbot.log.mapping_inference.command_units import Unit
 from ballbot.log.mapping_inference.conclusions import conclusions_of
 from ballbot.log.mapping_inference.evidence import Conclusion, in_percent
 from ballbot.log.mapping_inference.proposal import Proposal, rates_delay, rates_signs
@@ -260,11 +260,18 @@ def _input_lines(proposal: Proposal, robot: Robot, concluded: Mapping[str, Concl
     # [wheels] order applies to these lists, too
     listed = {wheel: place for place, wheel in enumerate(order)}
     places = [listed[k] for k in range(1, len(names) + 1)]
+    zero, directions = proposal.roles.zero, dict(zip(names, proposal.roles.directions, strict=False))
     return [
         "[input]",
         *_kind_lines(proposal, unit, robot, concluded),
         *_other_kinds(proposal, robot, concluded),
         toml_line("from", [by_wheel[place] for place in places]),
+        *([] if zero is None else [toml_line("zero", zero.value, zero.evidence)]),
+        *(
+            [toml_line("direction", [directions[by_wheel[place]] for place in places], "forward above zero")]
+            if directions
+            else []
+        ),
         toml_line("sign", [signs[place] for place in places]),
         toml_line("delay", proposal.command_delay.applied, _reason(concluded.get("[input] delay"))),
     ]

@@ -15,15 +15,13 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.log.formats.inference import ForeignTable
-from ballbot.log.imu_angles import QUATERNION_ANGLES, integral_of, less_half_a_turn, quaternion_angles
+from ballbot.log.imu_angles import QUATERNION_ANGLES, quaternion_angles
 from ballbot.log.mapping_inference.column_values import roles_by_data
+from ballbot.log.mapping_inference.command_signs import directions_of, far_from_zero, never_negative, zero_of
 from ballbot.log.mapping_inference.counted_time import seconds_of_a_count
-from ballbot.log.mapping_inference.file_signals import filled
 from ballbot.log.mapping_inference.gyro_columns import with_gyro
 from ballbot.log.mapping_inference.names import read_name, read_names
 from ballbot.log.mapping_inference.open_names import (
-    seem_angles,
-    seem_speeds,
     settled,
     with_heading_behind,
     with_rates_of,
@@ -31,12 +29,19 @@ from ballbot.log.mapping_inference.open_names import (
 from ballbot.log.mapping_inference.roles import (
     PLAIN,
     Roles,
-    half_turn_of,
+    half_turn,
     quaternion_of,
     roles_by_name,
+    upright,
 )
 from ballbot.log.mapping_inference.time_units import time_scale
 from ballbot.log.mapping_inference.units import Scale
+from ballbot.log.mapping_inference.wheel_speeds import (
+    check_has_angles,
+    check_named_wheels,
+    integrals_of,
+    of_speeds,
+)
 from ballbot.log.mapping_inference.wrapped_encoders import wrapped_encoders
 from ballbot.log.row_order import increasing_rows, longest_run, repeated_rows
 from ballbot.log.signals import unwrapped
@@ -79,11 +84,11 @@ def recognise(path: str | Path, table: ForeignTable, robot: Robot) -> Recognised
     table = replace(table, columns=table.columns if roles.wrap else {**table.columns, **raw})
     roles, notes = _with_gyro_and_notes(table, roles)
     table = replace(table, notes=(*table.notes, *notes))
-    roles = replace(roles, half_turn=_half_turn(table.columns, roles))
+    roles = replace(roles, half_turn=half_turn(table.columns, roles))
     if stamp and roles.time == _STAMP:
         roles = replace(roles, time_parts=stamp)
     if not by_data:
-        _check_named_wheels(path, table, roles, robot)
+        check_named_wheels(path, table, roles, robot)
     copies = _copies(table, roles)
     if copies:
         roles = replace(roles, confidence=min(roles.confidence, 0.6), alternatives=copies)
@@ -94,6 +99,8 @@ def recognise(path: str | Path, table: ForeignTable, robot: Robot) -> Recognised
     if roles.attitude:
         _check_motion(path, table, roles, slice(*rows), float(np.ptp(t[slice(*rows)])))
         table, roles = _without_still_heading(table, roles, slice(*rows))
+    if roles.attitude and roles.commands:
+        table, roles = _with_signs(table, roles, t, slice(*rows))
     if repeated.any():
         note = (
             f"Not used: {counted(int(repeated.sum()), 'row')} with the time and all values of the row before."
@@ -112,18 +119,24 @@ def recognise(path: str | Path, table: ForeignTable, robot: Robot) -> Recognised
     )
 
 
-def _half_turn(columns: Mapping[str, NDArray[np.float64]], roles: Roles) -> float | None:
-    """Return half a turn in the unit of the roll, if that shows an IMU that hangs upside down."""
-    named = roles.reading(roles.attitude)
-    return half_turn_of(columns[roles.attitude[0]], named.unit if named else None) if roles.attitude else None
-
-
-def _upright(columns: Mapping[str, NDArray[np.float64]], roles: Roles) -> dict[str, NDArray[np.float64]]:
-    """Return columns in which the roll of an IMU that hangs upside down is near zero."""
-    half = _half_turn(columns, roles)
-    if half is None:
-        return dict(columns)
-    return {**columns, roles.attitude[0]: less_half_a_turn(columns[roles.attitude[0]], half)}
+def _with_signs(
+    table: ForeignTable, roles: Roles, t: NDArray[np.float64], rows: slice
+) -> tuple[ForeignTable, Roles]:
+    """Return the roles with the zero, or the directions, of commands that are never negative, and a note."""
+    commands = np.column_stack([table.columns[name][rows] for name in roles.commands])
+    if not never_negative(commands):
+        return table, roles
+    if far_from_zero(commands):
+        return table, replace(roles, zero=zero_of(commands, t[rows]))
+    columns = {name: values[rows] for name, values in table.columns.items()}
+    directions = directions_of(read_names(list(columns), table.units), columns, roles.commands)
+    if not directions:
+        return table, roles
+    note = (
+        f"{', '.join(roles.commands)} are magnitudes, forward where {', '.join(directions)} are above zero, and "
+        "backward elsewhere."
+    )
+    return replace(table, notes=(*table.notes, note)), replace(roles, directions=directions)
 
 
 def _with_gyro_and_notes(table: ForeignTable, roles: Roles) -> tuple[Roles, list[str]]:
@@ -141,7 +154,7 @@ def _with_gyro_and_notes(table: ForeignTable, roles: Roles) -> tuple[Roles, list
             "that the motors follow them."
         )
     roles, of_neither = with_rates_of(roles, table.columns)
-    roles, looks_like = with_gyro(roles, _upright(table.columns, roles))
+    roles, looks_like = with_gyro(roles, upright(table.columns, roles))
     return roles, [*notes, *(one for one in (of_neither, looks_like) if one)]
 
 
@@ -194,12 +207,12 @@ def _roles(
         named = replace(named, angles=wrapped, open_series=(wrapped,))
     named = with_heading_behind(named, table.columns, robot)
     doubted = named.alternatives
-    named = settled(named, _upright(table.columns, named), robot)
+    named = settled(named, upright(table.columns, named), robot)
     if doubted:
         named = replace(named, confidence=0.6, alternatives=(*doubted, *named.alternatives))
     integrals: dict[str, NDArray[np.float64]] = {}
-    if table.named and (of_speeds := _of_speeds(table, named, robot)):
-        named, integrals = of_speeds, _integrals(table, of_speeds)
+    if table.named and (by_speeds := of_speeds(table, named, robot)):
+        named, integrals = by_speeds, integrals_of(table, by_speeds)
     known = table.named and named.time is not None and named.angles
     if known and (named.attitude or len(table.columns) < len(named.angles) + len(named.commands) + 3):
         return named, False
@@ -222,7 +235,7 @@ def _roles(
         raise _no_time(path, table, named)
     if found is None:
         if table.named and named.time is not None and not named.angles:
-            _check_has_angles(path, named)
+            check_has_angles(path, named)
         raise InputError(
             f"{path}: cannot determine which columns are the time, the lean and the wheel angles, neither by "
             f"names nor by numbers (the columns are {', '.join(table.columns)}). Name them in the file's order, "
@@ -304,70 +317,6 @@ def _perhaps_lean(columns: Mapping[str, NDArray[np.float64]]) -> dict[str, NDArr
     """Return the columns without those whose names say that they are no angles, such as an accelerometer's."""
     other = ("gyro", "accelerometer", "wheel speed", "reference", "ball position", "ball velocity")
     return {one.name: columns[one.name] for one in read_names(list(columns)) if one.kind not in other}
-
-
-#: how plainly a name must say that a column is a wheel's speed: w1 may be its angle
-_PLAINLY = 0.7
-#: stems of speeds in rad/s
-_OMEGA = ("w", "omega")
-
-
-def _of_speeds(table: ForeignTable, named: Roles, robot: Robot) -> Roles | None:
-    """Return the roles of a table that has wheel speeds and no angles; None if neither names nor values say so."""
-    reading = named.reading(named.speeds)
-    if reading is None or named.time is None or named.angles:
-        return None
-    found = replace(named, angles=named.speeds, speeds=(), of_speeds=True)
-    plain = reading.weight >= _PLAINLY
-    return found if plain or seem_speeds(found, _upright(table.columns, found), robot) else None
-
-
-def _integrals(table: ForeignTable, named: Roles) -> dict[str, NDArray[np.float64]]:
-    """Return the integrals of wheel speeds over the file's time, by the speeds' names; none without a known unit."""
-    time = table.columns[named.time or ""]
-    reading = named.reading((named.time or "",))
-    scale = time_scale(time, reading.unit if reading else None)
-    if scale is None:
-        return {}
-    t = np.maximum.accumulate(filled(time) * scale.factor)
-    return {name: integral_of(t, filled(table.columns[name])) for name in named.angles}
-
-
-def _check_named_wheels(path: str | Path, table: ForeignTable, roles: Roles, robot: Robot) -> None:
-    """Raise InputError if the lean follows from columns called wheel angles as from speeds, or the other way round."""
-    names, columns = ", ".join(roles.angles), _upright(table.columns, roles)
-    if roles.of_speeds and seem_angles(roles, columns, robot):
-        raise InputError(
-            f"{path}: {names} are called wheel speeds, but the lean follows from them as from angles. Name them as "
-            "angles with --columns, wheel1_angle and so on."
-        )
-    if not roles.of_speeds and seem_speeds(roles, columns, robot):
-        raise InputError(
-            f"{path}: {names} are called wheel angles, but the lean follows from them as from speeds, or from "
-            "increments of a row. Log the angles, or replace these columns by their running sums."
-        )
-
-
-def _check_has_angles(path: str | Path, named: Roles) -> None:
-    """Raise InputError if names say that wheels have speeds and no angles, with the entry."""
-    reading = named.reading(named.speeds)
-    if reading is None:
-        return
-    unknown = "rad/s" if reading.stem in _OMEGA else "rpm"
-    unit = {"turn/s": "rpm", None: unknown}.get(reading.unit, reading.unit)
-    columns = ", ".join(f'"{name}"' for name in named.speeds)
-    entry = f'speed = {{ from = [{columns}], unit = "{unit}" }}'
-    if reading.unit == "rps":
-        entry = (
-            f'speed = {{ from = [{columns}], unit = "rad/s" }} if rps are radians a second, or with unit = "rpm", '
-            "scale = 60.0 if they are revolutions"
-        )
-    elif reading.unit == "turn/s":
-        entry = entry.replace(" }", ", scale = 60.0 }")
-    raise InputError(
-        f"{path}: cannot determine the wheels: there are speeds ({', '.join(named.speeds)}), but no angles, and "
-        f"the lean does not confirm them. Log the angles, too, or write a mapping file; in [wheels], {entry}."
-    )
 
 
 def _time(path: str | Path, table: ForeignTable, roles: Roles) -> Scale:

@@ -23,7 +23,7 @@ from ballbot.log.log import Log
 from ballbot.log.mapping import apply_mapping
 from ballbot.log.mapping_file import parse_mapping
 from ballbot.log.mapping_inference.command_conclusions import possible_commands
-from ballbot.log.mapping_inference.commands import OF_THE_MOTOR
+from ballbot.log.mapping_inference.command_units import OF_THE_MOTOR
 from ballbot.log.mapping_inference.conclusions import conclusions_of
 from ballbot.log.mapping_inference.evidence import CONFIDENT, Conclusion
 from ballbot.log.mapping_inference.mapping_text import mapping_text

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from ballbot.log.mapping_inference.evidence import CONFIDENT, MOST
 from ballbot.log.mapping_inference.file_signals import GyroTest, Signals
-from ballbot.log.mapping_inference.placement import LeanTest
+from ballbot.log.mapping_inference.placement import LAGS, LeanTest
 from ballbot.log.mapping_inference.wheel_response import CommandTest
 from ballbot.log.signals import Smooth, smooth
 
@@ -172,7 +172,8 @@ def lean_delay(
         said = f"roll and pitch are {1e3 * applied:.1f} ms later than the gyro, which is taken to be in time"
     if of_speeds:
         # a lean earlier than the wheels shows it; one that is later may be as late by play
-        error = math.hypot(error, _unseen(LONGEST_SPEED_DELAY), min(tested.lag, 0.0))
+        late = _unseen(LONGEST_SPEED_DELAY) if tested.lag > LAGS[0] else 1.5 * LONGEST_SPEED_DELAY
+        error = math.hypot(error, late)
         said += f"; the wheels' speeds may be late, too, by up to {1e3 * LONGEST_SPEED_DELAY:.0f} ms of their filter"
     quick = quickness(signals.lean, tested.balancing)
     return Delay(
