@@ -57,7 +57,7 @@ def test_the_number_at_which_motors_rest_is_the_zero():
     commands[:100] = 1488.0
     found = zero_of(commands, T)
     assert found is not None
-    assert (found.value, dict(found.full_scales)) == (1488.0, {500.0: 1.0, 400.0: 0.08})
+    assert (found.value, dict(found.full_scales)) == (1488.0, {500.0: 1.0, 400.0: 0.3})
     assert "while the motors rest, all are 1488" in found.evidence
 
 

@@ -125,3 +125,11 @@ def test_speeds_in_counts_are_determined_or_asked_for(evaluated, angles: Columns
     found = evaluated(columns)
     (unit,) = (one for one in conclusions_of(found.proposal) if one.name == "unit of the wheel speeds")
     assert unit.confidence < CONFIDENT or unit.value == f"counts/s, {COUNTS:g} counts a turn"
+
+
+def test_speeds_that_are_rounded_much_are_asked_for(evaluated, angles: Columns):
+    columns = with_speeds(angles, "wheel{}_rad_s")
+    size = float(np.std(columns["wheel1_rad_s"]))
+    columns |= {name: size * np.round(columns[name] / size) for name in columns if name.startswith("wheel")}
+    (asked,) = (one for one in evaluated(columns).undetermined if one.name == "wheel speeds")
+    assert "they are rounded to" in asked.evidence

@@ -190,6 +190,8 @@ def wheel_units(
     return found
 
 
+#: why a unit of wheel speeds is clear: they are differences of an encoder's counts
+COUNT_STEPS = "one encoder count a row"
 #: a wheel's encoder counts from one row to the next, in place of its speed
 PER_ROW = "counts a row"
 
@@ -233,7 +235,7 @@ def speed_units(
         reason = unit
         if step is not None and abs(step * factor * interval / count - 1.0) < STEP_AGREEMENT:
             weight += 5.0
-            reason += f"; steps of {step:.5g} are one encoder count a row"
+            reason += f"; steps of {step:.5g} are {COUNT_STEPS}"
         found[Scale(unit=unit, factor=factor, scale=scale, reason=_with_name(named, reason))] = weight
     if whole:
         by_file = f"{turn / count:g} counts a turn, by the robot file"
