@@ -134,12 +134,12 @@ def test_commands_without_a_sign_are_refused_and_not_asked_for_order_and_signs(f
     said = shown_for(folder, capsys, columns)
     assert "the commands u1, u2, u3 never change sign" in said
     assert "cannot determine" not in said
-    columns |= {f"dir{name[1]}": (values > 0.0) * 1.0 for name, values in duties.items()}
+    columns |= {f"dir{name[1]}": (values > 0.0) + 1.0 for name, values in duties.items()}
     assert "(is it in dir1, dir2, dir3?)" in shown_for(folder, capsys, columns)
 
 
-@pytest.mark.parametrize(("zero", "full"), [(128.0, 127.0), (1500.0, 500.0)])
-def test_commands_about_another_number_than_zero_are_named_with_it(folder, capsys, zero, full):
+@pytest.mark.parametrize(("zero", "full"), [(300.0, 127.0), (1750.0, 500.0)])
+def test_commands_about_an_unusual_number_are_named_with_it(folder, capsys, zero, full):
     columns = columns_of(swaying_log(), Habits())
     columns |= {f"u{i}": np.round(zero + full * columns[f"u{i}"]) for i in (1, 2, 3)}
     said = shown_for(folder, capsys, columns)

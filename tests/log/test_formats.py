@@ -304,6 +304,25 @@ def test_a_header_with_a_comment_mark_or_without_the_name_of_quoted_row_names_ke
         assert infer_text_table(path).columns["a"].tolist() == [1, 2]
 
 
+@pytest.mark.parametrize("header", ["t,a,b", "t,a,b,"])
+@pytest.mark.parametrize("ends", [",", ", ", ",\r"])
+def test_a_separator_at_the_end_of_rows_or_header_is_ignored(tmp_path, header, ends):
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([header, f"0.0,1,2{ends}", f"0.1,,{ends}", "0.2,3,4", f"0.3,5,6{ends}", ""]))
+    for read in (read_text_table, lambda one: infer_text_table(one).columns):
+        columns = read(path)
+        assert list(columns) == ["t", "a", "b"]
+        np.testing.assert_array_equal(columns["b"], [2.0, np.nan, 4.0, 6.0])
+        np.testing.assert_array_equal(columns["a"], [1.0, np.nan, 3.0, 5.0])
+
+
+def test_a_value_behind_the_last_column_is_refused_though_other_rows_end_with_a_separator(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("t,a,\n0,1,\n1,2,3\n")
+    with pytest.raises(InputError, match="line 3: the row has 3 cells, but the header has 2"):
+        read_text_table(path)
+
+
 def test_files_of_other_kinds_are_refused(tmp_path):
     (tmp_path / "log.csv").write_bytes(b"\xff\xfe\x00\x80")
     (tmp_path / "log.parquet").write_text("t,x\n0,1\n")

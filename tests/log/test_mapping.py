@@ -208,6 +208,22 @@ def test_time_that_does_not_increase_is_refused_before_it_is_used(tmp_path):
             "[wheels] speed has largest_speed, which only angle may have",
         ),
         (
+            '[columns]\nt = "t"\n[wheels]\nangle = { integral_of = "speed" }\nspeed = { derivative_of = "angle" }\n',
+            "[wheels] speed is the derivative of angle, which [wheels] lacks",
+        ),
+        (
+            '[columns]\nt = "t"\n[wheels]\nangle = { integral_of = "speed" }\n',
+            "[wheels] angle is the integral of speed, which [wheels] lacks",
+        ),
+        (
+            '[columns]\nt = "t"\n[wheels]\nangle = { integral_of = "speed", unit = "rad" }\n',
+            "[wheels] angle has integral_of, which allows no other key, but also has unit",
+        ),
+        (
+            '[columns]\nt = "t"\n[wheels]\nspeed = { from = ["a"], integral_of = "speed" }\n',
+            "[wheels] speed has integral_of, which only angle may have",
+        ),
+        (
             '[columns]\nt = "t"\n[wheels]\nspeed = { derivative_of = "angle" }\n',
             "of angle, which [wheels] lacks",
         ),
@@ -223,6 +239,14 @@ def test_time_that_does_not_increase_is_refused_before_it_is_used(tmp_path):
         (
             '[columns]\nt = "t"\n[input]\nkind = "current"\nfrom = ["a"]\ngear_ratio = 2.0\n',
             "torque_constant is missing",
+        ),
+        (
+            '[columns]\nt = "t"\n[input]\nkind = "torque"\nfrom = ["a", "b"]\nzero = [1, 2, 3]\n',
+            "[input] zero has 3 values; it needs one for each of the 2 wheels",
+        ),
+        (
+            '[columns]\nt = "t"\n[input]\nkind = "torque"\nfrom = ["a", "b"]\ndirection = ["c"]\n',
+            "[input] direction has 1 values; it needs one for each of the 2 wheels",
         ),
         ('[columns]\nt = "t"\n[file]\nheader_lines = 0\n', "header_lines = 0 and therefore needs names"),
         ('[columns]\nt = "t"\n[file]\nseparator = ":"\n', "file.separator is ':'; it must be 'comma'"),
@@ -268,6 +292,58 @@ def test_a_time_may_be_seconds_and_nanoseconds_of_two_columns(tmp_path):
         '[file]\nseparator = "blanks"\n[columns]\nt = "t"\nx = "x"\n',
     )
     np.testing.assert_allclose(log_of_clock.t, [86399.99, 86399.995], rtol=1e-12)
+
+
+def test_commands_have_a_zero_and_directions(tmp_path):
+    table = "t,a,b,c,d\n0,138,1,90,1\n1,118,0,91,-1\n2,128,,93,0\n"
+    mapping = """
+[columns]
+t = "t"
+
+[wheels]
+order = [2, 1]
+
+[input]
+kind = "torque"
+from = ["a", "c"]
+sign = [1, -1]
+scale = 0.5
+"""
+    log = read(tmp_path, table, mapping + "zero = [128, 90]\n")
+    np.testing.assert_array_equal(log["u2"], [5.0, -5.0, 0.0])
+    np.testing.assert_array_equal(log["u1"], [0.0, -0.5, -1.5])
+    log = read(tmp_path, table, mapping + 'direction = ["b", "d"]\n')
+    np.testing.assert_array_equal(log["u2"], [69.0, -59.0, np.nan])
+    np.testing.assert_array_equal(log["u1"], [-45.0, 45.5, 46.5])
+    with pytest.raises(InputError, match="takes u2 from the column 'q', which does not exist"):
+        read(tmp_path, table, mapping + 'direction = ["q", "d"]\n')
+
+
+def test_the_angles_of_speeds_are_their_integrals(tmp_path):
+    """By the trapezoid rule over the file's rows; missing in a long hole, and continued after it."""
+    t = 0.01 * np.arange(100)
+    speed = np.sin(3.0 * t)
+    cells = [
+        "" if k in (20, *range(50, 70)) else f"{float(60.0 * one / (2.0 * np.pi))!r}"
+        for k, one in enumerate(speed)
+    ]
+    rows = "\n".join(f"{time:.2f},{cell},1" for time, cell in zip(t, cells, strict=True))
+    mapping = """
+[columns]
+t = "t"
+
+[wheels]
+order = [2, 1]
+sign = [-1, 1]
+speed = { from = ["a", "b"], unit = "rpm", delay = 0.01 }
+angle = { integral_of = "speed" }
+"""
+    log = read(tmp_path, f"t,a,b\n{rows}\n", mapping)
+    np.testing.assert_allclose(np.diff(log["wheel1"]), 2.0 * np.pi / 60.0 * 0.01, rtol=1e-9)
+    np.testing.assert_allclose(log["wheel2_dot"][:15], -speed[1:16], rtol=1e-9)
+    np.testing.assert_allclose(log["wheel2"][:45], (np.cos(3.0 * t[1:46]) - 1.0) / 3.0, atol=1e-4)
+    assert np.isnan(log["wheel2"][50:68]).all()
+    assert np.isfinite(log["wheel2"][70:]).all()
 
 
 def test_an_encoder_that_begins_again_is_continued_in_the_files_numbers(tmp_path):

@@ -11,7 +11,8 @@ import pytest
 from ballbot.errors import InputError
 from ballbot.findings import Finding
 from ballbot.log.checks.kinematics import check_wheels
-from ballbot.log.mapping_inference.commands import Response, unit_probabilities
+from ballbot.log.mapping_inference.command_units import unit_probabilities
+from ballbot.log.mapping_inference.commands import Response
 from ballbot.log.mapping_inference.evidence import CONFIDENT
 from ballbot.log.mapping_inference.proposal import propose
 from ballbot.log.mapping_inference.refusal import contradiction, errors_of
@@ -265,15 +266,6 @@ def test_a_set_point_among_the_commands_is_named(evaluated, plain: Columns):
     (asked,) = found.undetermined
     assert asked.name == "columns of the commands"
     assert "torque2_Nm as a set point" in asked.answers
-
-
-def test_speeds_by_one_letter_are_refused_with_the_entry_for_them(evaluated, angles: Columns):
-    t = angles["t_now"]
-    columns = {"t": t, "tilt_x": angles["theta_x"], "tilt_y": angles["theta_y"]}
-    columns |= {f"w{k}": np.gradient(angles[f"psi_{k}"], t) for k in (1, 2, 3)}
-    columns |= {f"tau{k}": angles[f"torque{k}_Nm"] for k in (1, 2, 3)}
-    with pytest.raises(InputError, match=r'there are speeds \(w1, w2, w3\), but no angles.*unit = "rad/s"'):
-        evaluated(columns)
 
 
 def test_a_gyro_with_an_offset_is_left_out_for_that_reason(evaluated, plain: Columns):

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.mapping_file import parse_mapping
-from ballbot.log.mapping_inference.commands import Unit
+from ballbot.log.mapping_inference.command_units import Unit
 from ballbot.log.mapping_inference.conclusions import conclusions_of
 from ballbot.log.mapping_inference.evidence import Conclusion
 from ballbot.log.mapping_inference.placement import torque_free_gains
@@ -273,21 +273,6 @@ def test_roll_and_pitch_whose_names_say_nothing_are_found_beside_wheels_whose_na
     assert found.roles.angles == ("psi_1", "psi_2", "psi_3")
     assert found.roles.commands == ("u1", "u2", "u3")
     assert found.by_data
-
-
-@pytest.mark.parametrize(
-    ("form", "entry"),
-    [
-        ("rpm{}", 'unit = "rpm" }'),
-        ("wheel{}_rad_s", 'unit = "rad/s" }'),
-        ("w{}_rps", 'unit = "rpm", scale = 60.0 if they are revolutions'),
-        ("wheel{}_rev_s", 'unit = "rpm", scale = 60.0 }'),
-    ],
-)
-def test_a_log_with_wheel_speeds_alone_says_that_it_has_no_angles(tmp_path, form, entry):
-    with pytest.raises(InputError, match=r"speeds .*, but no angles") as refused:
-        renamed(tmp_path, {f"psi_{k}": form.format(k) for k in (1, 2, 3)})
-    assert entry in str(refused.value)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ballbot.errors import InputError
-from ballbot.log.mapping_inference.commands import GAIN_BIAS
+from ballbot.log.mapping_inference.command_units import GAIN_BIAS
 from ballbot.log.mapping_inference.conclusions import conclusions_of
 from ballbot.log.mapping_inference.drive import RATIO_ERROR
 from ballbot.log.mapping_inference.evidence import CONFIDENT

@@ -10,12 +10,8 @@ from hypothesis import strategies as st
 
 from ballbot.log.checks.torque_balance import Driving
 from ballbot.log.checks.torques import DELAY_EXPLAINED, response_delay
-from ballbot.log.mapping_inference.commands import (
-    Assignment,
-    Response,
-    assign,
-    unit_probabilities,
-)
+from ballbot.log.mapping_inference.command_units import unit_probabilities
+from ballbot.log.mapping_inference.commands import Assignment, Response, assign
 from ballbot.log.mapping_inference.dead_band import (
     ADDS_ONE,
     LARGEST_DEAD_BAND,

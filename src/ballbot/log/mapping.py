@@ -1,26 +1,26 @@
 """How a foreign table becomes a log: the mapping as values, and its application.
 
 Each of Ballbot's columns comes from one of the file's, times a factor (unit, scale, sign) plus an offset, or is the
-derivative of another of Ballbot's columns, or comes with others from an IMU's roll, pitch and yaw. The motors' columns
-become wheel torques [N m].
+derivative of another of Ballbot's columns or, of a wheel's angle, the integral of its speed, or comes with others from
+an IMU's roll, pitch and yaw. The motors' columns become wheel torques [N m].
 
 Symbols: n gear ratio, k_t torque constant [N m/A], k_e back-EMF constant [V s/rad], R winding resistance [ohm], all on
 the motor's side; i current [A], V supply voltage [V], d duty (-1..1), w wheel speed seen by the encoder [rad/s].
 
-The steps of the application, in order: scale, continue wheel angles across resets, estimate when the rows were sampled,
-shift and resample, convert an IMU's angles into Ballbot's, differentiate, compute torques, keep the intervals of the
-mapping. Delays are undone: a sensor's value that reached the log `delay` late describes the time t - delay, and a
-command logged at t acts at t + delay, held until the next. Rows at the ends for which a delayed column has no value are
-cut off. Rows at even intervals get sensors interpolated between the file's rows, and each command's mean over the
-time to the next row, so that its impulse is kept. For that, missing cells between known ones that are near in time
-(`without_holes`) are filled; rows in longer holes stay without a value.
+The steps of the application, in order: scale, continue wheel angles across resets or integrate their speeds, estimate
+when the rows were sampled, shift and resample, convert an IMU's angles into Ballbot's, differentiate, compute torques,
+keep the intervals of the mapping. Delays are undone: a sensor's value that reached the log `delay` late describes the
+time t - delay, and a command logged at t acts at t + delay, held until the next. Rows at the ends for which a delayed
+column has no value are cut off. Rows at even intervals get sensors interpolated between the file's rows, and each
+command's mean over the time to the next row, so that its impulse is kept. For that, missing cells between known ones
+that are near in time (`without_holes`) are filled; rows in longer holes stay without a value.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
@@ -112,6 +112,7 @@ class Source:
     offset: float = 0.0  #: in Ballbot's unit
     delay: float = 0.0  #: [s]
     nanoseconds: str | None = None  #: of a time: the column with the nanoseconds that its seconds lack
+    direction: str | None = None  #: of a motor's magnitude: the column that is above zero where it is forward
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,7 +162,8 @@ class LogMapping:
     layout: TextLayout
     columns: Mapping[str, Source]  #: by Ballbot's name, t among them
     derivatives: Mapping[str, str]  #: by Ballbot's name, which of Ballbot's columns to differentiate
-    motors: MotorInput | None
+    integrals: Mapping[str, str] = field(default_factory=dict)  #: by wheel angle, the speed to integrate
+    motors: MotorInput | None = None
     attitude: Attitude | None = None
     timing: Timing = Timing()
     #: in the file's numbers; a wheel angle begins again after so many and is continued
@@ -225,16 +227,18 @@ def _applied(
     if mapping.largest_speed is not None and names:
         carried = without_resets(t, np.column_stack([raw[name] for name in names]), mapping.largest_speed)
         raw |= dict(zip(names, carried.T, strict=True))
+    raw |= {name: _integral(t, raw[origin]) for name, origin in mapping.integrals.items()}
     sampled = _sampled(mapping, t, raw)
     even = mapping.timing.sample_time
-    count = len(mapping.columns) + len(mapping.derivatives) + 10
+    count = len(raw) + len(mapping.derivatives) + 10
     rows = t if even is None else _even_rows(t, even, t[0] if even_from is None else even_from, columns=count)
     columns: Columns = {"t": rows}
     # even rows get values between the file's, and for its missing cells
     shift = even is not None or mapping.timing.repair
-    for name, source in mapping.columns.items():
+    for name in raw:
         if name != "t":
-            columns[name] = _measured_at(rows, sampled, raw[name], source.delay, shift=shift)
+            delay = mapping.columns[mapping.integrals.get(name, name)].delay
+            columns[name] = _measured_at(rows, sampled, raw[name], delay, shift=shift)
     if mapping.attitude is not None:
         columns |= _attitude(mapping.attitude, table, rows, sampled, shift=shift)
     if mapping.motors is not None:
@@ -323,12 +327,20 @@ def _even_rows(
 
 
 def _scaled(name: str, source: Source, table: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-    if source.column not in table:
-        hint = suggest(source.column, table, otherwise="it has")
-        raise InputError(
-            f"The mapping takes {name} from the column {source.column!r}, which does not exist; {hint}"
-        )
-    return mark_missing(source.factor * table[source.column] + source.offset)
+    for column in (source.column, source.direction):
+        if column is not None and column not in table:
+            hint = suggest(column, table, otherwise="it has")
+            raise InputError(
+                f"The mapping takes {name} from the column {column!r}, which does not exist; {hint}"
+            )
+    values = mark_missing(source.factor * table[source.column] + source.offset)
+    return values if source.direction is None else values * np.sign(np.sign(table[source.direction]) - 0.5)
+
+
+def _integral(t: NDArray[np.float64], speed: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the integral (N,) of a wheel's speed, missing where the speed is, but in short holes."""
+    speed = without_holes(t, speed)
+    return integral_of(t, speed) + 0.0 * speed
 
 
 def _wheel_angles(columns: Columns) -> tuple[str, ...]:

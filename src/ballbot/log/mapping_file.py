@@ -41,12 +41,15 @@ An example with everything in it::
     # angle may have wrap = 4096, in the file's numbers: an encoder that begins again after so many is continued
     # angle may have largest_speed = 40.0 [rad/s]: faster steps are encoder resets, across which it continues
     speed = { derivative_of = "angle" }   # or { from = [..], unit = "rpm" }
+    # angle may be { integral_of = "speed" }, if the file has speeds alone
 
     [input]
     kind = "pwm"                  # torque, current or pwm
     from = ["u1", "u2", "u3"]     # in the file's order; [wheels] order applies
     sign = -1                     # one for all, or a list
     scale = 1.0                   # factor that makes the full duty 1 (or converts to A, or N m)
+    zero = 0.0                    # number that stands for no command, such as 128 or 1500; one for all, or a list
+    # direction = ["d1", "d2", "d3"] if the commands are magnitudes: forward where it is above zero, else backward
     delay = 0.012                 # [s] from the log's time to the motor
     supply_voltage = 11.1         # [V]
     torque_constant = 0.01        # [N m/A], motor side
@@ -168,6 +171,7 @@ def _mapping(table: MappingTable) -> LogMapping:
             derivatives[name] = entry.derivative_of
     columns |= _wheel_columns(table.wheels)
     derivatives |= _wheel_derivatives(table.wheels)
+    integrals = _wheel_integrals(table.wheels)
     if "t" not in columns:
         raise InputError('[columns] lacks t, the time: t = { from = "..", unit = "s" }')
     attitude = None if table.attitude is None else _attitude(table.attitude, columns)
@@ -180,6 +184,7 @@ def _mapping(table: MappingTable) -> LogMapping:
         layout=_layout(table.file),
         columns=columns,
         derivatives=derivatives,
+        integrals=integrals,
         motors=motors,
         attitude=attitude,
         timing=table.time,
@@ -243,10 +248,10 @@ def _rates(table: RatesTable | None) -> tuple[Source, ...]:
 
 def _wheel_columns(wheels: WheelsTable) -> dict[str, Source]:
     columns: dict[str, Source] = {}
-    if wheels.angle:
+    if wheels.angle and not wheels.angle.integral_of:
         columns |= _wheel_sources(wheels.angle, "", wheels)
     if wheels.speed and not wheels.speed.derivative_of:
-        for key in ("wrap", "largest_speed"):
+        for key in ("wrap", "largest_speed", "integral_of"):
             if getattr(wheels.speed, key) is not None:
                 raise InputError(f"[wheels] speed has {key}, which only angle may have")
         columns |= _wheel_sources(wheels.speed, "_dot", wheels)
@@ -262,13 +267,20 @@ def _wheel_derivatives(wheels: WheelsTable) -> dict[str, str]:
     return {f"wheel{i}_dot": f"wheel{i}" for i in range(1, len(wheels.angle.sources) + 1)}
 
 
-def _check_alone(where: str, entry: ColumnTable | WheelColumnsTable) -> None:
+def _wheel_integrals(wheels: WheelsTable) -> dict[str, str]:
+    if not (wheels.angle and wheels.angle.integral_of):
+        return {}
+    _check_alone("[wheels] angle", wheels.angle, key="integral_of")
+    if not (wheels.speed and wheels.speed.sources):
+        raise InputError("[wheels] angle is the integral of speed, which [wheels] lacks")
+    return {f"wheel{i}": f"wheel{i}_dot" for i in range(1, len(wheels.speed.sources) + 1)}
+
+
+def _check_alone(where: str, entry: ColumnTable | WheelColumnsTable, *, key: str = "derivative_of") -> None:
     others = [one.name for one in fields(entry) if getattr(entry, one.name) != one.default]
-    keys = ["from" if name in ("source", "sources") else name for name in others if name != "derivative_of"]
+    keys = ["from" if name in ("source", "sources") else name for name in others if name != key]
     if keys:
-        raise InputError(
-            f"{where} has derivative_of, which allows no other key, but also has {', '.join(keys)}"
-        )
+        raise InputError(f"{where} has {key}, which allows no other key, but also has {', '.join(keys)}")
 
 
 def _check_name(name: str) -> None:
@@ -347,8 +359,21 @@ def _motors(table: TorqueTable | CurrentTable | DutyTable, wheels: WheelsTable) 
     count = len(table.sources)
     signs = _signs("[input]", table.sign, count)
     unit = _unit_factor("[input]", "u1", table.unit, None) if isinstance(table, TorqueTable) else 1.0
+    zeros = table.zero if isinstance(table.zero, tuple) else (table.zero,) * count
+    for key, values in (("zero", zeros), ("direction", table.direction or table.sources)):
+        if len(values) != count:
+            raise InputError(
+                f"[input] {key} has {len(values)} values; it needs one for each of the {count} wheels"
+            )
+    factors = [sign * table.scale * unit for sign in signs]
     sources = tuple(
-        Source(column=table.sources[k], factor=signs[k] * table.scale * unit, delay=table.delay)
+        Source(
+            column=table.sources[k],
+            factor=factors[k],
+            offset=-zeros[k] * factors[k] if zeros[k] else 0.0,
+            delay=table.delay,
+            direction=table.direction[k] if table.direction else None,
+        )
         for k in _order(wheels, count)
     )
     return MotorInput(sources=sources, drive=_drive(table))

@@ -83,6 +83,7 @@ class WheelColumnsTable:
         None
     )
     derivative_of: Literal["angle"] | None = None
+    integral_of: Literal["speed"] | None = None
     unit: str | None = None
     counts_per_turn: PositiveFloat | None = None
     scale: FiniteFloat = 1.0
@@ -108,6 +109,8 @@ class MotorsTable:
     sources: Annotated[tuple[str, ...], Field(alias="from", min_length=1, max_length=MAX_WHEELS)]
     sign: Sign | tuple[Sign, ...] = 1
     scale: FiniteFloat = 1.0
+    zero: FiniteFloat | tuple[FiniteFloat, ...] = 0.0
+    direction: tuple[str, ...] = ()
     delay: FiniteFloat = 0.0
 
 

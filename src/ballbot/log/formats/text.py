@@ -60,7 +60,7 @@ def read_text_header(path: str | Path) -> list[str]:
         If the file cannot be read or is not text.
     """
     header = _header(path)
-    return _cells(header, _own_layout(header).separator) if header.strip() else []
+    return _header_names(header, _own_layout(header).separator) if header.strip() else []
 
 
 def own_layout(path: str | Path) -> TextLayout:
@@ -114,7 +114,8 @@ def read_text_table(
     lines = _read_lines(path)
     names = _names(path, lines, layout, mapped=mapped)
     check_table(len(lines), len(names), source=str(path))
-    body = _with_points(path, lines[layout.header_lines :], layout, inferred=not mapped)
+    body = _without_last_separators(lines[layout.header_lines :], len(names), layout.separator)
+    body = _with_points(path, body, layout, inferred=not mapped)
     table = _parse_fast(body, names, layout)
     if table is None:
         table = _parse_by_line(path, body, names, layout, mapped=mapped)
@@ -175,7 +176,7 @@ def _names(path: str | Path, lines: list[str], layout: TextLayout, *, mapped: bo
         return list(layout.names)
     number = layout.header_lines
     header = lines[number - 1] if 0 < number <= len(lines) else ""
-    names = _cells(header, layout.separator)
+    names = _header_names(header, layout.separator)
     check_names(path, number, names)
     if len(names) == 1 and len(header.replace(";", "\t").split()) > 1:
         proposing = shell_line(["ballbot", "check-log", path, "--robot", "ROBOT", "--out", "checked"])
@@ -188,6 +189,25 @@ def _names(path: str | Path, lines: list[str], layout: TextLayout, *, mapped: bo
             f"{path}, line {number}: the header is not separated by {_word(layout.separator)}; {remedy}."
         )
     return names
+
+
+def _header_names(header: str, separator: str | None) -> list[str]:
+    """Return the names in a header, which may end with a separator."""
+    names = _cells(header, separator)
+    return names[:-1] if len(names) > 1 and not names[-1] else names
+
+
+def _without_last_separators(lines: list[str], width: int, separator: str | None) -> list[str]:
+    """Return rows without the separator that some programs write behind each cell: one empty cell too many."""
+    if separator is None:
+        return lines
+    ended = [line.rstrip(" \r") for line in lines]
+    return [
+        cut[: -len(separator)]
+        if cut.endswith(separator) and len(_cells(line, separator)) == width + 1
+        else line
+        for line, cut in zip(lines, ended, strict=True)
+    ]
 
 
 def check_names(path: str | Path, number: int, names: list[str]) -> None:

@@ -6,6 +6,7 @@ roles                    which column is which quantity, by name
 column_values            which column is which quantity, by its values
 open_names               the choices that names leave, by the values
 gyro_columns             the gyro, under any name
+wheel_speeds             speeds in place of angles
 wrapped_encoders         encoders that begin again after a power of two
 recognition              the columns of a file with their roles, by all of these
 time_units, counted_time the unit of the time, and how long a count is
@@ -17,7 +18,9 @@ placement                how the lean responds to the wheels
 placements               every order and sign of the wheels, compared
 frame                    order, signs, the IMU's turn and reversed axes that follow
 wheel_response           how late the wheels answer to the commands
-commands, drive          which command drives which wheel, its kind and scale, how often wheels turn against it
+command_signs            the number that stands for no command, or the columns with the directions of magnitudes
+commands, drive          which command drives which wheel, how often wheels turn against it
+command_units            kind and unit of the commands
 stall                    what duties give at standstill, and the motors' resistance
 dead_band                how large the dead band is, by the motion
 evidence                 a conclusion with its confidence

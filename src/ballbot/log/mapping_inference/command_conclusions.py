@@ -7,7 +7,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ballbot.log.mapping_inference.commands import FULL_DUTIES, Assignment, Unit
+from ballbot.log.mapping_inference.command_units import Unit
+from ballbot.log.mapping_inference.commands import Assignment
 from ballbot.log.mapping_inference.drive import RATIO_ERROR, DriveEvidence, gain_bias
 from ballbot.log.mapping_inference.evidence import CONFIDENT, MOST, Conclusion, in_percent
 from ballbot.log.mapping_inference.proposal import Proposal
@@ -45,8 +46,10 @@ def command_conclusions(proposal: Proposal) -> list[Conclusion]:
         return _no_commands(proposal)
     drive = proposal.drive
     assigned = drive.assigned if drive else None
+    zero = _zero(proposal)
     if drive is None or assigned is None:
         return [
+            *zero,
             Conclusion(
                 name="order and signs of the commands",
                 value="as the wheels",
@@ -58,9 +61,10 @@ def command_conclusions(proposal: Proposal) -> list[Conclusion]:
             *_kind(proposal),
         ]
     if assigned.strange is not None and assigned.confidence < CONFIDENT:
-        return [_strange_command(proposal, assigned, assigned.strange)]
+        return [*zero, _strange_command(proposal, assigned, assigned.strange)]
     own = [wheel + 1 for wheel in assigned.wheels]
     found = [
+        *zero,
         Conclusion(
             name="order and signs of the commands",
             value=f"for wheels {own}, signs {list(assigned.signs)}",
@@ -92,6 +96,23 @@ def command_conclusions(proposal: Proposal) -> list[Conclusion]:
         key="[input] delay",
     )
     return [*found, delay, *_dead_band(proposal)]
+
+
+def _zero(proposal: Proposal) -> list[Conclusion]:
+    """Return which number stands for zero in the commands, if it is not zero."""
+    found = proposal.roles.zero
+    if found is None:
+        return []
+    return [
+        Conclusion(
+            name="zero of the commands",
+            value=f"{found.value:g}",
+            confidence=found.confidence,
+            evidence=found.evidence,
+            alternatives=tuple(f"{one:g}" for one in found.alternatives),
+            key="[input] zero",
+        )
+    ]
 
 
 def _no_commands(proposal: Proposal) -> list[Conclusion]:
@@ -244,7 +265,7 @@ def _alike(one: Unit, other: Unit) -> bool:
 
 def _scale_words(unit: Unit) -> str:
     if unit.kind == "duty":
-        return f"{next(full for full in FULL_DUTIES if abs(full * unit.scale - 1.0) < 1e-9):g}"
+        return f"{1.0 / unit.scale:g}"
     return unit.unit
 
 

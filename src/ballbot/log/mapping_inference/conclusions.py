@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from ballbot.log.mapping_inference.command_conclusions import command_conclusions
 from ballbot.log.mapping_inference.evidence import (
     CONFIDENT,
     MOST,
+    TINY,
     Conclusion,
     advantage_confidence,
     in_percent,
@@ -25,7 +28,7 @@ from ballbot.log.mapping_inference.tolerances import (
     delay_words,
     turn_confidence,
 )
-from ballbot.log.mapping_inference.units import GAIN_DEVIATION, Scale
+from ballbot.log.mapping_inference.units import COUNT_STEPS, GAIN_DEVIATION, PER_ROW, Scale, step_of
 
 #: prior probability that columns are about the world's axes, chosen and not measured: theta and phi, as papers on ball
 #: balancing call them; angles of one letter, theta_x and theta_y, as an IMU's three are often called; roll and pitch
@@ -41,6 +44,7 @@ def conclusions_of(proposal: Proposal) -> tuple[Conclusion, ...]:
         _columns(proposal),
         _time(proposal),
         _unit_of_wheels(proposal),
+        *_coarse_speeds(proposal),
     ]
     if proposal.lean is not None:
         found.append(_scale("unit of the lean", proposal.lean, "[attitude] unit"))
@@ -64,7 +68,7 @@ def _columns(proposal: Proposal) -> Conclusion:
         name="columns",
         value=value,
         confidence=min(roles.confidence, MOST),
-        evidence=f"time, lean, wheel angles and commands are recognised {named}",
+        evidence=f"time, lean, wheel {'speeds' if roles.of_speeds else 'angles'} and commands are recognised {named}",
         alternatives=roles.alternatives,
         key="--columns",
     )
@@ -109,7 +113,9 @@ GAIN_CONTRADICTED, TOO_SMALL = 2.5, 1.3
 
 def _unit_of_wheels(proposal: Proposal) -> Conclusion:
     """Return the unit of the wheel angles, in doubt if the lean responds to the wheels unlike the robot's."""
-    found, tested = _scale("unit of the wheel angles", proposal.wheel, "[wheels] angle"), proposal.lean_test
+    measured = "speed" if proposal.roles.of_speeds else "angle"
+    found = _scale(f"unit of the wheel {measured}s", proposal.wheel, f"[wheels] {measured}")
+    tested = proposal.lean_test
     gain = tested.gain if tested else None
     if tested is None or gain is None or not math.isfinite(tested.gain_error):
         return found
@@ -120,6 +126,33 @@ def _unit_of_wheels(proposal: Proposal) -> Conclusion:
         f"a robot unlike its file: the lean responds to the wheels {gain:.2g} times as strongly as it should"
     )
     return replace(found, confidence=min(found.confidence, 0.5), alternatives=(*found.alternatives, unlike))
+
+
+#: rounding of wheel speeds beyond this part of their size makes angles and friction wrong; one encoder count a row is
+#: exact in their sum
+LARGEST_ROUNDING = 0.1
+
+
+def _coarse_speeds(proposal: Proposal) -> list[Conclusion]:
+    """Return that wheel speeds are rounded too much for their integrals to be angles, if they are."""
+    roles, columns = proposal.roles, proposal.table.columns
+    if not roles.of_speeds or COUNT_STEPS in proposal.wheel.reason or proposal.wheel.unit == PER_ROW:
+        return []
+    sizes = [float(np.nanstd(columns[name])) for name in roles.angles]
+    steps = [step_of(columns[name]) or 0.0 for name in roles.angles]
+    rounding = max(step / math.sqrt(12.0) / max(size, TINY) for step, size in zip(steps, sizes, strict=True))
+    if rounding < LARGEST_ROUNDING:
+        return []
+    return [
+        Conclusion(
+            name="wheel speeds",
+            value="as they are",
+            confidence=0.5,
+            evidence=f"they are rounded to {max(steps):g}, an error of {100.0 * rounding:.0f} % of their size",
+            alternatives=("finer speeds, or angles",),
+            key="[wheels] speed",
+        )
+    ]
 
 
 def _frame(proposal: Proposal) -> list[Conclusion]:

@@ -7,7 +7,7 @@ wheels that turn free, each wheel needs its own inertia's torque.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,17 +27,14 @@ from ballbot.log.checks.torque_balance import (
 from ballbot.log.columns import torque_names, wheel_speed_names
 from ballbot.log.log import Log
 from ballbot.log.mapping import LogMapping, apply_mapping
-from ballbot.log.mapping_inference.commands import (
+from ballbot.log.mapping_inference.command_units import (
     GAIN_BIAS,
-    Assignment,
-    Response,
     Unit,
-    assign,
     contradicting_factor,
-    response,
     unit_probabilities,
     units_of,
 )
+from ballbot.log.mapping_inference.commands import Assignment, Response, assign, response
 from ballbot.log.mapping_inference.dead_band import (
     DeadBandEstimate,
     UndoneDeadBand,
@@ -135,6 +132,7 @@ def drive_evidence(
     *,
     reading: Reading | None,
     expected: Sequence[tuple[int, int]],
+    full_duties: Mapping[float, float] | None = None,
 ) -> DriveEvidence:
     """Return what the commands are.
 
@@ -150,6 +148,8 @@ def drive_evidence(
         The first command's name.
     expected : sequence of tuple of int
         As `assign` takes it.
+    full_duties : mapping of float to float, optional
+        As `unit_probabilities` takes it.
     """
     try:
         log = Log(apply_mapping(mapping, table))
@@ -169,8 +169,9 @@ def drive_evidence(
         named_kind=reading.input_kind if reading else None,
         named_unit=reading.unit if reading else None,
         known_inertia=known_inertia,
+        full_duties=full_duties,
     )
-    unit = next(iter(units))
+    unit, standstill = next(iter(units)), units_of(robot, full_duties)
     braked, turning_against, dead_band = math.nan, math.nan, None
     if compared is not None and assigned and found:
         braking = back_emf_damping(robot) if unit.kind in ("duty", "voltage") else 0.0
@@ -182,15 +183,13 @@ def drive_evidence(
         assigned=assigned,
         response=found,
         units=units,
-        standstill=units_of(robot),
+        standstill=standstill,
         braked=braked,
         turning_against=turning_against,
         dead_band=dead_band,
         resistance=stall_resistance(robot),
         known_inertia=known_inertia,
-        contradicting_factor=contradicting_factor(
-            unit, units_of(robot)[unit], found, known_inertia=known_inertia
-        ),
+        contradicting_factor=contradicting_factor(unit, standstill[unit], found, known_inertia=known_inertia),
     )
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.log.columns import FACTORS
-from ballbot.log.imu_angles import less_half_a_turn
+from ballbot.log.imu_angles import integral_of, less_half_a_turn
 from ballbot.log.mapping_inference.evidence import (
     CONFIDENT,
     TINY,
@@ -46,7 +46,7 @@ class Raw:
     """The columns that have a role, as the file has them; the time in seconds."""
 
     t: NDArray[np.float64]
-    angles: NDArray[np.float64]
+    angles: NDArray[np.float64]  #: (M, n) of the wheels; of speeds alone, their integrals over t
     attitude: NDArray[np.float64] | None
     commands: NDArray[np.float64] | None
     gyro: NDArray[np.float64] | None
@@ -54,6 +54,8 @@ class Raw:
     pitch_factor: float = (
         1.0  #: what turned the pitch into the roll's unit, if their names have different ones
     )
+    #: (M, n) the wheels' speeds, if the file has no angles
+    speeds: NDArray[np.float64] | None = None
     gyro_counts: bool = False  #: whether it may be a register's numbers: whole, or called raw, without a unit
 
     @staticmethod
@@ -66,6 +68,10 @@ class Raw:
         angles, named = stacked(roles.angles), roles.reading(roles.gyro)
         if angles is None:
             raise InputError("No wheel angles were found.")
+        t, speeds = columns[roles.time or ""] * time.factor, None
+        if roles.of_speeds:
+            speeds = angles
+            angles = np.column_stack([integral_of(t, speed) for speed in speeds.T])
         if roles.half_turn is not None:
             roll = roles.attitude[0]
             columns = {**columns, roll: less_half_a_turn(columns[roll], roles.half_turn)}
@@ -73,15 +79,27 @@ class Raw:
         if attitude is not None:
             attitude[:, 1] *= pitch_factor
         return Raw(
-            t=columns[roles.time or ""] * time.factor,
+            t=t,
             angles=angles,
+            speeds=speeds,
             attitude=attitude,
-            commands=stacked(roles.commands),
+            commands=_with_signs(stacked(roles.commands), stacked(roles.directions), roles),
             gyro=stacked(roles.gyro),
             gyro_unit=named.unit if named else None,
             pitch_factor=pitch_factor,
             gyro_counts=_may_be_counts(columns, roles),
         )
+
+
+def _with_signs(
+    commands: NDArray[np.float64] | None, directions: NDArray[np.float64] | None, roles: Roles
+) -> NDArray[np.float64] | None:
+    """Return commands (M, n) from their zero and with their directions, if the file has them without a sign."""
+    if commands is None:
+        return None
+    if roles.zero is not None:
+        commands = commands - roles.zero.value
+    return commands if directions is None else commands * np.where(directions > 0.0, 1.0, -1.0)
 
 
 def pitch_in_rolls_unit(roles: Roles) -> float:

@@ -8,13 +8,13 @@ from pathlib import Path
 
 from ballbot.file_formats import format_line
 from ballbot.log.columns import FACTORS
-from ballbot.log.mapping_inference.commands import Unit
+from ballbot.log.mapping_inference.command_units import Unit
 from ballbot.log.mapping_inference.conclusions import conclusions_of
 from ballbot.log.mapping_inference.evidence import Conclusion, in_percent
 from ballbot.log.mapping_inference.proposal import Proposal, rates_delay, rates_signs
 from ballbot.log.mapping_inference.stall import stall_resistance
 from ballbot.log.mapping_inference.tolerances import ASSUMED
-from ballbot.log.mapping_inference.units import PATH
+from ballbot.log.mapping_inference.units import PATH, PER_ROW
 from ballbot.log.row_order import repeated_rows
 from ballbot.printable import printable_line
 from ballbot.robot import Robot
@@ -217,18 +217,23 @@ def _wheel_lines(proposal: Proposal) -> list[str]:
         )
     else:
         lines.append("# signs: the lean's acceleration fits the heading that the wheels give with them")
-    return [
-        *lines,
-        toml_line("sign", frame.signs),
-        toml_line("angle", _angle_table(proposal), proposal.wheel.reason),
-        toml_line("speed", {"derivative_of": "angle"}),
-    ]
+    measured = toml_line(
+        "speed" if proposal.roles.of_speeds else "angle", _wheel_table(proposal), proposal.wheel.reason
+    )
+    made = toml_line("speed", {"derivative_of": "angle"})
+    if proposal.roles.of_speeds:
+        made = toml_line("angle", {"integral_of": "speed"})
+    return [*lines, toml_line("sign", frame.signs), measured, made]
 
 
-def _angle_table(proposal: Proposal) -> dict[str, object]:
+def _wheel_table(proposal: Proposal) -> dict[str, object]:
     wheel = proposal.wheel
     angle: dict[str, object] = {"from": proposal.roles.angles, "unit": wheel.unit}
-    if wheel.unit == PATH:
+    if wheel.unit in (PER_ROW, "turn/s"):
+        angle |= {"unit": "rad/s", "scale": float(f"{wheel.factor:.8g}")}
+    elif wheel.unit == "counts/s":
+        angle["counts_per_turn"] = float(f"{2.0 * math.pi / wheel.factor:g}")
+    elif wheel.unit == PATH:
         angle |= {"unit": "rad", "scale": float(f"{wheel.factor:.8g}")}
     elif wheel.unit == "counts":
         angle["counts_per_turn"] = float(f"{2.0 * math.pi / wheel.factor:g}")
@@ -255,11 +260,18 @@ def _input_lines(proposal: Proposal, robot: Robot, concluded: Mapping[str, Concl
     # [wheels] order applies to these lists, too
     listed = {wheel: place for place, wheel in enumerate(order)}
     places = [listed[k] for k in range(1, len(names) + 1)]
+    zero, directions = proposal.roles.zero, dict(zip(names, proposal.roles.directions, strict=False))
     return [
         "[input]",
         *_kind_lines(proposal, unit, robot, concluded),
         *_other_kinds(proposal, robot, concluded),
         toml_line("from", [by_wheel[place] for place in places]),
+        *([] if zero is None else [toml_line("zero", zero.value, zero.evidence)]),
+        *(
+            [toml_line("direction", [directions[by_wheel[place]] for place in places], "forward above zero")]
+            if directions
+            else []
+        ),
         toml_line("sign", [signs[place] for place in places]),
         toml_line("delay", proposal.command_delay.applied, _reason(concluded.get("[input] delay"))),
     ]

@@ -26,6 +26,7 @@ from ballbot.log.mapping_inference.units import (
     heading_units,
     lean_units,
     likeliest_units,
+    speed_units,
     wheel_units,
 )
 from ballbot.log.signals import REACH, repaired_noise, sampling_times, speed_noise, without_resets
@@ -56,6 +57,9 @@ class TimingRepair:
     worth_it: bool
 
 
+_NO_REPAIR = TimingRepair(before=None, after=None, worth_it=False)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AssumedUnits:
     """The units of lean, wheels and heading, and what else they may be."""
@@ -71,7 +75,12 @@ class AssumedUnits:
     def assumed(raw: Raw, roles: Roles, robot: Robot) -> AssumedUnits:
         """Return the units by name and size."""
         wheel_name, lean_name = roles.reading(roles.angles), roles.reading(roles.attitude)
-        wheels = wheel_units(raw.angles, robot, wheel_name.unit if wheel_name else None, wrap=roles.wrap)
+        named_wheel = wheel_name.unit if wheel_name else None
+        wheels = (
+            wheel_units(raw.angles, robot, named_wheel, wrap=roles.wrap)
+            if raw.speeds is None
+            else speed_units(raw.speeds, robot, named_wheel, interval=float(np.median(np.diff(raw.t))))
+        )
         if raw.attitude is None:
             wheel = max(wheels, key=lambda one: wheels[one])
             return AssumedUnits(
@@ -148,8 +157,10 @@ def measured_with(raw: Raw, units: AssumedUnits, robot: Robot, stuck: Sequence[S
     """Return what the sensors show with units; rows in which an encoder is stuck are not used."""
     limit = IMPOSSIBLE_SPEED * _speed_limit(robot)
     angles = raw.angles * units.wheel.factor
-    carried = without_resets(raw.t, angles, limit)
-    timing, sampled = _timing(raw.t, carried)
+    # integrals have no resets, and their steps are made of the rows' own times
+    measured_angles = raw.speeds is None
+    carried = without_resets(raw.t, angles, limit) if measured_angles else angles
+    timing, sampled = _timing(raw.t, carried) if measured_angles else (_NO_REPAIR, raw.t)
     attitude = None if raw.attitude is None or units.lean is None else units.in_radians(raw.attitude)
     signals = _without(stuck, signals_of(raw, carried, sampled, attitude, width=LEAN_WIDTHS[0]))
     gyro, unused_gyro = gyro_of(raw, signals, sampled, attitude), ""

@@ -256,6 +256,8 @@ INPUT: dict[str, InputKind | None] = {
     "duty": "duty",
     "pwm": "duty",
     "throttle": "duty",
+    "servo": "duty",
+    "esc": "duty",
     "dutycycle": "duty",
     "voltage": "voltage",
     "volt": "voltage",

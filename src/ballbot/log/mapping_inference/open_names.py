@@ -143,13 +143,27 @@ AS_SPEEDS = 3.0
 
 def seem_speeds(named: Roles, columns: Mapping[str, NDArray[np.float64]], robot: Robot) -> bool:
     """Return whether the lean follows from columns called wheel angles as from speeds, or from increments in a row."""
+    as_angles, as_speeds = _rests_as_angles_and_speeds(named, columns, robot)
+    return as_speeds < LARGEST_REST and AS_SPEEDS * as_speeds < as_angles
+
+
+def seem_angles(named: Roles, columns: Mapping[str, NDArray[np.float64]], robot: Robot) -> bool:
+    """Return whether the lean follows from columns called wheel speeds as from angles."""
+    as_angles, as_speeds = _rests_as_angles_and_speeds(named, columns, robot)
+    return as_angles < LARGEST_REST and AS_SPEEDS * as_angles < as_speeds
+
+
+def _rests_as_angles_and_speeds(
+    named: Roles, columns: Mapping[str, NDArray[np.float64]], robot: Robot
+) -> tuple[float, float]:
+    """Return the fractions of the lean's acceleration that the wheels' columns leave as angles and as speeds."""
     if len(named.attitude) < 2 or named.time is None:
-        return False
+        return 1.0, 1.0
     if are_angles(np.column_stack([columns[name] for name in named.angles]), robot):
-        return False
+        return 0.0, 1.0
     signals = _open_signals(replace(named, commands=(), open_series=(named.angles,)), columns)
     if signals is None or not {*named.angles, *named.attitude[:2]} <= set(signals[1]):
-        return False
+        return 1.0, 1.0
     smoothed = signals[1]
     integrals = {
         name: Smooth(
@@ -161,7 +175,7 @@ def seem_speeds(named: Roles, columns: Mapping[str, NDArray[np.float64]], robot:
     }
     lean = named.attitude[:2]
     as_speeds = _rest_of(lean, named.angles, {**smoothed, **integrals}, robot)
-    return as_speeds < LARGEST_REST and AS_SPEEDS * as_speeds < _rest_of(lean, named.angles, smoothed, robot)
+    return _rest_of(lean, named.angles, smoothed, robot), as_speeds
 
 
 #: a compass jumps by this share of a turn at least

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -181,6 +182,15 @@ def propose(
     )
     if raw.commands is None:
         return proposal
+    drive = _drive(proposal, cut, raw.commands, robot)
+    interval, sample_time = float(np.median(np.diff(raw.t))), robot.sensors.sample_time
+    missed = missed_between_rows(signals, usable, drive.braked, interval=interval, sample_time=sample_time)
+    return replace(proposal, drive=drive, missed=missed)
+
+
+def _drive(proposal: Proposal, cut: Columns, commands: NDArray[np.float64], robot: Robot) -> DriveEvidence:
+    """Return what the commands (M, n) of a proposal, of whose rows `cut` is the file, are."""
+    roles, frame = proposal.roles, proposal.frame
     reading = roles.reading(roles.commands)
     mapping = log_mapping(proposal, delay=proposal.command_delay.applied)
     expected = [
@@ -188,10 +198,15 @@ def propose(
     ]
     # a hole in one column does not keep the commands' effect from showing
     whole_table = {name: values if name == roles.time else filled(values) for name, values in cut.items()}
-    drive = drive_evidence(mapping, whole_table, raw.commands, robot, reading=reading, expected=expected)
-    interval, sample_time = float(np.median(np.diff(raw.t))), robot.sensors.sample_time
-    missed = missed_between_rows(signals, usable, drive.braked, interval=interval, sample_time=sample_time)
-    return replace(proposal, drive=drive, missed=missed)
+    return drive_evidence(
+        mapping,
+        whole_table,
+        commands,
+        robot,
+        reading=reading,
+        expected=expected,
+        full_duties=None if roles.zero is None else roles.zero.full_scales,
+    )
 
 
 def taken_rows(
@@ -219,6 +234,7 @@ def _delays(
         interval=interval,
         early=early - late.applied,
         early_error=late.error,
+        of_speeds=raw.speeds is not None,
     )
     return lean, late
 
@@ -239,19 +255,32 @@ def log_mapping(proposal: Proposal, *, delay: float) -> LogMapping:
     clock = Source(column=roles.time or "", factor=proposal.time.factor)
     if roles.time_parts:
         clock = Source(column=roles.time_parts[0], nanoseconds=roles.time_parts[1])
-    columns = {"t": clock}
+    columns, derivatives, integrals = {"t": clock}, dict[str, str](), dict[str, str]()
     for i, wheel in enumerate(frame.order, start=1):
         factor = frame.signs[wheel - 1] * proposal.wheel.factor
-        columns[f"wheel{i}"] = Source(column=roles.angles[wheel - 1], factor=factor)
-    derivatives = {f"wheel{i}_dot": f"wheel{i}" for i in range(1, len(frame.order) + 1)}
+        angle, speed = f"wheel{i}", f"wheel{i}_dot"
+        measured = speed if roles.of_speeds else angle
+        columns[measured] = Source(column=roles.angles[wheel - 1], factor=factor)
+        (integrals if roles.of_speeds else derivatives).update(
+            {angle if roles.of_speeds else speed: measured}
+        )
     attitude = _attitude(proposal)
     if attitude is not None and not attitude.rates:
         derivatives |= {f"{name}_dot": name for name in ("theta", "phi", "psi")}
-    motors = tuple(Source(column=name, delay=delay) for name in roles.commands)
+    motors = tuple(
+        Source(
+            column=name,
+            offset=0.0 if roles.zero is None else -roles.zero.value,
+            delay=delay,
+            direction=direction,
+        )
+        for name, direction in zip_longest(roles.commands, roles.directions)
+    )
     return LogMapping(
         layout=proposal.table.layout,
         columns=columns,
         derivatives=derivatives,
+        integrals=integrals,
         motors=MotorInput(sources=motors, drive=TorqueInput()),
         attitude=attitude,
         timing=Timing(repair=timing.worth_it, sample_time=proposal.sample_time, keep=proposal.keep),

@@ -15,21 +15,33 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.log.formats.inference import ForeignTable
-from ballbot.log.imu_angles import QUATERNION_ANGLES, less_half_a_turn, quaternion_angles
+from ballbot.log.imu_angles import QUATERNION_ANGLES, quaternion_angles
 from ballbot.log.mapping_inference.column_values import roles_by_data
+from ballbot.log.mapping_inference.command_signs import directions_of, far_from_zero, never_negative, zero_of
 from ballbot.log.mapping_inference.counted_time import seconds_of_a_count
 from ballbot.log.mapping_inference.gyro_columns import with_gyro
 from ballbot.log.mapping_inference.names import read_name, read_names
-from ballbot.log.mapping_inference.open_names import seem_speeds, settled, with_heading_behind, with_rates_of
+from ballbot.log.mapping_inference.open_names import (
+    settled,
+    with_heading_behind,
+    with_rates_of,
+)
 from ballbot.log.mapping_inference.roles import (
     PLAIN,
     Roles,
-    half_turn_of,
+    half_turn,
     quaternion_of,
     roles_by_name,
+    upright,
 )
 from ballbot.log.mapping_inference.time_units import time_scale
 from ballbot.log.mapping_inference.units import Scale
+from ballbot.log.mapping_inference.wheel_speeds import (
+    check_has_angles,
+    check_named_wheels,
+    integrals_of,
+    of_speeds,
+)
 from ballbot.log.mapping_inference.wrapped_encoders import wrapped_encoders
 from ballbot.log.row_order import increasing_rows, longest_run, repeated_rows
 from ballbot.log.signals import unwrapped
@@ -72,14 +84,11 @@ def recognise(path: str | Path, table: ForeignTable, robot: Robot) -> Recognised
     table = replace(table, columns=table.columns if roles.wrap else {**table.columns, **raw})
     roles, notes = _with_gyro_and_notes(table, roles)
     table = replace(table, notes=(*table.notes, *notes))
-    roles = replace(roles, half_turn=_half_turn(table.columns, roles))
+    roles = replace(roles, half_turn=half_turn(table.columns, roles))
     if stamp and roles.time == _STAMP:
         roles = replace(roles, time_parts=stamp)
-    if not by_data and seem_speeds(roles, _upright(table.columns, roles), robot):
-        raise InputError(
-            f"{path}: {', '.join(roles.angles)} are called wheel angles, but the lean follows from them as from "
-            "speeds, or from increments of a row. Log the angles, or replace these columns by their running sums."
-        )
+    if not by_data:
+        check_named_wheels(path, table, roles, robot)
     copies = _copies(table, roles)
     if copies:
         roles = replace(roles, confidence=min(roles.confidence, 0.6), alternatives=copies)
@@ -90,6 +99,8 @@ def recognise(path: str | Path, table: ForeignTable, robot: Robot) -> Recognised
     if roles.attitude:
         _check_motion(path, table, roles, slice(*rows), float(np.ptp(t[slice(*rows)])))
         table, roles = _without_still_heading(table, roles, slice(*rows))
+    if roles.attitude and roles.commands:
+        table, roles = _with_signs(table, roles, t, slice(*rows))
     if repeated.any():
         note = (
             f"Not used: {counted(int(repeated.sum()), 'row')} with the time and all values of the row before."
@@ -108,23 +119,31 @@ def recognise(path: str | Path, table: ForeignTable, robot: Robot) -> Recognised
     )
 
 
-def _half_turn(columns: Mapping[str, NDArray[np.float64]], roles: Roles) -> float | None:
-    """Return half a turn in the unit of the roll, if that shows an IMU that hangs upside down."""
-    named = roles.reading(roles.attitude)
-    return half_turn_of(columns[roles.attitude[0]], named.unit if named else None) if roles.attitude else None
-
-
-def _upright(columns: Mapping[str, NDArray[np.float64]], roles: Roles) -> dict[str, NDArray[np.float64]]:
-    """Return columns in which the roll of an IMU that hangs upside down is near zero."""
-    half = _half_turn(columns, roles)
-    if half is None:
-        return dict(columns)
-    return {**columns, roles.attitude[0]: less_half_a_turn(columns[roles.attitude[0]], half)}
+def _with_signs(
+    table: ForeignTable, roles: Roles, t: NDArray[np.float64], rows: slice
+) -> tuple[ForeignTable, Roles]:
+    """Return the roles with the zero, or the directions, of commands that are never negative, and a note."""
+    commands = np.column_stack([table.columns[name][rows] for name in roles.commands])
+    if not never_negative(commands):
+        return table, roles
+    if far_from_zero(commands):
+        return table, replace(roles, zero=zero_of(commands, t[rows]))
+    columns = {name: values[rows] for name, values in table.columns.items()}
+    directions = directions_of(read_names(list(columns), table.units), columns, roles.commands)
+    if not directions:
+        return table, roles
+    note = (
+        f"{', '.join(roles.commands)} are magnitudes, forward where {', '.join(directions)} are above zero, and "
+        "backward elsewhere."
+    )
+    return replace(table, notes=(*table.notes, note)), replace(roles, directions=directions)
 
 
 def _with_gyro_and_notes(table: ForeignTable, roles: Roles) -> tuple[Roles, list[str]]:
     """Return the roles with the gyro, and sentences on what the columns are taken for."""
     notes = []
+    if roles.of_speeds:
+        notes.append(f"{', '.join(roles.angles)} are wheel speeds, whose integrals are taken as the angles.")
     if roles.wrap:
         notes.append(
             f"{', '.join(roles.angles)} begin again after {roles.wrap:g} counts: the angles are continued there."
@@ -135,7 +154,7 @@ def _with_gyro_and_notes(table: ForeignTable, roles: Roles) -> tuple[Roles, list
             "that the motors follow them."
         )
     roles, of_neither = with_rates_of(roles, table.columns)
-    roles, looks_like = with_gyro(roles, _upright(table.columns, roles))
+    roles, looks_like = with_gyro(roles, upright(table.columns, roles))
     return roles, [*notes, *(one for one in (of_neither, looks_like) if one)]
 
 
@@ -188,16 +207,17 @@ def _roles(
         named = replace(named, angles=wrapped, open_series=(wrapped,))
     named = with_heading_behind(named, table.columns, robot)
     doubted = named.alternatives
-    named = settled(named, _upright(table.columns, named), robot)
+    named = settled(named, upright(table.columns, named), robot)
     if doubted:
         named = replace(named, confidence=0.6, alternatives=(*doubted, *named.alternatives))
+    integrals: dict[str, NDArray[np.float64]] = {}
+    if table.named and (by_speeds := of_speeds(table, named, robot)):
+        named, integrals = by_speeds, integrals_of(table, by_speeds)
     known = table.named and named.time is not None and named.angles
     if known and (named.attitude or len(table.columns) < len(named.angles) + len(named.commands) + 3):
         return named, False
-    if not known and table.named and named.time is not None and named.speeds:
-        _check_has_angles(path, named)
     found = (
-        roles_by_data(_perhaps_lean(table.columns), robot)
+        roles_by_data(_perhaps_lean(table.columns) | integrals, robot)
         if known
         else _by_data(table, robot, named, {*quaternion, *stamp})
     )
@@ -215,7 +235,7 @@ def _roles(
         raise _no_time(path, table, named)
     if found is None:
         if table.named and named.time is not None and not named.angles:
-            _check_has_angles(path, named, least=0.0)
+            check_has_angles(path, named)
         raise InputError(
             f"{path}: cannot determine which columns are the time, the lean and the wheel angles, neither by "
             f"names nor by numbers (the columns are {', '.join(table.columns)}). Name them in the file's order, "
@@ -297,34 +317,6 @@ def _perhaps_lean(columns: Mapping[str, NDArray[np.float64]]) -> dict[str, NDArr
     """Return the columns without those whose names say that they are no angles, such as an accelerometer's."""
     other = ("gyro", "accelerometer", "wheel speed", "reference", "ball position", "ball velocity")
     return {one.name: columns[one.name] for one in read_names(list(columns)) if one.kind not in other}
-
-
-#: how plainly a name must say that a column is a wheel's speed: w1 may be its angle
-_PLAINLY = 0.7
-#: stems of speeds in rad/s
-_OMEGA = ("w", "omega")
-
-
-def _check_has_angles(path: str | Path, named: Roles, *, least: float = _PLAINLY) -> None:
-    """Raise InputError if names say, at least so plainly, that wheels have speeds and no angles, with the entry."""
-    reading = named.reading(named.speeds)
-    if reading is None or reading.weight < least:
-        return
-    unknown = "rad/s" if reading.stem in _OMEGA else "rpm"
-    unit = {"turn/s": "rpm", None: unknown}.get(reading.unit, reading.unit)
-    columns = ", ".join(f'"{name}"' for name in named.speeds)
-    entry = f'speed = {{ from = [{columns}], unit = "{unit}" }}'
-    if reading.unit == "rps":
-        entry = (
-            f'speed = {{ from = [{columns}], unit = "rad/s" }} if rps are radians a second, or with unit = "rpm", '
-            "scale = 60.0 if they are revolutions"
-        )
-    elif reading.unit == "turn/s":
-        entry = entry.replace(" }", ", scale = 60.0 }")
-    raise InputError(
-        f"{path}: cannot determine the wheels: there are speeds ({', '.join(named.speeds)}), but no angles, which the "
-        f"comparison with the robot needs. Log the angles, too, or write a mapping file; in [wheels], {entry}."
-    )
 
 
 def _time(path: str | Path, table: ForeignTable, roles: Roles) -> Scale:

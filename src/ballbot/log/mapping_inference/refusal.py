@@ -9,6 +9,7 @@ import numpy as np
 
 from ballbot.findings import Finding
 from ballbot.log.checks.stuck_encoders import stuck_findings
+from ballbot.log.mapping_inference.command_signs import far_from_zero, never_negative
 from ballbot.log.mapping_inference.evidence import Conclusion
 from ballbot.log.mapping_inference.names import read_names
 from ballbot.log.mapping_inference.proposal import Proposal
@@ -79,22 +80,19 @@ def _question(open_questions: Sequence[Conclusion], mapping: str) -> str:
     return f"cannot determine: {first.question}; write it in {mapping}, {first.key}{more}."
 
 
-#: commands that balance pass through zero: of their magnitudes, this fraction is below that fraction of the largest
-LEAST_MAGNITUDE, FAR_FROM_ZERO = 0.1, 0.15
-
-
 def _unsigned(proposal: Proposal) -> str:
     """Return that the commands of a balancing robot have no sign; empty if they have one, or turn a wheel in a rig."""
-    columns, commands = proposal.table.columns, proposal.roles.commands
-    if proposal.lean_test is None or not commands:
+    columns, roles, commands = proposal.table.columns, proposal.roles, proposal.roles.commands
+    if proposal.lean_test is None or not commands or roles.zero is not None or roles.directions:
         return ""
-    values = np.concatenate([columns[name][np.isfinite(columns[name])] for name in commands])
-    if not len(values) or values.min() < 0.0 < values.max():
+    values = np.column_stack([columns[name] for name in commands])
+    if not never_negative(values):
         return ""
-    if np.quantile(np.abs(values), LEAST_MAGNITUDE) > FAR_FROM_ZERO * np.abs(values).max():
+    if far_from_zero(values):
         return (
-            f"the commands {', '.join(commands)} stay between {values.min():g} and {values.max():g}, as pulses or "
-            f"duties whose zero is about {np.median(values):.4g}: subtract the number that stands for zero from each."
+            f"the commands {', '.join(commands)} stay between {np.nanmin(values):g} and {np.nanmax(values):g}, as "
+            f"pulses or duties whose zero is about {np.nanmedian(values):.4g}: write the number that stands for zero "
+            "in a mapping file, [input] zero."
         )
     direction = [
         one.name

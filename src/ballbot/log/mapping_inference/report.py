@@ -23,7 +23,7 @@ from ballbot.log.log import Log
 from ballbot.log.mapping import apply_mapping
 from ballbot.log.mapping_file import parse_mapping
 from ballbot.log.mapping_inference.command_conclusions import possible_commands
-from ballbot.log.mapping_inference.commands import OF_THE_MOTOR
+from ballbot.log.mapping_inference.command_units import OF_THE_MOTOR
 from ballbot.log.mapping_inference.conclusions import conclusions_of
 from ballbot.log.mapping_inference.evidence import CONFIDENT, Conclusion
 from ballbot.log.mapping_inference.mapping_text import mapping_text
@@ -201,7 +201,7 @@ def _contradictions(proposal: Proposal) -> list[Finding]:
     for names, unit in pairs:
         reading = roles.reading(names)
         named = reading.unit if reading else None
-        if named is not None and unit is not None and named not in (unit, "%"):
+        if named is not None and unit is not None and named not in (unit, "%", "rps"):
             sentence = f"The name of {names[0]} has the unit {named}, but its numbers fit {unit}."
             found.append(_finding("warning", "contradiction", sentence, names))
     command = roles.reading(roles.commands)
@@ -260,6 +260,8 @@ def _speed_factor(named: str | None, logged: NDArray[np.float64], speeds: NDArra
 
 def _timing(proposal: Proposal) -> list[Finding]:
     timing = proposal.timing
+    if proposal.roles.of_speeds:
+        return []
     if timing.before is None:
         return [
             _finding(

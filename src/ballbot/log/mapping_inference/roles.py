@@ -17,6 +17,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.log.imu_angles import less_half_a_turn
+from ballbot.log.mapping_inference.command_signs import CommandZero
 from ballbot.log.mapping_inference.name_words import ANGLE_WORDS
 from ballbot.log.mapping_inference.names import Kind, Reading, efforts, read_name, read_names
 
@@ -27,7 +29,7 @@ class Roles:
 
     time: str | None
     attitude: tuple[str, ...]  #: roll, pitch and, if there is one, yaw
-    angles: tuple[str, ...]  #: a wheel each
+    angles: tuple[str, ...]  #: a wheel each; or its speed, if they are `of_speeds`
     speeds: tuple[str, ...]
     commands: tuple[str, ...]
     #: Tx, Ty, Tz: commands about the body's axes, before they go to the wheels
@@ -42,9 +44,12 @@ class Roles:
     set_points: bool = (
         False  #: whether the commands are set points of torque, the only commands that there are
     )
+    zero: CommandZero | None = None  #: of commands that have no sign; None if their zero is zero
+    directions: tuple[str, ...] = ()  #: of each command's direction, if the commands are magnitudes
     wrap: float | None = (
         None  #: period of the wheel angles in the file's numbers, if they begin again after it
     )
+    of_speeds: bool = False  #: whether the file has wheel speeds alone, whose integrals are the angles
     time_parts: tuple[str, ...] = ()  #: the columns of seconds and nanoseconds of which the time is made
     units: Mapping[str, str] = field(default_factory=dict)  #: of columns, as a row below the header has them
 
@@ -57,7 +62,7 @@ class Roles:
     def unused(self, columns: Iterable[str]) -> list[Reading]:
         """Return what the names of the columns without a role say, of all but the wheels' speeds."""
         used = {self.time, *self.time_parts, *self.attitude, *self.quaternion, *self.gyro}
-        used |= {*self.angles, *self.commands}
+        used |= {*self.angles, *self.commands, *self.directions}
         return [one for one in read_names(list(columns), self.units) if one.name not in used]
 
 
@@ -220,6 +225,20 @@ def half_turn_of(roll: NDArray[np.float64], unit: str | None) -> float | None:
         if unit == one or one == "deg" or min(np.mean(known > 0.0), np.mean(known < 0.0)) > BOTH_SIGNS:
             return half
     return None
+
+
+def half_turn(columns: Mapping[str, NDArray[np.float64]], roles: Roles) -> float | None:
+    """Return half a turn in the unit of the roll, if that shows an IMU that hangs upside down."""
+    named = roles.reading(roles.attitude)
+    return half_turn_of(columns[roles.attitude[0]], named.unit if named else None) if roles.attitude else None
+
+
+def upright(columns: Mapping[str, NDArray[np.float64]], roles: Roles) -> dict[str, NDArray[np.float64]]:
+    """Return columns in which the roll of an IMU that hangs upside down is near zero."""
+    half = half_turn(columns, roles)
+    if half is None:
+        return dict(columns)
+    return {**columns, roles.attitude[0]: less_half_a_turn(columns[roles.attitude[0]], half)}
 
 
 def _triples(readings: list[Reading], kind: Kind, count: int) -> list[tuple[str, ...]]:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from ballbot.log.mapping_inference.evidence import CONFIDENT, MOST
 from ballbot.log.mapping_inference.file_signals import GyroTest, Signals
-from ballbot.log.mapping_inference.placement import LeanTest
+from ballbot.log.mapping_inference.placement import LAGS, LeanTest
 from ballbot.log.mapping_inference.wheel_response import CommandTest
 from ballbot.log.signals import Smooth, smooth
 
@@ -62,6 +62,8 @@ LIKELY = 1.0
 EARLY = 2.0
 #: delays that are not seen lie between zero and these [s]: an IMU's filter takes up to 20 ms, a driver up to 15
 LONGEST_LEAN_DELAY, LONGEST_COMMAND_DELAY = 0.02, 0.015
+#: wheel speeds that a file has without angles are late by a filter of up to this [s]
+LONGEST_SPEED_DELAY = 0.02
 #: root mean square of a gyro's own delay [s], by its filter: chosen
 GYRO_DELAY = 0.004
 #: a delay of the commands that no robot that balances has [s]: it comes from something else
@@ -132,6 +134,7 @@ def lean_delay(
     interval: float,
     early: float = 0.0,
     early_error: float = 0.0,
+    of_speeds: bool = False,
 ) -> Delay:
     """Return the lean's delay: what it is later than a gyro, or than commands that respond to its noise.
 
@@ -149,6 +152,8 @@ def lean_delay(
         counts from a row's length on.
     early_error : float
         Standard error of the commands' own delay [s].
+    of_speeds : bool
+        Whether the wheels' angles are integrals of logged speeds, which may be late, too.
     """
     if signals.lean is None:
         return Delay(applied=0.0, error=math.inf, quickness=0.0, harmless=0.5, evidence="there is no lean")
@@ -165,6 +170,11 @@ def lean_delay(
     elif gyro is not None and gyro.lag > 0.0:
         applied, error = gyro.lag, min(math.hypot(gyro.lag_error, GYRO_DELAY), unseen)
         said = f"roll and pitch are {1e3 * applied:.1f} ms later than the gyro, which is taken to be in time"
+    if of_speeds:
+        # a lean earlier than the wheels shows it; one that is later may be as late by play
+        late = _unseen(LONGEST_SPEED_DELAY) if tested.lag > LAGS[0] else 1.5 * LONGEST_SPEED_DELAY
+        error = math.hypot(error, late)
+        said += f"; the wheels' speeds may be late, too, by up to {1e3 * LONGEST_SPEED_DELAY:.0f} ms of their filter"
     quick = quickness(signals.lean, tested.balancing)
     return Delay(
         applied=round(applied, 4),

@@ -24,6 +24,7 @@ from ballbot.log.mapping_inference.evidence import (
     probabilities,
 )
 from ballbot.robot import Robot
+from ballbot.robot.derived import wheel_speed_limit
 
 #: a wheel's path in place of its angle
 PATH = "mm"
@@ -45,6 +46,8 @@ class Scale:
         """The unit, with the scale if there is one."""
         if self.unit == "counts":
             return f"counts, {2.0 * math.pi / self.factor:g} a turn"
+        if self.unit == "counts/s":
+            return f"counts/s, {2.0 * math.pi / self.factor:g} counts a turn"
         if self.unit == PATH:
             return "mm of path, the wheel's radius times its angle"
         return self.unit if self.scale == 1.0 else f"{self.unit} of the motor"
@@ -185,6 +188,71 @@ def wheel_units(
             reason += f"; steps of {step:.5g} are one encoder count"
         found[Scale(unit=unit, factor=factor, scale=scale, reason=_with_name(named, reason))] = weight
     return found
+
+
+#: why a unit of wheel speeds is clear: they are differences of an encoder's counts
+COUNT_STEPS = "one encoder count a row"
+#: a wheel's encoder counts from one row to the next, in place of its speed
+PER_ROW = "counts a row"
+
+
+def speed_units(
+    speeds: NDArray[np.float64], robot: Robot, named: str | None, *, interval: float
+) -> dict[Scale, float]:
+    """Return the units of wheel speeds with the logarithms of their weights, by name, whole numbers and step.
+
+    Parameters
+    ----------
+    speeds : ndarray (N, n)
+        As the file has them.
+    robot : Robot
+        Gives the gear and the encoder's counts.
+    named : str, optional
+        The unit in their names; "rps" leaves open whether revolutions or radians are meant.
+    interval : float
+        Between the rows [s].
+    """
+    gear, turn = robot.drive.gear_ratio, 2.0 * math.pi
+    count = turn / (robot.sensors.encoder_counts * gear)
+    known = speeds[np.isfinite(speeds)]
+    whole = bool(np.all(known == np.round(known)))
+    drive = robot.drive
+    limit = 1.5 * wheel_speed_limit(
+        supply_voltage=drive.supply_voltage, speed_constant=drive.speed_constant, gear_ratio=gear
+    )
+    step = next((one for column in speeds.T if (one := step_of(column)) is not None), None)
+    found = {}
+    units = [(unit, FACTORS["rad/s"].get(unit, turn), 1.0) for unit in _SPEED_WEIGHTS]
+    units += [(unit, factor / gear, 1.0 / gear) for unit, factor, _ in units if gear != 1.0]
+    for unit, factor, scale in units:
+        weight = _SPEED_WEIGHTS[unit] - (OF_MOTORS if scale != 1.0 else 0.0)
+        if named == "rps":
+            weight += math.log(_NAMED if unit in ("rad/s", "turn/s") else 1.0 - _NAMED)
+        elif named is not None:
+            weight += math.log(_NAMED if unit == named else 1.0 - _NAMED)
+        largest = float(np.quantile(np.abs(known), LARGEST_PART)) * factor if len(known) else 0.0
+        weight -= 9.0 if largest > limit else 3.0 if largest < SLOWEST else 0.0
+        reason = unit
+        if step is not None and abs(step * factor * interval / count - 1.0) < STEP_AGREEMENT:
+            weight += 5.0
+            reason += f"; steps of {step:.5g} are {COUNT_STEPS}"
+        found[Scale(unit=unit, factor=factor, scale=scale, reason=_with_name(named, reason))] = weight
+    if whole:
+        by_file = f"{turn / count:g} counts a turn, by the robot file"
+        weight = WHOLE_SPEEDS + (0.0 if named is None else math.log(1.0 - _NAMED))
+        found[Scale(unit=PER_ROW, factor=count / interval, reason=_with_name(named, by_file))] = weight
+        weight += math.log(_NAMED / (1.0 - _NAMED)) if named == "counts/s" else 0.0
+        found[Scale(unit="counts/s", factor=count, reason=_with_name(named, by_file))] = weight
+    return found
+
+
+#: logarithms of how usual units of a wheel's speed are, of those behind the gear over the motor's, and of counts if all
+#: numbers are whole; chosen
+_SPEED_WEIGHTS = {"rad/s": 0.0, "rpm": 0.0, "deg/s": -1.0, "turn/s": -2.0, "mrad/s": -4.0, "mdeg/s": -5.0}
+OF_MOTORS, WHOLE_SPEEDS = 2.0, 0.0
+#: it is no unit in which a fiftieth of the speeds are beyond one and a half of the drive's limit, and hardly one in
+#: which all others are below this [rad/s]
+LARGEST_PART, SLOWEST = 0.98, 0.1
 
 
 def _unit_weight(unit: str, named: str | None, whole: bool) -> float:
