@@ -79,8 +79,8 @@ _RARE_UNITS = {
     f"mN m{OF_THE_MOTOR}": 0.1,
 }
 _RARE_DUTIES = {127.0: 0.15, 400.0: 0.15, 1023.0: 0.5, 4095.0: 0.3, 32639.0: 0.1, 32767.0: 0.3, 65535.0: 0.2}
-#: how much rarer torques, currents and voltages have a zero of their own than duties; chosen
-OF_NO_DUTY = 0.05
+#: how much rarer than duties torques, currents and voltages are whose zero is another number; chosen
+_OTHER_WITH_ZERO = 0.05
 #: a name that says the kind, or the unit, is believed so much; where it is wrong of one, so often of the other, too
 #: (mA under a name in N m; 0.02 took them for mN m, 16 % off). Both chosen
 _NAMED, _WRONG_TOO = 0.98, 0.3
@@ -172,7 +172,7 @@ def _prior(
     prior = _PRIOR[unit.kind] * _RARE_UNITS.get(unit.unit, 1.0)
     if full_duties is not None:
         near = min(full_duties, key=lambda full: abs(full * unit.scale - 1.0))
-        prior *= full_duties[near] if unit.kind == "duty" else OF_NO_DUTY
+        prior *= full_duties[near] if unit.kind == "duty" else _OTHER_WITH_ZERO
     elif unit.kind == "duty":
         prior *= _RARE_DUTIES.get(round(1.0 / unit.scale), 1.0)
     own_unit = "%" if unit.kind == "duty" and unit.scale == 0.01 else unit.unit.removesuffix(OF_THE_MOTOR)

@@ -28,7 +28,7 @@ from ballbot.log.mapping_inference.tolerances import (
     delay_words,
     turn_confidence,
 )
-from ballbot.log.mapping_inference.units import COUNT_STEPS, GAIN_DEVIATION, PER_ROW, Scale, step_of
+from ballbot.log.mapping_inference.units import GAIN_DEVIATION, Scale, step_of
 
 #: prior probability that columns are about the world's axes, chosen and not measured: theta and phi, as papers on ball
 #: balancing call them; angles of one letter, theta_x and theta_y, as an IMU's three are often called; roll and pitch
@@ -136,7 +136,7 @@ LARGEST_ROUNDING = 0.1
 def _coarse_speeds(proposal: Proposal) -> list[Conclusion]:
     """Return that wheel speeds are rounded too much for their integrals to be angles, if they are."""
     roles, columns = proposal.roles, proposal.table.columns
-    if not roles.of_speeds or COUNT_STEPS in proposal.wheel.reason or proposal.wheel.unit == PER_ROW:
+    if not roles.of_speeds or proposal.wheel.counted:
         return []
     sizes = [float(np.nanstd(columns[name])) for name in roles.angles]
     steps = [step_of(columns[name]) or 0.0 for name in roles.angles]

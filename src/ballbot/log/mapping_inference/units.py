@@ -40,6 +40,7 @@ class Scale:
     reason: str
     confidence: float = 1.0
     alternatives: tuple[str, ...] = ()
+    counted: bool = False  #: whether speeds are encoder counts from row to row, whose sum is exact
 
     @property
     def description(self) -> str:
@@ -190,8 +191,6 @@ def wheel_units(
     return found
 
 
-#: why a unit of wheel speeds is clear: they are differences of an encoder's counts
-COUNT_STEPS = "one encoder count a row"
 #: a wheel's encoder counts from one row to the next, in place of its speed
 PER_ROW = "counts a row"
 
@@ -233,14 +232,20 @@ def speed_units(
         largest = float(np.quantile(np.abs(known), LARGEST_PART)) * factor if len(known) else 0.0
         weight -= 9.0 if largest > limit else 3.0 if largest < SLOWEST else 0.0
         reason = unit
-        if step is not None and abs(step * factor * interval / count - 1.0) < STEP_AGREEMENT:
+        counted = step is not None and abs(step * factor * interval / count - 1.0) < STEP_AGREEMENT
+        if counted:
             weight += 5.0
-            reason += f"; steps of {step:.5g} are {COUNT_STEPS}"
-        found[Scale(unit=unit, factor=factor, scale=scale, reason=_with_name(named, reason))] = weight
+            reason += f"; steps of {step:.5g} are one encoder count a row"
+        found[
+            Scale(unit=unit, factor=factor, scale=scale, reason=_with_name(named, reason), counted=counted)
+        ] = weight
     if whole:
         by_file = f"{turn / count:g} counts a turn, by the robot file"
         weight = WHOLE_SPEEDS + (0.0 if named is None else math.log(1.0 - _NAMED))
-        found[Scale(unit=PER_ROW, factor=count / interval, reason=_with_name(named, by_file))] = weight
+        per_row = Scale(
+            unit=PER_ROW, factor=count / interval, reason=_with_name(named, by_file), counted=True
+        )
+        found[per_row] = weight
         weight += math.log(_NAMED / (1.0 - _NAMED)) if named == "counts/s" else 0.0
         found[Scale(unit="counts/s", factor=count, reason=_with_name(named, by_file))] = weight
     return found
