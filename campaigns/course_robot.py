@@ -6,7 +6,7 @@
 The logs are of the robots of the University of Michigan's course ROB 311 (https://github.com/michiganrobotics/rob311).
 They carry no licence and are not part of Ballbot: put them into the folder rob311 of DIR. `ballbot check-log` proposes
 a mapping for each. What it cannot determine is filled in: commands are duties, as the course's firmware sends them,
-the resistance of all motors is that of the robot file, and no lean is late.
+full duty gives the torque limit, and a lean is as late as it fits the wheels best.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def filled_in(mapping: str) -> str:
     """Return a proposed mapping as it stands, without its open lines.
 
     Where torques may be duties, with duties; where the delay of the lean is asked for, with the one at which the wheels
-    explain the lean best. Without it, the third log's viscous friction is at its bound.
+    explain the lean best: left at zero, it puts the third log's viscous friction at the bound of the search.
     """
     before, section = re.sub(r"^complete = .*\n", "", mapping, flags=re.MULTILINE).split("[input]\n")
     asked = r"(# cannot determine: delay of the lean .* explain the lean best ([\d.]+) ms earlier.*\ndelay = )[\d.]+"

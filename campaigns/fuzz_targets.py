@@ -26,7 +26,8 @@ from ballbot.control.parts import example_parts
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference, read_reference, reference_text
 from ballbot.errors import InputError
-from ballbot.identification.axis.reading import AxisColumns, read_axis_record
+from ballbot.identification.axis.file_columns import AxisColumns
+from ballbot.identification.axis.reading import read_axis_record
 from ballbot.identification.parameters import read_bounds
 from ballbot.identification.sweep import read_sweep
 from ballbot.log import STATE_NAMES, Log

@@ -26,11 +26,12 @@ from ballbot.identification.axis import (
     inverse_fit,
 )
 from ballbot.identification.axis.checks import record_findings
+from ballbot.identification.axis.file_columns import AxisColumns
 from ballbot.identification.axis.laws import AXIS_LAWS
 from ballbot.identification.axis.motion import default_bandwidth
 from ballbot.identification.axis.output_error import OutputErrorFit
 from ballbot.identification.axis.prediction import axis_errors
-from ballbot.identification.axis.reading import AxisColumns, read_axis_record
+from ballbot.identification.axis.reading import read_axis_record
 from ballbot.identification.axis.result import Estimate
 from ballbot.identification.axis.structure import AxisModel
 from campaigns.axis_machines import FAULTS, MACHINES, draw, record_of

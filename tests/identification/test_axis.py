@@ -10,7 +10,8 @@ from ballbot.cli.identify_axis import stage_times
 from ballbot.cli.main import main
 from ballbot.errors import InputError
 from ballbot.identification.axis import AXIS_LAWS, AxisRecord, identify_axis, selection
-from ballbot.identification.axis.reading import AxisColumns, read_axis_record
+from ballbot.identification.axis.file_columns import AxisColumns
+from ballbot.identification.axis.reading import read_axis_record
 from ballbot.log.formats.text import write_text_table
 from ballbot.progress import Progress
 from tests.support.axis_examples import LOOP, TRUTH, simulated_record

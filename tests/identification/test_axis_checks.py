@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ballbot.cli.main import main
 from ballbot.identification.axis import AxisRecord, inverse_fit
 from ballbot.identification.axis.checks import record_findings
+from ballbot.identification.axis.file_columns import AxisColumns
 from ballbot.identification.axis.inverse import free_inverse_fit
 from ballbot.identification.axis.law_fits import initial_values
 from ballbot.identification.axis.laws import AXIS_LAWS
@@ -20,7 +21,7 @@ from ballbot.identification.axis.model import Axis
 from ballbot.identification.axis.motion import default_bandwidth
 from ballbot.identification.axis.output_error import OutputErrorFit, sighting
 from ballbot.identification.axis.prediction import AxisErrors, axis_errors, failure_findings
-from ballbot.identification.axis.reading import AxisColumns, read_axis_record
+from ballbot.identification.axis.reading import read_axis_record
 from ballbot.identification.axis.record import KnownLoad
 from ballbot.identification.axis.residuals import residual_tests
 from ballbot.identification.axis.structure import AxisModel

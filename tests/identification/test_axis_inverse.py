@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from ballbot.errors import InputError
 from ballbot.fitting.uncertainty import covariance_in_time
 from ballbot.identification.axis import AxisRecord, inverse_fit
+from ballbot.identification.axis.file_columns import AxisColumns
 from ballbot.identification.axis.inverse import asymmetry_over_time
 from ballbot.identification.axis.motion import decimated
-from ballbot.identification.axis.reading import AxisColumns, read_axis_record
+from ballbot.identification.axis.reading import read_axis_record
 from tests.support.axis_examples import TRUTH, simulated_record
 
 #: Janot, Gautier and Brunot, Data set and reference models of EMPS, 2019

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from ballbot import Log
 from ballbot.identification.axis import AXIS_LAWS, AxisOptions, AxisRecord
 from ballbot.identification.axis.checks import record_findings
+from ballbot.identification.axis.file_columns import AxisColumns
 from ballbot.identification.axis.law_fits import initial_values
 from ballbot.identification.axis.motion import default_bandwidth
 from ballbot.identification.axis.outliers import outlier_findings
 from ballbot.identification.axis.output_error import sighting
 from ballbot.identification.axis.preparation import Bench, prepared_records
-from ballbot.identification.axis.reading import AxisColumns, read_axis_record
+from ballbot.identification.axis.reading import read_axis_record
 from ballbot.identification.axis.selection import blocks_of, fit_all
 from ballbot.identification.axis.spikes import spike_rows
 from ballbot.identification.axis.structure import AxisModel

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from ballbot.errors import InputError
 from ballbot.identification.axis import AxisRecord
 from ballbot.identification.axis.checks import record_findings
-from ballbot.identification.axis.reading import AxisColumns, read_axis_record, read_axis_records
+from ballbot.identification.axis.file_columns import AxisColumns
+from ballbot.identification.axis.reading import read_axis_record, read_axis_records
 from ballbot.log.formats.text import write_text_table
 from campaigns.axis_machines import Logging, Machine, record_of
 

@@ -16,8 +16,9 @@ from ballbot.fitting.checkpoint import identity_of
 from ballbot.identification.axis import AxisOptions, AxisRecord
 from ballbot.identification.axis import identify_axis as identify_record
 from ballbot.identification.axis.checks import ERROR_CODES, record_findings
+from ballbot.identification.axis.file_columns import AxisColumns
 from ballbot.identification.axis.laws import PARAMETERS
-from ballbot.identification.axis.reading import AxisColumns, read_axis_records
+from ballbot.identification.axis.reading import read_axis_records
 from ballbot.progress import TimedStage, by_stage_times
 from ballbot.report.axis import axis_parts, axis_report
 

@@ -29,7 +29,7 @@ from pydantic import Field, FiniteFloat, PositiveFloat
 
 from ballbot.arrays import rows_between
 from ballbot.errors import InputError, suggest
-from ballbot.log.columns import Columns, mark_missing, numbered_names
+from ballbot.log.columns import Columns, direction_sign, mark_missing, numbered_names
 from ballbot.log.formats.text import TextLayout
 from ballbot.log.imu_angles import (
     about_body_axes,
@@ -334,7 +334,7 @@ def _scaled(name: str, source: Source, table: Mapping[str, NDArray[np.float64]])
                 f"The mapping takes {name} from the column {column!r}, which does not exist; {hint}"
             )
     values = mark_missing(source.factor * table[source.column] + source.offset)
-    return values if source.direction is None else values * np.sign(np.sign(table[source.direction]) - 0.5)
+    return values if source.direction is None else values * direction_sign(table[source.direction])
 
 
 def _integral(t: NDArray[np.float64], speed: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,9 +1,10 @@
 """The sign of commands that are never negative: a number that stands for zero, or columns with the direction.
 
 A duty about 128 of 255, or a servo's pulse about 1500 us, has its zero at a number that every maker of such drivers
-uses. Which it is shows while the motors rest, as all commands are then that number, or by the mean of the commands: a
-robot that balances pushes one way as much as the other. The mean is off by what the robot leans on average, so that
-numbers nearer than a part of the commands' size are not told apart; but the commands differ by as little.
+uses. The commands show which one it is while the motors rest, when all commands are that number, or by their mean: a
+robot that balances pushes one way as much as the other. A robot that leans a little on average shifts the mean, so two
+candidate zeros that are close together, compared with the size of the commands, cannot be told apart. The choice
+between them then changes the commands as little.
 
 A magnitude has its direction in a column of its own, 0 or 1, or -1 or 1. Which of them is forward is part of the signs
 of the commands (`ballbot.log.mapping_inference.commands`).

@@ -68,7 +68,7 @@ def _columns(proposal: Proposal) -> Conclusion:
         name="columns",
         value=value,
         confidence=min(roles.confidence, MOST),
-        evidence=f"time, lean, wheel {'speeds' if roles.of_speeds else 'angles'} and commands are recognised {named}",
+        evidence=f"time, lean, wheel {roles.measured}s and commands are recognised {named}",
         alternatives=roles.alternatives,
         key="--columns",
     )
@@ -113,7 +113,7 @@ GAIN_CONTRADICTED, TOO_SMALL = 2.5, 1.3
 
 def _unit_of_wheels(proposal: Proposal) -> Conclusion:
     """Return the unit of the wheel angles, in doubt if the lean responds to the wheels unlike the robot's."""
-    measured = "speed" if proposal.roles.of_speeds else "angle"
+    measured = proposal.roles.measured
     found = _scale(f"unit of the wheel {measured}s", proposal.wheel, f"[wheels] {measured}")
     tested = proposal.lean_test
     gain = tested.gain if tested else None

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.log.columns import FACTORS
+from ballbot.log.columns import FACTORS, direction_sign
 from ballbot.log.imu_angles import integral_of, less_half_a_turn
 from ballbot.log.mapping_inference.evidence import (
     CONFIDENT,
@@ -99,7 +99,7 @@ def _with_signs(
         return None
     if roles.zero is not None:
         commands = commands - roles.zero.value
-    return commands if directions is None else commands * np.where(directions > 0.0, 1.0, -1.0)
+    return commands if directions is None else commands * direction_sign(directions)
 
 
 def pitch_in_rolls_unit(roles: Roles) -> float:

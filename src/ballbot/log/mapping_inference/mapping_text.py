@@ -217,9 +217,7 @@ def _wheel_lines(proposal: Proposal) -> list[str]:
         )
     else:
         lines.append("# signs: the lean's acceleration fits the heading that the wheels give with them")
-    measured = toml_line(
-        "speed" if proposal.roles.of_speeds else "angle", _wheel_table(proposal), proposal.wheel.reason
-    )
+    measured = toml_line(proposal.roles.measured, _wheel_table(proposal), proposal.wheel.reason)
     made = toml_line("speed", {"derivative_of": "angle"})
     if proposal.roles.of_speeds:
         made = toml_line("angle", {"integral_of": "speed"})
@@ -228,22 +226,19 @@ def _wheel_lines(proposal: Proposal) -> list[str]:
 
 def _wheel_table(proposal: Proposal) -> dict[str, object]:
     wheel = proposal.wheel
-    angle: dict[str, object] = {"from": proposal.roles.angles, "unit": wheel.unit}
-    if wheel.unit in (PER_ROW, "turn/s"):
-        angle |= {"unit": "rad/s", "scale": float(f"{wheel.factor:.8g}")}
-    elif wheel.unit == "counts/s":
-        angle["counts_per_turn"] = float(f"{2.0 * math.pi / wheel.factor:g}")
-    elif wheel.unit == PATH:
-        angle |= {"unit": "rad", "scale": float(f"{wheel.factor:.8g}")}
-    elif wheel.unit == "counts":
-        angle["counts_per_turn"] = float(f"{2.0 * math.pi / wheel.factor:g}")
+    table: dict[str, object] = {"from": proposal.roles.angles, "unit": wheel.unit}
+    if wheel.unit in (PATH, PER_ROW, "turn/s"):
+        unit = "rad" if wheel.unit == PATH else "rad/s"
+        table |= {"unit": unit, "scale": float(f"{wheel.factor:.8g}")}
+    elif wheel.unit in ("counts", "counts/s"):
+        table["counts_per_turn"] = float(f"{2.0 * math.pi / wheel.factor:g}")
     elif wheel.scale != 1.0:
-        angle["scale"] = wheel.scale
+        table["scale"] = wheel.scale
     if proposal.roles.wrap is not None:
-        angle["wrap"] = proposal.roles.wrap
+        table["wrap"] = proposal.roles.wrap
     if proposal.largest_speed is not None:
-        angle["largest_speed"] = float(f"{proposal.largest_speed:.4g}")
-    return angle
+        table["largest_speed"] = float(f"{proposal.largest_speed:.4g}")
+    return table
 
 
 def _input_lines(proposal: Proposal, robot: Robot, concluded: Mapping[str, Conclusion]) -> list[str]:

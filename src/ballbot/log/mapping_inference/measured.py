@@ -23,6 +23,7 @@ from ballbot.log.mapping_inference.units import (
     TURNING_CORRELATION,
     Scale,
     UnitEvidence,
+    fastest,
     heading_units,
     lean_units,
     likeliest_units,
@@ -31,7 +32,6 @@ from ballbot.log.mapping_inference.units import (
 )
 from ballbot.log.signals import REACH, repaired_noise, sampling_times, speed_noise, without_resets
 from ballbot.robot import Robot
-from ballbot.robot.derived import wheel_speed_limit
 
 #: the repair is applied if it leaves less than this fraction of the speed's noise
 WORTH_REPAIRING = 0.7
@@ -155,7 +155,7 @@ class Measured:
 
 def measured_with(raw: Raw, units: AssumedUnits, robot: Robot, stuck: Sequence[StuckEncoder]) -> Measured:
     """Return what the sensors show with units; rows in which an encoder is stuck are not used."""
-    limit = IMPOSSIBLE_SPEED * _speed_limit(robot)
+    limit = IMPOSSIBLE_SPEED * fastest(robot)
     angles = raw.angles * units.wheel.factor
     # integrals have no resets, and their steps are made of the rows' own times
     measured_angles = raw.speeds is None
@@ -222,13 +222,6 @@ def _doubt(tested: LeanTest) -> float:
     """Return how little a test shows: the error of the phase, more if the placement is in doubt."""
     error = tested.phase_error if tested.phase_error is not None else math.pi
     return error / max(tested.confidence, 0.05)
-
-
-def _speed_limit(robot: Robot) -> float:
-    drive = robot.drive
-    return wheel_speed_limit(
-        supply_voltage=drive.supply_voltage, speed_constant=drive.speed_constant, gear_ratio=drive.gear_ratio
-    )
 
 
 def _timing(t: NDArray[np.float64], angles: NDArray[np.float64]) -> tuple[TimingRepair, NDArray[np.float64]]:

@@ -255,15 +255,14 @@ def log_mapping(proposal: Proposal, *, delay: float) -> LogMapping:
     clock = Source(column=roles.time or "", factor=proposal.time.factor)
     if roles.time_parts:
         clock = Source(column=roles.time_parts[0], nanoseconds=roles.time_parts[1])
-    columns, derivatives, integrals = {"t": clock}, dict[str, str](), dict[str, str]()
+    columns, made = {"t": clock}, dict[str, str]()
     for i, wheel in enumerate(frame.order, start=1):
         factor = frame.signs[wheel - 1] * proposal.wheel.factor
         angle, speed = f"wheel{i}", f"wheel{i}_dot"
-        measured = speed if roles.of_speeds else angle
+        measured, other = (speed, angle) if roles.of_speeds else (angle, speed)
         columns[measured] = Source(column=roles.angles[wheel - 1], factor=factor)
-        (integrals if roles.of_speeds else derivatives).update(
-            {angle if roles.of_speeds else speed: measured}
-        )
+        made[other] = measured
+    integrals, derivatives = (made, dict[str, str]()) if roles.of_speeds else ({}, made)
     attitude = _attitude(proposal)
     if attitude is not None and not attitude.rates:
         derivatives |= {f"{name}_dot": name for name in ("theta", "phi", "psi")}

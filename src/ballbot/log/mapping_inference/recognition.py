@@ -21,11 +21,7 @@ from ballbot.log.mapping_inference.command_signs import directions_of, far_from_
 from ballbot.log.mapping_inference.counted_time import seconds_of_a_count
 from ballbot.log.mapping_inference.gyro_columns import with_gyro
 from ballbot.log.mapping_inference.names import read_name, read_names
-from ballbot.log.mapping_inference.open_names import (
-    settled,
-    with_heading_behind,
-    with_rates_of,
-)
+from ballbot.log.mapping_inference.open_names import settled, with_heading_behind, with_rates_of
 from ballbot.log.mapping_inference.roles import (
     PLAIN,
     Roles,

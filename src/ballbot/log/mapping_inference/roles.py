@@ -13,6 +13,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +59,11 @@ class Roles:
         if names and self.set_points and names == self.commands:
             return read_set_points(names, self.units)[0]
         return read_names(names, self.units)[0] if names else None
+
+    @property
+    def measured(self) -> Literal["angle", "speed"]:
+        """What the file has of the wheels."""
+        return "speed" if self.of_speeds else "angle"
 
     def unused(self, columns: Iterable[str]) -> list[Reading]:
         """Return what the names of the columns without a role say, of all but the wheels' speeds."""

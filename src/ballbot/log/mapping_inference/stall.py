@@ -22,8 +22,8 @@ from ballbot.robot import Robot
 #: motors of 1.26 times that torque 87 % would be, and with 0.79 times 76 %
 STRONGER, WEAKER, OTHER_RESISTANCE = 0.1, 0.03, 0.3
 GIVES_LIMIT = 1.0 - STRONGER - WEAKER
-#: torque at standstill over the torque limit of the strongest motor that must be expected: chosen. From data sheets it
-#: is 1.3 on the preset rob311
+#: torque at standstill over the torque limit of the strongest motor that must be expected, and its inverse that of the
+#: weakest: chosen. On the preset rob311 it is 1.3 by data sheets, and 0.38 by the motion of another robot of its kind
 STRONGEST = 6.0
 #: viscous friction and its deviation, over the torque limit [s/rad]; the medians of the development halves' robots are
 #: 0.001 to 0.011

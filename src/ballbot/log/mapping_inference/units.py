@@ -191,6 +191,14 @@ def wheel_units(
     return found
 
 
+def fastest(robot: Robot) -> float:
+    """Return the speed [rad/s] of a wheel at which the back-EMF is the supply's voltage."""
+    drive = robot.drive
+    return wheel_speed_limit(
+        supply_voltage=drive.supply_voltage, speed_constant=drive.speed_constant, gear_ratio=drive.gear_ratio
+    )
+
+
 #: a wheel's encoder counts from one row to the next, in place of its speed
 PER_ROW = "counts a row"
 
@@ -215,10 +223,7 @@ def speed_units(
     count = turn / (robot.sensors.encoder_counts * gear)
     known = speeds[np.isfinite(speeds)]
     whole = bool(np.all(known == np.round(known)))
-    drive = robot.drive
-    limit = 1.5 * wheel_speed_limit(
-        supply_voltage=drive.supply_voltage, speed_constant=drive.speed_constant, gear_ratio=gear
-    )
+    limit = _BEYOND_LIMIT * fastest(robot)
     step = next((one for column in speeds.T if (one := step_of(column)) is not None), None)
     found = {}
     units = [(unit, FACTORS["rad/s"].get(unit, turn), 1.0) for unit in _SPEED_WEIGHTS]
@@ -255,9 +260,9 @@ def speed_units(
 #: numbers are whole; chosen
 _SPEED_WEIGHTS = {"rad/s": 0.0, "rpm": 0.0, "deg/s": -1.0, "turn/s": -2.0, "mrad/s": -4.0, "mdeg/s": -5.0}
 OF_MOTORS, WHOLE_SPEEDS = 2.0, 0.0
-#: it is no unit in which a fiftieth of the speeds are beyond one and a half of the drive's limit, and hardly one in
-#: which all others are below this [rad/s]
-LARGEST_PART, SLOWEST = 0.98, 0.1
+#: it is no unit in which a fiftieth of the speeds are beyond this many times the drive's limit, and hardly one in which
+#: all others are below this [rad/s]; chosen
+LARGEST_PART, _BEYOND_LIMIT, SLOWEST = 0.98, 1.5, 0.1
 
 
 def _unit_weight(unit: str, named: str | None, whole: bool) -> float:
