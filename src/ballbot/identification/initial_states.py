@@ -51,6 +51,8 @@ _PATIENCE, _SLOW = 2, 1e-4
 _SETTLES = 2
 #: steps of each window's start by itself, each with these shares of the full one
 _SETTLING, _LENGTHS = 4, (1.0, 0.3)
+#: a window whose two ends differ by more, in squares of a residual's deviation, settles from so many random starts too
+_SAME, _DRAWS = 0.01, 8
 #: half the central difference of a start, in standard deviations of its state's residuals
 _START_DIFFERENCE = 0.5
 _STATES = 10
@@ -292,9 +294,13 @@ def _better(
     starts: NDArray[np.float64], residuals: NDArray[np.float64], weights: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return each window's best of the starts (sets, w, 10) and residuals (sets, w, 1 + k, 10) that are offered."""
-    squares = ((residuals * weights) ** 2).sum(axis=(2, 3))
-    best = np.nan_to_num(squares, nan=np.inf).argmin(axis=0), np.arange(squares.shape[1])
+    best = _squares(residuals, weights).argmin(axis=0), np.arange(residuals.shape[1])
     return starts[best], residuals[best]
+
+
+def _squares(residuals: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the weighted sums (sets, w) of squares of residuals (sets, w, 1 + k, 10), infinite without a value."""
+    return np.nan_to_num(((residuals * weights) ** 2).sum(axis=(2, 3)), nan=np.inf)
 
 
 def _settled(problem: Problem, at: _At) -> _At:
@@ -426,16 +432,27 @@ def _settled_piece(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return each window's best start (rows, 10) and residuals (rows, 1 + k, 10)."""
     about, rows = piece
-    found = [_settled_from(work, about, starts, rows) for starts in about.starts]
-    return _better(*(np.stack(one) for one in zip(*found, strict=True)), about.weights)
+    starts, residuals, A = _settled_from(work, about, about.starts, rows)
+    settled = _squares(residuals, about.weights)
+    starts, residuals = _better(starts, residuals, about.weights)
+    apart = np.flatnonzero(~(np.ptp(settled, axis=0) <= _SAME))
+    if len(apart):
+        drawn = np.random.default_rng(0).standard_normal((_DRAWS, len(apart), _STATES, 1))
+        spread = np.linalg.inv(np.linalg.cholesky(A[0, apart])).transpose(0, 2, 1)
+        begin = np.concatenate([starts[None, apart], starts[apart] + (spread @ drawn)[..., 0]])
+        starts[apart], residuals[apart] = _better(
+            *_settled_from(work, about, begin, rows[apart])[:2], about.weights
+        )
+    return starts, residuals
 
 
 def _settled_from(
     work: Work, about: _Settling, starts: NDArray[np.float64], rows: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return starts (rows, 10) after some damped steps of each by itself, and residuals (rows, 1 + k, 10)."""
-    moves, diagonal = _moves(about.weights), np.arange(_STATES)
-    damping = np.full(len(rows), _DAMPING)
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return starts (sets, rows, 10) after some damped steps of each by itself, their residuals, and A at the last."""
+    sets, diagonal, moves = len(starts), np.arange(_STATES), _moves(about.weights)
+    starts, rows = starts.reshape(-1, _STATES), np.tile(rows, sets)
+    damping, A = np.full(len(rows), _DAMPING), np.empty(0)
     residuals = _predicted(work, about.values[None], starts[None], rows)[0]
     for step in range(_SETTLING):
         shifts = np.concatenate([moves, np.zeros((1, _STATES))]) * (1 if step % 2 else -1)
@@ -448,8 +465,9 @@ def _settled_from(
         )
         S = _with_floor(_derivatives(work, to_one_side, starts, rows), about.weights)
         A, a = S @ S.transpose(0, 2, 1), S @ (residuals * about.weights).reshape(len(rows), -1, 1)
-        A[:, diagonal, diagonal] *= 1.0 + damping[:, None]
-        shift = -np.linalg.solve(A, a)[..., 0]
+        damped = A.copy()
+        damped[:, diagonal, diagonal] *= 1.0 + damping[:, None]
+        shift = -np.linalg.solve(damped, a)[..., 0]
         offered = np.stack([starts, *(starts + length * shift for length in _LENGTHS)])
         values = np.tile(about.values, (len(_LENGTHS), 1))
         later = np.concatenate([residuals[None], _predicted(work, values, offered[1:], rows)])
@@ -457,7 +475,8 @@ def _settled_from(
         starts, residuals = _better(offered, later, about.weights)
         moved = (starts != before).any(axis=1)
         damping = np.where(moved, 0.1 * damping, np.maximum(10.0 * damping, 0.1))
-    return starts, residuals
+    starts, residuals, A = (one.reshape(sets, -1, *one.shape[1:]) for one in (starts, residuals, A))
+    return starts, residuals, A
 
 
 def _predicted(
