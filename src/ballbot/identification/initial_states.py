@@ -73,12 +73,12 @@ class Linearized:
     @cached_property
     def response(self) -> NDArray[np.float64]:
         """How the best starts follow the parameters (w, 10, p), d x_w / d p."""
-        return -np.linalg.solve(self.A, self.B)
+        return np.negative(np.linalg.solve(self.A, self.B), dtype=np.float64)
 
     @cached_property
     def shift(self) -> NDArray[np.float64]:
         """How starts move where the parameters stay (w, 10), dx_w."""
-        return -np.linalg.solve(self.A, self.a[..., None])[..., 0]
+        return np.negative(np.linalg.solve(self.A, self.a[..., None])[..., 0], dtype=np.float64)
 
     @cached_property
     def equations(self) -> WindowEquations:
@@ -137,8 +137,8 @@ def fit_with_initial_states(
 ) -> InitialStatesFit:
     """Descend from `point` (p,), scaled, in the parameters marked in `free` (p,) and all starts at once.
 
-    The run's checkpoint answers for each step; the stage "gauss_newton" is reported after each. `starts` (w, 10) are
-    those to begin with; by default as measured.
+    The stage "gauss_newton" is reported after each step. `starts` (w, 10) are those to begin with; by default as
+    measured.
     """
     begin = problem.windows.initial if starts is None else starts
     end, starts, history = descend(problem, point, begin, free=free, most_steps=most_steps, run=run)
@@ -188,40 +188,24 @@ def descend(
     moved : ndarray (p,), optional
         By how much the first step moves those that are not free, whatever it costs.
     run : Run, optional
-        Its checkpoint answers for each step; the stage "gauss_newton" is reported after each.
+        The stage "gauss_newton" is reported after each step.
     """
     fixed = np.zeros(len(point)) if moved is None else moved
-    at, damping, short_steps, settles, history = _at(problem, point, starts), _DAMPING, 0, 0, []
+    at, damping, history = _at(problem, point, starts), _DAMPING, list[float]()
+    short_steps = settles = 0
     for step in range(1, most_steps + 1):
-        found: list[_At] = []
-        settling = short_steps == _PATIENCE
-
-        def answer(
-            at: _At = at,
-            damping: float = damping,
-            fixed: NDArray[np.float64] = fixed,
-            settling: bool = settling,
-            step: int = step,
-            found: list[_At] = found,
-        ) -> list[NDArray[np.float64]]:
-            if settling:
-                after, least = _settled(problem, at), damping
-            else:
-                side, wider = (1 if step % 2 else -1), _WIDER[step % len(_WIDER)]
-                about = _linearized(problem, at, side=side, wider=wider)
-                after, least = _best_trial(problem, at, about, free=free, fixed=fixed, damping=damping)
-            found.append(after)
-            return [after.point, after.starts, np.array(least)]
-
-        new_point, new_starts, new_damping = run.memoize("starts", at.point, answer)
-        after = found[0] if found else _at(problem, new_point, new_starts)
-        gain = np.inf if fixed.any() else at.cost - after.cost
-        at, damping, fixed = after, float(new_damping), np.zeros(len(point))
+        before, settling = at.cost, short_steps == _PATIENCE
+        if settling:
+            at = _settled(problem, at)
+        else:
+            about = _linearized(problem, at, side=1 if step % 2 else -1, wider=_WIDER[step % len(_WIDER)])
+            at, damping = _best_trial(problem, at, about, free=free, fixed=fixed, damping=damping)
         history.append(at.cost)
         run.progress(Progress(stage="gauss_newton", done=step, total=most_steps, cost=at.cost))
         settles += settling
         little = LEAST_GAIN if settles else _SLOW
-        short_steps = 0 if settling or gain > little else short_steps + 1
+        gains = settling or fixed.any() or before - at.cost > little
+        short_steps, fixed = 0 if gains else short_steps + 1, np.zeros(len(point))
         if short_steps == _PATIENCE and settles == _SETTLES:
             break
     return at.point, at.starts, history
@@ -245,17 +229,16 @@ def _at(
     residuals: NDArray[np.float64] | None = None,
 ) -> _At:
     """Return what is predicted at a point (p,) with starts (w, 10)."""
-    if residuals is None:
-        residuals = _residuals(problem, point[None], starts[None])[0]
-    squares = (residuals**2).sum(axis=(0, 1))
+    predicted = _residuals(problem, point[None], starts[None])[0] if residuals is None else residuals
+    squares = (predicted**2).sum(axis=(0, 1))
     # a state that does not count still ties its start, or nothing would
     tied = replace(problem.cost, counted=np.ones(_STATES, dtype=bool))
-    weights = np.tile(problem.cost.weights(squares, compared(problem)), (residuals.shape[1], 1))
+    weights = np.tile(problem.cost.weights(squares, compared(problem)), (predicted.shape[1], 1))
     weights[0] = tied.weights(squares, compared(problem))
     return _At(
         point=point,
         starts=starts,
-        residuals=residuals,
+        residuals=predicted,
         weights=weights,
         cost=float(problem.cost(squares)),
     )

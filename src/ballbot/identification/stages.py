@@ -10,7 +10,7 @@ references often repeat, the intervals do not always hold the same piece of the 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import product
 from typing import Literal, get_args
@@ -273,7 +273,9 @@ def stages_of(prepared: Prepared, options: IdentificationOptions) -> tuple[Stage
     """Return the stages, with how often their steps usually repeat and how long one takes."""
     free = int(prepared.problem.coordinates.free.sum())
     searching = Stage(
-        name="search", steps=_SEARCH_STEPS * len(_SHAPES) ** 2 * len(_AMOUNTS), work=_predicted(prepared.coarse, free)
+        name="search",
+        steps=_SEARCH_STEPS * len(_SHAPES) ** 2 * len(_AMOUNTS),
+        work=_predicted(prepared.coarse, free),
     )
     evolving = Stage(
         name="evolution",
@@ -310,7 +312,12 @@ def inputs_of(prepared: Prepared, *, options: IdentificationOptions, seed: int) 
     problem = prepared.problem
     start = options.warm_start
     counts = (options.generations, options.population, options.evolution_windows, options.gauss_newton_steps)
-    parts: list[object] = [options.search, counts, seed, None if start is None else (start.layout, start.values.tolist())]
+    parts: list[object] = [
+        options.search,
+        counts,
+        seed,
+        None if start is None else (start.layout, start.values.tolist()),
+    ]
     for one in (replace(problem.predictor, threads=None), problem.coordinates, prepared.fit):
         parts += [getattr(one, field.name) for field in fields(one)]
     parts += [prepared.coarse.windows.spans, prepared.coarse.predictor.step, problem.cost.counted]
@@ -329,7 +336,7 @@ def _multistart(problem: Problem, *, options: IdentificationOptions, run: Run) -
     most = min(_SEARCH_STEPS, options.gauss_newton_steps)
     for number, begin in enumerate(begins):
 
-        def report(step: Progress, before: int = number * most) -> None:
+        def report(step: Progress, before: int = number * most, least: float = least) -> None:
             done, total = before + step.done, len(begins) * most
             run.progress(Progress(stage="search", done=done, total=total, cost=min(least, step.cost)))
 

@@ -293,7 +293,8 @@ def ladder_figure(ladder: ModelSelection[Identification]) -> Figure:
 def search_blocks(found: Identification) -> Iterator[Block]:
     """Yield how the error fell during the search."""
     before, costs = found.evolution_cost, found.gauss_newton_cost
-    search = f"{counted(len(before), 'generation')} of an evolution strategy" if before else "Descents from fixed starts"
+    evolution = f"{counted(len(before), 'generation')} of an evolution strategy"
+    search = evolution if before else "Descents from fixed starts"
     steps = f"{counted(len(costs), 'step')} of Gauss-Newton"
     yield Paragraph(text=f"{search} on some of the windows, then {steps} on all windows fitted.")
     if costs:
