@@ -20,10 +20,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import checked_sample_time
 from ballbot.control.controller import Compensation, Controller, default_speed_band
-from ballbot.control.file import read_controller
+from ballbot.control.file import read_controller, warn_if_unsuited
 from ballbot.control.interface import Feedback
-from ballbot.control.lqr import LqrDesign, StateSpace, gain_rows, lqr, sampling_words
+from ballbot.control.lqr import LqrDesign, StateSpace, frictionless_model, gain_rows, lqr, sampling_words
 from ballbot.control.parts import Parts
 from ballbot.control.parts.disturbance_observer import DisturbanceObserver
 from ballbot.control.parts.feed_forward import FeedForward
@@ -33,8 +34,7 @@ from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.parts.reference_shaping import ReferenceShaping
 from ballbot.errors import InputError, either, suggest
 from ballbot.mechanics.geometry import wheel_load
-from ballbot.mechanics.model import Model
-from ballbot.robot import Friction, Robot, RobotLike, as_robot
+from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.summary import Summary, listed, plotted, pole_words, summarized
 
 if TYPE_CHECKING:
@@ -170,11 +170,6 @@ def _with_integrals(robot: Robot) -> StateSpace:
     return _StateSpace(A=A, B=B)
 
 
-def frictionless_model(robot: Robot) -> Model:
-    """Return the model that a gain is designed on."""
-    return Model(robot.replace(friction=Friction.none(robot.wheel_count)))
-
-
 def precise_controller(
     robot: RobotLike, *, compensation: Compensation = "full", design: IntegralDesign | None = None
 ) -> Controller:
@@ -236,6 +231,7 @@ def as_controller(source: ControllerLike, robot: RobotLike) -> Feedback:
         If it is none of these, or the file is not of that robot.
     """
     if isinstance(source, Feedback):
+        checked_sample_time(source.sample_time, "The controller's sample time")
         return source
     if not isinstance(source, str | Path):
         raise InputError(
@@ -255,7 +251,9 @@ def named_controller(source: str | Path, robot: RobotLike) -> Controller:
         If it is neither, or the file is not of that robot.
     """
     if source in PRESETS:
-        return PRESETS[str(source)](robot)
+        made, described = PRESETS[str(source)](robot), as_robot(robot)
+        warn_if_unsuited(made, described, name=f"the {source} controller")
+        return made
     if not Path(source).exists():
         hint = suggest(str(source), PRESETS, otherwise="the ready-made ones are")
         raise InputError(f"There is no controller file or ready-made controller {str(source)!r}; {hint}")

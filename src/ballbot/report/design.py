@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from rich.console import RenderableType
 from rich.text import Text
 
+from ballbot.control.lqr import frictionless_model
 from ballbot.control.margins import MEANING
 from ballbot.control.overcompensation import CompensationMargin, has_friction
-from ballbot.control.presets import frictionless_model
 from ballbot.findings import Finding
 from ballbot.log import STATE_NAMES
 from ballbot.report.blocks import Block, Bullets, Paragraph, Report, Sheet, Verbatim, section

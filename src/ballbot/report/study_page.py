@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
-from ballbot.control.presets import design_integral_gain, frictionless_model
+from ballbot.control.lqr import frictionless_model
+from ballbot.control.presets import design_integral_gain
 from ballbot.errors import InputError
 from ballbot.findings import texts
 from ballbot.identification.coulomb import coulomb_sentence

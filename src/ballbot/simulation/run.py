@@ -23,6 +23,18 @@ from ballbot.simulation.plant import Measurement, Plant
 _REFERENCES = (0, 1, 4)
 #: samples of a run, whose log has some 45 columns
 _MOST = MOST_CELLS // 45
+#: largest lean of a start [rad]
+_MAX_INITIAL_LEAN = 0.02
+
+
+def initial_state_of(seed: int) -> NDArray[np.float64]:
+    """Return the state (10,) in which runs start unless told otherwise: at rest at the origin, leaning a little.
+
+    theta and phi ~ U(-0.02, 0.02) rad. Exactly upright, a robot needs no controller.
+    """
+    state = np.zeros(10)
+    state[2:4] = np.random.default_rng(seed).uniform(-_MAX_INITIAL_LEAN, _MAX_INITIAL_LEAN, 2)
+    return state
 
 
 @checked_arguments
@@ -50,9 +62,9 @@ def simulate(
     duration : float
         [s]; a whole number of samples is run.
     initial_state : array_like (10,), optional
-        True state at the start; upright at rest at the origin by default.
+        True state at the start; `initial_state_of(seed)`, at rest and leaning a little, by default.
     seed : int
-        All that is random in the plant follows from it.
+        The default start and all that is random in the plant follow from it.
     progress : callable, optional
         Called with the progress from time to time; by default a notebook shows a line.
 
@@ -78,7 +90,8 @@ def simulate(
         controller if isinstance(controller, SafeController) else SafeController(controller, active.robot)
     )
     guarded.reset()
-    measured = active.reset(initial_state, seed=seed)
+    start = initial_state_of(seed) if initial_state is None else initial_state
+    measured = active.reset(start, seed=seed)
     names = _column_names(measured)
     table = np.empty((samples, len(names)))
     rows, ended = 0, measured.ended
