@@ -143,7 +143,7 @@ def test_run_with_a_controller_file_reports_overcompensation(tmp_path, capsys):
         write_controller(compensating(share), tmp_path / "controller.toml")
         given = ["simulate", str(tmp_path / "robot.toml"), "--controller", str(tmp_path / "controller.toml")]
         assert main([*given, "--duration", "0.1", "--out", str(tmp_path / "out")]) == 0
-        words.append(capsys.readouterr().out)
+        words.append(capsys.readouterr().err)
     assert "injects energy" not in words[0]
     assert "injects energy" in words[1]
 

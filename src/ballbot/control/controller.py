@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING, Literal, get_args
@@ -18,6 +19,7 @@ from ballbot.control.parts.part import LawSettings
 from ballbot.errors import InputError
 from ballbot.estimation.interface import EstimatorName, checked_name
 from ballbot.log.columns import STATE_NAMES
+from ballbot.mechanics.geometry import wheel_load
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.derived import encoder_step
 from ballbot.robot.parameters import Value
@@ -42,6 +44,29 @@ def default_speed_band(robot: Robot, sample_time: float) -> float:
     """
     step = encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio)
     return BAND_COUNTS * step / sample_time
+
+
+#: share of its load that a wheel pushes the ball with at most: a stiff controller else spins its wheels in a fall
+GRIP_FRACTION = 0.4
+
+
+def grip_torque_limit(robot: Robot) -> float:
+    """Return the wheel torque [N m] that leaves the wheels their hold on the ball, never above the motors' own limit.
+
+    `GRIP_FRACTION` of the load that presses a wheel, times its radius; and friction, which never reaches the contact.
+    """
+    friction = max(robot.friction.breakaway)
+    return min(robot.drive.torque_limit, GRIP_FRACTION * wheel_load(robot) * robot.wheels.radius + friction)
+
+
+def torque_limit_words(controller: Controller) -> str:
+    """Return a controller's torque limit, and why it is below the motors' if it is."""
+    limit, motors = controller.torque_limit, controller.robot.drive.torque_limit
+    if limit >= motors:
+        return f"{limit:.4g} N m"
+    of_grip = math.isclose(limit, grip_torque_limit(controller.robot), rel_tol=1e-3)
+    why = ", because more would spin the wheels on the ball" if of_grip else ""
+    return f"{limit:.4g} N m of the {motors:.4g} N m that the motors give{why}"
 
 
 @summarized
@@ -142,7 +167,7 @@ class Controller:
         rows = (
             ("compensation", self.compensation),
             ("state from", f"the estimator {self.estimator}"),
-            ("torque limit", f"{self.torque_limit:.3g} N m"),
+            ("torque limit", torque_limit_words(self)),
             ("speed band", f"{self.speed_band:.3g} rad/s"),
             ("parts", ", ".join(parts).replace("_", " ") or "none"),
         )

@@ -315,7 +315,7 @@ def overcompensation_warning(controller: Controller, robot: Robot) -> str | None
         return None
     margin = compensation_margin(controller, certain_friction(robot))
     return (
-        f"{margin.sentence[0].upper()}{margin.sentence[1:]} that is certain; the excess injects energy and can "
+        f"More friction is compensated than is certain: {margin.sentence}; the excess injects energy and can "
         "destabilise the robot."
         if margin.overcompensates
         else None

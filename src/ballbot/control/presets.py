@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.arrays import checked_sample_time
-from ballbot.control.controller import Compensation, Controller, default_speed_band
+from ballbot.control.controller import Compensation, Controller, default_speed_band, grip_torque_limit
 from ballbot.control.file import read_controller, warn_if_unsuited
 from ballbot.control.interface import Feedback
 from ballbot.control.lqr import LqrDesign, StateSpace, frictionless_model, gain_rows, lqr, sampling_words
@@ -33,7 +33,6 @@ from ballbot.control.parts.integral import IntegralAction
 from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.parts.reference_shaping import ReferenceShaping
 from ballbot.errors import InputError, either, suggest
-from ballbot.mechanics.geometry import wheel_load
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.summary import Summary, listed, plotted, pole_words, summarized
 
@@ -87,8 +86,6 @@ PRECISE_TORQUE_WEIGHT = 30.0
 
 #: speed band over the default one, which is made for speeds counted from sample to sample
 PRECISE_SPEED_BAND = 1.0 / 3.0
-#: share of its load that a wheel pushes the ball with at most: stiff, the controller else spins its wheels in a fall
-GRIP_FRACTION = 0.4
 
 #: where x, y and psi stand in the state
 _POSE_PLACES = (0, 1, 4)
@@ -202,15 +199,6 @@ def precise_controller(
         ),
         estimator="kalman",
     )
-
-
-def grip_torque_limit(robot: Robot) -> float:
-    """Return the wheel torque [N m] that leaves the wheels their hold on the ball, never above the motors' own limit.
-
-    `GRIP_FRACTION` of the load that presses a wheel, times its radius; and friction, which never reaches the contact.
-    """
-    friction = max(robot.friction.breakaway)
-    return min(robot.drive.torque_limit, GRIP_FRACTION * wheel_load(robot) * robot.wheels.radius + friction)
 
 
 #: ready-made controllers by name

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.controller import Controller
+from ballbot.control.controller import Controller, torque_limit_words
 from ballbot.control.lqr import frictionless_model
 from ballbot.control.presets import design_integral_gain
 from ballbot.errors import InputError
@@ -300,7 +300,7 @@ def _controller_words(study: Study) -> str:
             " It compensates the friction that is present with 95 % confidence: more would inject energy if the "
             "robot has less."
         )
-    words += f" It feeds back {STATE_WORDS[chosen.estimator]}, as its file states."
+    words += f" It feeds back {STATE_WORDS[chosen.estimator]}, as its file states. Its torque limit: {torque_limit_words(chosen)}."
     recovered = study.validation.recovered
     if recovered is not None:
         scale = np.abs(study.design.gain).max()
