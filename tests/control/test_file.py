@@ -303,5 +303,7 @@ def test_sample_time_of_milliseconds_is_refused_in_a_file(tmp_path):
     path, robot = tmp_path / "controller.toml", alten()
     write_controller(nominal_controller(robot), path)
     path.write_text(path.read_text().replace("sample_time = 0.005\n", "sample_time = 5\n", 1))
-    with pytest.raises(InputError, match=r"sample time is 5 s; it must be at most 1 s; did you mean 0.005 s\?"):
+    with pytest.raises(
+        InputError, match=r"sample time is 5 s; it must be at most 1 s; did you mean 0.005 s\?"
+    ):
         read_controller(path, robot)
