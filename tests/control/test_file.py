@@ -74,7 +74,8 @@ def test_the_parts_of_a_file_are_for_the_robot_that_it_is_read_with(tmp_path):
     write_controller(everything(alten(FRICTION)), path)
     heavy = alten(FRICTION)
     heavy = heavy.replace(body=replace(heavy.body, mass=1.2 * heavy.body.mass))
-    read = read_controller(path, heavy)
+    with pytest.warns(UnsuitedController, match="body.mass"):
+        read = read_controller(path, heavy)
     found = read.record["feed_forward"]["by_second"][0, :3]
     np.testing.assert_array_equal(found, feed_forward_record(heavy).by_second)
 

@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 _ROUNDING = 1e-12
 #: smallest singular value of [A - s I, B], relative to the largest, at which a pole s counts as reached by u
 _REACHED = 1e-9
-#: growth of an error in a sample, by the fastest unstable pole, up to which a sampled loop can have a margin. If it is g,
-#: the sensitivity's peak is at least g, and the gain of least torque bears factors from g/(g + 1) to g/(g - 1)
+#: growth of an error in a sample, by the fastest unstable pole, up to which a sampled loop can have a margin. If it is
+#: g, the sensitivity's peak is at least g, and the gain of least torque bears factors from g/(g + 1) to g/(g - 1)
 _LARGEST_GROWTH = 10.0
 
 

@@ -1,8 +1,9 @@
 """Headings that begin again after a turn: a jump from pi to -pi, or from 2 pi to 0, is no motion.
 
 A jump of more than `JUMP` between two successive values within one turn (-pi to pi, or 0 to 2 pi) is a wrap: the
-heading goes on by the short way. A smaller jump is a motion, so that a commanded step of pi keeps its sign. Values beyond one
-turn count turns by themselves and stay as they are. `ballbot_unwrapped` in the firmware's attitude.c is the same rule.
+heading goes on by the short way. A smaller jump is a motion, so that a commanded step of pi keeps its sign. Values
+beyond one turn count turns by themselves and stay as they are. `ballbot_unwrapped` in the firmware's attitude.c is the
+same rule.
 """
 
 from __future__ import annotations

@@ -300,7 +300,8 @@ def _controller_words(study: Study) -> str:
             " It compensates the friction that is present with 95 % confidence: more would inject energy if the "
             "robot has less."
         )
-    words += f" It feeds back {STATE_WORDS[chosen.estimator]}, as its file states. Its torque limit: {torque_limit_words(chosen)}."
+    words += f" It feeds back {STATE_WORDS[chosen.estimator]}, as its file states."
+    words += f" Torque limit of each wheel: {torque_limit_words(chosen)}."
     recovered = study.validation.recovered
     if recovered is not None:
         scale = np.abs(study.design.gain).max()
