@@ -135,6 +135,7 @@ def test_reference_that_jumps_by_a_turn_turns_the_robot_by_five_degrees():
     assert abs(log["psi"] - 3.1).max() < 0.15  # the way is 0.083 rad
     # dry friction holds the robot up to a fortieth of a radian beside its heading
     assert log["psi"][-1] == pytest.approx(TURN - 3.1, abs=0.03)
+    assert log["ref_psi"][-1] == pytest.approx(TURN - 3.1, abs=1e-12)
 
 
 def test_step_of_half_a_turn_keeps_its_sign():

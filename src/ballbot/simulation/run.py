@@ -11,6 +11,7 @@ from ballbot.control.presets import ControllerLike, as_controller
 from ballbot.control.references import ReferenceLike, as_reference
 from ballbot.control.safety import SafeController
 from ballbot.errors import InputError
+from ballbot.estimation.heading import Heading
 from ballbot.log import Log
 from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, torque_names, wheel_angle_names, wheel_speed_names
 from ballbot.mechanics.model import Model, ModelLike, as_model
@@ -58,7 +59,8 @@ def simulate(
         A `Controller`, or any object with `sample_time`, `reset()` and `update(t, state, reference)`. It is run
         behind the safety layer, with the default limits unless it is a `SafeController` with its own.
     reference : callable, name or reference file
-        f(t) -> (10,), t in [s], or a name such as "square"; see `ballbot.control.references`.
+        f(t) -> (10,), t in [s], or a name such as "square"; see `ballbot.control.references`. A heading that begins
+        again after a turn is unwrapped.
     duration : float
         [s]; a whole number of samples is run.
     initial_state : array_like (10,), optional
@@ -94,9 +96,10 @@ def simulate(
     measured = active.reset(start, seed=seed)
     names = _column_names(measured)
     table = np.empty((samples, len(names)))
-    rows, ended = 0, measured.ended
+    rows, ended, heading = 0, measured.ended, Heading()
     while rows < samples and ended is None:
-        wanted = real_array(wanted_at(measured.t), (10,), f"The reference at t = {measured.t:g} s")
+        wanted = real_array(wanted_at(measured.t), (10,), f"The reference at t = {measured.t:g} s").copy()
+        wanted[4] = heading.unwrapped(float(wanted[4]))
         torques = guarded.update(measured.t, measured.state, wanted, measured=measured.valid)
         if guarded.stop is not None:
             ended = guarded.stop.text.removesuffix(".")
