@@ -42,7 +42,6 @@ from ballbot.twin.faults import (
     Supply,
     Timing,
 )
-from ballbot.workflows.comparison import initial_state_of
 from ballbot.workflows.controller_choice import (
     SQUARE,
     ControllerChoice,
@@ -326,7 +325,6 @@ def record(study: Studied, twin: FaultyTwin, name: str) -> Log:
         controller,
         SQUARE.reference_spec.reference(),
         duration=SQUARE.duration,
-        initial_state=initial_state_of(twin.seed),
         seed=twin.seed,
     )
     return log.without_truth()

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from ballbot.cli import OUTPUT
 from ballbot.cli.context import LogFormatName, WholeNumber, argv, parse_seeds
-from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation, warn_of_overcompensation
+from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.cli.output import emit, print_verdict, progress_bar, standard_output
 from ballbot.control.references import as_reference
@@ -131,8 +131,6 @@ def record(
         log_format=check_format(run.format),
     )
     console = standard_output()
-    if chosen.controller:
-        warn_of_overcompensation({chosen.controller: job.controller}, described)
     if run.experiment == "balance":
         name = chosen.controller or "nominal controller"
         warn_of_idle_compensation({name: job.controller})

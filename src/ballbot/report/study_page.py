@@ -8,8 +8,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.controller import Controller
-from ballbot.control.presets import design_integral_gain, frictionless_model
+from ballbot.control.controller import Controller, torque_limit_words
+from ballbot.control.lqr import frictionless_model
+from ballbot.control.presets import design_integral_gain
 from ballbot.errors import InputError
 from ballbot.findings import texts
 from ballbot.identification.coulomb import coulomb_sentence
@@ -300,6 +301,7 @@ def _controller_words(study: Study) -> str:
             "robot has less."
         )
     words += f" It feeds back {STATE_WORDS[chosen.estimator]}, as its file states."
+    words += f" Torque limit of each wheel: {torque_limit_words(chosen)}."
     recovered = study.validation.recovered
     if recovered is not None:
         scale = np.abs(study.design.gain).max()

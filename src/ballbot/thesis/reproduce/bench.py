@@ -274,7 +274,8 @@ class Bench:
     def frictionless(self, formulation: Formulation, reference: Reference) -> Log:
         """Return the run of a nonlinear model without friction under the nominal gain."""
         plant = ModelOnGrid(Model(self.robot, formulation=formulation))
-        return simulate(plant, Controller(self.robot, self.design.gain), reference, duration=CHANGE_RUN)
+        controller = Controller(self.robot, self.design.gain)
+        return simulate(plant, controller, reference, duration=CHANGE_RUN, initial_state=np.zeros(10))
 
     def _change(self, number: int, compensation: Compensation, speed_band: float | None) -> Log:
         controller = Controller(

@@ -254,7 +254,7 @@ def balance(
     """
     controller = nominal_controller(robot, compensation=compensation)
     plant = TwinOnGrid(Twin(robot, Scenario.nominal(robot)))
-    return simulate(plant, controller, reference, duration=duration, seed=seed)
+    return simulate(plant, controller, reference, duration=duration, initial_state=np.zeros(10), seed=seed)
 
 
 def _path(folder: Path, one: Recording, robot: Robot, seed: int) -> Path:
