@@ -320,13 +320,17 @@ def _recommended(
     none = without["peak_error"] if without else None
     if none is not None and not peak.value < none.low:
         return "revert", (
-            f"The peak error is {1e3 * peak.value:.3g} mm, not clearly smaller than without compensation "
-            f"({1e3 * none.median:.3g} mm predicted, 95 % interval from {1e3 * none.low:.3g} mm)."
+            f"The peak error is {1e3 * peak.value:.3g} mm, not clearly smaller than with the nominal gain "
+            f"without compensation ({1e3 * none.median:.3g} mm predicted, 95 % interval from {1e3 * none.low:.3g} mm)."
         )
     worse = [one for one in quantities if one.worse]
     better = [one for one in quantities if one.place != "inside" and not one.worse]
     if worse:
-        still = ", and the peak error is still clearly smaller than without compensation" if none else ""
+        still = (
+            ", and the peak error is still clearly smaller than with the nominal gain without compensation"
+            if none
+            else ""
+        )
         return "weaken", (
             f"The {_listed(worse)} {'is' if len(worse) == 1 else 'are'} worse than predicted{still}."
         )
