@@ -397,7 +397,7 @@ def test_prediction_from_perturbed_plants_holds_on_the_twin(controller: Controll
         )
         for k in range(6)
     ]
-    choice = choose_controller(controllers, plants, course=COURSE, ablation_plants=0, processes=1)
+    choice = choose_controller(controllers, plants, course=COURSE, step_plants=0, processes=1)
     found = predict(choice)
     assert found is not None
     assert found.controller == "precise"
