@@ -229,7 +229,7 @@ def _effect_words(before: Trial, after: Trial) -> str:
     if effect in ("needed", "harmful"):
         return f"{_outcome(after)} instead of {_outcome(before)} in {len(before.scores)} runs"
     if effect == "unclear":
-        return f"not clearly different ({start} and {end} mm)"
+        return f"not clearly different ({start} and {end} mm) and the torques {_rougher(before, after)}"
     times = ratio.median if effect == "smaller" else 1.0 / ratio.median
     return f"{digits(times, 2)} times {effect} ({start} to {end} mm)"
 

@@ -209,7 +209,7 @@ SLOW_CIRCLE = "slow circle"
 #: the square of 0.5 m, once around
 SQUARE = NamedCourse(name="square", duration=32.0)
 #: what friction spoils most, besides
-SLOW_COURSES = (NamedCourse(name="hold", duration=16.0), NamedCourse(name=SLOW_CIRCLE, duration=16.0))
+SLOW_COURSES = (NamedCourse(name="hold", duration=14.0), NamedCourse(name=SLOW_CIRCLE, duration=14.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -257,7 +257,7 @@ STEPS = (
         before="stiff_filter_shaping",
         after="precise_without_compensation",
     ),
-    *_compensation_steps("all of these", "precise_without_compensation", "precise"),
+    *_compensation_steps("the precise controller without it", "precise_without_compensation", "precise"),
 )
 #: the runs of `STEPS` on each of the first plants, besides the candidates' own: controller and course
 _STEP_RUNS = tuple(
