@@ -210,10 +210,8 @@ def _advice(verdict: Verdict, prediction: Prediction, files: StudyFolder) -> lis
     repair = [_REPAIRS[name].format(robot=files.robot) for name in causes]
     if verdict.recommendation == "revert":
         return [before, *repair, "Run `ballbot study` again with this log among its logs."]
-    kind, compensation = CANDIDATES.get(prediction.controller, CANDIDATES["none"])
+    kind, compensation = CANDIDATES[prediction.controller]
     weaker = f"{_design(files, kind, compensation)} --compensation-gain {_WEAKER:g}"
-    if compensation == "none":
-        return [before, *repair]
     return [f"Compensate less friction: `{weaker} --out weaker`.", *repair]
 
 

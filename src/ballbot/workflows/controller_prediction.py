@@ -300,8 +300,12 @@ def read_prediction(path: str | Path) -> Prediction:
 
 
 def _check_table(table: _PredictionTable, path: str | Path) -> None:
-    """Raise InputError if the course is unknown, or an interval's bounds are not about its median."""
+    """Raise InputError if course or controller is unknown, or an interval's bounds are not about its median."""
     where = f"{path}: prediction"
+    if table.controller not in CANDIDATES:
+        raise InputError(
+            f"{where}: controller is {table.controller!r}; it must be one of {', '.join(CANDIDATES)}."
+        )
     if table.course.name not in REFERENCES:
         raise InputError(
             f"{where}: course.name is {table.course.name!r}; it must be one of {', '.join(REFERENCES)}."

@@ -1,6 +1,7 @@
 """The verdict of the next log on a controller: each predicted quantity inside or outside; keep, weaken or revert.
 
-    revert   the run ended early, or its error is not clearly smaller than that predicted without compensation
+    revert   the run ended early, or its error is not clearly smaller than that predicted for the nominal gain without
+             compensation, or a quantity is worse than predicted and the controller compensates nothing
     weaken   a quantity is worse than predicted, but the error is still clearly smaller
     keep     nothing is worse than predicted; better than predicted also means keep
 
@@ -26,6 +27,7 @@ from ballbot.log.columns import torque_names
 from ballbot.robot import Robot
 from ballbot.rounding import percent
 from ballbot.workflows.controller_causes import Cause, ranked_causes, signature_of
+from ballbot.workflows.controller_choice import CANDIDATES
 from ballbot.workflows.controller_prediction import Prediction, PredictionInterval, checksum_of
 from ballbot.workflows.metrics import QUANTITIES, Performance, rms
 
@@ -331,7 +333,7 @@ def _recommended(
             if none
             else ""
         )
-        return "weaken", (
+        return "revert" if CANDIDATES[prediction.controller][1] == "none" else "weaken", (
             f"The {_listed(worse)} {'is' if len(worse) == 1 else 'are'} worse than predicted{still}."
         )
     if better:
