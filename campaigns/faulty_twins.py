@@ -311,7 +311,7 @@ def _study() -> Studied:
     made = candidates(found, sample_time=SAMPLE_TIME)
     controllers = {name: made[name] for name in CONTROLLERS}
     plants = draw_plants(found, plant="twin", scenario=Scenario.nominal(ROBOT), count=DRAWS, seed=SEED)
-    choice = choose_controller(controllers, plants, ablation_plants=0, processes=PROCESSES)
+    choice = choose_controller(controllers, plants, step_plants=0, processes=PROCESSES)
     return Studied(found=found, controllers=controllers, choice=choice)
 
 

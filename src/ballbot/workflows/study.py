@@ -41,6 +41,7 @@ from ballbot.twin.scenario_file import load_scenario
 from ballbot.validation import ModelPair, Validation, join_validations, validate_pair
 from ballbot.validation.models import Interval
 from ballbot.workflows.controller_choice import (
+    CANDIDATES,
     SQUARE,
     ControllerChoice,
     NamedCourse,
@@ -49,6 +50,7 @@ from ballbot.workflows.controller_choice import (
     candidates,
     choose_controller,
     draw_plants,
+    simulated_runs,
 )
 from ballbot.workflows.controller_prediction import Prediction, predict
 from ballbot.workflows.courses import PlantName
@@ -62,8 +64,6 @@ MAX_DRAWS = 1000
 #: processor time [s] of identification and validation of a second of log, and of a simulated second on each plant
 _IDENTIFYING, _VALIDATING = 0.95, 0.04
 _SIMULATING: Mapping[PlantName, float] = {"model": 0.03, "twin": 0.2}
-#: candidates, and parts that the most precise one is also tried without
-_CANDIDATES, _PARTS = 4, 6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,9 +95,8 @@ class StudyOptions:
     back_emf: float = 0.0
     generations: int = 150  #: of the identification's evolution, at most
     duration: float = SQUARE.duration  #: of each run of a candidate [s]
-    draws: int = 20  #: plants on which the candidates are compared
-    #: of them, plants on which the parts of the precise controller are removed by turns
-    ablation_draws: int = 10
+    draws: int = 20  #: plants on which the candidates are compared; a prediction needs 6
+    step_draws: int = 6  #: of them, plants on which what brings the gain is measured
 
 
 #: suits most logs
@@ -228,7 +227,7 @@ def study(
             found, plant=chosen_plant, scenario=tried, count=options.draws, seed=run.seed, rolling=rolling
         ),
         course=NamedCourse(name=SQUARE.name, duration=options.duration),
-        ablation_plants=options.ablation_draws,
+        step_plants=options.step_draws,
         run=_named(choosing, "comparing controllers"),
     )
     run.progress(Progress(stage="done", done=1, total=1))
@@ -252,12 +251,14 @@ def study(
 def _seconds(logs: Sequence[StudiedLog], plant: PlantName, options: StudyOptions) -> tuple[float, ...]:
     """Return how long identification, validation, rolling friction and comparison usually take [s]."""
     length = sum(float(one.log.t[-1] - one.log.t[0]) for one in logs)
-    runs = _CANDIDATES * options.draws + _PARTS * min(options.ablation_draws, options.draws)
+    runs = simulated_runs(options.draws, options.step_draws, options.duration)
     return (
         on_all_cores(_IDENTIFYING * length),
         _VALIDATING * length,
         sum(rolling_seconds()) if plant == "twin" else 0.0,
-        _SIMULATING[plant] * options.duration * (on_all_cores(runs) + _CANDIDATES),  # their paths once more
+        _SIMULATING[plant]
+        * options.duration
+        * (on_all_cores(runs) + len(CANDIDATES)),  # their paths once more
     )
 
 
