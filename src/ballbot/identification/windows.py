@@ -160,7 +160,6 @@ LARGEST_LEAN = 0.6
 COMPARISONS = 10
 
 _LEANS = [STATE_NAMES.index("theta"), STATE_NAMES.index("phi")]
-_HEADING = STATE_NAMES.index("psi")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -329,9 +328,6 @@ def _cut(
     )
     rows = starts[:, None] + np.arange(samples + 1)
     states = states[rows]
-    # a heading kept within one turn jumps; count it on from the window's start
-    turn = 2.0 * np.pi
-    states[..., _HEADING] -= turn * np.round((states[..., _HEADING] - states[:, :1, _HEADING]) / turn)
     spans = [Span(log=number, start=float(log.t[k[0]]), end=float(log.t[k[-1]])) for k in rows]
     acting = torques[starts[:, None] + np.arange(-history, samples)]
     return _Piece(states=states, torques=acting, spin=spin[starts], spans=spans)

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arguments import checked_arguments
 from ballbot.arrays import format_duration
 from ballbot.errors import InputError
+from ballbot.findings import Finding, Place
 from ballbot.log.columns import (
     STATE_NAMES,
     TRUE_PREFIX,
@@ -32,6 +33,7 @@ from ballbot.log.columns import (
     similar_column,
     unit_of,
 )
+from ballbot.log.signals import continuous_heading
 from ballbot.summary import Summary, counted, duration_words, plotted, range_words, summarized
 
 if TYPE_CHECKING:
@@ -58,6 +60,11 @@ class Log:
         The columns by name, `t` [s] among them; copied, and read-only afterwards.
     ended : str, optional
         Why a simulated run stopped early ("fallen: ..."); not kept in files, nor if rows are cut.
+    changes : tuple of Finding
+        What was left out or changed when the log was read: a cut last row, a heading kept within one turn. The checks
+        of a log show them.
+
+    A heading, psi or ref_psi, that is kept within one turn is continued across its jumps.
 
     Raises
     ------
@@ -67,16 +74,23 @@ class Log:
 
     columns: Mapping[str, NDArray[np.float64]]
     ended: str | None = None
+    changes: tuple[Finding, ...] = ()
 
     def __post_init__(self) -> None:
         columns = {name: _column(name, values) for name, values in self.columns.items()}
         _check_shape(columns)
         _check_time(columns["t"])
-        object.__setattr__(self, "columns", MappingProxyType(columns))
+        continued, found = continuous_headings(columns, columns["t"])
+        for heading in continued.values():
+            heading.flags.writeable = False
+        object.__setattr__(self, "columns", MappingProxyType(columns | continued))
+        object.__setattr__(self, "changes", (*self.changes, *found))
 
-    def __reduce__(self) -> tuple[type[Log], tuple[dict[str, NDArray[np.float64]], str | None]]:
+    def __reduce__(
+        self,
+    ) -> tuple[type[Log], tuple[dict[str, NDArray[np.float64]], str | None, tuple[Finding, ...]]]:
         # a mappingproxy cannot be pickled, and logs go to other processes
-        return (Log, (dict(self.columns), self.ended))
+        return (Log, (dict(self.columns), self.ended, self.changes))
 
     @staticmethod
     @checked_arguments
@@ -104,7 +118,7 @@ class Log:
         mapping = _read_mapping(mapping)
         columns = formats.read_columns(path, mapping.layout if mapping else None)
         try:
-            return Log(apply_mapping(mapping, columns) if mapping else columns)
+            return apply_mapping(mapping, columns) if mapping else Log(columns)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
 
@@ -162,7 +176,7 @@ class Log:
 
         described = _read_mapping(mapping)
         if described is not None:
-            return Log(apply_mapping(described, foreign_columns_of(frame)))
+            return apply_mapping(described, foreign_columns_of(frame))
         return Log(*columns_of(frame))
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
@@ -255,6 +269,24 @@ class Log:
                     "s). Fill them, or use a part of the log without them."
                 )
 
+    def complete(self, *names: str) -> Log:
+        """Return the rows that have a value in every one of these columns; the others become a gap in time.
+
+        Raises
+        ------
+        InputError
+            If one is no column, or no row is left.
+        """
+        missing = [name for name in names if name not in self.columns]
+        if missing:
+            raise InputError(_missing_sentence(missing, self.names))
+        known = np.isfinite(np.column_stack([self.columns[name] for name in ("t", *names)])).all(axis=1)
+        if not known.any():
+            raise InputError(f"No row of the log has a value in all of {', '.join(names)}.")
+        if known.all():
+            return self
+        return Log({name: values[known] for name, values in self.columns.items()}, self.ended, self.changes)
+
     @checked_arguments
     def between(self, start: float, end: float) -> Log:
         """Return the rows with start <= t < end [s].
@@ -268,7 +300,7 @@ class Log:
         if not kept.any():
             asked = f"from {start:g} to {end:g} s" if np.isfinite(end) else f"from {start:g} s on"
             raise InputError(f"The log has no row {asked}; it runs from {self.t[0]:g} to {self.t[-1]:g} s.")
-        return Log({name: values[kept] for name, values in self.columns.items()})
+        return Log({name: values[kept] for name, values in self.columns.items()}, changes=self.changes)
 
     def select(self, rows: slice) -> Log:
         """Return the rows of a slice with a positive step; InputError if it selects none."""
@@ -277,12 +309,12 @@ class Log:
                 "select takes rows, such as log.select(slice(0, 100)); one column is log['x'], and a part in time is "
                 "log.between(0, 2)."
             )
-        return Log({name: values[rows] for name, values in self.columns.items()})
+        return Log({name: values[rows] for name, values in self.columns.items()}, changes=self.changes)
 
     def with_columns(self, columns: Mapping[str, ArrayLike]) -> Log:
         """Return a copy with `columns` added, or in place of those of the same name."""
         added = {name: _column(name, values) for name, values in columns.items()}
-        return Log({**self.columns, **added}, self.ended)
+        return Log({**self.columns, **added}, self.ended, self.changes)
 
     def truth(self) -> Log:
         """Return the log of a simulated run with the true states in place of the measured ones.
@@ -301,12 +333,14 @@ class Log:
                 f"The log has no true states (no column {missing[0]}): only logs of simulated runs have them."
             )
         kept = dict(self.without_truth().columns)
-        return Log(kept | {name: self.columns[TRUE_PREFIX + name] for name in STATE_NAMES}, self.ended)
+        return Log(
+            kept | {name: self.columns[TRUE_PREFIX + name] for name in STATE_NAMES}, self.ended, self.changes
+        )
 
     def without_truth(self) -> Log:
         """Return the log without its true_* columns, as of a real robot."""
         kept = {name: v for name, v in self.columns.items() if not name.startswith(TRUE_PREFIX)}
-        return Log(kept, self.ended)
+        return Log(kept, self.ended, self.changes)
 
     def summary(self) -> Summary:
         """Return the log's length and rate, and the range of its columns by groups; see also `summarize`."""
@@ -389,6 +423,33 @@ def _column(name: str, values: ArrayLike) -> NDArray[np.float64]:
     column = column if name == "t" else mark_missing(column)
     column.flags.writeable = False
     return column
+
+
+def continuous_headings(
+    columns: Mapping[str, NDArray[np.float64]], t: NDArray[np.float64]
+) -> tuple[dict[str, NDArray[np.float64]], list[Finding]]:
+    """Return psi and ref_psi (N,), if they are kept within one turn, continued, and a finding on each."""
+    continued: dict[str, NDArray[np.float64]] = {}
+    found = []
+    first = np.nan
+    for name in ("psi", "ref_psi"):
+        if name not in columns:
+            continue
+        heading, rows = continuous_heading(columns[name], after=first)
+        known = columns[name][np.isfinite(columns[name])]
+        first = float(known[0]) if known.size else np.nan
+        if not rows.size:
+            continue
+        continued[name] = heading
+        time = float(t[rows[0]])
+        sentence = (
+            f"{name} is kept within one turn and jumps from end to end {counted(rows.size, 'time')}, first at row "
+            f"{rows[0] + 1} (t = {time:.6g} s): it is continued there."
+        )
+        found.append(
+            Finding(code="wrap", severity="note", text=sentence, where=Place(columns=(name,), time=time))
+        )
+    return continued, found
 
 
 def _check_shape(columns: Mapping[str, NDArray[np.float64]]) -> None:

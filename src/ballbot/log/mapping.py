@@ -29,6 +29,7 @@ from pydantic import Field, FiniteFloat, PositiveFloat
 
 from ballbot.arrays import rows_between
 from ballbot.errors import InputError, suggest
+from ballbot.findings import Finding, note
 from ballbot.log.columns import Columns, direction_sign, mark_missing, numbered_names
 from ballbot.log.formats.text import TextLayout
 from ballbot.log.imu_angles import (
@@ -40,7 +41,8 @@ from ballbot.log.imu_angles import (
     quaternion_angles,
     yaw_ahead,
 )
-from ballbot.log.row_order import later_runs, repeated_rows, rows_in_order
+from ballbot.log.log import Log, continuous_headings
+from ballbot.log.row_order import clock_note, continuous_clock, later_runs, repeated_rows, rows_in_order
 from ballbot.log.signals import new_messages, sampling_times, unwrapped, without_holes, without_resets
 
 
@@ -182,8 +184,8 @@ _GYRO_NAMES = ("gyro_x", "gyro_y", "gyro_z")
 
 def apply_mapping(
     mapping: LogMapping, table: Mapping[str, NDArray[np.float64]], *, even_from: float | None = None
-) -> Columns:
-    """Return the log's columns (N,) from the file's.
+) -> Log:
+    """Return the log that a file's columns make.
 
     Parameters
     ----------
@@ -195,8 +197,8 @@ def apply_mapping(
 
     Returns
     -------
-    dict of str to (N,) array
-        In Ballbot's names and units; rows at the ends are cut if a delay requires it.
+    Log
+        Rows at the ends are cut if a delay requires it.
 
     Raises
     ------
@@ -204,15 +206,16 @@ def apply_mapping(
         If the file lacks a column that the mapping names, its time does not increase, or no row is left.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # a scale may turn a cell into an infinity
-        columns = _applied(mapping, table, even_from)
-    return {name: values if name == "t" else mark_missing(values) for name, values in columns.items()}
+        return Log(*_applied(mapping, table, even_from))
 
 
 def _applied(
     mapping: LogMapping, table: Mapping[str, NDArray[np.float64]], even_from: float | None
-) -> Columns:
+) -> tuple[Columns, None, tuple[Finding, ...]]:
+    """Return what a `Log` is made of."""
     table = whole_rows(mapping, table)
-    t = row_times(mapping, table)
+    t, again = row_times(mapping, table), continuous_clock(table[mapping.columns["t"].column])[1]
+    changes = [note("time", clock_note(mapping.columns["t"].column, again))] if again.size else []
     if mapping.attitude is not None and mapping.attitude.quaternion:
         parts = [
             _scaled(f"the quaternion's {part}", Source(column=column), table)
@@ -223,6 +226,10 @@ def _applied(
     if mapping.wrap is not None:
         periods = {name: abs(mapping.columns[name].factor) * mapping.wrap for name in _wheel_angles(raw)}
         raw |= {name: unwrapped(raw[name], period=period) for name, period in periods.items()}
+    # before its offset, from the file's own ends of a turn
+    offsets = {name: mapping.columns[name].offset for name in ("psi", "ref_psi") if name in raw}
+    continued, wraps = continuous_headings({name: raw[name] - offsets[name] for name in offsets}, t)
+    raw |= {name: heading + offsets[name] for name, heading in continued.items()}
     names = _wheel_angles(raw)
     if mapping.largest_speed is not None and names:
         carried = without_resets(t, np.column_stack([raw[name] for name in names]), mapping.largest_speed)
@@ -252,7 +259,7 @@ def _applied(
         columns[name] = _derivative(columns["t"], columns[origin], origin)
     if mapping.motors is not None:
         columns |= _torques(mapping.motors, columns)
-    return _kept(columns, mapping.timing.keep)
+    return _kept(columns, mapping.timing.keep), None, (*changes, *wraps)
 
 
 def row_times(mapping: LogMapping, table: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
@@ -302,7 +309,9 @@ def whole_rows(mapping: LogMapping, table: Mapping[str, NDArray[np.float64]]) ->
 
 
 def _clock(source: Source, table: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Return the times of all rows (N,) by the file's own clock [s]."""
+    """Return the times of all rows (N,) by the file's own clock [s], continued where it begins again."""
+    if source.column in table:
+        table = {**table, source.column: continuous_clock(table[source.column])[0]}
     t = _scaled("t", source, table)
     if source.nanoseconds is None:
         return t

@@ -48,7 +48,7 @@ _HEADING = ("psi", "psi_dot")
 
 
 def with_odometry(log: Log, robot: Robot) -> Log:
-    """Return the log with x, y [m] and x_dot, y_dot [m/s] from its wheel speeds and attitude.
+    """Return the log with x, y [m] and x_dot, y_dot [m/s] from its wheel speeds and attitude, where it has these.
 
     Parameters
     ----------
@@ -61,12 +61,12 @@ def with_odometry(log: Log, robot: Robot) -> Log:
     Raises
     ------
     InputError
-        If a column is missing or has missing values.
+        If a column is missing, or no row has a value in all of them.
     """
     from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 
     names = wheel_speed_names(robot.wheel_count)
-    log.require(*_needed(log, robot))
+    log = log.complete(*_needed(log, robot))
     if "psi" not in log:
         log = _with_heading(log, robot)
     theta, phi, theta_dot, phi_dot, psi, psi_dot = (log[name] for name in (*_LEAN, *_HEADING))
@@ -144,7 +144,7 @@ def with_rates(log: Log, robot: Robot) -> Log | None:
     sources = {name: Source(column=name) for name in log.names}
     mapping = LogMapping(layout=OWN_LAYOUT, columns=sources, derivatives=rates, motors=None)
     try:
-        return with_position(Log(apply_mapping(mapping, {name: log[name] for name in log.names})), robot)
+        return with_position(apply_mapping(mapping, {name: log[name] for name in log.names}), robot)
     except InputError:
         return None
 
@@ -195,7 +195,7 @@ def causal_states(
         end = int(np.searchsorted(t, moment + late - _ROW_ROUNDING)) + 1
         if moment - t[first] >= _LEAST_PAST:
             rows = {name: values[first:end] for name, values in table.items()}
-            past = Log(apply_mapping(everything, rows, even_from=float(t[0])))
+            past = apply_mapping(everything, rows, even_from=float(t[0]))
             states[number] = _last_state(past.between(-np.inf, moment + _ROW_ROUNDING), mapping, robot)
     return states
 

@@ -206,6 +206,8 @@ def study(
         for name, log in checked.logs.items()
     )
     check_columns(robot, studied)
+    needed = (*torque_names(robot.wheel_count), *STATE_NAMES)
+    studied = tuple(replace(one, log=one.log.complete(*needed)) for one in studied)
     if not 2 <= options.draws <= MAX_DRAWS:
         raise InputError(f"The number of draws is {options.draws}; it must be 2 to {MAX_DRAWS}, such as 20.")
     # whole nanoseconds: the rounding of a log's time stamps does not belong into a controller file
@@ -285,7 +287,7 @@ def check_columns(robot: Robot, logs: Sequence[StudiedLog]) -> None:
         raise InputError("A study needs at least one log.")
     for studied in logs:
         try:
-            studied.log.require(*torque_names(robot.wheel_count), *STATE_NAMES)
+            studied.log.complete(*torque_names(robot.wheel_count), *STATE_NAMES)
             more = torque_names(robot.wheel_count + 1)[-1]
             if more in studied.log:
                 raise InputError(
