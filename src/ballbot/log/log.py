@@ -5,8 +5,7 @@ of strictly increasing time. Row k has the measurements at t_k and the torques h
 
 NaN marks a missing value; an infinite one, or one beyond `LARGEST_CELL`, is missing too. Reading keeps it, and
 `log[name]` gives the column with it. Computations use `require`, `states`, `torques`, `wheel_speeds` or `reference`,
-which refuse NaN with a message, so that it cannot spread unnoticed. `summarize` gives the range, missing values and
-rate of change of each column.
+which refuse NaN with a message, so that it cannot spread unnoticed.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arguments import checked_arguments
 from ballbot.arrays import format_duration
 from ballbot.errors import InputError
-from ballbot.findings import Finding, Place
+from ballbot.findings import Finding, note
 from ballbot.log.columns import (
     STATE_NAMES,
     TRUE_PREFIX,
@@ -33,7 +32,7 @@ from ballbot.log.columns import (
     similar_column,
     unit_of,
 )
-from ballbot.log.signals import continuous_heading
+from ballbot.log.wrapping import continuous_headings
 from ballbot.summary import Summary, counted, duration_words, plotted, range_words, summarized
 
 if TYPE_CHECKING:
@@ -116,9 +115,13 @@ class Log:
         from ballbot.log.mapping import apply_mapping
 
         mapping = _read_mapping(mapping)
-        columns = formats.read_columns(path, mapping.layout if mapping else None)
+        notes: list[str] = []
+        layout, used = (mapping.layout, mapping.used_columns) if mapping else (None, None)
+        columns = formats.read_columns(path, layout, used=used, notes=notes)
+        changes = [note("file", sentence) for sentence in notes]
         try:
-            return apply_mapping(mapping, columns) if mapping else Log(columns)
+            columns = apply_mapping(mapping, columns, changes=changes) if mapping else columns
+            return Log(columns, changes=tuple(changes))
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
 
@@ -176,7 +179,9 @@ class Log:
 
         described = _read_mapping(mapping)
         if described is not None:
-            return apply_mapping(described, foreign_columns_of(frame))
+            changes: list[Finding] = []
+            columns = apply_mapping(described, foreign_columns_of(frame), changes=changes)
+            return Log(columns, changes=tuple(changes))
         return Log(*columns_of(frame))
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
@@ -343,7 +348,7 @@ class Log:
         return Log(kept, self.ended, self.changes)
 
     def summary(self) -> Summary:
-        """Return the log's length and rate, and the range of its columns by groups; see also `summarize`."""
+        """Return the log's length and rate, and the range of its columns by groups."""
         duration = float(self.t[-1] - self.t[0])
         rate = f" at {(len(self) - 1) / duration:.4g} Hz" if duration > 0.0 else ""
         rows = [("time", f"{self.t[0]:.6g} to {self.t[-1]:.6g} s"), *_range_rows(self)]
@@ -425,33 +430,6 @@ def _column(name: str, values: ArrayLike) -> NDArray[np.float64]:
     return column
 
 
-def continuous_headings(
-    columns: Mapping[str, NDArray[np.float64]], t: NDArray[np.float64]
-) -> tuple[dict[str, NDArray[np.float64]], list[Finding]]:
-    """Return psi and ref_psi (N,), if they are kept within one turn, continued, and a finding on each."""
-    continued: dict[str, NDArray[np.float64]] = {}
-    found = []
-    first = np.nan
-    for name in ("psi", "ref_psi"):
-        if name not in columns:
-            continue
-        heading, rows = continuous_heading(columns[name], after=first)
-        known = columns[name][np.isfinite(columns[name])]
-        first = float(known[0]) if known.size else np.nan
-        if not rows.size:
-            continue
-        continued[name] = heading
-        time = float(t[rows[0]])
-        sentence = (
-            f"{name} is kept within one turn and jumps from end to end {counted(rows.size, 'time')}, first at row "
-            f"{rows[0] + 1} (t = {time:.6g} s): it is continued there."
-        )
-        found.append(
-            Finding(code="wrap", severity="note", text=sentence, where=Place(columns=(name,), time=time))
-        )
-    return continued, found
-
-
 def _check_shape(columns: Mapping[str, NDArray[np.float64]]) -> None:
     if "t" not in columns:
         runs = [name.removesuffix(".t") for name in columns if name.endswith(".t")]
@@ -519,36 +497,3 @@ def _missing_sentence(missing: list[str], present: tuple[str, ...]) -> str:
     plural = "columns" if len(missing) > 1 else "column"
     columns = f"{plural} {', '.join(missing)}{similar_column(missing, present)}"
     return f"The log has no {columns}. Add or rename columns, in the file or by a mapping file."
-
-
-@dataclass(frozen=True, kw_only=True)
-class ColumnSummary:
-    """One column of a log."""
-
-    name: str
-    unit: str | None  #: None for a name that is not Ballbot's
-    least: float | None  #: of the finite values; None if no value is finite
-    greatest: float | None
-    missing: int  #: cells that are NaN or infinite
-    change_rate: float  #: changes of the value per second; for a slow sensor its own rate
-
-
-def summarize(log: Log) -> tuple[ColumnSummary, ...]:
-    """Return a summary of each of the log's columns, in their order."""
-    duration = float(log.t[-1] - log.t[0])
-    summaries = []
-    for name in log.names:
-        values = log[name]
-        finite = values[np.isfinite(values)]
-        changes = int(np.count_nonzero(np.diff(finite)))
-        summaries.append(
-            ColumnSummary(
-                name=name,
-                unit=unit_of(name),
-                least=float(finite.min()) if finite.size else None,
-                greatest=float(finite.max()) if finite.size else None,
-                missing=len(values) - finite.size,
-                change_rate=changes / duration if duration > 0.0 else 0.0,
-            )
-        )
-    return tuple(summaries)

@@ -144,7 +144,7 @@ def with_rates(log: Log, robot: Robot) -> Log | None:
     sources = {name: Source(column=name) for name in log.names}
     mapping = LogMapping(layout=OWN_LAYOUT, columns=sources, derivatives=rates, motors=None)
     try:
-        return with_position(apply_mapping(mapping, {name: log[name] for name in log.names}), robot)
+        return with_position(Log(apply_mapping(mapping, {name: log[name] for name in log.names})), robot)
     except InputError:
         return None
 
@@ -195,7 +195,7 @@ def causal_states(
         end = int(np.searchsorted(t, moment + late - _ROW_ROUNDING)) + 1
         if moment - t[first] >= _LEAST_PAST:
             rows = {name: values[first:end] for name, values in table.items()}
-            past = apply_mapping(everything, rows, even_from=float(t[0]))
+            past = Log(apply_mapping(everything, rows, even_from=float(t[0])))
             states[number] = _last_state(past.between(-np.inf, moment + _ROW_ROUNDING), mapping, robot)
     return states
 

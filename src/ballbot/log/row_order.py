@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.log.columns import Columns
+from ballbot.log.wrapping import clock_note, continuous_clock
 from ballbot.summary import counted
 
 #: time that jumps by more is another clock or another run [s]
@@ -66,37 +67,6 @@ def _stays_back(t: NDArray[np.float64], back: NDArray[np.intp]) -> NDArray[np.bo
     return np.array(found)
 
 
-#: after what clocks begin again, in their own unit: counters of 16 and 32 bits, those of 32 bits of micro- and of
-#: milliseconds written in seconds, and a day in seconds, milliseconds or microseconds
-_PERIODS = (2.0**16, 2.0**32, 2.0**32 * 1e-6, 2.0**32 * 1e-3, 86400.0, 86400e3, 86400e6)
-#: usual intervals that may pass meanwhile
-_MEANWHILE = 5.0
-
-
-def continuous_clock(t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return a clock's times (N,), in any unit, continued where it begins again, and the rows where it does.
-
-    A clock begins again if a step back is one of the periods of clocks, less the time from one row to the next.
-    """
-    steps = np.diff(t)
-    usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
-    found, rows = t, []
-    for row in np.flatnonzero(steps < 0.0):
-        for period in _PERIODS:
-            if t[row + 1] >= 0.0 and 0.0 < steps[row] + period <= _MEANWHILE * usual:
-                found = np.concatenate((found[: row + 1], found[row + 1 :] + period))
-                rows.append(row + 1)
-    return found, np.array(rows, dtype=np.intp)
-
-
-def clock_note(name: str, rows: NDArray[np.intp]) -> str:
-    """Return the sentence on a clock that begins again at rows."""
-    return (
-        f"{name} begins again {counted(rows.size, 'time')}, first at row {rows[0] + 1}, as a counter that overflows or "
-        "a time of day at midnight: it is continued there."
-    )
-
-
 def increasing_rows(t: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which rows (N,) are one of the longest series in which time increases."""
     if np.all(np.diff(t) > 0.0):
@@ -144,6 +114,38 @@ def rows_in_order(
         known = np.flatnonzero(kept & np.isfinite(t))
         kept[known] = increasing_rows(t[known])
     return {**table} if kept.all() else {name: values[kept] for name, values in table.items()}
+
+
+def rows_with_times(
+    table: Mapping[str, NDArray[np.float64]], time: str, notes: list[str]
+) -> dict[str, NDArray[np.float64]]:
+    """Return a table without the rows that lack a time or repeat the row before, its clock continued.
+
+    Parameters
+    ----------
+    table : mapping of str to (N,) array
+    time : str
+        The name of its time.
+    notes : list of str
+        Sentences on what is left out or changed are added to it.
+    """
+    untimed = ~np.isfinite(table[time])
+    if untimed.all():
+        return {**table}
+    repeated = repeated_rows(table, time) & ~untimed
+    for rows, what in (
+        (untimed, "without a time"),
+        (repeated, "with the time and all values of the row before"),
+    ):
+        if rows.any():
+            count = counted(int(rows.sum()), "row")
+            notes.append(f"Left out: {count} {what}, first row {int(np.argmax(rows)) + 1}.")
+    kept = ~(untimed | repeated)
+    found = {name: values[kept] for name, values in table.items()}
+    found[time], again = continuous_clock(found[time])
+    if again.size:
+        notes.append(clock_note(time, again))
+    return found
 
 
 def repeated_rows(table: Mapping[str, NDArray[np.float64]], time: str) -> NDArray[np.bool_]:

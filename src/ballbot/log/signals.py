@@ -221,50 +221,6 @@ def unwrapped(angle: NDArray[np.float64], *, period: float = 2.0 * np.pi) -> NDA
     return found
 
 
-#: a step of a heading that stays within one turn is the end of the turn if it is larger [rad]: a robot does not turn so
-#: far from row to row, and a commanded half turn keeps its sign
-LARGEST_TURN = 1.5 * np.pi
-#: a heading stays within one turn if this share of its values does (others are spikes), by this much of rounding [rad]
-_WITHIN, _ROUNDED = 0.98, 1e-3
-
-
-def continuous_heading(
-    heading: NDArray[np.float64], *, after: float = np.nan
-) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return a heading (N,) [rad] without the jumps of a turn that it has if it is kept within one turn.
-
-    It is kept there if its values are from -pi to pi, or from 0 to below 2 pi; its steps of more than `LARGEST_TURN`
-    are then jumps. A heading of several turns stays as it is.
-
-    Parameters
-    ----------
-    heading : ndarray (N,)
-        Missing values stay missing.
-    after : float
-        The heading that the first value follows, as a robot's that a reference's follows; NaN if there is none.
-
-    Returns
-    -------
-    tuple
-        The heading, and the rows with which another turn begins.
-    """
-    known = np.isfinite(heading)
-    turn = 2.0 * np.pi
-    turns = (np.abs(heading) <= np.pi + _ROUNDED, (heading >= -_ROUNDED) & (heading < turn))
-    inside = max(turns, key=np.count_nonzero)
-    if not known.any() or np.count_nonzero(inside) < _WITHIN * np.count_nonzero(known):
-        return heading, np.zeros(0, dtype=np.intp)
-    rows = np.flatnonzero(inside)
-    # the heading before may be turns away, and leads only to the turn of the first value
-    steps = np.diff(heading[rows], prepend=after if abs(after) <= turn else heading[rows[0]])
-    jumps = np.abs(steps) > LARGEST_TURN
-    if not jumps.any():
-        return heading, np.zeros(0, dtype=np.intp)
-    added = np.zeros(len(heading))
-    added[rows] = np.where(jumps, -turn * np.sign(steps), 0.0)
-    return heading + np.cumsum(added), rows[jumps]
-
-
 def without_resets(
     t: NDArray[np.float64], angles: NDArray[np.float64], largest_speed: float
 ) -> NDArray[np.float64]:

@@ -16,9 +16,9 @@ from ballbot.errors import InputError, suggest
 from ballbot.findings import by_severity
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.log import STATE_NAMES, Log, LogsLike
-from ballbot.log.columns import torque_names
 from ballbot.log.checks import checked_logs
 from ballbot.log.checks.kinematics import check_disturbance
+from ballbot.log.columns import torque_names
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
 from ballbot.progress import Progress, part_of

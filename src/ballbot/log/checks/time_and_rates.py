@@ -92,7 +92,10 @@ def check_missing_values(log: Log) -> list[Finding]:
         )
         findings.append(
             Finding(
-                severity="warning", code="missing", text=sentence, where=Place(columns=tuple(names), time=time)
+                severity="warning",
+                code="missing",
+                text=sentence,
+                where=Place(columns=tuple(names), time=time),
             )
         )
     return findings

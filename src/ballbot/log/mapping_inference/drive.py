@@ -152,7 +152,7 @@ def drive_evidence(
         As `unit_probabilities` takes it.
     """
     try:
-        log = apply_mapping(mapping, table)
+        log = Log(apply_mapping(mapping, table))
         compared = _balancing(log, robot) if mapping.attitude is not None else _free(log, robot)
     except InputError:  # too short, or rows without a value
         compared = None

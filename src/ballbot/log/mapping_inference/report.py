@@ -69,7 +69,7 @@ def evaluate(proposal: Proposal, robot: Robot, *, file: Path, out: Path | None =
     if not refusal:
         try:
             parsed = parse_mapping(text, source=mapping)
-            log = apply_mapping(parsed, _rows_of(proposal))
+            log = Log(apply_mapping(parsed, _rows_of(proposal)))
             log = with_odometry(log, robot) if proposal.roles.attitude else log
         except InputError as error:
             refusal = f"the mapping makes no log: {error}"
