@@ -64,12 +64,14 @@ from ballbot.robot import Robot
 
 
 def measured_wheel_speeds(log: Log, robot: Robot) -> NDArray[np.float64]:
-    """Return the wheel speeds (N, n) [rad/s]: the encoders', or those of the states for a log without encoders."""
+    """Return the wheel speeds (N, n) [rad/s]: the encoders', or those of the states where these are missing."""
     names = wheel_speed_names(robot.wheel_count)
-    if all(name in log for name in names):
-        return np.column_stack([log[name] for name in names])
+    encoders = all(name in log for name in names)
+    speeds = np.column_stack([log[name] if encoders else np.full(len(log), np.nan) for name in names])
     states = _state_columns(log)
-    return Model(robot).wheel_speed(states[:, :5], states[:, 5:])
+    lacking = ~np.isfinite(speeds).all(axis=1) & np.isfinite(states).all(axis=1)
+    speeds[lacking] = Model(robot).wheel_speed(states[lacking, :5], states[lacking, 5:])
+    return speeds
 
 
 def ball_spin(log: Log, robot: Robot) -> NDArray[np.float64]:

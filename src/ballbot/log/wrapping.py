@@ -54,6 +54,8 @@ def continuous_heading(
         return heading, np.zeros(0, dtype=np.intp)
     added = np.zeros(len(heading))
     added[rows] = np.where(jumps, -turn * np.sign(steps), 0.0)
+    if not abs(after) <= turn:  # a robot starts at a heading from -pi to pi
+        added[0] -= turn * np.round(heading[rows[0]] / turn)
     return heading + np.cumsum(added), rows[jumps]
 
 
@@ -68,7 +70,7 @@ def continuous_headings(
         if name not in columns:
             continue
         heading, rows = continuous_heading(columns[name], after=first)
-        known = columns[name][np.isfinite(columns[name])]
+        known = heading[np.isfinite(heading)]
         first = float(known[0]) if known.size else np.nan
         if not rows.size:
             continue

@@ -193,7 +193,7 @@ def _sparse(proposal: Proposal) -> list[str]:
     interval = float(np.median(np.diff(used[:, 0]))) * proposal.time.factor
     causes = []
     if missing > 0.0:
-        causes.append(f"{100.0 * missing:.2g} % of the rows lack a value")
+        causes.append(f"{100.0 * missing:.0f} % of the rows lack a value")
     if interval > SLOW_ROWS:
         causes.append(f"rows come only every {1e3 * interval:.3g} ms")
     return causes
