@@ -227,6 +227,8 @@ def _without_last_separators(lines: list[str], width: int, separator: str | None
 def check_names(path: str | Path, number: int, names: list[str]) -> None:
     """Raise InputError if the cells of a line cannot be the columns' names."""
     check_table(0, len(names), source=str(path))
+    if not names:
+        raise InputError(f"{path}, line {number}: a cell has more than {csv.field_size_limit()} characters.")
     check_column_names(names, source=f"{path}, line {number}")
     if all(is_number(name) for name in names):
         raise InputError(

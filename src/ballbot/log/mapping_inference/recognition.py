@@ -238,6 +238,12 @@ def _roles(
     if found is None:
         if table.named and named.time is not None and not named.angles:
             check_has_angles(path, named)
+            if named.attitude:
+                raise InputError(
+                    f"{path} has the time ({named.time}) and the lean ({', '.join(named.attitude)}), but no wheel "
+                    "angles: it shows no friction. With a mapping file it is usable for `ballbot align`, a comparison "
+                    "with motion capture; for everything else, log the encoders too."
+                )
         raise InputError(
             f"{path}: cannot determine which columns are the time, the lean and the wheel angles, neither by "
             f"names nor by numbers (the columns are {', '.join(table.columns)}). Name them in the file's order, "
