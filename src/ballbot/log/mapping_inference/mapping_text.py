@@ -277,7 +277,9 @@ def _kind_lines(
 ) -> list[str]:
     """Return the lines that depend on the kind of the command: these stand together, to be replaced together."""
     kind = {"torque": "torque", "current": "current", "duty": "pwm", "voltage": "pwm"}[unit.kind]
-    share = min(proposal.drive.units[unit], concluded["[input] kind"].confidence) if proposal.drive else 0.0
+    share = proposal.drive.units[unit] if proposal.drive else 0.0
+    if (asked := concluded.get("[input] kind")) is not None:
+        share = min(share, asked.confidence)
     scale = unit.scale / robot.drive.supply_voltage if unit.kind == "voltage" else unit.scale
     return [
         toml_line("kind", kind, f"{in_percent(share)} %: {unit.description}"),
