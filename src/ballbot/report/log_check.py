@@ -16,7 +16,7 @@ from ballbot.findings import Finding, by_severity, note
 from ballbot.log import Log
 from ballbot.log.checks import check
 from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
-from ballbot.log.log import ColumnSummary, summarize
+from ballbot.log.column_summary import ColumnSummary, summarize
 from ballbot.log.mapping_inference.proposal import Proposal
 from ballbot.log.mapping_inference.report import Evaluation
 from ballbot.log.pose import with_position, with_rates

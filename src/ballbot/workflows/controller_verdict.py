@@ -269,15 +269,14 @@ def check_controller(prediction: Prediction, controller: Controller) -> None:
 def _complete(log: Log, robot: Robot) -> Log:
     """Return the rows of a log in which no needed value is missing."""
     names = ("ref_x", "ref_y", "ref_psi", *STATE_NAMES, *torque_names(robot.wheel_count))
-    log.require(*(name for name in names if name not in log))
-    known = np.isfinite(np.column_stack([log[name] for name in names])).all(axis=1)
-    missing = len(log) - int(known.sum())
+    complete = log.complete(*names)
+    missing = len(log) - len(complete)
     if missing > _MAX_MISSING * len(log):
         raise InputError(
             f"{missing} of {len(log)} rows of the log lack a state, a torque or the reference; at most "
             f"{percent(_MAX_MISSING)} may. Record the course again."
         )
-    return log if not missing else Log({name: log[name][known] for name in log.names}, log.ended)
+    return complete
 
 
 def _reference_poses(prediction: Prediction, sample_time: float) -> NDArray[np.float64]:

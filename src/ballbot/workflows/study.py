@@ -29,9 +29,10 @@ from ballbot.findings import Finding
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification import Bounds, Identification, identify
 from ballbot.identification.stages import IdentificationOptions, holdout_intervals
+from ballbot.identification.windows import measured_wheel_speeds
 from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import CheckedLogs, checked_logs
-from ballbot.log.columns import torque_names, wheel_speed_names
+from ballbot.log.columns import torque_names
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress, in_parts, on_all_cores, part_of
 from ballbot.robot import Robot, RobotLike, as_robot
@@ -75,12 +76,9 @@ class StudiedLog:
     held_out: tuple[Interval, ...]  #: (start, end) [s]
 
     def wheel_speeds(self, robot: Robot) -> NDArray[np.float64]:
-        """Return the wheels' speeds (N, n) [rad/s]: measured, else from the states by kinematics."""
-        names = wheel_speed_names(robot.wheel_count)
-        if all(name in self.log and np.isfinite(self.log[name]).all() for name in names):
-            return self.log.wheel_speeds
-        states = self.log.states
-        return Model(robot).wheel_speed(states[:, :5], states[:, 5:])
+        """Return the wheels' speeds (M, n) [rad/s] in the rows that have them."""
+        speeds = measured_wheel_speeds(self.log, robot)
+        return speeds[np.isfinite(speeds).all(axis=1)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -205,6 +203,8 @@ def study(
         for name, log in checked.logs.items()
     )
     check_columns(robot, studied)
+    needed = (*torque_names(robot.wheel_count), *STATE_NAMES)
+    studied = tuple(replace(one, log=one.log.complete(*needed)) for one in studied)
     if not 2 <= options.draws <= MAX_DRAWS:
         raise InputError(f"The number of draws is {options.draws}; it must be 2 to {MAX_DRAWS}, such as 20.")
     # whole nanoseconds: the rounding of a log's time stamps does not belong into a controller file
@@ -286,7 +286,7 @@ def check_columns(robot: Robot, logs: Sequence[StudiedLog]) -> None:
         raise InputError("A study needs at least one log.")
     for studied in logs:
         try:
-            studied.log.require(*torque_names(robot.wheel_count), *STATE_NAMES)
+            studied.log.complete(*torque_names(robot.wheel_count), *STATE_NAMES)
             more = torque_names(robot.wheel_count + 1)[-1]
             if more in studied.log:
                 raise InputError(

@@ -141,6 +141,7 @@ def _log_findings(log: Log, robot: Robot | None, examined: PhysicsOfLog | None) 
     wheel_count = robot.wheel_count if robot else _wheels_of(log)
     rates = check_rates(log)
     findings = [
+        *log.changes,
         *check_rows(log),
         *check_gaps(log),
         *check_jitter(log),

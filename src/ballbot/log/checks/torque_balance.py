@@ -256,18 +256,26 @@ def _needed(motion: Motion, robot: Robot) -> NDArray[np.float64]:
 
 
 def smoothed_wheel_speeds(log: Log, robot: Robot) -> NDArray[np.float64]:
-    """Return each wheel's speed (len(log), n) [rad/s], smoothed; by the states if not logged."""
+    """Return each wheel's speed (len(log), n) [rad/s], smoothed; by the states where it is not logged.
+
+    It is missing in rows that lack the states as well.
+    """
     from ballbot.log.checks.kinematics import wheel_speeds_of_states
 
     names = wheel_speed_names(robot.wheel_count)
-    if set(names) <= set(log.names) and all(np.isfinite(log[name]).all() for name in names):
-        speeds = np.column_stack([log[name] for name in names])
-    else:
+    logged = set(names) <= set(log.names)
+    speeds = np.column_stack([log[name] if logged else np.full(len(log), np.nan) for name in names])
+    if not np.isfinite(speeds).all():
         rates = ("x_dot", "y_dot", "theta_dot", "phi_dot", "psi_dot")
         zero = np.zeros(len(log))
         state = [zero, zero, *(log[name] for name in ("theta", "phi", "psi", *rates))]
-        speeds = wheel_speeds_of_states(np.column_stack(state), robot)
-    return local_fit(log.t, speeds, rows=max(2, round(0.015 / log.sample_time)))[0]
+        by_states = wheel_speeds_of_states(np.column_stack(state), robot)
+        speeds = np.where(np.isfinite(speeds), speeds, by_states)
+    known = np.isfinite(speeds).all(axis=1)
+    rows = max(2, round(0.015 / log.sample_time))
+    smooth = np.full_like(speeds, np.nan)
+    smooth[known] = local_fit(log.t[known], speeds[known], rows=rows)[0]
+    return smooth
 
 
 def _left_unexplained(driving: Driving) -> NDArray[np.float64]:
