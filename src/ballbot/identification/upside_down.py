@@ -34,7 +34,7 @@ from ballbot.identification.excitation import WINDOWS_PER_PARAMETER
 from ballbot.identification.parameters import Bounds, BoundsLike, Coordinates, as_bounds, scale_between
 from ballbot.identification.prediction import DIFFERENCE
 from ballbot.identification.quantities import BY_NAME, FRICTION, OF_WHEELS
-from ballbot.identification.result import ParameterTable, found_robot, without_nan
+from ballbot.identification.result import ParameterTable, found_robot
 from ballbot.identification.result_findings import (
     bound_findings,
     correlation_findings,
@@ -48,6 +48,7 @@ from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names
 from ballbot.mechanics.friction import FrictionTerms, friction_terms
 from ballbot.progress import Progress, ProgressReporter, Stage
+from ballbot.results import to_results
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.simulation.upside_down import ClampedBall, simulate_balls
 from ballbot.summary import Summary, estimated, first_texts, listed, plotted, summarized
@@ -183,15 +184,15 @@ class UpsideDown:
         return plotted(self)
 
     def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds; NaN becomes None, JSON's null."""
-        return {
-            "parameters": without_nan(self.parameters),
-            "standard_errors": without_nan(self.standard_errors),
-            "correlation": {"labels": list(self.labels), "matrix": without_nan(self.correlation.tolist())},
+        """Return what results.json holds."""
+        results = {
+            "parameters": self.parameters,
+            "standard_errors": self.standard_errors,
+            "correlation": {"labels": list(self.labels), "matrix": self.correlation},
             "rmse": {
                 "columns": list(BALL_NAMES),
-                "held_out": {name: error.tolist() for name, error in self.held_out.items()},
-                "fit": {name: error.tolist() for name, error in self.fit.items()},
+                "held_out": self.held_out,
+                "fit": self.fit,
             },
             "cost": {"evolution": list(self.evolution_cost)},
             "windows": {
@@ -201,6 +202,7 @@ class UpsideDown:
             },
             "findings": finding_results(self.findings),
         }
+        return to_results(results)
 
 
 #: longest inner step [s] of the evolution, and of the rest
