@@ -174,9 +174,7 @@ class Bench:
     def contact(self) -> Robot:
         """The robot with the friction of drivelines and contacts, identified upside down as section 3.2 has it."""
         log = self.recordings["upside_down"]["log"]
-        return rounded_friction(
-            identify_upside_down(self.robot, log, generations=60, run=Run(seed=self.seed)).robot
-        )
+        return rounded_friction(identify_upside_down(self.robot, log, run=Run(seed=self.seed)).robot)
 
     @cached_property
     def ball_movement(self) -> BallMovement:
