@@ -82,6 +82,8 @@ CAMPAIGNS = {
 
 #: campaigns whose section the page does not have, and why
 NOT_ON_THE_PAGE = {
+    "adaptation": "measured only while the controller also adapted to its drivelines, a part that is gone",
+    "adaptation_courses": "as adaptation",
     "firmware_math": "not run yet over every float; tests/firmware/test_math.py measures a sample of them",
     "reproduce": "compares docs/generated/reproduce.md, which `ballbot reproduce` writes, with a fresh run",
 }

@@ -20,6 +20,7 @@ from ballbot.identification.prediction import Predictor
 from ballbot.identification.stages import IdentificationOptions
 from ballbot.identification.windows import cut_windows
 from ballbot.log import STATE_NAMES, Log
+from ballbot.results import to_results
 from tests.support.control_examples import alten
 from tests.support.identification_examples import TRUTH, balancing_log, late, noisy
 from tests.support.log_examples import smooth_log
@@ -336,4 +337,4 @@ def test_friction_share_scales_with_the_friction(factor):
 def test_without_friction_no_share_and_no_nan_in_results():
     first = errors(0.0)[0]
     assert np.isnan(first.wheel_speed.share)
-    json.dumps(first.to_dict(), allow_nan=False)
+    json.dumps(to_results(first), allow_nan=False)

@@ -17,7 +17,8 @@ from ballbot.cli.findings import Accept, check_robot
 from ballbot.cli.output import emit, print_verdict, progress_bar, standard_output
 from ballbot.control.references import as_reference
 from ballbot.estimation.interface import EstimatorName
-from ballbot.files import check_folder, read_json
+from ballbot.file_formats import read_results
+from ballbot.files import check_folder
 from ballbot.fitting.run import check_seed
 from ballbot.log.formats import check_format
 from ballbot.printable import shell_line
@@ -148,7 +149,8 @@ def _emit(outcomes: Sequence[RecordOutcome]) -> None:
         emit(
             {
                 "runs": [
-                    to_results(one) | {"results": read_json(one.folder / "results.json")} for one in outcomes
+                    to_results(one) | {"results": read_results(one.folder / "results.json")}
+                    for one in outcomes
                 ]
             }
         )
