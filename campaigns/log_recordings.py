@@ -1,4 +1,4 @@
-"""The sound recordings of `campaigns.log_faults`: 50 of the twin and the equations of motion over all presets, and real ones.
+"""The sound recordings of `campaigns.log_faults`, of the twin and the equations of motion over all presets.
 
 A draw varies the reference, the controller, the scenario (wheels, noise, heading drift, play, friction, late and
 unsteady torques, tilted floors, pushes, slow errors and latency of the sensors) and, by a few percent, the true
@@ -180,6 +180,7 @@ def _reference(draw: Draw) -> Reference:
     )
 
 
+RECORDINGS = 50
 KEPT = Path(__file__).parents[1] / "build" / "log_faults"
 
 

@@ -20,8 +20,6 @@ from ballbot.findings import Finding, Place
 from ballbot.log.checks.kinematics import wheel_agreement
 from ballbot.log.checks.lean import (
     LeanEvidence,
-    Motion,
-    Rows,
     lean_evidence,
     lean_findings,
     motion_of,
@@ -61,8 +59,8 @@ class PhysicsOfLog:
 def examine(log: Log, robot: Robot) -> PhysicsOfLog:
     """Check a log of balancing with the robot's equations, and return findings and the scales of the log.
 
-    The torques are checked only against a motion that the lean confirms: not if the lean contradicts the ball's
-    acceleration or is not conclusive.
+    Order, sign and scale of the torques are checked only against a motion that the lean confirms: not if the lean
+    contradicts the ball's acceleration or is not conclusive. A change within the log shows without it.
 
     Parameters
     ----------
@@ -82,6 +80,10 @@ def examine(log: Log, robot: Robot) -> PhysicsOfLog:
         return PhysicsOfLog(findings=(*late, *findings), lean=lean, wheel_gain=gain)
     if late:
         return PhysicsOfLog(findings=tuple(late), lean=lean, wheel_gain=gain)
+    names, driving = torque_names(robot.wheel_count), driving_of(log, rows, motion, robot)
+    sums = motor_sums(driving, motion, robot) if driving else ()
+    if changed := change_findings(sums, motion, names=names):
+        return PhysicsOfLog(findings=tuple(changed), lean=lean, wheel_gain=gain)
     if not lean.conclusive:
         sentence = (
             "The signs and scales of lean and torques cannot be checked: the "
@@ -89,28 +91,16 @@ def examine(log: Log, robot: Robot) -> PhysicsOfLog:
             "(too little motion, slipping wheels, or a robot that is held)."
         )
         return PhysicsOfLog(
-            findings=(Finding(code="physics", severity="note", text=sentence),), wheel_gain=gain
+            findings=(Finding(code="physics", severity="warning", text=sentence),), wheel_gain=gain
         )
-    gains, findings = _torque(log, rows, motion, robot)
-    return PhysicsOfLog(findings=tuple(findings), lean=lean, gains=gains, wheel_gain=gain)
-
-
-def _torque(log: Log, rows: Rows, motion: Motion, robot: Robot) -> tuple[Gains | None, list[Finding]]:
-    """Return the torques' gains and findings; on their scale only if there is no other."""
-    driving = driving_of(log, rows, motion, robot)
-    if driving is None:
-        return None, []
-    names, sums = torque_names(robot.wheel_count), motor_sums(driving, motion, robot)
-    findings = change_findings(sums, motion, names=names) or torque_findings(
-        torque_evidence(driving), names=names
-    )
-    if findings:
-        return None, findings
+    findings = torque_findings(torque_evidence(driving), names=names) if driving else []
+    if findings or not sums:
+        return PhysicsOfLog(findings=tuple(findings), lean=lean, wheel_gain=gain)
     gains = gains_of(sums)
     findings = gain_findings(gains, names=names)
     if findings and gains.common()[0] < 1.0 and (clipped := _clipped(log, names)):
-        return gains, [clipped]
-    return gains, findings
+        findings = [clipped]
+    return PhysicsOfLog(findings=tuple(findings), lean=lean, gains=gains, wheel_gain=gain)
 
 
 def _clipped(log: Log, names: tuple[str, ...]) -> Finding | None:

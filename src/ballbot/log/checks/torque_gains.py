@@ -53,7 +53,7 @@ FACTORS = np.array([-1.0, -0.5, *np.linspace(0.0, 0.8, 17)])
 LEFT, CHANGED = 0.01, 2.0
 #: part of a torque's squares that may be left with the change; more is no torque of this wheel
 MOST_LEFT = 0.06
-#: a smaller side is zero below this factor of the larger
+#: a side is zero whose size is below this part of the other's
 AS_ZERO = 0.12
 
 #: columns of `MotorSums`: the need, three terms of friction and a constant, gravity's part of the need, the torque
@@ -95,10 +95,9 @@ class MotorSums:
         if not at.size or power <= 0.0:
             return None
         summed = np.cumsum(self.products, axis=0)
-        before, after = summed[at - 1], summed[-1] - summed[at - 1]
+        sides = np.stack((summed[at - 1], summed[-1] - summed[at - 1]), axis=1)[:, :, None]
         # [place, which side is scaled, factor]
         factor = np.concatenate((FACTORS, [1.0]))[:, None, None]
-        sides = np.stack((before, after), axis=1)[:, :, None]
         model = sides[..., _MODEL, _MODEL] * factor**2 + sides[:, ::-1, ..., _MODEL, _MODEL]
         right = sides[..., _MODEL, _TORQUE] * factor[..., 0] + sides[:, ::-1, ..., _MODEL, _TORQUE]
         found = np.linalg.solve(_regular(model), right[..., None])[..., 0]
@@ -110,7 +109,13 @@ class MotorSums:
         # a torque of the right sign drives its wheel
         wrong_sign = FACTORS[number] < 0.0 and found[place, side, number, 0] < 0.0
         before = bool((side == 0) != wrong_sign)
-        return Change(second=int(at[place]), factor=float(FACTORS[number]), before=before)
+        powers = np.sort(sides[place, :, 0, _TORQUE, _TORQUE])
+        return Change(
+            second=int(at[place]),
+            factor=float(FACTORS[number]),
+            before=before,
+            zero=bool(powers[0] < AS_ZERO**2 * powers[1]),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,6 +125,7 @@ class Change:
     second: int  #: number of the second in which it does
     factor: float  #: smaller side over the larger one, from -1 to 1
     before: bool  #: whether the smaller side, or the one of the wrong sign, is the one before
+    zero: bool  #: whether the smaller side is as good as zero
 
 
 def _regular(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -226,7 +232,7 @@ def _changed(name: str, change: Change, time: float) -> Finding:
         else (f"from about t = {time:.0f} s on", "before")
     )
     where = Place(columns=(name,), time=time)
-    if abs(change.factor) < AS_ZERO:
+    if change.zero:
         sentence = (
             f"{name} is zero {span} though its wheel turns as if driven: a dead motor, or a torque that was not "
             "recorded. Use the rest of the log."
