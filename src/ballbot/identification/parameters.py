@@ -1,17 +1,10 @@
 """The parameters of a fit: their bounds, which a user may set in Python or in a TOML file, and their scaling.
 
-    viscous = [0.0, 0.1]             # b [N m s/rad], every wheel's
-    coulomb = [0.0, 0.5]             # c [N m]
-    stribeck = [0.0, 0.5]            # s [N m]
-    stribeck_speed = [0.1, 3.0]      # v_s [rad/s]
-    stribeck_exponent = [0.3, 10.0]  # delta
-    rolling = [0.0, 0.05]            # C_rr
+    coulomb = [0.0, 0.5]             # c [N m], every wheel's
     delay = [0.012, 0.012]           # held at that value [s]
 
-Keys left out keep the defaults of `ballbot.identification.quantities`, which are wide for a robot of 5 to 50 kg with
-motors of some N m. Bounds hold for every number of a quantity, in its unit. Equal bounds hold it at that
-value, so that a value known from elsewhere, as a delay, takes part. A v_s far below the speeds of the log with a large
-s is friction that hardly ever acts, and traps a search: hence the bound at 0.1 rad/s.
+Keys left out keep the defaults of `ballbot.identification.quantities`. Bounds hold for every number of a quantity, in
+its unit. Equal bounds hold it at that value, so that a value known from elsewhere, as a delay, takes part.
 """
 
 from __future__ import annotations

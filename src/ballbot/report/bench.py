@@ -18,6 +18,7 @@ from rich.text import Text
 
 from ballbot.findings import Finding, texts
 from ballbot.identification.geometry import CLEAR, Geometry, Measured
+from ballbot.identification.quantities import BY_NAME, OF_WHEELS
 from ballbot.identification.swing import SwingFit
 from ballbot.identification.upside_down import BallWindows, UpsideDown, cut_ball_windows
 from ballbot.log import Log
@@ -137,9 +138,6 @@ def swing_figure(fit: SwingFit, *, label: str = "measured") -> Figure:
     return figure
 
 
-_UNITS = {"b": "N m s/rad", "c": "N m", "s": "N m", "v_s": "rad/s", "delta": ""}
-
-
 def upside_down_parts(found: UpsideDown, robot: Robot, *, framed: bool) -> Iterator[RenderableType]:
     """Yield the friction identified upside down beside the robot file's, the errors and the findings."""
     yield _parameter_table(found, robot, framed=framed)
@@ -161,22 +159,16 @@ def _comparison(described: Robot) -> list[str]:
 
 
 def _parameter_table(found: UpsideDown, described: Robot, *, framed: bool) -> TextTable:
-    friction = described.friction
-    before = {
-        "b": friction.viscous,
-        "c": friction.coulomb,
-        "s": friction.stribeck,
-        "v_s": (friction.stribeck_speed,),
-        "delta": (friction.stribeck_exponent,),
-    }
     rows = []
-    for symbol, value in found.parameters.items():
+    for quantity in (BY_NAME[name] for name in OF_WHEELS):
+        symbol, before = quantity.symbol, quantity.nominal(described)
+        value = found.parameters[symbol]
         values = value if isinstance(value, list) else [value]
         error = found.standard_errors[symbol]
         errors = error if isinstance(error, list) else [error]
-        for i, (one, its_error, old) in enumerate(zip(values, errors, before[symbol], strict=True), start=1):
+        for i, (one, its_error, old) in enumerate(zip(values, errors, before, strict=True), start=1):
             name = f"{symbol}{i}" if isinstance(value, list) else symbol
-            rows.append((name, *value_and_error(one, its_error), digits(old), _UNITS[symbol]))
+            rows.append((name, *value_and_error(one, its_error), digits(old), quantity.unit))
     headings = ("parameter", "upside down", "standard error", "robot file", "unit")
     return table("Friction of drivelines and ball-wheel contacts", headings, rows, framed=framed)
 
