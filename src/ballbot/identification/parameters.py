@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -99,6 +100,26 @@ class Coordinates(ParameterSpace):
     """The parameters of a robot in the order of its layout, friction's 3 n + 3 first."""
 
     layout: Layout
+    alike: tuple[str, ...] = ()  #: quantities of wheels that have one number for all of them
+
+    @cached_property
+    def first(self) -> NDArray[np.int64]:
+        """The place of the number that each one (p,) equals: its own, or the first wheel's."""
+        places = np.arange(len(self.parameters))
+        for name in self.alike:
+            columns = self.layout.columns(name)
+            assert columns is not None, name
+            places[columns] = columns.start
+        return places
+
+    @cached_property
+    def free(self) -> NDArray[np.bool_]:
+        """Which parameters (p,) a fit moves; of numbers that are equal, the first."""
+        return (self.upper > self.lower) & (self.first == np.arange(len(self.parameters)))
+
+    def physical(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return parameters (..., p) in SI units from scaled ones (..., p)."""
+        return super().physical(scaled[..., self.first])
 
     def scaled_one(self, place: int, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return values (k,) of the parameter at a place, scaled and brought within its bounds."""
