@@ -128,12 +128,16 @@ def _found() -> Identification:
         ),
         correlation=spread / np.outer(scale, scale),
         coulomb=CoulombEquivalent(
-            values=np.full(3, 0.1), standard_errors=np.full(3, 5e-3), speeds=np.full(3, 3.0)
+            values=np.full(3, 0.1),
+            standard_errors=np.full(3, 5e-3),
+            speeds=np.full(3, 3.0),
+            coulomb=np.full(3, 0.1),
+            coulomb_errors=np.full(3, 0.02),
         ),
         fit=errors,
         held_out=errors,
         fit_windows=(),
-        held_out_windows=(),
+        held_out_windows=(Span(log=0, start=0.0, end=0.25),),
         window=0.25,
         excluded_states=(),
         evolution_cost=(),
@@ -269,7 +273,7 @@ def test_sentences_and_summary_name_no_parameter_that_the_law_lacks():
     text = coulomb_sentence(coulomb.coulomb, coulomb.names)
     # the table has its numbers, with standard errors of another kind
     assert text == "Compare the Coulomb friction c of each wheel with other logs and robots."
-    assert [name for name, _ in coulomb.summary().rows][:4] == ["b", "c", "C_rr", "prediction error"]
+    assert [name for name, _ in coulomb.summary().rows][1:5] == ["b", "c", "C_rr", "prediction error"]
     bounds[:6] = [[0.0, 1.0]] * 3 + [[0.0, 0.0]] * 3
     assert coulomb_sentence(coulomb.coulomb, replace(found, bounds=bounds).names) == ""
 

@@ -69,6 +69,9 @@ def inseparable(
         Those of the wheels in the logs [rad/s].
     """
     layout, free, n = coordinates.layout, coordinates.free, coordinates.layout.wheel_count
+    gains = layout.columns("torque_gain")
+    if gains is not None and free[gains].any():  # what motors differ by is asked for
+        return ()
     speeds = np.abs(speeds.reshape(-1, n))
     v_s, delta = (float(layout.number(name, values)) for name in ("stribeck_speed", "stribeck_exponent"))
     decay = stribeck_decay(speeds / v_s, delta).mean(axis=0)
