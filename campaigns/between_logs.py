@@ -34,7 +34,7 @@ from ballbot.fitting.search import at_bound
 from ballbot.fitting.uncertainty import discrepancy
 from ballbot.identification.coulomb import coulomb_equivalent
 from ballbot.identification.identify import estimated_parameters, speed_groups
-from ballbot.identification.laws import LawName, window_blocks
+from ballbot.identification.laws import LawName
 from ballbot.identification.parameters import Bounds, Coordinates
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import FRICTION
@@ -48,6 +48,7 @@ from ballbot.identification.variation import (
     units_of,
     variation,
 )
+from ballbot.identification.verdict import window_blocks
 from ballbot.log import Log
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.mechanics.model import Model
