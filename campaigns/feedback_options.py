@@ -33,7 +33,7 @@ from ballbot.control.references import change_pose, hold, square
 from ballbot.estimation import named_estimator
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.processes import worker_pool
-from ballbot.simulation.conditions import FALLING_PART
+from ballbot.simulation.imperfections import FALLING_PART
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement
 from ballbot.twin import Scenario, Twin

@@ -18,7 +18,8 @@ from ballbot.robot.file import write_robot
 from ballbot.simulation.conditions import MAX_DELAY, Conditions, rest_on_slope
 from ballbot.simulation.gear_play import GearPlayPlant
 from ballbot.simulation.model_plant import ModelPlant
-from ballbot.simulation.sensed_plant import Imperfections, SensedPlant
+from ballbot.simulation.imperfections import Imperfections
+from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import Payload, Timing

@@ -40,7 +40,8 @@ from ballbot.simulation.conditions import Conditions
 from ballbot.simulation.driveline import Driveline, simulate_drivelines
 from ballbot.simulation.gear_play import GearPlayPlant
 from ballbot.simulation.model_plant import ModelPlant
-from ballbot.simulation.sensed_plant import Imperfections, SensedPlant
+from ballbot.simulation.imperfections import Imperfections
+from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
 from ballbot.simulation.upside_down import follow as follow_ball
 from ballbot.twin import Twin

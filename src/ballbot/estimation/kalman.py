@@ -261,6 +261,16 @@ def filter_model(robot: Robot, *, sample_time: float, noise: FilterNoise) -> Fil
     )
 
 
+def filter_row(robot: Robot, *, sample_time: float) -> NDArray[np.float64]:
+    """Return a robot's filter as the compiled loop reads it: model, lower triangle of P, and how pivoting is found."""
+    noise = FilterNoise.of(robot)
+    model = filter_model(robot, sample_time=sample_time, noise=noise)
+    share = min(1.0, sample_time / noise.pivoting_time)
+    return np.concatenate(
+        [model.row(), first_covariance(noise)[LOWER_TRIANGLE], [share, noise.pivoting_limit]]
+    )
+
+
 def first_covariance(noise: FilterNoise) -> NDArray[np.float64]:
     """Return P (14, 14) before the first reading: it sets the attitude, errors and all."""
     P = np.zeros((STATES, STATES))

@@ -35,50 +35,11 @@ from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot, Sensors
 from ballbot.robot.derived import wheel_speed_limit
-from ballbot.simulation.conditions import FALLING_PART, Conditions, rest_on_slope
+from ballbot.simulation.imperfections import FALLING_PART, Imperfections, rest_on_slope
 from ballbot.simulation.gear_play import GearPlayPlant
 from ballbot.simulation.model_plant import ModelPlant, checked_states
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults, SensorSuite, sensor_samples
-
-#: samples over which counts may be differenced
-_LONGEST_WINDOW = 10_000
-
-
-@dataclass(frozen=True, kw_only=True)
-class Imperfections:
-    """A robot's sensors, drive and floor, beyond what its model has; all but the sensors is off by default.
-
-    Raises
-    ------
-    InputError
-        If a value is not a number of its kind, or out of its bounds.
-    """
-
-    sensors: Sensors  #: the sensors as they really are; their sample time is the plant's
-    speed_window: int = 1  #: samples over which encoder counts are differenced into a speed
-    sensor_faults: SensorFaults | None = None
-    accelerometer: Accelerometer | None = None
-    fix: FixSource | None = None
-    delay: int = 0  #: samples by which torques come later than they were computed
-    torque_noise: float = 0.0  #: standard deviation of each sample's torque [N m]
-    backlash: float = 0.0  #: gearbox play at the wheel, from stop to stop [rad]
-    slope: tuple[float, float] = (0.0, 0.0)  #: rise of the floor along x and along y [-]
-    fallen_lean: float = LARGEST_LEAN  #: lean at which a run ends [rad]
-
-    def __post_init__(self) -> None:
-        _check_sensors(self.sensors)
-        if whole_number(self.speed_window, "speed_window", least=1) > _LONGEST_WINDOW:
-            raise InputError(f"speed_window is {self.speed_window}; it must be at most {_LONGEST_WINDOW}.")
-        for name in ("torque_noise", "backlash"):
-            if not real_number(getattr(self, name), name) >= 0.0:
-                raise InputError(f"{name} is {getattr(self, name):g}; it must be zero or more.")
-        if not positive_number(self.fallen_lean, "fallen_lean") <= LARGEST_LEAN:
-            raise InputError(
-                f"fallen_lean is {self.fallen_lean:g} rad; the model holds up to {LARGEST_LEAN:g} rad."
-            )
-        Conditions(delay=self.delay, slope=self.slope)  # the same bounds
-
 
 class SensedPlant:
     """A model behind a robot's own sensors, drive and floor.
@@ -305,15 +266,3 @@ class _Slope:
         moved = state.copy()
         moved[2:4] += sign * self._lean
         return moved
-
-
-def _check_sensors(sensors: Sensors) -> None:
-    if not positive_number(sensors.sample_time, "sample_time of the sensors") >= SHORTEST_SAMPLE:
-        raise InputError(
-            f"sample_time of the sensors is {sensors.sample_time:g} s; it must be at least {SHORTEST_SAMPLE:g} s."
-        )
-    whole_number(sensors.encoder_counts, "encoder_counts of the sensors", least=1)
-    for name in ("gyro_noise", "attitude_noise"):
-        if not real_number(getattr(sensors, name), f"{name} of the sensors") >= 0.0:
-            raise InputError(f"{name} of the sensors is {getattr(sensors, name):g}; it must be zero or more.")
-    real_number(sensors.heading_drift, "heading_drift of the sensors")

@@ -108,6 +108,18 @@ def wheel_side(P, rotor):
 
 
 @inlined
+def passed_torques(selected, work, lane):
+    """Return the torques (n) that drive a lane's wheels: what their gears pass on, less their loads."""
+    passed, loads = restored(selected.wheels, work, PASSED, lane), restored(selected.wheels, work, LOAD, lane)
+    return each(_difference, passed, loads)
+
+
+@inlined
+def _difference(a, b):
+    return a - b
+
+
+@inlined
 def _contacts_like(selected):
     """Return zeros, one for each contact: the wheels, the spin where the ball pivots, the ball's x and y."""
     return of_boxes(selected, each(_zero, selected.wheels), 0.0) + (0.0, 0.0)
