@@ -31,10 +31,11 @@ from ballbot.log.checks import check_logs
 from ballbot.processes import worker_pool
 from ballbot.robot import Robot
 from ballbot.robot.components import scaled_body, scaled_friction
+from ballbot.simulation.imperfections import Push
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensors import SensorFaults
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.faults import Push, Softness, Timing
+from ballbot.twin.faults import Softness, Timing
 from campaigns.section import Section, is_kept
 
 PRESETS = ("alten", "cmu", "kugle", "rezero", "rob311")

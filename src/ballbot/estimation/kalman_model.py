@@ -48,7 +48,7 @@ from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import called, compiled, inlined
 from ballbot.mechanics.engine.elementary import sine_cosine
 from ballbot.mechanics.engine.lanes import LANES, entry, put, restored, stored
-from ballbot.mechanics.engine.vector import dot, written
+from ballbot.mechanics.engine.vector import add, dot, scale, written
 from ballbot.robot import Robot
 
 
@@ -168,7 +168,9 @@ STATE = MODEL_SIZE
 COVARIANCE = STATE + STATES
 GYRO_BEFORE = COVARIANCE + _TRIANGLE_SIZE  #: at the sample's start [rad/s]
 GYRO = GYRO_BEFORE + 3  #: at its end
-BALL_RATE = GYRO + 3  #: mean turning of the ball relative to the body, T_obw wheel_speed; NaN if missing [rad/s]
+BALL_RATE = (
+    GYRO + 3
+)  #: mean turning of the ball relative to the body, T_obw wheel_speed; NaN if missing [rad/s]
 LEAN = BALL_RATE + 3  #: the AHRS's g at the sample's end; NaN if missing
 HEADING = LEAN + 2  #: its psi
 PIVOTS = HEADING + 1  #: 1 if the ball turns on the spot, so that Omega_z = 0 does not hold, else 0
@@ -245,6 +247,11 @@ def _ahead(a, rate, h):
 
 
 @inlined
+def _turned(rows, first, second):
+    return add(scale(rows[0], first), scale(rows[1], second))
+
+
+@inlined
 def _tilt(g):
     """Return M(g), the shortest turn that takes the direction g, given by x and y, upright, by its rows."""
     g_z = upright_part(g)
@@ -286,8 +293,7 @@ def transition(model, x, gyro):
     turning, over, rise = heading_rate(g, w), h / (1.0 + g_z), 1.0 / g_z
     s3, c3 = sine_cosine(x[2])
     v_x, v_y = x[5] - dot(lever[0], w), x[6] - dot(lever[1], w)
-    along = (c3 * lever[0][0] - s3 * lever[1][0], c3 * lever[0][1] - s3 * lever[1][1], c3 * lever[0][2] - s3 * lever[1][2])
-    across = (s3 * lever[0][0] + c3 * lever[1][0], s3 * lever[0][1] + c3 * lever[1][1], s3 * lever[0][2] + c3 * lever[1][2])
+    along, across = _turned(lever, c3, -s3), _turned(lever, s3, c3)
     return (
         (-h * (s3 * v_x + c3 * v_y), h * c3, -h * s3, h * along[0], h * along[1], h * along[2])
         + (h * (c3 * v_x - s3 * v_y), h * s3, h * c3, h * across[0], h * across[1], h * across[2])
@@ -311,8 +317,20 @@ def wheels_seen(model, x, ball_rate, gyro, velocity):
     z = (ball_rate[0] + gyro[0] - x[7], ball_rate[1] + gyro[1] - x[8], ball_rate[2] + gyro[2] - x[9])
     residuals = (r_b * dot(M[1], z) - velocity[0], -r_b * dot(M[0], z) - velocity[1], dot(M[2], z))
     # Omega by the lean: [[-z_z, 0], [0, -z_z], [z_x, z_y]]
-    forward = (1.0, lever[0][0] + r_b * M[1][0], lever[0][1] + r_b * M[1][1], lever[0][2] + r_b * M[1][2], r_b * z[2])
-    left = (1.0, lever[1][0] - r_b * M[0][0], lever[1][1] - r_b * M[0][1], lever[1][2] - r_b * M[0][2], -r_b * z[2])
+    forward = (
+        1.0,
+        lever[0][0] + r_b * M[1][0],
+        lever[0][1] + r_b * M[1][1],
+        lever[0][2] + r_b * M[1][2],
+        r_b * z[2],
+    )
+    left = (
+        1.0,
+        lever[1][0] - r_b * M[0][0],
+        lever[1][1] - r_b * M[0][1],
+        lever[1][2] - r_b * M[0][2],
+        -r_b * z[2],
+    )
     return residuals, forward + left + (M[2][0], M[2][1], M[2][2], -z[0], -z[1])
 
 
@@ -373,7 +391,9 @@ def _propagation():
             terms = [product(j, lambda k, i=i: f"m{i}_{k}")]
             if i < BIAS:
                 shared = [b for b in range(BIAS, BIAS + 3) if b in biased[i] and b in biased[j]]
-                terms += [f"noise * ({' + '.join(f'{biased[i][b]} * {biased[j][b]}' for b in shared)})"] * bool(shared)
+                terms += [
+                    f"noise * ({' + '.join(f'{biased[i][b]} * {biased[j][b]}' for b in shared)})"
+                ] * bool(shared)
             if i == j:
                 terms.append(_row(_WALK, i))
             lines.append(f"{_row(COVARIANCE, _triangle(i, j))} = {' + '.join(terms)}")
@@ -419,7 +439,12 @@ def _weigh(work, width, number, counts):
     for i in range(STATES):
         for lane in range(width):
             gain = entry(work, _INVERSE, lane) * entry(work, _Q + i, lane)
-            put(work, _CHANGE + i, lane, entry(work, _CHANGE + i, lane) + gain * entry(work, _RESIDUAL + number, lane))
+            put(
+                work,
+                _CHANGE + i,
+                lane,
+                entry(work, _CHANGE + i, lane) + gain * entry(work, _RESIDUAL + number, lane),
+            )
 
 
 def _correction():

@@ -261,7 +261,9 @@ def _check_imperfections(borne: Sequence[Imperfections], model: Model, sample_ti
                 f"{sample_time:g} s; in a batch both must be the same."
             )
         if one.fix is not None:
-            raise InputError("A batch has no fixes from outside; run the robot with `simulate` on a `SensedPlant`.")
+            raise InputError(
+                "A batch has no fixes from outside; run the robot with `simulate` on a `SensedPlant`."
+            )
         if (one.sensors is not None or one.backlash > 0.0) and model.formulation != "exact":
             raise InputError(
                 "Sensors and play need the formulation 'exact'; the wheel speeds of 'thesis' are not those that "
@@ -289,11 +291,15 @@ def _loops(
         key = (*map(id, of), estimator)
         if key not in made:
             imperfections, robot, assumed = of
-            row = loop_record(imperfections, robot, known=assumed, estimator=estimator, sample_time=sample_time)
+            row = loop_record(
+                imperfections, robot, known=assumed, estimator=estimator, sample_time=sample_time
+            )
             made[key] = row, filter_row(assumed, sample_time=sample_time)
         loops.append(made[key][0])
         filters.append(made[key][1])
-    needed = any(one.sensors is not None for one in borne) and any(c.estimator == "kalman" for c in controllers)
+    needed = any(one.sensors is not None for one in borne) and any(
+        c.estimator == "kalman" for c in controllers
+    )
     return np.array(loops), np.array(filters) if needed else np.empty((0, 0))
 
 

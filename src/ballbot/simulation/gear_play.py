@@ -145,7 +145,14 @@ class GearPlayPlant:
         steps = self.model.steps_in(duration)
         self._state = self._state.copy()
         run_with_play(
-            self.model.selected, self._work, torques, loads, duration / steps, steps, self._state, self._transmitted
+            self.model.selected,
+            self._work,
+            torques,
+            loads,
+            duration / steps,
+            steps,
+            self._state,
+            self._transmitted,
         )
         self._t = round(self._t + duration, 9)
         acting = self._transmitted - loads
@@ -158,7 +165,7 @@ class GearPlayPlant:
             self._t, self._state, self._rows(ANGLE) + self._rows(AHEAD), self._rows(MOTOR), ended
         )
 
-    def _rows(self, first: int) -> NDArray[np.float64]:
+    def _rows(self, first: np.int64) -> NDArray[np.float64]:
         """Return a number of each wheel (n,) from the work array."""
         return self._work[first * LANES : (first + self.robot.wheel_count) * LANES : LANES].copy()
 

@@ -1,4 +1,4 @@
-"""The realistic closed loop, compiled: sensors, on-board state, control law, drive and mechanics of robots side by side.
+"""The realistic closed loop, compiled: sensors, estimator, control law, drive and mechanics of robots side by side.
 
 A sample of a robot is, in this order:
 
@@ -19,8 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.law import MEMORY_SIZE, control_law
-from ballbot.estimation.kalman_model import ROWS as FILTER_ROWS
-from ballbot.estimation.kalman_model import STATE as FILTER_STATE
 from ballbot.estimation.kalman_model import (
     BALL_RATE,
     BIAS,
@@ -39,6 +37,8 @@ from ballbot.estimation.kalman_model import (
     sample_block,
     upright_part,
 )
+from ballbot.estimation.kalman_model import ROWS as FILTER_ROWS
+from ballbot.estimation.kalman_model import STATE as FILTER_STATE
 from ballbot.mechanics.accelerations import solve
 from ballbot.mechanics.engine.arrays import fill
 from ballbot.mechanics.engine.compiled import by_types_of, called, compiled, inlined
@@ -86,7 +86,9 @@ class Inputs(NamedTuple):
 class Draws(NamedTuple):
     """What is random in the runs of a block, a row for each of its robots; without columns where nothing is."""
 
-    noise: NDArray[np.float64]  #: standard normal: six of the AHRS, then for each sample n of the torques and six more
+    noise: NDArray[
+        np.float64
+    ]  #: standard normal: six of the AHRS, then for each sample n of the torques and six more
     faults: NDArray[np.float64]  #: standard normal: five at the start, then five for each sample
     places: NDArray[np.float64]  #: (robots, n) of the motors in their play, -0.5 to 0.5
     durations: NDArray[np.float64]  #: (robots, samples) of the samples; without columns all are alike [s]
@@ -295,7 +297,7 @@ def _slot(row, robot):
 
 
 @called
-def _begin_filter(own, filters, robot, row, state, gyro, angles):
+def _begin_filter(filters, robot, row, state, gyro, angles):
     """Start a Kalman filter at its first reading; `row` is its row of `filter_row`."""
     for i in range(MODEL_SIZE):
         filters[_slot(i, robot)] = row[i]
@@ -328,7 +330,7 @@ def _show_filter(own, block, robot, limit, turned, gyro, angles):
 
 
 @called
-def _filtered(own, filters, robot, gyro, state):
+def _filtered(filters, robot, gyro, state):
     """Fill the state (10,) of a Kalman filter, and keep the gyro for the next sample."""
     x = FILTER_STATE
     w = np.empty(3)
@@ -375,7 +377,9 @@ def _push(selected, work, lane, own, push, duration):
     turning = (arm[1] * p[2] - arm[2] * p[1], arm[2] * p[0] - arm[0] * p[2], arm[0] * p[1] - arm[1] * p[0])
     system = terms(selected, P, a, v, w)
     v_change, w_change = solve(system, _along(v, p), rotate_back(a.R, turning))
-    after = in_state_order((state[0], state[1]), (state[2], state[3], state[4]), each(_sum, v, v_change), add(w, w_change))
+    after = in_state_order(
+        (state[0], state[1]), (state[2], state[3], state[4]), each(_sum, v, v_change), add(w, w_change)
+    )
     stored(work, STATE, lane, after)
 
 
@@ -408,7 +412,7 @@ def _take_pushes(selected, work, width, inputs, sampling, first, sample):
 
 @called
 def _put_torques(work, width, inputs, block, first, h):
-    """Let the torques act on the lanes for a step of h [s], behind the motors' lag and less those that hold the slope."""
+    """Let the torques act on the lanes for a step of h [s], behind the motors' lag, less those for the slope."""
     n = block.acting.shape[1]
     for lane in range(width):
         robot = robot_in(work, lane)
@@ -467,14 +471,16 @@ def _measure(selected, work, lane, inputs, draws, block, first, sample, t):
     for i in range(n):
         encoders[i] = block.angles[robot, i]
         if own.play > 0.0:
-            encoders[i] = work[(ANGLE + i) * LANES + lane] + work[(AHEAD + i) * LANES + lane] - block.starts[robot, i]
+            encoders[i] = (
+                work[(ANGLE + i) * LANES + lane] + work[(AHEAD + i) * LANES + lane] - block.starts[robot, i]
+            )
     _read_encoders(own, block, robot, sample, encoders, speeds)
     if own.estimator == 1:
         _onboard(own, block, robot, sample, speeds, gyro, angles, state)
         return
     row = inputs.filters[_row_of(inputs.filters, first + robot)]
     if sample == 0:
-        _begin_filter(own, block.filters, robot, row, state, gyro, angles)
+        _begin_filter(block.filters, robot, row, state, gyro, angles)
     else:
         for i in range(n):
             speeds[i] = (encoders[i] - block.before[robot, i]) / own.sample_time
@@ -492,10 +498,12 @@ def _command(work, lane, inputs, draws, block, first, sample, reference, held, o
         if sample > 0:
             pivoting = block.filters[_slot(PIVOTING, robot)]
             block.pivoting[robot] += row[len(row) - 2] * (pivoting - block.pivoting[robot])
-        _filtered(own, block.filters, robot, block.gyros[robot], state)
+        _filtered(block.filters, robot, block.gyros[robot], state)
     if own.missing_from <= sample < own.missing_until:
         state[0] = np.nan
-    control_law(inputs.laws[_row_of(inputs.laws, first + robot)], block.memories[robot], state, reference, held)
+    control_law(
+        inputs.laws[_row_of(inputs.laws, first + robot)], block.memories[robot], state, reference, held
+    )
     psi, late = work[(STATE + 4) * LANES + lane], block.late
     c, s = math.cos(psi), math.sin(psi)
     fill(late[sample % len(late), robot], held)

@@ -21,25 +21,25 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.arrays import SHORTEST_SAMPLE, positive_number, real_array, real_number, whole_number
+from ballbot.arrays import positive_number, real_array
 from ballbot.errors import InputError
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import Estimator, EstimatorName, Reading
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.mechanics.model import Model
-from ballbot.robot import Robot, Sensors
+from ballbot.robot import Robot
 from ballbot.robot.derived import wheel_speed_limit
-from ballbot.simulation.imperfections import FALLING_PART, Imperfections, rest_on_slope
 from ballbot.simulation.gear_play import GearPlayPlant
+from ballbot.simulation.imperfections import FALLING_PART, Imperfections, rest_on_slope
 from ballbot.simulation.model_plant import ModelPlant, checked_states
 from ballbot.simulation.plant import Measurement
-from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults, SensorSuite, sensor_samples
+from ballbot.simulation.sensors import SensorSuite, sensor_samples
+
 
 class SensedPlant:
     """A model behind a robot's own sensors, drive and floor.
@@ -81,6 +81,8 @@ class SensedPlant:
                 "the same number."
             )
         self.model, self.imperfections = model, imperfections
+        sensors = imperfections.sensors or robot.sensors
+        self._sample_time = sensors.sample_time
         self._mechanics = (
             GearPlayPlant(model, imperfections.backlash)
             if imperfections.backlash > 0.0
@@ -88,14 +90,14 @@ class SensedPlant:
         )
         self._sensors = SensorSuite(
             robot,
-            imperfections.sensors,
+            sensors,
             window=imperfections.speed_window,
             faults=imperfections.sensor_faults,
             accelerometer=imperfections.accelerometer,
             fix=imperfections.fix,
         )
         self._estimator = (
-            named_estimator(estimator, assumed, sample_time=imperfections.sensors.sample_time)
+            named_estimator(estimator, assumed, sample_time=self._sample_time)
             if isinstance(estimator, str)
             else estimator
         )
@@ -165,7 +167,7 @@ class SensedPlant:
         """
         held = real_array(torques, (self.robot.wheel_count,), "The array of torques")
         duration = positive_number(duration, "The duration")
-        samples = sensor_samples(duration, self.imperfections.sensors.sample_time)
+        samples = sensor_samples(duration, self._sample_time)
         for _ in range(samples - 1):
             self._advance(held)
             self._measure()
@@ -178,7 +180,7 @@ class SensedPlant:
         self._waiting.append(torques)
         noise = imperfections.torque_noise * self._random.standard_normal(self.robot.wheel_count)
         acting = self._drive.within_limits(self._waiting.popleft() + noise, self._true.wheel_speeds)
-        sample_time = imperfections.sensors.sample_time
+        sample_time = self._sample_time
         load = self._slope.load(float(self._true.state[4]))
         if isinstance(mechanics, GearPlayPlant):
             self._true = mechanics.step(acting, sample_time, wheel_load=load)

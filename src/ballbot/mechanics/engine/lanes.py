@@ -30,7 +30,9 @@ MARGIN = STEP + 1  #: positive where the trial counts
 ROBOT = MARGIN + 1  #: which of the block's robots the lane holds
 ROTOR = ROBOT + 1  #: of gears with play (`play_block`): j_r of a motor [kg m^2], and the play [rad]
 PLAY = ROTOR + 1
-MOTOR = PLAY + 1  #: the motors' speeds [rad/s], how far each is ahead of its wheel, and the wheels' angles [rad]
+MOTOR = (
+    PLAY + 1
+)  #: the motors' speeds [rad/s], how far each is ahead of its wheel, and the wheels' angles [rad]
 AHEAD = MOTOR + 4
 ANGLE = AHEAD + 4
 LOAD = ANGLE + 4  #: torques that load the wheels themselves [N m]

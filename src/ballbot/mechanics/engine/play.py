@@ -68,7 +68,9 @@ _G = _Y + 7 * 6
 _BEFORE = _G + 7 * 7
 _SPEEDS = _BEFORE + 7
 _STIFFEST = _SPEEDS + 7
-_MOMENTUM = _STIFFEST + 1  # of each motor before torque and dry friction, and the momentum that these can take
+_MOMENTUM = (
+    _STIFFEST + 1
+)  # of each motor before torque and dry friction, and the momentum that these can take
 _DRY = _MOMENTUM + MAX_WHEELS
 _INERTIA = _DRY + MAX_WHEELS
 _LOW = _INERTIA + MAX_WHEELS  # lowest and highest speed relative to its wheel
@@ -241,7 +243,10 @@ def _sweep_lane_of(selected, work, lane):
     pivots = selected.instance_class is Pivoting
     boxes = n + pivots
     x, y, count = boxes, boxes + 1, boxes + 2
-    lines = ["P, h = load(selected, work, lane), entry(work, STEP, lane)", "moving = entry(work, MOVED, lane) > SETTLED"]
+    lines = [
+        "P, h = load(selected, work, lane), entry(work, STEP, lane)",
+        "moving = entry(work, MOVED, lane) > SETTLED",
+    ]
     for i in range(count):
         lines += [f"s{i} = entry(work, SPEEDS + {i}, lane)", f"f{i} = entry(work, PASSED + {i}, lane)"]
         lines += [f"g{i}_{j} = h * entry(work, G + {count * i + j}, lane)" for j in range(count)]
@@ -278,7 +283,9 @@ def _sweep_lane_of(selected, work, lane):
     change(y)
     for i in range(count):
         for row, name in (("SPEEDS", f"s{i}"), ("PASSED", f"f{i}")):
-            lines.append(f"put(work, {row} + {i}, lane, {name} if moving else entry(work, {row} + {i}, lane))")
+            lines.append(
+                f"put(work, {row} + {i}, lane, {name} if moving else entry(work, {row} + {i}, lane))"
+            )
     for i in range(n):
         lines.append(f"put(work, SPEED + {i}, lane, m{i} if moving else entry(work, SPEED + {i}, lane))")
     lines.append("put(work, MOVED, lane, moved if moving else entry(work, MOVED, lane))")
@@ -330,7 +337,11 @@ def _start_from_last_forces(selected, work, first, last):
     for i in range(count):
         for j in range(count):
             for lane in range(first, last):
-                by = entry(work, STEP, lane) * entry(work, _G + count * i + j, lane) * entry(work, PASSED + j, lane)
+                by = (
+                    entry(work, STEP, lane)
+                    * entry(work, _G + count * i + j, lane)
+                    * entry(work, PASSED + j, lane)
+                )
                 put(work, _SPEEDS + i, lane, entry(work, _SPEEDS + i, lane) + by)
 
 
