@@ -52,15 +52,15 @@ from ballbot.identification.stages import (
     search,
     stages_of,
 )
-from ballbot.identification.stated_uncertainty import stated_covariances
+from ballbot.identification.stated_uncertainty import ends_without_error
 from ballbot.identification.sweep import Estimate, with_sweep
 from ballbot.identification.variation import (
     Variation,
     discrepancy_finding,
     log_estimates,
     shipped_priors,
-    variation,
     variation_findings,
+    widened,
 )
 from ballbot.identification.windows import Windows, standstill_torques
 from ballbot.log import STATE_NAMES, Log, LogsLike
@@ -254,7 +254,7 @@ def _result(
     layout = predictor.layout
     final, apart, varied = _with_uncertainty(prepared, estimate, options=options, run=run)
     values, uncertainty = final.values, final.uncertainty
-    covariance, joint = stated_covariances(layout, uncertainty, of_robot=varied.deviations)
+    covariance = uncertainty.correlation * np.outer(uncertainty.standard_errors, uncertainty.standard_errors)
     held_out = errors(predictor, prepared.held_out, values)
     return Identification(
         robot=found_robot(
@@ -263,7 +263,9 @@ def _result(
             values,
             uncertainty.standard_errors,
             covariance=covariance,
-            joint=joint,
+            ends=ends_without_error(
+                prepared.problem.coordinates, values, uncertainty.standard_errors, uncertainty.intervals
+            ),
             log_count=len(logs),
             asymmetric=law in ("asymmetric", "directed") and "torque_offset" in layout.extra,
         ),
@@ -272,15 +274,13 @@ def _result(
         bounds=np.stack([prepared.problem.coordinates.lower, prepared.problem.coordinates.upper], axis=1),
         parameters=layout.by_symbol(np.where(estimate.unknown, np.nan, values)),
         standard_errors=layout.by_symbol(uncertainty.standard_errors),
-        bootstrap_errors=layout.by_symbol(uncertainty.bootstrap_errors),
         intervals=uncertainty.intervals,
         variation=varied,
         correlation=uncertainty.correlation,
         coulomb=coulomb_equivalent(
             layout,
             values,
-            errors=np.fmax(uncertainty.standard_errors, uncertainty.bootstrap_errors),
-            correlation=uncertainty.correlation,
+            covariance=covariance,
             wheel_speeds=wheel_speeds(predictor.robot, prepared.fit),
         ),
         fit=errors(predictor, prepared.fit, values),
@@ -311,7 +311,7 @@ def _result(
 def _with_uncertainty(
     prepared: Prepared, estimate: PointEstimate, *, options: IdentificationOptions, run: Run
 ) -> tuple[Estimate, Discrepancy, Variation]:
-    """Return the estimate with its errors, how far slow and fast windows disagree, and how logs vary."""
+    """Return the estimate with its uncertainty, how far slow and fast windows disagree, and how logs vary."""
     coordinates = prepared.problem.coordinates
     groups = speed_groups(prepared.problem.predictor.robot, prepared.fit)
     apart = discrepancy(estimate.finished.equations, groups, estimate.estimated, seed=run.seed)
@@ -333,9 +333,11 @@ def _with_uncertainty(
         values=final.values,
         uncertainty=final.uncertainty,
         widen=apart.factor,
-        seed=run.seed,
     )
-    return final, apart, variation(coordinates, final.values, by_log, priors=shipped_priors())
+    uncertainty, varied = widened(
+        coordinates, final.values, final.uncertainty, by_log, priors=shipped_priors()
+    )
+    return replace(final, uncertainty=uncertainty), apart, varied
 
 
 #: groups of windows by speed, of equal size

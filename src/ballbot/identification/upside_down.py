@@ -41,7 +41,7 @@ from ballbot.identification.result_findings import (
     error_findings,
     influence_findings,
 )
-from ballbot.identification.stated_uncertainty import parameter_covariance
+from ballbot.identification.stated_uncertainty import ends_without_error
 from ballbot.identification.windows import COMPARISONS, LARGEST_JITTER, Span, common_sample_time, split
 from ballbot.log import Log, LogsLike, as_logs
 from ballbot.log.checks.values import spiked_rows
@@ -453,13 +453,14 @@ def _result(
     scaled = covariance(equations, free & ~stands & ~no_influence)
     errors, correlations = np.sqrt(scaled.diagonal()), correlation(scaled)
     physical_errors = errors * coordinates.slopes(point)
-    physical_covariance = parameter_covariance(physical_errors, physical_errors, correlations)
+    physical_covariance = correlations * np.outer(physical_errors, physical_errors)
     found = found_robot(
         robot,
         coordinates.layout,
         values,
         physical_errors,
         covariance=physical_covariance,
+        ends=ends_without_error(coordinates, values, physical_errors, {}),
         log_count=log_count,
     )
     own = StageEstimate(

@@ -111,7 +111,7 @@ def parameter_sheet(found: Identification) -> Sheet:
             ]
         )
         for which, intervals in (
-            ("95 %, this log" if found.variation.logs == 1 else "95 %, these logs", found.intervals),
+            ("95 %", found.intervals),
             ("95 %, another log", found.another_log),
         ):
             ends = [interval_text(intervals.get(label)) for label in labels]

@@ -1,10 +1,11 @@
 """Robots near this one: drawn from its standard deviations, or with values meant in other units.
 
-Errors of different parameters count as independent, but for those whose correlations the robot states. Numbers that
-were identified together have their joint standard errors, if the robot states those; its standard deviations, which
-contain what varies between logs, would be too large for the friction that the numbers give together. Linear
-propagation is the delta method: with the central differences d_i of a result over a tenth of each standard deviation
-s_i and the correlations r_ij, its variance is the sum of d_i s_i r_ij s_j d_j.
+Errors of different parameters count as independent, but for those whose correlations the robot states. A number that
+was estimated without a standard error is drawn within the interval that the robot states, with the deviation of an even
+distribution over it.
+
+Linear propagation is the delta method: with the central differences d_i of a result over a tenth of each standard
+deviation s_i and the correlations r_ij, its variance is the sum of d_i s_i r_ij s_j d_j.
 
 A slip of units is one parameter that, had it been meant in another unit, explains the findings on a robot.
 """
@@ -39,14 +40,14 @@ class Uncertain:
     label: str  #: "ball.radius" or "wheels.azimuths[1]"
     name: str
     place: int  #: within the parameter's numbers
-    deviation: float  #: its standard error beside other numbers, or its standard deviation, SI units
+    deviation: float  #: SI units
 
 
 def uncertain(robot: Robot) -> list[Uncertain]:
-    """Return the numbers that have a standard error above zero, in the files' order."""
-    joint = dict(zip(robot.correlation.of, robot.correlation.standard_errors, strict=False))
+    """Return the numbers that have a standard deviation above zero, in the files' order."""
+    even = {label: (most - least) / math.sqrt(12.0) for label, (least, most) in robot.intervals.items()}
     found = [
-        Uncertain(label=label, name=name, place=place, deviation=joint.get(label, deviation))
+        Uncertain(label=label, name=name, place=place, deviation=even.get(label, deviation))
         for label, name, place, deviation in deviation_labels(robot.standard_deviations)
     ]
     return [one for one in found if one.deviation > 0.0]
@@ -118,8 +119,15 @@ def draw_robots(robot: Robot, count: int, *, seed: int) -> list[Robot]:
 
 
 def _within(robot: Robot, one: Uncertain, amount: float) -> float:
-    """Return an amount of friction that leaves zero or more, and of v_s and delta a tenth; others as they are."""
+    """Return an amount of friction that leaves zero or more, and of v_s and delta a tenth; others as they are.
+
+    A number with an interval stays within it.
+    """
     parameter = BY_NAME[one.name]
+    if one.label in robot.intervals:
+        value = float(_numbers(value_of(robot, parameter))[one.place])
+        least, most = robot.intervals[one.label]
+        return min(max(amount, least - value), most - value)
     if parameter.table != "friction" or parameter.least < 0.0:
         return amount
     value = float(_numbers(value_of(robot, parameter))[one.place])

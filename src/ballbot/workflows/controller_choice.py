@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
-from ballbot.control.overcompensation import cautious_friction
+from ballbot.control.overcompensation import certain_friction
 from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
 from ballbot.errors import InputError, missing_package
 from ballbot.estimation import named_estimator
@@ -299,26 +299,7 @@ def candidates(found: Identification, *, sample_time: float) -> dict[str, Contro
 
 def compensated_robot(found: Identification) -> Robot:
     """Return the identified robot with no more friction than is certain."""
-    return found.robot.replace(friction=cautious_friction(found.robot.friction, _friction_covariance(found)))
-
-
-def _friction_covariance(found: Identification) -> NDArray[np.float64]:
-    """Return the covariance of b, c, s, v_s, delta and C_rr, then of d, e and mu, as `cautious_friction` reads it."""
-    P, layout, n = found.covariance, found.layout, found.robot.wheel_count
-    places, signs = np.full(6 * n + 3, -1), np.ones(6 * n + 3)
-    places[: 3 * n + 3] = np.arange(3 * n + 3)
-    terms = {"torque_offset": 3 * n + 3, "stribeck_asymmetry": 4 * n + 3, "load": 5 * n + 3}
-    if not found.robot.friction.coulomb_asymmetry:
-        del terms["torque_offset"]  # it is the motor's
-    for name, first in terms.items():
-        numbers = layout.part(name, np.arange(len(P), dtype=np.float64))
-        if numbers is not None:
-            places[first : first + n] = numbers
-    signs[3 * n + 3 : 4 * n + 3] = -1.0  # an offset is a torque against the friction
-    known = places >= 0
-    covariance = np.zeros((6 * n + 3, 6 * n + 3))
-    covariance[np.ix_(known, known)] = P[np.ix_(places[known], places[known])]
-    return signs[:, None] * covariance * signs
+    return found.robot.replace(friction=certain_friction(found.robot))
 
 
 def without_part(precise: Controller, part: str) -> Controller:
