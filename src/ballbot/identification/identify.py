@@ -254,6 +254,7 @@ def _result(
     layout = predictor.layout
     final, apart, varied = _with_uncertainty(prepared, estimate, options=options, run=run)
     values, uncertainty = final.values, final.uncertainty
+    bounds = np.stack([prepared.problem.coordinates.lower, prepared.problem.coordinates.upper], axis=1)
     covariance = uncertainty.correlation * np.outer(uncertainty.standard_errors, uncertainty.standard_errors)
     held_out = errors(predictor, prepared.held_out, values)
     return Identification(
@@ -264,14 +265,18 @@ def _result(
             uncertainty.standard_errors,
             covariance=covariance,
             ends=ends_without_error(
-                prepared.problem.coordinates, values, uncertainty.standard_errors, uncertainty.intervals
+                layout.labels,
+                values,
+                uncertainty.standard_errors,
+                bounds=bounds,
+                intervals=uncertainty.intervals,
             ),
             log_count=len(logs),
             asymmetric=law in ("asymmetric", "directed") and "torque_offset" in layout.extra,
         ),
         predictor=predictor,
         values=values,
-        bounds=np.stack([prepared.problem.coordinates.lower, prepared.problem.coordinates.upper], axis=1),
+        bounds=bounds,
         parameters=layout.by_symbol(np.where(estimate.unknown, np.nan, values)),
         standard_errors=layout.by_symbol(uncertainty.standard_errors),
         intervals=uncertainty.intervals,

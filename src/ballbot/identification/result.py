@@ -22,7 +22,7 @@ from ballbot.identification.quantities import (
     with_friction,
     with_rigid_body,
 )
-from ballbot.identification.stated_uncertainty import with_uncertainty
+from ballbot.identification.stated_uncertainty import ends_without_error, with_uncertainty
 from ballbot.identification.variation import Variation
 from ballbot.identification.windows import Span
 from ballbot.log import STATE_NAMES
@@ -151,6 +151,18 @@ class Identification:
         """Of all estimates (p, p), SI units; NaN for one without standard error. The robot's file states it."""
         errors = np.concatenate([np.atleast_1d(one) for one in self.standard_errors.values()])
         return self.correlation * np.outer(errors, errors)
+
+    @property
+    def assumed_covariance(self) -> NDArray[np.float64]:
+        """As `covariance`, finite: with the variance of an even distribution over the interval of one without error."""
+        errors = np.concatenate([np.atleast_1d(one) for one in self.standard_errors.values()])
+        ends = ends_without_error(
+            self.labels, self.values, errors, bounds=self.bounds, intervals=self.intervals
+        )
+        assumed = np.nan_to_num(self.covariance)
+        for place, (low, high) in ends.items():
+            assumed[place, place] = (high - low) ** 2 / 12.0
+        return assumed
 
     @property
     def another_log(self) -> Mapping[str, Interval]:

@@ -12,7 +12,7 @@ correlations five decimals.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.fitting.intervals import HALF_WIDTH, Interval
-from ballbot.identification.parameters import Coordinates
 from ballbot.robot import Robot
 from ballbot.robot.components import BY_NAME, Correlation
 from ballbot.robot.parameters import Value, value_of
@@ -32,18 +31,22 @@ _UNCHANGED = 1e-12
 
 
 def ends_without_error(
-    coordinates: Coordinates,
+    labels: Sequence[str],
     values: NDArray[np.float64],
     errors: NDArray[np.float64],
+    *,
+    bounds: NDArray[np.float64],
     intervals: Mapping[str, Interval],
 ) -> dict[int, tuple[float, float]]:
     """Return the interval or, lacking one, the range of each estimated parameter without a standard error.
 
     Parameters
     ----------
-    coordinates : Coordinates
+    labels : sequence of str (p,)
     values, errors : ndarray (p,)
         SI units; an error is NaN if there is none.
+    bounds : ndarray (p, 2)
+        Equal ones hold a parameter: it is not estimated.
     intervals : mapping of str to Interval
         By label.
 
@@ -53,10 +56,10 @@ def ends_without_error(
         By the parameter's place, SI units.
     """
     ends = {}
-    for i in np.flatnonzero(coordinates.free & ~np.isfinite(errors)):
-        one = intervals.get(coordinates.labels[i])
+    for i in np.flatnonzero((bounds[:, 1] > bounds[:, 0]) & ~np.isfinite(errors)):
+        one = intervals.get(labels[i])
         low, high = (-np.inf, np.inf) if one is None else (one.lower, one.upper)
-        least, most = max(low, float(coordinates.lower[i])), min(high, float(coordinates.upper[i]))
+        least, most = max(low, float(bounds[i, 0])), min(high, float(bounds[i, 1]))
         ends[int(i)] = (min(least, float(values[i])), max(most, float(values[i])))
     return ends
 

@@ -460,7 +460,13 @@ def _result(
         values,
         physical_errors,
         covariance=physical_covariance,
-        ends=ends_without_error(coordinates, values, physical_errors, {}),
+        ends=ends_without_error(
+            coordinates.labels,
+            values,
+            physical_errors,
+            bounds=np.stack([coordinates.lower, coordinates.upper], axis=1),
+            intervals={},
+        ),
         log_count=log_count,
     )
     own = StageEstimate(

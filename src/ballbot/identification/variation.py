@@ -149,15 +149,20 @@ def log_estimates(
     points = np.tile(scaled, (len(logs), 1))
     covariances = np.tile(uncertainty.correlation * np.outer(errors, errors), (len(logs), 1, 1))
     if len(logs) > 1 and len(places):
-        scores = leverage_corrected(fit.equations.matrices, fit.equations.scores, estimated).scores[:, places]
-        of_window = widen**2 * np.einsum("wi,wj->ij", scores, scores, optimize=False) / (len(scores) - 1)
         common, _ = _step(fit.equations, places)
+        own, inverses = fit.equations.scores.copy(), []
         for k, log in enumerate(logs):
             rows = of_log == log
             mine = WindowEquations(matrices=fit.equations.matrices[rows], scores=fit.equations.scores[rows])
             step, inverse = _step(mine, places)
             points[k, places] += step - common
-            covariances[k][np.ix_(places, places)] = inverse @ (rows.sum() * of_window) @ inverse
+            # about the log's own estimate, or what it differs from the others by would count as noise within it
+            own[rows] += np.einsum("wij,j->wi", mine.matrices[:, :, places], step, optimize=False)
+            inverses.append(inverse)
+        scores = leverage_corrected(fit.equations.matrices, own, estimated).scores[:, places]
+        of_window = widen**2 * np.einsum("wi,wj->ij", scores, scores, optimize=False) / (len(scores) - 1)
+        for k, (log, inverse) in enumerate(zip(logs, inverses, strict=True)):
+            covariances[k][np.ix_(places, places)] = inverse @ ((of_log == log).sum() * of_window) @ inverse
     return LogEstimates(points=points, covariances=covariances)
 
 

@@ -69,7 +69,7 @@ def friction_curve(found: Identification, wheel: int, speed: NDArray[np.float64]
             gradient[:, found.labels.index(label)] = column
     if friction.coulomb_asymmetry:  # found as a torque against it
         gradient[:, found.labels.index(f"offset{wheel + 1}")] = -1.0
-    variance = np.einsum("ki,ij,kj->k", gradient, found.covariance, gradient)
+    variance = np.einsum("ki,ij,kj->k", gradient, found.assumed_covariance, gradient)
     torque = wheel_friction(np.repeat(speed[:, None], n, axis=1), friction)[:, wheel]
     return FrictionCurve(speed=speed, torque=torque, standard_error=np.sqrt(np.maximum(variance, 0.0)))
 

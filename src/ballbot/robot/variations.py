@@ -175,19 +175,24 @@ def propagate(robot: Robot, result_of: Callable[[Robot], NDArray[np.float64]]) -
     Raises
     ------
     InputError
-        If a robot within a tenth of a standard deviation cannot exist.
+        If no robot a tenth of a standard deviation away can exist, on either side.
     """
     value = np.asarray(result_of(robot), dtype=np.float64)
     parts = {}
     for one in uncertain(robot):
         step = STEP * one.deviation
-        try:
-            ends = [result_of(shifted(robot, {one: sign * step})) for sign in (1.0, -1.0)]
-        except InputError as error:
-            raise InputError(
-                f"{one.label} cannot vary by a tenth of its standard deviation: {error}"
-            ) from None
-        parts[one.label] = np.asarray((ends[0] - ends[1]) / (2.0 * STEP), dtype=np.float64)
+        ends, refusal = [], None
+        for sign in (1.0, -1.0):
+            try:
+                ends.append((sign * STEP, result_of(shifted(robot, {one: sign * step}))))
+            except InputError as error:
+                refusal = error
+        if not ends:
+            raise InputError(f"{one.label} cannot vary by a tenth of its standard deviation: {refusal}")
+        if refusal is not None:  # a number at what no robot goes beyond, as friction of zero
+            ends.append((0.0, value))
+        (ahead, high), (behind, low) = ends
+        parts[one.label] = np.asarray((high - low) / (ahead - behind), dtype=np.float64)
     return Propagated(value=value, deviation=_deviation(value, parts, robot), parts=parts)
 
 

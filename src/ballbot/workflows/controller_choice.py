@@ -159,7 +159,7 @@ def _parameters(
         )
         mean[offsets] = np.negative(found.robot.friction.coulomb_asymmetry)
     bounds = np.concatenate([BY_NAME[name].default_bounds(found.robot) for name in found.layout.names])
-    drawn = random.multivariate_normal(mean, found.covariance, size=count, method="eigh")
+    drawn = random.multivariate_normal(mean, found.assumed_covariance, size=count, method="eigh")
     # a value identified beyond the default bounds, by bounds of the user's own, stays where it is
     lower, upper = np.minimum(bounds[:, 0], mean), np.maximum(bounds[:, 1], mean)
     return list(np.clip(drawn, lower, upper))
