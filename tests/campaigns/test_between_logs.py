@@ -5,12 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ballbot.control.overcompensation import certain_friction
+from ballbot.control.presets import nominal_controller
+from ballbot.control.references import named_reference
 from ballbot.fitting.intervals import Interval, Uncertainty
-from ballbot.identification.identify import estimated_parameters
+from ballbot.identification.identify import estimated_parameters, identify
 from ballbot.identification.parameters import Bounds
+from ballbot.identification.stages import IdentificationOptions
 from ballbot.identification.variation import LogEstimates
+from ballbot.mechanics.friction import wheel_friction
+from ballbot.simulation.run import simulate
+from ballbot.twin import Twin
 from ballbot.twin.scenario import check_scenario
-from campaigns.between_logs import ROBOT, Fit, coverage_row, drawn, fitted_priors, judge, references_of
+from campaigns.between_logs import NOMINAL, ROBOT, Fit, coverage_row, drawn, fitted_priors, judge, references_of
 
 VALUES = np.array([0.02] * 3 + [0.1] * 3 + [0.05] * 3 + [0.6, 1.1, 0.01])
 
@@ -64,3 +71,19 @@ def test_intervals_hold_the_other_log_and_are_no_wider_than_the_logs_ask() -> No
     # a spread of differences of 40 pairs is known to a tenth
     widths = [float(cell) for cell in coverage_row("all", judged)[2::2]]
     assert widths == pytest.approx([1.0, np.sqrt(2.0)], rel=0.25)
+
+
+@pytest.mark.slow
+def test_two_logs_of_the_nominal_twin_leave_most_of_its_friction_certain() -> None:
+    logs = [
+        simulate(
+            Twin(ROBOT, NOMINAL), nominal_controller(ROBOT), named_reference(name), duration=48.0, seed=seed
+        ).without_truth()
+        for seed, name in ((1, "square"), (2, "figure_eight"))
+    ]
+    options = IdentificationOptions(generations=10, most_profiles=0, step=2.5e-3)
+    found = identify(ROBOT, logs, seed=0, options=options)
+    speed = np.ones((1, 3))
+    share = wheel_friction(speed, certain_friction(found.robot)) / wheel_friction(speed, NOMINAL.friction)
+    assert (share > 0.6).all()
+    assert (share < 1.0).all()

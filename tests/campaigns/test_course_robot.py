@@ -68,7 +68,7 @@ def test_the_pages_text_is_the_campaigns(monkeypatch: pytest.MonkeyPatch) -> Non
     # 0.2 and 1.2, up to the bound, over 3.92 standard deviations of 0.5 / sqrt(2)
     assert [float(cell) for cell in first[2::2]] == pytest.approx([0.144, 0.866], abs=0.006)
     assert first[3].startswith("1 of 1, 100 %")
-    assert section.rows[-1][1].startswith("2 of 6")
+    assert section.rows[-1][1].startswith("4 of 6")
     page = written_sections()["course_robot"]
     assert f"## {section.title}\n\n{section.before}\n\n| {' | '.join(section.columns)} |\n" in page
     assert [line.split(" | ")[0] for line in page.splitlines() if " for " in line and line[0] == "|"][1:] == [

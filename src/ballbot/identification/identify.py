@@ -67,6 +67,7 @@ from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import CheckedLogs, checked_logs
 from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names
+from ballbot.log.fingerprints import fingerprint
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress, ProgressReporter, part_of
 from ballbot.robot import Robot, RobotLike, as_robot
@@ -273,7 +274,7 @@ def _result(
             ),
             log_count=len(logs),
             asymmetric=law in ("asymmetric", "directed") and "torque_offset" in layout.extra,
-        ),
+        ).annotated(identified_from=[row for log in logs for row in fingerprint(log)]),
         predictor=predictor,
         values=values,
         bounds=bounds,

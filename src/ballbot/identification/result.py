@@ -203,6 +203,7 @@ class Identification:
             "standard_errors": without_nan(self.standard_errors),
             "intervals": {label: interval.to_dict() for label, interval in self.intervals.items()},
             "between_logs": self.variation.to_dict(self.labels),
+            "identified_from": list(self.robot.identified_from),
             "correlation": {"labels": list(self.labels), "matrix": without_nan(self.correlation.tolist())},
             "coulomb_equivalent": self.coulomb.to_dict(),
             "represents": {

@@ -5,7 +5,7 @@ A wheel's friction is drawn over its speed, with the band in which the standard 
     tau(w) = b w + (c + s E) sgn(w),      E = exp(-r),      r = |w/v_s|^delta
 
 The band is the delta method's: variance g' C g with g the gradient of tau by (b, c, s, v_s, delta) and C their
-covariance; parameters that have no standard error count as known.
+covariance; a parameter that has no standard error has that of an even distribution over its interval.
 """
 
 from __future__ import annotations

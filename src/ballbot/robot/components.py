@@ -311,6 +311,8 @@ class RobotValues:
     )
     #: of numbers identified together; not part of equality
     correlation: Correlation = field(default=Correlation(), compare=False)
+    #: hashes of some rows of the logs that it was identified from; see `ballbot.log.fingerprints`
+    identified_from: tuple[str, ...] = field(default=(), compare=False)
 
     @property
     def wheel_count(self) -> int:

@@ -28,7 +28,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -37,7 +37,7 @@ from ballbot.file_formats import format_line, take_format
 from ballbot.files import parse_toml, read_toml, write_text
 from ballbot.printable import toml_string
 from ballbot.robot.checks import check_source
-from ballbot.robot.components import BY_NAME, PARAMETERS, Correlation, InertiaPoint, RobotValues
+from ballbot.robot.components import BY_NAME, PARAMETERS, InertiaPoint, RobotValues
 from ballbot.robot.parameters import (
     DIMENSIONLESS,
     Parameter,
@@ -73,13 +73,14 @@ class CorrelationTable(BaseModel):
     standard_errors: list[int | float] = []  #: of earlier versions, in place of larger standard deviations
 
 
-class UncertaintyTables(BaseModel):
-    """The tables of how well numbers are known together, as a file states them."""
+class IdentificationTables(BaseModel):
+    """The tables that an identification leaves in a file: how well numbers are known, and by which logs."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
     correlation: CorrelationTable = CorrelationTable()
     intervals: dict[str, Annotated[list[int | float], Field(min_length=2, max_length=2)]] = {}
+    identified_from: dict[Literal["rows"], list[str]] = {}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -203,8 +204,8 @@ def parse_robot(text: str, kind: type[R], *, source: str) -> R:
 def _robot_of(tree: dict[str, object], kind: type[R], *, source: str) -> R:
     try:
         tree = take_format(tree, "robot")
-        stated = _uncertainty(
-            {name: tree.pop(name) for name in UncertaintyTables.model_fields if name in tree}
+        stated = _identification(
+            {name: tree.pop(name) for name in IdentificationTables.model_fields if name in tree}
         )
         return build(kind, _fields(dict(_leaves(tree)), stated))
     except InputError as error:
@@ -232,19 +233,25 @@ def robot_text(robot: RobotValues) -> str:
         if table == "body.inertia":
             blocks.append(f"about = {toml_string(robot.body.inertia_about)}")
         blocks += _lines(robot, table)
-    return "\n".join([*blocks, *_uncertainty_lines(robot.correlation, robot.intervals)]) + "\n"
+    return "\n".join([*blocks, *_identification_lines(robot)]) + "\n"
 
 
-def _uncertainty_lines(
-    correlation: Correlation, intervals: Mapping[str, tuple[float, float]]
-) -> Iterator[str]:
-    if intervals:
+def _identification_lines(robot: RobotValues) -> Iterator[str]:
+    correlation = robot.correlation
+    if robot.identified_from:
+        yield from (
+            "",
+            "# Hashes of some rows of the logs that it was identified from: validation names these logs.",
+        )
+        yield "[identified_from]"
+        yield f"rows = [{', '.join(toml_string(row) for row in robot.identified_from)}]"
+    if robot.intervals:
         yield from (
             "",
             "# Numbers estimated without a standard error: as far as the data limit them, in SI units.",
         )
         yield "[intervals]"
-        for label, ends in intervals.items():
+        for label, ends in robot.intervals.items():
             yield f"{toml_string(label)} = [{', '.join(repr(float(end)) for end in ends)}]"
     if correlation.of:
         yield from ("", "# Correlations of the errors of numbers identified together.")
@@ -254,8 +261,8 @@ def _uncertainty_lines(
         yield from ("lower = [", *(f"    [{row}]," for row in rows), "]")
 
 
-def _uncertainty(tables: Mapping[str, object]) -> UncertaintyTables:
-    """Return what the tables of correlations and of intervals of a file state.
+def _identification(tables: Mapping[str, object]) -> IdentificationTables:
+    """Return what the tables of an identification in a file state.
 
     Raises
     ------
@@ -263,12 +270,13 @@ def _uncertainty(tables: Mapping[str, object]) -> UncertaintyTables:
         If they are not tables of lists of names and numbers.
     """
     try:
-        return UncertaintyTables.model_validate(dict(tables))
+        return IdentificationTables.model_validate(dict(tables))
     except ValidationError as error:
         key = ".".join(str(part) for part in error.errors()[0]["loc"])
         raise InputError(
             f"{key} is not as it must be: in [correlation] of is a list of names in quotes, lower a list of rows of "
-            "numbers and standard_errors a list of numbers; in [intervals] each number has its two ends."
+            "numbers and standard_errors a list of numbers; in [intervals] each number has its two ends; in "
+            "[identified_from] rows is a list of texts."
         ) from None
 
 
@@ -328,7 +336,7 @@ def _nearest(key: str, table: str) -> str:
     return suggest(key, siblings, otherwise=f"{f'[{table}]' if table else 'the top level'} has")
 
 
-def _fields(leaves: Mapping[str, object], stated: UncertaintyTables) -> dict[str, object]:
+def _fields(leaves: Mapping[str, object], stated: IdentificationTables) -> dict[str, object]:
     """Return the values of a robot's fields by dotted name, in SI units."""
     name = _text(leaves, "name")
     inertia_about = _inertia_point(_text(leaves, "body.inertia.about"))
@@ -363,6 +371,7 @@ def _fields(leaves: Mapping[str, object], stated: UncertaintyTables) -> dict[str
         "standard_deviations": deviations,
         "correlation.of": tuple(together.of),
         "correlation.lower": tuple(tuple(map(float, row)) for row in together.lower),
+        "identified_from": tuple(stated.identified_from.get("rows", ())),
         "intervals": {label: (float(low), float(high)) for label, (low, high) in stated.intervals.items()},
     }
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -97,6 +97,7 @@ class Robot(RobotValues):
             },
             correlation=self.correlation,
             intervals=self.intervals,
+            identified_from=self.identified_from,
         )
 
     @checked_arguments
@@ -107,6 +108,7 @@ class Robot(RobotValues):
         standard_deviations: Mapping[str, Value] | None = None,
         correlation: Correlation | None = None,
         intervals: Mapping[str, tuple[float, float]] | None = None,
+        identified_from: Collection[str] | None = None,
     ) -> Robot:
         """Return a copy with other sources or standard deviations, by dotted name and in SI units.
 
@@ -128,6 +130,7 @@ class Robot(RobotValues):
             standard_deviations=deviations,
             correlation=(self.correlation if correlation is None else correlation).among(known),
             intervals={label: one for label, one in limits.items() if label in sizes and label not in known},
+            identified_from=self.identified_from if identified_from is None else tuple(identified_from),
         )
 
     @staticmethod
