@@ -22,7 +22,7 @@ from ballbot.estimation import named_estimator
 from ballbot.processes import worker_pool
 from ballbot.simulation.plant import Measurement
 from ballbot.twin import Twin
-from ballbot.workflows.comparison import Paired, initial_state_of, mean_with_interval
+from ballbot.workflows.comparison import Paired, mean_with_interval
 from ballbot.workflows.courses import LEAGUE, choose_courses
 from ballbot.workflows.league import League, run_league
 from ballbot.workflows.metrics import SETTLE, position_error, rms, settled
@@ -126,9 +126,7 @@ def _judged(
     since: float,
 ) -> Run:
     """Return a run in numbers, from that time [s] on."""
-    log = simulate(
-        plant, controller, reference, duration=duration, initial_state=initial_state_of(seed), seed=seed
-    )
+    log = simulate(plant, controller, reference, duration=duration, seed=seed)
     drag = controller.drag
     if log.ended is not None:
         return Run(true=np.nan, seen=np.nan, drag=drag)

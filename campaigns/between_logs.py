@@ -311,10 +311,10 @@ def coverage_row(name: str, judged: Sequence[Judged]) -> list[str]:
         mine = [one for one in judged if one.label == label]
         spread = 2.0 * HALF_WIDTH * np.sqrt(np.mean([0.5 * (one.own - one.other) ** 2 for one in mine]))
         relative += [
-            np.diff(one.ends, axis=1)[:, 0] / spread if spread > 0.0 else [np.nan] * 2 for one in mine
+            np.diff(one.ends, axis=1)[:, 0] / spread if spread > 0.0 else [np.inf] * 2 for one in mine
         ]
     cells = []
-    for count, width in zip(held.tolist(), np.nanmedian(relative, axis=0).tolist(), strict=True):
+    for count, width in zip(held.tolist(), np.median(relative, axis=0).tolist(), strict=True):
         low, high = _binomial(count, len(judged))
         share = f"{100 * count / len(judged):.0f} % ({100 * low:.0f} to {100 * high:.0f} %)"
         cells += [f"{count} of {len(judged)}, {share}", f"{width:.2f}"]

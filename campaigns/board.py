@@ -36,7 +36,7 @@ from ballbot.link.lock_step import BoardLine, FirmwareController, ReadingTap
 from ballbot.log import Log
 from ballbot.rounding import unit_heading
 from ballbot.twin import Scenario, Twin
-from ballbot.workflows.comparison import CONFIDENCE, Estimate, Paired, initial_state_of, mean_with_interval
+from ballbot.workflows.comparison import CONFIDENCE, Estimate, Paired, mean_with_interval
 from ballbot.workflows.courses import LEAGUE, Course, choose_courses
 from ballbot.workflows.league import METRIC_BY_KEY
 from ballbot.workflows.metrics import score
@@ -99,8 +99,7 @@ def python_log(controller: Controller, course: Course, *, seed: int, duration: f
     """Return the log of Python's controller."""
     plant = course.plant(robot(), estimator=controller.estimator)
     reference = course.reference_spec.reference()
-    start = initial_state_of(seed)
-    return simulate(plant, controller, reference, duration=duration, initial_state=start, seed=seed)
+    return simulate(plant, controller, reference, duration=duration, seed=seed)
 
 
 def board_log(image: Path, controller: Controller, course: Course, *, seed: int, duration: float) -> Log:
@@ -109,10 +108,9 @@ def board_log(image: Path, controller: Controller, course: Course, *, seed: int,
     tap = ReadingTap(named_estimator(controller.estimator, known, sample_time=h))
     twin = Twin(known, course.scenario, estimator=tap)
     reference = course.reference_spec.reference()
-    start = initial_state_of(seed)
     with QemuBoard(image) as board:
         firmware = FirmwareController(BoardLine(board), tap, robot=known, sample_time=h)
-        return simulate(twin, firmware, reference, duration=duration, initial_state=start, seed=seed)
+        return simulate(twin, firmware, reference, duration=duration, seed=seed)
 
 
 def digest_of(exported: Export) -> str:

@@ -1,6 +1,6 @@
-"""The controller that `study` chooses: its accuracy, the effect of its parts, and where compensation helps.
+"""Candidates of `study`: the accuracy of the precise controller, and where compensation helps.
 
-.venv/bin/python -m campaigns.evidence choice ablation friction_share
+.venv/bin/python -m campaigns.evidence choice friction_share
 
 The friction is identified from two logs of the nominal twin, as in the demo. The controllers are the study's
 candidates (`ballbot.workflows.controller_choice.candidates`), run on the nominal twin with other seeds.
@@ -32,7 +32,7 @@ from ballbot.workflows.comparison import (
     median_with_interval,
     run_comparison,
 )
-from ballbot.workflows.controller_choice import ABLATIONS, candidates, without_part
+from ballbot.workflows.controller_choice import candidates
 from ballbot.workflows.metrics import SETTLE, position_error, rms, score
 from campaigns.compensation import identified
 from campaigns.section import Section
@@ -172,7 +172,7 @@ def choice() -> Section:
             ]
         )
     return Section(
-        title="The controller chosen by `study`",
+        title="The precise controller and the soft gain on three courses",
         before="The precise controller and the nominal gain without compensation on the nominal twin, "
         f"{len(SEEDS)} seeds, friction identified from two of its logs, on-board sensors only. Peak error of the true "
         "position once settled [mm]: median over the seeds with its 95 % interval, and the ratio seed by seed.",
@@ -181,47 +181,11 @@ def choice() -> Section:
     )
 
 
-def ablation() -> Section:
-    """Remove each part of the precise controller by turns, 20 seeds on the square."""
-    precise = controllers()["precise"]
-    variants = {"nothing": precise} | {part: without_part(precise, part) for part in ABLATIONS}
-    bare = without_part(precise, "disturbance observer")
-    variants["observer and compensation"] = bare.with_compensation("none")
-    compared = run_cases(variants, ["square"], SEEDS)
-    whole = np.array([one.peak_position_error for one in compared.scores_of("nothing", "square")])
-    rows = []
-    for name in variants:
-        runs = compared.of(name, "square")
-        stood = [one.score if one.score.ended is None else None for one in runs]
-        peaks = np.array([one.peak_position_error if one else np.nan for one in stood])
-        ratio = Paired(peaks, whole).median_ratio
-        rough = median_with_interval([one.score.rms_torque_change for one in runs])
-        rows.append(
-            [
-                name,
-                _millimetres(median_with_interval(peaks)),
-                f"{1e3 * median_with_interval([one.score.rms_position_error for one in runs]).median:.1f}",
-                f"{ratio.median:.2f} ({ratio.low:.2f} to {ratio.high:.2f})",
-                f"{rough.median:.3f}",
-                f"{falls(runs)} of {len(runs)}",
-            ]
-        )
-    return Section(
-        title="Where the precise controller's gain comes from",
-        before=f"The 0.5 m square on the nominal twin, the same {len(SEEDS)} seeds for all, one part removed at a "
-        "time. Without the estimator it feeds back the thesis's on-board state; without shaping it has no feed-forward "
-        "either. "
-        "Medians with 95 % intervals; the ratio is to the whole controller, seed by seed.",
-        columns=["removed", "peak [mm]", "RMS [mm]", "peak's ratio", "roughness [N m]", "falls"],
-        rows=rows,
-    )
-
-
 def friction_share() -> Section:
     """Compare with and without compensation of the identified friction, in cases where it may pay."""
     known = controllers()
     precise = known["precise"]
-    no_observer = without_part(precise, "disturbance observer")
+    no_observer = precise.with_parts(replace(precise.parts, disturbance_observer=None))
     nominal = known["full"].with_estimator("kalman")
     families = {
         "precise": precise,

@@ -13,7 +13,7 @@ import os
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -225,20 +225,14 @@ def _row(label: str, done: Sequence[Repeat], truth: Mapping[str, float]) -> list
 
 
 def _plain(one: Repeat) -> dict[str, object]:
-    intervals = {label: interval.to_dict() for label, interval in one.intervals.items()}
-    return {"estimates": dict(one.estimates), "intervals": intervals}
+    return {
+        "estimates": dict(one.estimates),
+        "intervals": {label: asdict(interval) for label, interval in one.intervals.items()},
+    }
 
 
 def _from_plain(plain: dict) -> Repeat:
-    def limit(value: float | None, otherwise: float) -> float:
-        return otherwise if value is None else value
-
     return Repeat(
         estimates=plain["estimates"],
-        intervals={
-            label: Interval(
-                lower=limit(one["lower"], -np.inf), upper=limit(one["upper"], np.inf), method=one["from"]
-            )
-            for label, one in plain["intervals"].items()
-        },
+        intervals={label: Interval(**one) for label, one in plain["intervals"].items()},
     )

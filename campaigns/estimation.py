@@ -23,7 +23,7 @@ from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensors import FixSource, SensorFaults
 from ballbot.twin import Scenario, Twin
-from ballbot.workflows.comparison import Comparison, compare, initial_state_of
+from ballbot.workflows.comparison import Comparison, compare
 from campaigns.section import Section
 
 REFERENCES = ("square", "hold", "figure_eight")
@@ -86,9 +86,7 @@ def side_by_side(
     listeners = {THESIS: thesis, ALONE: alone, FIXED: fixed}
     twin = Twin(robot, replace(scenario, fix=_FIXES), estimator=SideBySide(thesis, [alone, fixed]))
     controller = nominal_controller(robot)
-    log = simulate(
-        twin, controller, reference, duration=duration, seed=seed, initial_state=initial_state_of(seed)
-    )
+    log = simulate(twin, controller, reference, duration=duration, seed=seed)
     if log.ended:
         raise RuntimeError(f"seed {seed}: {log.ended}")
     truth = log.truth().states

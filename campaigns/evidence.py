@@ -39,11 +39,10 @@ CAMPAIGNS = {
     "league": "campaigns.league",
     "limits": "campaigns.limits",
     "robust_design": "campaigns.robust_design",
-    "control_parts": "campaigns.precise_controller:parts",
     "control_targets": "campaigns.precise_controller:targets",
     "twin_rolling": "campaigns.twin_rolling",
     "choice": "campaigns.controller_choice:choice",
-    "ablation": "campaigns.controller_choice:ablation",
+    "factors": "campaigns.controller_factors",
     "friction_share": "campaigns.controller_choice:friction_share",
     "adaptation": "campaigns.adaptation",
     "adaptation_courses": "campaigns.adaptation:courses",
@@ -83,6 +82,8 @@ CAMPAIGNS = {
 
 #: campaigns whose section the page does not have, and why
 NOT_ON_THE_PAGE = {
+    "adaptation": "measured only while the controller also adapted to its drivelines, a part that is gone",
+    "adaptation_courses": "as adaptation",
     "firmware_math": "not run yet over every float; tests/firmware/test_math.py measures a sample of them",
     "reproduce": "compares docs/generated/reproduce.md, which `ballbot reproduce` writes, with a fresh run",
 }

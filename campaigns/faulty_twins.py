@@ -42,7 +42,6 @@ from ballbot.twin.faults import (
     Supply,
     Timing,
 )
-from ballbot.workflows.comparison import initial_state_of
 from ballbot.workflows.controller_choice import (
     SQUARE,
     ControllerChoice,
@@ -312,7 +311,7 @@ def _study() -> Studied:
     made = candidates(found, sample_time=SAMPLE_TIME)
     controllers = {name: made[name] for name in CONTROLLERS}
     plants = draw_plants(found, plant="twin", scenario=Scenario.nominal(ROBOT), count=DRAWS, seed=SEED)
-    choice = choose_controller(controllers, plants, ablation_plants=0, processes=PROCESSES)
+    choice = choose_controller(controllers, plants, step_plants=0, processes=PROCESSES)
     return Studied(found=found, controllers=controllers, choice=choice)
 
 
@@ -326,7 +325,6 @@ def record(study: Studied, twin: FaultyTwin, name: str) -> Log:
         controller,
         SQUARE.reference_spec.reference(),
         duration=SQUARE.duration,
-        initial_state=initial_state_of(twin.seed),
         seed=twin.seed,
     )
     return log.without_truth()

@@ -17,6 +17,7 @@ from scipy.optimize import linprog
 from scipy.signal import welch
 
 from ballbot import Controller, Log, Model, Robot, lqr, simulate
+from ballbot.control.controller import grip_torque_limit
 from ballbot.control.interface import Feedback
 from ballbot.control.lqr import LqrDesign, held
 from ballbot.control.parts import Parts
@@ -25,7 +26,6 @@ from ballbot.control.parts.notch import Notch
 from ballbot.control.presets import (
     PRECISE_STATE_WEIGHTS,
     PRECISE_TORQUE_WEIGHT,
-    grip_torque_limit,
     nominal_controller,
     precise_controller,
 )

@@ -183,9 +183,10 @@ def hours_library(precision: Precision) -> ctypes.CDLL:
         flags += ["-include", str(DOUBLE), "-Wno-float-conversion"]
     else:
         sources.append(SOURCES / "ballbot_math.c")
-    target = Path(tempfile.mkdtemp(prefix="ballbot-hours-")) / "hours.so"
-    compile_sources(target, sources, flags=[*flags, "-lm"])
-    return ctypes.CDLL(str(target))
+    with tempfile.TemporaryDirectory(prefix="ballbot-hours-", ignore_cleanup_errors=True) as folder:
+        target = Path(folder) / "hours.so"
+        compile_sources(target, sources, flags=[*flags, "-lm"])
+        return ctypes.CDLL(str(target))
 
 
 class Driven:

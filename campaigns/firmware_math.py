@@ -41,13 +41,14 @@ _RANDOM = 50_000_000  # pairs of arguments of the power and the arctangent
 @cache
 def library() -> ctypes.CDLL:
     """Return the functions on arrays, compiled."""
-    folder = Path(tempfile.mkdtemp(prefix="ballbot-math-"))
-    compile_sources(
-        folder / "math.so",
-        [SOURCES / "ballbot_math.c", Path(__file__).with_suffix(".c")],
-        flags=("-O2", "-fPIC", "-shared", "-Wno-missing-prototypes"),
-    )
-    return ctypes.CDLL(str(folder / "math.so"))
+    with tempfile.TemporaryDirectory(prefix="ballbot-math-", ignore_cleanup_errors=True) as folder:
+        target = Path(folder) / "math.so"
+        compile_sources(
+            target,
+            [SOURCES / "ballbot_math.c", Path(__file__).with_suffix(".c")],
+            flags=("-O2", "-fPIC", "-shared", "-Wno-missing-prototypes"),
+        )
+        return ctypes.CDLL(str(target))
 
 
 def called(name: str, *arguments: Floats, results: int = 1) -> tuple[Floats, ...]:

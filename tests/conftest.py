@@ -3,6 +3,7 @@
 import gc
 import os
 import sys
+import tempfile
 from collections.abc import Generator, Mapping
 from pathlib import Path
 
@@ -28,6 +29,18 @@ gc.set_threshold(20_000, 20, 20)
 hypothesis.settings.register_profile("same", derandomize=True, database=None, deadline=None)
 hypothesis.settings.register_profile("exploring", database=None, deadline=None, print_blob=True)
 hypothesis.settings.load_profile(os.environ.get("BALLBOT_EXAMPLES", "same"))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _no_file_stays(  # pyright: ignore[reportUnusedFunction]
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Generator[None]:
+    """Put temporary files of tests, and of processes that they start, where pytest removes them at the end."""
+    folder = str(tmp_path_factory.mktemp("temporary"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TMPDIR", folder)
+        patch.setattr(tempfile, "tempdir", folder)
+        yield
 
 
 @pytest.fixture(autouse=True)

@@ -149,18 +149,22 @@ def test_the_readme_lists_every_command_and_preset():
         assert f"`{preset}`" in text
 
 
-@pytest.mark.sample
-def test_the_readmes_python_runs(tmp_path, monkeypatch):
-    pytest.importorskip("mujoco")
+@pytest.mark.slow
+def test_the_readmes_python_runs_by_itself(tmp_path, monkeypatch, capsys):
     (example,) = fenced("README.md", "python")
-    for name, reference, seed in (("square", "square", "1"), ("figure_eight", "figure_eight", "2")):
-        # 5 s each hold more than the windows that the example's twelve parameters take
-        run = ["record", "nominal", "--reference", reference, "--seed", seed, "--duration", "5"]
-        assert main([*run, "--out", str(tmp_path / "demo" / name)]) == 0
     monkeypatch.chdir(tmp_path)
-    made: dict[str, object] = {}
-    exec(example, made)
-    assert isinstance(made["log"], Log)
+    exec(example, {})
+    # the model has no chance in it, but its loop is chaotic: another processor's last digits move these by some mm
+    measured = [float(one) for one in re.findall(r": (\d+) mm", capsys.readouterr().out)]
+    stated = [float(one) for one in re.findall(r": (\d+) mm[,\n]", example)]
+    assert measured == pytest.approx(stated, rel=0.2)
+    assert Robot.load("mine.toml").friction.coulomb == (0.12, 0.12, 0.12)
+    assert len(Log.read("log.csv")) == 6400
+
+
+def test_the_readme_begins_with_the_two_commands_that_do_everything():
+    commands = [line.split("#")[0].strip() for line in fenced("README.md", "sh")[0].splitlines()]
+    assert commands == ["make demo", "make test"]
 
 
 @pytest.mark.sample

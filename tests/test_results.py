@@ -7,7 +7,9 @@ from enum import Enum
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+from ballbot.file_formats import read_results, results_text
 from ballbot.results import as_json, key, left_out, reported, to_results
 
 
@@ -53,12 +55,30 @@ def test_fields_keys_and_reported_properties_are_written_and_others_left_out():
     assert to_results(WHOLE) == {
         "size": 2.0,
         "parts": {"left": {"size": None, "half": None}},
-        "share_at_limit": None,
+        "share_at_limit": "Infinity",
         "poles": [[1.0, 2.0]],
         "file": "a.csv",
         "colour": "red",
         "half": 1.0,
     }
+
+
+def test_missing_and_infinite_numbers_are_told_apart_and_read_back(tmp_path):
+    values = {"a": np.array([1.0, np.nan, -np.inf]), "b": {"c": (math.inf, None, "inf", np.int64(2))}}
+    text = results_text(values)
+    found = json.loads(text, parse_constant=pytest.fail)  # strict JSON has no NaN and no Infinity
+    assert found["a"] == [1.0, None, "-Infinity"]
+    (tmp_path / "results.json").write_text(text)
+    read = read_results(tmp_path / "results.json")
+    assert isinstance(read, dict)
+    assert read["a"] == [1.0, None, -math.inf]
+    assert read["b"] == {"c": [math.inf, None, "inf", 2]}
+
+
+def test_a_null_of_an_earlier_format_stays_unknown(tmp_path):
+    path = tmp_path / "results.json"
+    path.write_text('{"format": "ballbot results 3", "intervals": {"c1": {"lower": 0.1, "upper": null}}}')
+    assert read_results(path) == {"intervals": {"c1": {"lower": 0.1, "upper": None}}}
 
 
 def test_json_holds_dataclasses_anywhere():

@@ -125,6 +125,23 @@ def positive_number(value: object, what: str) -> float:
     return number
 
 
+def checked_sample_time(value: object, what: str) -> float:
+    """Return the sample time [s] of a robot's controller or sensors as a float; raise InputError if it is not one."""
+    time = positive_number(value, what)
+    if time < SHORTEST_SAMPLE:
+        raise InputError(f"{what} is {time:g} s; it must be at least {SHORTEST_SAMPLE:g} s.")
+    if time > LONGEST_SAMPLE:
+        raise InputError(
+            f"{what} is {time:g} s; it must be at most {LONGEST_SAMPLE:g} s; {instead_of_sample_time(time)}"
+        )
+    return time
+
+
+def instead_of_sample_time(time: float) -> str:
+    """Return what to do about a sample time [s] that is too long; milliseconds are often typed as seconds."""
+    return f"did you mean {1e-3 * time:g} s?" if time >= LONGEST_SAMPLE else "shorten it."
+
+
 def whole_number(value: object, what: str, *, least: int) -> int:
     """Return a whole number not below `least` as an int; raise InputError if it is not one."""
     if isinstance(value, bool | np.bool_) or not hasattr(value, "__index__"):
@@ -206,6 +223,8 @@ def _short(value: object) -> str:
 MOST_ROWS, MOST_COLUMNS, MOST_CELLS = 10_000_000, 1000, 50_000_000
 #: between two decisions of a controller, and two steps of the physics engine [s]
 SHORTEST_SAMPLE, SHORTEST_STEP = 1e-5, 1e-6
+#: longest sample time of a robot's controller and sensors [s]
+LONGEST_SAMPLE = 1.0
 #: robots, candidates or generations of a search
 MOST_TRIALS = 100_000
 _YEAR = 365.25 * 86400.0

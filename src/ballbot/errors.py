@@ -14,6 +14,10 @@ class CompiledCodeNotKept(UserWarning):
     """Numba has no folder for compiled code."""
 
 
+class UnsuitedController(UserWarning):
+    """A controller does not suit the robot that it is for; the text says why."""
+
+
 class OldFileFormat(UserWarning):
     """A file that an earlier version wrote was read; the text says what changed."""
 

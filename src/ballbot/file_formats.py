@@ -20,7 +20,7 @@ from typing import Literal
 
 from ballbot.errors import InputError
 from ballbot.files import read_json
-from ballbot.results import as_json
+from ballbot.results import as_json, with_infinities
 from ballbot.schema import toml_line
 
 Kind = Literal["robot", "controller", "scenario", "mapping", "courses", "results", "recording"]
@@ -32,7 +32,7 @@ NEWEST: Mapping[Kind, int] = {
     "scenario": 1,
     "mapping": 1,
     "courses": 1,
-    "results": 3,
+    "results": 4,
     "recording": 1,
 }
 
@@ -68,9 +68,9 @@ def _with_errors_of_the_whole_run(tree: Mapping[str, object]) -> dict[str, objec
 
 
 #: by kind: what turns the tables of format 1 into those of format 2, those of 2 into those of 3, and so on; `dict`, a
-#: plain copy, for a number that only renames keys
+#: plain copy, for a number that only renames keys; a null of results up to 3 may be an infinite number: it is unknown
 MIGRATIONS: Mapping[Kind, Sequence[Migration]] = {
-    "results": (_with_one_list_of_findings, _with_errors_of_the_whole_run)
+    "results": (_with_one_list_of_findings, _with_errors_of_the_whole_run, dict)
 }
 
 _NAME = re.compile(r"ballbot (\w+) (\d{1,9})")
@@ -127,14 +127,14 @@ def results_text(results: Mapping[str, object]) -> str:
 
 
 def read_results(path: str | Path) -> object:
-    """Return what a results.json holds.
+    """Return what a results.json holds: None for a number that is missing, inf and -inf for one that is infinite.
 
     Raises
     ------
     InputError
         If it cannot be read, is no JSON, is of another kind or of a newer format.
     """
-    tree = read_json(path)
+    tree = with_infinities(read_json(path))
     try:
         return take_format(tree, "results") if isinstance(tree, dict) else tree
     except InputError as error:

@@ -130,7 +130,9 @@ def decode_text(content: bytes, *, source: str, errors: str = "strict") -> str:
     try:
         text = content.decode("utf-8-sig", errors)
     except UnicodeDecodeError:
-        raise InputError(f"{source} is not a text file in UTF-8.") from None
+        raise InputError(
+            f"{source} is not a text file in UTF-8; if it is text in another encoding, as Latin-1, save it as UTF-8."
+        ) from None
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 

@@ -1,4 +1,7 @@
-"""The one way from values to results.json: dataclasses by their fields, arrays as lists, what is not finite as null.
+"""The one way from values to results.json and back: dataclasses by their fields, arrays as lists.
+
+JSON has no word for NaN and infinity: a missing number (NaN) is null, an infinite one the string "Infinity" or
+"-Infinity", as in the JSON of Protocol Buffers. Most languages turn these strings into numbers.
 
 A dataclass is written with its fields' names. A field can have another key or be left out, and a property can be
 written too:
@@ -17,6 +20,7 @@ written too:
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import Field, fields, is_dataclass
 from enum import Enum
@@ -29,6 +33,8 @@ import numpy as np
 from ballbot.printable import json_escaped
 
 _KEY = "results.json"
+
+_INFINITE = {"Infinity": math.inf, "-Infinity": -math.inf}
 
 #: metadata of a field that is not written
 left_out: Mapping[str, str] = MappingProxyType({_KEY: ""})
@@ -49,15 +55,17 @@ class Dataclass(Protocol):
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
 
-def to_results(value: Dataclass) -> dict[str, object]:
-    """Return a dataclass as results.json holds it.
+def to_results(value: Dataclass | Mapping[str, object]) -> dict[str, object]:
+    """Return a dataclass or a mapping as results.json holds it.
 
     Parameters
     ----------
-    value : dataclass
-        Its fields may be dataclasses, mappings, sequences, arrays, paths, enums and complex numbers
+    value : dataclass or mapping
+        Its values may be dataclasses, mappings, sequences, arrays, paths, enums and complex numbers
         ([real, imaginary]).
     """
+    if isinstance(value, Mapping):
+        return {str(name): plain(one) for name, one in value.items()}
     written = {
         name: plain(getattr(value, one.name))
         for one in fields(value)
@@ -73,22 +81,24 @@ def to_results(value: Dataclass) -> dict[str, object]:
 
 
 def plain(value: object) -> object:
-    """Return a value as JSON can hold it: plain containers, NaN and infinities as None."""
+    """Return a value as JSON can hold it: plain containers, NaN as None, infinities as their names."""
     match value:
         case np.ndarray():
             return plain(value.tolist())
         case np.generic():
             return plain(value.item())
         case Mapping():
-            return {str(name): plain(one) for name, one in value.items()}
+            return to_results(value)
         case Path():
             return str(value)
         case Enum():
             return plain(value.value)
         case complex():
             return [plain(value.real), plain(value.imag)]
-        case float() if not np.isfinite(value):
+        case float() if math.isnan(value):
             return None
+        case float() if math.isinf(value):
+            return "Infinity" if value > 0.0 else "-Infinity"
     if is_dataclass(value) and not isinstance(value, type):
         return to_results(value)
     if isinstance(value, Sequence) and not isinstance(value, str):
@@ -99,3 +109,15 @@ def plain(value: object) -> object:
 def as_json(results: Mapping[str, object]) -> str:
     """Return results as JSON text."""
     return json_escaped(json.dumps(plain(results), indent=2, ensure_ascii=False, allow_nan=False)) + "\n"
+
+
+def with_infinities(value: object) -> object:
+    """Return a value that JSON held with its infinite numbers as numbers."""
+    match value:
+        case dict():
+            return {name: with_infinities(one) for name, one in value.items()}
+        case list():
+            return [with_infinities(one) for one in value]
+        case str():
+            return _INFINITE.get(value, value)
+    return value

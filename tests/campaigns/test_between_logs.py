@@ -17,7 +17,16 @@ from ballbot.mechanics.friction import wheel_friction
 from ballbot.simulation.run import simulate
 from ballbot.twin import Twin
 from ballbot.twin.scenario import check_scenario
-from campaigns.between_logs import NOMINAL, ROBOT, Fit, coverage_row, drawn, fitted_priors, judge, references_of
+from campaigns.between_logs import (
+    NOMINAL,
+    ROBOT,
+    Fit,
+    coverage_row,
+    drawn,
+    fitted_priors,
+    judge,
+    references_of,
+)
 
 VALUES = np.array([0.02] * 3 + [0.1] * 3 + [0.05] * 3 + [0.6, 1.1, 0.01])
 

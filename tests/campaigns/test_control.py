@@ -12,7 +12,7 @@ pytest.importorskip("mujoco")
 
 from campaigns.adaptation import SAME, Job, Run, change_jobs, change_rows, ratio
 from campaigns.adaptation import run as run_over_a_change
-from campaigns.precise_controller import ALTEN, another, interval, outcome, task_run
+from campaigns.precise_controller import ALTEN, another, outcome, task_run
 
 #: a friction that somebody has found: a fifth too large
 KNOWN = alten(scaled_friction(FRICTION, 1.2))
@@ -59,11 +59,6 @@ def test_limit_cycle_is_distinguished_from_drift():
     assert cycle_amplitude(hold_log(drift)) < 2e-5
     with pytest.raises(InputError, match="less than 4 s"):
         cycle_amplitude(hold_log(drift[:1500]))
-
-
-def test_interval_is_students():
-    assert interval([1.0, 2.0, 3.0]) == "+2.000 (-0.484 to +4.484)"  # t(0.975, 2) = 4.303, over sqrt(3)
-    assert interval([1.0]) == "-"
 
 
 @pytest.mark.sample

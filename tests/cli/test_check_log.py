@@ -114,7 +114,7 @@ def test_infinite_lean_is_not_reported_as_degrees(tmp_path, capsys):
     (tmp_path / "log.csv").write_text(f"t,theta,phi\n{rows}")
     assert main(["check-log", str(tmp_path / "log.csv")]) == 0
     shown = capsys.readouterr().out
-    assert "theta has 1 of 20 values missing or not finite" in shown
+    assert "theta: 1 of 20 values missing or not finite" in shown
     assert "degrees" not in shown
 
 

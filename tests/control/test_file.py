@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ballbot import InputError
+from ballbot import InputError, Robot
 from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text, migrate, read_controller, write_controller
 from ballbot.control.parts.disturbance_observer import DisturbanceObserver
@@ -18,7 +18,8 @@ from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.parts.notch import Notch
 from ballbot.control.parts.prediction import DelayPrediction
 from ballbot.control.presets import design_gain, nominal_controller, precise_controller
-from ballbot.errors import OldFileFormat
+from ballbot.errors import OldFileFormat, UnsuitedController
+from ballbot.robot.components import scaled_friction
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
 
 
@@ -73,7 +74,8 @@ def test_the_parts_of_a_file_are_for_the_robot_that_it_is_read_with(tmp_path):
     write_controller(everything(alten(FRICTION)), path)
     heavy = alten(FRICTION)
     heavy = heavy.replace(body=replace(heavy.body, mass=1.2 * heavy.body.mass))
-    read = read_controller(path, heavy)
+    with pytest.warns(UnsuitedController, match="body.mass"):
+        read = read_controller(path, heavy)
     found = read.record["feed_forward"]["by_second"][0, :3]
     np.testing.assert_array_equal(found, feed_forward_record(heavy).by_second)
 
@@ -205,3 +207,104 @@ def test_controller_for_another_wheel_count_is_refused(tmp_path):
     path.write_text(good_file())
     with pytest.raises(InputError, match="4 wheels"):
         read_controller(path, four_wheeled(friction=False))
+
+
+def warnings_of(path: Path, robot: Robot) -> list[str]:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        read_controller(path, robot)
+    return [str(one.message) for one in caught if one.category is UnsuitedController]
+
+
+@pytest.mark.parametrize(
+    ("changed", "named"),
+    [
+        (
+            lambda robot: robot.replace(body=replace(robot.body, mass=11.0)),
+            "body.mass was 17.076 and is 11 kg.",
+        ),
+        (
+            lambda robot: robot.replace(sensors=replace(robot.sensors, sample_time=0.01)),
+            "sensors.sample_time was 0.005 and is 0.01 s.",
+        ),
+        (
+            lambda robot: robot.replace(drive=replace(robot.drive, torque_limit=4.0)),
+            "drive.torque_limit was 6 and is 4 N m.",
+        ),
+        (
+            lambda robot: robot.replace(wheels=replace(robot.wheels, azimuths=(0.0, 2.0, 4.0))),
+            "wheels.azimuths was 0, 2.0944, 4.18879 and is 0, 2, 4 rad.",
+        ),
+    ],
+)
+def test_file_for_other_values_of_the_robot_names_them(tmp_path, changed, named):
+    path, robot = tmp_path / "controller.toml", alten(FRICTION)
+    write_controller(precise_controller(robot), path)
+    assert warnings_of(path, robot) == []
+    (text,) = warnings_of(path, changed(robot))
+    assert text.startswith(f"{path}: The controller was designed for other values: {named}")
+
+
+def test_edited_sample_time_of_a_file_is_named(tmp_path):
+    path, robot = tmp_path / "controller.toml", alten(FRICTION)
+    write_controller(nominal_controller(robot), path)
+    path.write_text(path.read_text().replace("sample_time = 0.005\n", "sample_time = 0.01\n", 1))
+    (text,) = warnings_of(path, robot)
+    assert "sample_time was 0.005 and is 0.01 s" in text
+
+
+def test_friction_inertia_s_point_and_rounding_are_no_other_values(tmp_path):
+    path, robot = tmp_path / "controller.toml", alten(FRICTION)
+    write_controller(nominal_controller(robot), path)
+    about_mass = robot.body.inertia_about_center_of_mass().diagonal().tolist()
+    body = replace(robot.body, inertia=(*about_mass, 0.0, 0.0, 0.0), inertia_about="center_of_mass")
+    assert warnings_of(path, robot.replace(body=body)) == []
+    assert warnings_of(path, alten(scaled_friction(FRICTION, 1.5))) == []
+    rounded = replace(robot.wheels, tilt=0.7853982)
+    assert warnings_of(path, robot.replace(wheels=rounded)) == []
+
+
+def test_file_of_an_earlier_version_says_nothing_of_its_robot_and_neither_does_its_copy(tmp_path):
+    path, robot = tmp_path / "controller.toml", alten(FRICTION)
+    write_controller(nominal_controller(robot), path)
+    path.write_text(path.read_text().split("\n# What the design depends on", maxsplit=1)[0])
+    heavy = robot.replace(body=replace(robot.body, mass=18.0))
+    assert warnings_of(path, heavy) == []
+    assert "designed_for" not in controller_text(read_controller(path, heavy))
+
+
+def test_copy_of_a_controller_keeps_what_it_was_designed_for(tmp_path):
+    path, robot = tmp_path / "controller.toml", alten(FRICTION)
+    write_controller(nominal_controller(robot), path)
+    heavy = robot.replace(body=replace(robot.body, mass=18.0))
+    with pytest.warns(UnsuitedController, match="body.mass"):
+        write_controller(read_controller(path, heavy).with_compensation("partial"), path)
+    with pytest.warns(UnsuitedController, match=r"body.mass was 17.076 and is 18 kg"):
+        read_controller(path, heavy)
+
+
+def test_controller_that_cannot_work_with_its_robot_is_named(tmp_path):
+    path, robot = tmp_path / "controller.toml", alten()
+    write_controller(Controller(robot, -nominal_controller(robot).gain), path)
+    (text,) = warnings_of(path, robot)
+    assert "does not stabilise the robot 'alten'" in text
+    write_controller(Controller(robot, 0.53 * nominal_controller(robot).gain), path)  # stable from 0.47 on
+    (text,) = warnings_of(path, robot) or ("none",)
+    assert text == "none"
+    write_controller(Controller(robot, 0.5 * nominal_controller(robot).gain), path)
+    (text,) = warnings_of(path, robot)
+    assert "has no stability margin" in text
+    free = nominal_controller(robot).gain.copy()
+    free[:, [4, 9]] = 0.0  # the heading is left free: on the border, and allowed
+    write_controller(Controller(robot, free), path)
+    assert warnings_of(path, robot) == []
+
+
+def test_sample_time_of_milliseconds_is_refused_in_a_file(tmp_path):
+    path, robot = tmp_path / "controller.toml", alten()
+    write_controller(nominal_controller(robot), path)
+    path.write_text(path.read_text().replace("sample_time = 0.005\n", "sample_time = 5\n", 1))
+    with pytest.raises(
+        InputError, match=r"sample time is 5 s; it must be at most 1 s; did you mean 0.005 s\?"
+    ):
+        read_controller(path, robot)

@@ -1,6 +1,7 @@
 """LQR: against python-control, the Riccati equation, the cost itself and a gain published with measured data."""
 
 import json
+import re
 from dataclasses import dataclass
 
 import control
@@ -10,7 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import block_diag
 
-from ballbot import InputError, Model, lqr
+from ballbot import Controller, InputError, Model, lqr
+from ballbot.cli.main import main
+from ballbot.control.linear import refuse_without_margin
 from ballbot.control.lqr import held
 from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT, design_gain
 from tests.support.control_examples import alten, four_wheeled
@@ -148,3 +151,35 @@ def test_a_robot_is_given_by_value_or_name(model):
     np.testing.assert_array_equal(lqr(alten(), Q, R, sample_time=0.005).gain, expected)
     with pytest.raises(InputError, match="did you mean the preset 'alten'"):
         lqr("altn", Q, R)
+
+
+@pytest.mark.parametrize("robot", ["alten", "cmu", "kugle", "rob311"])
+def test_sample_time_typed_in_milliseconds_is_refused(robot):
+    count = Model(robot).robot.wheel_count
+    with pytest.raises(InputError, match=r"sample time is 5 s.* stability margin; did you mean 0.005 s\?"):
+        lqr(robot, Q, np.full(count, 30.0), sample_time=5)
+    with pytest.raises(InputError, match=r"sample time is 0.6 s.* stability margin; shorten it"):
+        lqr(robot, Q, np.full(count, 30.0), sample_time=0.6)
+    with pytest.raises(InputError, match=r"did you mean 0.005 s\?"):
+        Controller(robot, np.zeros((count, 10)), sample_time=5)
+    # a slow loop that has a margin of a tenth and more
+    design = lqr(robot, Q, np.full(count, 30.0), sample_time=0.1)
+    refuse_without_margin(Controller(robot, design.gain, sample_time=0.1))
+
+
+def test_slow_plant_may_be_sampled_slowly():
+    tank = Matrices(A=np.array([[-0.001]]), B=np.array([[1.0]]))
+    assert lqr(tank, [1.0], [1.0], sample_time=50.0).poles.real.max() < 0.0
+
+
+@pytest.mark.parametrize("options", [["--sample-time", "5"], ["--sample-time", "5", "--robust"]])
+def test_design_refuses_a_sample_time_in_milliseconds(tmp_path, capsys, options):
+    assert main(["design", "alten", *options, "--out", str(tmp_path / "out")]) == 2
+    assert re.search(r"did you mean .*0.005 s", " ".join(capsys.readouterr().err.split()))
+    assert not (tmp_path / "out" / "controller.toml").exists()
+
+
+def test_part_that_leaves_no_margin_is_refused(tmp_path, capsys):
+    """A notch at the loop's own frequency turns its phase."""
+    assert main(["design", "alten", "--notch", "1.0", "--out", str(tmp_path / "out")]) == 2
+    assert "unstable" in capsys.readouterr().err

@@ -18,8 +18,9 @@ from ballbot.control.overcompensation import (
 from ballbot.control.parts import Parts
 from ballbot.control.presets import design_gain, nominal_controller
 from ballbot.control.references import hold
+from ballbot.errors import UnsuitedController
 from ballbot.mechanics.friction import wheel_friction
-from ballbot.robot.components import scaled_friction
+from ballbot.robot.components import Correlation, scaled_friction
 from ballbot.robot.file import write_robot
 from tests.support.control_examples import FRICTION, alten
 
@@ -130,10 +131,11 @@ def test_controller_file_is_checked_against_the_robot_it_is_read_with(tmp_path):
     assert (
         overcompensation_warning(read_controller(path, alten()), alten()) is None
     )  # of which no friction is known
-    smooth = alten(scaled_friction(FRICTION, 0.5))
-    assert "200 % of" in (overcompensation_warning(read_controller(path, smooth), smooth) or "")
+    with pytest.warns(UnsuitedController, match=r"controller.toml: More friction .* 200 % of"):
+        read_controller(path, alten(scaled_friction(FRICTION, 0.5)))
     unsure = ROBOT.annotated(standard_deviations={"friction.coulomb": (0.01, 0.01, 0.01)})
-    assert "certain" in (overcompensation_warning(read_controller(path, unsure), unsure) or "")
+    with pytest.warns(UnsuitedController, match="More friction is compensated than is certain"):
+        read_controller(path, unsure)
 
 
 def test_run_with_a_controller_file_reports_overcompensation(tmp_path, capsys):
@@ -143,7 +145,7 @@ def test_run_with_a_controller_file_reports_overcompensation(tmp_path, capsys):
         write_controller(compensating(share), tmp_path / "controller.toml")
         given = ["simulate", str(tmp_path / "robot.toml"), "--controller", str(tmp_path / "controller.toml")]
         assert main([*given, "--duration", "0.1", "--out", str(tmp_path / "out")]) == 0
-        words.append(capsys.readouterr().out)
+        words.append(capsys.readouterr().err)
     assert "injects energy" not in words[0]
     assert "injects energy" in words[1]
 
@@ -185,4 +187,52 @@ def test_directed_friction_is_checked_in_both_directions():
 def test_controller_file_keeps_the_terms_of_the_friction(tmp_path):
     controller = Controller(alten(DIRECTED), designed_gain(), compensation="full")
     write_controller(controller, tmp_path / "directed.toml")
-    assert read_controller(tmp_path / "directed.toml", alten(FRICTION)).robot.friction == DIRECTED
+    with pytest.warns(UnsuitedController, match="wheel 3"):
+        read = read_controller(tmp_path / "directed.toml", alten(FRICTION))
+    assert read.robot.friction == DIRECTED
+
+
+def test_excess_below_a_thousandth_is_no_alarm_and_one_above_is_shown():
+    assert not compensation_margin(compensating(1.0009), FRICTION).overcompensates
+    margin = compensation_margin(compensating(1.002), FRICTION)
+    assert margin.overcompensates
+    assert "100.2 %" in margin.sentence
+
+
+@pytest.mark.slow
+def test_controller_designed_from_a_written_robot_raises_no_alarm_with_it(tmp_path, capsys):
+    """The friction's errors are correlated, and rounded in the file."""
+    labels = ("friction.viscous[0]", "friction.coulomb[0]", "friction.rolling")
+    near = np.array([[1.0, -0.987654321, 0.123456789], [-0.987654321, 1.0, -0.12], [0.123456789, -0.12, 1.0]])
+    deviations = {
+        "friction.viscous": (0.003,) * 3,
+        "friction.coulomb": (0.01,) * 3,
+        "friction.rolling": 0.001,
+    }
+    known = ROBOT.annotated(
+        standard_deviations=deviations,
+        correlation=Correlation.of_matrix(labels, near, (0.0029, 0.0099, 0.00101)),
+    )
+    write_robot(known, tmp_path / "robot.toml")
+    robot, out = str(tmp_path / "robot.toml"), str(tmp_path / "out")
+    assert main(["design", robot, "--kind", "precise", "--out", out]) == 0
+    assert "Torque limit of each wheel: 2." in (told := capsys.readouterr()).out
+    assert "because more would spin the wheels on the ball" in " ".join(told.out.split())
+    controller = f"{out}/controller.toml"
+    assert (
+        main(["simulate", robot, "--controller", controller, "--duration", "0.1", "--out", f"{out}/run"]) == 0
+    )
+    assert "warning" not in capsys.readouterr().err
+    assert main(["export", controller, "--robot", robot, "--out", f"{out}/firmware"]) == 0
+    assert "warning" not in capsys.readouterr().err
+    heavy = robot.replace("robot.toml", "heavy.toml")
+    text = (tmp_path / "robot.toml").read_text(encoding="utf-8")
+    (tmp_path / "heavy.toml").write_text(text.replace("value = 17.076,", "value = 11.0,"), encoding="utf-8")
+    for command in (
+        ["simulate", heavy, "--controller", controller, "--duration", "0.1", "--out", f"{out}/run"],
+        ["compare", heavy, controller, "--scenarios", "hold", "--seeds", "1", "--out", f"{out}/compared"],
+        ["export", controller, "--robot", heavy, "--out", f"{out}/firmware"],
+        ["check", heavy, "--controller", controller, "--out", f"{out}/checked"],
+    ):
+        assert main(command) == 0, command
+        assert "body.mass was 17.076 and is 11 kg" in " ".join(capsys.readouterr().err.split()), command

@@ -353,7 +353,10 @@ def test_the_nominal_twin_passes_and_stays_upright():
     from ballbot.twin import Twin
 
     robot = alten()
-    log = simulate(Twin(robot), SelfTest(robot), hold(), duration=SELF_TEST_DURATION, seed=3)
+    upright = np.zeros(10)
+    log = simulate(
+        Twin(robot), SelfTest(robot), hold(), duration=SELF_TEST_DURATION, initial_state=upright, seed=3
+    )
     result = evaluate_self_test(robot, log)
     assert result.passed
     assert log.ended is None

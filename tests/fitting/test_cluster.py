@@ -68,7 +68,7 @@ def test_an_identification_ends_in_the_same_bytes_though_a_worker_is_killed_on_t
     killed = []
 
     def kill_a_worker(progress: Progress) -> None:
-        if (progress.stage, progress.done) in (("evolution", 3), ("gauss_newton", 1)):
+        if (progress.stage, progress.done) in (("search", 3), ("gauss_newton", 1)):
             worker = next(iter(local.workers.values()))
             killed.append(worker.pid)
             # while the next step is computed

@@ -20,6 +20,7 @@ from ballbot.identification.result_findings import (
     prediction_findings,
     ridge_findings,
 )
+from ballbot.results import to_results
 from tests.support.control_examples import alten
 
 COORDINATES = scale_between(alten())
@@ -81,9 +82,9 @@ def test_doubtful_errors_are_profiled_the_worst_first():
     assert (found["s1"].lower, found["s1"].upper) == (pytest.approx(0.075), math.inf)
 
 
-def test_a_side_without_limit_is_null_in_files():
+def test_a_side_without_limit_is_infinite_in_files():
     one = Interval(lower=0.3, upper=math.inf, method="profile")
-    assert one.to_dict() == {"lower": 0.3, "upper": None, "from": "profile"}
+    assert to_results(one) == {"lower": 0.3, "upper": "Infinity", "from": "profile"}
     assert 7.0 in one
     assert 0.2 not in one
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from ballbot.identification.coulomb import coulomb_equivalent, coulomb_sentence
 from ballbot.identification.quantities import FRICTION, Layout
+from ballbot.results import to_results
 
 LAYOUT = Layout(wheel_count=3)
 SPEEDS = np.linspace(-3.0, 3.0, 2001)[:, None] * np.array([1.0, 0.7, 1.3])
@@ -65,5 +66,5 @@ def test_its_errors_are_those_of_drawn_parameters() -> None:
 def test_without_an_error_of_c_it_has_none() -> None:
     got = found(VALUES)
     assert np.isnan(got.standard_errors).all()
-    assert got.to_dict()["standard_errors"] == [None] * 3
+    assert to_results(got)["standard_errors"] == [None] * 3
     assert "±" not in coulomb_sentence(got, FRICTION)

@@ -20,6 +20,7 @@ from ballbot.identification.prediction import Predictor
 from ballbot.identification.stages import IdentificationOptions
 from ballbot.identification.windows import cut_windows
 from ballbot.log import STATE_NAMES, Log
+from ballbot.results import to_results
 from tests.support.control_examples import alten
 from tests.support.identification_examples import TRUTH, balancing_log, late, noisy
 from tests.support.log_examples import smooth_log
@@ -150,13 +151,17 @@ def test_active_bounds_are_kept_and_reported():
 
 
 @pytest.mark.slow
-def test_progress_rises_and_the_cost_falls():
+@pytest.mark.parametrize(
+    ("search", "stage", "steps"), [("genetic", "evolution", 5), ("multistart", "search", 16)]
+)
+def test_progress_rises_and_the_cost_falls(search, stage, steps):
     told: list[Progress] = []
     identify(
         alten(),
         noisy(balancing_log(), seed=4).between(6.0, 12.0),
         window=0.1,
         options=IdentificationOptions(
+            search=search,
             generations=5,
             population=8,
             evolution_windows=12,
@@ -166,13 +171,13 @@ def test_progress_rises_and_the_cost_falls():
         ),
         run=Run(progress=told.append),
     )
-    assert [(one.stage, one.done) for one in told[:5]] == [("evolution", step) for step in range(1, 6)]
-    assert told[5].stage == "gauss_newton"
+    assert [(one.stage, one.done) for one in told[:steps]] == [(stage, step + 1) for step in range(steps)]
+    assert told[steps].stage == "gauss_newton"
     assert all(earlier.share <= later.share <= 1.0 for earlier, later in pairwise(told))
     assert all(
         one.done <= one.total and (one.seconds_left is None or one.seconds_left >= 0.0) for one in told
     )
-    assert all(later.cost <= earlier.cost for earlier, later in pairwise(told[:5]))
+    assert all(later.cost <= earlier.cost for earlier, later in pairwise(told[:steps]))
 
 
 def test_a_robot_at_rest_is_refused():
@@ -332,4 +337,4 @@ def test_friction_share_scales_with_the_friction(factor):
 def test_without_friction_no_share_and_no_nan_in_results():
     first = errors(0.0)[0]
     assert np.isnan(first.wheel_speed.share)
-    json.dumps(first.to_dict(), allow_nan=False)
+    json.dumps(to_results(first), allow_nan=False)

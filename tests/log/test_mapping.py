@@ -154,7 +154,7 @@ def test_missing_file_column_is_reported_with_the_nearest_name(tmp_path):
 
 def test_time_that_does_not_increase_is_refused_before_it_is_used(tmp_path):
     with pytest.raises(InputError, match="Time does not increase at row 3"):
-        read(tmp_path, "t,a\n0,1\n1,1\n1,1\n", '[columns]\nt="t"\nx={from="a",delay=0.1}\n', name="log.csv")
+        read(tmp_path, "t,a\n0,1\n1,1\n1,2\n", '[columns]\nt="t"\nx={from="a",delay=0.1}\n', name="log.csv")
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from ballbot.findings import Finding
@@ -9,7 +10,8 @@ from ballbot.log import Log
 from ballbot.log.checks import check, check_logs
 from ballbot.log.checks.lean import AS_LOGGED, READINGS, lean_evidence, motion_of, usable_rows
 from ballbot.log.checks.physics import examine
-from ballbot.log.checks.torque_balance import driving_of, torque_evidence
+from ballbot.log.checks.torque_balance import driving_of
+from ballbot.log.checks.torque_gains import gains_of, motor_sums
 from ballbot.robot import Robot
 from tests.support.physics_examples import FRICTION, MISTAKES, balancing, exchanged, scaled
 
@@ -47,10 +49,10 @@ def test_gains_of_a_correct_log_are_one():
     assert abs(lean.gravity_gain) == pytest.approx(1.0, abs=0.05)
     driving = driving_of(log, rows, motion, robot)
     assert driving
-    torque = torque_evidence(driving)
-    forward, reverse = torque.scale
-    assert forward < 1.05
-    assert reverse > 0.95
+    gains = gains_of(motor_sums(driving, motion, robot))
+    assert np.all(np.abs(np.log(gains.factors)) < 3.0 * gains.errors)
+    # with 12 s around a square every motor's scale is known to a sixth
+    assert gains.errors.max() < 0.17
 
 
 @pytest.mark.parametrize("name", ["theta", "x_dot", "psi"])

@@ -208,7 +208,9 @@ WRONG_LOGS = {
         "order = [2, 1, 3]",
     ),
     "one wheel counts backwards": wrong(
-        lambda log: scaled(log, -1.0, "wheel1", "wheel1_dot"), "wheels", "sign = [-1, 1, 1]"
+        lambda log: scaled(log, -1.0, "wheel1", "wheel1_dot"),
+        "encoders",
+        "Wheel 1 counts in the opposite direction",
     ),
     "wheels and torques in mirrored order": wrong(
         lambda log: renamed(renamed(log, (1, 3, 2), "u", "wheel"), (1, 3, 2), "wheel", suffix="_dot"),

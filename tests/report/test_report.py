@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import replace
 from types import SimpleNamespace
@@ -32,7 +31,6 @@ from ballbot.report.study import doubts_sentence, friction_sentence
 from ballbot.report.style import drawn, thinned, with_peaks
 from ballbot.report.tables import parameter_sheet
 from ballbot.report.words import interval_text, logs_words, state_mark, with_error, with_powers, with_symbols
-from ballbot.results import as_json
 from ballbot.robot import Friction
 from ballbot.rounding import between, digits
 from ballbot.workflows.study import Study
@@ -85,11 +83,6 @@ def test_names_of_states_become_symbols_and_other_words_stay():
     assert with_symbols("psi_dot (psi) of e_x_dot") == "ψ\u0307 (ψ) of ε(x\u0307)"
     assert with_symbols("the axis, physics and theta2") == "the axis, physics and theta2"
     assert state_mark("phi") == "φ"
-
-
-def test_nonfinite_values_become_null():
-    text = as_json({"a": np.array([1.0, np.nan]), "b": (np.inf, np.int64(2))})
-    assert json.loads(text) == {"a": [1.0, None], "b": [None, 2]}
 
 
 def _found() -> Identification:

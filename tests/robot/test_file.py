@@ -116,7 +116,7 @@ def test_what_is_written_reads_back_as_the_same_floats(
     robot: Robot, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     path = tmp_path_factory.mktemp("robots") / "robot.toml"
-    write_robot(robot, path)
+    robot.write(path)
     read = Robot.load(path)
     assert read == robot
     assert read.sources == {one.name: robot.sources.get(one.name, "assumed") for one in PARAMETERS}

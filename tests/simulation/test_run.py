@@ -6,11 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from ballbot import InputError, Log, Model, simulate
+from ballbot import Controller, InputError, Log, Model, simulate
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import hold, square
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.simulation.model_plant import lift_off, sinking_of
+from ballbot.simulation.run import initial_state_of
 from tests.support.control_examples import FRICTION, alten, four_wheeled, leaning
 
 
@@ -163,3 +164,25 @@ def test_a_robot_is_given_by_value_or_name():
     np.testing.assert_array_equal(by_name.states, by_value.states)
     with pytest.raises(InputError, match="did you mean the preset 'alten'"):
         simulate("altn", "nominal", "hold", duration=0.1)
+
+
+@pytest.mark.parametrize("friction", [None, FRICTION], ids=["without friction", "with friction"])
+@pytest.mark.parametrize("seed", range(4))
+def test_controllers_that_cannot_work_fall_from_the_default_start(friction, seed):
+    robot = alten() if friction is None else alten(friction)
+    good = nominal_controller(robot)
+    for controller in (Controller(robot, -good.gain), Answering(lambda _: np.zeros(3))):
+        assert simulate(robot, controller, hold(), duration=8.0, seed=seed).ended is not None
+    log = simulate(robot, good, hold(), duration=8.0, seed=seed)
+    assert log.ended is None
+    np.testing.assert_array_equal(log.states[0], initial_state_of(seed))
+    assert 0.0 < np.abs(log.states[0, 2:4]).max() <= 0.02
+
+
+def test_start_and_sample_time_that_a_caller_states_count():
+    log = simulate("alten", "nominal", "hold", duration=0.1, initial_state=np.zeros(10))
+    assert not log.states.any()
+    with pytest.raises(
+        InputError, match=r"sample time is 5 s; it must be at most 1 s; did you mean 0.005 s\?"
+    ):
+        simulate("alten", Answering(lambda _: np.zeros(3), sample_time=5.0), "hold", duration=10.0)

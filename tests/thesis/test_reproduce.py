@@ -44,8 +44,8 @@ from ballbot.thesis.reproduce import (
     recordings,
 )
 from ballbot.thesis.reproduce.bench import Bench, linear_run
-from ballbot.thesis.reproduce.campaign import ITEMS, Reproduction
-from ballbot.thesis.reproduce.item import Check, Item, Mistake, run_seed
+from ballbot.thesis.reproduce.campaign import ITEMS, Reproduction, item_name, items_named
+from ballbot.thesis.reproduce.item import LONG_RUNS, Check, Item, Mistake, run_seed
 from ballbot.thesis.reproduce.mistakes import MISTAKES
 from ballbot.thesis.reproduce.page import (
     DRAWINGS,
@@ -58,6 +58,7 @@ from ballbot.thesis.reproduce.recordings import (
     CHANGE,
     Logs,
     ModelOnGrid,
+    Recorded,
     Recording,
     TwinOnGrid,
     balance,
@@ -72,7 +73,9 @@ from ballbot.workflows.comparison import median_with_interval
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
     """A bench without recordings: enough for what is of models and parameters alone."""
     robot = Robot.load("alten")
-    return Bench(robot=robot, identified=robot, recordings={}, seed=0, folder=tmp_path_factory.mktemp("runs"))
+    return Bench(
+        robot=robot, identify=lambda: robot, recordings={}, seed=0, folder=tmp_path_factory.mktemp("runs")
+    )
 
 
 def check(*, value: float, lowest: float = -math.inf, highest: float = math.inf) -> Check:
@@ -417,6 +420,48 @@ def test_page_has_figures_beside_words(bench: Bench, tmp_path: Path) -> None:
     assert [one["verdict"] for one in results["items"]] == ["drawn", "drawn", "agrees", "does not agree"]
     assert results["mistakes"][0]["proven"] is True
     assert "(V.4)" in (tmp_path / "reproduce.md").read_text(encoding="utf-8")
+
+
+def test_one_figure_alone_makes_only_the_recordings_it_needs(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert main(["reproduce", "--only", "figure 5.2", "--out", str(out)]) == 0
+    results = json.loads((out / "results.json").read_text(encoding="utf-8"))
+    assert [one["name"] for one in results["items"]] == ["Figure 5.2"]
+    assert results["mistakes"] == []
+    assert results["friction_identified"] is None
+    assert [path.name for path in (out / "figures").iterdir()] == ["figure_5_2.svg"]
+    assert list(out.glob("runs/*.npz")) == []
+
+
+def test_recordings_of_one_kind_are_made_together_when_needed() -> None:
+    made: list[list[str]] = []
+
+    def make(chosen: tuple[Recording, ...]) -> dict[str, Logs]:
+        made.append([one.name for one in chosen])
+        return {one.name: {} for one in chosen}
+
+    recorded = Recorded(make)
+    for name in ("drifting_1", "drifting_0", "fit_eight"):
+        assert recorded[name] == {}
+    assert [one for one in made if one] == [[f"drifting_{k}" for k in range(LONG_RUNS)], ["fit_eight"]]
+    with pytest.raises(KeyError):
+        recorded["nothing"]
+
+
+def test_every_item_has_the_name_that_it_is_asked_for_by(bench: Bench) -> None:
+    for make in (chapters_2_to_4.figure_2_1, chapter5.figure_5_2, appendices.figure_iii_1):
+        assert item_name(make) == make(bench).name
+        assert items_named(item_name(make)) == (make,)
+
+
+def test_an_unknown_figure_is_refused_with_the_names(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["reproduce", "--only", "Table 4.9", "--out", str(tmp_path / "out")]) == 2
+    refusal = capsys.readouterr().err
+    assert "There is no 'Table 4.9' to reproduce; there are Figure 2.1, " in refusal
+    assert "Table 4.1" in refusal
+    assert not (tmp_path / "out").exists()
 
 
 def test_folder_that_is_a_file_is_refused_before_any_work(

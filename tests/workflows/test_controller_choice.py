@@ -16,15 +16,21 @@ from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import hold
 from ballbot.errors import InputError
 from ballbot.log import Log
+from ballbot.report.study import steps_sentence
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.comparison import ComparedRun, median_with_interval
 from ballbot.workflows.controller_choice import (
-    ABLATIONS,
+    CANDIDATES,
+    SQUARE,
+    STEPS,
+    ControllerChoice,
     PlantDraw,
+    Step,
     Trial,
     available_plant,
     equal_best,
-    without_part,
+    smoothest_of_best,
+    variants,
 )
 from ballbot.workflows.metrics import QUANTITIES, Performance, Score
 from ballbot.workflows.study import sampled_at
@@ -61,11 +67,6 @@ def around(peak: float, roughness: float) -> Trial:
     return trial(*(run(peak * factor, roughness) for factor in np.linspace(0.9, 1.1, 20)))
 
 
-def chosen(trials: dict[str, Trial]) -> str | None:
-    equals = equal_best(trials)
-    return min(equals, key=lambda name: trials[name].roughness.median, default=None)
-
-
 # --- the rule ---
 
 
@@ -77,7 +78,7 @@ def test_the_smallest_error_wins_where_intervals_are_apart():
 def test_of_overlapping_intervals_the_smoothest_wins():
     trials = {"none": around(0.3, 0.01), "rough": around(0.0100, 0.09), "smooth": around(0.0102, 0.05)}
     assert equal_best(trials) == ("rough", "smooth")
-    assert chosen(trials) == "smooth"
+    assert smoothest_of_best(trials) == "smooth"
 
 
 def test_a_candidate_that_falls_once_is_excluded():
@@ -86,8 +87,40 @@ def test_a_candidate_that_falls_once_is_excluded():
     trials = {"none": around(0.3, 0.05), "precise": fallen}
     assert fallen.falls == 1
     assert np.isnan(fallen.peaks[-1])
-    assert chosen(trials) == "none"
+    assert smoothest_of_best(trials) == "none"
     assert equal_best({"precise": fallen}) == ()
+
+
+def choice_of(
+    trials: dict[str, Trial], steps: dict[Step, tuple[Trial, Trial]] | None = None
+) -> ControllerChoice:
+    return ControllerChoice(
+        plants=(),
+        course=SQUARE,
+        trials=trials,
+        equals=equal_best(trials),
+        chosen=smoothest_of_best(trials),
+        steps=steps or {},
+        runs={},
+    )
+
+
+def test_the_smoothest_of_equals_may_compensate_nothing_and_has_the_best_compensated_one_beside_it():
+    # on the nominal twin's square: peak errors within their intervals, half as rough
+    trials = {
+        "none": around(0.378, 0.064),
+        "full": around(0.099, 0.16),
+        "partial": around(0.081, 0.17),
+        "precise": around(0.0070, 0.060),
+        "precise_without_compensation": around(0.0075, 0.032),
+    }
+    made = {
+        name: replace(one, controller=nominal().with_compensation(CANDIDATES[name][1]))
+        for name, one in trials.items()
+    }
+    found = choice_of(made)
+    assert (found.chosen, found.compensated) == ("precise_without_compensation", "precise")
+    assert choice_of({"none": made["none"]}).compensated is None
 
 
 def test_ratios_are_taken_draw_by_draw():
@@ -129,25 +162,48 @@ def test_missing_values_do_not_count():
 # --- parts and plants ---
 
 
-@pytest.mark.parametrize("part", ABLATIONS)
-def test_an_ablation_removes_one_part_and_leaves_the_rest(part):
-    whole = precise_controller(alten(FRICTION))
-    without = without_part(whole, part)
-    np.testing.assert_array_equal(without.gain, whole.gain)
-    changed = [
-        without.estimator != whole.estimator,
-        without.compensation != whole.compensation,
-        without.parts.shaping != whole.parts.shaping,
-        without.parts.shaping == whole.parts.shaping and without.parts.feed_forward is None,
-        without.parts.integral is None,
-        without.parts.disturbance_observer is None,
-    ]
-    assert sum(changed) == 1
+@pytest.mark.parametrize("step", STEPS)
+def test_each_step_changes_what_it_names_and_leaves_the_rest(step):
+    robot = alten(FRICTION)
+    made = {"nominal": nominal_controller(robot), "precise": precise_controller(robot)}
+    known = {name: made[kind].with_compensation(kept) for name, (kind, kept) in CANDIDATES.items()}
+    known |= variants(known)
+    before, after = known[step.before], known[step.after]
+    changed = {
+        "stiff gain": (before.gain != after.gain).any(),
+        "Kalman filter": (before.estimator, after.estimator) == ("onboard", "kalman"),
+        "shaped references": before.parts.shaping != after.parts.shaping,
+        "feed-forward": before.parts.feed_forward != after.parts.feed_forward,
+        "disturbance observer": before.parts.disturbance_observer != after.parts.disturbance_observer,
+        "integral action": before.parts.integral != after.parts.integral,
+        "full compensation": (before.compensation, after.compensation) == ("none", "full"),
+    }
+    assert {name for name, has in changed.items() if has} == {name for name in changed if name in step.adds}
 
 
-def test_an_unknown_part_and_plant_are_refused():
-    with pytest.raises(InputError, match=r"no part 'luck'; there are estimator"):
-        without_part(precise_controller(alten(FRICTION)), "luck")
+def in_words(ratio: float, low: float, high: float, draws: int) -> str:
+    """Return what a step says that makes a peak error of 10 mm so many times larger, on so many robots."""
+    ratios = np.interp(np.linspace(0.0, 1.0, draws), [0.0, 0.5, 1.0], [low, ratio, high])
+    before, after = trial(*(run(0.01 * one) for one in ratios)), trial(*(run(0.01) for _ in ratios))
+    return steps_sentence(choice_of({}, {STEPS[0]: (before, after)}))
+
+
+def test_four_robots_are_too_few_to_tell_and_twenty_are_not():
+    assert in_words(3.75, 3.0, 4.59, 4) == "4 robots are too few to tell where the gain comes from."
+    assert "3.8 times smaller (37.5 to 10.0 mm) on the square" in in_words(3.75, 3.0, 4.59, 20)
+    assert "not clearly different (10.0 and 10.0 mm)" in in_words(1.0, 0.8, 1.3, 20)
+    assert "1.3 times larger (7.50 to 10.0 mm)" in in_words(0.75, 0.65, 0.85, 20)
+
+
+def test_falls_that_a_step_prevents_are_counted_before_any_ratio():
+    standing, falling = around(0.02, 0.05), around(0.666, 0.7)
+    fallen = replace(falling, scores=(*falling.scores[:-3], *(run(0.9, ended="fallen") for _ in range(3))))
+    words = steps_sentence(choice_of({}, {STEPS[0]: (fallen, standing)}))
+    assert "20.0 mm with 0 falls instead of" in words
+    assert "mm with 3 falls in 20 runs" in words
+
+
+def test_an_unknown_plant_is_refused():
     with pytest.raises(InputError, match="'model' or 'twin'"):
         available_plant("moon")  # pyright: ignore[reportArgumentType]
 

@@ -189,6 +189,10 @@ def test_stored_prediction_reads_back(prediction: Prediction, tmp_path: Path):
             lambda tree: tree["prediction"]["course"].update(name="cube"),
             "course.name is 'cube'; it must be one of",
         ),
+        (
+            lambda tree: tree["prediction"].update(controller="luck"),
+            "controller is 'luck'; it must be one of none",
+        ),
         (lambda tree: tree["prediction"]["none"]["lean"].update(low=5.0), "none.lean is 5, .* must ascend"),
         (lambda tree: tree["prediction"].update(more=1), "more is not a key"),
     ],
@@ -270,9 +274,14 @@ def test_short_run_warns_that_causes_from_the_torque_are_unreliable(
 
 def test_missing_comparison_gets_no_finding(prediction: Prediction, log: Log, controller: Controller):
     large = displaced(log, 0.7 * prediction.none["peak_error"].low)
-    for alone in (replace(prediction, none={}), replace(prediction, controller="none")):
+    # what compensates nothing cannot be weakened
+    cases = {
+        "weaken": replace(prediction, none={}),
+        "revert": replace(prediction, controller="none"),
+    }
+    for recommendation, alone in cases.items():
         verdict = evaluate_log(alone, large, KNOWN, controller)
-        assert verdict.recommendation == "weaken"
+        assert verdict.recommendation == recommendation
         assert "without compensation" not in verdict.reason
 
 
@@ -397,7 +406,7 @@ def test_prediction_from_perturbed_plants_holds_on_the_twin(controller: Controll
         )
         for k in range(6)
     ]
-    choice = choose_controller(controllers, plants, course=COURSE, ablation_plants=0, processes=1)
+    choice = choose_controller(controllers, plants, course=COURSE, step_plants=0, processes=1)
     found = predict(choice)
     assert found is not None
     assert found.controller == "precise"

@@ -34,7 +34,7 @@ from ballbot.results import as_json
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
 from ballbot.workflows import study as study_workflow
-from ballbot.workflows.controller_choice import ABLATIONS, CANDIDATES, compensated_robot, draw_plants
+from ballbot.workflows.controller_choice import CANDIDATES, STEPS, compensated_robot, draw_plants
 from ballbot.workflows.controller_prediction import (
     DISCREPANCY,
     Prediction,
@@ -52,7 +52,7 @@ SMALL = StudyOptions(
     generations=8,
     duration=8.0,
     draws=2,
-    ablation_draws=1,
+    step_draws=1,
     bounds=Bounds({"stribeck_speed": (0.6, 0.6), "stribeck_exponent": (1.1, 1.1)}),
 )
 #: an inner step of 2.5 ms: a cost differs by 1e-4, and the work by 2.5; profiles have tests of their own
@@ -66,7 +66,7 @@ class Brief(StudyOptions):
 
     generations: int = 30
     duration: float = 8.0
-    ablation_draws: int = 0
+    step_draws: int = 0
 
 
 def walk() -> Log:
@@ -227,9 +227,12 @@ def test_results_keep_their_keys(folder: Path):
     assert len(prediction["labels"]) == 13
     assert np.shape(prediction["correlation"]) == (13, 13)
     comparison = results["comparison"]
-    for entry in (*(comparison[name] for name in CANDIDATES), *comparison["ablation"].values()):
-        assert 0.0 < entry["rms_position_error"] <= entry["peak_position_error"]
-    assert set(comparison["ablation"]) == set(ABLATIONS)
+    pairs = [(step["before"], step["after"]) for step in comparison["steps"]]
+    assert [tuple(one["controller"] for one in pair) for pair in pairs] == [
+        (step.before, step.after) for step in STEPS
+    ]
+    for entry in (*(comparison[name] for name in CANDIDATES), *(one for pair in pairs for one in pair)):
+        assert entry["falls"] or 0.0 < entry["rms_position_error"] <= entry["peak_position_error"]
     assert comparison["gain"]["low"] <= comparison["gain"]["median"] <= comparison["gain"]["high"]
     assert results["controller"]["kind"] == "precise"
     assert results["controller"]["estimator"] == "kalman"
@@ -253,6 +256,27 @@ def test_the_files_read_back(folder: Path, small: Study):
         "controller.toml",
         "previous_controller.toml",
     }
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_controller_that_compensates_nothing_has_the_best_compensated_one_beside_it(
+    small: Study, tmp_path: Path
+):
+    choice = replace(small.choice, chosen="precise_without_compensation")
+    write_study(replace(small, choice=choice), tmp_path, made=provenance(command="", files=[], seed=3))
+    robot = Robot.load(tmp_path / "robot.toml")
+    chosen, compensated = (
+        read_controller(tmp_path / name, robot) for name in ("controller.toml", "compensated_controller.toml")
+    )
+    assert choice.compensated == "precise"
+    assert (chosen.compensation, compensated.compensation) == ("none", "full")
+    np.testing.assert_array_equal(chosen.gain, compensated.gain)
+    results = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
+    assert results["comparison"]["compensated"] == "precise"
+    assert (
+        "The best that compensates friction, precise, is compensated_controller.toml"
+        in controller_sentence(replace(small, choice=choice))
+    )
 
 
 def test_choosing_no_compensation_claims_no_gain_over_falling_candidates(small: Study):
@@ -320,10 +344,10 @@ def test_report_is_self_contained(folder: Path):
 def test_a_study_killed_while_it_compares_goes_on_to_the_same(small: Study, checkpoint: Path, tmp_path: Path):
     whole = checkpoint.read_bytes()
     lines = whole.splitlines(keepends=True)
-    # the last of them: the runs, 2 plants by 4 candidates and 1 plant by 6 ablations
-    assert [json.loads(line).get("stage") == "run" for line in lines] == [False] * (len(lines) - 14) + [
+    # the last of them: the runs, 2 plants by 5 candidates, and on 1 plant 3 more controllers and 2 by 4 slow runs
+    assert [json.loads(line).get("stage") == "run" for line in lines] == [False] * (len(lines) - 21) + [
         True
-    ] * 14
+    ] * 21
     killed = tmp_path / "checkpoint.jsonl"
     killed.write_bytes(b"".join(lines[:-3]))  # written whole at every answer, so a kill leaves it like this
     again = run(killed, resume=True)
@@ -407,6 +431,22 @@ def test_validate_refuses_another_controller_than_the_logs(folder: Path, tmp_pat
     assert capsys.readouterr().err.startswith("ballbot: ")
     assert main(["validate", "alten", str(log), "--out", str(tmp_path / "out")]) == 2
     assert "no friction" in capsys.readouterr().err
+
+
+def test_few_draws_are_said_before_the_work(tmp_path: Path, capsys, monkeypatch):
+    def stop(*_: object, **__: object) -> None:
+        raise InputError("It begins.")
+
+    log = tmp_path / "walk.csv"
+    walk().write(log)
+    monkeypatch.setattr(study_command, "run_study", stop)
+    words = ["study", "alten", str(log), "--plant", "model", "--out", str(tmp_path / "out")]
+    assert main([*words, "--draws", "4"]) == 2
+    said = " ".join(capsys.readouterr().out.split())
+    assert "4 simulated robots will give no prediction" in said
+    assert "--draws 6 or more" in said
+    assert main([*words, "--draws", "6"]) == 2
+    assert "prediction" not in capsys.readouterr().out
 
 
 def test_a_study_refuses_before_it_works():

@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ballbot.cli.context import PAGE, RunOptions, WholeNumber, input_files, open_long_result, parse_seeds
-from ballbot.cli.controllers import warn_of_idle_compensation, warn_of_overcompensation
+from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.cli.output import standard_output
 from ballbot.control.references import is_reference_file
 from ballbot.errors import InputError
@@ -79,7 +79,6 @@ def compare(
     belongs_to = league_identity(described, candidates, courses, numbers)
     belongs_to |= {str(path): checksum for path, checksum in own.items()}
     console = standard_output()
-    warn_of_overcompensation({one.name: made[one.name] for one in candidates if one.file}, described)
     warn_of_idle_compensation(made)
     with (
         open_long_result(

@@ -10,7 +10,6 @@ from cyclopts import Parameter
 from ballbot.cli.output import notice_output
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.interface import Feedback
-from ballbot.control.overcompensation import overcompensation_warning
 from ballbot.control.presets import named_controller, nominal_controller
 from ballbot.errors import InputError
 from ballbot.robot import Robot
@@ -38,14 +37,6 @@ class ControllerOptions:
                 "one of them out."
             )
         return named_controller(self.controller, robot)
-
-
-def warn_of_overcompensation(controllers: Mapping[str, Feedback], robot: Robot) -> None:
-    """Print a sentence for each controller, by the name it goes by, that may feed the motion of this robot."""
-    for name, one in controllers.items():
-        sentence = overcompensation_warning(one, robot) if isinstance(one, Controller) else None
-        if sentence:
-            notice_output().print(f"{name}: {sentence}.", style="yellow", markup=False, soft_wrap=True)
 
 
 def warn_of_idle_compensation(controllers: Mapping[str, Feedback]) -> None:

@@ -14,7 +14,8 @@ from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.control.controller import Compensation
 from ballbot.control.file import controller_text, write_controller
-from ballbot.control.presets import NOMINAL_TORQUE_WEIGHT, frictionless_model
+from ballbot.control.lqr import frictionless_model
+from ballbot.control.presets import NOMINAL_TORQUE_WEIGHT
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.findings import Finding

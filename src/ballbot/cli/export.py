@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ballbot.cli.context import PAGE, input_files, open_result
-from ballbot.cli.controllers import warn_of_idle_compensation, warn_of_overcompensation
+from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.control.file import read_controller
 from ballbot.files import write_text
@@ -97,5 +97,4 @@ def export(
     if to_install:
         result.console.print(to_install)
     warn_of_idle_compensation({controller.name: read})
-    warn_of_overcompensation({controller.name: read}, described)
     result.show_file(_README, PAGE)

@@ -36,7 +36,7 @@ from ballbot.identification import (
 from ballbot.identification.holdout import InitialStates
 from ballbot.identification.identify import identify_by_law
 from ballbot.identification.laws import law_results
-from ballbot.identification.stages import IdentificationOptions
+from ballbot.identification.stages import IdentificationOptions, Search
 from ballbot.identification.sweep import read_sweep
 from ballbot.identification.windows import common_back_emf
 from ballbot.log import Log
@@ -81,6 +81,10 @@ class FitOptions:
 
     window: float = 0.25
     """Length of the predicted windows [s]."""
+
+    search: Search = "multistart"
+    """How the basin of the minimum is found: by descents from a few fixed starts, or by a genetic search as in the
+    thesis, which takes longer."""
 
     seed: WholeNumber = 0
     """Random seed. The same seed gives the same result."""
@@ -145,6 +149,7 @@ def identify(
         "law": fit.law,
         "exclude-states": fit.exclude_states,
         "back_emf": back_emf,
+        "search": fit.search,
         "seed": fit.seed,
         "window": fit.window,
         "bounds": bounds,
@@ -170,7 +175,10 @@ def identify(
             bounds=bounds,
             window=fit.window,
             options=IdentificationOptions(
-                excluded_states=names_listed(fit.exclude_states), back_emf=back_emf, sweep=sweep
+                excluded_states=names_listed(fit.exclude_states),
+                back_emf=back_emf,
+                sweep=sweep,
+                search=fit.search,
             ),
             run=result.run_with(bar.report),
         )

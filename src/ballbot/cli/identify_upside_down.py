@@ -5,25 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
-
-from cyclopts import Parameter
 
 from ballbot.cli.context import (
     PAGE,
     CommandResult,
     LogPath,
-    RunOptions,
     WholeNumber,
     input_files,
-    open_long_result,
+    open_result,
     read_logs,
 )
 from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.files import write_text
 from ballbot.findings import Finding, by_severity
-from ballbot.fitting.checkpoint import identity
-from ballbot.identification import Progress, read_bounds
+from ballbot.fitting.run import Run, check_seed
+from ballbot.identification import read_bounds
 from ballbot.identification.upside_down import UpsideDown
 from ballbot.identification.upside_down import identify_upside_down as find_friction
 from ballbot.identification.upside_down_checks import upside_down_findings
@@ -32,7 +28,6 @@ from ballbot.log.checks import bench_findings
 from ballbot.report.bench import movement_figure, prediction_figure, upside_down_parts, upside_down_report
 from ballbot.report.style import drawn
 from ballbot.robot import Robot
-from ballbot.robot.file import write_robot
 from ballbot.workflows.ball_movement import ball_movement
 
 _WRITTEN = (PAGE, "robot.toml", "results.json", "prediction.svg", "movement.svg")
@@ -48,15 +43,14 @@ def identify_upside_down(
     seed: WholeNumber = 0,
     window: float = 1.0,
     accept: Accept = None,
-    resume: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
     """Identify the friction of drivelines and ball-wheel contacts with the robot clamped upside down.
 
-    The ball lies on the wheels, and a camera gives its angular velocity. If
+    The ball lies on the wheels, and a camera gives its angular velocity; wheel speeds, if logged, are used. If
     the robot file already has friction, as after `ballbot identify`, both are validated on the same windows.
 
-    Writes report.html, robot.toml (the robot with the identified friction), results.json, prediction.svg and
-    movement.svg (the ball's rotation with and without friction).
+    Writes report.html, robot.toml (the robot with the identified friction, if it is usable), results.json,
+    prediction.svg and movement.svg (the ball's rotation with and without friction).
 
     Example: ballbot identify-upside-down alten upside_down.csv --out found
 
@@ -76,40 +70,31 @@ def identify_upside_down(
         Random seed. The same seed gives the same result.
     window
         Length of the predicted windows [s].
-    resume
-        Continue an interrupted run in the same folder.
     """
     described = Robot.load(robot)
     named = read_logs(logs, mapping)
     findings = _checked(described, dict(zip(logs, named.values(), strict=True)), accept)
     within = read_bounds(bounds) if bounds else None
-    depends_on = {"bounds": within, "seed": seed, "window": window}
-    belongs_to = identity(described, list(named.values()), depends_on)
-    with open_long_result(
+    check_seed(seed)
+    with open_result(
         out,
         command="identify-upside-down",
         writes=_WRITTEN,
         inputs=input_files(logs, mapping, bounds, robot),
-        belongs_to=belongs_to,
         seed=seed,
-        run=RunOptions(resume=resume),
     ) as result:
         with result.progress("identifying") as bar:
-
-            def show(progress: Progress) -> None:
-                bar.report(replace(progress, note=f"error {progress.cost:.3f} rad/s"))
-
             found = find_friction(
                 described,
                 list(named.values()),
                 bounds=within,
                 window=window,
-                run=result.run_with(show),
+                run=Run(seed=seed, progress=bar.report),
             )
         with result.replaced() as new:
             _write(found, described, named, result, findings, new)
     result.show(upside_down_parts(found, described, framed=result.console.is_terminal))
-    result.show_file(PAGE, "robot.toml")
+    result.show_file(PAGE, *(["robot.toml"] if found.usable else []))
 
 
 def _checked(robot: Robot, logs: Mapping[Path, Log], accept: list[str] | None) -> tuple[Finding, ...]:
@@ -135,7 +120,8 @@ def _write(
 ) -> None:
     movement, log = ball_movement(found.robot), next(iter(named.values()))
     result.write_json(found.to_dict() | {"movement": movement}, folder, findings=[*findings, *found.findings])
-    write_robot(found.robot, folder / "robot.toml")
+    if found.usable:
+        found.robot.write(folder / "robot.toml")
     page = upside_down_report(found, described, named, movement, made=result.origin, findings=findings)
     result.write_page(page, folder)
     write_text(folder / "prediction.svg", drawn(lambda: prediction_figure(found, log), name="prediction"))

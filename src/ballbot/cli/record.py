@@ -12,12 +12,13 @@ from rich.console import Console
 
 from ballbot.cli import OUTPUT
 from ballbot.cli.context import LogFormatName, WholeNumber, argv, parse_seeds
-from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation, warn_of_overcompensation
+from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.cli.output import emit, print_verdict, progress_bar, standard_output
 from ballbot.control.references import as_reference
 from ballbot.estimation.interface import EstimatorName
-from ballbot.files import check_folder, read_json
+from ballbot.file_formats import read_results
+from ballbot.files import check_folder
 from ballbot.fitting.run import check_seed
 from ballbot.log.formats import check_format
 from ballbot.printable import shell_line
@@ -131,8 +132,6 @@ def record(
         log_format=check_format(run.format),
     )
     console = standard_output()
-    if chosen.controller:
-        warn_of_overcompensation({chosen.controller: job.controller}, described)
     if run.experiment == "balance":
         name = chosen.controller or "nominal controller"
         warn_of_idle_compensation({name: job.controller})
@@ -150,7 +149,8 @@ def _emit(outcomes: Sequence[RecordOutcome]) -> None:
         emit(
             {
                 "runs": [
-                    to_results(one) | {"results": read_json(one.folder / "results.json")} for one in outcomes
+                    to_results(one) | {"results": read_results(one.folder / "results.json")}
+                    for one in outcomes
                 ]
             }
         )

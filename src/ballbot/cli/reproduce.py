@@ -13,7 +13,7 @@ from ballbot.report.console import table
 _MEASURED = 0.9
 
 
-def reproduce(*, out: Path, seed: WholeNumber = 0) -> None:
+def reproduce(*, out: Path, only: str | None = None, seed: WholeNumber = 0) -> None:
     """Reproduce every figure and table of the thesis from the twin and the models, and show its mistakes.
 
     Writes report.html, results.json, reproduce.md and figures/*.svg, and keeps its recordings in runs/. Run the
@@ -21,18 +21,24 @@ def reproduce(*, out: Path, seed: WholeNumber = 0) -> None:
 
     Example: ballbot reproduce --out thesis
 
+    Example: ballbot reproduce --only "Table 4.1" --out thesis
+
     Parameters
     ----------
     out
         The folder to write into.
+    only
+        One figure or table by its name in the thesis, such as "Table 4.1". If not given, all, and the mistakes.
     seed
         Random seed. The same seed gives the same result.
     """
     check_seed(seed)
     # imported late: the twin and the vision are extras
+    from ballbot.thesis.reproduce.campaign import items_named
     from ballbot.thesis.reproduce.campaign import reproduce as remake
     from ballbot.thesis.reproduce.page import REPRODUCTION_FILES, write_reproduction
 
+    items_named(only)
     with (
         open_result(out, command="reproduce", writes=REPRODUCTION_FILES, seed=seed) as result,
         result.progress("reproducing the thesis") as bar,
@@ -40,6 +46,7 @@ def reproduce(*, out: Path, seed: WholeNumber = 0) -> None:
         found = remake(
             result.folder.path / "runs",
             seed=seed,
+            only=only,
             progress=part_of(bar.report, 0.0, _MEASURED),
         )
         with result.replaced() as new:
@@ -52,6 +59,7 @@ def reproduce(*, out: Path, seed: WholeNumber = 0) -> None:
     console = result.console
     rows = [[item.name, item.title, item.verdict] for item in found.items]
     console.print(table("The thesis reproduced", ("", "title", "verdict"), rows, framed=console.is_terminal))
-    proven = sum(mistake.proven for mistake in found.mistakes)
-    console.print(f"{proven} of {len(found.mistakes)} misprints and mistakes are confirmed by numbers.")
+    if found.mistakes:
+        proven = sum(mistake.proven for mistake in found.mistakes)
+        console.print(f"{proven} of {len(found.mistakes)} misprints and mistakes are confirmed by numbers.")
     result.show_file("report.html")

@@ -8,7 +8,7 @@ from pathlib import Path
 from cyclopts import Parameter
 
 from ballbot.cli.context import PAGE, ROBOT_BESIDE, LogFormatName, WholeNumber, input_files, open_result
-from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation, warn_of_overcompensation
+from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.cli.output import notice_output, print_verdict, standard_output
 from ballbot.control.references import as_reference
@@ -91,8 +91,6 @@ def simulate(
     path = as_reference(reference)
     controller = chosen.read(described)
     console = standard_output()
-    if chosen.controller:
-        warn_of_overcompensation({chosen.controller: controller}, described)
     warn_of_idle_compensation({chosen.controller or "nominal controller": controller})
     plant = _plant(Model(described, simulated.formulation), simulated.scenario, controller.estimator)
     inputs = input_files(robot, reference, chosen.controller, simulated.scenario)

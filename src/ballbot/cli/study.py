@@ -18,7 +18,7 @@ from ballbot.cli.context import (
     read_balancing_logs,
 )
 from ballbot.cli.findings import Accept, check_input
-from ballbot.cli.output import print_verdict
+from ballbot.cli.output import notice_output, print_verdict
 from ballbot.file_formats import without_format
 from ballbot.fitting.checkpoint import identity
 from ballbot.identification import read_bounds
@@ -27,8 +27,10 @@ from ballbot.log.checks import CheckedLogs
 from ballbot.report.study import summary
 from ballbot.report.study_files import STUDY_FILES, write_study
 from ballbot.robot import Robot
+from ballbot.summary import counted
 from ballbot.twin.scenario_file import load_scenario, scenario_text
 from ballbot.workflows.controller_choice import available_plant
+from ballbot.workflows.controller_prediction import MIN_RUNS
 from ballbot.workflows.courses import PlantName
 from ballbot.workflows.study import StudyOptions
 from ballbot.workflows.study import study as run_study
@@ -48,7 +50,8 @@ class TrialOptions:
     scenario file."""
 
     draws: WholeNumber = StudyOptions.draws
-    """Number of simulated robots. Fewer than 20 take less time and make the choice less certain."""
+    """Number of simulated robots. Fewer than 20 take less time and make the choice less certain; fewer than 6 are too
+    few for 95 % intervals and for a prediction."""
 
 
 @Parameter(name="*")
@@ -85,10 +88,11 @@ def study(
     """Identify a robot's friction from its logs, validate the model, and choose the best controller for it.
 
     Writes report.html, results.json, robot.toml (with the identified friction), controller.toml, and
-    previous_controller.toml to revert to. The candidates (nominal gain with no, full and partial compensation, and the
-    precise controller) run on 20 simulated robots drawn from the identified uncertainty. With 6 robots or more
-    results.json also predicts the next run with the chosen controller; `ballbot validate --prediction` compares a
-    log with it.
+    previous_controller.toml to revert to; compensated_controller.toml is the best that compensates friction, if the
+    chosen one does not. The candidates (nominal gain with no, full and partial compensation, and the precise controller
+    with full compensation and without) run on 20 simulated robots drawn from the identified uncertainty. With 6 robots
+    or more results.json also predicts the next run with the chosen controller; `ballbot validate --prediction` compares
+    a log with it.
 
     Example: ballbot study alten square.csv hold.csv --out found
 
@@ -115,6 +119,11 @@ def study(
     )
     back_emf, excluded = back_emf_of(fit.mapping), names_listed(fit.exclude_states)
     scenario, plant = load_scenario(trial.scenario, described), available_plant(trial.plant)
+    if trial.draws < MIN_RUNS:
+        notice_output().print(
+            f"{counted(trial.draws, 'simulated robot')} will give no prediction of the next run and no 95 % intervals; "
+            f"both need --draws {MIN_RUNS} or more."
+        )
     depends_on = {"bounds": within, "left_out": excluded, "back_emf": back_emf, "seed": seed}
     depends_on |= {"plant": plant, "scenario": without_format(scenario_text(scenario)), "draws": trial.draws}
     with (

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING, Literal, get_args
 
@@ -9,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arguments import checked_arguments
-from ballbot.arrays import SHORTEST_SAMPLE, real_array
+from ballbot.arrays import checked_sample_time, real_array
 from ballbot.control.law import ALLOWED, MEMORY, control_law, law_record
 from ballbot.control.lqr import gain_rows, sampling_words
 from ballbot.control.parts import Parts
@@ -17,8 +19,10 @@ from ballbot.control.parts.part import LawSettings
 from ballbot.errors import InputError
 from ballbot.estimation.interface import EstimatorName, checked_name
 from ballbot.log.columns import STATE_NAMES
+from ballbot.mechanics.geometry import wheel_load
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.derived import encoder_step
+from ballbot.robot.parameters import Value
 from ballbot.summary import Summary, plotted, summarized
 
 if TYPE_CHECKING:
@@ -40,6 +44,29 @@ def default_speed_band(robot: Robot, sample_time: float) -> float:
     """
     step = encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio)
     return BAND_COUNTS * step / sample_time
+
+
+#: share of its load that a wheel pushes the ball with at most: a stiff controller else spins its wheels in a fall
+GRIP_FRACTION = 0.4
+
+
+def grip_torque_limit(robot: Robot) -> float:
+    """Return the wheel torque [N m] that leaves the wheels their hold on the ball, never above the motors' own limit.
+
+    `GRIP_FRACTION` of the load that presses a wheel, times its radius; and friction, which never reaches the contact.
+    """
+    friction = max(robot.friction.breakaway)
+    return min(robot.drive.torque_limit, GRIP_FRACTION * wheel_load(robot) * robot.wheels.radius + friction)
+
+
+def torque_limit_words(controller: Controller) -> str:
+    """Return a controller's torque limit, and why it is below the motors' if it is."""
+    limit, motors = controller.torque_limit, controller.robot.drive.torque_limit
+    if limit >= motors:
+        return f"{limit:.4g} N m"
+    of_grip = math.isclose(limit, grip_torque_limit(controller.robot), rel_tol=1e-3)
+    why = ", because more would spin the wheels on the ball" if of_grip else ""
+    return f"{limit:.4g} N m of the {motors:.4g} N m that the motors give{why}"
 
 
 @summarized
@@ -102,8 +129,8 @@ class Controller:
     ) -> None:
         self.robot = robot = as_robot(robot)
         self.gain = _checked_gain(gain, robot.wheel_count)
-        self.sample_time = _positive(
-            "sample time", robot.sensors.sample_time if sample_time is None else sample_time
+        self.sample_time = checked_sample_time(
+            robot.sensors.sample_time if sample_time is None else sample_time, "The controller's sample time"
         )
         if compensation not in get_args(Compensation):
             raise InputError(f"The compensation is {compensation!r}; it must be 'none', 'full' or 'partial'.")
@@ -111,14 +138,12 @@ class Controller:
         self.torque_limit = _positive(
             "torque limit", robot.drive.torque_limit if torque_limit is None else torque_limit
         )
-        if self.sample_time < SHORTEST_SAMPLE:
-            raise InputError(
-                f"The controller's sample time is {self.sample_time:g} s; it must be at least {SHORTEST_SAMPLE:g} s."
-            )
         band = default_speed_band(robot, self.sample_time) if speed_band is None else speed_band
         self.speed_band = _positive("speed band", band)
         self.parts = parts
         self.estimator = checked_name(estimator)
+        #: what its file says of the robot that it was designed for; None if that is `robot`
+        self.designed_for: Mapping[str, Value] | None = None
         #: the controller's numbers, (1,) of `ballbot.control.law.LAW`
         self.record = law_record(self._law_settings(), torque_limit=self.torque_limit, parts=parts)
         #: what it remembers, (1,) of `ballbot.control.law.MEMORY`
@@ -142,7 +167,7 @@ class Controller:
         rows = (
             ("compensation", self.compensation),
             ("state from", f"the estimator {self.estimator}"),
-            ("torque limit", f"{self.torque_limit:.3g} N m"),
+            ("torque limit", torque_limit_words(self)),
             ("speed band", f"{self.speed_band:.3g} rad/s"),
             ("parts", ", ".join(parts).replace("_", " ") or "none"),
         )
@@ -213,7 +238,7 @@ class Controller:
         parts: Parts | None = None,
         estimator: EstimatorName | None = None,
     ) -> Controller:
-        return Controller(
+        copy = Controller(
             self.robot,
             self.gain,
             sample_time=self.sample_time,
@@ -223,6 +248,8 @@ class Controller:
             parts=self.parts if parts is None else parts,
             estimator=estimator or self.estimator,
         )
+        copy.designed_for = self.designed_for
+        return copy
 
     @property
     def disturbance_estimate(self) -> NDArray[np.float64]:

@@ -3,7 +3,8 @@
 The geometry is not in a controller file: a controller is read together with its robot. Each part of the controller has
 a table of its own, whose name is its field in `ballbot.control.parts.Parts` and whose keys are the part's settings. A
 key that is left out has the part's default. What follows from the robot is not written: it is computed for the robot
-that the file is read with.
+that the file is read with. The table `designed_for` has the robot's values that the design depends on; a file read with
+other values, or edited by hand, raises a warning that names them. Files of earlier versions lack the table.
 
 Files of earlier versions are read through `migrate`, with a warning that says what changed.
 """
@@ -11,7 +12,8 @@ Files of earlier versions are read through `migrate`, with a warning that says w
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -19,14 +21,18 @@ import numpy as np
 from pydantic import Field, FiniteFloat, PositiveFloat
 
 from ballbot.control.controller import Compensation, Controller
+from ballbot.control.linear import lacking_margin
+from ballbot.control.overcompensation import overcompensation_warning
 from ballbot.control.parts import KINDS, Parts
 from ballbot.control.records import Table, extended_table, settings_of, table_of, table_text
-from ballbot.errors import InputError, OldFileFormat
+from ballbot.errors import InputError, OldFileFormat, UnsuitedController, every
 from ballbot.estimation.interface import EstimatorName
 from ballbot.file_formats import format_line, take_format
 from ballbot.files import read_toml, write_text
 from ballbot.printable import toml_string
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
+from ballbot.robot.components import BY_NAME, PARAMETERS
+from ballbot.robot.parameters import Value, value_of
 from ballbot.schema import validate_table
 
 _GainRow = Annotated[tuple[FiniteFloat, ...], Field(min_length=10, max_length=10)]
@@ -44,6 +50,7 @@ class FeedbackTable(Table):
     estimator: EstimatorName = "onboard"
     gain: Annotated[tuple[_GainRow, ...], Field(min_length=3, max_length=4)]
     friction: Friction  #: as in a robot file, in SI units
+    designed_for: dict[str, FiniteFloat | tuple[FiniteFloat, ...]] | None = None  #: see `design_values`
 
 
 #: a whole controller file: `FeedbackTable` and a table for each part
@@ -95,7 +102,7 @@ def migrate(tree: Mapping[str, object]) -> tuple[dict[str, object], list[str]]:
 def read_controller(path: str | Path, robot: RobotLike) -> Controller:
     """Return the controller of a file, for a robot.
 
-    Warns with `OldFileFormat` if an earlier version wrote the file.
+    Warns with `OldFileFormat` if an earlier version wrote the file, and as `warn_if_unsuited`.
 
     Parameters
     ----------
@@ -120,7 +127,81 @@ def read_controller(path: str | Path, robot: RobotLike) -> Controller:
             OldFileFormat,
             stacklevel=2,
         )
+    warn_if_unsuited(controller, described, name=str(path))
     return controller
+
+
+def warn_if_unsuited(controller: Controller, robot: Robot, *, name: str) -> None:
+    """Warn with `UnsuitedController` if a controller does not suit a robot.
+
+    Its design may be for other values of the robot, its loop with the robot without a stability margin, or its
+    compensation more than is certain of the robot's friction.
+
+    Parameters
+    ----------
+    controller : Controller
+    robot : Robot
+        As described; the controller's own robot has the friction that is compensated.
+    name : str
+        Of the controller, in the warning.
+    """
+    changed = list(changed_values(controller))
+    sentences = [lacking_margin(controller), overcompensation_warning(controller, robot)]
+    if changed:
+        more = f"; {len(changed) - _MOST_NAMED} more differ" if len(changed) > _MOST_NAMED else ""
+        sentences.insert(
+            0,
+            f"The controller was designed for other values: {every(changed[:_MOST_NAMED])}{more}. Design it anew for "
+            f"the robot {robot.name!r}.",
+        )
+    for sentence in filter(None, sentences):
+        warnings.warn(f"{name}: {sentence}", UnsuitedController, stacklevel=3)
+
+
+#: of the values that differ
+_MOST_NAMED = 4
+#: what a design depends on besides the rigid body
+_OF_DRIVE_AND_SENSORS = (
+    "drive.gear_ratio",
+    "drive.motor_inertia",
+    "drive.gear_inertia",
+    "drive.torque_limit",
+    "sensors.sample_time",
+    "sensors.encoder_counts",
+)
+_RIGID_TABLES = ("", "ball", "body", "body.inertia", "wheels")
+#: key of the controller's own sample time, which the robot's need not be
+_SAMPLE_TIME = "sample_time"
+
+
+def design_values(controller: Controller) -> dict[str, Value]:
+    """Return the values of the robot that gain, limits and parts depend on, by the names of a robot file, SI units.
+
+    Friction is not among them: what is compensated is the file's own. The inertia is about the ball's centre.
+    """
+    robot = controller.robot
+    J = robot.body.inertia_about_ball_center()
+    inertia = (*J.diagonal().tolist(), *J[[0, 0, 1], [1, 2, 2]].tolist())
+    robot = robot.replace(body=replace(robot.body, inertia=inertia, inertia_about="ball_center"))
+    return {_SAMPLE_TIME: controller.sample_time} | {
+        one.name: value_of(robot, one)
+        for one in PARAMETERS
+        if one.table in _RIGID_TABLES or one.name in _OF_DRIVE_AND_SENSORS
+    }
+
+
+def changed_values(controller: Controller) -> Iterator[str]:
+    """Yield a clause for each value that is another now than the one that a controller was designed for."""
+    values = design_values(controller)
+    for name, before in (controller.designed_for or {}).items():
+        if name not in values:  # a later version's
+            continue
+        old, new = np.atleast_1d(before), np.atleast_1d(values[name])
+        # rounding of units and of the parallel-axis theorem
+        if len(old) != len(new) or not np.allclose(old, new, rtol=1e-6, atol=1e-9):
+            unit = BY_NAME[name].unit if name in BY_NAME else "s"
+            texts = [", ".join(f"{one:.6g}" for one in numbers.tolist()) for numbers in (old, new)]
+            yield f"{name} was {texts[0]} and is {texts[1]}{'' if unit == '1' else f' {unit}'}"
 
 
 def write_controller(controller: Controller, path: str | Path) -> None:
@@ -175,7 +256,7 @@ stribeck_speed = {friction.stribeck_speed!r}
 stribeck_exponent = {friction.stribeck_exponent!r}
 # C_rr [-]
 rolling = {friction.rolling!r}
-{_friction_terms_text(friction)}{_parts_text(controller.parts)}"""
+{_friction_terms_text(friction)}{_parts_text(controller.parts)}{_designed_for_text(controller)}"""
 
 
 def _friction_terms_text(friction: Friction) -> str:
@@ -191,6 +272,21 @@ def _friction_terms_text(friction: Friction) -> str:
         if getattr(friction, key)
     ]
     return "".join(lines)
+
+
+def _designed_for_text(controller: Controller) -> str:
+    """Return the table of the robot's values that the design depends on; empty if they are not known."""
+    values = design_values(controller) if controller.designed_for is None else controller.designed_for
+    if not values:
+        return ""
+    lines = [
+        f'"{name}" = {_row(value) if isinstance(value, tuple) else repr(value)}'
+        for name, value in values.items()
+    ]
+    heading = (
+        "# What the design depends on: values of the robot, SI units. Others raise a warning; do not edit."
+    )
+    return "\n".join(["", heading, "[designed_for]", *lines, ""])
 
 
 def _parts_text(parts: Parts) -> str:
@@ -221,7 +317,7 @@ def _controller(table: FeedbackTable, robot: Robot) -> Controller:
         raise InputError(
             f"gain has {len(table.gain)} rows; the robot {robot.name!r} has {robot.wheel_count} wheels."
         )
-    return Controller(
+    controller = Controller(
         robot.replace(friction=table.friction),
         table.gain,
         sample_time=table.sample_time,
@@ -231,3 +327,5 @@ def _controller(table: FeedbackTable, robot: Robot) -> Controller:
         parts=_parts_of(table),
         estimator=table.estimator,
     )
+    controller.designed_for = table.designed_for or {}
+    return controller

@@ -33,7 +33,8 @@ from ballbot.control.parts.part import (
     TorqueHistory,
     clipped,
 )
-from ballbot.control.records import MAX_WHEELS, Schema, fill_record, number, schema_of
+from ballbot.control.records import MAX_WHEELS, Schema, fill_record, number, schema_of, whole
+from ballbot.estimation.heading import TURN, compiled_turns_after
 from ballbot.mechanics.engine.compiled import called, compiled, inlined
 from ballbot.mechanics.equations import attitude
 
@@ -59,11 +60,24 @@ LAW = Schema(
         **{name: schema_of(kind.record) for name, kind in KINDS.items()},
     },
 )
-#: a controller's memory: torques of the last updates, and each part's state by its name; zeros at the start of a run
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HeadingMemory:
+    """The last value of a heading, and the turns that it has made where its values begin again after one."""
+
+    started: int = field(metadata=whole())
+    last: float = field(metadata=number("rad"))
+    turns: int = field(metadata=whole())
+
+
+#: a controller's memory: torques of the last updates, headings, each part's state by its name; zeros when a run starts
 MEMORY = Schema(
     name="memory",
     fields={
         "history": schema_of(TorqueHistory),
+        "measured_heading": schema_of(HeadingMemory),
+        "reference_heading": schema_of(HeadingMemory),
         **{name: schema_of(kind.state) for name, kind in KINDS.items()},
     },
 )
@@ -182,18 +196,27 @@ def _turned(a, v_x, v_y):
 
 
 @inlined
-def _unshaped(reference):
-    """Return the reference of x, y and psi, each a `Smooth` at rest."""
+def _turned_by(memory, angle):
+    """Return the whole turns [rad] to add to the next value of a heading; see `ballbot.estimation.heading`."""
+    last = memory.last if memory.started == 1 else angle
+    memory.turns = compiled_turns_after(angle, last, memory.turns)
+    memory.last, memory.started = angle, 1
+    return TURN * memory.turns
+
+
+@inlined
+def _unshaped(reference, turned):
+    """Return the reference of x, y and psi, each a `Smooth` at rest, its heading turned by an angle."""
     return (
         Smooth(reference[0], 0.0, 0.0, 0.0, 0.0),
         Smooth(reference[1], 0.0, 0.0, 0.0, 0.0),
-        Smooth(reference[4], 0.0, 0.0, 0.0, 0.0),
+        Smooth(reference[4] + turned, 0.0, 0.0, 0.0, 0.0),
     )
 
 
 @inlined
-def _heading_error(a, state, wanted):
-    """Return S(psi) (r_s - x)."""
+def _heading_error(a, state, turned, wanted):
+    """Return S(psi) (r_s - x), the state's heading turned by an angle."""
     x, y, psi = wanted
     position = _turned(a, x.value - state[0], y.value - state[1])
     lean = _turned(a, state[2], state[3])
@@ -204,7 +227,7 @@ def _heading_error(a, state, wanted):
         position[1],
         -lean[0],
         -lean[1],
-        psi.value - state[4],
+        psi.value - (state[4] + turned),
         speed[0],
         speed[1],
         -lean_rate[0],
@@ -245,8 +268,12 @@ def _decide(law, memory, measured, reference, torques):
     seen = Measured(attitude((measured[2], measured[3], measured[4])), measured)
     _observe_stage(law, memory, seen, n)
     a, state = _predict_stage(law, memory, seen, n)
-    wanted = _shape_stage(law, memory, _unshaped(reference), state)
-    e, error_limited = _error_stage(law, memory, (_heading_error(a, state, wanted), False), a, wanted)
+    turned = _turned_by(
+        memory.measured_heading, measured[4]
+    )  # nothing at the start, where a part takes the pose
+    asked = _unshaped(reference, _turned_by(memory.reference_heading, reference[4]))
+    wanted = _shape_stage(law, memory, asked, state)
+    e, error_limited = _error_stage(law, memory, (_heading_error(a, state, turned, wanted), False), a, wanted)
     now = Sample(a, state, wanted, e)
     for i in range(n):
         torques[i] = _torque_stage(law, memory, _feedback(law.gain, e, i), now, i)

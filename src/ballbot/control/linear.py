@@ -23,6 +23,7 @@ that the controller predicts over, if it does. The state is fed back as it is: a
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -32,10 +33,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from ballbot.arrays import instead_of_sample_time
 from ballbot.control.controller import Controller
-from ballbot.control.lqr import held
-from ballbot.control.presets import frictionless_model
-from ballbot.errors import missing_package
+from ballbot.control.lqr import frictionless_model, held
+from ballbot.errors import InputError, missing_package
 from ballbot.state import STATE_NAMES, torque_names
 
 if TYPE_CHECKING:
@@ -339,3 +340,50 @@ def robot_loop(controller: Controller) -> RobotLoop:
         sample_time=controller.sample_time,
         delay=prediction.delay if prediction else 0.0,
     )
+
+
+#: factors of all torques that a loop must bear: a tenth less, a tenth more, a phase of six degrees
+_LEAST_MARGIN = (0.9, 1.1, cmath.exp(0.1j))
+#: by which rounding may move a pole out of the unit circle, a double pole on it included
+_ROUNDING = 1e-6
+
+
+def lacking_margin(controller: Controller) -> str | None:
+    """Return why the loop of a controller and its robot cannot work, as a sentence; None if it has a margin.
+
+    A loop on the border of stability, as one that leaves the heading free, counts as stable.
+    """
+    A, B, C = robot_loop(controller).broken()
+
+    def growth(factor: complex) -> float:
+        return float(np.abs(np.linalg.eigvals(A + factor * (B @ C))).max())
+
+    name, time = controller.robot.name, controller.sample_time
+    if (radius := growth(1.0)) > 1.0 + _ROUNDING:
+        what = (
+            f"The controller does not stabilise the robot {name!r}: an error grows by a factor of "
+            f"{radius ** (1.0 / time):.3g} a second."
+        )
+    elif max(map(growth, _LEAST_MARGIN)) > 1.0 + _ROUNDING:
+        what = (
+            f"The loop of the controller and the robot {name!r} has no stability margin: a torque that is 10 % off, "
+            "or late by 6 degrees of phase, makes it unstable."
+        )
+    else:
+        return None
+    rare = math.exp(
+        float(np.linalg.eigvals(frictionless_model(controller.robot).linearize().A).real.max()) * time
+    )
+    return f"{what} Its sample time is {time:g} s; {instead_of_sample_time(time)}" if rare > 2.0 else what
+
+
+def refuse_without_margin(controller: Controller) -> None:
+    """Raise InputError if the loop of a controller and its robot cannot work.
+
+    Raises
+    ------
+    InputError
+        If it is unstable, or so near to it that a tenth of the torque or six degrees of phase decide.
+    """
+    if sentence := lacking_margin(controller):
+        raise InputError(sentence)

@@ -12,6 +12,7 @@ each sample, gives gains that differ from these in the fourth digit for our robo
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
@@ -21,9 +22,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
 from ballbot.arguments import checked_arguments
+from ballbot.arrays import instead_of_sample_time
 from ballbot.errors import InputError
 from ballbot.log.columns import STATE_NAMES
-from ballbot.mechanics.model import ModelLike, as_model
+from ballbot.mechanics.model import Model, ModelLike, as_model
+from ballbot.robot import Friction, Robot
 from ballbot.summary import Summary, plotted, pole_words, summarized
 
 if TYPE_CHECKING:
@@ -33,6 +36,9 @@ if TYPE_CHECKING:
 _ROUNDING = 1e-12
 #: smallest singular value of [A - s I, B], relative to the largest, at which a pole s counts as reached by u
 _REACHED = 1e-9
+#: growth of an error in a sample, by the fastest unstable pole, up to which a sampled loop can have a margin. If it is
+#: g, the sensitivity's peak is at least g, and the gain of least torque bears factors from g/(g + 1) to g/(g - 1)
+_LARGEST_GROWTH = 10.0
 
 
 @runtime_checkable
@@ -133,8 +139,9 @@ def lqr(
     Raises
     ------
     InputError
-        If a weight is not what it must be, an unstable pole is out of the inputs' reach, or no gain is both
-        stabilising and optimal because a pole on the border of stability costs nothing.
+        If a weight is not what it must be, an unstable pole is out of the inputs' reach, no gain is both stabilising
+        and optimal because a pole on the border of stability costs nothing, or the sample time is so long that no loop
+        has a stability margin.
     """
     if isinstance(model, StateSpace):
         space = model
@@ -152,6 +159,7 @@ def lqr(
         poles = np.linalg.eigvals(A - B @ K)
     else:
         F, G = held(A, B, sample_time)
+        _check_growth(A, sample_time)
         P = _riccati(lambda: solve_discrete_are(F, G, Q, R, s=N))
         K = _solve(R + G.T @ P @ G, G.T @ P @ F + N.T)
         poles = np.log(np.linalg.eigvals(F - G @ K).astype(complex)) / sample_time
@@ -181,6 +189,20 @@ def held(
             f"The sample time is {sample_time:g} s; it is so long that the state overflows within one sample."
         )
     return both[:m, :m], both[:m, m:]
+
+
+def frictionless_model(robot: Robot) -> Model:
+    """Return the model that a gain is designed on."""
+    return Model(robot.replace(friction=Friction.none(robot.wheel_count)))
+
+
+def _check_growth(A: NDArray[np.float64], sample_time: float) -> None:
+    fastest = float(np.linalg.eigvals(A).real.max()) * sample_time
+    if fastest > math.log(_LARGEST_GROWTH):
+        raise InputError(
+            f"The sample time is {sample_time:g} s, in which an error grows by a factor of {math.exp(fastest):.2g}: no "
+            f"loop sampled so rarely has a stability margin; {instead_of_sample_time(sample_time)}"
+        )
 
 
 _NO_SOLUTION = (

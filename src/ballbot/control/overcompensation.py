@@ -237,8 +237,8 @@ AMPLITUDES = (0.1, 0.3, 1.0, 3.0)
 _SPEEDS = np.geomspace(0.02, 8.0, 120)
 #: phases of a quarter of a swing, the middles of equal parts: means to 1e-4
 _PHASES = (np.arange(200) + 0.5) / 200 * 0.5 * np.pi
-#: rounding of a fraction that is ignored
-_ROUNDING = 1e-6
+#: excess of a fraction that is ignored: what rounding adds, and no energy to speak of
+_NEGLIGIBLE = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -272,7 +272,7 @@ class CompensationMargin:
     @reported
     def overcompensates(self) -> bool:
         """Whether the compensation may inject energy."""
-        return self.largest > 1.0 + _ROUNDING
+        return self.largest > 1.0 + _NEGLIGIBLE
 
     @property
     def sentence(self) -> str:
@@ -382,7 +382,8 @@ def overcompensation_warning(controller: Controller, robot: Robot) -> str | None
         return None
     margin = compensation_margin(controller, certain_friction(robot))
     return (
-        f"{margin.sentence} that is certain; the excess injects energy and can destabilise the robot"
+        f"More friction is compensated than is certain: {margin.sentence}; the excess injects energy and can "
+        "destabilise the robot."
         if margin.overcompensates
         else None
     )
@@ -423,4 +424,7 @@ def _fraction(given: float, taken: float) -> float:
 
 
 def _percent(share: float) -> str:
-    return f"{100.0 * share:.0f} %" if np.isfinite(share) else "an infinite share"
+    if not np.isfinite(share):
+        return "an infinite share"
+    # an excess is shown, however small
+    return f"{100.0 * share:.{1 if 1.0 + _NEGLIGIBLE < share < 1.01 else 0}f} %"

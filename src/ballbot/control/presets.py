@@ -20,10 +20,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.controller import Compensation, Controller, default_speed_band
-from ballbot.control.file import read_controller
+from ballbot.arrays import checked_sample_time
+from ballbot.control.controller import Compensation, Controller, default_speed_band, grip_torque_limit
+from ballbot.control.file import read_controller, warn_if_unsuited
 from ballbot.control.interface import Feedback
-from ballbot.control.lqr import LqrDesign, StateSpace, gain_rows, lqr, sampling_words
+from ballbot.control.lqr import LqrDesign, StateSpace, frictionless_model, gain_rows, lqr, sampling_words
 from ballbot.control.parts import Parts
 from ballbot.control.parts.disturbance_observer import DisturbanceObserver
 from ballbot.control.parts.feed_forward import FeedForward
@@ -32,9 +33,7 @@ from ballbot.control.parts.integral import IntegralAction
 from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.parts.reference_shaping import ReferenceShaping
 from ballbot.errors import InputError, either, suggest
-from ballbot.mechanics.geometry import wheel_load
-from ballbot.mechanics.model import Model
-from ballbot.robot import Friction, Robot, RobotLike, as_robot
+from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.summary import Summary, listed, plotted, pole_words, summarized
 
 if TYPE_CHECKING:
@@ -87,8 +86,6 @@ PRECISE_TORQUE_WEIGHT = 30.0
 
 #: speed band over the default one, which is made for speeds counted from sample to sample
 PRECISE_SPEED_BAND = 1.0 / 3.0
-#: share of its load that a wheel pushes the ball with at most: stiff, the controller else spins its wheels in a fall
-GRIP_FRACTION = 0.4
 
 #: where x, y and psi stand in the state
 _POSE_PLACES = (0, 1, 4)
@@ -170,11 +167,6 @@ def _with_integrals(robot: Robot) -> StateSpace:
     return _StateSpace(A=A, B=B)
 
 
-def frictionless_model(robot: Robot) -> Model:
-    """Return the model that a gain is designed on."""
-    return Model(robot.replace(friction=Friction.none(robot.wheel_count)))
-
-
 def precise_controller(
     robot: RobotLike, *, compensation: Compensation = "full", design: IntegralDesign | None = None
 ) -> Controller:
@@ -209,15 +201,6 @@ def precise_controller(
     )
 
 
-def grip_torque_limit(robot: Robot) -> float:
-    """Return the wheel torque [N m] that leaves the wheels their hold on the ball, never above the motors' own limit.
-
-    `GRIP_FRACTION` of the load that presses a wheel, times its radius; and friction, which never reaches the contact.
-    """
-    friction = max(robot.friction.breakaway)
-    return min(robot.drive.torque_limit, GRIP_FRACTION * wheel_load(robot) * robot.wheels.radius + friction)
-
-
 #: ready-made controllers by name
 PRESETS: Mapping[str, Callable[[RobotLike], Controller]] = {
     "nominal": nominal_controller,
@@ -236,6 +219,7 @@ def as_controller(source: ControllerLike, robot: RobotLike) -> Feedback:
         If it is none of these, or the file is not of that robot.
     """
     if isinstance(source, Feedback):
+        checked_sample_time(source.sample_time, "The controller's sample time")
         return source
     if not isinstance(source, str | Path):
         raise InputError(
@@ -255,7 +239,9 @@ def named_controller(source: str | Path, robot: RobotLike) -> Controller:
         If it is neither, or the file is not of that robot.
     """
     if source in PRESETS:
-        return PRESETS[str(source)](robot)
+        made, described = PRESETS[str(source)](robot), as_robot(robot)
+        warn_if_unsuited(made, described, name=f"the {source} controller")
+        return made
     if not Path(source).exists():
         hint = suggest(str(source), PRESETS, otherwise="the ready-made ones are")
         raise InputError(f"There is no controller file or ready-made controller {str(source)!r}; {hint}")

@@ -52,7 +52,7 @@ class Reading:
     wheel_angles: NDArray[np.float64]  #: (n,) encoder angles, relative to the body [rad]
     wheel_speeds: NDArray[np.float64]  #: (n,) speeds derived from them [rad/s]
     gyro: NDArray[np.float64]  #: (3,) angular velocity of the body, body frame [rad/s]
-    #: (3,) theta, phi, psi as the AHRS has them, psi without jumps of a turn [rad]
+    #: (3,) theta, phi, psi as the AHRS has them; psi may begin again after a turn [rad]
     attitude: NDArray[np.float64]
     #: (3,) specific force of an accelerometer, body frame [m/s^2]
     acceleration: NDArray[np.float64] | None = None

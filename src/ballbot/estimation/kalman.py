@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.estimation.heading import Heading
 from ballbot.estimation.interface import Fix, Reading, all_known, checked_reading, known
 from ballbot.estimation.kalman_model import (
     BIAS,
@@ -84,6 +85,7 @@ class KalmanFilter:
         self._without_angles = 0  # samples since the encoders last had all angles
         self._gyro = np.zeros(3)
         self._pivoting = 0.0
+        self._heading = Heading()
 
     def update(self, reading: Reading) -> NDArray[np.float64]:
         """Take one sample and return the state.
@@ -113,6 +115,7 @@ class KalmanFilter:
         lean, heading = np.full(2, np.nan), math.nan
         if leans:
             theta, phi, psi = attitude.tolist()
+            psi = self._heading.unwrapped(psi)
             lean, heading = lean_of(theta, phi, psi), heading_of(theta, phi, psi)  # only the latter runs away
         if self._angles is None:
             self._x[PSI] = heading

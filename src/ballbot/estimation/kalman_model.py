@@ -21,7 +21,7 @@ C and Lambda are those of `ballbot.mechanics.model.contact_momentum`. All but pl
 with the robot, so that where and which way it stands enters nothing but a fix and psi + d. With velocity or lean in the
 world frame, each linearisation at another estimate would draw a little knowledge of the heading out of nothing
 (tried: after three minutes the filter was sure to 0.5 degrees and wrong by 3 to 6). This psi differs from the
-state's by 2 atan(tan(theta/2) tan(phi/2)), 0.07 degrees where both lean by 2.
+state's by 2 atan(tan(theta/2) tan(phi/2)), 0.035 degrees where theta and phi are both 2 degrees.
 
 Seen numbers are taken in one after the other, each as a row h of the measurement matrix with a variance r of its own,
 so that no matrix is inverted. Joseph's form keeps the covariance symmetric and positive whatever the gain's rounding

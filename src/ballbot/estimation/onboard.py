@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.estimation.heading import Heading
 from ballbot.estimation.interface import Reading, all_known, checked_reading, known
 from ballbot.mechanics.geometry import angle_rates, rotation, transforms
 from ballbot.robot import Robot
@@ -46,11 +47,13 @@ class OnboardState:
         self._position = np.zeros(2)
         self._velocity: NDArray[np.float64] | None = None
         self._gyro, self._attitude = np.zeros(3), np.zeros(3)
+        self._heading = Heading()
 
     def reset(self, *, position: tuple[float, float] = (0.0, 0.0)) -> None:
         """Start anew at the position (x, y) [m]."""
         self._position = np.array(position, dtype=np.float64)
         self._velocity = None
+        self._heading = Heading()
 
     def update(self, reading: Reading) -> NDArray[np.float64]:
         """Take one sample and return the state.
@@ -78,6 +81,8 @@ class OnboardState:
             return np.full(10, np.nan)
         gyro = gyro.copy() if turns else np.where(known(gyro), gyro, self._gyro)
         attitude = attitude.copy()
+        if known(attitude[2]):
+            attitude[2] = self._heading.unwrapped(float(attitude[2]))
         if not leans:
             ahead = self._attitude + self.sample_time * angle_rates(self._attitude, self._gyro)
             attitude = np.where(known(attitude), attitude, ahead)

@@ -47,7 +47,7 @@ class ReadingRecord:
     gyro: NDArray[np.float64] = field(metadata=number("rad/s", 3))  #: body frame
     attitude: NDArray[np.float64] = field(
         metadata=number("rad", 3)
-    )  #: theta, phi, psi without jumps of a turn
+    )  #: theta, phi, psi; psi may begin again after a turn
     fix_position: NDArray[np.float64] = field(metadata=number("m", 2))  #: world frame
     fix_heading: float = field(metadata=number("rad"))
     fix_position_deviation: float = field(metadata=number("m"))  #: standard deviation

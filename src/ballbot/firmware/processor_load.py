@@ -44,6 +44,8 @@ _PHASE = 20
 _OFFSETS = ((0.0, 0.0, 0.0), (0.02, -0.01, 0.05), (1.0, 0.5, 0.0), (0.0, 0.0, 1.0), (-0.3, 0.3, -0.5))
 #: change of the reference in a sample of a phase, over the largest that the shaping follows as a motion
 _SLOW = 0.001
+#: headings [rad] of it at the end of a phase: one that begins again after a turn, and one beyond a turn
+_HEADINGS = (3.1, -3.1, 7.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -222,6 +224,8 @@ def _next_reference(
     if place == 0:
         offset = _OFFSETS[phase % len(_OFFSETS)]
         reference[[0, 1, 4]] = estimate[[0, 1, 4]] + np.array(offset, np.float32)
+    elif place >= _PHASE - len(_HEADINGS):
+        reference[4] = _HEADINGS[place - _PHASE]
     elif phase % 2:
         reference[[0, 1, 4]] += np.float32(_SLOW)
     return reference

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
-from ballbot.control.law import LAW, MEMORY
+from ballbot.control.law import LAW, MEMORY, HeadingMemory
 from ballbot.control.records import (
     MAX_WHEELS,
     Number,
@@ -141,6 +141,7 @@ STATE = Schema(
     text="All that changes while the robot runs.",
     fields={
         "run": schema_of(RunState),
+        "heading": schema_of(HeadingMemory),
         "safety": schema_of(SafetyState),
         "self_test": schema_of(SelfTestState),
         "imu_check": schema_of(ImuCheckState),

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 import numpy as np
@@ -34,6 +34,7 @@ from ballbot.fitting.uncertainty import (
     leverage_corrected,
 )
 from ballbot.progress import Progress
+from ballbot.results import key
 
 
 class Repeated(Protocol):
@@ -183,7 +184,7 @@ class Interval:
 
     lower: float
     upper: float
-    method: Method
+    method: Method = field(metadata=key("from"))
 
     @property
     def deviation(self) -> float:
@@ -194,14 +195,6 @@ class Interval:
     def __contains__(self, value: float) -> bool:
         """Return whether a value lies within."""
         return self.lower <= value <= self.upper
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the entry of results.json; a side without limit is None."""
-        return {
-            "lower": self.lower if math.isfinite(self.lower) else None,
-            "upper": self.upper if math.isfinite(self.upper) else None,
-            "from": self.method,
-        }
 
 
 def profile_ends(

@@ -16,13 +16,14 @@ parameter without standard error, as v_s or delta at a bound.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.identification.quantities import Layout
 from ballbot.mechanics.friction import stribeck_decay
+from ballbot.results import key
 from ballbot.rounding import plus_minus
 
 #: of the speeds driven that are below W
@@ -39,15 +40,7 @@ class CoulombEquivalent:
 
     values: NDArray[np.float64]  #: c_e (n,) [N m]
     standard_errors: NDArray[np.float64]  #: (n,) [N m]; see the module's text; NaN if c has none
-    speeds: NDArray[np.float64]  #: W (n,) [rad/s]
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        return {
-            "values": self.values.tolist(),
-            "standard_errors": [float(one) if np.isfinite(one) else None for one in self.standard_errors],
-            "up_to_speed": self.speeds.tolist(),
-        }
+    speeds: NDArray[np.float64] = field(metadata=key("up_to_speed"))  #: W (n,) [rad/s]
 
 
 def coulomb_equivalent(

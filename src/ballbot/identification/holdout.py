@@ -17,7 +17,7 @@ is.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,7 @@ from ballbot.identification.stages import errors, windows_for
 from ballbot.identification.windows import COMPARISONS, Windows, measured_wheel_speeds, standstill_torques
 from ballbot.log import STATE_NAMES, Log, LogLike, as_log
 from ballbot.mechanics.model import Model
+from ballbot.results import key
 from ballbot.rounding import plus_minus
 
 #: [s]
@@ -56,28 +57,15 @@ class FrictionErrors:
     share: float  #: of the friction's effect that would leave the least error
     share_error: float  #: its standard error, by a jackknife over blocks of starts; NaN if there are too few
 
-    def to_dict(self) -> dict[str, float | None]:
-        """Return what results.json holds."""
-        return {name: value if np.isfinite(value) else None for name, value in vars(self).items()}
-
 
 @dataclass(frozen=True, kw_only=True)
 class FrictionAtHorizon:
     """Effect of friction on the errors at one horizon."""
 
-    horizon: float  #: of a whole number of rows [s]
+    horizon: float = field(metadata=key("horizon_s"))  #: of a whole number of rows [s]
     starts: int  #: how many predictions have a value there
-    wheel_speed: FrictionErrors  #: [rad/s]
-    lean: FrictionErrors  #: theta and phi [rad]
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        return {
-            "horizon_s": self.horizon,
-            "starts": self.starts,
-            "wheel_speed_rmse": self.wheel_speed.to_dict(),
-            "lean_rmse": self.lean.to_dict(),
-        }
+    wheel_speed: FrictionErrors = field(metadata=key("wheel_speed_rmse"))  #: [rad/s]
+    lean: FrictionErrors = field(metadata=key("lean_rmse"))  #: theta and phi [rad]
 
 
 def horizon_errors(
@@ -215,11 +203,10 @@ class HoldoutResult:
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
-        by_horizon = [one.to_dict() for one in self.horizons]
         return {
             "errors": self.errors.to_dict(),
             "with_over_without": self.errors.with_over_without,
-            "horizons": {"causal_starts": self.causal, "errors": by_horizon},
+            "horizons": {"causal_starts": self.causal, "errors": self.horizons},
             "findings": finding_results(self.findings),
         }
 

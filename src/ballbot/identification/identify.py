@@ -1,8 +1,8 @@
 """Identification of a robot's friction, and of other quantities, from balancing logs.
 
-Evolution finds the basin, Gauss-Newton the minimum, and held-out windows validate the result. The method is the
-thesis's (section 3.4: twelve parameters at once, a stochastic search within bounds, short windows because the plant is
-unstable), with Gauss-Newton, standard errors and held-out windows added.
+A search finds the basin, Gauss-Newton the minimum, and held-out windows validate the result. The problem is the
+thesis's (section 3.4: twelve parameters at once, within bounds, on short windows because the plant is unstable), and so
+is the genetic search; windows' estimated starts, standard errors and held-out windows are added.
 """
 
 from __future__ import annotations
@@ -296,7 +296,7 @@ def _result(
         window=window,
         excluded_states=tuple(options.excluded_states),
         evolution_cost=evolved.history,
-        gauss_newton_cost=estimate.gauss_newton.history,
+        gauss_newton_cost=estimate.finished.history,
         findings=(
             *_log_findings(predictor, logs, options.excluded_states),
             *_findings(prepared, estimate, final, held_out),

@@ -1,4 +1,4 @@
-"""The last stage of a fit: each window's start state is estimated too, and no longer taken as it was measured.
+"""The fit: parameters and each window's start state are estimated together, by Gauss-Newton.
 
 A window predicted from a measured start carries that one sample's noise, grown by an unstable plant, through all its
 residuals: on simulated logs with the noise of good sensors, standard errors were four times too large for what a log
@@ -12,13 +12,18 @@ of the other samples do. Gauss-Newton's equations then couple the parameters p w
 and eliminating dx_w = -A_w^-1 (a_w + B_w dp) leaves, for the parameters alone, the sums over windows of
 
     H_w - B_w^T A_w^-1 B_w   and   g_w - B_w^T A_w^-1 a_w.
+
+A step is damped as Levenberg and Marquardt do, and tried once; more only if it does not lower the cost. A wheel that
+begins to stick bends the cost sharply, so derivatives are differences to one side and then to the other, of changing
+width, with a long inner step: they only show the way. The cost itself and the equations of the result are exact.
+A start that has settled on one side of a wheel's sticking does not find the other: where the descent has become slow,
+each window settles from its measured start as well, and keeps the better of both.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,49 +33,60 @@ from ballbot.fitting.search import LEAST_GAIN, leaving
 from ballbot.fitting.uncertainty import WindowEquations
 from ballbot.identification.parameters import Coordinates
 from ballbot.identification.prediction import DIFFERENCE, Problem, Work
-from ballbot.progress import Progress, ProgressCallback, steps_left
+from ballbot.progress import Progress
 
-#: damping and length of the steps tried at once: short ones, as a wheel that begins to stick bends the cost sharply;
-#: long ones, for the bent and nearly level valley of b, c, s and v_s; the last only settles the starts
-_TRIALS = (
-    *((1e-6, length) for length in (1.0, 0.1)),
-    *((1e-3, length) for length in (0.1, 0.3, 1.0)),
-    *((damping, length) for damping in (1e-2, 1e-1) for length in (1.0, 3.0)),
-    (1.0, 1.0),
-    (1e9, 1.0),
-)
-#: what the last so many steps did, so many times again: along the valley's floor small steps add up
-_AGAIN = ((1, 3.0), (3, 3.0), (8, 1.0), (8, 3.0))
+#: inner step [s] of the simulations that show the way, and not how far it goes
+DERIVATIVE_STEP = 2.5e-3
+#: widths of differences, one step after another: a step that the kinks of one width lead astray is free with the next
+_WIDER = (1.0, 3.0, 9.0)
+#: of the parameters' diagonal at first, and at least and at most; a step that gains nothing takes ten times as much
+_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-8, 1e3
+_TRIALS = 4
 #: shares of their own shift, and of what follows from the parameters' step, that starts take; each window's
 #: whichever suits it, as a wheel that begins to stick makes some windows anything but straight
 _SHARES = ((1.0, 1.0), (0.0, 1.0), (0.0, 0.0))
-#: widths of differences, one step after another: a step that the kinks of one width lead astray is free with the next
-_WIDER = (1.0, 3.0, 9.0)
-#: a start that has settled on one side of a wheel's sticking does not find the other: so the descent begins again, with
-#: the parameters found and the starts as measured
-ROUNDS = 2
-#: the descent ends where so many steps one after another gain little: windows that settle hold the others up
-_PATIENCE = 6
-#: steps that a descent usually takes for each window, as windows settle one after another
-_USUAL_STEPS = 0.3
+#: windows settle where so many steps one after another gain less than this, and again where they gain little; the
+#: descent then ends
+_PATIENCE, _SLOW = 2, 1e-4
+_SETTLES = 2
+#: steps of each window's start by itself, each with these shares of the full one
+_SETTLING, _LENGTHS = 4, (1.0, 0.3)
+#: a window whose two ends differ by more, in squares of a residual's deviation, settles from so many random starts too
+_SAME, _DRAWS = 0.01, 8
 #: half the central difference of a start, in standard deviations of its state's residuals
 _START_DIFFERENCE = 0.5
 _STATES = 10
 #: moving a start along the floor moves the whole prediction: these columns of S need no simulation
 _ON_FLOOR = 2
-#: what a step costs, in simulations of every window: steps tried, and differences of the starts
-TRIALS, WORK_OF_STARTS = len(_SHARES) * (len(_TRIALS) + len(_AGAIN)), 2 * (_STATES - _ON_FLOOR)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Linearized:
-    """Equations about a point, and how the best starts follow the parameters there."""
+    """Equations about a point and starts, zero for parameters that are held, and how the best starts follow."""
 
-    equations: WindowEquations
-    weight: NDArray[np.float64]  #: (10,), of each state's residuals
-    tie: NDArray[np.float64]  #: (10,), of each start's
-    shift: NDArray[np.float64]  #: (w, 10), dx_w where the parameters stay
-    response: NDArray[np.float64]  #: (w, 10, p), d x_w / d p
+    H: NDArray[np.float64]  #: (w, p, p)
+    B: NDArray[np.float64]  #: (w, 10, p)
+    A: NDArray[np.float64]  #: (w, 10, 10)
+    g: NDArray[np.float64]  #: (w, p)
+    a: NDArray[np.float64]  #: (w, 10)
+
+    @cached_property
+    def response(self) -> NDArray[np.float64]:
+        """How the best starts follow the parameters (w, 10, p), d x_w / d p."""
+        return np.negative(np.linalg.solve(self.A, self.B), dtype=np.float64)
+
+    @cached_property
+    def shift(self) -> NDArray[np.float64]:
+        """How starts move where the parameters stay (w, 10), dx_w."""
+        return np.negative(np.linalg.solve(self.A, self.a[..., None])[..., 0], dtype=np.float64)
+
+    @cached_property
+    def equations(self) -> WindowEquations:
+        """The parameters' equations of each window, its start eliminated."""
+        B = self.B.transpose(0, 2, 1)
+        return WindowEquations(
+            matrices=self.H + B @ self.response, scores=self.g + (B @ self.shift[..., None])[..., 0]
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,30 +97,20 @@ class Descended:
     point: NDArray[np.float64]  #: (p,), scaled
     starts: NDArray[np.float64]  #: (w, 10), estimated, as sensors without noise would see them
     cost: float  #: there, the starts' residuals among the others
-    steps: int  #: of the descent that led here, which another one from here may be expected to take
 
     def repeated(
         self, *, moved: NDArray[np.float64], free: NDArray[np.bool_], most_steps: int, run: Run = DEFAULT_RUN
     ) -> Descended:
         """Descend again from here; see `ballbot.fitting.intervals.Repeated`."""
         point, starts, history = descend(
-            self.problem,
-            self.point,
-            self.starts,
-            free=free,
-            most_steps=most_steps,
-            moved=moved,
-            usual=self.steps,
-            run=run,
+            self.problem, self.point, self.starts, free=free, most_steps=most_steps, moved=moved, run=run
         )
-        return Descended(
-            problem=self.problem, point=point, starts=starts, cost=history[-1], steps=len(history)
-        )
+        return Descended(problem=self.problem, point=point, starts=starts, cost=history[-1])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class InitialStatesFit(Descended):
-    """Result of the last stage."""
+    """Result of a fit."""
 
     equations: WindowEquations  #: there
     history: tuple[float, ...]  #: the cost after each step
@@ -120,112 +126,40 @@ class InitialStatesFit(Descended):
         return compared(self.problem) * int(self.problem.cost.counted.sum())
 
 
-def usual_steps(windows: int) -> float:
-    """Return how many steps a descent usually takes."""
-    return _USUAL_STEPS * windows
-
-
 def fit_with_initial_states(
     problem: Problem,
     point: NDArray[np.float64],
     *,
     free: NDArray[np.bool_],
     most_steps: int,
-    following: Callable[[InitialStatesFit], Mapping[str, float]] | None = None,
+    starts: NDArray[np.float64] | None = None,
     run: Run = DEFAULT_RUN,
 ) -> InitialStatesFit:
     """Descend from `point` (p,), scaled, in the parameters marked in `free` (p,) and all starts at once.
 
-    The run's checkpoint answers for each step; the stage "initial_states" is reported after each, with the steps to be
-    expected. Once there is a fit, they are also those `following` it, by stage.
+    The stage "gauss_newton" is reported after each step. `starts` (w, 10) are those to begin with; by default as
+    measured.
     """
-    history: list[float] = []
-
-    def fitted(end: NDArray[np.float64], starts: NDArray[np.float64], steps: int) -> InitialStatesFit:
-        return InitialStatesFit(
-            problem=problem,
-            point=end,
-            starts=starts,
-            equations=linearize(problem, end, starts).equations,
-            cost=least,
-            steps=steps,
-            history=tuple(history),
-        )
-
-    best, least = None, np.inf
-    usual, after = usual_steps(len(problem.windows)), {"initial_states": 0.0}
-    for later in reversed(range(ROUNDS)):
-        done = len(history)
-        ended, starts, costs_after = descend(
-            problem,
-            point if best is None else best.point,
-            problem.windows.initial,
-            free=free,
-            most_steps=most_steps - done,
-            usual=usual,
-            run=replace(run, progress=partial(_report_round, run.progress, done, later, most_steps, after)),
-        )
-        history += costs_after
-        if not costs_after or costs_after[-1] >= least:
-            break
-        least = costs_after[-1]
-        best = fitted(ended, starts, len(costs_after))
-        usual = len(costs_after)
-        if later and following:
-            after = following(best)
-    return replace(best or fitted(point, problem.windows.initial, 0), history=tuple(history))
-
-
-def _report_round(
-    callback: ProgressCallback,
-    done: int,
-    later: int,
-    most_steps: int,
-    after: Mapping[str, float],
-    progress: Progress,
-) -> None:
-    """Report a step of a round, before which so many were `done`: rounds `later` take as many steps as this one."""
-    own, steps = progress.expected["initial_states"], done + progress.done
-    left = min(own + later * (progress.done + own), most_steps - steps)
-    expected = {**after, "initial_states": left + after["initial_states"]}
-    callback(replace(progress, done=steps, expected=expected))
+    begin = problem.windows.initial if starts is None else starts
+    end, starts, history = descend(problem, point, begin, free=free, most_steps=most_steps, run=run)
+    return InitialStatesFit(
+        problem=problem,
+        point=end,
+        starts=starts,
+        cost=history[-1],
+        equations=linearize(problem, end, starts).equations,
+        history=tuple(history),
+    )
 
 
 def costs(problem: Problem, points: NDArray[np.float64], starts: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the costs (sets,) of scaled parameters (sets, p) with windows' starts (sets, w, 10)."""
-    return problem.cost(_square_sums(problem, points, starts))
+    return problem.cost((_residuals(problem, points, starts) ** 2).sum(axis=(1, 2)))
 
 
-def linearize(
-    problem: Problem, point: NDArray[np.float64], starts: NDArray[np.float64], *, wider: float = 1.0
-) -> Linearized:
-    """Return each window's equations about scaled parameters (p,) and starts (w, 10).
-
-    `wider` multiplies the differences in the parameters that the derivatives are taken over.
-    """
-    moved = np.flatnonzero(problem.coordinates.free)
-    step = wider * DIFFERENCE * np.eye(len(point))[moved]
-    forward, backward = np.clip(point + step, 0.0, 1.0), np.clip(point - step, 0.0, 1.0)
-    squares = _square_sums(problem, point[None], starts[None])[0]
-    # a state that does not count still ties its start, or nothing would
-    tie = replace(problem.cost, counted=np.ones(_STATES, dtype=bool)).weights(squares, compared(problem))
-    about = _About(
-        values=problem.coordinates.physical(np.concatenate([point[None], forward, backward])),
-        distance=(forward - backward)[np.arange(len(moved)), moved],
-        starts=starts,
-        weight=problem.cost.weights(squares, compared(problem)),
-        tie=tie,
-    )
-    work = Work(predictor=problem.predictor, windows=problem.windows)
-    parts = problem.executor(_reduced, work, [(about, rows) for rows in work.rows])
-    matrices, scores, shift, response = (np.concatenate(one) for one in zip(*parts, strict=True))
-    count, size = len(problem.windows), len(point)
-    equations = WindowEquations(matrices=np.zeros((count, size, size)), scores=np.zeros((count, size)))
-    equations.matrices[:, moved[:, None], moved] = matrices
-    equations.scores[:, moved] = scores
-    responses = np.zeros((count, _STATES, size))
-    responses[:, :, moved] = response
-    return Linearized(equations=equations, weight=about.weight, tie=tie, shift=shift, response=responses)
+def linearize(problem: Problem, point: NDArray[np.float64], starts: NDArray[np.float64]) -> Linearized:
+    """Return each window's equations about scaled parameters (p,) and starts (w, 10)."""
+    return _linearized(problem, _at(problem, point, starts), side=0, wider=1.0)
 
 
 def compared(problem: Problem) -> int:
@@ -242,7 +176,6 @@ def descend(
     free: NDArray[np.bool_],
     most_steps: int,
     moved: NDArray[np.float64] | None = None,
-    usual: float | None = None,
     run: Run = DEFAULT_RUN,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[float]]:
     """Descend from a point (p,) and starts (w, 10); return where it ended, likewise, and the cost after each step.
@@ -254,197 +187,306 @@ def descend(
     most_steps : int
     moved : ndarray (p,), optional
         By how much the first step moves those that are not free, whatever it costs.
-    usual : float, optional
-        Steps that the descent may be expected to take; by default `usual_steps`.
     run : Run, optional
-        Its checkpoint answers for each step; the stage "initial_states" is reported after each, with the steps still
-        to be expected.
+        The stage "gauss_newton" is reported after each step.
     """
     fixed = np.zeros(len(point)) if moved is None else moved
-    least = np.inf if fixed.any() else float(costs(problem, point[None], starts[None])[0])
-    history, short_steps, trail = [], 0, [point]
-    usual = usual_steps(len(problem.windows)) if usual is None else usual
+    at, damping, history = _at(problem, point, starts), _DAMPING, list[float]()
+    short_steps = settles = 0
     for step in range(1, most_steps + 1):
-        trial, its_starts, cost = run.memoize(
-            "starts",
-            point,
-            partial(
-                _best_trial,
-                problem,
-                point,
-                starts,
-                trail=trail,
-                free=free,
-                fixed=fixed,
-                wider=_WIDER[step % len(_WIDER)],
-            ),
-        )
-        gain = least - float(cost)
-        if gain > 0.0:
-            trail.append(point)
-            point, starts, least = trial, its_starts, float(cost)
-        fixed = np.zeros(len(point))
-        history.append(least)
-        short_steps = 0 if gain > LEAST_GAIN else short_steps + 1
-        left = _expected_steps(step, short_steps, usual=usual, most_steps=most_steps)
-        run.progress(
-            Progress(
-                stage="initial_states",
-                done=step,
-                total=most_steps,
-                cost=least,
-                expected={"initial_states": left},
-            )
-        )
-        if short_steps == _PATIENCE:
+        before, settling = at.cost, short_steps == _PATIENCE
+        if settling:
+            at = _settled(problem, at)
+        else:
+            about = _linearized(problem, at, side=1 if step % 2 else -1, wider=_WIDER[step % len(_WIDER)])
+            at, damping = _best_trial(problem, at, about, free=free, fixed=fixed, damping=damping)
+        history.append(at.cost)
+        run.progress(Progress(stage="gauss_newton", done=step, total=most_steps, cost=at.cost))
+        settles += settling
+        little = LEAST_GAIN if settles else _SLOW
+        gains = settling or fixed.any() or before - at.cost > little
+        short_steps, fixed = 0 if gains else short_steps + 1, np.zeros(len(point))
+        if short_steps == _PATIENCE and settles == _SETTLES:
             break
-    return point, starts, history
+    return at.point, at.starts, history
 
 
-def _expected_steps(step: int, short_steps: int, *, usual: float, most_steps: int) -> float:
-    """Return how many more steps a descent may be expected to take: the fewer, the more short ones it has taken."""
-    left = steps_left(step, usual=usual, most=most_steps) * (1.0 - short_steps / _PATIENCE)
-    return min(max(left, _PATIENCE - short_steps), most_steps - step)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _At:
+    """A point, starts, and what is predicted there."""
+
+    point: NDArray[np.float64]  #: (p,), scaled
+    starts: NDArray[np.float64]  #: (w, 10)
+    residuals: NDArray[np.float64]  #: (w, 1 + k, 10)
+    weights: NDArray[np.float64]  #: (1 + k, 10), of the residuals of every window
+    cost: float
+
+
+def _at(
+    problem: Problem,
+    point: NDArray[np.float64],
+    starts: NDArray[np.float64],
+    residuals: NDArray[np.float64] | None = None,
+) -> _At:
+    """Return what is predicted at a point (p,) with starts (w, 10)."""
+    predicted = _residuals(problem, point[None], starts[None])[0] if residuals is None else residuals
+    squares = (predicted**2).sum(axis=(0, 1))
+    # a state that does not count still ties its start, or nothing would
+    tied = replace(problem.cost, counted=np.ones(_STATES, dtype=bool))
+    weights = np.tile(problem.cost.weights(squares, compared(problem)), (predicted.shape[1], 1))
+    weights[0] = tied.weights(squares, compared(problem))
+    return _At(
+        point=point,
+        starts=starts,
+        residuals=predicted,
+        weights=weights,
+        cost=float(problem.cost(squares)),
+    )
 
 
 def _best_trial(
     problem: Problem,
-    point: NDArray[np.float64],
-    starts: NDArray[np.float64],
+    at: _At,
+    about: Linearized,
     *,
-    trail: Sequence[NDArray[np.float64]],
     free: NDArray[np.bool_],
     fixed: NDArray[np.float64],
-    wider: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the best of a step's trial points (p,), its starts (w, 10) and its cost ()."""
-    about = linearize(problem, point, starts, wider=wider)
-    again = [length * (point - trail[-min(back, len(trail))]) for back, length in _AGAIN]
-    points = np.concatenate([_candidates(about, point, free, fixed), point + fixed + again * free])
-    points = points.clip(0.0, 1.0)
-    tried, moved_starts = _settled(problem, about, point, starts, points)
-    best = int(tried.argmin())
-    return points[best], moved_starts[best], tried[best]
-
-
-def _candidates(
-    about: Linearized, point: NDArray[np.float64], free: NDArray[np.bool_], fixed: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the points (trials, p) that the trial steps lead to."""
+    damping: float,
+) -> tuple[_At, float]:
+    """Return where a step leads, with the damping of the next; where it was if no damping lowers the cost."""
     normal = about.equations.normal
     gradient = normal.scores.sum(axis=0) + normal.matrix @ fixed
-    moved = np.flatnonzero(free & ~leaving(point, gradient) & (normal.matrix.diagonal() > 0.0))
+    moved = np.flatnonzero(free & ~leaving(at.point, gradient) & (normal.matrix.diagonal() > 0.0))
     H = normal.matrix[np.ix_(moved, moved)]
-    steps = np.tile(fixed, (len(_TRIALS), 1))
-    for step, (damping, length) in zip(steps, _TRIALS, strict=True):
-        step[moved] = -length * np.linalg.solve(H + damping * np.diag(H.diagonal()), gradient[moved])
-    return point + steps
+    for trial in range(_TRIALS):
+        step = fixed.copy()
+        step[moved] = -np.linalg.solve(H + damping * np.diag(H.diagonal()), gradient[moved])
+        point = np.clip(at.point + step, 0.0, 1.0)
+        follow = about.response @ (point - at.point)
+        offered = np.stack([at.starts + own * about.shift + share * follow for own, share in _SHARES])
+        residuals = _residuals(problem, np.tile(point, (len(offered), 1)), offered)
+        starts, residuals = _better(offered, residuals, at.weights)
+        after = _at(problem, point, starts, residuals)
+        if after.cost < (np.inf if fixed.any() else at.cost):
+            return after, damping if trial else max(0.1 * damping, _LEAST_DAMPING)
+        damping = min(10.0 * damping, _MOST_DAMPING)
+    return at, damping
 
 
-def _settled(
-    problem: Problem,
-    about: Linearized,
-    point: NDArray[np.float64],
-    starts: NDArray[np.float64],
-    points: NDArray[np.float64],
+def _better(
+    starts: NDArray[np.float64], residuals: NDArray[np.float64], weights: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the costs (trials,) of points (trials, p) with the starts (trials, w, 10) that suit each of them."""
-    follow = np.stack([about.response @ (one - point) for one in points])
-    offered = np.stack([starts + own * about.shift + share * follow for own, share in _SHARES])
-    shares, trials, count, _ = offered.shape
-    squares = _squares_of_windows(problem, np.tile(points, (shares, 1)), offered.reshape(-1, count, _STATES))
-    squares = squares.reshape(shares, trials, count, 2, _STATES)
-    weighted = squares[..., 0, :] @ about.tie**2 + squares[..., 1, :] @ about.weight**2
-    taken = np.nan_to_num(weighted, nan=np.inf).argmin(axis=0)[None, :, :, None]
-    best = np.take_along_axis(squares.sum(axis=-2), taken, axis=0)[0]
-    return problem.cost(best.sum(axis=1)), np.take_along_axis(offered, taken, axis=0)[0]
+    """Return each window's best of the starts (sets, w, 10) and residuals (sets, w, 1 + k, 10) that are offered."""
+    best = _squares(residuals, weights).argmin(axis=0), np.arange(residuals.shape[1])
+    return starts[best], residuals[best]
+
+
+def _squares(residuals: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the weighted sums (sets, w) of squares of residuals (sets, w, 1 + k, 10), infinite without a value."""
+    return np.nan_to_num(((residuals * weights) ** 2).sum(axis=(2, 3)), nan=np.inf)
+
+
+def _settled(problem: Problem, at: _At) -> _At:
+    """Return the same point with each window's best start, from where it is and from where it was measured."""
+    values, work = problem.coordinates.physical(at.point), _work(problem)
+    offered = np.stack([at.starts, problem.windows.initial])
+    step = _derivative_step(problem)
+    pieces = [
+        (_Settling(values=values, starts=offered[:, rows], weights=at.weights, step=step), rows)
+        for rows in work.rows
+    ]
+    parts = problem.executor(_settled_piece, work, pieces)
+    starts, residuals = (np.concatenate(one) for one in zip(*parts, strict=True))
+    after = _at(problem, at.point, starts, residuals)
+    return after if after.cost < at.cost else at
+
+
+def _linearized(problem: Problem, at: _At, *, side: int, wider: float) -> Linearized:
+    """Return the equations by differences to one side, 1 or -1, with a long inner step, or exact central ones, 0.
+
+    `wider` multiplies the differences in the parameters.
+    """
+    places = np.flatnonzero(problem.coordinates.free)
+    m, size, towards = len(places), len(at.point), side or 1
+    width = towards * wider * DIFFERENCE * np.eye(size)[places]
+    ahead, behind = at.point + width, np.clip(at.point - width, 0.0, 1.0)
+    if side:
+        outside = ((ahead < 0.0) | (ahead > 1.0)).any(axis=1, keepdims=True)
+        ahead, behind = np.where(outside, behind, ahead), at.point[None]
+    ahead = np.clip(ahead, 0.0, 1.0)
+    moves = towards * _moves(at.weights)
+    held, still = np.tile(at.point, (len(moves), 1)), np.zeros((m, _STATES))
+    points = np.concatenate([ahead, held, behind] if side else [ahead, held, behind, held])
+    shifts = [still, moves, still[:1]] if side else [still, moves, still, -moves]
+    about = _About(
+        values=problem.coordinates.physical(points),
+        shifts=np.concatenate(shifts),
+        distance=np.concatenate([(ahead - behind).sum(axis=1), (2 - abs(side)) * moves.sum(axis=1)]),
+        weights=at.weights,
+        step=_derivative_step(problem) if side else problem.predictor.step,
+    )
+    work = _work(problem)
+    pieces = [(about, at.starts[rows], at.residuals[rows], rows) for rows in work.rows]
+    parts = problem.executor(_products, work, pieces)
+    H, B, A, g, a = (np.concatenate(one) for one in zip(*parts, strict=True))
+    count = len(A)
+    found = Linearized(
+        H=np.zeros((count, size, size)),
+        B=np.zeros((count, _STATES, size)),
+        A=A,
+        g=np.zeros((count, size)),
+        a=a,
+    )
+    found.H[:, places[:, None], places], found.B[:, :, places], found.g[:, places] = H, B, g
+    return found
+
+
+def _moves(weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the differences (8, 10) of starts off the floor, for weights (1 + k, 10) of residuals."""
+    return np.diag(_START_DIFFERENCE / weights[0])[_ON_FLOOR:]
+
+
+def _derivative_step(problem: Problem) -> float:
+    return max(problem.predictor.step, DERIVATIVE_STEP)
+
+
+def _work(problem: Problem) -> Work:
+    return Work(predictor=replace(problem.predictor, threads=1), windows=problem.windows)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _About:
-    """Inputs of the equations of a piece."""
+    """Inputs of the equations of a piece: n points ahead, then n or one behind."""
 
-    values: NDArray[np.float64]  #: (1 + 2 m, p): the point, m of them forward of it, m backward; SI units
-    distance: NDArray[np.float64]  #: (m,), from backward to forward, scaled
-    starts: NDArray[np.float64]  #: (w, 10)
-    weight: NDArray[np.float64]  #: (10,), of each state's residuals
-    tie: NDArray[np.float64]  #: (10,), of each start's residuals
+    values: NDArray[np.float64]  #: (n + n or 1, p), SI units
+    shifts: NDArray[np.float64]  #: (n + n or 1, 10), of the starts
+    distance: NDArray[np.float64]  #: (n,), between the two of each, scaled
+    weights: NDArray[np.float64]  #: (1 + k, 10)
+    step: float  #: [s]
 
 
-def _reduced(
-    work: Work, piece: tuple[_About, NDArray[np.int64]]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return a piece's matrices (rows, m, m), scores (rows, m), shift (rows, 10) and response (rows, 10, m)."""
+def _derivatives(
+    work: Work, about: _About, starts: NDArray[np.float64], rows: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Return the weighted residuals' derivatives (rows, n, (1 + k) 10); zero if a prediction has no value."""
+    n = len(about.distance)
+    found = _predicted(work, about.values, starts + about.shifts[:, None], rows, step=about.step)
+    with np.errstate(invalid="ignore"):
+        slopes = (found[:n] - found[n:]) / about.distance[:, None, None, None] * about.weights
+    slopes = np.nan_to_num(slopes, nan=0.0, posinf=0.0, neginf=0.0)
+    return slopes.reshape(n, len(rows), -1).transpose(1, 0, 2)
+
+
+def _with_floor(by_starts: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return S (rows, 10, (1 + k) 10) from the derivatives (rows, 8, ..) by what simulations are needed for."""
+    on_floor = np.zeros((len(by_starts), _ON_FLOOR, *weights.shape))
+    for state in range(_ON_FLOOR):
+        on_floor[:, state, :, state] = weights[:, state]
+    return np.concatenate([on_floor.reshape(len(by_starts), _ON_FLOOR, -1), by_starts], axis=1)
+
+
+Piece = tuple[_About, NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]
+
+
+def _products(work: Work, piece: Piece) -> tuple[NDArray[np.float64], ...]:
+    """Return a piece's H, B, A, g and a, of the m parameters that are free."""
+    about, starts, residuals, rows = piece
+    slopes = _derivatives(work, about, starts, rows)
+    m = slopes.shape[1] - (_STATES - _ON_FLOOR)
+    J, S = slopes[:, :m], _with_floor(slopes[:, m:], about.weights)
+    r = (residuals * about.weights).reshape(len(rows), -1, 1)
+    # so small that BLAS takes one thread, and the order of summation is always the same
+    J_T, S_T = J.transpose(0, 2, 1), S.transpose(0, 2, 1)
+    return J @ J_T, S @ J_T, S @ S_T, (J @ r)[..., 0], (S @ r)[..., 0]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Settling:
+    """Inputs of a piece whose starts settle."""
+
+    values: NDArray[np.float64]  #: (p,), SI units
+    starts: NDArray[np.float64]  #: (sets, rows, 10), to begin with
+    weights: NDArray[np.float64]  #: (1 + k, 10)
+    step: float  #: of the derivatives [s]
+
+
+def _settled_piece(
+    work: Work, piece: tuple[_Settling, NDArray[np.int64]]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return each window's best start (rows, 10) and residuals (rows, 1 + k, 10)."""
     about, rows = piece
-    sets, count = len(about.values), len(rows)
-    weights = np.concatenate([about.tie[None], np.tile(about.weight, (_times(work), 1))])
-    starts = about.starts[rows]
-    by_parameters = _residuals(work, about.values, np.tile(starts, (sets, 1, 1)), rows) * weights
-    m = len(about.distance)
-    J = (by_parameters[1 : 1 + m] - by_parameters[1 + m :]) / about.distance[:, None, None, None]
-    J, r = J.reshape(m, count, -1), by_parameters[0].reshape(count, -1)
-    S = (_by_starts(work, about, rows) * weights).reshape(_STATES, count, -1)
-
-    # einsum and not BLAS, whose order of summation depends on its threads
-    A = np.einsum("iwk,jwk->wij", S, S, optimize=False)
-    B = np.einsum("iwk,jwk->wij", S, J, optimize=False)
-    a = np.einsum("iwk,wk->wi", S, r, optimize=False)
-    H = np.einsum("iwk,jwk->wij", J, J, optimize=False)
-    g = np.einsum("iwk,wk->wi", J, r, optimize=False)
-    response, shift = -np.linalg.solve(A, B), -np.linalg.solve(A, a[..., None])[..., 0]
-    matrices = H + np.einsum("wki,wkj->wij", B, response, optimize=False)
-    return matrices, g + np.einsum("wki,wk->wi", B, shift, optimize=False), shift, response
+    starts, residuals, A = _settled_from(work, about, about.starts, rows)
+    settled = _squares(residuals, about.weights)
+    starts, residuals = _better(starts, residuals, about.weights)
+    apart = np.flatnonzero(~(np.ptp(settled, axis=0) <= _SAME))
+    if len(apart):
+        drawn = np.random.default_rng(0).standard_normal((_DRAWS, len(apart), _STATES, 1))
+        spread = np.linalg.inv(np.linalg.cholesky(A[0, apart])).transpose(0, 2, 1)
+        begin = np.concatenate([starts[None, apart], starts[apart] + (spread @ drawn)[..., 0]])
+        starts[apart], residuals[apart] = _better(
+            *_settled_from(work, about, begin, rows[apart])[:2], about.weights
+        )
+    return starts, residuals
 
 
-def _by_starts(work: Work, about: _About, rows: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the residuals' derivatives (10, rows, 1 + k, 10) by the starts' states, without weights."""
-    starts = about.starts[rows]
-    half = _START_DIFFERENCE / about.tie[_ON_FLOOR:]
-    steps = np.zeros((_STATES - _ON_FLOOR, 1, _STATES))
-    steps[np.arange(_STATES - _ON_FLOOR), 0, np.arange(_ON_FLOOR, _STATES)] = half
-    both = np.concatenate([starts + steps, starts - steps])
-    residuals = _residuals(work, np.tile(about.values[0], (len(both), 1)), both, rows)
-    forward, backward = np.split(residuals, 2)
-    result = np.zeros((_STATES, *residuals.shape[1:]))
-    result[np.arange(_ON_FLOOR), :, :, np.arange(_ON_FLOOR)] = 1.0
-    result[_ON_FLOOR:] = (forward - backward) / (2.0 * half[:, None, None, None])
-    return result
+def _settled_from(
+    work: Work, about: _Settling, starts: NDArray[np.float64], rows: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return starts (sets, rows, 10) after some damped steps of each by itself, their residuals, and A at the last."""
+    sets, diagonal, moves = len(starts), np.arange(_STATES), _moves(about.weights)
+    starts, rows = starts.reshape(-1, _STATES), np.tile(rows, sets)
+    damping, A = np.full(len(rows), _DAMPING), np.empty(0)
+    residuals = _predicted(work, about.values[None], starts[None], rows)[0]
+    for step in range(_SETTLING):
+        shifts = np.concatenate([moves, np.zeros((1, _STATES))]) * (1 if step % 2 else -1)
+        to_one_side = _About(
+            values=np.tile(about.values, (len(shifts), 1)),
+            shifts=shifts,
+            distance=shifts[:-1].sum(axis=1),
+            weights=about.weights,
+            step=about.step,
+        )
+        S = _with_floor(_derivatives(work, to_one_side, starts, rows), about.weights)
+        A, a = S @ S.transpose(0, 2, 1), S @ (residuals * about.weights).reshape(len(rows), -1, 1)
+        damped = A.copy()
+        damped[:, diagonal, diagonal] *= 1.0 + damping[:, None]
+        shift = -np.linalg.solve(damped, a)[..., 0]
+        offered = np.stack([starts, *(starts + length * shift for length in _LENGTHS)])
+        values = np.tile(about.values, (len(_LENGTHS), 1))
+        later = np.concatenate([residuals[None], _predicted(work, values, offered[1:], rows)])
+        before = starts
+        starts, residuals = _better(offered, later, about.weights)
+        moved = (starts != before).any(axis=1)
+        damping = np.where(moved, 0.1 * damping, np.maximum(10.0 * damping, 0.1))
+    starts, residuals, A = (one.reshape(sets, -1, *one.shape[1:]) for one in (starts, residuals, A))
+    return starts, residuals, A
 
 
-def _times(work: Work) -> int:
-    return work.windows.samples // work.windows.comparison_interval
-
-
-def _residuals(
-    work: Work, values: NDArray[np.float64], starts: NDArray[np.float64], rows: NDArray[np.int64]
+def _predicted(
+    work: Work,
+    values: NDArray[np.float64],
+    starts: NDArray[np.float64],
+    rows: NDArray[np.int64],
+    *,
+    step: float | None = None,
 ) -> NDArray[np.float64]:
     """Return residuals (sets, rows, 1 + k, 10) in SI units, those of the starts (sets, rows, 10) first."""
-    windows = work.windows.take(rows)
-    alone = replace(work.predictor, threads=1)
-    later = alone.residuals(values, windows, every=windows.comparison_interval, starts=starts)
+    windows, every = work.windows.take(rows), work.windows.comparison_interval
+    predictor = work.predictor if step is None else replace(work.predictor, step=step)
+    later = predictor.residuals(values, windows, every=every, starts=starts)
     return np.concatenate([(starts - windows.initial)[:, :, None], later], axis=2)
 
 
-def _squares(
+def _predicted_piece(
     work: Work, piece: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]
 ) -> NDArray[np.float64]:
-    """Return squares (sets, rows, 2, 10) of each window's start, and of the rest summed."""
-    squares = _residuals(work, *piece) ** 2
-    return np.stack([squares[:, :, 0], squares[:, :, 1:].sum(axis=2)], axis=2)
+    return _predicted(work, *piece)
 
 
-def _squares_of_windows(
+def _residuals(
     problem: Problem, points: NDArray[np.float64], starts: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return squares (sets, w, 2, 10), of starts and of the rest."""
-    work = Work(predictor=problem.predictor, windows=problem.windows)
-    values = problem.coordinates.physical(points)
-    parts = problem.executor(_squares, work, [(values, starts[:, rows], rows) for rows in work.rows])
+    """Return residuals (sets, w, 1 + k, 10) of scaled parameters (sets, p) and starts (sets, w, 10)."""
+    work, values = _work(problem), problem.coordinates.physical(points)
+    parts = problem.executor(_predicted_piece, work, [(values, starts[:, rows], rows) for rows in work.rows])
     return np.concatenate(parts, axis=1)
-
-
-def _square_sums(
-    problem: Problem, points: NDArray[np.float64], starts: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return sums of squares (sets, 10) over windows, starts and times of comparison."""
-    return _squares_of_windows(problem, points, starts).sum(axis=(1, 2))

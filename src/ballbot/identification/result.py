@@ -26,6 +26,7 @@ from ballbot.identification.stated_uncertainty import ends_without_error, with_u
 from ballbot.identification.variation import Variation
 from ballbot.identification.windows import Span
 from ballbot.log import STATE_NAMES
+from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.summary import Summary, estimated, first_texts, plotted, summarized
 
@@ -197,15 +198,15 @@ class Identification:
         return plotted(self)
 
     def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds; NaN becomes None, JSON's null."""
-        return {
-            "parameters": without_nan(self.parameters),
-            "standard_errors": without_nan(self.standard_errors),
-            "intervals": {label: interval.to_dict() for label, interval in self.intervals.items()},
+        """Return what results.json holds."""
+        results = {
+            "parameters": self.parameters,
+            "standard_errors": self.standard_errors,
+            "intervals": self.intervals,
             "between_logs": self.variation.to_dict(self.labels),
             "identified_from": list(self.robot.identified_from),
-            "correlation": {"labels": list(self.labels), "matrix": without_nan(self.correlation.tolist())},
-            "coulomb_equivalent": self.coulomb.to_dict(),
+            "correlation": {"labels": list(self.labels), "matrix": self.correlation},
+            "coulomb_equivalent": self.coulomb,
             "represents": {
                 BY_NAME[name].symbol: {"kind": "effective" if also else "physical", "also": also}
                 for name in self.layout.names
@@ -222,6 +223,7 @@ class Identification:
             },
             "findings": finding_results([*self.log_findings, *self.findings]),
         }
+        return to_results(results)
 
 
 def represents_sentence(names: Sequence[str]) -> str:
@@ -232,18 +234,6 @@ def represents_sentence(names: Sequence[str]) -> str:
             by_effect.setdefault(also, []).append(BY_NAME[name].symbol)
     parts = [f"{', '.join(symbols)} ({also})" for also, symbols in by_effect.items()]
     return f"Effective parameters, and what else they stand for: {'; '.join(parts)}." if parts else ""
-
-
-def without_nan(value: object) -> object:
-    """Return nested dicts and lists with None, JSON's null, in place of NaN."""
-    match value:
-        case dict():
-            return {key: without_nan(one) for key, one in value.items()}
-        case list():
-            return [without_nan(one) for one in value]
-        case float() if not np.isfinite(value):
-            return None
-    return value
 
 
 #: the lines of a robot file that a quantity of the rigid body stands in

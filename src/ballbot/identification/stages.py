@@ -1,4 +1,7 @@
-"""The stages of an identification: preparation of windows, evolution, Gauss-Newton, and errors on held-out windows.
+"""The stages of an identification: preparation of windows, search, Gauss-Newton, and errors on held-out windows.
+
+The search finds the basin, on some of the windows and with a longer inner step: by short descents from a few fixed
+starts, or by the thesis's stochastic search.
 
 Whole intervals of each log are held out, 8 s of every 28 s: neighbouring windows share a swing of the limit cycle, and
 a validation in closed loop needs seconds in one piece. As 28 s is not a multiple of the 8 s or 32 s with which
@@ -7,29 +10,23 @@ references often repeat, the intervals do not always hold the same piece of the 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import partial
+from itertools import product
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError, suggest
 from ballbot.fitting.checkpoint import digest
-from ballbot.fitting.intervals import MOST_PROFILES, doubtful_errors
-from ballbot.fitting.model_selection import Dependence, fits_without, unidentifiable
+from ballbot.fitting.intervals import MOST_PROFILES
+from ballbot.fitting.model_selection import Dependence, unidentifiable
 from ballbot.fitting.run import DEFAULT_RUN, Executor, Run
-from ballbot.fitting.search import CANDIDATES, GaussNewtonFit, SearchResult, at_bound, evolve, gauss_newton
+from ballbot.fitting.search import SearchResult, at_bound, evolve
 from ballbot.fitting.uncertainty import without_influence
 from ballbot.identification.excitation import Excitation, check_count, check_excitation, check_torques
-from ballbot.identification.initial_states import (
-    ROUNDS,
-    TRIALS,
-    WORK_OF_STARTS,
-    InitialStatesFit,
-    fit_with_initial_states,
-    usual_steps,
-)
+from ballbot.identification.initial_states import InitialStatesFit, descend, fit_with_initial_states
 from ballbot.identification.parameters import Coordinates
 from ballbot.identification.prediction import Cost, Predictor, Problem, chunks
 from ballbot.identification.result import Identification, WindowErrors
@@ -37,16 +34,20 @@ from ballbot.identification.sweep import SweepFriction
 from ballbot.identification.windows import Span, Windows, ball_spin, cut_windows, samples_before
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.parameters import Formulation
-from ballbot.progress import ProgressCallback, Stage, on_all_cores
+from ballbot.progress import Progress, Stage, on_all_cores
 
-#: inner step of the evolution's simulations [s], which find the basin only; the cost differs by 1e-4
+#: inner step of the search's simulations [s], which find the basin only; the cost differs by 1e-4
 EVOLUTION_STEP = 2.5e-3
 #: largest rise of the cost when a parameter without influence returns to its nominal value
 LARGEST_LOSS = 1e-3
 #: quantities that act through another one only: v_s and delta shape how s fades
 DEPENDENCES = (Dependence(through="stribeck", dependent=("stribeck_speed", "stribeck_exponent")),)
-#: steps with estimated initial states for each Gauss-Newton step, at most
-STEPS_WITH_STARTS = 3
+#: how the basin is found: by descents from a few fixed starts, or by an evolution strategy, as in the thesis
+Search = Literal["multistart", "genetic"]
+#: the fixed starts of friction, scaled: every amount's, and v_s and delta
+_AMOUNTS, _SHAPES = (0.05, 0.2), (0.3, 0.6)
+#: steps of the descent from each
+_SEARCH_STEPS = 8
 
 
 def states_counted(excluded: Sequence[str]) -> NDArray[np.bool_]:
@@ -86,11 +87,12 @@ class IdentificationOptions:
     #: Gauss-Newton begins from its numbers where they predict better
     warm_start: Identification | None = None
     sweep: SweepFriction | None = None  #: friction from a sweep of the free wheels, to combine with the logs'
-    generations: int = 150  #: of the evolution, at most
+    search: Search = "multistart"
+    generations: int = 150  #: of the genetic search, at most
     population: int = 24  #: sets of parameters in each generation
-    evolution_windows: int = 64  #: windows that the evolution looks at; Gauss-Newton takes all
-    gauss_newton_steps: int = 25  #: Gauss-Newton steps, at most
-    #: parameters with doubtful errors whose intervals are profiled, at most; half of the work of a fit
+    evolution_windows: int = 64  #: windows that the search looks at; Gauss-Newton takes all
+    gauss_newton_steps: int = 75  #: Gauss-Newton steps, at most
+    #: parameters with doubtful errors whose intervals are profiled, at most
     most_profiles: int = MOST_PROFILES
     step: float = 1e-3  #: longest inner step of the final simulations [s]
 
@@ -99,6 +101,8 @@ class IdentificationOptions:
             raise InputError(
                 f"held_out is {self.held_out!r}; it must be a fraction between 0 and 1, such as 0.25."
             )
+        if self.search not in get_args(Search):
+            raise InputError(f"search is {self.search!r}; it must be one of {', '.join(get_args(Search))}.")
         for name, least in (
             ("generations", 1),
             ("population", 4),
@@ -135,8 +139,7 @@ class Prepared:
 class PointEstimate:
     """Result of the search, and the parameters that the logs determine there."""
 
-    gauss_newton: GaussNewtonFit  #: windows predicted from their measured starts
-    finished: InitialStatesFit  #: their starts estimated too: the estimate
+    finished: InitialStatesFit
     values: NDArray[np.float64]  #: (p,), SI units
     no_influence: NDArray[np.bool_]  #: (p,)
     refused: NDArray[np.bool_]  #: (p,), those that the logs do not excite
@@ -260,50 +263,39 @@ def _problem(
     )
 
 
-#: of the descent with initial states, in the profile of one parameter, for each parameter
-_STEPS_OF_A_PROFILE = 1.2
-#: processor time [s] of an inner step of a predicted window, and of a generation besides its predictions; this and the
-#: usual numbers are from identifications by 14 s to 80 s of log
-_INNER_STEP, _GENERATION = 1.7e-7, 9e-3
-#: usual numbers of generations for each parameter, of steps of Gauss-Newton, and of profiles for each parameter and
-#: one window; more windows leave fewer errors in doubt, from `_FEW_WINDOWS` on
-_USUAL_GENERATIONS, _USUAL_STEPS, _USUAL_PROFILES = 8, 6, 12
-_FEW_WINDOWS = 72
-
-#: the stages of `refine`
-REFINING = ("gauss_newton", "initial_states")
+#: processor time [s] of an inner step of a predicted window; the times of stages need only be in proportion
+_INNER_STEP = 1.7e-7
+#: usual numbers of generations for each parameter, and of steps of Gauss-Newton
+_USUAL_GENERATIONS, _USUAL_STEPS = 8, 25
 
 
 def stages_of(prepared: Prepared, options: IdentificationOptions) -> tuple[Stage, ...]:
     """Return the stages, with how often their steps usually repeat and how long one takes."""
     free = int(prepared.problem.coordinates.free.sum())
-    per_step = CANDIDATES + 2 * free + 2  # candidates, then differences, the point itself and its variances
-    finishing = TRIALS + 2 * free + 2 + WORK_OF_STARTS
-    with_starts = STEPS_WITH_STARTS * options.gauss_newton_steps
+    searching = Stage(
+        name="search",
+        steps=_SEARCH_STEPS * len(_SHAPES) ** 2 * len(_AMOUNTS),
+        work=_predicted(prepared.coarse, free),
+    )
+    evolving = Stage(
+        name="evolution",
+        steps=options.generations,
+        work=_predicted(prepared.coarse, options.population),
+        usual=min(_USUAL_GENERATIONS * free, options.generations),
+    )
     return (
-        Stage(
-            name="evolution",
-            steps=options.generations,
-            work=_GENERATION + _predicted(prepared.coarse, options.population),
-            usual=min(_USUAL_GENERATIONS * free, options.generations),
-        ),
+        searching if options.search == "multistart" else evolving,
         Stage(
             name="gauss_newton",
             steps=options.gauss_newton_steps,
-            work=_predicted(prepared.problem, per_step),
+            work=_predicted(prepared.problem, free),
             usual=min(_USUAL_STEPS, options.gauss_newton_steps),
-        ),
-        Stage(
-            name="initial_states",
-            steps=with_starts,
-            work=_predicted(prepared.problem, finishing),
-            usual=min(ROUNDS * usual_steps(len(prepared.fit)), with_starts),
         ),
         Stage(
             name="intervals",
             steps=options.most_profiles,
-            work=_predicted(prepared.problem, _STEPS_OF_A_PROFILE * free * finishing),
-            usual=min(_USUAL_PROFILES * free / max(len(prepared.fit), _FEW_WINDOWS), options.most_profiles),
+            work=_predicted(prepared.problem, 20 * free),
+            usual=min(1, options.most_profiles),
         ),
     )
 
@@ -320,7 +312,12 @@ def inputs_of(prepared: Prepared, *, options: IdentificationOptions, seed: int) 
     problem = prepared.problem
     start = options.warm_start
     counts = (options.generations, options.population, options.evolution_windows, options.gauss_newton_steps)
-    parts: list[object] = [counts, seed, None if start is None else (start.layout, start.values.tolist())]
+    parts: list[object] = [
+        options.search,
+        counts,
+        seed,
+        None if start is None else (start.layout, start.values.tolist()),
+    ]
     for one in (replace(problem.predictor, threads=None), problem.coordinates, prepared.fit):
         parts += [getattr(one, field.name) for field in fields(one)]
     parts += [prepared.coarse.windows.spans, prepared.coarse.predictor.step, problem.cost.counted]
@@ -328,7 +325,53 @@ def inputs_of(prepared: Prepared, *, options: IdentificationOptions, seed: int) 
 
 
 def search(problem: Problem, *, options: IdentificationOptions, run: Run) -> SearchResult:
-    """Find the basin: an evolution over the parameters that are free, the others where they are held."""
+    """Find the basin in the parameters that are free, the others where they are held."""
+    return (_multistart if options.search == "multistart" else _genetic)(problem, options=options, run=run)
+
+
+def _multistart(problem: Problem, *, options: IdentificationOptions, run: Run) -> SearchResult:
+    """Descend from each of the fixed starts, and return the best end."""
+    coordinates, best, least = problem.coordinates, np.empty(0), np.inf
+    begins = _fixed_starts(coordinates)
+    most = min(_SEARCH_STEPS, options.gauss_newton_steps)
+    for number, begin in enumerate(begins):
+
+        def report(step: Progress, before: int = number * most, least: float = least) -> None:
+            done, total = before + step.done, len(begins) * most
+            run.progress(Progress(stage="search", done=done, total=total, cost=min(least, step.cost)))
+
+        point, _, history = descend(
+            problem,
+            begin,
+            problem.windows.initial,
+            free=coordinates.free,
+            most_steps=most,
+            run=replace(run, progress=report),
+        )
+        if history[-1] < least or not best.size:
+            best, least = point, history[-1]
+    return SearchResult(best=best, history=())
+
+
+def _fixed_starts(coordinates: Coordinates) -> list[NDArray[np.float64]]:
+    """Return the scaled points (p,) that the search begins from: quantities besides friction as they were."""
+    names, own = np.array(coordinates.names), coordinates.scaled(coordinates.nominal)
+    points = []
+    for amount, v_s, delta in product(_AMOUNTS, _SHAPES, _SHAPES):
+        point = own.copy()
+        for name, value in {
+            **dict.fromkeys(("viscous", "coulomb", "stribeck", "rolling"), amount),
+            "stribeck_speed": v_s,
+            "stribeck_exponent": delta,
+        }.items():
+            point[(names == name) & coordinates.free] = value
+        if not any(np.array_equal(point, one) for one in points):
+            points.append(point)
+    return points
+
+
+def _genetic(problem: Problem, *, options: IdentificationOptions, run: Run) -> SearchResult:
+    """Search within the bounds by an evolution."""
     coordinates = problem.coordinates
     free = coordinates.free
     fixed = coordinates.scaled(coordinates.nominal)
@@ -355,47 +398,28 @@ def refine(
     options: IdentificationOptions,
     run: Run,
 ) -> PointEstimate:
-    """Run Gauss-Newton, estimate the initial states too, fix what has no influence, and fit the rest again."""
+    """Fit by Gauss-Newton, fix what has no influence, and fit the rest again from there."""
     problem = prepared.problem
-    free, steps = problem.coordinates.free, STEPS_WITH_STARTS * options.gauss_newton_steps
-    first = gauss_newton(problem, start, free=free, most_steps=options.gauss_newton_steps, run=run)
-    following = partial(_steps_following, options=options, seed=run.seed)
-    finished = fit_with_initial_states(
-        problem, first.point, free=free, most_steps=steps, following=following, run=run
-    )
-    checking = replace(run, progress=_expecting(run.progress, "intervals", following(finished)))
-    without_effect = unidentifiable(finished, DEPENDENCES, most_steps=steps, run=checking)
+    free, steps = problem.coordinates.free, options.gauss_newton_steps
+    finished = fit_with_initial_states(problem, start, free=free, most_steps=steps, run=run)
+    without_effect = unidentifiable(finished, DEPENDENCES, most_steps=steps, run=run)
     no_influence = free & (without_effect.dependent | without_influence(finished.equations.normal))
     if no_influence.any():
         again = _as_before(problem, finished.point, no_influence & ~without_effect.dependent)
         own = problem.coordinates.scaled(problem.coordinates.nominal)
         again = np.where(without_effect.through, 0.0, np.where(without_effect.dependent, own, again))
         rest = free & ~no_influence
-        finished = fit_with_initial_states(problem, again, free=rest, most_steps=steps, run=run)
+        finished = fit_with_initial_states(
+            problem, again, free=rest, most_steps=steps, starts=finished.starts, run=run
+        )
     refused = prepared.excitation.refused & ~no_influence
     return PointEstimate(
-        gauss_newton=first,
         finished=finished,
         values=problem.coordinates.physical(finished.point),
         no_influence=no_influence,
         refused=refused,
         estimated=free & ~no_influence & ~refused & ~at_bound(finished.point),
     )
-
-
-def _steps_following(fit: InitialStatesFit, *, options: IdentificationOptions, seed: int) -> dict[str, float]:
-    """Return how many steps follow a fit: of fits without an effect, and profiles of intervals."""
-    no_influence = without_influence(fit.equations.normal)
-    estimated = fit.coordinates.free & ~no_influence & ~at_bound(fit.point)
-    return {
-        "initial_states": fits_without(fit, DEPENDENCES) * fit.steps,
-        "intervals": min(doubtful_errors(fit, estimated=estimated, seed=seed), options.most_profiles),
-    }
-
-
-def _expecting(callback: ProgressCallback, stage: str, steps: Mapping[str, float]) -> ProgressCallback:
-    """Return a callback that also reports the steps to be expected of a later stage."""
-    return lambda one: callback(replace(one, expected={stage: steps[stage], **one.expected}))
 
 
 def better_start(

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.findings import Finding, Place, by_severity
-from ballbot.identification.upside_down import BALL_NAMES
+from ballbot.identification.upside_down import BALL_NAMES, encoder_speeds
 from ballbot.log import Log
-from ballbot.log.columns import torque_names, wheel_angle_names, wheel_speed_names
+from ballbot.log.columns import torque_names, wheel_speed_names
 from ballbot.robot import Robot
 from ballbot.simulation.upside_down import ClampedBall
 
@@ -109,7 +109,7 @@ def _of_encoders(
 ) -> Iterator[Finding]:
     """Yield an error if the encoders contradict the ball's angular velocity."""
     names = wheel_speed_names(len(ball.A))
-    speeds = _encoder_speeds(log, len(ball.A))
+    speeds = encoder_speeds(log, len(ball.A))
     if not speeds:
         return
     wheels = np.column_stack(speeds)
@@ -149,25 +149,6 @@ def _of_encoders(
     )
     text = f"The wheels do not turn as the ball's angular velocity implies: {cause}"
     yield Finding(code="ball-omega", severity="error", text=text, where=Place(columns=columns))
-
-
-def _encoder_speeds(log: Log, count: int) -> list[NDArray[np.float64]]:
-    """Return the wheels' speeds as logged, or as the slopes of their angles over 50 ms; none if neither is there."""
-    names = wheel_speed_names(count)
-    if all(name in log for name in names):
-        return [log[name] for name in names]
-    angles = wheel_angle_names(count)
-    half = max(1, round(0.025 / log.sample_time))
-    if not all(name in log for name in angles) or len(log) <= 2 * half:
-        return []
-    slopes = []
-    for name in angles:
-        slope = np.full(len(log), np.nan)
-        slope[half:-half] = (log[name][2 * half :] - log[name][: -2 * half]) / (
-            log.t[2 * half :] - log.t[: -2 * half]
-        )
-        slopes.append(slope)
-    return slopes
 
 
 def _scaled_fit(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float]:

@@ -97,7 +97,7 @@ class Variation:
             "logs_differ": self.differ,
             "factor": self.factor,
             "standard_deviations": {label: one for label, one in known if np.isfinite(one)},
-            "next_log_intervals_95": {label: one.to_dict() for label, one in self.predictions.items()},
+            "next_log_intervals_95": self.predictions,
         }
 
 

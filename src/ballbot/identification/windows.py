@@ -64,12 +64,14 @@ from ballbot.robot import Robot
 
 
 def measured_wheel_speeds(log: Log, robot: Robot) -> NDArray[np.float64]:
-    """Return the wheel speeds (N, n) [rad/s]: the encoders', or those of the states for a log without encoders."""
+    """Return the wheel speeds (N, n) [rad/s]: the encoders', or those of the states where these are missing."""
     names = wheel_speed_names(robot.wheel_count)
-    if all(name in log for name in names):
-        return np.column_stack([log[name] for name in names])
+    encoders = all(name in log for name in names)
+    speeds = np.column_stack([log[name] if encoders else np.full(len(log), np.nan) for name in names])
     states = _state_columns(log)
-    return Model(robot).wheel_speed(states[:, :5], states[:, 5:])
+    lacking = ~np.isfinite(speeds).all(axis=1) & np.isfinite(states).all(axis=1)
+    speeds[lacking] = Model(robot).wheel_speed(states[lacking, :5], states[lacking, 5:])
+    return speeds
 
 
 def ball_spin(log: Log, robot: Robot) -> NDArray[np.float64]:
@@ -160,7 +162,6 @@ LARGEST_LEAN = 0.6
 COMPARISONS = 10
 
 _LEANS = [STATE_NAMES.index("theta"), STATE_NAMES.index("phi")]
-_HEADING = STATE_NAMES.index("psi")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -329,9 +330,6 @@ def _cut(
     )
     rows = starts[:, None] + np.arange(samples + 1)
     states = states[rows]
-    # a heading kept within one turn jumps; count it on from the window's start
-    turn = 2.0 * np.pi
-    states[..., _HEADING] -= turn * np.round((states[..., _HEADING] - states[:, :1, _HEADING]) / turn)
     spans = [Span(log=number, start=float(log.t[k[0]]), end=float(log.t[k[-1]])) for k in rows]
     acting = torques[starts[:, None] + np.arange(-history, samples)]
     return _Piece(states=states, torques=acting, spin=spin[starts], spans=spans)

@@ -5,6 +5,7 @@ measured ones, in columns named `true_` and the state's name.
 """
 
 import math
+import re
 from collections.abc import Iterable
 
 import numpy as np
@@ -183,3 +184,44 @@ def factor_to(unit: str, given: str, *, counts_per_turn: float | None = None) ->
     if not counts_per_turn:
         raise InputError(f"the unit {given!r} needs counts_per_turn, the encoder counts in one turn")
     return 2.0 * math.pi / counts_per_turn
+
+
+#: a unit in brackets behind a name, as in theta [deg]
+_BRACKETS = re.compile(r"(\w+)\s*[\[(]([^\])]+)[\])]")
+
+
+def native_columns(names: Iterable[str]) -> dict[str, tuple[str, float, str]]:
+    """Return the names that mean one of Ballbot's columns though they are written otherwise.
+
+    They are T for t, and those with a unit in brackets behind them.
+
+    Returns
+    -------
+    dict of str to tuple
+        By the file's name, Ballbot's, the factor to Ballbot's unit, and the file's unit.
+    """
+    from ballbot.log.mapping_inference.name_words import UNIT_OF
+
+    names = list(names)
+    found: dict[str, tuple[str, float, str]] = {}
+    for name in names:
+        bare, given = match.groups() if (match := _BRACKETS.fullmatch(name)) else (name, None)
+        bare = "t" if bare == "T" else bare
+        unit = unit_of(bare)
+        if unit is None or bare in names or bare in (one for one, _, _ in found.values()):
+            continue
+        stated = (
+            unit if given is None else UNIT_OF.get(given.replace(" ", "").replace("·", "").lower(), given)
+        )
+        if stated in FACTORS[unit]:
+            found[name] = bare, FACTORS[unit][stated], stated
+    return found
+
+
+def has_native_names(names: Iterable[str]) -> bool:
+    """Return whether these are Ballbot's names: a foreign log may have t and a few others by chance."""
+    names = list(names)
+    own = {name: bare for name, (bare, _, _) in native_columns(names).items()}
+    others = {own.get(name, name) for name in names}
+    known = len(others & set(KNOWN_NAMES)) - 1
+    return "t" in others and known > len(others) - 1 - known

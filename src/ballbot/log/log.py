@@ -5,8 +5,7 @@ of strictly increasing time. Row k has the measurements at t_k and the torques h
 
 NaN marks a missing value; an infinite one, or one beyond `LARGEST_CELL`, is missing too. Reading keeps it, and
 `log[name]` gives the column with it. Computations use `require`, `states`, `torques`, `wheel_speeds` or `reference`,
-which refuse NaN with a message, so that it cannot spread unnoticed. `summarize` gives the range, missing values and
-rate of change of each column.
+which refuse NaN with a message, so that it cannot spread unnoticed.
 """
 
 from __future__ import annotations
@@ -24,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arguments import checked_arguments
 from ballbot.arrays import format_duration
 from ballbot.errors import InputError
+from ballbot.findings import Finding, note
 from ballbot.log.columns import (
     STATE_NAMES,
     TRUE_PREFIX,
@@ -32,6 +32,7 @@ from ballbot.log.columns import (
     similar_column,
     unit_of,
 )
+from ballbot.log.wrapping import continuous_headings
 from ballbot.summary import Summary, counted, duration_words, plotted, range_words, summarized
 
 if TYPE_CHECKING:
@@ -58,6 +59,11 @@ class Log:
         The columns by name, `t` [s] among them; copied, and read-only afterwards.
     ended : str, optional
         Why a simulated run stopped early ("fallen: ..."); not kept in files, nor if rows are cut.
+    changes : tuple of Finding
+        What was left out or changed when the log was read: a cut last row, a heading kept within one turn. The checks
+        of a log show them.
+
+    A heading, psi or ref_psi, that is kept within one turn is continued across its jumps.
 
     Raises
     ------
@@ -67,16 +73,23 @@ class Log:
 
     columns: Mapping[str, NDArray[np.float64]]
     ended: str | None = None
+    changes: tuple[Finding, ...] = ()
 
     def __post_init__(self) -> None:
         columns = {name: _column(name, values) for name, values in self.columns.items()}
         _check_shape(columns)
         _check_time(columns["t"])
-        object.__setattr__(self, "columns", MappingProxyType(columns))
+        continued, found = continuous_headings(columns, columns["t"])
+        for heading in continued.values():
+            heading.flags.writeable = False
+        object.__setattr__(self, "columns", MappingProxyType(columns | continued))
+        object.__setattr__(self, "changes", (*self.changes, *found))
 
-    def __reduce__(self) -> tuple[type[Log], tuple[dict[str, NDArray[np.float64]], str | None]]:
+    def __reduce__(
+        self,
+    ) -> tuple[type[Log], tuple[dict[str, NDArray[np.float64]], str | None, tuple[Finding, ...]]]:
         # a mappingproxy cannot be pickled, and logs go to other processes
-        return (Log, (dict(self.columns), self.ended))
+        return (Log, (dict(self.columns), self.ended, self.changes))
 
     @staticmethod
     @checked_arguments
@@ -102,9 +115,13 @@ class Log:
         from ballbot.log.mapping import apply_mapping
 
         mapping = _read_mapping(mapping)
-        columns = formats.read_columns(path, mapping.layout if mapping else None)
+        notes: list[str] = []
+        layout, used = (mapping.layout, mapping.used_columns) if mapping else (None, None)
+        columns = formats.read_columns(path, layout, used=used, notes=notes)
+        changes = [note("file", sentence) for sentence in notes]
         try:
-            return Log(apply_mapping(mapping, columns) if mapping else columns)
+            columns = apply_mapping(mapping, columns, changes=changes) if mapping else columns
+            return Log(columns, changes=tuple(changes))
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
 
@@ -162,7 +179,9 @@ class Log:
 
         described = _read_mapping(mapping)
         if described is not None:
-            return Log(apply_mapping(described, foreign_columns_of(frame)))
+            changes: list[Finding] = []
+            columns = apply_mapping(described, foreign_columns_of(frame), changes=changes)
+            return Log(columns, changes=tuple(changes))
         return Log(*columns_of(frame))
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
@@ -255,6 +274,24 @@ class Log:
                     "s). Fill them, or use a part of the log without them."
                 )
 
+    def complete(self, *names: str) -> Log:
+        """Return the rows that have a value in every one of these columns; the others become a gap in time.
+
+        Raises
+        ------
+        InputError
+            If one is no column, or no row is left.
+        """
+        missing = [name for name in names if name not in self.columns]
+        if missing:
+            raise InputError(_missing_sentence(missing, self.names))
+        known = np.isfinite(np.column_stack([self.columns[name] for name in ("t", *names)])).all(axis=1)
+        if not known.any():
+            raise InputError(f"No row of the log has a value in all of {', '.join(names)}.")
+        if known.all():
+            return self
+        return Log({name: values[known] for name, values in self.columns.items()}, self.ended, self.changes)
+
     @checked_arguments
     def between(self, start: float, end: float) -> Log:
         """Return the rows with start <= t < end [s].
@@ -268,7 +305,7 @@ class Log:
         if not kept.any():
             asked = f"from {start:g} to {end:g} s" if np.isfinite(end) else f"from {start:g} s on"
             raise InputError(f"The log has no row {asked}; it runs from {self.t[0]:g} to {self.t[-1]:g} s.")
-        return Log({name: values[kept] for name, values in self.columns.items()})
+        return Log({name: values[kept] for name, values in self.columns.items()}, changes=self.changes)
 
     def select(self, rows: slice) -> Log:
         """Return the rows of a slice with a positive step; InputError if it selects none."""
@@ -277,12 +314,12 @@ class Log:
                 "select takes rows, such as log.select(slice(0, 100)); one column is log['x'], and a part in time is "
                 "log.between(0, 2)."
             )
-        return Log({name: values[rows] for name, values in self.columns.items()})
+        return Log({name: values[rows] for name, values in self.columns.items()}, changes=self.changes)
 
     def with_columns(self, columns: Mapping[str, ArrayLike]) -> Log:
         """Return a copy with `columns` added, or in place of those of the same name."""
         added = {name: _column(name, values) for name, values in columns.items()}
-        return Log({**self.columns, **added}, self.ended)
+        return Log({**self.columns, **added}, self.ended, self.changes)
 
     def truth(self) -> Log:
         """Return the log of a simulated run with the true states in place of the measured ones.
@@ -301,15 +338,17 @@ class Log:
                 f"The log has no true states (no column {missing[0]}): only logs of simulated runs have them."
             )
         kept = dict(self.without_truth().columns)
-        return Log(kept | {name: self.columns[TRUE_PREFIX + name] for name in STATE_NAMES}, self.ended)
+        return Log(
+            kept | {name: self.columns[TRUE_PREFIX + name] for name in STATE_NAMES}, self.ended, self.changes
+        )
 
     def without_truth(self) -> Log:
         """Return the log without its true_* columns, as of a real robot."""
         kept = {name: v for name, v in self.columns.items() if not name.startswith(TRUE_PREFIX)}
-        return Log(kept, self.ended)
+        return Log(kept, self.ended, self.changes)
 
     def summary(self) -> Summary:
-        """Return the log's length and rate, and the range of its columns by groups; see also `summarize`."""
+        """Return the log's length and rate, and the range of its columns by groups."""
         duration = float(self.t[-1] - self.t[0])
         rate = f" at {(len(self) - 1) / duration:.4g} Hz" if duration > 0.0 else ""
         rows = [("time", f"{self.t[0]:.6g} to {self.t[-1]:.6g} s"), *_range_rows(self)]
@@ -458,36 +497,3 @@ def _missing_sentence(missing: list[str], present: tuple[str, ...]) -> str:
     plural = "columns" if len(missing) > 1 else "column"
     columns = f"{plural} {', '.join(missing)}{similar_column(missing, present)}"
     return f"The log has no {columns}. Add or rename columns, in the file or by a mapping file."
-
-
-@dataclass(frozen=True, kw_only=True)
-class ColumnSummary:
-    """One column of a log."""
-
-    name: str
-    unit: str | None  #: None for a name that is not Ballbot's
-    least: float | None  #: of the finite values; None if no value is finite
-    greatest: float | None
-    missing: int  #: cells that are NaN or infinite
-    change_rate: float  #: changes of the value per second; for a slow sensor its own rate
-
-
-def summarize(log: Log) -> tuple[ColumnSummary, ...]:
-    """Return a summary of each of the log's columns, in their order."""
-    duration = float(log.t[-1] - log.t[0])
-    summaries = []
-    for name in log.names:
-        values = log[name]
-        finite = values[np.isfinite(values)]
-        changes = int(np.count_nonzero(np.diff(finite)))
-        summaries.append(
-            ColumnSummary(
-                name=name,
-                unit=unit_of(name),
-                least=float(finite.min()) if finite.size else None,
-                greatest=float(finite.max()) if finite.size else None,
-                missing=len(values) - finite.size,
-                change_rate=changes / duration if duration > 0.0 else 0.0,
-            )
-        )
-    return tuple(summaries)

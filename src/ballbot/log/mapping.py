@@ -29,6 +29,7 @@ from pydantic import Field, FiniteFloat, PositiveFloat
 
 from ballbot.arrays import rows_between
 from ballbot.errors import InputError, suggest
+from ballbot.findings import Finding, note
 from ballbot.log.columns import Columns, direction_sign, mark_missing, numbered_names
 from ballbot.log.formats.text import TextLayout
 from ballbot.log.imu_angles import (
@@ -40,8 +41,10 @@ from ballbot.log.imu_angles import (
     quaternion_angles,
     yaw_ahead,
 )
-from ballbot.log.row_order import later_runs, repeated_rows, rows_in_order
-from ballbot.log.signals import new_messages, sampling_times, unwrapped, without_holes, without_resets
+from ballbot.log.resampling import ROUNDING, acting_at, mean_acting, measured_at
+from ballbot.log.row_order import later_runs, repeated_rows, rows_in_order, rows_with_times
+from ballbot.log.signals import sampling_times, unwrapped, without_holes, without_resets
+from ballbot.log.wrapping import continuous_clock, continuous_headings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,15 +176,30 @@ class LogMapping:
     drop_repeated: bool = False  #: whether rows that repeat the row before are one
     drop_unordered: bool = False  #: whether rows out of order are left out
 
+    @property
+    def used_columns(self) -> set[str] | None:
+        """The file's columns that it takes; None if rows with words in any column are left out."""
+        if self.layout.drop_damaged:
+            return None
+        sources = [*self.columns.values(), *(self.motors.sources if self.motors else ())]
+        quaternion: tuple[str, ...] = ()
+        if self.attitude is not None:
+            sources += [*self.attitude.sources, *self.attitude.rates]
+            quaternion = self.attitude.quaternion
+        names = (name for one in sources for name in (one.column, one.nanoseconds, one.direction))
+        return {*quaternion, *(name for name in names if name is not None)}
 
-#: [s] by which rounding may move a delayed row past the one it belongs to
-_ROUNDING = 1e-9
+
 _ATTITUDE_NAMES = ("theta", "phi", "psi")
 _GYRO_NAMES = ("gyro_x", "gyro_y", "gyro_z")
 
 
 def apply_mapping(
-    mapping: LogMapping, table: Mapping[str, NDArray[np.float64]], *, even_from: float | None = None
+    mapping: LogMapping,
+    table: Mapping[str, NDArray[np.float64]],
+    *,
+    even_from: float | None = None,
+    changes: list[Finding] | None = None,
 ) -> Columns:
     """Return the log's columns (N,) from the file's.
 
@@ -192,6 +210,8 @@ def apply_mapping(
         The file's columns by the file's names.
     even_from : float, optional
         A time from which rows at even intervals are counted [s]; the table's first if not given.
+    changes : list of Finding, optional
+        Findings on what is left out or continued are added to it.
 
     Returns
     -------
@@ -204,15 +224,22 @@ def apply_mapping(
         If the file lacks a column that the mapping names, its time does not increase, or no row is left.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # a scale may turn a cell into an infinity
-        columns = _applied(mapping, table, even_from)
+        columns = _applied(mapping, table, even_from, [] if changes is None else changes)
     return {name: values if name == "t" else mark_missing(values) for name, values in columns.items()}
 
 
 def _applied(
-    mapping: LogMapping, table: Mapping[str, NDArray[np.float64]], even_from: float | None
+    mapping: LogMapping,
+    table: Mapping[str, NDArray[np.float64]],
+    even_from: float | None,
+    changes: list[Finding],
 ) -> Columns:
+    clock, notes = mapping.columns["t"].column, list[str]()
     table = whole_rows(mapping, table)
+    if clock in table:
+        table = rows_with_times(table, clock, notes)
     t = row_times(mapping, table)
+    changes += [note("time", sentence) for sentence in notes]
     if mapping.attitude is not None and mapping.attitude.quaternion:
         parts = [
             _scaled(f"the quaternion's {part}", Source(column=column), table)
@@ -223,6 +250,11 @@ def _applied(
     if mapping.wrap is not None:
         periods = {name: abs(mapping.columns[name].factor) * mapping.wrap for name in _wheel_angles(raw)}
         raw |= {name: unwrapped(raw[name], period=period) for name, period in periods.items()}
+    # before its offset, from the file's own ends of a turn
+    offsets = {name: mapping.columns[name].offset for name in ("psi", "ref_psi") if name in raw}
+    continued, wraps = continuous_headings({name: raw[name] - offsets[name] for name in offsets}, t)
+    raw |= {name: heading + offsets[name] for name, heading in continued.items()}
+    changes += wraps
     names = _wheel_angles(raw)
     if mapping.largest_speed is not None and names:
         carried = without_resets(t, np.column_stack([raw[name] for name in names]), mapping.largest_speed)
@@ -238,7 +270,7 @@ def _applied(
     for name in raw:
         if name != "t":
             delay = mapping.columns[mapping.integrals.get(name, name)].delay
-            columns[name] = _measured_at(rows, sampled, raw[name], delay, shift=shift)
+            columns[name] = measured_at(rows, sampled, raw[name], delay, shift=shift)
     if mapping.attitude is not None:
         columns |= _attitude(mapping.attitude, table, rows, sampled, shift=shift)
     if mapping.motors is not None:
@@ -302,7 +334,9 @@ def whole_rows(mapping: LogMapping, table: Mapping[str, NDArray[np.float64]]) ->
 
 
 def _clock(source: Source, table: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Return the times of all rows (N,) by the file's own clock [s]."""
+    """Return the times of all rows (N,) by the file's own clock [s], continued where it begins again."""
+    if source.column in table:
+        table = {**table, source.column: continuous_clock(table[source.column])[0]}
     t = _scaled("t", source, table)
     if source.nanoseconds is None:
         return t
@@ -360,21 +394,6 @@ def _sampled(mapping: LogMapping, t: NDArray[np.float64], raw: Columns) -> NDArr
     return sampling_times(t, angles)
 
 
-def _measured_at(
-    rows: NDArray[np.float64],
-    sampled: NDArray[np.float64],
-    values: NDArray[np.float64],
-    delay: float,
-    *,
-    shift: bool,
-) -> NDArray[np.float64]:
-    """Return a sensor's values (N,) reported `delay` after the rows' times, interpolated linearly."""
-    if not (shift or delay):
-        return values
-    first = new_messages(sampled) if shift else slice(None)
-    return np.interp(rows + delay, sampled[first], without_holes(sampled[first], values[first]))
-
-
 def _attitude(
     attitude: Attitude,
     table: Mapping[str, NDArray[np.float64]],
@@ -390,9 +409,9 @@ def _attitude(
             values = less_half_a_turn(values, math.pi)
         if place == 2:
             values = unwrapped(values)
-        angles[:, place] = _measured_at(rows, sampled, values, source.delay, shift=shift)
+        angles[:, place] = measured_at(rows, sampled, values, source.delay, shift=shift)
     measured = [
-        _measured_at(rows, sampled, _scaled(name, source, table), source.delay, shift=shift)
+        measured_at(rows, sampled, _scaled(name, source, table), source.delay, shift=shift)
         for name, source in zip(_GYRO_NAMES, attitude.rates, strict=bool(attitude.rates))
     ]
     if len(attitude.sources) == 2:
@@ -421,34 +440,9 @@ def _commands(
     for i, source in enumerate(motors.sources, start=1):
         acting = motors.drive.acting(_scaled(f"u{i}", source, table))
         columns[f"u{i}"] = (
-            _mean_acting(t, rows, acting, source.delay) if even else _acting_at(t, acting, source.delay)
+            mean_acting(t, rows, acting, source.delay) if even else acting_at(t, acting, source.delay)
         )
     return columns
-
-
-def _acting_at(t: NDArray[np.float64], values: NDArray[np.float64], delay: float) -> NDArray[np.float64]:
-    """Return the command that acts at t: the last one logged at t - delay or before."""
-    if not delay:
-        return values
-    latest = np.searchsorted(t, t - delay + _ROUNDING, side="right") - 1
-    return values[np.maximum(latest, 0)]
-
-
-def _mean_acting(
-    t: NDArray[np.float64], rows: NDArray[np.float64], values: NDArray[np.float64], delay: float
-) -> NDArray[np.float64]:
-    """Return the mean of the command that acts from each row to the next; missing where a part of it is."""
-    step = rows[1] - rows[0] if len(rows) > 1 else 1.0
-    edges = np.append(rows, rows[-1] + step) - delay
-    values = without_holes(t, values, held=True)
-    known = np.isfinite(values)
-
-    def mean(acting: NDArray[np.float64]) -> NDArray[np.float64]:
-        impulse = np.concatenate(([0.0], np.cumsum(acting[:-1] * np.diff(t))))
-        return np.diff(np.interp(edges, t, impulse)) / step
-
-    means = mean(np.where(known, values, 0.0))
-    return means if known.all() else np.where(mean((~known).astype(float)) > 1e-9, np.nan, means)
 
 
 def _delays(mapping: LogMapping) -> tuple[list[float], list[float]]:
@@ -463,7 +457,7 @@ def _cut(columns: Columns, t: NDArray[np.float64], measured: list[float], comman
     """Return the rows for which every delayed column has a value in the file, whose times are t."""
     rows = columns["t"]
     ahead = [*measured, *(-delay for delay in commanded)]
-    kept = (rows + min(ahead) >= t[0] - _ROUNDING) & (rows + max(ahead) <= t[-1] + _ROUNDING)
+    kept = (rows + min(ahead) >= t[0] - ROUNDING) & (rows + max(ahead) <= t[-1] + ROUNDING)
     if not kept.any():
         raise InputError("The delays in the mapping are longer than the log; give delays in seconds.")
     return {name: values[kept] for name, values in columns.items()}

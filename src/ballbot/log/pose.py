@@ -48,7 +48,7 @@ _HEADING = ("psi", "psi_dot")
 
 
 def with_odometry(log: Log, robot: Robot) -> Log:
-    """Return the log with x, y [m] and x_dot, y_dot [m/s] from its wheel speeds and attitude.
+    """Return the log with x, y [m] and x_dot, y_dot [m/s] from its wheel speeds and attitude, where it has these.
 
     Parameters
     ----------
@@ -61,12 +61,12 @@ def with_odometry(log: Log, robot: Robot) -> Log:
     Raises
     ------
     InputError
-        If a column is missing or has missing values.
+        If a column is missing, or no row has a value in all of them.
     """
     from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 
     names = wheel_speed_names(robot.wheel_count)
-    log.require(*_needed(log, robot))
+    log = log.complete(*_needed(log, robot))
     if "psi" not in log:
         log = _with_heading(log, robot)
     theta, phi, theta_dot, phi_dot, psi, psi_dot = (log[name] for name in (*_LEAN, *_HEADING))

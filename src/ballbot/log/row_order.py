@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.log.columns import Columns
+from ballbot.log.wrapping import clock_note, continuous_clock
+from ballbot.summary import counted
 
 #: time that jumps by more is another clock or another run [s]
 LONGEST_PAUSE = 10.0
@@ -112,6 +114,38 @@ def rows_in_order(
         known = np.flatnonzero(kept & np.isfinite(t))
         kept[known] = increasing_rows(t[known])
     return {**table} if kept.all() else {name: values[kept] for name, values in table.items()}
+
+
+def rows_with_times(
+    table: Mapping[str, NDArray[np.float64]], time: str, notes: list[str]
+) -> dict[str, NDArray[np.float64]]:
+    """Return a table without the rows that lack a time or repeat the row before, its clock continued.
+
+    Parameters
+    ----------
+    table : mapping of str to (N,) array
+    time : str
+        The name of its time.
+    notes : list of str
+        Sentences on what is left out or changed are added to it.
+    """
+    untimed = ~np.isfinite(table[time])
+    if untimed.all():
+        return {**table}
+    repeated = repeated_rows(table, time) & ~untimed
+    for rows, what in (
+        (untimed, "without a time"),
+        (repeated, "with the time and all values of the row before"),
+    ):
+        if rows.any():
+            count = counted(int(rows.sum()), "row")
+            notes.append(f"Left out: {count} {what}, first row {int(np.argmax(rows)) + 1}.")
+    kept = ~(untimed | repeated)
+    found = {name: values[kept] for name, values in table.items()}
+    found[time], again = continuous_clock(found[time])
+    if again.size:
+        notes.append(clock_note(time, again))
+    return found
 
 
 def repeated_rows(table: Mapping[str, NDArray[np.float64]], time: str) -> NDArray[np.bool_]:

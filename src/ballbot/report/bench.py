@@ -36,7 +36,7 @@ from ballbot.report.style import (
 )
 from ballbot.report.words import driveline_symbols, logs_words
 from ballbot.robot import Friction, Robot
-from ballbot.rounding import digits, unit_heading, value_and_error
+from ballbot.rounding import between, digits, unit_heading, value_and_error
 from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
 from ballbot.summary import counted
 from ballbot.workflows.ball_movement import TURN, BallMovement
@@ -76,7 +76,7 @@ def prediction_figure(found: UpsideDown, log: Log) -> Figure:
 def _predicted_windows(found: UpsideDown, log: Log) -> tuple[BallWindows, NDArray[np.float64]]:
     """Return windows from the middle of a log, and the ball's velocity in them, with friction and without."""
     n = found.robot.wheel_count
-    windows = cut_ball_windows([log], wheel_count=n, duration=found.window)
+    windows = cut_ball_windows(found.robot, [log], duration=found.window)
     first = max(0, (len(windows) - _WINDOWS_SHOWN) // 2)
     windows = windows.take(np.arange(first, min(first + _WINDOWS_SHOWN, len(windows))))
     predicted = simulate_balls(
@@ -142,6 +142,7 @@ _UNITS = {"b": "N m s/rad", "c": "N m", "s": "N m", "v_s": "rad/s", "delta": ""}
 
 def upside_down_parts(found: UpsideDown, robot: Robot, *, framed: bool) -> Iterator[RenderableType]:
     """Yield the friction identified upside down beside the robot file's, the errors and the findings."""
+    yield Text(found.verdict)
     yield _parameter_table(found, robot, framed=framed)
     yield _error_table(found, framed=framed)
     for sentence in (*texts(found.findings), *_comparison(robot)):
@@ -171,13 +172,13 @@ def _parameter_table(found: UpsideDown, described: Robot, *, framed: bool) -> Te
     }
     rows = []
     for symbol, value in found.parameters.items():
-        values = value if isinstance(value, list) else [value]
-        error = found.standard_errors[symbol]
-        errors = error if isinstance(error, list) else [error]
-        for i, (one, its_error, old) in enumerate(zip(values, errors, before[symbol], strict=True), start=1):
-            name = f"{symbol}{i}" if isinstance(value, list) else symbol
-            rows.append((name, *value_and_error(one, its_error), digits(old), _UNITS[symbol]))
-    headings = ("parameter", "upside down", "standard error", "robot file", "unit")
+        values, errors = np.atleast_1d(value), np.atleast_1d(found.standard_errors[symbol])
+        numbers = zip(values.tolist(), errors.tolist(), found.ends(symbol), before[symbol], strict=True)
+        for i, (one, error, ends, old) in enumerate(numbers, start=1):
+            name = f"{symbol}{i}" if len(values) > 1 else symbol
+            shown = value_and_error(one, error) if ends is None else tuple(between(one, *ends).split(" ", 1))
+            rows.append((name, *shown, digits(old), _UNITS[symbol]))
+    headings = ("parameter", "upside down", "standard error or 95 % interval", "robot file", "unit")
     return table("Friction of drivelines and ball-wheel contacts", headings, rows, framed=framed)
 
 
@@ -261,28 +262,15 @@ def upside_down_report(
     findings: Sequence[Finding],
 ) -> Report:
     """Return the page of friction identified upside down."""
-    values = found.parameters
-    ratio = {
-        name: float(np.median(errors / found.held_out[_FOUND]))
-        for name, errors in found.held_out.items()
-        if name != _FOUND
-    }
-    better = " and ".join(f"{digits(one, 2)} times as large {_MODELS[name]}" for name, one in ratio.items())
-    dry = np.atleast_1d(np.asarray(values["c"]))
-    verdict = [
-        (
-            "Friction",
+    head, reason = found.verdict.split(": ", 1)
+    verdict = [(head, reason[:1].upper() + reason[1:])]
+    if found.usable:
+        dry = np.atleast_1d(np.asarray(found.parameters["c"]))
+        text = (
             f"In motion, wheels and contacts resist with {digits(float(dry.min()), 2)} to "
-            f"{digits(float(dry.max()), 2)} N m and a part that grows with speed.",
+            f"{digits(float(dry.max()), 2)} N m and a part that grows with speed."
         )
-    ]
-    if better:
-        verdict.append(
-            (
-                "Prediction",
-                f"On held-out windows the error is {better} as with the friction found (median of the axes).",
-            )
-        )
+        verdict.append(("Friction", text))
     return Report(
         title=f"{described.name}: friction with the ball on its wheels",
         lead=f"The robot clamped upside down, {logs_words(logs)}. Predictions over windows of {found.window:g} s.",
@@ -314,11 +302,9 @@ def upside_down_report(
     )
 
 
-#: how the windows' errors name this identification
-_FOUND = "found"
 #: the models by those names, in words
 _MODELS = {
-    _FOUND: "with the friction found",
+    "found": "with the friction found",
     "none": "without friction",
     "robot file": "with the friction of the robot file",
 }

@@ -51,12 +51,14 @@ RUN_LINES: Mapping[str, LineStyle] = {
     "full": {"color": MUTED, "linestyle": ":", "linewidth": 1.4},
     "partial": {"color": GREEN, "linestyle": "-.", "linewidth": 1.3},
     "precise": {"color": BLUE, "linestyle": "-", "linewidth": 1.2},
+    "precise_without_compensation": {"color": VIOLET, "linestyle": "-", "linewidth": 1.2},
 }
 RUN_LABELS: Mapping[str, str] = {
     "none": "no compensation",
     "full": "full compensation",
     "partial": "partial compensation",
     "precise": "precise",
+    "precise_without_compensation": "precise, none",
 }
 
 
@@ -78,7 +80,13 @@ def paths_figure(runs: Mapping[str, Log]) -> Figure:
 
 
 #: the same candidates over time
-_RUN_LOOKS: Mapping[str, Look] = {"none": "second", "full": "fourth", "partial": "third", "precise": "first"}
+_RUN_LOOKS: Mapping[str, Look] = {
+    "none": "second",
+    "full": "fourth",
+    "partial": "third",
+    "precise": "first",
+    "precise_without_compensation": "fifth",
+}
 
 
 def position_error_series(runs: Mapping[str, Log], caption: str) -> TimeSeries:

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from rich.console import RenderableType
 from rich.text import Text
 
+from ballbot.control.controller import torque_limit_words
+from ballbot.control.lqr import frictionless_model
 from ballbot.control.margins import MEANING
 from ballbot.control.overcompensation import CompensationMargin, has_friction
-from ballbot.control.presets import frictionless_model
 from ballbot.findings import Finding
 from ballbot.log import STATE_NAMES
 from ballbot.report.blocks import Block, Bullets, Paragraph, Report, Sheet, Verbatim, section
@@ -123,6 +124,7 @@ def controller_design_parts(found: ControllerDesign, *, framed: bool) -> Iterato
     yield table("Closed-loop poles [rad/s]", ["real", "imaginary"], rows, framed=framed)
     yield margins_table(found.loop_margins, framed=framed)
     yield Text(MEANING)
+    yield Text(f"Torque limit of each wheel: {torque_limit_words(found.controller)}.")
     if found.certain is not found.stated:
         yield Text(_certain_fractions(found.stated, found.certain))
     if found.controller.compensation != "none":
@@ -177,7 +179,8 @@ def controller_design_report(
     parts = ", ".join(part.label for _, part in controller.parts.present()) or "none"
     kind = "no" if controller.compensation == "none" else controller.compensation
     words = (
-        f"Sampled LQR at {1e3 * controller.sample_time:g} ms; {kind} friction compensation; parts: {parts}."
+        f"Sampled LQR at {1e3 * controller.sample_time:g} ms; {kind} friction compensation; parts: {parts}. "
+        f"Torque limit of each wheel: {torque_limit_words(controller)}."
     )
     verdict = [
         (

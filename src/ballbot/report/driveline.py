@@ -341,9 +341,7 @@ def driveline_results(
         "standard_errors": {
             name: [_known(fit, fit.standard_errors, i) for fit in fits] for i, name in enumerate(NAMES)
         },
-        "intervals": {
-            f"wheel {fit.wheel}": {name: one.to_dict() for name, one in fit.intervals.items()} for fit in fits
-        },
+        "intervals": {f"wheel {fit.wheel}": fit.intervals for fit in fits},
         "torque_delay": [fit.delay for fit in fits],
         "rmse_of_one_step": [fit.innovation for fit in fits],
         "unknown": {f"wheel {fit.wheel}": [NAMES[i] for i in np.flatnonzero(fit.unknown)] for fit in fits},

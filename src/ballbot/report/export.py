@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from rich.console import RenderableType
 from rich.text import Text
 
-from ballbot.control.controller import Controller
+from ballbot.control.controller import Controller, torque_limit_words
 from ballbot.findings import Finding
 from ballbot.firmware.export import Export
 from ballbot.firmware.processor_load import ProcessorLoad
@@ -34,7 +34,7 @@ def _limit_rows(exported: Export, controller: Controller) -> list[list[str]]:
         ["period", f"{1e3 * controller.sample_time:g} ms"],
         ["parameters of the controller (flash)", f"{exported.parameter_bytes} bytes"],
         ["state (RAM)", f"{exported.state_bytes} bytes"],
-        ["torque limit", f"{controller.torque_limit:.3g} N m"],
+        ["torque limit", torque_limit_words(controller)],
         ["stops beyond a lean of", f"{limits.lean:g} rad"],
         ["stops if a sample takes longer than", f"{1e3 * limits.max_interval:g} ms"],
         ["stops after missing", f"{limits.max_missing + 1} samples in a row"],

@@ -292,34 +292,29 @@ def ladder_figure(ladder: ModelSelection[Identification]) -> Figure:
 
 def search_blocks(found: Identification) -> Iterator[Block]:
     """Yield how the error fell during the search."""
-    costs = (found.evolution_cost, found.gauss_newton_cost)
-    generations, steps = counted(len(costs[0]), "generation"), counted(len(costs[1]), "step")
-    words = f"{generations} of an evolution strategy, then {steps} of Gauss-Newton on all windows fitted."
-    yield Paragraph(text=words)
-    if all(costs):
+    before, costs = found.evolution_cost, found.gauss_newton_cost
+    evolution = f"{counted(len(before), 'generation')} of an evolution strategy"
+    search = evolution if before else "Descents from fixed starts"
+    steps = f"{counted(len(costs), 'step')} of Gauss-Newton"
+    yield Paragraph(text=f"{search} on some of the windows, then {steps} on all windows fitted.")
+    if costs:
         caption = (
-            "Error relative to no friction, the geometric mean of the states: best so far after each generation, on "
-            "the windows drawn for it, and after each step. A line that is level at its end has settled."
+            "Error relative to no friction, the geometric mean of the states, after each step. A line that is level at "
+            "its end has settled."
         )
         yield drawn_picture("search", partial(search_figure, found), caption)
 
 
 def search_figure(found: Identification) -> Figure:
-    """Return the cost after each generation and each step of Gauss-Newton."""
+    """Return the cost after each step of Gauss-Newton."""
     figure = Figure(figsize=(7.4, 2.2), layout="constrained")
-    panels = figure.subplots(1, 2, width_ratios=(2, 1))
-    for axes, costs, across in (
-        (panels[0], found.evolution_cost, "generation"),
-        (panels[1], found.gauss_newton_cost, "step of Gauss-Newton"),
-    ):
-        marker = "o" if len(costs) < _MOST_MARKERS else ""
-        axes.plot(
-            range(1, len(costs) + 1), np.exp(costs), color=BLUE, linewidth=1.2, marker=marker, markersize=3
-        )
-        axes.set_xlabel(across)
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=6))
-        _with_few_digits(axes, np.exp(costs))
-    panels[0].set_ylabel("error / no friction")
+    axes, costs = figure.subplots(), found.gauss_newton_cost
+    marker = "o" if len(costs) < _MOST_MARKERS else ""
+    axes.plot(range(1, len(costs) + 1), np.exp(costs), color=BLUE, linewidth=1.2, marker=marker, markersize=3)
+    axes.set_xlabel("step of Gauss-Newton")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=6))
+    _with_few_digits(axes, np.exp(costs))
+    axes.set_ylabel("error / no friction")
     return figure
 
 

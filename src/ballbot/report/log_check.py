@@ -16,7 +16,7 @@ from ballbot.findings import Finding, by_severity, note
 from ballbot.log import Log
 from ballbot.log.checks import check
 from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
-from ballbot.log.log import ColumnSummary, summarize
+from ballbot.log.column_summary import ColumnSummary, summarize
 from ballbot.log.mapping_inference.proposal import Proposal
 from ballbot.log.mapping_inference.report import Evaluation
 from ballbot.log.pose import with_position, with_rates
@@ -114,9 +114,9 @@ def _agreement(examined: PhysicsOfLog, robot: Robot) -> str:
     if examined.lean is None or not examined.lean.conclusive:
         return f"{words} lean and wheels still cannot be checked against the robot's equations (too little motion)."
     words += " lean and wheels agree with the robot's equations"
-    if examined.torque is None:
+    scale, error = examined.gains.common() if examined.gains else (1.0, math.inf)
+    if not math.isfinite(error):
         return f"{words}; torques were not checked."
-    scale = math.sqrt(examined.torque.scale[0] * examined.torque.scale[1])
     words += f", and the torques are {scale:.2f} times those that the motion needs."
     per_ampere = robot.drive.gear_ratio * robot.drive.torque_constant
     if 1.0 / ALIKE < per_ampere < ALIKE:

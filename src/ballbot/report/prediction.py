@@ -18,6 +18,7 @@ from ballbot.report.provenance import Provenance
 from ballbot.results import to_results
 from ballbot.rounding import unit_heading
 from ballbot.workflows.controller_causes import Cause
+from ballbot.workflows.controller_choice import CANDIDATES
 from ballbot.workflows.controller_prediction import Prediction, PredictionInterval
 from ballbot.workflows.controller_verdict import BETTER, QUANTITY_NAMES, QuantityResult, Verdict
 
@@ -209,13 +210,8 @@ def _advice(verdict: Verdict, prediction: Prediction, files: StudyFolder) -> lis
     repair = [_REPAIRS[name].format(robot=files.robot) for name in causes]
     if verdict.recommendation == "revert":
         return [before, *repair, "Run `ballbot study` again with this log among its logs."]
-    kind = "precise" if prediction.controller == "precise" else "nominal"
-    compensation = {"full": "full", "partial": "partial", "precise": "full"}.get(
-        prediction.controller, "none"
-    )
+    kind, compensation = CANDIDATES[prediction.controller]
     weaker = f"{_design(files, kind, compensation)} --compensation-gain {_WEAKER:g}"
-    if compensation == "none":
-        return [before, *repair]
     return [f"Compensate less friction: `{weaker} --out weaker`.", *repair]
 
 

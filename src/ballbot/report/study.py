@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ballbot.errors import every
 from ballbot.findings import texts
 from ballbot.fitting.intervals import Interval
 from ballbot.identification import Identification
@@ -14,14 +15,17 @@ from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.tables import (
     CANDIDATE_NAMES,
     STATE_WORDS,
-    has_confidence,
+    effect_of,
     interval_words,
+    too_few,
 )
 from ballbot.report.words import millimetres
 from ballbot.robot import Friction
 from ballbot.rounding import digits
+from ballbot.summary import counted
 from ballbot.validation.result import better_in, weak_states
-from ballbot.workflows.controller_choice import ControllerChoice
+from ballbot.workflows.controller_choice import CANDIDATES, ControllerChoice, Trial
+from ballbot.workflows.controller_prediction import MIN_RUNS
 from ballbot.workflows.study import Study
 
 
@@ -31,7 +35,7 @@ def summary(study: Study) -> list[tuple[str, str]]:
         ("Friction", friction_sentence(study.found)),
         ("Model", model_sentence(study)),
         ("Controller", controller_sentence(study)),
-        ("Where the gain comes from", ablation_sentence(study)),
+        ("Where the gain comes from", steps_sentence(study.choice)),
         ("Doubts", doubts_sentence(study)),
     ]
 
@@ -131,15 +135,19 @@ def controller_sentence(study: Study) -> str:
     best = choice.trials[chosen]
     others = [CANDIDATE_NAMES[name] for name in choice.equals if name != chosen]
     equal = f" It is the smoothest of those that count as equal ({', '.join(others)})." if others else ""
+    few = (
+        f" {too_few(len(choice.plants))} how certain this choice is." if len(choice.plants) < MIN_RUNS else ""
+    )
+    more = f"{_falls_words(study)}{equal}{few}{_compensated_words(choice)} {PREDICTION}"
     if chosen == "none":
         return (
             f"The nominal gain without compensation: on {where}, no other candidate that never falls has a clearly "
-            f"smaller peak error. {_falls_words(study)}{equal} {PREDICTION}"
+            f"smaller peak error. {more}"
         )
     none = choice.trials["none"]
     compared = (
-        f" instead of {millimetres(none.peak.median)} mm (medians), {digits(gain.median)} times smaller "
-        f"({interval_words(gain)})"
+        f" instead of {millimetres(none.peak.median)} mm with the soft gain alone (medians), "
+        f"{digits(gain.median)} times smaller ({interval_words(gain)})"
         if gain.runs
         else " (median)"
     )
@@ -147,8 +155,33 @@ def controller_sentence(study: Study) -> str:
         f"{CANDIDATE_NAMES[chosen][0].upper()}{CANDIDATE_NAMES[chosen][1:]}, "
         f"with {STATE_WORDS[best.controller.estimator]}: "
         f"around a 0.5 m square on {where}, the largest distance from the reference after settling is "
-        f"{millimetres(best.peak.median)} mm{compared}. "
-        f"{_falls_words(study)}{equal} {PREDICTION}"
+        f"{millimetres(best.peak.median)} mm{compared}.{_soft_words(choice)} {more}"
+    )
+
+
+def _soft_words(choice: ControllerChoice) -> str:
+    """Return what compensation alone makes of the soft gain's error, beside a precise controller; empty if it falls."""
+    if CANDIDATES[choice.chosen or "none"][0] == "nominal":
+        return ""
+    reached = [
+        f"{millimetres(choice.trials[name].peak.median)} mm with {name} compensation"
+        for name in ("full", "partial")
+        if choice.trials[name].falls == 0
+    ]
+    if not reached:
+        return ""
+    return f" The soft gain reaches {' and '.join(reached)}; the rest is the precise controller's."
+
+
+def _compensated_words(choice: ControllerChoice) -> str:
+    """Return the best candidate that compensates beside a chosen one that does not; empty if there is no such."""
+    chosen, other = choice.chosen, choice.compensated
+    if chosen is None or other is None or choice.trials[chosen].controller.compensation != "none":
+        return ""
+    own, with_it = choice.trials[chosen], choice.trials[other]
+    return (
+        f" The best that compensates friction, {CANDIDATE_NAMES[other]}, is compensated_controller.toml: "
+        f"{millimetres(with_it.peak.median)} mm, its torques {_rougher(own, with_it)}."
     )
 
 
@@ -173,46 +206,42 @@ def _falls_words(study: Study) -> str:
     return f"Excluded because they fall: {named} of {len(study.choice.plants)} runs."
 
 
-def ablation_sentence(study: Study) -> str:
-    """Return how much each part of the precise controller gains by itself."""
-    choice = study.choice
-    if not choice.ablation:
-        return "No ablation was made."
-    whole_falls = choice.trials["precise"].falls
-    if whole_falls:
-        return f"The precise controller itself falls on {whole_falls} of {len(choice.plants)} plants."
-    shares = {part: choice.share_of(part) for part in choice.ablation}
-    falling = [part for part in shares if choice.ablation[part].falls]
-    rest = sorted((part for part in shares if part not in falling), key=lambda part: -shares[part].median)
-    words = [f"Without its {part} the precise controller falls." for part in falling]
-    words += [
-        f"Without its {part} the peak error is {digits(shares[part].median, 2)} times as large."
-        for part in rest
-        if has_confidence(shares[part]) and shares[part].low > 1.0
-    ]
-    words += [
-        f"Without its {part} the peak error is smaller on this course ({digits(shares[part].median, 2)} times), and "
-        f"the torques are {_rougher(choice, part)}."
-        for part in rest
-        if has_confidence(shares[part]) and shares[part].high < 1.0
-    ]
-    unclear = [
-        part
-        for part in rest
-        if not has_confidence(shares[part]) or shares[part].low <= 1.0 <= shares[part].high
-    ]
-    if unclear:
-        words.append(f"No clear difference on this course: {', '.join(unclear)}.")
-    return " ".join(words)
+def steps_sentence(choice: ControllerChoice) -> str:
+    """Return what each step from the soft gain to the precise controller does to the peak error."""
+    if not choice.steps:
+        return "It was not measured."
+    by_change: dict[str, list[str]] = {}
+    for step, (before, after) in choice.steps.items():
+        if effect_of(before, after) == "too few":
+            return f"{too_few(before.ratio_to(after).runs)} where the gain comes from."
+        course = (step.course or choice.course).name
+        place = "in a hold" if course == "hold" else f"on the {course}"
+        change = f"{step.adds[0].upper()}{step.adds[1:]}, added to {step.to}, makes the peak error"
+        by_change.setdefault(change, []).append(f"{_effect_words(before, after)} {place}")
+    words = [f"{change} {every(effects)}." for change, effects in by_change.items()]
+    return " ".join([*words, "All this is on simulated robots."])
 
 
-def _rougher(choice: ControllerChoice, part: str) -> str:
-    """Return how rough the torques are without a part, compared with the whole controller on the same plants."""
-    without = choice.ablation[part]
-    whole = np.median(
-        [one.rms_torque_change for one in choice.trials["precise"].scores[: len(without.scores)]]
-    )
-    ratio = without.roughness.median / float(whole)
+def _effect_words(before: Trial, after: Trial) -> str:
+    """Return what a change makes of the peak error: 3.8 times smaller (377 to 99 mm), for example."""
+    effect, ratio = effect_of(before, after), before.ratio_to(after)
+    start, end = millimetres(before.peak.median), millimetres(after.peak.median)
+    if effect in ("needed", "harmful"):
+        return f"{_outcome(after)} instead of {_outcome(before)} in {len(before.scores)} runs"
+    if effect == "unclear":
+        return f"not clearly different ({start} and {end} mm) and the torques {_rougher(before, after)}"
+    times = ratio.median if effect == "smaller" else 1.0 / ratio.median
+    return f"{digits(times, 2)} times {effect} ({start} to {end} mm)"
+
+
+def _outcome(trial: Trial) -> str:
+    peak = f"{millimetres(trial.peak.median)} mm" if trial.peak.runs else "none"
+    return f"{peak} with {counted(trial.falls, 'fall')}"
+
+
+def _rougher(one: Trial, other: Trial) -> str:
+    """Return how rough the other's torques are, compared with one's."""
+    ratio = other.roughness.median / one.roughness.median
     if 0.95 < ratio < 1.05:  # 1.0 in two digits
         return "as rough"
     return f"{digits(1.0 / ratio, 2)} times smoother" if ratio < 1.0 else f"{digits(ratio, 2)} times rougher"

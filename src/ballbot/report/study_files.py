@@ -1,5 +1,7 @@
 """The files that a study leaves: report.html, results.json, robot.toml, and controller.toml if one is recommended.
 
+If that compensates no friction, compensated_controller.toml is the best one that does.
+
 results.json is what other programs read; the keys named in the project's README stay. The controller that was there
 before stays beside the new one, as previous_controller.toml.
 """
@@ -75,9 +77,18 @@ def _comparison(study: Study) -> dict[str, object]:
         "chosen": choice.chosen,
         "counted_as_equal": list(choice.equals),
         "gain": gain,
-        "ablation": {
-            part: _trial(trial) | {"ratio": choice.share_of(part)} for part, trial in choice.ablation.items()
-        },
+        "compensated": choice.compensated,
+        "steps": [
+            {
+                "adds": step.adds,
+                "to": step.to,
+                "course": step.course or choice.course,
+                "before": {"controller": step.before, **_trial(before)},
+                "after": {"controller": step.after, **_trial(after)},
+                "ratio": before.ratio_to(after),
+            }
+            for step, (before, after) in choice.steps.items()
+        ],
     }
 
 
@@ -96,7 +107,10 @@ def _trial(trial: Trial) -> dict[str, object]:
     }
 
 
-STUDY_FILES = ("report.html", "results.json", "robot.toml", "controller.toml", "previous_controller.toml")
+STUDY_FILES = (
+    *("report.html", "results.json", "robot.toml"),
+    *("controller.toml", "compensated_controller.toml", "previous_controller.toml"),
+)
 
 _BASELINE = """\
 # The controller without friction compensation: to go back to if the new one does not do what was predicted. This
@@ -124,6 +138,9 @@ def write_study(study: Study, out: str | Path, *, made: Provenance, before: Path
     write_text(folder / "previous_controller.toml", previous)
     if chosen is not None:
         write_controller(chosen, folder / "controller.toml")
+    compensated = study.choice.compensated
+    if compensated is not None and chosen is not None and chosen.compensation == "none":
+        write_controller(study.choice.trials[compensated].controller, folder / "compensated_controller.toml")
     write_text(folder / "results.json", results_text(study_results(study, made)))
     report = folder / "report.html"
     write_text(report, page_of(study_report(study, made)))

@@ -8,8 +8,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.controller import Controller
-from ballbot.control.presets import design_integral_gain, frictionless_model
+from ballbot.control.controller import Controller, torque_limit_words
+from ballbot.control.lqr import frictionless_model
+from ballbot.control.presets import design_integral_gain
 from ballbot.errors import InputError
 from ballbot.findings import texts
 from ballbot.identification.coulomb import coulomb_sentence
@@ -24,18 +25,19 @@ from ballbot.report.prediction import predicted_rows
 from ballbot.report.provenance import Provenance
 from ballbot.report.study import (
     PREDICTION,
-    ablation_sentence,
     controller_sentence,
     doubts_sentence,
     plants_words,
+    steps_sentence,
     summary,
 )
 from ballbot.report.style import drawn_picture
 from ballbot.report.tables import (
     STATE_WORDS,
-    ablation_rows,
+    STEP_HEADINGS,
     candidate_rows,
     parameter_sheet,
+    step_rows,
 )
 from ballbot.report.validation_page import undecided_by, validation_sections
 from ballbot.report.words import logs_words, state_mark, with_symbols
@@ -44,6 +46,7 @@ from ballbot.robot.figure import robot_figure
 from ballbot.rounding import digits
 from ballbot.validation.result import model_findings
 from ballbot.viewer import replay_part
+from ballbot.workflows.controller_prediction import MIN_RUNS
 from ballbot.workflows.metrics import SETTLE
 from ballbot.workflows.study import Study
 from ballbot.workflows.twin_rolling import TwinRolling
@@ -168,31 +171,28 @@ def _comparison_sections(study: Study) -> Iterator[Section]:
         ),
         position_error_series(runs, over_time),
     )
-    if study.choice.ablation:
-        yield _ablation_section(study)
+    if study.choice.steps:
+        yield section(
+            "Where the gain comes from",
+            Paragraph(text=steps_sentence(study.choice)),
+            Sheet(headings=STEP_HEADINGS, rows=step_rows(study.choice), caption=_steps_caption(study)),
+        )
 
 
-def _ablation_section(study: Study) -> Section:
-    plants = min(study.options.ablation_draws, len(study.choice.plants))
-    caption = (
-        f"The precise controller with one part removed at a time, on the first {plants} of the same plants with the "
-        "same seeds. The ratio is its peak error over that of the whole controller, plant by plant: median and 95 % "
-        "interval. Without reference shaping it has no feed-forward either."
-    )
-    rows = [
-        (one.part, one.peak, one.ratio, one.roughness, one.falls, one.reading)
-        for one in ablation_rows(study.choice)
-    ]
-    headings = ("without", "peak [mm]", "ratio", "roughness [N m]", "falls", "this part")
-    return section(
-        "Where the gain comes from",
-        Paragraph(text=ablation_sentence(study)),
-        Sheet(headings=headings, rows=rows, caption=caption),
+def _steps_caption(study: Study) -> str:
+    first = min(study.options.step_draws, len(study.choice.plants))
+    return (
+        "Each row compares two controllers that differ in one thing; what it gains depends on what else the controller "
+        "has. Medians over the plants of both, and of the ratio of the peak errors with its 95 % interval. What is no "
+        f"candidate, the hold and the slow circle ran on the first {first} plants."
     )
 
 
 def _prediction_sections(study: Study) -> Iterator[Section]:
     if study.prediction is None:
+        if study.choice.chosen is not None:
+            need = f"A prediction needs {MIN_RUNS} simulated robots or more; these were {len(study.choice.plants)}."
+            yield section("What the next log should show", Paragraph(text=need))
         return
     caption = (
         "Each interval holds the value of one new run with 95 % probability, on a robot with faults like those that "
@@ -202,7 +202,7 @@ def _prediction_sections(study: Study) -> Iterator[Section]:
         "What the next log should show",
         Paragraph(text=_prediction_words(study)),
         Sheet(
-            headings=("quantity", "predicted", "95 % interval", "without compensation"),
+            headings=("quantity", "predicted", "95 % interval", "soft gain, no compensation"),
             rows=predicted_rows(study.prediction),
             caption=caption,
         ),
@@ -275,9 +275,9 @@ def _shown(study: Study) -> Controller:
 
 
 def _closed_loop_poles(study: Study) -> NDArray[np.complex128]:
-    if study.choice.chosen != "precise":
-        return study.design.poles
     chosen = _shown(study)
+    if chosen.parts.integral is None:
+        return study.design.poles
     return design_integral_gain(chosen.robot, sample_time=chosen.sample_time).poles
 
 
@@ -287,19 +287,22 @@ def _controller_words(study: Study) -> str:
         "The gain is the linear-quadratic regulator of the exact model without friction, sampled at "
         f"{1e3 * chosen.sample_time:g} ms, "
     )
-    if study.choice.chosen == "precise":
+    if chosen.parts.integral is not None:
         words += (
             "with the stiff weights and the integral action of the precise controller; shaped references with "
-            "feed-forward, friction compensation, a disturbance observer and a lean limit are added."
+            "feed-forward, a disturbance observer and a lean limit are added."
         )
     else:
         words += "with the weights of the nominal scenario: Q = diag(20, 20, 500, 500, 5, 30, 30, 20, 20, 2), R = 30."
-    if chosen.compensation != "none":
+    if chosen.compensation == "none":
+        words += " It compensates no friction."
+    else:
         words += (
             " It compensates the friction that is present with 95 % confidence: more would inject energy if the "
             "robot has less."
         )
     words += f" It feeds back {STATE_WORDS[chosen.estimator]}, as its file states."
+    words += f" Torque limit of each wheel: {torque_limit_words(chosen)}."
     recovered = study.validation.recovered
     if recovered is not None:
         scale = np.abs(study.design.gain).max()

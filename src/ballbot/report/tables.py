@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from markupsafe import Markup
@@ -15,9 +17,11 @@ from ballbot.log import STATE_NAMES
 from ballbot.report.blocks import Cell, Sheet
 from ballbot.report.words import interval_text, millimetres, state_mark, with_error
 from ballbot.rounding import digits
+from ballbot.summary import counted
 from ballbot.validation import ErrorPair, StateErrors
 from ballbot.workflows.comparison import MedianEstimate
-from ballbot.workflows.controller_choice import ControllerChoice
+from ballbot.workflows.controller_choice import ControllerChoice, Trial
+from ballbot.workflows.controller_prediction import MIN_RUNS
 
 #: what a friction parameter is, by its symbol: name in words and unit
 _MEANINGS = {
@@ -34,6 +38,7 @@ CANDIDATE_NAMES = {
     "full": "nominal, full compensation",
     "partial": "nominal, partial compensation",
     "precise": "precise",
+    "precise_without_compensation": "precise without compensation",
 }
 STATE_WORDS = {"onboard": "the on-board state by integration", "kalman": "the Kalman filter's state"}
 ESTIMATOR_NAMES = {"onboard": "integration", "kalman": "Kalman filter"}
@@ -70,18 +75,6 @@ class CandidateRow:
     roughness: str
     falls: str
     gain: str  #: how many times smaller than the first candidate's
-
-
-@dataclass(frozen=True, kw_only=True)
-class AblationRow:
-    """The precise controller without one part."""
-
-    part: str
-    peak: str  #: median [mm]
-    ratio: str  #: to the whole controller's, with its interval
-    roughness: str
-    falls: str
-    reading: str  #: its meaning, in a word or two
 
 
 def parameter_sheet(found: Identification) -> Sheet:
@@ -189,38 +182,58 @@ def candidate_rows(choice: ControllerChoice) -> list[CandidateRow]:
     return rows
 
 
-def ablation_rows(choice: ControllerChoice) -> list[AblationRow]:
-    """Return what the precise controller is without each of its parts."""
+STEP_HEADINGS = (
+    *("added", "to", "course", "before [mm]", "after [mm]", "before / after", "roughness [N m]", "falls"),
+    "reading",
+)
+
+
+def step_rows(choice: ControllerChoice) -> list[tuple[str, ...]]:
+    """Return what each step from the soft gain to the precise controller does."""
     rows = []
-    for part, trial in choice.ablation.items():
-        ratio = choice.share_of(part)
+    for step, (before, after) in choice.steps.items():
+        ratio = before.ratio_to(after)
         rows.append(
-            AblationRow(
-                part=part,
-                peak=millimetres(trial.peak.median),
-                ratio=f"{digits(ratio.median)} ({digits(ratio.low)} – {digits(ratio.high)})",
-                roughness=digits(trial.roughness.median),
-                falls=f"{trial.falls} of {len(trial.scores)}",
-                reading=_reading(trial.falls > _falls_of_whole(choice), ratio),
+            (
+                *(step.adds, step.to, (step.course or choice.course).name),
+                *(millimetres(one.peak.median) if one.peak.runs else "–" for one in (before, after)),
+                f"{digits(ratio.median)} ({digits(ratio.low)} – {digits(ratio.high)})" if ratio.runs else "–",
+                f"{digits(before.roughness.median)} and {digits(after.roughness.median)}",
+                f"{before.falls} and {after.falls} of {len(before.scores)}",
+                _READINGS.get(effect_of(before, after), too_few(ratio.runs)),
             )
         )
     return rows
 
 
-def _falls_of_whole(choice: ControllerChoice) -> int:
-    """Return the falls of the whole precise controller on the plants of the ablation."""
-    plants = max(len(trial.scores) for trial in choice.ablation.values())
-    return sum(one.ended is not None for one in choice.trials["precise"].scores[:plants])
+#: what a change does to the peak error, by its falls and the 95 % interval of the ratio
+Effect = Literal["needed", "harmful", "smaller", "larger", "unclear", "too few"]
 
 
-def _reading(falls_more: bool, ratio: MedianEstimate) -> str:
-    if falls_more:
-        return "needed: it falls without"
+def effect_of(before: Trial, after: Trial) -> Effect:
+    """Return what a change does on the same plants."""
+    ratio = before.ratio_to(after)
+    if before.falls != after.falls:
+        return "needed" if before.falls > after.falls else "harmful"
     if not has_confidence(ratio):
-        return "too few draws for a verdict"
+        return "too few"
     if ratio.low > 1.0:
-        return "lowers the error"
-    return "raises the error" if ratio.high < 1.0 else "no clear difference"
+        return "smaller"
+    return "larger" if ratio.high < 1.0 else "unclear"
+
+
+_READINGS: Mapping[Effect, str] = {
+    "needed": "needed: falls without",
+    "harmful": "falls with it",
+    "smaller": "lowers the error",
+    "larger": "raises the error",
+    "unclear": "no clear difference",
+}
+
+
+def too_few(robots: int) -> str:
+    """Return that these are too few for an interval of 95 %."""
+    return f"{counted(robots, 'robot')} {'is' if robots == 1 else 'are'} too few to tell"
 
 
 def interval_words(estimate: MedianEstimate) -> str:
@@ -231,4 +244,4 @@ def interval_words(estimate: MedianEstimate) -> str:
 
 def has_confidence(estimate: MedianEstimate) -> bool:
     """Return whether the interval is one of 95 %: the range of fewer than six values is not."""
-    return estimate.runs >= 6
+    return estimate.runs >= MIN_RUNS

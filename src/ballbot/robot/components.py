@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.arrays import SHORTEST_SAMPLE
+from ballbot.arrays import LONGEST_SAMPLE, SHORTEST_SAMPLE
 from ballbot.robot.parameters import Value, components, parameter, parameters_of, table
 
 InertiaPoint = Literal["ball_center", "center_of_mass"]
@@ -157,7 +157,9 @@ class Sensors:
     """Encoders and IMU, and the rate at which the controller reads them."""
 
     sample_time: float = field(
-        metadata=parameter("of the controller", unit="s", written_in="ms", least=SHORTEST_SAMPLE, most=1.0)
+        metadata=parameter(
+            "of the controller", unit="s", written_in="ms", least=SHORTEST_SAMPLE, most=LONGEST_SAMPLE
+        )
     )
     encoder_counts: int = field(metadata=parameter("a motor turn, quadrature"))
     gyro_noise: float = field(

@@ -102,7 +102,7 @@ def parse_entry(parameter: Parameter, raw: object) -> ParsedEntry:
     """
     if not isinstance(raw, dict):
         raise InputError(
-            f"{parameter.name} is {raw!r}, without a unit and a source; write {example(parameter)}."
+            f"{parameter.name} is {raw!r}, without a unit and a source; write {example(parameter, raw)}."
         )
     try:
         entry = Entry.model_validate(raw)
@@ -119,9 +119,11 @@ def parse_entry(parameter: Parameter, raw: object) -> ParsedEntry:
     )
 
 
-def example(parameter: Parameter) -> str:
-    """Return a line that a file could give the parameter in."""
+def example(parameter: Parameter, value: object = None) -> str:
+    """Return a line that a file could give the parameter in, with the value that it gives if it is a number or list."""
     number = {"number": "0.0", "whole number": "2", "list": "[0.0, 0.0, 0.0]"}[parameter.shape]
+    if isinstance(value, int | float | list) and isinstance(value, list) == (parameter.shape == "list"):
+        number = repr(value)
     unit = "" if parameter.written_in == DIMENSIONLESS else f'unit = "{parameter.written_in}", '
     return f'{parameter.key} = {{ value = {number}, {unit}source = "assumed" }}'
 

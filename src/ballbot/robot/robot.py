@@ -28,7 +28,7 @@ from ballbot.robot.components import (
     Wheels,
     deviation_labels,
 )
-from ballbot.robot.file import read_robot
+from ballbot.robot.file import read_robot, write_robot
 from ballbot.robot.parameters import Value, build, value_of
 from ballbot.summary import Summary, listed, plotted, summarized
 
@@ -162,6 +162,18 @@ class Robot(RobotValues):
                 f"{source} is a model in MJCF or URDF; make it a robot file with: ballbot new NAME --from {source}"
             )
         return read_robot(source, Robot)
+
+    def write(self, path: str | Path) -> None:
+        """Write the robot as a commented TOML file that reads back as the same floats.
+
+        A parameter without an entry in `sources` is written as "assumed".
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written.
+        """
+        write_robot(self, path)
 
     @staticmethod
     def presets() -> list[str]:

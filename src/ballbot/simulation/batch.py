@@ -43,7 +43,7 @@ from ballbot.robot import Robot
 from ballbot.simulation.batch_result import ClosedLoopBatch
 from ballbot.simulation.conditions import FALLING_PART, Conditions, pack_conditions
 from ballbot.simulation.model_plant import checked_states, friction_needed, lift_off, pack_contacts, sinking
-from ballbot.simulation.run import sample_count
+from ballbot.simulation.run import initial_state_of, sample_count
 
 T = TypeVar("T")
 
@@ -208,7 +208,7 @@ def simulate_batch(
     duration : float
         [s]
     initial_states : array_like (10,) or (lanes, 10), optional
-        Upright at rest at the origin by default.
+        The default start of `simulate`, that of seed 0, by default.
     conditions : sequence of Conditions, optional
         One for all lanes or one for each: late torques, a sloping floor. None of either by default.
     verdict : Verdict, optional
@@ -230,7 +230,7 @@ def simulate_batch(
     models = _models(model)
     robots = [one.robot for one in models]
     controllers = _compiled_controllers(controller, robots[0])
-    initial = checked_states(np.zeros(10) if initial_states is None else initial_states)
+    initial = checked_states(initial_state_of(0) if initial_states is None else initial_states)
     borne = [Conditions()] if conditions is None else list(conditions)
     lanes = _lanes(len(initial), len(models), len(controllers), len(borne))
     sample_time = _common_sample_time(controllers)

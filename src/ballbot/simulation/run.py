@@ -11,6 +11,7 @@ from ballbot.control.presets import ControllerLike, as_controller
 from ballbot.control.references import ReferenceLike, as_reference
 from ballbot.control.safety import SafeController
 from ballbot.errors import InputError
+from ballbot.estimation.heading import Heading
 from ballbot.log import Log
 from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, torque_names, wheel_angle_names, wheel_speed_names
 from ballbot.mechanics.model import Model, ModelLike, as_model
@@ -23,6 +24,18 @@ from ballbot.simulation.plant import Measurement, Plant
 _REFERENCES = (0, 1, 4)
 #: samples of a run, whose log has some 45 columns
 _MOST = MOST_CELLS // 45
+#: largest lean of a start [rad]
+_MAX_INITIAL_LEAN = 0.02
+
+
+def initial_state_of(seed: int) -> NDArray[np.float64]:
+    """Return the state (10,) in which runs start unless told otherwise: at rest at the origin, leaning a little.
+
+    theta and phi ~ U(-0.02, 0.02) rad. Exactly upright, a robot needs no controller.
+    """
+    state = np.zeros(10)
+    state[2:4] = np.random.default_rng(seed).uniform(-_MAX_INITIAL_LEAN, _MAX_INITIAL_LEAN, 2)
+    return state
 
 
 @checked_arguments
@@ -46,13 +59,14 @@ def simulate(
         A `Controller`, or any object with `sample_time`, `reset()` and `update(t, state, reference)`. It is run
         behind the safety layer, with the default limits unless it is a `SafeController` with its own.
     reference : callable, name or reference file
-        f(t) -> (10,), t in [s], or a name such as "square"; see `ballbot.control.references`.
+        f(t) -> (10,), t in [s], or a name such as "square"; see `ballbot.control.references`. A heading that begins
+        again after a turn is unwrapped.
     duration : float
         [s]; a whole number of samples is run.
     initial_state : array_like (10,), optional
-        True state at the start; upright at rest at the origin by default.
+        True state at the start; `initial_state_of(seed)`, at rest and leaning a little, by default.
     seed : int
-        All that is random in the plant follows from it.
+        The default start and all that is random in the plant follow from it.
     progress : callable, optional
         Called with the progress from time to time; by default a notebook shows a line.
 
@@ -78,12 +92,14 @@ def simulate(
         controller if isinstance(controller, SafeController) else SafeController(controller, active.robot)
     )
     guarded.reset()
-    measured = active.reset(initial_state, seed=seed)
+    start = initial_state_of(seed) if initial_state is None else initial_state
+    measured = active.reset(start, seed=seed)
     names = _column_names(measured)
     table = np.empty((samples, len(names)))
-    rows, ended = 0, measured.ended
+    rows, ended, heading = 0, measured.ended, Heading()
     while rows < samples and ended is None:
-        wanted = real_array(wanted_at(measured.t), (10,), f"The reference at t = {measured.t:g} s")
+        wanted = real_array(wanted_at(measured.t), (10,), f"The reference at t = {measured.t:g} s").copy()
+        wanted[4] = heading.unwrapped(float(wanted[4]))
         torques = guarded.update(measured.t, measured.state, wanted, measured=measured.valid)
         if guarded.stop is not None:
             ended = guarded.stop.text.removesuffix(".")

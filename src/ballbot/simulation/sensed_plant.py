@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.arrays import SHORTEST_SAMPLE, positive_number, real_array, real_number, whole_number
+from ballbot.arrays import checked_sample_time, positive_number, real_array, real_number, whole_number
 from ballbot.errors import InputError
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import Estimator, EstimatorName, Reading
@@ -308,10 +308,7 @@ class _Slope:
 
 
 def _check_sensors(sensors: Sensors) -> None:
-    if not positive_number(sensors.sample_time, "sample_time of the sensors") >= SHORTEST_SAMPLE:
-        raise InputError(
-            f"sample_time of the sensors is {sensors.sample_time:g} s; it must be at least {SHORTEST_SAMPLE:g} s."
-        )
+    checked_sample_time(sensors.sample_time, "sample_time of the sensors")
     whole_number(sensors.encoder_counts, "encoder_counts of the sensors", least=1)
     for name in ("gyro_noise", "attitude_noise"):
         if not real_number(getattr(sensors, name), f"{name} of the sensors") >= 0.0:

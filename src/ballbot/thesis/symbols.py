@@ -37,8 +37,8 @@ class Corrections:
 
     reflected_rotors: bool
     """(II.28) leaves out rotor and gear. Corrected: n^2 (j_m + j_g) on the wheel's speed relative to the
-    body; the rotor's cross term with the body's rate, n j_m, is neglected (0.03 to 0.12 % of the BBR's
-    accelerations)."""
+    body; the rotor's cross term with the body's rate, n j_m, is neglected (0.025 to 0.165 % of the
+    accelerations that torques give the upright BBR)."""
 
     counter_torque: bool
     """(II.32) has the force at the wheels' hubs act on the body and not the motors' counter-torque: (r_b +

@@ -17,9 +17,8 @@ The columns are NaN while too few cameras see the robot. An alignment of log and
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Literal
 
@@ -36,6 +35,7 @@ from ballbot.findings import Finding
 from ballbot.log import Log
 from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX
 from ballbot.progress import ProgressCallback, ignore_progress
+from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin.bench import Bench, multisine_torques, run_bench, sweep_torques
@@ -250,11 +250,10 @@ def results(log: Log) -> dict[str, object]:
     return {"ended": log.ended, "estimation_errors": _estimation_errors(log)}
 
 
-def _estimation_errors(log: Log) -> dict[str, float | None] | None:
+def _estimation_errors(log: Log) -> dict[str, object] | None:
     if len(log) < 2:
         return None
-    errors = asdict(state_errors(log.t, log.states, log.truth().states))
-    return {name: value if math.isfinite(value) else None for name, value in errors.items()}
+    return to_results(state_errors(log.t, log.states, log.truth().states))
 
 
 def twin_findings(robot: Robot) -> tuple[Finding, ...]:

@@ -18,6 +18,7 @@ from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import checked_logs
 from ballbot.log.checks.kinematics import check_disturbance
+from ballbot.log.columns import torque_names
 from ballbot.log.fingerprints import logs_among
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
@@ -176,9 +177,8 @@ def validate_pair(
     for name, value in (("restart_every", restart_every), ("longest", longest)):
         if not (np.isfinite(value) and value > 0.0):
             raise InputError(f"{name} is {value:g} s; it must be a positive time in seconds.")
-    log.require(*STATE_NAMES)
-    # a heading kept within one turn would jump
-    log = log.with_columns({"psi": np.unwrap(log["psi"])})
+    references = [name for name in ("ref_x", "ref_y", "ref_psi") if name in log]
+    log = log.complete(*STATE_NAMES, *torque_names(models.first.model.robot.wheel_count), *references)
     check_wheels(models.first.model, log)
     parts = stretches(log, holdout)
     _report(run, 0)

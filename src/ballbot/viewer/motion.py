@@ -32,7 +32,6 @@ from ballbot.log.columns import (
     wheel_speed_names,
 )
 from ballbot.log.pose import with_position
-from ballbot.log.signals import unwrapped
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.robot import Robot
 
@@ -106,7 +105,7 @@ def motion_of(log: Log, robot: Robot) -> Motion:
     ball, ball_source = _ball_rotation(log, robot)
     notes = [*notes, f"Ball rotation: {ball_source}.", f"Wheel angles: {source}.", BODY_NOTE]
     columns = {name: _between(times, log.t, log[name]) for name in ("x", "y", "theta", "phi")}
-    columns["psi"] = _between(times, log.t, unwrapped(log["psi"]))
+    columns["psi"] = _between(times, log.t, log["psi"])
     columns |= dict(zip(wheel_angle_names(robot.wheel_count), _rows_at(times, log.t, wheels).T, strict=True))
     columns |= dict(zip(_QUATERNION, _rows_at(times, log.t, ball).T, strict=True))
     columns |= _references(log, times)
@@ -189,7 +188,7 @@ def _has(log: Log, names: Sequence[str]) -> bool:
 
 def _attitude(log: Log) -> NDArray[np.float64]:
     """Return theta, phi and psi (N, 3) in every row."""
-    angles = (log["theta"], log["phi"], unwrapped(log["psi"]))
+    angles = (log["theta"], log["phi"], log["psi"])
     return np.column_stack([_between(log.t, log.t, one) for one in angles])
 
 

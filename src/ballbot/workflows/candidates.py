@@ -35,6 +35,7 @@ from typing import NoReturn, TypeVar, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import checked_sample_time
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.file import read_controller
 from ballbot.control.interface import Feedback, estimator_of
@@ -96,10 +97,7 @@ class UserController:
             )
         self._made = cast("Feedback", made)
         self.sample_time = self._guarded("when it was looked at", lambda: self._made.sample_time)
-        if not (isinstance(self.sample_time, int | float) and 0.0 < self.sample_time < np.inf):
-            raise InputError(
-                f"the sample_time of {self._place} is {self.sample_time!r}; it must be above zero."
-            )
+        checked_sample_time(self.sample_time, f"the sample_time of {self._place}")
 
     def __reduce__(
         self,

@@ -160,10 +160,6 @@ def fraction_with_interval(count: int, runs: int) -> tuple[float, float]:
     return float(found.low), float(found.high)
 
 
-#: largest lean of an initial state [rad]
-_MAX_INITIAL_LEAN = 0.02
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ComparedRun:
     """One run of a comparison; it is pickled if there is more than one process."""
@@ -192,7 +188,6 @@ class ComparedRun:
             copy.deepcopy(self.controller),
             self.reference(),
             duration=self.duration,
-            initial_state=initial_state_of(self.seed),
             seed=self.seed,
         )
 
@@ -382,13 +377,6 @@ def compare(
         for seed in seeds
     ]
     return run_comparison(runs, threads=threads, run=Run(progress=progress))
-
-
-def initial_state_of(seed: int) -> NDArray[np.float64]:
-    """Return an initial state (10,) at rest at the origin: theta and phi ~ U(-0.02, 0.02) rad."""
-    state = np.zeros(10)
-    state[2:4] = np.random.default_rng(seed).uniform(-_MAX_INITIAL_LEAN, _MAX_INITIAL_LEAN, 2)
-    return state
 
 
 def _result(run: ComparedRun) -> RunResult:

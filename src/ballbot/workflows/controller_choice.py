@@ -15,8 +15,12 @@ course on every plant with the same seeds.
   overlaps the best one's count as equal to it.
 - Among these the smoothest is chosen: the one whose torques change least from sample to sample (median of the RMS).
 
-An ablation then removes one part of the precise controller at a time, on the same plants with the same seeds; the
-paired ratios of peak errors are the gain of that part by itself.
+If the chosen controller compensates no friction, the same rule among those that do gives the best compensated one.
+
+What brings the gain depends on what else the controller has: with the stiff gain and the disturbance observer little is
+left for friction compensation, with the soft gain much. `STEPS` therefore leads from the soft gain to the precise
+controller by pairs of controllers that differ in one thing, on the same plants with the same seeds. Some of them are
+candidates; the others, and the runs in a hold and on a slow circle, are made on the first plants alone.
 """
 
 from __future__ import annotations
@@ -30,8 +34,9 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.controller import Controller
+from ballbot.control.controller import Compensation, Controller
 from ballbot.control.overcompensation import certain_friction
+from ballbot.control.parts import Parts
 from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
 from ballbot.errors import InputError, missing_package
 from ballbot.estimation import named_estimator
@@ -57,6 +62,7 @@ from ballbot.workflows.comparison import (
     median_with_interval,
     run_comparison,
 )
+from ballbot.workflows.controller_design import Kind
 from ballbot.workflows.courses import PlantName, ReferenceSpec
 from ballbot.workflows.metrics import Performance, Score, performance_of
 from ballbot.workflows.twin_rolling import TwinRolling
@@ -174,34 +180,94 @@ def _with_parameters(found: Identification, values: NDArray[np.float64]) -> Robo
     return estimated_robot(found.robot, found.layout, values, asymmetric=asymmetric)
 
 
-#: the first is what the others are compared with
-CANDIDATES = ("none", "full", "partial", "precise")
-#: of the precise controller, by what is removed
-ABLATIONS = (
-    "estimator",
-    "reference shaping",
-    "feed-forward",
-    "integral action",
-    "disturbance observer",
-    "friction compensation",
-)
+#: how each candidate is made; the first is what the others are compared with
+CANDIDATES: Mapping[str, tuple[Kind, Compensation]] = {
+    "none": ("nominal", "none"),
+    "full": ("nominal", "full"),
+    "partial": ("nominal", "partial"),
+    "precise": ("precise", "full"),
+    "precise_without_compensation": ("precise", "none"),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
 class NamedCourse:
     """A reference and how long it is followed."""
 
-    name: str  #: of `ballbot.control.references`
+    name: str  #: of `ballbot.control.references`, or "slow circle"
     duration: float  #: [s]
 
     @property
     def reference_spec(self) -> ReferenceSpec:
         """The specification of the reference."""
+        if self.name == SLOW_CIRCLE:
+            return ReferenceSpec(name="circle", options=(("period", 120.0),))
         return ReferenceSpec(name=self.name)
 
 
+SLOW_CIRCLE = "slow circle"
 #: the square of 0.5 m, once around
 SQUARE = NamedCourse(name="square", duration=32.0)
+#: what friction spoils most, besides
+SLOW_COURSES = (NamedCourse(name="hold", duration=14.0), NamedCourse(name=SLOW_CIRCLE, duration=14.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step:
+    """Two controllers that differ in one thing."""
+
+    adds: str
+    to: str  #: what both have
+    before: str  #: a candidate or one of `variants`
+    after: str
+    #: where they are compared; None is the course of the candidates
+    course: NamedCourse | None = None
+
+
+def _compensation_steps(to: str, before: str, after: str) -> tuple[Step, ...]:
+    return tuple(
+        Step(adds="full compensation", to=to, before=before, after=after, course=course)
+        for course in (None, *SLOW_COURSES)
+    )
+
+
+STEPS = (
+    *_compensation_steps("the soft gain", "none", "full"),
+    Step(
+        adds="Kalman filter, shaped references and feed-forward",
+        to="the soft gain",
+        before="none",
+        after="soft_filter_shaping",
+    ),
+    Step(
+        adds="stiff gain",
+        to="filter, shaping and feed-forward",
+        before="soft_filter_shaping",
+        after="stiff_filter_shaping",
+    ),
+    Step(
+        adds="Kalman filter",
+        to="the stiff gain with shaping and feed-forward",
+        before="stiff_shaping",
+        after="stiff_filter_shaping",
+    ),
+    Step(
+        adds="disturbance observer and integral action",
+        to="the stiff gain with filter, shaping and feed-forward",
+        before="stiff_filter_shaping",
+        after="precise_without_compensation",
+    ),
+    *_compensation_steps("the precise controller without it", "precise_without_compensation", "precise"),
+)
+#: the runs of `STEPS` on each of the first plants, besides the candidates' own: controller and course
+_STEP_RUNS = tuple(
+    dict.fromkeys(
+        (name, step.course)
+        for step in STEPS
+        for name in (step.before, step.after)
+        if step.course is not None or name not in CANDIDATES
+    )
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -243,6 +309,10 @@ class Trial:
         """Return the median of this trial's peak error over the other's, draw by draw, with its 95 % interval."""
         return Paired(self.peaks, other.peaks).median_ratio
 
+    def first(self, count: int) -> Trial:
+        """Return the trial on the first plants alone."""
+        return replace(self, scores=self.scores[:count], performances=self.performances[:count])
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControllerChoice:
@@ -253,7 +323,7 @@ class ControllerChoice:
     trials: Mapping[str, Trial]  #: by candidate
     equals: tuple[str, ...]  #: candidates that count as the best, the best one first; none if all fall
     chosen: str | None  #: None if every candidate falls on some plant
-    ablation: Mapping[str, Trial]  #: of the precise controller, by what is removed, on the first plants
+    steps: Mapping[Step, tuple[Trial, Trial]]  #: before and after, on the plants of both
     runs: Mapping[str, Log]  #: by candidate, on the first plant
 
     @property
@@ -268,10 +338,12 @@ class ControllerChoice:
             return None
         return self.trials["none"].ratio_to(self.trials[self.chosen])
 
-    def share_of(self, part: str) -> MedianEstimate:
-        """Return the peak error without a part over that of the whole precise controller, plant by plant."""
-        without, whole = self.ablation[part], self.trials["precise"]
-        return Paired(without.peaks, whole.peaks[: len(without.peaks)]).median_ratio
+    @property
+    def compensated(self) -> str | None:
+        """The best candidate that compensates friction; None if all of them fall on some plant."""
+        return smoothest_of_best(
+            {name: one for name, one in self.trials.items() if one.controller.compensation != "none"}
+        )
 
 
 def candidates(found: Identification, *, sample_time: float) -> dict[str, Controller]:
@@ -288,12 +360,24 @@ def candidates(found: Identification, *, sample_time: float) -> dict[str, Contro
     """
     robot = compensated_robot(found)
     gain = design_gain(robot, sample_time=sample_time).gain
-    nominal = Controller(robot, gain, sample_time=sample_time)
-    return {
-        "none": nominal,
-        "full": nominal.with_compensation("full"),
-        "partial": nominal.with_compensation("partial"),
+    made: Mapping[Kind, Controller] = {
+        "nominal": Controller(robot, gain, sample_time=sample_time),
         "precise": precise_controller(robot, design=design_integral_gain(robot, sample_time=sample_time)),
+    }
+    return {
+        name: made[kind].with_compensation(compensation) for name, (kind, compensation) in CANDIDATES.items()
+    }
+
+
+def variants(controllers: Mapping[str, Controller]) -> dict[str, Controller]:
+    """Return the controllers of `STEPS` that are no candidates, made of the candidates."""
+    soft, stiff = controllers["none"], controllers["precise_without_compensation"]
+    bare = stiff.with_parts(replace(stiff.parts, integral=None, disturbance_observer=None))
+    shaping = Parts(shaping=stiff.parts.shaping, feed_forward=stiff.parts.feed_forward)
+    return {
+        "soft_filter_shaping": soft.with_estimator(stiff.estimator).with_parts(shaping),
+        "stiff_shaping": bare.with_estimator(soft.estimator),
+        "stiff_filter_shaping": bare,
     }
 
 
@@ -302,38 +386,16 @@ def compensated_robot(found: Identification) -> Robot:
     return found.robot.replace(friction=certain_friction(found.robot))
 
 
-def without_part(precise: Controller, part: str) -> Controller:
-    """Return the precise controller without one of `ABLATIONS`; without shaping it has no feed-forward either.
-
-    Raises
-    ------
-    InputError
-        If there is no such part.
-    """
-    parts = precise.parts
-    removed = {
-        "estimator": lambda: precise.with_estimator("onboard"),
-        "reference shaping": lambda: precise.with_parts(replace(parts, shaping=None, feed_forward=None)),
-        "feed-forward": lambda: precise.with_parts(replace(parts, feed_forward=None)),
-        "integral action": lambda: precise.with_parts(replace(parts, integral=None)),
-        "disturbance observer": lambda: precise.with_parts(replace(parts, disturbance_observer=None)),
-        "friction compensation": lambda: precise.with_compensation("none"),
-    }
-    if part not in removed:
-        raise InputError(f"The precise controller has no part {part!r}; there are {', '.join(ABLATIONS)}.")
-    return removed[part]()
-
-
 def choose_controller(
     controllers: Mapping[str, Controller],
     plants: Sequence[PlantDraw],
     *,
     course: NamedCourse = SQUARE,
-    ablation_plants: int = 6,
+    step_plants: int = 6,
     processes: int | None = None,
     run: Run = DEFAULT_RUN,
 ) -> ControllerChoice:
-    """Run every candidate on every plant, choose one, and remove the parts of the precise one by turns.
+    """Run every candidate on every plant, choose one, and measure what brings its gain.
 
     Parameters
     ----------
@@ -341,8 +403,8 @@ def choose_controller(
         As `candidates` returns them.
     plants : sequence of PlantDraw
     course : NamedCourse
-    ablation_plants : int
-        Number of plants, the first ones, of the ablation; 0 leaves it out.
+    step_plants : int
+        Number of plants, the first ones, of the other runs of `STEPS`; 0 leaves the steps out.
     processes : int, optional
         One for each core by default. The result does not depend on it.
     run : Run, optional
@@ -353,14 +415,14 @@ def choose_controller(
     InputError
         If a plant cannot be made or a run cannot be scored.
     """
-    parts = {part: without_part(controllers["precise"], part) for part in ABLATIONS if ablation_plants}
+    known = {**controllers, **(variants(controllers) if step_plants else {})}
     runs = [
         _run(name, controller, plant, course) for plant in plants for name, controller in controllers.items()
     ]
     runs += [
-        _run(part, controller, plant, course)
-        for plant in plants[:ablation_plants]
-        for part, controller in parts.items()
+        _run(name, known[name], plant, on or course)
+        for plant in plants[:step_plants]
+        for name, on in _STEP_RUNS
     ]
     compared = on_all_cores(len(runs)) / (on_all_cores(len(runs)) + len(controllers))
     comparing, logging = part_of(run.progress, 0.0, compared), part_of(run.progress, compared, 1.0)
@@ -369,18 +431,31 @@ def choose_controller(
     for name, one in controllers.items():
         logs[name] = _run(name, one, plants[0], course).log()
         logging(Progress(stage="simulating the first plant", done=len(logs), total=len(controllers)))
-    made = {name: _trial(one, found.of(name)) for name, one in {**controllers, **parts}.items()}
-    named = {name: made[name] for name in controllers}
-    equals = equal_best(named)
+
+    def trial(name: str, on: NamedCourse | None = None) -> Trial:
+        return _trial(known[name], found.of(name, (on or course).name))
+
+    def pair(step: Step) -> tuple[Trial, Trial]:
+        before, after = trial(step.before, step.course), trial(step.after, step.course)
+        both = min(len(before.scores), len(after.scores))
+        return before.first(both), after.first(both)
+
+    named = {name: trial(name) for name in controllers}
     return ControllerChoice(
         plants=tuple(plants),
         course=course,
         trials=named,
-        equals=equals,
-        chosen=min(equals, key=lambda name: named[name].roughness.median, default=None),
-        ablation={part: made[part] for part in parts},
+        equals=equal_best(named),
+        chosen=smoothest_of_best(named),
+        steps={step: pair(step) for step in STEPS if step_plants},
         runs=logs,
     )
+
+
+def simulated_runs(draws: int, step_plants: int, duration: float) -> float:
+    """Return how many runs of the course's duration `choose_controller` makes as it compares."""
+    each = sum(1.0 if course is None else course.duration / duration for _, course in _STEP_RUNS)
+    return len(CANDIDATES) * draws + min(step_plants, draws) * each
 
 
 def equal_best(trials: Mapping[str, Trial]) -> tuple[str, ...]:
@@ -392,6 +467,11 @@ def equal_best(trials: Mapping[str, Trial]) -> tuple[str, ...]:
     return tuple(name for name in standing if trials[name].peak.overlaps(trials[standing[0]].peak))
 
 
+def smoothest_of_best(trials: Mapping[str, Trial]) -> str | None:
+    """Return the smoothest of the candidates that count as the best; None if every one falls on some plant."""
+    return min(equal_best(trials), key=lambda name: trials[name].roughness.median, default=None)
+
+
 def _run(name: str, controller: Controller, plant: PlantDraw, course: NamedCourse) -> ComparedRun:
     return ComparedRun(
         candidate=name,
@@ -400,6 +480,7 @@ def _run(name: str, controller: Controller, plant: PlantDraw, course: NamedCours
         reference=course.reference_spec.reference,
         duration=course.duration,
         seed=plant.seed,
+        course=course.name,
         measure=partial(_performance, controller),
     )
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 from ballbot.control.controller import Compensation, Controller
-from ballbot.control.lqr import LqrDesign, gain_rows
+from ballbot.control.linear import refuse_without_margin
+from ballbot.control.lqr import LqrDesign, frictionless_model, gain_rows
 from ballbot.control.margins import Margins, loop_margins
 from ballbot.control.overcompensation import (
     CompensationMargin,
@@ -30,7 +31,6 @@ from ballbot.control.presets import (
     adaptive,
     design_gain,
     design_integral_gain,
-    frictionless_model,
     precise_controller,
 )
 from ballbot.errors import InputError
@@ -160,7 +160,7 @@ def design_controller(
     ------
     InputError
         If a weight or a part is not possible, an adaptation has no integral action to adapt, more friction is
-        compensated than is certain and this is not allowed, or a part makes the loop unstable.
+        compensated than is certain and this is not allowed, or the loop has no stability margin.
     """
     robot = as_robot(robot)
     found = _design(robot, gain)
@@ -170,6 +170,8 @@ def design_controller(
     controller = _with_parts(_controller(compensated, found, parts.compensation), parts)
     if not parts.allow_overcompensation:
         refuse_overcompensation(controller, certain)
+    margins = loop_margins(controller)
+    refuse_without_margin(controller)
     return ControllerDesign(
         controller=controller,
         gain=found,
@@ -177,7 +179,7 @@ def design_controller(
         stated=robot.friction,
         certain=certain,
         margin=compensation_margin(controller, certain),
-        loop_margins=loop_margins(controller),
+        loop_margins=margins,
     )
 
 

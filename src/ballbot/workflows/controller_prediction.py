@@ -33,7 +33,7 @@ from ballbot.results import reported
 from ballbot.schema import validate_table
 from ballbot.summary import counted
 from ballbot.workflows.controller_causes import OF_FRICTION, signature_of
-from ballbot.workflows.controller_choice import ControllerChoice, NamedCourse
+from ballbot.workflows.controller_choice import CANDIDATES, ControllerChoice, NamedCourse
 from ballbot.workflows.metrics import QUANTITIES, Performance
 
 CONFIDENCE = 0.95
@@ -45,8 +45,8 @@ _MAX_COURSE = 3600.0
 #: factors (lower, upper) by which a faulty twin's quantity differs from the median of the plants drawn, at the 2.5th
 #: and 97.5th percentile of the faulty twins whose run did not end early, beyond the spread of the draws; of the torque
 #: margin, by which the share of the torque limit that is used differs. `python -m campaigns.controller_prediction`
-#: prints them: of the precise controller, and of the nominal gain without compensation, which stands for all
-#: candidates with that gain.
+#: prints them: of the precise controller and of the nominal gain without compensation, which stand for all candidates
+#: with their gain.
 DISCREPANCY: Mapping[str, Mapping[str, tuple[float, float]]] = {
     "precise": {
         "peak_error": (0.39, 4.5),
@@ -164,7 +164,8 @@ def intervals_of(choice: ControllerChoice, candidate: str) -> dict[str, Predicti
     """
     trial = choice.trials[candidate]
     stood = [one for one, score in zip(trial.performances, trial.scores, strict=True) if score.ended is None]
-    return performance_intervals(stood, discrepancy=DISCREPANCY.get(candidate, DISCREPANCY["none"]))
+    kind, _ = CANDIDATES[candidate]
+    return performance_intervals(stood, discrepancy=DISCREPANCY["precise" if kind == "precise" else "none"])
 
 
 def performance_intervals(
@@ -299,8 +300,12 @@ def read_prediction(path: str | Path) -> Prediction:
 
 
 def _check_table(table: _PredictionTable, path: str | Path) -> None:
-    """Raise InputError if the course is unknown, or an interval's bounds are not about its median."""
+    """Raise InputError if course or controller is unknown, or an interval's bounds are not about its median."""
     where = f"{path}: prediction"
+    if table.controller not in CANDIDATES:
+        raise InputError(
+            f"{where}: controller is {table.controller!r}; it must be one of {', '.join(CANDIDATES)}."
+        )
     if table.course.name not in REFERENCES:
         raise InputError(
             f"{where}: course.name is {table.course.name!r}; it must be one of {', '.join(REFERENCES)}."

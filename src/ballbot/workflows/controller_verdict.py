@@ -1,6 +1,7 @@
 """The verdict of the next log on a controller: each predicted quantity inside or outside; keep, weaken or revert.
 
-    revert   the run ended early, or its error is not clearly smaller than that predicted without compensation
+    revert   the run ended early, or its error is not clearly smaller than that predicted for the nominal gain without
+             compensation, or a quantity is worse than predicted and the controller compensates nothing
     weaken   a quantity is worse than predicted, but the error is still clearly smaller
     keep     nothing is worse than predicted; better than predicted also means keep
 
@@ -26,6 +27,7 @@ from ballbot.log.columns import torque_names
 from ballbot.robot import Robot
 from ballbot.rounding import percent
 from ballbot.workflows.controller_causes import Cause, ranked_causes, signature_of
+from ballbot.workflows.controller_choice import CANDIDATES
 from ballbot.workflows.controller_prediction import Prediction, PredictionInterval, checksum_of
 from ballbot.workflows.metrics import QUANTITIES, Performance, rms
 
@@ -267,15 +269,14 @@ def check_controller(prediction: Prediction, controller: Controller) -> None:
 def _complete(log: Log, robot: Robot) -> Log:
     """Return the rows of a log in which no needed value is missing."""
     names = ("ref_x", "ref_y", "ref_psi", *STATE_NAMES, *torque_names(robot.wheel_count))
-    log.require(*(name for name in names if name not in log))
-    known = np.isfinite(np.column_stack([log[name] for name in names])).all(axis=1)
-    missing = len(log) - int(known.sum())
+    complete = log.complete(*names)
+    missing = len(log) - len(complete)
     if missing > _MAX_MISSING * len(log):
         raise InputError(
             f"{missing} of {len(log)} rows of the log lack a state, a torque or the reference; at most "
             f"{percent(_MAX_MISSING)} may. Record the course again."
         )
-    return log if not missing else Log({name: log[name][known] for name in log.names}, log.ended)
+    return complete
 
 
 def _reference_poses(prediction: Prediction, sample_time: float) -> NDArray[np.float64]:
@@ -320,14 +321,18 @@ def _recommended(
     none = without["peak_error"] if without else None
     if none is not None and not peak.value < none.low:
         return "revert", (
-            f"The peak error is {1e3 * peak.value:.3g} mm, not clearly smaller than without compensation "
-            f"({1e3 * none.median:.3g} mm predicted, 95 % interval from {1e3 * none.low:.3g} mm)."
+            f"The peak error is {1e3 * peak.value:.3g} mm, not clearly smaller than with the nominal gain "
+            f"without compensation ({1e3 * none.median:.3g} mm predicted, 95 % interval from {1e3 * none.low:.3g} mm)."
         )
     worse = [one for one in quantities if one.worse]
     better = [one for one in quantities if one.place != "inside" and not one.worse]
     if worse:
-        still = ", and the peak error is still clearly smaller than without compensation" if none else ""
-        return "weaken", (
+        still = (
+            ", and the peak error is still clearly smaller than with the nominal gain without compensation"
+            if none
+            else ""
+        )
+        return "revert" if CANDIDATES[prediction.controller][1] == "none" else "weaken", (
             f"The {_listed(worse)} {'is' if len(worse) == 1 else 'are'} worse than predicted{still}."
         )
     if better:

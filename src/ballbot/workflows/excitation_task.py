@@ -274,6 +274,7 @@ def run_on_model(task: ExcitationTask, reference: Reference) -> ReferenceRun:
         task.controller,
         reference,
         duration=task.duration,
+        initial_states=np.zeros(10),
         threads=1,
     )
     states = np.concatenate([np.zeros((1, 10)), batch.states[0, :-1]])

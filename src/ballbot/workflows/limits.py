@@ -351,7 +351,14 @@ def twin_limits(
 
         def recovers_from_impulse(size: float, direction: float = direction) -> bool:
             pushed = Twin(robot, replace(lenient, pushes=(_push(robot, direction, size),)), estimator=state)
-            log = simulate(pushed, controller, hold(), duration=_PUSH_TIME + _RECOVERY_TIME, seed=run.seed)
+            log = simulate(
+                pushed,
+                controller,
+                hold(),
+                duration=_PUSH_TIME + _RECOVERY_TIME,
+                initial_state=np.zeros(10),
+                seed=run.seed,
+            )
             return survived(log)
 
         limits += [

@@ -12,7 +12,6 @@ stopped goes on where it was: what is there is held against its checksums.
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from collections.abc import Callable, Sequence
@@ -21,6 +20,7 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import cast
 
 import tomli_w
 
@@ -29,7 +29,7 @@ from ballbot.control.file import controller_text
 from ballbot.control.references import as_reference, is_reference_file, reference_text
 from ballbot.errors import InputError
 from ballbot.estimation import named_estimator
-from ballbot.file_formats import results_text, without_format
+from ballbot.file_formats import read_results, results_text, without_format
 from ballbot.files import read_text, write_text
 from ballbot.log import Log
 from ballbot.log.formats import WRITTEN_SUFFIXES
@@ -316,7 +316,7 @@ def finished_outcome(job: RecordJob, seed: int, folder: Path) -> RecordOutcome |
     if manifest.missing_file(folder):
         return None
     _check_settings(job, seed, folder)
-    ended = json.loads((folder / "results.json").read_text(encoding="utf-8"))["ended"]
+    ended = cast("dict[str, str | None]", read_results(folder / "results.json"))["ended"]
     return RecordOutcome(seed=seed, folder=folder, ended=ended, was_there=True)
 
 

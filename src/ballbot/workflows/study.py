@@ -29,9 +29,10 @@ from ballbot.findings import Finding
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification import Bounds, Identification, identify
 from ballbot.identification.stages import IdentificationOptions, holdout_intervals
+from ballbot.identification.windows import measured_wheel_speeds
 from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import CheckedLogs, checked_logs
-from ballbot.log.columns import torque_names, wheel_speed_names
+from ballbot.log.columns import torque_names
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress, in_parts, on_all_cores, part_of
 from ballbot.robot import Robot, RobotLike, as_robot
@@ -41,6 +42,7 @@ from ballbot.twin.scenario_file import load_scenario
 from ballbot.validation import ModelPair, Validation, join_validations, validate_pair
 from ballbot.validation.models import Interval
 from ballbot.workflows.controller_choice import (
+    CANDIDATES,
     SQUARE,
     ControllerChoice,
     NamedCourse,
@@ -49,6 +51,7 @@ from ballbot.workflows.controller_choice import (
     candidates,
     choose_controller,
     draw_plants,
+    simulated_runs,
 )
 from ballbot.workflows.controller_prediction import Prediction, predict
 from ballbot.workflows.courses import PlantName
@@ -62,8 +65,6 @@ MAX_DRAWS = 1000
 #: processor time [s] of identification and validation of a second of log, and of a simulated second on each plant
 _IDENTIFYING, _VALIDATING = 0.95, 0.04
 _SIMULATING: Mapping[PlantName, float] = {"model": 0.03, "twin": 0.2}
-#: candidates, and parts that the most precise one is also tried without
-_CANDIDATES, _PARTS = 4, 6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,12 +76,9 @@ class StudiedLog:
     held_out: tuple[Interval, ...]  #: (start, end) [s]
 
     def wheel_speeds(self, robot: Robot) -> NDArray[np.float64]:
-        """Return the wheels' speeds (N, n) [rad/s]: measured, else from the states by kinematics."""
-        names = wheel_speed_names(robot.wheel_count)
-        if all(name in self.log and np.isfinite(self.log[name]).all() for name in names):
-            return self.log.wheel_speeds
-        states = self.log.states
-        return Model(robot).wheel_speed(states[:, :5], states[:, 5:])
+        """Return the wheels' speeds (M, n) [rad/s] in the rows that have them."""
+        speeds = measured_wheel_speeds(self.log, robot)
+        return speeds[np.isfinite(speeds).all(axis=1)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,9 +93,8 @@ class StudyOptions:
     back_emf: float = 0.0
     generations: int = 150  #: of the identification's evolution, at most
     duration: float = SQUARE.duration  #: of each run of a candidate [s]
-    draws: int = 20  #: plants on which the candidates are compared
-    #: of them, plants on which the parts of the precise controller are removed by turns
-    ablation_draws: int = 10
+    draws: int = 20  #: plants on which the candidates are compared; a prediction needs 6
+    step_draws: int = 6  #: of them, plants on which what brings the gain is measured
 
 
 #: suits most logs
@@ -206,6 +203,8 @@ def study(
         for name, log in checked.logs.items()
     )
     check_columns(robot, studied)
+    needed = (*torque_names(robot.wheel_count), *STATE_NAMES)
+    studied = tuple(replace(one, log=one.log.complete(*needed)) for one in studied)
     if not 2 <= options.draws <= MAX_DRAWS:
         raise InputError(f"The number of draws is {options.draws}; it must be 2 to {MAX_DRAWS}, such as 20.")
     # whole nanoseconds: the rounding of a log's time stamps does not belong into a controller file
@@ -228,7 +227,7 @@ def study(
             found, plant=chosen_plant, scenario=tried, count=options.draws, seed=run.seed, rolling=rolling
         ),
         course=NamedCourse(name=SQUARE.name, duration=options.duration),
-        ablation_plants=options.ablation_draws,
+        step_plants=options.step_draws,
         run=_named(choosing, "comparing controllers"),
     )
     run.progress(Progress(stage="done", done=1, total=1))
@@ -252,12 +251,14 @@ def study(
 def _seconds(logs: Sequence[StudiedLog], plant: PlantName, options: StudyOptions) -> tuple[float, ...]:
     """Return how long identification, validation, rolling friction and comparison usually take [s]."""
     length = sum(float(one.log.t[-1] - one.log.t[0]) for one in logs)
-    runs = _CANDIDATES * options.draws + _PARTS * min(options.ablation_draws, options.draws)
+    runs = simulated_runs(options.draws, options.step_draws, options.duration)
     return (
         on_all_cores(_IDENTIFYING * length),
         _VALIDATING * length,
         sum(rolling_seconds()) if plant == "twin" else 0.0,
-        _SIMULATING[plant] * options.duration * (on_all_cores(runs) + _CANDIDATES),  # their paths once more
+        _SIMULATING[plant]
+        * options.duration
+        * (on_all_cores(runs) + len(CANDIDATES)),  # their paths once more
     )
 
 
@@ -285,7 +286,7 @@ def check_columns(robot: Robot, logs: Sequence[StudiedLog]) -> None:
         raise InputError("A study needs at least one log.")
     for studied in logs:
         try:
-            studied.log.require(*torque_names(robot.wheel_count), *STATE_NAMES)
+            studied.log.complete(*torque_names(robot.wheel_count), *STATE_NAMES)
             more = torque_names(robot.wheel_count + 1)[-1]
             if more in studied.log:
                 raise InputError(

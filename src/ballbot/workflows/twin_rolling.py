@@ -30,7 +30,6 @@ from ballbot.identification.parameters import scale_between
 from ballbot.identification.quantities import FRICTION
 from ballbot.identification.stages import (
     EVOLUTION_STEP,
-    REFINING,
     IdentificationOptions,
     prepare,
     refine,
@@ -112,7 +111,7 @@ def _added(found: Identification, scenario: Scenario, run: Run) -> NDArray[np.fl
     begin = coordinates.scaled(
         np.clip(coordinates.layout.nominal(robot), coordinates.lower, coordinates.upper)
     )
-    stages = [one for one in stages_of(prepared, options) if one.name in REFINING]
+    stages = [one for one in stages_of(prepared, options) if one.name == "gauss_newton"]
     reporter = ProgressReporter(refining, stages)
     estimate = refine(prepared, begin, options=options, run=replace(own, progress=reporter))
     reporter.end()

@@ -3,9 +3,11 @@
     d' = w (lost - d),      u += d      d within its limit
 
 By the linearised exact model without friction, x' = A x + B u in the heading frame, the rates' change over a sample
-needed the torques B^+ (x' - A x), B^+ the inverse of least norm. What the motors gave beyond them was lost to friction,
-a slope, a push. The model-free rival of friction compensation: it pays for friction, slope and payload alike, late by
-1/w, and hands the sensors' noise on. With a compensation it gives back what that leaves.
+needed the torques B^+ (x' - A x). B^+ is the left inverse of least squares: three torques cannot match the changes of
+five rates, and these leave the least sum of squares, in which m/s^2 and rad/s^2 count alike as numbers. What the motors
+gave beyond them was lost to friction, a slope, a push. The model-free rival of friction compensation: it pays for
+friction, slope and payload alike, late by 1/w, and hands the sensors' noise on. With a compensation it gives back what
+that leaves.
 """
 
 from __future__ import annotations

@@ -1,6 +1,40 @@
 #include "attitude.h"
 
+#include <stdbool.h>
+
 #include "ballbot_math.h"
+
+/* A turn [rad], and by how much its rounding is too large. */
+#define TURN 6.2831855f
+#define TURN_ROUNDING 1.7484556e-7f
+/* The smallest jump that is a wrap [rad]. */
+#define JUMP 4.712389f
+/* By which noise may take a value out of one turn [rad]. */
+#define NOISE 0.1f
+
+/* Return whether two values are within one turn that begins at an angle [rad]. */
+static bool within_turn(float low, float high, float begin)
+{
+    return low >= begin - NOISE && high <= begin + TURN + NOISE;
+}
+
+float ballbot_unwrapped(struct ballbot_heading_memory *memory, float angle)
+{
+    const float last = (memory->started != 0) ? memory->last : angle;
+    const float low = (angle < last) ? angle : last;
+    const float high = (angle < last) ? last : angle;
+
+    if (angle < -0.5f * TURN - NOISE || angle > TURN + NOISE) {
+        memory->turns = 0;
+    } else if (high - low > JUMP && (within_turn(low, high, -0.5f * TURN) || within_turn(low, high, 0.0f))) {
+        memory->turns += (angle < last) ? 1 : -1;
+    } else {
+        /* a motion */
+    }
+    memory->last = angle;
+    memory->started = 1;
+    return (angle + TURN * (float)memory->turns) - TURN_ROUNDING * (float)memory->turns;
+}
 
 struct ballbot_heading ballbot_heading_of(float psi)
 {

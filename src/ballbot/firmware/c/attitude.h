@@ -8,6 +8,8 @@
 #ifndef BALLBOT_ATTITUDE_H
 #define BALLBOT_ATTITUDE_H
 
+#include "ballbot_types.h"
+
 /* Sine and cosine of psi. */
 struct ballbot_heading {
     float sine;
@@ -29,6 +31,13 @@ struct ballbot_pair {
 
 /* Return the heading for psi. */
 struct ballbot_heading ballbot_heading_of(float psi);
+
+/* Return the next value of a heading without a jump of a turn [rad].
+ *
+ * A jump of more than 1.5 pi between two values within one turn, -pi to pi or 0 to 2 pi, is a wrap. Values beyond one
+ * turn stay as they are. `memory` is all zeros before the first value.
+ */
+float ballbot_unwrapped(struct ballbot_heading_memory *memory, float angle);
 
 /* Return the heading after a small turn [rad].
  *

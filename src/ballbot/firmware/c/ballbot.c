@@ -3,8 +3,10 @@
 #include <float.h>
 #include <stddef.h>
 
+#include "attitude.h"
 #include "ballbot_math.h"
 #include "estimation/kalman.h"
+#include "estimation/known.h"
 #include "estimation/onboard.h"
 #include "imu_check.h"
 #include "law.h"
@@ -264,21 +266,26 @@ static bool step(struct ballbot_state *state, const struct ballbot_parameters *p
         return false;
     }
     const uint32_t passed = (run->started != 0) ? time - (uint32_t)run->time : 0u;
-    const bool measured = estimate(state, parameters, reading);
+    struct ballbot_reading_record seen = *reading;
+
+    if (ballbot_known(seen.attitude[2]) != 0) {
+        seen.attitude[2] = ballbot_unwrapped(&state->heading, seen.attitude[2]);
+    }
+    const bool measured = estimate(state, parameters, &seen);
 
     run->time = (int32_t)time;
     run->started = 1;
     const bool testing = run->armed == 0 && state->self_test.result == BALLBOT_TEST_RUNNING;
 
     if (run->armed != 0 || testing) {
-        may = admitted(state, parameters, reading, 1e-6f * (float)passed, measured);
+        may = admitted(state, parameters, &seen, 1e-6f * (float)passed, measured);
     } else if (is_checking_imu(state)) {
-        check_imu(state, parameters, reading);
+        check_imu(state, parameters, &seen);
     } else {
         /* at rest */
     }
     if (testing) {
-        test(state, parameters, reading, may, torques);
+        test(state, parameters, &seen, may, torques);
     } else if (may && given != NULL) {
         may = relay(state, parameters, given, torques);
     } else if (may) {

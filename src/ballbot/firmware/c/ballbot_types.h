@@ -14,9 +14,9 @@
 /* Updates whose torques the law remembers. */
 #define BALLBOT_MAX_PAST 22
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "9e0e38868f3d44fe4cb8be3db8f85d1a070bdfdc93fbf7d5ef529aeeee48465e"
+#define BALLBOT_SCHEMA_DIGEST "62c1a4efba42ff7fe3627ad266e822a1ac410e439dc2bb6f556aa08aa6134b9e"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 504248454, 255673598, 1287175741, 955800858, 118218716, 335280085, 1867684590, 1850230366 }
+#define BALLBOT_SCHEMA_WORDS { 1656857839, 977469311, 1667398354, 1726489249, 742460995, 499301231, 1433051274, 638798750 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -221,6 +221,14 @@ struct ballbot_run_state {
 };
 typedef char ballbot_run_state_has_no_padding[(sizeof(struct ballbot_run_state) == 29u * sizeof(float)) ? 1 : -1];
 
+/* The last value of a heading, and the turns that it has made where its values begin again after one. */
+struct ballbot_heading_memory {
+    int32_t started;
+    float last; /* [rad] */
+    int32_t turns;
+};
+typedef char ballbot_heading_memory_has_no_padding[(sizeof(struct ballbot_heading_memory) == 3u * sizeof(float)) ? 1 : -1];
+
 /* Why the torques are zero, and the last samples. */
 struct ballbot_safety_state {
     int32_t stop;
@@ -327,6 +335,8 @@ typedef char ballbot_prediction_state_has_no_padding[(sizeof(struct ballbot_pred
 
 struct ballbot_memory {
     struct ballbot_torque_history history;
+    struct ballbot_heading_memory measured_heading;
+    struct ballbot_heading_memory reference_heading;
     struct ballbot_shaping_state shaping;
     struct ballbot_no_state feed_forward;
     struct ballbot_integral_state integral;
@@ -336,7 +346,7 @@ struct ballbot_memory {
     struct ballbot_notch_state notch;
     struct ballbot_prediction_state prediction;
 };
-typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 454u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 460u * sizeof(float)) ? 1 : -1];
 
 /* What the on-board state remembers. */
 struct ballbot_onboard_memory {
@@ -367,6 +377,7 @@ typedef char ballbot_kalman_memory_has_no_padding[(sizeof(struct ballbot_kalman_
 /* All that changes while the robot runs. */
 struct ballbot_state {
     struct ballbot_run_state run;
+    struct ballbot_heading_memory heading;
     struct ballbot_safety_state safety;
     struct ballbot_self_test_state self_test;
     struct ballbot_imu_check_state imu_check;
@@ -374,7 +385,7 @@ struct ballbot_state {
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 773u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 782u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {

@@ -27,8 +27,8 @@ int32_t ballbot_refused_place(const float reference[10])
     return BALLBOT_ALLOWED;
 }
 
-/* Fill the pose, the heading and the state relative to the pose. */
-static void observed(struct ballbot_sample *now, const float measured[10])
+/* Fill the pose, its heading unwrapped, and the state relative to the pose. */
+static void observed(struct ballbot_sample *now, const float measured[10], float psi)
 {
     now->a = ballbot_heading_of(measured[4]);
     for (int i = 0; i < 10; ++i) {
@@ -36,7 +36,7 @@ static void observed(struct ballbot_sample *now, const float measured[10])
     }
     now->pose[0] = measured[0];
     now->pose[1] = measured[1];
-    now->pose[2] = measured[4];
+    now->pose[2] = psi;
     now->state[0] = 0.0f;
     now->state[1] = 0.0f;
     now->state[4] = 0.0f;
@@ -109,15 +109,20 @@ static void decide(const struct ballbot_law *law, struct ballbot_memory *memory,
                    const float reference[10], float torques[])
 {
     struct ballbot_sample now;
+    float wanted[10];
 
-    observed(&now, measured);
+    observed(&now, measured, ballbot_unwrapped(&memory->measured_heading, measured[4]));
     ballbot_disturbance_observer_observe(law, memory, &now, n);
     ballbot_prediction_predict(law, memory, &now, n);
 
-    now.reference = reference;
-    now.x = at_rest(reference[0] - now.pose[0]);
-    now.y = at_rest(reference[1] - now.pose[1]);
-    now.psi = at_rest(reference[4] - now.pose[2]);
+    for (int i = 0; i < 10; ++i) {
+        wanted[i] = reference[i];
+    }
+    wanted[4] = ballbot_unwrapped(&memory->reference_heading, reference[4]);
+    now.reference = wanted;
+    now.x = at_rest(wanted[0] - now.pose[0]);
+    now.y = at_rest(wanted[1] - now.pose[1]);
+    now.psi = at_rest(wanted[4] - now.pose[2]);
     ballbot_shaping_shape(law, memory, &now);
 
     heading_error(&now);

@@ -14,8 +14,8 @@
 
 /* Fill what the AHRS measured since the last call; return false if there is nothing new and valid.
  *
- * gyro: angular velocity of the body, body frame [rad/s]. attitude: theta, phi, psi of R = Rx Ry Rz, psi without jumps of
- * a turn [rad].
+ * gyro: angular velocity of the body, body frame [rad/s]. attitude: theta, phi, psi of R = Rx Ry Rz [rad]; psi may
+ * begin again after a turn.
  */
 bool ballbot_read_imu(float gyro[3], float attitude[3]);
 

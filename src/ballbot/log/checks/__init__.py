@@ -7,8 +7,9 @@ stuck_encoders   encoders that hold their angle while their wheels turn
 kinematics       wheel columns against the states
 torques          torques by themselves: dead, unrelated to the motion, late
 lean             lean axes against the ball's acceleration
-torque_balance   torques against those that the motion needs: order, sign, scale
-physics          the last three in their order, several logs against each other, disturbances
+torque_balance   torques against those that the motion needs: order, sign
+torque_gains     how large each torque is against its need, and whether that changes within a log
+physics          the last four in their order, several logs against each other, disturbances
 
 `check` gives the findings of one log, `check_logs` those of several logs of a robot, and `checked_logs` the input of
 an analysis: logs whose checks ran once, before any computation, and whose errors, if any, the user accepted. Findings
@@ -31,7 +32,7 @@ from ballbot.findings import (
     in_check_log,
     stop_on_errors,
 )
-from ballbot.log.checks.kinematics import ALIKE, check_disturbance, check_wheels
+from ballbot.log.checks.kinematics import ALIKE, check_disturbance, check_sampling, check_wheels
 from ballbot.log.checks.repetition import check_copied, check_held, check_stuck
 from ballbot.log.checks.stuck_encoders import check_stuck_encoders
 from ballbot.log.checks.time_and_rates import (
@@ -66,6 +67,7 @@ if TYPE_CHECKING:
 
 _VELOCITY = ("x", "y", "x_dot", "y_dot")
 _LEAN = ("theta", "phi")
+_OF_TORQUES = ("torque-", "dead-motor")
 
 
 def join_common_causes(findings: Sequence[Finding], examined: PhysicsOfLog) -> list[Finding]:
@@ -73,6 +75,7 @@ def join_common_causes(findings: Sequence[Finding], examined: PhysicsOfLog) -> l
 
     - The wheels turn too slowly for the states by the factor by which the ball accelerates too much for the lean (or
       the other way round): the ball's velocity, which both checks use, is scaled.
+    - A torque that repeats its value is not that of the motion: it froze.
     - A lean angle contradicts its rate and the ball's acceleration: the angle has the opposite sign, not the rate.
 
     Parameters
@@ -82,7 +85,9 @@ def join_common_causes(findings: Sequence[Finding], examined: PhysicsOfLog) -> l
     examined : PhysicsOfLog
         Results of the equations of motion on the same log.
     """
-    return _negated_angles(_scaled_velocity(findings, examined), examined)
+    found = _negated_angles(_scaled_velocity(findings, examined), examined)
+    held = {one.where.columns for one in found if one.code == "stuck"}
+    return [one for one in found if not (one.code.startswith(_OF_TORQUES) and one.where.columns in held)]
 
 
 def _scaled_velocity(findings: Sequence[Finding], examined: PhysicsOfLog) -> list[Finding]:
@@ -134,7 +139,12 @@ def check(log: Log, *, robot: Robot | None = None) -> tuple[Finding, ...]:
     robot : Robot, optional
         With it, the wheels' columns are compared with the robot's kinematics and the torques with its limit.
     """
-    return _log_findings(log, robot, _physics_of(log, robot) if robot else None)
+    if robot is None:
+        return _log_findings(log, None, None)
+    from ballbot.log.checks.physics import examine, torque_bounds
+
+    examined = examine(log, robot)
+    return by_severity([*_log_findings(log, robot, examined), *torque_bounds([examined], robot)])
 
 
 def _log_findings(log: Log, robot: Robot | None, examined: PhysicsOfLog | None) -> tuple[Finding, ...]:
@@ -142,6 +152,7 @@ def _log_findings(log: Log, robot: Robot | None, examined: PhysicsOfLog | None) 
     wheel_count = robot.wheel_count if robot else _wheels_of(log)
     rates = check_rates(log)
     findings = [
+        *log.changes,
         *check_rows(log),
         *check_gaps(log),
         *check_jitter(log),
@@ -182,7 +193,7 @@ def check_logs(logs: Mapping[str, Log], *, robot: Robot) -> tuple[Finding, ...]:
         Whose logs they are.
     """
     # importing the equations of motion takes time
-    from ballbot.log.checks.physics import different_robots, examine
+    from ballbot.log.checks.physics import different_robots, examine, torque_bounds
 
     examined = {name: examine(log, robot) for name, log in logs.items()}
     findings = [
@@ -190,13 +201,7 @@ def check_logs(logs: Mapping[str, Log], *, robot: Robot) -> tuple[Finding, ...]:
         for name, log in logs.items()
         for finding in _log_findings(log, robot, examined[name])
     ]
-    return by_severity([*findings, *different_robots(examined)])
-
-
-def _physics_of(log: Log, robot: Robot) -> PhysicsOfLog:
-    from ballbot.log.checks.physics import examine
-
-    return examine(log, robot)
+    return by_severity([*findings, *different_robots(examined), *torque_bounds(examined.values(), robot)])
 
 
 def _in_seconds(rates: Sequence[Finding]) -> bool:
@@ -210,13 +215,13 @@ def _of_motion(log: Log, robot: Robot | None, physics: Iterable[Finding]) -> lis
     # torques that do not belong to this motion make every other finding on them meaningless
     kept = [one for one in physics if not (torques and one.code.startswith("torque-"))]
     kinematics = _of_robot(log, robot) if robot else []
-    if any(one.code in ("ball-axes", "heading-sign") for one in kinematics):
-        kept = []  # they would follow from the wrong axes of the ball
+    if any(one.code in ("ball-axes", "heading-sign", "encoders") for one in kinematics):
+        kept = []  # they would follow from the wrong axes of the ball, or from the ball's path by wrong wheels
     return [*torques, *kinematics, *kept]
 
 
 def _of_robot(log: Log, robot: Robot) -> list[Finding]:
-    return [*check_speed_limit(log, robot), *check_wheels(log, robot)]
+    return [*check_sampling(log, robot), *check_speed_limit(log, robot), *check_wheels(log, robot)]
 
 
 def needed_columns(wheel_count: int) -> Mapping[str, tuple[str, ...]]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import permutations, product
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,9 @@ from ballbot.findings import Finding, Place
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, wheel_angle_names, wheel_speed_names
 from ballbot.log.log import Log
 from ballbot.robot import Robot
+
+if TYPE_CHECKING:
+    from ballbot.log.mapping_inference.placement import LeanTest
 
 #: least standard deviation of the wheel speeds of the states for a conclusion [rad/s]
 LEAST_MOTION = 0.05
@@ -32,6 +36,13 @@ ALIKE, WRONG_GAIN = 1.12, 1.2
 UNLIKE = 1.25
 #: a gain that slip cannot explain
 IMPOSSIBLE_GAIN = 3.0
+#: differences of logarithms: of a sample time that is another one, and of an encoder's step
+SAME_PERIOD, SAME_STEP = 0.05, 0.02
+#: smallest step of an encoder [rad], fewest differences of its angles, and how far they may be off multiples of a step
+TINY_STEP, FEWEST_STEPS, OFF_STEP = 1e-7, 50, 0.1
+#: standard deviation of a heading that turns enough to show its sign [rad]: a heading that trembles about one value is
+#: late in the gyro
+TURNING_HEADING = 0.02
 #: rows of a block, and the fewest blocks
 BLOCK_ROWS, FEWEST_BLOCKS = 50, 10
 #: rows that are used, at even intervals of the log
@@ -182,6 +193,8 @@ def _alternatives(
         fault, columns = f"{' and '.join(parts)}, with {rates}", ("x", "y", "x_dot", "y_dot")
         left = _left(tried, logged, robot)
         found.append(_Alternative(fault=fault, columns=columns, left=left))
+    if states[:, 4].std() < TURNING_HEADING:
+        return found
     tried = states.copy()
     tried[:, [4, 9]] *= -1.0
     left = _left(tried, logged, robot)
@@ -219,8 +232,59 @@ def other_wheels(log: Log, wheel_count: int) -> str:
     )
 
 
+def check_sampling(log: Log, robot: Robot) -> list[Finding]:
+    """Return a warning for a sample time or an encoder's counts in the robot file that the log contradicts."""
+    findings = []
+    period, written = log.sample_time, robot.sensors.sample_time
+    if abs(np.log(period / written)) > SAME_PERIOD:
+        sentence = (
+            f"Rows come every {1e3 * period:.4g} ms, but sample_time of the robot file is {1e3 * written:.4g} ms. "
+            "Correct the robot file, or know that the log has another rate than the controller."
+        )
+        findings.append(
+            Finding(code="robot-sensors", severity="warning", text=sentence, where=Place(columns=("t",)))
+        )
+    names = [name for name in wheel_angle_names(robot.wheel_count) if name in log]
+    steps = [step for name in names if (step := encoder_step(log[name])) is not None]
+    counts = robot.sensors.encoder_counts
+    if len(steps) == len(names) > 0 and max(steps) < (1.0 + SAME_STEP) * min(steps):
+        seen = 2.0 * np.pi / (robot.drive.gear_ratio * float(np.median(steps)))
+        if abs(np.log(seen / counts)) > SAME_STEP:
+            sentence = (
+                f"The wheels' angles come in steps of {np.median(steps):.4g} rad: {seen:.4g} counts a motor turn "
+                f"with the gear ratio {robot.drive.gear_ratio:g}, but encoder_counts of the robot file is {counts}. "
+                "Correct encoder_counts or gear_ratio."
+            )
+            where = Place(columns=tuple(names))
+            findings.append(Finding(code="robot-sensors", severity="warning", text=sentence, where=where))
+    return findings
+
+
+def encoder_step(angles: NDArray[np.float64]) -> float | None:
+    """Return the step [rad] that all differences of a wheel's angles are multiples of; None without one.
+
+    A step that is a power of ten, in radians or degrees, is the rounding of the file.
+    """
+    between = np.diff(np.unique(angles[np.isfinite(angles)]))
+    between = between[between > TINY_STEP]
+    if len(between) < FEWEST_STEPS:
+        return None
+    near = between[between < 4.5 * np.quantile(between, 0.05)]
+    number = np.round(near / np.quantile(near, 0.05))
+    step = float(near.sum() / number.sum())
+    decimals = np.log10([step, np.degrees(step)])
+    if (
+        np.abs(near / step - number).max() > OFF_STEP
+        or np.abs(decimals - np.round(decimals)).min() < 0.5 * SAME_STEP
+    ):
+        return None
+    return step
+
+
 def check_wheels(log: Log, robot: Robot) -> list[Finding]:
     """Return findings on the wheels' columns for this robot: number, order, sign, gain, or that none can be checked."""
+    from ballbot.log.mapping_inference.placements import reversed_wheels
+
     columns = wheel_speed_names(robot.wheel_count)
     others = other_wheels(log, robot.wheel_count)
     if others:
@@ -236,21 +300,34 @@ def check_wheels(log: Log, robot: Robot) -> list[Finding]:
         )
         return [Finding(severity="note", code="wheels", text=sentence)]
     evidence = ", ".join(f"{value:.2f}" for value in found.correlations)
-    if min(found.correlations) < CLEAR_CORRELATION:
+    places, own = Place(columns=columns), tuple(range(1, robot.wheel_count + 1))
+    follows = min(found.correlations) >= CLEAR_CORRELATION
+    if follows and found.order == own and min(found.signs) > 0:
+        low, high = GAIN_RANGE
+        return [] if all(low < gain < high for gain in found.gains) else [_gain_finding(found.gains, robot)]
+    # states that were computed from the wheels have the wheels' own mistake
+    tested = wheel_test(log, robot)
+    wheels = reversed_wheels(tested.placements, tested.confidence) if tested else ()
+    if wheels:
+        several, signs = len(wheels) > 1, [-1 if i in wheels else 1 for i in own]
+        sentence = (
+            f"{'Wheels' if several else 'Wheel'} {' and '.join(map(str, wheels))} count{'' if several else 's'} in the "
+            "opposite direction: with the other sign the wheels agree with the lean and the heading. Correct the "
+            f"columns, or [wheels] in the mapping: sign = {signs} times what it is."
+        )
+        return [Finding(severity="error", code="encoders", text=sentence, where=places)]
+    if not follows:
         sentence = (
             "The wheel speeds hardly follow the states (correlations "
             f"{evidence}): another robot, much slip, or a delay."
         )
-        return [Finding(severity="warning", code="wheels", text=sentence, where=Place(columns=columns))]
-    if found.order != tuple(range(1, robot.wheel_count + 1)) or min(found.signs) < 0:
-        signs = [found.signs[found.order.index(i)] for i in range(1, robot.wheel_count + 1)]
-        sentence = (
-            "The wheel columns do not fit this robot; a mapping with [wheels] order = "
-            f"{list(found.order)} and sign = {signs} would fit (correlations {evidence})."
-        )
-        return [Finding(severity="error", code="wheels", text=sentence, where=Place(columns=columns))]
-    low, high = GAIN_RANGE
-    return [] if all(low < gain < high for gain in found.gains) else [_gain_finding(found.gains, robot)]
+        return [Finding(severity="warning", code="wheels", text=sentence, where=places)]
+    signs = [found.signs[found.order.index(i)] for i in own]
+    sentence = (
+        "The wheel columns do not fit this robot; a mapping with [wheels] order = "
+        f"{list(found.order)} and sign = {signs} would fit (correlations {evidence})."
+    )
+    return [Finding(severity="error", code="wheels", text=sentence, where=places)]
 
 
 def _gain_finding(gains: tuple[float, ...], robot: Robot) -> Finding:
@@ -315,20 +392,26 @@ _ATTITUDE = ("theta", "phi", "psi")
 
 
 def check_disturbance(log: Log, robot: Robot) -> list[Finding]:
-    """Return a warning if the torque that neither wheels nor gravity explain is more than gravity's.
+    """Return a warning if the torque that neither wheels nor gravity explain is more than gravity's."""
+    tested = wheel_test(log, robot)
+    return [] if tested is None else disturbance_findings(tested.disturbance)
 
-    It uses theta, phi, psi and the encoders' angles; see `ballbot.log.mapping_inference.placement`.
+
+def wheel_test(log: Log, robot: Robot) -> LeanTest | None:
+    """Return how the wheels of a log sit, by theta, phi, psi and the encoders' angles; None if it does not show that.
+
+    See `ballbot.log.mapping_inference.placement`.
     """
     from ballbot.log.mapping_inference.placement import lean_test
     from ballbot.log.signals import balancing_rows, even_rows, smooth
 
     names = (*_ATTITUDE, *wheel_angle_names(robot.wheel_count))
     if robot.wheel_count < 3 or not set(names) <= set(log.names) or len(log) < 2:
-        return []
+        return None
     table = np.column_stack([log[name] for name in names])
     known = np.isfinite(table).all(axis=1)
     if known.sum() < 2:
-        return []
+        return None
     t, table = log.t[known], table[known]
     # the lean about the world's axes, in the body frame
     lean = (table[:, 0] + 1j * table[:, 1]) * np.exp(-1j * table[:, 2])
@@ -339,8 +422,7 @@ def check_disturbance(log: Log, robot: Robot) -> list[Finding]:
     usable = balancing_rows(tilt.value, wheels.rate, None)
     # rows interpolated across a gap are not balancing
     usable &= np.diff(t)[np.clip(np.searchsorted(t, rows, side="right") - 1, 0, len(t) - 2)] < 0.05
-    tested = lean_test(robot, tilt, wheels, heading, usable)
-    return [] if tested is None else disturbance_findings(tested.disturbance)
+    return lean_test(robot, tilt, wheels, heading, usable)
 
 
 def disturbance_findings(disturbance: float) -> list[Finding]:

@@ -303,6 +303,10 @@ class LeanEvidence:
         )
 
 
+#: in place of zero, the motion of a robot at rest
+_TINY = float(np.finfo(float).tiny)
+
+
 def lean_evidence(motion: Motion, robot: Robot) -> LeanEvidence:
     """Evaluate the law for every reading of the lean columns."""
     terms, block = _terms(motion, robot), motion.block
@@ -319,8 +323,8 @@ def lean_evidence(motion: Motion, robot: Robot) -> LeanEvidence:
     return LeanEvidence(
         angles=tuple(pairs[k][0] for k in good),
         rates=tuple(pairs[k][1] for k in good),
-        clearness=clarity((left[own] - left[best]) / (left[own] + left[best])),
-        ratio=float(total[own] / total[best]),
+        clearness=clarity((left[own] - left[best]) / np.maximum(left[own] + left[best], _TINY)),
+        ratio=float(total[own] / max(total[best], _TINY)),
         explained=gains.explained,
         rate_gain=gains.rates,
         gravity_gain=gains.gravity,
@@ -415,7 +419,8 @@ def _gains(terms: Sequence[Complex], weights: NDArray[np.float64], block: NDArra
         (alone.conj() * residual).imag, block
     )
     common = abs(np.vdot(alone, left))
-    own = np.vdot(alone, alone).real
+    own, power = (max(float(np.vdot(one, one).real), _TINY) for one in (alone, y))
+    explained = 1.0 - float(np.vdot(residual, residual).real) / power
     # a disturbance with this correlation has so large a part along the lean for the part that is left
     along = CONFOUNDED / np.sqrt(1.0 - CONFOUNDED**2) * np.sqrt(np.vdot(residual, residual).real)
     return _Gains(
@@ -424,7 +429,7 @@ def _gains(terms: Sequence[Complex], weights: NDArray[np.float64], block: NDArra
         error=float(np.sqrt(np.sum(np.abs(scores) ** 2)) / own),
         bias=float(along / np.sqrt(own)),
         reverse=float(np.vdot(left, left).real / common) if common > 0.0 else float("inf"),
-        explained=1.0 - float(np.sum(np.abs(residual) ** 2) / np.sum(np.abs(y) ** 2)),
+        explained=explained if np.any(y) else 0.0,
     )
 
 

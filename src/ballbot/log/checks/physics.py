@@ -9,30 +9,32 @@ one, but they must be the same in every log of a robot.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ballbot.findings import Finding, Place
 from ballbot.log.checks.kinematics import wheel_agreement
 from ballbot.log.checks.lean import (
     LeanEvidence,
-    Motion,
-    Rows,
     lean_evidence,
     lean_findings,
     motion_of,
     usable_rows,
 )
-from ballbot.log.checks.torque_balance import (
-    TorqueEvidence,
-    driving_of,
+from ballbot.log.checks.torque_balance import driving_of, torque_evidence, torque_findings
+from ballbot.log.checks.torque_gains import (
+    Gains,
+    bound_findings,
+    change_findings,
     gain_findings,
-    torque_evidence,
-    torque_findings,
-    torque_gains,
+    gains_of,
+    motor_sums,
+    scale_errors,
+    together,
 )
 from ballbot.log.checks.torques import delay_findings, torque_delay
 from ballbot.log.columns import torque_names
@@ -50,15 +52,15 @@ class PhysicsOfLog:
 
     findings: tuple[Finding, ...] = ()
     lean: LeanEvidence | None = None
-    torque: TorqueEvidence | None = None
+    gains: Gains | None = None  #: of torques that have no other fault
     wheel_gain: float | None = None  #: wheel speeds over those of the states, mean of the wheels
 
 
 def examine(log: Log, robot: Robot) -> PhysicsOfLog:
     """Check a log of balancing with the robot's equations, and return findings and the scales of the log.
 
-    The torques are checked only against a motion that the lean confirms: not if the lean contradicts the ball's
-    acceleration or is not conclusive.
+    Order, sign and scale of the torques are checked only against a motion that the lean confirms: not if the lean
+    contradicts the ball's acceleration or is not conclusive. A change within the log shows without it.
 
     Parameters
     ----------
@@ -78,6 +80,10 @@ def examine(log: Log, robot: Robot) -> PhysicsOfLog:
         return PhysicsOfLog(findings=(*late, *findings), lean=lean, wheel_gain=gain)
     if late:
         return PhysicsOfLog(findings=tuple(late), lean=lean, wheel_gain=gain)
+    names, driving = torque_names(robot.wheel_count), driving_of(log, rows, motion, robot)
+    sums = motor_sums(driving, motion, robot) if driving else ()
+    if changed := change_findings(sums, motion, names=names):
+        return PhysicsOfLog(findings=tuple(changed), lean=lean, wheel_gain=gain)
     if not lean.conclusive:
         sentence = (
             "The signs and scales of lean and torques cannot be checked: the "
@@ -85,28 +91,16 @@ def examine(log: Log, robot: Robot) -> PhysicsOfLog:
             "(too little motion, slipping wheels, or a robot that is held)."
         )
         return PhysicsOfLog(
-            findings=(Finding(code="physics", severity="note", text=sentence),), wheel_gain=gain
+            findings=(Finding(code="physics", severity="warning", text=sentence),), wheel_gain=gain
         )
-    torque, findings = _torque(log, rows, motion, robot)
-    return PhysicsOfLog(findings=tuple(findings), lean=lean, torque=torque, wheel_gain=gain)
-
-
-def _torque(
-    log: Log, rows: Rows, motion: Motion, robot: Robot
-) -> tuple[TorqueEvidence | None, list[Finding]]:
-    """Return the evidence of the torques and findings; on their scale only if there is no other."""
-    driving = driving_of(log, rows, motion, robot)
-    if driving is None:
-        return None, []
-    found = torque_evidence(driving)
-    names = torque_names(robot.wheel_count)
-    findings = torque_findings(found, names=names)
-    if any(finding.code != "torque-scale" for finding in findings):
-        return None, findings
-    if findings and found.scale[1] < 1.0 and (clipped := _clipped(log, names)):
-        return found, [clipped]
-    gains = torque_gains(driving, motion, robot)
-    return found, (gain_findings(gains, found, names=names) if gains else []) or findings
+    findings = torque_findings(torque_evidence(driving), names=names) if driving else []
+    if findings or not sums:
+        return PhysicsOfLog(findings=tuple(findings), lean=lean, wheel_gain=gain)
+    gains = gains_of(sums)
+    findings = gain_findings(gains, names=names)
+    if findings and gains.common()[0] < 1.0 and (clipped := _clipped(log, names)):
+        findings = [clipped]
+    return PhysicsOfLog(findings=tuple(findings), lean=lean, gains=gains, wheel_gain=gain)
 
 
 def _clipped(log: Log, names: tuple[str, ...]) -> Finding | None:
@@ -145,11 +139,9 @@ MARGIN = 0.03
 SURE = 3.0
 #: relative uncertainty of wheel gains [-]: play, slip and noise
 WHEEL_ERROR = 0.04
-#: widest bracket (of the two regressions) that is compared, and the fraction of its logarithm that is uncertain on each
-#: side of its middle; it would be a half if the sizes of the noises were unknown
-WIDEST, TORQUE_FRACTION, LEAN_FRACTION = 1.6, 0.25, 0.3
-#: least explained fraction of the torques; below it, friction that follows the need is large
-EXPLAINED = 0.85
+#: widest bracket (of the two regressions of the lean) that is compared, and the fraction of its logarithm that is
+#: uncertain on each side of its middle; it would be a half if the sizes of the noises were unknown
+WIDEST, LEAN_FRACTION = 1.6, 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,6 +156,21 @@ class Scale:
     def text(self) -> str:
         """The scale with its uncertainty."""
         return f"{self.middle:.2f} +- {self.middle * (self.systematic + SURE * self.error):.2f}"
+
+
+def torque_bounds(examined: Iterable[PhysicsOfLog], robot: Robot) -> list[Finding]:
+    """Return how well a robot's logs together bound the scale of its torques, unless they bound it well."""
+    known = [one.gains for one in examined if one.gains is not None]
+    return bound_findings(together(known), names=torque_names(robot.wheel_count)) if known else []
+
+
+def torque_scale_errors(logs: Iterable[Log], robot: Robot) -> NDArray[np.float64]:
+    """Return the relative standard error (n,) that a motor's friction has because logs do not bound its torque's scale.
+
+    Zero where they bound it, or do not show it for another reason.
+    """
+    known = [one.gains for log in logs if (one := examine(log, robot)).gains is not None]
+    return scale_errors(together(known)) if known else np.zeros(robot.wheel_count)
 
 
 def different_robots(examined: Mapping[str, PhysicsOfLog]) -> list[Finding]:
@@ -221,27 +228,23 @@ def _odd_one(scales: Mapping[str, Scale], first: str, second: str) -> str:
     return max(first, second, key=contradicted)
 
 
-def _bracket(forward: float, reverse: float, error: float, *, fraction: float) -> Scale | None:
-    if not (forward > 0.0 and np.isfinite(reverse) and reverse < WIDEST * forward):
-        return None
-    return Scale(
-        middle=float(np.sqrt(forward * reverse)),
-        systematic=fraction * abs(float(np.log(reverse / forward))),
-        error=error / forward,
-    )
-
-
 def _torque_scale(one: PhysicsOfLog) -> Scale | None:
-    if one.torque is None or one.torque.explained < EXPLAINED:
+    if one.gains is None or not np.isfinite(one.gains.common()[1]):
         return None
-    return _bracket(*one.torque.scale, one.torque.scale_error, fraction=TORQUE_FRACTION)
+    middle, error = one.gains.common()
+    return Scale(middle=middle, systematic=0.0, error=error)
 
 
 def _lean_scale(one: PhysicsOfLog) -> Scale | None:
     if one.lean is None or not one.lean.conclusive or one.lean.misread:
         return None
-    return _bracket(
-        abs(one.lean.gravity_gain), one.lean.reverse_gain, one.lean.gravity_error, fraction=LEAN_FRACTION
+    forward, reverse = abs(one.lean.gravity_gain), one.lean.reverse_gain
+    if not (forward > 0.0 and np.isfinite(reverse) and reverse < WIDEST * forward):
+        return None
+    return Scale(
+        middle=float(np.sqrt(forward * reverse)),
+        systematic=LEAN_FRACTION * abs(float(np.log(reverse / forward))),
+        error=one.lean.gravity_error / forward,
     )
 
 

@@ -24,7 +24,7 @@ LIVE_FRACTION = 0.9
 STUCK_TIME, STUCK_ROWS = 0.1, 10
 #: standstill, while other columns move, above which results are wrong [s]
 FROZEN_TIME = 0.4
-#: shortest standstill of a torque that is neither zero nor at its extreme [s]
+#: shortest standstill of a torque that is not at its extreme [s]
 FROZEN_TORQUE_TIME = 1.0
 #: a state moves, and a rate is not one of rest, above this fraction of its standard deviation
 MOVING = 0.2
@@ -202,7 +202,10 @@ def _others_move(log: Log, rows: slice, names: Sequence[str]) -> bool:
 
 
 def _stuck_torques(log: Log) -> list[Finding]:
-    """Return an error for a torque that froze while the others changed, except at zero and at its extreme."""
+    """Return an error for a torque that froze while the others changed or the robot moved, except at its extreme.
+
+    It is a warning if all torques are zero: the motors may be off while the robot is carried.
+    """
     findings = []
     names = [name for name in _TORQUES if name in log]
     shortest = max(STUCK_ROWS, round(FROZEN_TORQUE_TIME / log.sample_time))
@@ -210,19 +213,22 @@ def _stuck_torques(log: Log) -> list[Finding]:
         one = standstill(log[name])
         value = float(log[name][one.start])
         extreme = abs(value) >= 0.999 * float(np.nanmax(np.abs(log[name])))
-        if one.rows < shortest or one.changes < LIVE_FRACTION or value == 0.0 or extreme:
+        if one.rows < shortest or one.changes < LIVE_FRACTION or (value != 0.0 and extreme):
             continue
         rows = slice(one.start, one.start + one.rows)
         alone = any(standstill(log[other][rows]).rows < one.rows / 2 for other in names if other != name)
         if not (alone or _others_move(log, rows, ())):
             continue
         time = float(log.t[one.start])
+        off = not any(log[other][rows].any() for other in names)
+        cause = "the motors were off" if off else "messages were lost, or the motor is dead"
         sentence = (
             f"{name} repeats {value:.4g} N m for {one.rows} rows from row {one.start + 1} (t = {time:.6g} s) while "
-            f"{'the other torques change' if alone else 'the robot moves'}: messages were lost."
+            f"{'the other torques change' if alone else 'the robot moves'}: {cause}."
         )
+        severity = "warning" if off else "error"
         findings.append(
-            Finding(severity="error", code="stuck", text=sentence, where=Place(columns=(name,), time=time))
+            Finding(severity=severity, code="stuck", text=sentence, where=Place(columns=(name,), time=time))
         )
     return findings
 

@@ -76,20 +76,26 @@ def check_jitter(log: Log) -> list[Finding]:
 
 
 def check_missing_values(log: Log) -> list[Finding]:
-    """Return a warning for each column with cells that are NaN or infinite."""
-    findings = []
+    """Return a warning for each set of columns in which the same cells are NaN or infinite."""
+    columns: dict[bytes, list[str]] = {}
     for name in log.names:
-        bad = np.flatnonzero(~np.isfinite(log[name]))
+        columns.setdefault(np.isfinite(log[name]).tobytes(), []).append(name)
+    findings = []
+    for known, names in columns.items():
+        bad = np.flatnonzero(~np.frombuffer(known, dtype=np.bool_))
         if not bad.size:
             continue
         time = float(log.t[bad[0]])
         sentence = (
-            f"{name} has {bad.size} of {len(log)} values missing or not finite, the first at row {bad[0] + 1} "
-            f"(t = {time:.6g} s); uses that need this column stop until they are filled or removed."
+            f"{', '.join(names)}: {bad.size} of {len(log)} values missing or not finite, the first at row {bad[0] + 1} "
+            f"(t = {time:.6g} s); uses that need the column leave these rows out."
         )
         findings.append(
             Finding(
-                severity="warning", code="missing", text=sentence, where=Place(columns=(name,), time=time)
+                severity="warning",
+                code="missing",
+                text=sentence,
+                where=Place(columns=tuple(names), time=time),
             )
         )
     return findings
@@ -206,8 +212,6 @@ def _change_against_rate(log: Log, name: str, rate_name: str) -> Agreement | Non
     t, angle, rate = log.t[finite], log[name][finite], rate[finite]
     if len(t) < FEWEST_ROWS:
         return None
-    if name == "psi":
-        angle = np.unwrap(angle)
     integral = np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))))
     slow = log.sample_time >= SLOW
     rows = int(np.clip(SLOW_ROWS if slow else round(COMPARED_TIME / log.sample_time), 1, len(t) // 4))

@@ -1,4 +1,4 @@
-"""Wheel torques against the torques that the motion needs: order, sign, scale, and torques that do not fit at all.
+"""Wheel torques against the torques that the motion needs: order, sign, and torques that do not fit at all.
 
 The rows of the equations of motion without the lean, about upright and in the heading frame, give the torque between
 ball and wheels,
@@ -12,14 +12,7 @@ and with it n, the torque that each wheel needs for the motion. A motor supplies
 so k is one for the right robot, and wheel i's torque follows n_i and its own speed's sign. Every logged torque is
 fitted by every wheel's motion, with either sign: the order and signs that explain the log best are the right ones.
 
-Regression of a torque on the torque that the motion needs gives too small a factor, because the need is computed from
-differentiated signals and has their noise. The size of each wheel's torque is therefore estimated from the acceleration
-that gravity causes: gravity's part of the need depends on the lean alone,
-
-    z = A^-T r_b E^T M_vv (-Lambda g)          (`ballbot.mechanics.contact_momentum`)
-
-Its noise is that of another sensor, so that k = (z . u) / (z . n), both without the part that follows the wheel's
-friction, has no such bias (an instrumental variable). It is 0.95 to 1.1 on logs with enough motion.
+How large the torques are: `ballbot.log.checks.torque_gains`.
 """
 
 from __future__ import annotations
@@ -40,7 +33,6 @@ from ballbot.log.checks.lean import (
     as_plane,
     block_sums,
     clarity,
-    unexplained,
 )
 from ballbot.log.columns import torque_names, wheel_speed_names
 from ballbot.log.log import Log
@@ -53,28 +45,17 @@ from ballbot.robot import Robot
 CLEAR_GAIN, CLEARLY_BETTER = 0.2, 3.0
 #: assignments whose explained fraction is within this of the best's are indistinguishable
 AS_GOOD = 0.03
-#: fraction of the torques that must be explained to conclude a scale, and an order or sign
-EXPLAINED, EXPLAINED_FOR_ORDER = 0.3, 0.45
+#: fraction of the torques that must be explained to conclude an order or sign
+EXPLAINED = 0.45
 #: explained fraction below which torques are unrelated to the motion
 UNRELATED = 0.15
-#: scale k that is an error, and one that is a warning; the larger the bracket (k by regression of need on torque over k
-#: by regression of torque on need) the farther from one, as sticking wheels' friction follows the need
-TOO_LARGE, LARGE, BRACKET_POWER = 1.25, 1.15, 0.75
-#: a scale too large must be this many times larger if less than this fraction of the torques is explained: friction
-#: that is fed forward, or that sticks, then follows the need
-UNCLEAR_FRACTION, UNCLEAR_FACTOR = 0.8, 1.3
-#: too small by the second regression, or by the first if the bracket is narrow
-TOO_SMALL, TOO_SMALL_IF_NARROW, NARROW = 0.77, 0.62, 1.7
-#: least scale of the first kind for the conclusion of an order or sign, and the widest bracket
-LEAST_SCALE, WIDEST = 0.4, 4.5
 #: a column is dead if its variance is below this fraction of the largest one
 DEAD = 1e-8
-SURE = 3.0
 #: speed at which the sign of a wheel's dry friction is nearly certain, and above which it is certain [rad/s]
 SIGN, TURNING = 0.1, 0.3
 #: exponent of the weight of rows by the fraction of the filter's time in which the wheel turned for certain
-TURNED_POWER = 12
-#: a scale needs this much of such turning, of all wheels together [s]
+TURNED_POWER = 4
+#: an order or sign needs this much of such turning, of all wheels together [s]
 LEAST_TURNING = 5.0
 #: speed at which the falling part of friction has fallen to 37 % [rad/s]
 FALLING = 0.6
@@ -135,9 +116,7 @@ class TorqueEvidence:
     as_logged: float  #: fraction that the columns as logged explain
     clearness: float  #: advantage of the best over the columns as logged, in standard errors
     differing: float  #: mean fraction gained on the torques that the best assigns differently
-    scale: tuple[float, float]  #: k by regression of torque on need, and of need on torque
-    scale_error: float  #: standard error of the first
-    turning: float  #: fraction of time in which wheels turned for certain
+    turned: float  #: time in which wheels turned for certain, of all together [s]
 
 
 def driving_of(log: Log, rows: Rows, motion: Motion, robot: Robot) -> Driving | None:
@@ -178,26 +157,26 @@ def torque_evidence(driving: Driving) -> TorqueEvidence:
     chosen = good[0]
     other = [j for j in range(n) if (chosen.wheels[j], chosen.signs[j]) != (j, 1)]
     gain = np.array([left[j, j, 0] - left[j, chosen.wheels[j], _place(chosen.signs[j])] for j in other])
-    scale, error = _scale(driving, chosen)
     return TorqueEvidence(
         assignments=tuple(good),
         explained=scores[chosen],
         as_logged=scores[own],
         clearness=clarity(_bounded(left, chosen, other)) if other else 0.0,
         differing=float(gain.sum(axis=1).mean()) if other else 0.0,
-        scale=scale,
-        scale_error=error,
-        turning=float(driving.turning.mean()),
+        turned=EVERY * INTERVAL * float(np.sum(driving.turning**TURNED_POWER)),
     )
 
 
 def torque_findings(found: TorqueEvidence, *, names: tuple[str, ...]) -> list[Finding]:
-    """Return findings on the torques: order, sign, scale, or that they are unrelated to the motion."""
+    """Return findings on the torques: order, sign, or that they are unrelated to the motion."""
     where = Place(columns=names)
-    best, (forward, reverse) = found.assignments[0], found.scale
-    coherent = forward > LEAST_SCALE and 0.0 < reverse < WIDEST * forward
     clear = found.differing > CLEAR_GAIN and found.clearness > CLEARLY_BETTER
-    if best.changes and clear and coherent and found.explained > EXPLAINED_FOR_ORDER:
+    if (
+        found.assignments[0].changes
+        and clear
+        and found.turned > LEAST_TURNING
+        and found.explained > EXPLAINED
+    ):
         return [_misplaced(found, where)]
     if found.as_logged < UNRELATED:
         sentence = (
@@ -206,7 +185,7 @@ def torque_findings(found: TorqueEvidence, *, names: tuple[str, ...]) -> list[Fi
             "or signs fit. They are from another log, shifted in time, or not the torques of the motors."
         )
         return [Finding(code="torque-unrelated", severity="error", text=sentence, where=where)]
-    return _scale_findings(found, where) if found.explained > EXPLAINED else []
+    return []
 
 
 def _misplaced(found: TorqueEvidence, where: Place) -> Finding:
@@ -223,25 +202,6 @@ def _misplaced(found: TorqueEvidence, where: Place) -> Finding:
     return Finding(code="torque-order", severity="error", text=sentence, where=where)
 
 
-def _scale_findings(found: TorqueEvidence, where: Place) -> list[Finding]:
-    forward, reverse = found.scale
-    margin, bracket = SURE * found.scale_error, reverse / forward if forward > 0.0 else float("inf")
-    small = reverse + margin < TOO_SMALL or (bracket < NARROW and forward + margin < TOO_SMALL_IF_NARROW)
-    widened = bracket**BRACKET_POWER * (UNCLEAR_FACTOR if found.explained < UNCLEAR_FRACTION else 1.0)
-    large = forward - margin > LARGE * widened
-    if not small and not large:
-        return []
-    error = small or forward - margin > TOO_LARGE * widened
-    sentence = (
-        f"The torques are {(forward if large else reverse):.2g} times as large as the motion of this robot "
-        "needs: u1, u2 .. are scaled (torque constant, gear ratio, current or per-unit values in "
-        f"place of N m), or the robot is {('heavier' if large else 'lighter')} than in the robot file."
-    )
-    return [
-        Finding(code="torque-scale", severity="error" if error else "warning", text=sentence, where=where)
-    ]
-
-
 def _needed(motion: Motion, robot: Robot) -> NDArray[np.float64]:
     """Return tau (N, 3) [N m], about the heading frame's axes, that the motion needs between ball and wheels."""
     M, r_b = Model(robot).mass_matrix(np.zeros(5)), robot.ball.radius
@@ -256,18 +216,26 @@ def _needed(motion: Motion, robot: Robot) -> NDArray[np.float64]:
 
 
 def smoothed_wheel_speeds(log: Log, robot: Robot) -> NDArray[np.float64]:
-    """Return each wheel's speed (len(log), n) [rad/s], smoothed; by the states if not logged."""
+    """Return each wheel's speed (len(log), n) [rad/s], smoothed; by the states where it is not logged.
+
+    It is missing in rows that lack the states as well.
+    """
     from ballbot.log.checks.kinematics import wheel_speeds_of_states
 
     names = wheel_speed_names(robot.wheel_count)
-    if set(names) <= set(log.names) and all(np.isfinite(log[name]).all() for name in names):
-        speeds = np.column_stack([log[name] for name in names])
-    else:
+    logged = set(names) <= set(log.names)
+    speeds = np.column_stack([log[name] if logged else np.full(len(log), np.nan) for name in names])
+    if not np.isfinite(speeds).all():
         rates = ("x_dot", "y_dot", "theta_dot", "phi_dot", "psi_dot")
         zero = np.zeros(len(log))
         state = [zero, zero, *(log[name] for name in ("theta", "phi", "psi", *rates))]
-        speeds = wheel_speeds_of_states(np.column_stack(state), robot)
-    return local_fit(log.t, speeds, rows=max(2, round(0.015 / log.sample_time)))[0]
+        by_states = wheel_speeds_of_states(np.column_stack(state), robot)
+        speeds = np.where(np.isfinite(speeds), speeds, by_states)
+    known = np.isfinite(speeds).all(axis=1)
+    rows = max(2, round(0.015 / log.sample_time))
+    smooth = np.full_like(speeds, np.nan)
+    smooth[known] = local_fit(log.t[known], speeds[known], rows=rows)[0]
+    return smooth
 
 
 def _left_unexplained(driving: Driving) -> NDArray[np.float64]:
@@ -319,145 +287,6 @@ def _bounded(left: NDArray[np.float64], one: Assignment, torques: list[int]) -> 
     own = sum(left[j, j, 0] for j in torques)
     best = sum(left[j, one.wheels[j], _place(one.signs[j])] for j in torques)
     return np.asarray((own - best) / np.maximum(own + best, 1e-30))
-
-
-def enough_turning(driving: Driving) -> bool:
-    """Return whether the wheels turn for certain long enough to estimate the torques' scale."""
-    return EVERY * INTERVAL * float(np.sum(driving.turning**TURNED_POWER)) >= LEAST_TURNING
-
-
-def _scale(driving: Driving, one: Assignment) -> tuple[tuple[float, float], float]:
-    """Return k by regression of torque on need, and of need on torque, and the first's standard error.
-
-    Rows are weighted by the fraction of time in which the wheel turned for certain: the friction of a sticking wheel is
-    unknown.
-    """
-    xx, xy, yy = (np.zeros(int(driving.block[-1]) + 1) for _ in range(3))
-    for j, (i, sign) in enumerate(zip(one.wheels, one.signs, strict=True)):
-        weight = driving.turning[:, i] ** TURNED_POWER
-        columns = np.column_stack([driving.friction[:, i], np.ones(len(weight))]) * weight[:, None]
-        x = unexplained(columns, driving.needed[:, i] * weight)
-        y = unexplained(columns, sign * driving.torque[:, j] * weight)
-        for sums, product in ((xx, x * x), (xy, x * y), (yy, y * y)):
-            sums += block_sums(product, driving.block)
-    if not enough_turning(driving) or not (xx.sum() > 0.0 and yy.sum() > 0.0 and xy.sum() > 0.0):
-        return (0.0, float("inf")), float("inf")
-    k = xy.sum() / xx.sum()
-    error = float(np.sqrt(np.sum((xy - k * xx) ** 2)) / xx.sum())
-    return (float(k), float(yy.sum() / xy.sum())), error
-
-
-GAIN_SURE = 3.0
-#: standard error above which nothing is concluded, relative to the factor; for one torque, relative to the larger of
-#: its own and the others' median
-KNOWN = 0.08
-#: seconds of motion above which one torque is checked by itself: of 42 intervals of 12 s of correct logs of the twin
-#: one still gets the error, of 14 and 16 s none
-LEAST_SECONDS = 14
-#: factor of all torques that is an error; sticking friction follows the need and adds up to a half to it
-GAIN_TOO_LARGE = 1.55
-#: one torque's factor over the others' median that is an error
-ONE_TOO_LARGE, ONE_TOO_SMALL = 1.55, 0.62
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Gains:
-    """Factors of the torques relative to those that the motion needs."""
-
-    all: float
-    all_error: float  #: standard error
-    each: NDArray[np.float64]  #: (n,)
-    each_error: NDArray[np.float64]  #: (n,) standard errors
-    #: (n, 2) smallest and largest factor with any one second excluded: one reversal can dominate, and then the standard
-    #: error is too small
-    each_without_one: NDArray[np.float64]
-    seconds: int  #: of motion
-
-    @property
-    def known(self) -> bool:
-        """Whether the log determines them."""
-        return bool(np.isfinite(self.each).all()) and self.all_error < KNOWN * self.all
-
-
-def torque_gains(driving: Driving, motion: Motion, robot: Robot) -> Gains | None:
-    """Return the factors of a log's torques; None if its wheels turn too little."""
-    if not enough_turning(driving):
-        return None
-    pulled = gravity_need(motion, robot)
-    of_need, of_torque = [], []
-    for i in range(driving.torque.shape[1]):
-        weight = driving.turning[:, i] ** TURNED_POWER
-        columns = np.column_stack([driving.friction[:, i], np.ones(len(weight))]) * weight[:, None]
-        z, n, u = (
-            unexplained(columns, signal[:, i] * weight) for signal in (pulled, driving.needed, driving.torque)
-        )
-        of_need.append(block_sums(z * n, driving.block))
-        of_torque.append(block_sums(z * u, driving.block))
-    pairs = list(zip(of_need, of_torque, strict=True))
-    factors = [_factor(zn, zu) for zn, zu in pairs]
-    together, error = _factor(np.sum(of_need, axis=0), np.sum(of_torque, axis=0))
-    return Gains(
-        all=together,
-        all_error=error,
-        each=np.array([factor for factor, _ in factors]),
-        each_error=np.array([one for _, one in factors]),
-        each_without_one=np.array([_without_one(zn, zu) for zn, zu in pairs]),
-        seconds=len(of_need[0]),
-    )
-
-
-def gain_findings(found: Gains, torque: TorqueEvidence, *, names: tuple[str, ...]) -> list[Finding]:
-    """Return the error of one torque that is scaled unlike the others, or of all that are too large."""
-    if not found.known:
-        return []
-    # with four wheels, the needed torques are not unique
-    if len(names) == 3 and found.seconds >= LEAST_SECONDS:
-        for j in range(len(names)):
-            if findings := _one_unlike_the_others(found, j, names[j]):
-                return findings
-    too_large = GAIN_TOO_LARGE * (UNCLEAR_FACTOR if torque.explained < UNCLEAR_FRACTION else 1.0)
-    if found.all - GAIN_SURE * found.all_error > too_large:
-        sentence = (
-            f"The torques are {found.all:.2g} times as large as the motion of this robot needs: "
-            f"{names[0]}, {names[1]} .. are scaled (torque constant, gear ratio, current or "
-            "per-unit values in place of N m), or the robot is heavier than in the robot file."
-        )
-        return [Finding(code="torque-scale", severity="error", text=sentence, where=Place(columns=names))]
-    return []
-
-
-def _one_unlike_the_others(found: Gains, j: int, name: str) -> list[Finding]:
-    factor, error, rest = found.each[j], found.each_error[j], np.delete(found.each, j)
-    others = float(np.median(rest))
-    if rest.min() <= 0.0 or not error < KNOWN * max(factor, others):
-        return []
-    least, most = found.each_without_one[j]
-    too_large = min(factor - GAIN_SURE * error, least) > ONE_TOO_LARGE * others
-    too_small = max(factor + GAIN_SURE * error, most) < ONE_TOO_SMALL * others
-    if not (too_large or too_small):
-        return []
-    sentence = (
-        f"{name} is {factor / others:.2g} times as large as the other torques, relative to the torque that "
-        "the motion of its wheel needs: its torque constant, gear ratio or unit differs, or "
-        "its motor gives less than the command. Correct the scale of the column in a mapping."
-    )
-    return [Finding(code="torque-scale", severity="error", text=sentence, where=Place(columns=(name,)))]
-
-
-def _factor(zn: NDArray[np.float64], zu: NDArray[np.float64]) -> tuple[float, float]:
-    """Return (z . u) / (z . n) and its standard error, by blocks; infinite if undetermined."""
-    total = float(np.sum(zn))
-    if total == 0.0:
-        return float("inf"), float("inf")
-    k = float(np.sum(zu)) / total
-    return k, float(np.sqrt(np.sum((zu - k * zn) ** 2)) / abs(total))
-
-
-def _without_one(zn: NDArray[np.float64], zu: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the smallest and the largest (z . u) / (z . n) with one block excluded."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        factors = (zu.sum() - zu) / (zn.sum() - zn)
-    return float(factors.min()), float(factors.max())
 
 
 def gravity_need(motion: Motion, robot: Robot) -> NDArray[np.float64]:

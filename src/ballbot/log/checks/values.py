@@ -35,8 +35,6 @@ from ballbot.summary import counted
 
 #: a spike differs by so many times the range of the others, without this fraction of them at either end
 _FAR, _ENDS = 5.0, 0.005
-#: a wrapped heading jumps by a turn
-_HEADING, _TURN = "psi", 2.0 * math.pi
 #: accelerometers measure shocks, and references may jump
 _NOT_EXAMINED = ("ref_", "acc_", TRUE_PREFIX)
 #: references and true states, which no sensor measures
@@ -47,23 +45,14 @@ _REFERENCES = {"ref_x": " of x", "ref_y": " of y", "ref_psi": " of the heading"}
 _LEAST_ROWS = 50
 
 
-def spikes(values: NDArray[np.float64], *, heading: bool = False) -> NDArray[np.bool_]:
-    """Return which rows of a signal (N,) are spikes; the first and the last, and missing values, never are.
-
-    Parameters
-    ----------
-    values : ndarray (N,)
-    heading : bool
-        Whether it is an angle that may jump by a turn.
-    """
+def spikes(values: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which rows of a signal (N,) are spikes; the first and the last, and missing values, never are."""
     found = np.zeros(len(values), dtype=bool)
     rows = np.flatnonzero(np.isfinite(values))
     if rows.size < _LEAST_ROWS:
         return found
     known = values[rows]
     steps = np.diff(known)
-    if heading:
-        steps = np.where(np.abs(steps) > 0.5 * _TURN, steps - np.sign(steps) * _TURN, steps)
     there, back = steps[:-1], -steps[1:]
     off = np.where(there * np.sign(back) > 0.0, np.minimum(np.abs(there), np.abs(back)), 0.0)
     excluded = math.ceil(_ENDS * known.size)
@@ -75,14 +64,14 @@ def spikes(values: NDArray[np.float64], *, heading: bool = False) -> NDArray[np.
 
 def spiked_rows(log: Log, names: Sequence[str]) -> NDArray[np.bool_]:
     """Return which rows of a log (N,) have a spike in one of these columns."""
-    return np.any([spikes(log[name], heading=name == _HEADING) for name in names], axis=0)
+    return np.any([spikes(log[name]) for name in names], axis=0)
 
 
 def check_spikes(log: Log) -> list[Finding]:
     """Return a warning for each column with spikes."""
     findings = []
     for name in _examined(log):
-        rows = np.flatnonzero(spikes(log[name], heading=name == _HEADING))
+        rows = np.flatnonzero(spikes(log[name]))
         if not rows.size:
             continue
         time = float(log.t[rows[0]])
@@ -280,11 +269,9 @@ def check_lean(log: Log) -> list[Finding]:
 
 
 def check_wrap(log: Log) -> list[Finding]:
-    """Return a warning for each angle that jumps by a turn from one row to the next."""
+    """Return a warning for each wheel's angle that jumps by a turn from one row to the next."""
     findings = []
-    for name in ("psi", *_numbered(log, prefix="wheel")):
-        if name not in log:
-            continue
+    for name in _numbered(log, prefix="wheel"):
         jumps = np.abs(np.diff(log[name]))
         wraps = np.flatnonzero(np.abs(jumps - 2.0 * np.pi) < 0.5)
         if wraps.size:
@@ -381,10 +368,8 @@ def _jumped(log: Log, name: str) -> NDArray[np.bool_]:
     """Return after which rows (N-1,) the column jumps."""
     values, rate, intervals = log[name], log[f"{name}_dot"], np.diff(log.t)
     change = np.diff(values) - 0.5 * (rate[1:] + rate[:-1]) * intervals
-    if name == "psi":  # a wrapped heading is another finding
-        change -= 2.0 * np.pi * np.round(change / (2.0 * np.pi))
     change = np.abs(np.nan_to_num(change))
-    spiked = spikes(values, heading=name == "psi")
+    spiked = spikes(values)
     usual = float(np.median(change))
     # across a gap, any change up to the largest rate is possible
     gap = np.where(intervals > 1.5 * log.sample_time, 2.0 * np.nanmax(np.abs(rate)) * intervals, 0.0)

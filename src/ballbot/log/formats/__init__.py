@@ -16,7 +16,7 @@ messages  topics with times of their own as one table, for the last three
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,11 +27,19 @@ from numpy.typing import NDArray
 from ballbot.arrays import check_table
 from ballbot.errors import InputError, either, nearest, suggest
 from ballbot.files import check_regular
-from ballbot.log.columns import KNOWN_NAMES, Columns, check_column_names, mark_missing
+from ballbot.log.columns import (
+    KNOWN_NAMES,
+    Columns,
+    check_column_names,
+    has_native_names,
+    mark_missing,
+    native_columns,
+)
 from ballbot.log.formats.bag import is_bag_folder, read_bag_folder
 from ballbot.log.formats.inference import (
     ForeignTable,
     infer_text_table,
+    own_layout_below,
     read_text_units,
     read_text_variables,
 )
@@ -50,6 +58,7 @@ from ballbot.log.formats.text import (
     read_text_table,
     write_text_table,
 )
+from ballbot.log.row_order import rows_with_times
 from ballbot.printable import shell_line
 
 
@@ -133,11 +142,17 @@ def is_foreign(path: str | Path) -> bool:
     one = _format_of(path)
     if one is None or one.is_text:
         header = read_text_header(path)
-        return bool(header) and not _own(header)
-    return not _own(_read(one, path))
+        return not has_native_names(header) and own_layout_below(path) is None
+    return not has_native_names(_read(one, path))
 
 
-def read_columns(path: str | Path, layout: TextLayout | None = None) -> Columns:
+def read_columns(
+    path: str | Path,
+    layout: TextLayout | None = None,
+    *,
+    used: Collection[str] | None = None,
+    notes: list[str] | None = None,
+) -> Columns:
     """Read a log's columns (N,) by name.
 
     Parameters
@@ -146,6 +161,10 @@ def read_columns(path: str | Path, layout: TextLayout | None = None) -> Columns:
         A file of one of the `FORMATS`.
     layout : TextLayout, optional
         How a table of text is laid out; as its header shows if it is not given.
+    used : collection of str, optional
+        The columns that must consist of numbers, see `read_text_table`; Ballbot's own without a layout.
+    notes : list of str, optional
+        Sentences on what is left out are added to it.
 
     Returns
     -------
@@ -159,8 +178,29 @@ def read_columns(path: str | Path, layout: TextLayout | None = None) -> Columns:
     """
     one = _known_format(path)
     if one.is_text:
-        return read_text_table(path, layout or own_layout(path))
-    return _table(one, Path(path))
+        if layout is None:
+            names = read_text_header(path)
+            layout = (
+                own_layout(path) if has_native_names(names) else own_layout_below(path) or own_layout(path)
+            )
+            used = {*KNOWN_NAMES, *native_columns(layout.names or names)}
+            return _native(read_text_table(path, layout, used=used, notes=notes), notes)
+        return read_text_table(path, layout, used=used, notes=notes)
+    columns = _table(one, Path(path))
+    return _native(columns, notes) if layout is None else columns
+
+
+def _native(columns: Columns, notes: list[str] | None) -> Columns:
+    """Return columns by Ballbot's names and in its units, without rows that are none; see `rows_with_times`."""
+    notes = [] if notes is None else notes
+    own = native_columns(columns)
+    for name, (bare, factor, unit) in own.items():
+        converted = f", and converted from {unit}" if factor != 1.0 else ""
+        notes.append(f"{name} is read as {bare}{converted}.")
+    columns = {own[name][0] if name in own else name: values for name, values in columns.items()} | {
+        bare: columns[name] * factor for name, (bare, factor, _) in own.items()
+    }
+    return rows_with_times(columns, "t", notes) if "t" in columns else columns
 
 
 def read_variables(path: str | Path) -> Columns:
@@ -182,7 +222,8 @@ def read_foreign_table(path: str | Path, *, names: Sequence[str] | None = None) 
         If the file cannot be read or has no table of numbers.
     """
     one = _format_of(path)
-    _check_unpacked(Path(path))
+    if one is None:
+        _check_unpacked(Path(path))
     if one is None or one.is_text:
         return infer_text_table(path, given_names=names)
     columns = _table(one, Path(path))
@@ -254,15 +295,26 @@ def _known_format(path: str | Path) -> LogFormat:
     one = _format_of(path)
     if one is not None:
         return one
-    check_regular(path)
     _check_unpacked(path)
     near = nearest(path.suffix.lower(), _suffixes())
     hint = f"did you mean {near[0]}? Its name must end" if near else "give a file that ends"
     raise InputError(f"{path} is not a log that Ballbot reads; {hint} in {either(_suffixes())}.")
 
 
+#: what a ROS 1 bag begins with
+_ROS_1 = b"#ROSBAG V"
+
+
 def _check_unpacked(path: Path) -> None:
-    """Raise InputError if the suffix of a file is that of a compressed one."""
+    """Raise InputError if the suffix of a file is that of a compressed one, or it is a ROS 1 bag."""
+    check_regular(path)
+    with path.open("rb") as stream:
+        if stream.read(len(_ROS_1)) == _ROS_1:
+            converting = shell_line(["rosbags-convert", "--src", path, "--dst", path.with_suffix("")])
+            raise InputError(
+                f"{path} is a ROS 1 bag; convert it to a ROS 2 bag, which Ballbot reads: pip install rosbags, then "
+                f"`{converting}`."
+            )
     command = _COMPRESSED.get(path.suffix.lower())
     if command:
         raise InputError(f"{path} is compressed; unpack it first, as with `{shell_line([*command, path])}`.")
@@ -297,10 +349,3 @@ def _table(one: LogFormat, path: Path) -> Columns:
     columns = {name: values for name, values in variables.items() if len(values) == length}
     check_table(length, len(columns), source=str(path))
     return columns
-
-
-def _own(names: Iterable[str]) -> bool:
-    """Return whether these are Ballbot's names: a foreign log may have t and a few others by chance."""
-    others = set(names) - {"t"}
-    known = len(others & set(KNOWN_NAMES))
-    return "t" in names and known > len(others) - known

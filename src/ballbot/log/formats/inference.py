@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ballbot.arrays import check_table
 from ballbot.errors import InputError
 from ballbot.files import decode_text, read_bytes
+from ballbot.log.columns import has_native_names
 from ballbot.log.formats.serial import plain
 from ballbot.log.formats.text import (
     TextLayout,
@@ -25,6 +26,7 @@ from ballbot.log.formats.text import (
     is_number,
     read_text_table,
     seconds_of,
+    split_cells,
     text_start,
 )
 from ballbot.summary import counted
@@ -70,15 +72,7 @@ def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = No
     lines = text.lines
     separator, decimal_comma = _likely_separator(lines)
     mark = _SEPARATORS[separator]
-    if decimal_comma:
-        # the header's commas stay: its names are no numbers
-        pointed = [line.replace(",", ".") for line in lines]
-        lines = [
-            p if all(_number_like(cell) for cell in _ragged_cells(p, mark)) else line
-            for p, line in zip(pointed, lines, strict=True)
-        ]
-    cells = [_ragged_cells(line, mark) for line in lines]
-    numeric = [bool(row) and all(_number_like(cell) for cell in row) for row in cells]
+    cells, numeric, words = _rows_of_numbers(lines, mark, decimal_comma)
     if not any(numeric):
         raise InputError(f"{path} contains no table: none of its lines consists only of numbers.")
     if sum(numeric) == 1:
@@ -96,7 +90,9 @@ def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = No
         raise InputError(
             f"{path} has {width} columns, but {len(names)} names were given: {', '.join(names)}."
         )
-    marks = sorted({cell for row in cells for cell in row if cell.lower() in _NOT_A_NUMBER and cell})
+    marks = sorted(
+        {c for row in cells for i, c in enumerate(row) if c.lower() in _NOT_A_NUMBER and c and i not in words}
+    )
     damaged = sum(
         1
         for row, good in zip(cells[first:], numeric[first:], strict=True)
@@ -120,7 +116,7 @@ def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = No
     return ForeignTable(
         layout=layout,
         separator=separator,
-        columns=read_text_table(path, layout),
+        columns=read_text_table(path, layout, notes=notes),
         named=given_names is not None or any(head),
         notes=tuple(notes),
         units=units,
@@ -133,6 +129,12 @@ def read_text_variables(path: str | Path) -> dict[str, NDArray[np.float64]]:
     Unlike those of `infer_text_table`, every row below the header must be whole.
     """
     return read_text_table(path, _head_of(path).layout, mapped=False)
+
+
+def own_layout_below(path: str | Path) -> TextLayout | None:
+    """Return the layout of a table with Ballbot's names whose header is below other lines, or has units; else None."""
+    layout = _head_of(path).layout
+    return layout if has_native_names(layout.names or ()) else None
 
 
 def read_text_units(path: str | Path) -> dict[str, str]:
@@ -154,9 +156,7 @@ def _head_of(path: str | Path) -> _Head:
     layout = TextLayout(
         separator=_SEPARATORS[separator], decimal_comma=decimal_comma, missing=_MARKS_OF_MISSING
     )
-    cells = [_ragged_cells(line, layout.separator) for line in lines]
-    values = [[cell.replace(",", ".") for cell in row] for row in cells] if decimal_comma else cells
-    numeric = [bool(row) and all(_number_like(cell) for cell in row) for row in values]
+    cells, numeric, _ = _rows_of_numbers(lines, layout.separator, decimal_comma)
     first = _first_row(cells, numeric) if any(numeric) else 0
     width, quoted = len(cells[first]), lines[first].lstrip().startswith('"')
     named = _line_of_names(cells[:first], width, quoted=quoted)
@@ -183,22 +183,51 @@ def _likely_separator(lines: list[str]) -> tuple[str, bool]:
     looked_at = [line for line in lines if line.strip()][: 2 * _EXAMINED][-_EXAMINED:]
 
     def rows(mark: str | None, decimal_comma: bool) -> tuple[int, int]:
-        pointed = [line.replace(",", ".") for line in looked_at] if decimal_comma else looked_at
-        found = [[_number_like(cell) for cell in _ragged_cells(line, mark)] for line in pointed]
+        cells, _, _ = _rows_of_numbers(looked_at, mark, decimal_comma)
+        numbers = [[_number_like(cell) for cell in row] for row in cells]
         # the cells decide where a column of words spoils every row
-        return sum(len(row) > 1 and all(row) for row in found), sum(map(sum, found))
+        return sum(len(row) > 1 and all(row) for row in numbers), sum(map(sum, numbers))
 
-    choices = [(word, False) for word in _SEPARATORS]
-    choices += [(word, True) for word in _SEPARATORS if word != "comma"]
+    choices = [(word, decimal_comma) for decimal_comma in (False, True) for word in _SEPARATORS]
     return max(choices, key=lambda choice: rows(_SEPARATORS[choice[0]], choice[1]))
 
 
-def _ragged_cells(line: str, mark: str | None) -> list[str]:
-    if not line.strip():
-        return []
-    # a tab that separates is no blank: a line may begin with an empty cell
-    cells = [cell.strip().strip('"').strip() for cell in line.strip("" if mark == "\t" else None).split(mark)]
-    return cells[:-1] if mark and cells[-1] == "" else cells  # a separator at the line's end
+#: a column is one of words if fewer of its cells are numbers
+_NUMBERS = 0.5
+
+
+def _rows_of_numbers(
+    lines: Sequence[str], mark: str | None, decimal_comma: bool
+) -> tuple[list[list[str]], list[bool], set[int]]:
+    """Return the cells of lines, which lines are rows of numbers, and the columns of words that such rows may have."""
+    cells = [split_cells(line, mark) if line.strip() else [] for line in lines]
+    if decimal_comma:
+        cells = [[_pointed(cell) for cell in row] for row in cells]
+    numbers = [[_number_like(cell) for cell in row] for row in cells]
+    numeric = [bool(row) and all(row) for row in numbers]
+    words: set[int] = set()
+    if mark is not None and sum(numeric) < _NUMBERS * sum(map(bool, cells)):
+        widths = Counter(len(row) for row in numbers if sum(row) > 1)
+        width = max(widths, key=lambda count: widths[count], default=0)
+        wide = [row for row in numbers if len(row) == width and sum(row) > 1]
+        words = {i for i in range(width) if sum(row[i] for row in wide) < _NUMBERS * len(wide)}
+        numeric = [
+            good
+            or (len(row) == width and sum(row) > 1 and all(n for i, n in enumerate(row) if i not in words))
+            for row, good in zip(numbers, numeric, strict=True)
+        ]
+    widest = max((len(row) for row, good in zip(cells, numeric, strict=True) if good), default=0)
+    rows = [row for row, good in zip(cells, numeric, strict=True) if good and len(row) == widest]
+    if mark is not None and widest > 1 and all(row[-1] == "" for row in rows):
+        # a separator at the end of lines
+        cells = [row[:-1] if len(row) == widest and row[-1] == "" else row for row in cells]
+    return cells, numeric, words
+
+
+def _pointed(cell: str) -> str:
+    """Return a cell with a decimal point, if it is a number with a decimal comma."""
+    pointed = cell.replace(",", ".")
+    return pointed if _number_like(pointed) else cell
 
 
 def _number_like(cell: str) -> bool:

@@ -242,8 +242,9 @@ def write_ros_bag(path: str | Path, columns: Mapping[str, NDArray[np.float64]]) 
                         connection, kind = topics[topic]
                         writer.write(connection, stamp, store.serialize_cdr(makers[topic](row), kind))
             content = next(Path(folder).glob("bag/*.db3")).read_bytes()
-    except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror or error}.") from None
+    except (OSError, sqlite3.Error) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{path} cannot be written: {reason}.") from None
     write_bytes(path, content)
 
 

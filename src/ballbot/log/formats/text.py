@@ -1,8 +1,8 @@
 """Tables of numbers as text: CSV, the separated files that other people's robots write, and tables of unknown layout.
 
 A well-formed file is read by NumPy's compiled parser. If that fails, the rows are read one at a time, which allows
-missing values and dates with times, and gives messages the line. `inference` finds the layout of tables that do not
-have Ballbot's own.
+missing values and dates with times, leaves columns of words out, and gives messages the line. `inference` finds the
+layout of tables that do not have Ballbot's own.
 
 Ballbot's own CSV has commas between its cells and a decimal point, or semicolons and a decimal comma, as spreadsheets
 write it in many countries. The header shows which: it has the column t.
@@ -14,7 +14,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -35,7 +35,9 @@ class TextLayout:
     """How a text file lays out its table. The defaults are Ballbot's own CSV."""
 
     separator: str | None = ","  #: between cells; None is any run of blanks
-    decimal_comma: bool = False  #: whether 0,5 is a half; the separator is then no comma
+    decimal_comma: bool = (
+        False  #: whether 0,5 is a half; if the separator is a comma, the cells are in quotes
+    )
     missing: tuple[str, ...] = ()  #: marks of a missing value, beside an empty cell and "nan"
     header_lines: int = 1  #: lines before the first row, the last of them with the columns' names
     names: tuple[str, ...] | None = None  #: the columns' names if the header has none or wrong ones
@@ -84,11 +86,16 @@ def text_start(path: str | Path) -> str:
 
 
 def _own_layout(header: str) -> TextLayout:
-    return next((one for one in _OWN_LAYOUTS if "t" in _cells(header, one.separator)), OWN_LAYOUT)
+    return next((one for one in _OWN_LAYOUTS if "t" in split_cells(header, one.separator)), OWN_LAYOUT)
 
 
 def read_text_table(
-    path: str | Path, layout: TextLayout = OWN_LAYOUT, *, mapped: bool = True
+    path: str | Path,
+    layout: TextLayout = OWN_LAYOUT,
+    *,
+    mapped: bool = True,
+    used: Collection[str] | None = None,
+    notes: list[str] | None = None,
 ) -> dict[str, NDArray[np.float64]]:
     """Read a table of numbers.
 
@@ -100,6 +107,11 @@ def read_text_table(
         How it is laid out.
     mapped : bool
         Whether the command takes a mapping file, which messages then name as a remedy.
+    used : collection of str, optional
+        The columns that must consist of numbers. Others are left out if they do not; if not given, so are those of
+        which most cells are words.
+    notes : list of str, optional
+        Sentences on what is left out are added to it.
 
     Returns
     -------
@@ -118,7 +130,9 @@ def read_text_table(
     body = _with_points(path, body, layout, inferred=not mapped)
     table = _parse_fast(body, names, layout)
     if table is None:
-        table = _parse_by_line(path, body, names, layout, mapped=mapped)
+        names, table = _Rows(
+            path=path, names=names, layout=layout, mapped=mapped, used=used, notes=notes
+        ).parsed(body)
     if layout.rows is not None:
         table = table[layout.rows[0] - 1 : layout.rows[1]]
     if not len(table):
@@ -193,7 +207,7 @@ def _names(path: str | Path, lines: list[str], layout: TextLayout, *, mapped: bo
 
 def _header_names(header: str, separator: str | None) -> list[str]:
     """Return the names in a header, which may end with a separator."""
-    names = _cells(header, separator)
+    names = split_cells(header, separator)
     return names[:-1] if len(names) > 1 and not names[-1] else names
 
 
@@ -204,7 +218,7 @@ def _without_last_separators(lines: list[str], width: int, separator: str | None
     ended = [line.rstrip(" \r") for line in lines]
     return [
         cut[: -len(separator)]
-        if cut.endswith(separator) and len(_cells(line, separator)) == width + 1
+        if cut.endswith(separator) and len(split_cells(line, separator)) == width + 1
         else line
         for line, cut in zip(lines, ended, strict=True)
     ]
@@ -213,6 +227,8 @@ def _without_last_separators(lines: list[str], width: int, separator: str | None
 def check_names(path: str | Path, number: int, names: list[str]) -> None:
     """Raise InputError if the cells of a line cannot be the columns' names."""
     check_table(0, len(names), source=str(path))
+    if not names:
+        raise InputError(f"{path}, line {number}: a cell has more than {csv.field_size_limit()} characters.")
     check_column_names(names, source=f"{path}, line {number}")
     if all(is_number(name) for name in names):
         raise InputError(
@@ -233,7 +249,7 @@ def check_names(path: str | Path, number: int, names: list[str]) -> None:
 
 def _with_points(path: str | Path, lines: list[str], layout: TextLayout, *, inferred: bool) -> list[str]:
     """Return lines with decimal points; of a layout with decimal commas that the file shows, all or none may be."""
-    if not layout.decimal_comma:
+    if not layout.decimal_comma or layout.separator == ",":
         return lines
     commas = next((k for k, line in enumerate(lines) if "," in line), None)
     if commas is not None and (inferred or layout in _OWN_LAYOUTS):
@@ -250,9 +266,9 @@ def _parse_fast(body: list[str], names: list[str], layout: TextLayout) -> NDArra
     """Return the table if NumPy's parser can read it, else None."""
     first = next((line for line in body if line.strip()), None)
     # a row of another width may be millions of cells wide
-    if first is None or len(_cells(first, layout.separator)) != len(names):
+    if first is None or len(split_cells(first, layout.separator)) != len(names):
         return None
-    if any(is_number(mark) for mark in layout.missing):
+    if any(is_number(mark) for mark in layout.missing) or (layout.decimal_comma and layout.separator == ","):
         return None
     try:
         table = np.loadtxt(body, delimiter=layout.separator, comments=None, quotechar='"', ndmin=2)
@@ -261,52 +277,108 @@ def _parse_fast(body: list[str], names: list[str], layout: TextLayout) -> NDArra
     return table if table.shape[1] == len(names) else None
 
 
-def _parse_by_line(
-    path: str | Path, body: list[str], names: list[str], layout: TextLayout, *, mapped: bool
-) -> NDArray[np.float64]:
-    missing = {"", *layout.missing}
-    rows = []
-    for number, line in enumerate(body, start=layout.header_lines + 1):
-        if not line.strip():
-            continue
-        cells = _cells(line, layout.separator)
-        if layout.drop_damaged and not _is_row(cells, len(names), missing):
-            continue
-        if len(cells) != len(names):
-            raise InputError(
-                f"{path}, line {number}: the row has {len(cells)} cells, but the header has {len(names)}."
-            )
-        rows.append([_number(path, number, names[i], cell, missing, mapped) for i, cell in enumerate(cells)])
-    return np.array(rows, dtype=np.float64).reshape(len(rows), len(names))
+#: the beginning of a number that is no number
+_BEGUN = re.compile(r"[+-]?(\d+\.?\d*)?([eE][+-]?)?", re.ASCII)
 
 
-def _is_row(cells: list[str], width: int, missing: set[str]) -> bool:
-    return len(cells) == width and all(
-        cell in missing or is_number(cell) or seconds_of(cell) is not None for cell in cells
-    )
+@dataclass(frozen=True, kw_only=True)
+class _Rows:
+    """A parser of rows, one at a time."""
+
+    path: str | Path
+    names: list[str]
+    layout: TextLayout
+    mapped: bool
+    used: Collection[str] | None
+    notes: list[str] | None
+
+    def parsed(self, body: list[str]) -> tuple[list[str], NDArray[np.float64]]:
+        """Return the columns of numbers, their names and a table (N, len(names)); InputError as `read_text_table`."""
+        rows = self._whole(body)
+        missing = {"", *self.layout.missing}
+        columns = [
+            [math.nan if cells[i] in missing else number_in(cells[i]) for _, cells in rows]
+            for i in range(len(self.names))
+        ]
+        words = [[k for k, value in enumerate(column) if value is None] for column in columns]
+        kept = [i for i, column in enumerate(columns) if not self._left_out(i, column, words[i], rows)]
+        wrong = [(i, k) for i in kept for k in words[i]]
+        if wrong == [(len(self.names) - 1, len(rows) - 1)] and _BEGUN.fullmatch(rows[-1][1][-1]):
+            self._note(f"The last row, line {rows[-1][0]}, is cut short and left out.")
+        elif wrong and not self.layout.drop_damaged:
+            self._refuse_words(wrong[0], rows)
+        spoilt = {k for _, k in wrong}
+        table = [
+            [column[k] for i, column in enumerate(columns) if i in kept]
+            for k in range(len(rows))
+            if k not in spoilt
+        ]
+        return [self.names[i] for i in kept], np.array(table, dtype=np.float64).reshape(len(table), len(kept))
+
+    def _whole(self, body: list[str]) -> list[tuple[int, list[str]]]:
+        """Return the rows with a cell for each name, and their lines' numbers."""
+        rows = []
+        lines = [(k, line) for k, line in enumerate(body, start=self.layout.header_lines + 1) if line.strip()]
+        for number, line in lines:
+            cells = split_cells(line, self.layout.separator)
+            if not cells:
+                raise InputError(
+                    f"{self.path}, line {number}: a cell has more than {csv.field_size_limit()} characters."
+                )
+            if self.layout.decimal_comma:
+                cells = [cell.replace(",", ".") for cell in cells]
+            if len(cells) == len(self.names):
+                rows.append((number, cells))
+            elif number == lines[-1][0] and len(cells) < len(self.names):
+                self._note(f"The last row, line {number}, is cut short and left out.")
+            elif not self.layout.drop_damaged:
+                raise InputError(
+                    f"{self.path}, line {number}: the row has {len(cells)} cells, but the header has {len(self.names)}."
+                )
+        return rows
+
+    def _left_out(
+        self, i: int, column: list[float | None], words: list[int], rows: list[tuple[int, list[str]]]
+    ) -> bool:
+        """Return whether a column, of which some cells are words, is left out."""
+        name = self.names[i]
+        known = [value for value in column if value is None or not math.isnan(value)]
+        if not words or (len(words) <= 0.5 * len(known) if self.used is None else name in self.used):
+            return False
+        self._note(f"The column {name} is left out: it has words, such as {rows[words[0]][1][i]!r}.")
+        return True
+
+    def _refuse_words(self, cell: tuple[int, int], rows: list[tuple[int, list[str]]]) -> None:
+        i, k = cell
+        remedy = (
+            "correct it, leave the cell empty if the value is missing, or name a marker of missing values in a mapping "
+            "file"
+            if self.mapped
+            else "correct it, or leave the cell empty if the value is missing"
+        )
+        raise InputError(
+            f"{self.path}, line {rows[k][0]}: {rows[k][1][i]!r} in column {self.names[i]} is not a number; {remedy}."
+        )
+
+    def _note(self, sentence: str) -> None:
+        if self.notes is not None:
+            self.notes.append(sentence)
 
 
-def _cells(line: str, separator: str | None) -> list[str]:
+def split_cells(line: str, separator: str | None) -> list[str]:
+    """Return the cells of a line, without blanks and quotes around them; none if one is too long for a table."""
     cells = line.split(separator)
     if separator is not None and len(separator) == 1 and '"' in line:  # in quotes it separates nothing
-        cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+        try:
+            cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+        except csv.Error:  # a cell longer than any number or word
+            cells = []
     return [cell.strip().strip('"').strip() for cell in cells]
 
 
-def _number(path: str | Path, line: int, name: str, cell: str, missing: set[str], mapped: bool) -> float:
-    if cell in missing:
-        return math.nan
-    if is_number(cell):
-        return float(cell)
-    seconds = seconds_of(cell)
-    if seconds is not None:
-        return seconds
-    remedy = (
-        "name a marker of missing values in a mapping file; a column of words cannot be read, so remove it"
-        if mapped
-        else "correct it, or leave the cell empty if the value is missing; a column of words cannot be read"
-    )
-    raise InputError(f"{path}, line {line}: {cell!r} in column {name} is not a number; {remedy}.")
+def number_in(cell: str) -> float | None:
+    """Return the number in a cell, or the seconds of a date or time; None of other cells."""
+    return float(cell) if is_number(cell) else seconds_of(cell)
 
 
 def is_number(cell: str) -> bool:

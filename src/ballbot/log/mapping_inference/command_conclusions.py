@@ -162,7 +162,7 @@ def _kind(proposal: Proposal) -> list[Conclusion]:
             same[own] += p
     total = max(sum(same.values()), 1e-12)
     shown = "names, sizes and whole numbers only"
-    if found is not None and math.isfinite(found.gain):
+    if found is not None and math.isfinite(found.gain + found.gain_error + found.damping_error):
         shown = (
             f"{found.gain * math.exp(-gain_bias(best)):.3g} units of the command act as 1 N m (standard error "
             f"{100 * math.hypot(RATIO_ERROR, found.gain_error):.0f} %), and {found.damping:.3f} N m s/rad of damping "

@@ -249,7 +249,7 @@ def response(driving: Driving, assigned: Assignment, pulled: NDArray[np.float64]
     place = np.argsort(assigned.wheels)  # the command of each wheel
     s = np.asarray(assigned.signs, dtype=np.float64)
     u = (driving.torque * s)[:, place]
-    weight = driving.turning ** min(TURNED_POWER, 4)
+    weight = driving.turning**TURNED_POWER
     rows = np.arange(n)
     own = np.zeros((len(u), n, 3 * n))  # sign, falling sign and offset of each wheel
     for part, values in enumerate((driving.friction[:, :, 0], driving.friction[:, :, 2], np.ones_like(u))):

@@ -38,6 +38,10 @@ WORLD_THETA_PHI, WORLD_ONE_LETTER, WORLD_ROLL_PITCH = 0.5, 0.15, 0.01
 STEADY_HEADING = math.radians(4.0)
 
 
+#: a log that leaves a question open makes no answer more certain
+_BESIDE_OPEN = 0.99
+
+
 def conclusions_of(proposal: Proposal) -> tuple[Conclusion, ...]:
     """Return the conclusions of a proposal."""
     found = [
@@ -52,7 +56,10 @@ def conclusions_of(proposal: Proposal) -> tuple[Conclusion, ...]:
         if heading is not None and (heading.unit != proposal.lean.unit or heading.confidence < CONFIDENT):
             found.append(_scale("unit of the heading", heading, "[attitude] unit"))
         found += _frame(proposal)
-    return (*found, *command_conclusions(proposal))
+    found += command_conclusions(proposal)
+    if all(one.determined for one in found):
+        return tuple(found)
+    return tuple(replace(one, confidence=min(one.confidence, _BESIDE_OPEN)) for one in found)
 
 
 def _columns(proposal: Proposal) -> Conclusion:

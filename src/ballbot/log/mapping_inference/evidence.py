@@ -54,7 +54,8 @@ class Conclusion:
     @property
     def error_text(self) -> str:
         """The standard error with its unit; nothing without one."""
-        return "" if self.error is None else f"{self.error:.2g} {self.unit}".rstrip()
+        known = self.error is not None and math.isfinite(self.error)
+        return f"{self.error:.2g} {self.unit}".rstrip() if known else ""
 
     @property
     def question(self) -> str:
@@ -66,7 +67,7 @@ class Conclusion:
         """The likeliest answers: "torque or duty"; without an alternative, what is to be confirmed."""
         if self.alternatives:
             return " or ".join([self.value, *self.alternatives][:4])
-        error = f", standard error {self.error_text}" if self.error is not None else ""
+        error = f", standard error {self.error_text}" if self.error_text else ""
         return f"is it {self.value}{error}?"
 
 

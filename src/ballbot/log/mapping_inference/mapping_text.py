@@ -123,7 +123,7 @@ def _reason(one: Conclusion | None) -> str:
         return "assumed"
     assumed = "assumed; " if one.value.endswith(ASSUMED) else ""
     reason = assumed + one.evidence.partition(";")[0]
-    return f"{reason}; standard error {one.error_text}" if one.error is not None else reason
+    return f"{reason}; standard error {one.error_text}" if one.error_text else reason
 
 
 def attitude_units(proposal: Proposal) -> list[str]:
@@ -278,6 +278,8 @@ def _kind_lines(
     """Return the lines that depend on the kind of the command: these stand together, to be replaced together."""
     kind = {"torque": "torque", "current": "current", "duty": "pwm", "voltage": "pwm"}[unit.kind]
     share = proposal.drive.units[unit] if proposal.drive else 0.0
+    if (asked := concluded.get("[input] kind")) is not None:
+        share = min(share, asked.confidence)
     scale = unit.scale / robot.drive.supply_voltage if unit.kind == "voltage" else unit.scale
     return [
         toml_line("kind", kind, f"{in_percent(share)} %: {unit.description}"),

@@ -41,6 +41,7 @@ from ballbot.log.mapping_inference.wheel_speeds import (
 from ballbot.log.mapping_inference.wrapped_encoders import wrapped_encoders
 from ballbot.log.row_order import increasing_rows, longest_run, repeated_rows
 from ballbot.log.signals import unwrapped
+from ballbot.log.wrapping import clock_note, continuous_clock
 from ballbot.robot import Robot
 from ballbot.summary import counted
 
@@ -88,8 +89,13 @@ def recognise(path: str | Path, table: ForeignTable, robot: Robot) -> Recognised
     copies = _copies(table, roles)
     if copies:
         roles = replace(roles, confidence=min(roles.confidence, 0.6), alternatives=copies)
+    clock = roles.time or ""
+    continued_clock, again = continuous_clock(table.columns[clock])
+    if again.size:
+        notes = (*table.notes, clock_note(clock, again))
+        table = replace(table, columns={**table.columns, clock: continued_clock}, notes=notes)
     time = _time(path, table, roles)
-    repeated = repeated_rows(table.columns, roles.time or "")
+    repeated = repeated_rows(table.columns, clock)
     t = time.factor * table.columns[roles.time or ""]
     rows = longest_run(t, repeated)
     if roles.attitude:
@@ -232,6 +238,12 @@ def _roles(
     if found is None:
         if table.named and named.time is not None and not named.angles:
             check_has_angles(path, named)
+            if named.attitude:
+                raise InputError(
+                    f"{path} has the time ({named.time}) and the lean ({', '.join(named.attitude)}), but no wheel "
+                    "angles: it shows no friction. With a mapping file it is usable for `ballbot align`, a comparison "
+                    "with motion capture; for everything else, log the encoders too."
+                )
         raise InputError(
             f"{path}: cannot determine which columns are the time, the lean and the wheel angles, neither by "
             f"names nor by numbers (the columns are {', '.join(table.columns)}). Name them in the file's order, "

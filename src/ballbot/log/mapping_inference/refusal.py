@@ -80,6 +80,10 @@ def _question(open_questions: Sequence[Conclusion], mapping: str) -> str:
     return f"cannot determine: {first.question}; write it in {mapping}, {first.key}{more}."
 
 
+#: part of its path by which a wheel that turns one way only ends away from its start
+ONE_WAY = 0.98
+
+
 def _unsigned(proposal: Proposal) -> str:
     """Return that the commands of a balancing robot have no sign; empty if they have one, or turn a wheel in a rig."""
     columns, roles, commands = proposal.table.columns, proposal.roles, proposal.roles.commands
@@ -93,6 +97,14 @@ def _unsigned(proposal: Proposal) -> str:
             f"the commands {', '.join(commands)} stay between {np.nanmin(values):g} and {np.nanmax(values):g}, as "
             f"pulses or duties whose zero is about {np.nanmedian(values):.4g}: write the number that stands for zero "
             "in a mapping file, [input] zero."
+        )
+    angles = np.column_stack([columns[name] for name in roles.angles])
+    steps = np.diff(angles[np.isfinite(angles).all(axis=1)], axis=0)
+    if (np.abs(steps.sum(axis=0)) > ONE_WAY * np.abs(steps).sum(axis=0)).all():
+        return (
+            f"the commands {', '.join(commands)} never change sign, and the wheels turn one way only, as in a "
+            "free-wheel sweep: it is no log of balancing. `ballbot identify-driveline` identifies the friction of the "
+            "wheels from it."
         )
     direction = [
         one.name
@@ -193,7 +205,7 @@ def _sparse(proposal: Proposal) -> list[str]:
     interval = float(np.median(np.diff(used[:, 0]))) * proposal.time.factor
     causes = []
     if missing > 0.0:
-        causes.append(f"{100.0 * missing:.2g} % of the rows lack a value")
+        causes.append(f"{100.0 * missing:.0f} % of the rows lack a value")
     if interval > SLOW_ROWS:
         causes.append(f"rows come only every {1e3 * interval:.3g} ms")
     return causes

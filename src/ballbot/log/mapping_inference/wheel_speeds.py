@@ -52,11 +52,34 @@ def check_named_wheels(path: str | Path, table: ForeignTable, roles: Roles, robo
             f"{path}: {names} are called wheel speeds, but the lean follows from them as from angles. Name them as "
             "angles with --columns, wheel1_angle and so on."
         )
-    if not roles.of_speeds and seem_speeds(roles, columns, robot):
+    if not roles.of_speeds and not _show_angles(table, roles) and seem_speeds(roles, columns, robot):
         raise InputError(
             f"{path}: {names} are called wheel angles, but the lean follows from them as from speeds, or from "
             "increments of a row. Log the angles, or replace these columns by their running sums."
         )
+
+
+#: that columns are angles, rows show in which no wheel turns, or such a correlation of changes with logged speeds
+_RESTING_ROWS, _FOLLOWED = 10, 0.8
+
+
+def _show_angles(table: ForeignTable, roles: Roles) -> bool:
+    """Return whether columns are angles by their values: they are not zero at rest, or change as the logged speeds."""
+    angles = np.column_stack([table.columns[name] for name in roles.angles])
+    changes = np.diff(angles, axis=0)
+    moving = np.flatnonzero(np.any(changes != 0.0, axis=1))
+    edges = np.concatenate(([-1], moving, [len(changes)]))
+    longest = int(np.argmax(np.diff(edges)))
+    if np.diff(edges)[longest] > _RESTING_ROWS and np.any(angles[edges[longest] + 1] != 0.0):
+        return True
+    if len(roles.speeds) != len(roles.angles):
+        return False
+    speeds = np.column_stack([table.columns[name][1:] for name in roles.speeds])
+    known = np.isfinite(changes).all(axis=1) & np.isfinite(speeds).all(axis=1)
+    pairs = [
+        (a, b) for a, b in zip(changes[known].T, speeds[known].T, strict=True) if np.ptp(a) and np.ptp(b)
+    ]
+    return bool(pairs) and min(abs(float(np.corrcoef(a, b)[0, 1])) for a, b in pairs) > _FOLLOWED
 
 
 def check_has_angles(path: str | Path, named: Roles) -> None:

@@ -138,7 +138,9 @@ def track(model: Model, controllers: Sequence[Controller]) -> list[Track]:
         Of one sample time.
     """
     reference = square(side=SIDE, period=PERIOD)
-    batch = simulate_batch(model, controllers, reference, duration=ROUNDS * PERIOD)
+    batch = simulate_batch(
+        model, controllers, reference, duration=ROUNDS * PERIOD, initial_states=np.zeros(10)
+    )
     wanted = np.stack([reference(t - controllers[0].sample_time) for t in batch.t])
     distance = np.linalg.norm(batch.states[..., :2] - wanted[:, :2], axis=-1)
     late = np.mod(batch.t, PERIOD / 4.0) > PERIOD / 4.0 - SETTLED

@@ -8,7 +8,7 @@ recorded on video and tracked (Appendix V).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -145,10 +145,15 @@ class Bench:
     """Recordings, and the robot identified from them."""
 
     robot: Robot  #: without friction
-    identified: Robot  #: with the friction of balancing, identified from two recordings
+    identify: Callable[[], Robot]  #: gives the robot with the friction of balancing
     recordings: Mapping[str, Logs]
     seed: int
     folder: Path  #: for what is made on the way
+
+    @cached_property
+    def identified(self) -> Robot:
+        """The robot with the friction of balancing, identified from two recordings."""
+        return self.identify()
 
     @cached_property
     def design(self) -> LqrDesign:
@@ -169,9 +174,7 @@ class Bench:
     def contact(self) -> Robot:
         """The robot with the friction of drivelines and contacts, identified upside down as section 3.2 has it."""
         log = self.recordings["upside_down"]["log"]
-        return rounded_friction(
-            identify_upside_down(self.robot, log, generations=60, run=Run(seed=self.seed)).robot
-        )
+        return rounded_friction(identify_upside_down(self.robot, log, run=Run(seed=self.seed)).robot)
 
     @cached_property
     def ball_movement(self) -> BallMovement:
@@ -223,17 +226,21 @@ class Bench:
     @cached_property
     def twin_changes(self) -> dict[str, tuple[Log, ...]]:
         """The twin through it, "none" and "full" compensation."""
-        names = {"none": "without_compensation", "full": "with_compensation"}
-        return {
-            kind: tuple(self.recordings[f"{name}_{k}"]["log"] for k in range(RUNS))
-            for kind, name in names.items()
-        }
+        return {"none": self.uncompensated, "full": self._changed("with_compensation")}
+
+    @cached_property
+    def uncompensated(self) -> tuple[Log, ...]:
+        """The twin through it without compensation."""
+        return self._changed("without_compensation")
+
+    def _changed(self, name: str) -> tuple[Log, ...]:
+        return tuple(self.recordings[f"{name}_{k}"]["log"] for k in range(RUNS))
 
     @cached_property
     def validations(self) -> tuple[Validated, ...]:
         """The models with and without friction against each of the twin's runs without compensation (chapter 4)."""
         return tuple(
-            validated(self.robot, self.identified, log.without_truth()) for log in self.twin_changes["none"]
+            validated(self.robot, self.identified, log.without_truth()) for log in self.uncompensated
         )
 
     @cached_property
@@ -274,7 +281,8 @@ class Bench:
     def frictionless(self, formulation: Formulation, reference: Reference) -> Log:
         """Return the run of a nonlinear model without friction under the nominal gain."""
         plant = ModelOnGrid(Model(self.robot, formulation=formulation))
-        return simulate(plant, Controller(self.robot, self.design.gain), reference, duration=CHANGE_RUN)
+        controller = Controller(self.robot, self.design.gain)
+        return simulate(plant, controller, reference, duration=CHANGE_RUN, initial_state=np.zeros(10))
 
     def _change(self, number: int, compensation: Compensation, speed_band: float | None) -> Log:
         controller = Controller(

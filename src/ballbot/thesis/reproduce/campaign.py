@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ballbot.errors import InputError
 from ballbot.fitting.run import Run
 from ballbot.identification.identify import identify
 from ballbot.log import Log
@@ -18,7 +19,16 @@ from ballbot.thesis.reproduce import appendices, chapter5, chapters_2_to_4
 from ballbot.thesis.reproduce.bench import Bench, rounded_friction
 from ballbot.thesis.reproduce.item import VERDICTS, Item, Mistake, Verdict
 from ballbot.thesis.reproduce.mistakes import MISTAKES
-from ballbot.thesis.reproduce.recordings import FIRST, SECOND, Logs, Progress, record_all, sources_of
+from ballbot.thesis.reproduce.recordings import (
+    FIRST,
+    SECOND,
+    Logs,
+    Progress,
+    Recorded,
+    Recording,
+    record_all,
+    sources_of,
+)
 
 ITEMS: tuple[Callable[[Bench], Item], ...] = (
     chapters_2_to_4.figure_2_1,
@@ -67,13 +77,44 @@ class Reproduction:
     mistakes: tuple[Mistake, ...]
 
     @property
+    def friction(self) -> Friction | None:
+        """The friction identified; None if no item needed it."""
+        robot = vars(self.bench).get("identified")
+        return robot.friction if isinstance(robot, Robot) else None
+
+    @property
     def counts(self) -> dict[Verdict, int]:
         """How many items have each verdict that there is."""
         found = Counter(item.verdict for item in self.items)
         return {verdict: found[verdict] for verdict in VERDICTS if found[verdict]}
 
 
-def reproduce(folder: Path, *, seed: int, progress: ProgressCallback) -> Reproduction:
+def item_name(make: Callable[[Bench], Item]) -> str:
+    """Return the name of the item that a function of `ITEMS` makes: "Figure 5.6"."""
+    kind, *number = make.__name__.split("_")
+    return f"{kind.capitalize()} {'.'.join(number).upper()}"
+
+
+def items_named(only: str | None) -> tuple[Callable[[Bench], Item], ...]:
+    """Return the function that makes the figure or table of that name, or those of all.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name.
+    """
+    if only is None:
+        return ITEMS
+    names = {item_name(make): make for make in ITEMS}
+    found = {name.casefold(): make for name, make in names.items()}.get(" ".join(only.casefold().split()))
+    if found is None:
+        raise InputError(f"There is no {only!r} to reproduce; there are {', '.join(names)}.")
+    return (found,)
+
+
+def reproduce(
+    folder: Path, *, seed: int, only: str | None = None, progress: ProgressCallback
+) -> Reproduction:
     """Reproduce every figure and table; equal seeds give equal results, also after an interruption.
 
     Parameters
@@ -82,48 +123,61 @@ def reproduce(folder: Path, *, seed: int, progress: ProgressCallback) -> Reprodu
         If recordings are kept, so that a run that was stopped goes on.
     seed : int
         Random seed.
+    only : str, optional
+        A figure or table, such as "Table 4.1": that one alone, and of the recordings those that it needs.
     progress : callable
         Called with the progress.
     """
-    bench = make_bench(folder, seed=seed, progress=progress)
-    total = len(ITEMS) + len(MISTAKES)
+    chosen, mistaken = items_named(only), () if only else MISTAKES
+    bench = make_bench(folder, seed=seed, at_once=only is None, progress=progress)
+    total = len(chosen) + len(mistaken)
     items, mistakes = [], []
     making = part_of(progress, _COMPENSATED, 1.0)
-    for done, make in enumerate(ITEMS):
+    for done, make in enumerate(chosen):
         making(Progress(stage=make.__name__.replace("_", " "), done=done, total=total))
         items.append(make(bench))
-    for done, make in enumerate(MISTAKES, start=len(ITEMS)):
+    for done, make in enumerate(mistaken, start=len(chosen)):
         making(Progress(stage="mistakes", done=done, total=total))
         mistakes.append(make(bench))
     return Reproduction(bench=bench, items=tuple(items), mistakes=tuple(mistakes))
 
 
-def make_bench(folder: Path, *, seed: int, progress: ProgressCallback) -> Bench:
-    """Record the twin, identify its friction, record it compensated; see `reproduce`."""
+def make_bench(folder: Path, *, seed: int, at_once: bool, progress: ProgressCallback) -> Bench:
+    """Return the twin's recordings and the robot with its friction; see `reproduce`.
+
+    Made `at_once`, or each when it is first needed.
+    """
     alten = Robot.load("alten")
     robot = alten.replace(friction=Friction.none(alten.wheel_count))
-    progress(Progress(stage="recording the twin", done=0.0, total=1.0))
-    recordings = record_all(
-        FIRST,
-        robot,
+
+    def record(chosen: tuple[Recording, ...]) -> dict[str, Logs]:
+        first = not set(chosen) & set(SECOND)
+        recorded = (0.0, _RECORDED) if first else (_IDENTIFIED, _COMPENSATED)
+        progress(Progress(stage="recording the twin", done=recorded[0], total=1.0))
+        return record_all(
+            chosen,
+            robot if first else bench.identified,
+            seed=seed,
+            folder=folder,
+            progress=part_of(progress, *recorded),
+        )
+
+    recordings = Recorded(record)
+    bench = Bench(
+        robot=robot,
+        identify=lambda: _identified(robot, recordings, seed=seed, folder=folder, progress=progress),
+        recordings=recordings,
         seed=seed,
         folder=folder,
-        progress=part_of(progress, 0.0, _RECORDED),
     )
-    identified = _identified(robot, recordings, seed=seed, folder=folder, progress=progress)
-    progress(Progress(stage="recording the twin, compensated", done=_IDENTIFIED, total=1.0))
-    recordings |= record_all(
-        SECOND,
-        identified,
-        seed=seed,
-        folder=folder,
-        progress=part_of(progress, _COMPENSATED, _COMPENSATED),
-    )
-    return Bench(robot=robot, identified=identified, recordings=recordings, seed=seed, folder=folder)
+    if at_once:
+        recordings.make(FIRST)
+        recordings.make(SECOND)
+    return bench
 
 
 def _identified(
-    robot: Robot, recordings: dict[str, Logs], *, seed: int, folder: Path, progress: ProgressCallback
+    robot: Robot, recordings: Mapping[str, Logs], *, seed: int, folder: Path, progress: ProgressCallback
 ) -> Robot:
     """Return the robot with the friction identified from two recordings; from the folder if it was identified
     before."""

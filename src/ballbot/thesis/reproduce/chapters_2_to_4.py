@@ -397,7 +397,7 @@ def _over(found: Sequence[Validated], ratios: Ratios, name: str) -> list[float]:
 def _shaking(bench: Bench, number: int) -> tuple[float, float]:
     """Return how much more the measured and the true lean move at high frequency than the model's with friction."""
     one, h = bench.validations[number], bench.robot.sensors.sample_time
-    true = bench.twin_changes["none"][number].truth().states
+    true = bench.uncompensated[number].truth().states
     modelled, shaken, truly = (
         rms(above(states[:, 2:4], h, _FAST)) for states in (one.runs["friction"].states, one.log.states, true)
     )

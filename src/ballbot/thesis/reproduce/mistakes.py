@@ -266,6 +266,7 @@ def gain_at_other_headings(bench: Bench) -> Mistake:
         FixedFrame(bench.design.gain, bench.robot.sensors.sample_time),
         CHANGE,
         duration=20.0,
+        initial_state=np.zeros(10),
     )
     fell = float(run.t[-1]) if run.ended else float("nan")
     turned = bench.frictionless("exact", CHANGE)
@@ -317,6 +318,7 @@ def reference_and_stability(bench: Bench) -> Mistake:
         FixedFrame(gain, robot.sensors.sample_time),
         lambda _: reference,
         duration=_SETTLING,
+        initial_state=np.zeros(10),
     )
     last = run.states[-1] if not run.ended else np.full(10, np.nan)
     return Mistake(

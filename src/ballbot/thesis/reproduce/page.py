@@ -89,12 +89,15 @@ def reproduction_markdown(made: Reproduction) -> str:
         _HEAD,
         "## Figures and tables",
         f"`ballbot reproduce --seed {made.bench.seed}`: of {len(made.items)}, {counts}.",
-        friction_line(made.bench.identified.friction),
+        *([friction_line(made.friction)] if made.friction else []),
         *(item_markdown(item) for item in made.items),
-        "## Misprints and mistakes",
-        f"Of {len(made.mistakes)}, {proven} are confirmed by numbers that would differ if the thesis were right.",
-        *(mistake_markdown(mistake) for mistake in made.mistakes),
     ]
+    if made.mistakes:
+        parts += [
+            "## Misprints and mistakes",
+            f"Of {len(made.mistakes)}, {proven} are confirmed by numbers that would differ if the thesis were right.",
+            *(mistake_markdown(mistake) for mistake in made.mistakes),
+        ]
     return "\n\n".join(part.strip() for part in parts) + "\n"
 
 
@@ -184,15 +187,11 @@ def reproduction_report(made: Reproduction, provenance: Provenance, figures: Map
         lead="Every figure and table of the thesis on ALTEN's ball-balancing robot, from the twin and the models.",
         verdict=(
             ("Figures and tables", f"Of {len(made.items)}, {counts}."),
-            ("Misprints and mistakes", f"{whole} are confirmed by numbers."),
+            *([("Misprints and mistakes", f"{whole} are confirmed by numbers.")] if made.mistakes else []),
         ),
         sections=(
             *(_item_section(item, figures.get(item.key)) for item in made.items),
-            section(
-                "The thesis's misprints and mistakes",
-                Paragraph(text="Each with computed numbers that would differ if the thesis were right."),
-                *(_mistake_sheet(mistake) for mistake in made.mistakes),
-            ),
+            *([_mistake_section(made.mistakes)] if made.mistakes else []),
         ),
         undecided=(
             "Whether a robot behaves so. The robot here is the nominal twin: rollers, play, friction, noise and drift, "
@@ -249,6 +248,14 @@ def _checks_sheet(caption: str, checks: Sequence[Check]) -> Sheet:
     )
 
 
+def _mistake_section(mistakes: Sequence[Mistake]) -> Section:
+    return section(
+        "The thesis's misprints and mistakes",
+        Paragraph(text="Each with computed numbers that would differ if the thesis were right."),
+        *(_mistake_sheet(mistake) for mistake in mistakes),
+    )
+
+
 def _mistake_sheet(mistake: Mistake) -> Sheet:
     caption = f"{mistake.number}. {mistake.where}. The thesis prints: {mistake.thesis} Right: {mistake.right}"
     return _checks_sheet(caption, mistake.shown_by)
@@ -258,9 +265,9 @@ def reproduction_results(made: Reproduction) -> dict[str, object]:
     """Return what results.json holds."""
     return {
         "seed": made.bench.seed,
-        "friction_identified": {
-            name: value for name, value in asdict(made.bench.identified.friction).items() if value != ()
-        },
+        "friction_identified": {name: value for name, value in asdict(made.friction).items() if value != ()}
+        if made.friction
+        else None,
         "runs": RUNS,
         "items": [_item_results(item) for item in made.items],
         "mistakes": [_mistake_results(mistake) for mistake in made.mistakes],

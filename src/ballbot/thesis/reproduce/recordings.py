@@ -16,7 +16,7 @@ from __future__ import annotations
 import hashlib
 import io
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -189,6 +189,40 @@ FIRST = (
 SECOND = _changes("with_compensation", "full")
 
 
+class Recorded(Mapping[str, Logs]):
+    """The logs of recordings by name. Those of one kind are made together, when one of them is first asked for.
+
+    Parameters
+    ----------
+    make : callable
+        Returns the logs of some recordings by name.
+    """
+
+    def __init__(self, make: Callable[[tuple[Recording, ...]], dict[str, Logs]]) -> None:
+        self._make = make
+        self._logs: dict[str, Logs] = {}
+
+    def make(self, recordings: tuple[Recording, ...]) -> None:
+        """Make some recordings at once."""
+        self._logs |= self._make(tuple(one for one in recordings if one.name not in self._logs))
+
+    def __getitem__(self, name: str) -> Logs:
+        """Return the logs of a recording."""
+        if name not in self._logs:
+            kind = name.rstrip("0123456789")
+            for round_ in (FIRST, SECOND):
+                self.make(tuple(one for one in round_ if one.name.rstrip("0123456789") == kind))
+        return self._logs[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over the names."""
+        return iter(one.name for one in (*FIRST, *SECOND))
+
+    def __len__(self) -> int:
+        """Return how many recordings there are."""
+        return len(FIRST) + len(SECOND)
+
+
 def record_all(
     recordings: tuple[Recording, ...], robot: Robot, *, seed: int, folder: Path, progress: ProgressCallback
 ) -> dict[str, Logs]:
@@ -254,7 +288,7 @@ def balance(
     """
     controller = nominal_controller(robot, compensation=compensation)
     plant = TwinOnGrid(Twin(robot, Scenario.nominal(robot)))
-    return simulate(plant, controller, reference, duration=duration, seed=seed)
+    return simulate(plant, controller, reference, duration=duration, initial_state=np.zeros(10), seed=seed)
 
 
 def _path(folder: Path, one: Recording, robot: Robot, seed: int) -> Path:

@@ -128,7 +128,6 @@ def validated(robot: Robot, identified: Robot, log: Log) -> Validated:
     log : Log
         As measured, under the nominal controller without compensation.
     """
-    log = log.with_columns({"psi": np.unwrap(log["psi"])})
     models = {
         "friction": Model(identified),
         "exact": Model(robot),

@@ -15,8 +15,6 @@
 /* Largest error of the square of a quaternion's length; rounding is 1e-6. */
 #define LONGEST_ERROR 1e-3f
 
-#define PI 3.14159265358979f
-
 /* Return the number of 4 bytes, the highest first. */
 static float number(const uint8_t *bytes)
 {
@@ -129,27 +127,6 @@ static void times_transposed(float A[3][3], float B[3][3], float product[3][3])
     }
 }
 
-/* Return psi without a jump of a turn from the last one. */
-static float unwrapped(struct ballbot_mti3 *imu, float psi)
-{
-    float whole = 0.0f;
-
-    if (!(psi >= -PI - 1e-3f && psi <= PI + 1e-3f)) {
-        return psi; /* the sensor gave what is not a number */
-    }
-    if (imu->turned) {
-        const float turns = (imu->psi - psi) / (2.0f * PI);
-
-        /* the nearest; a robot that has turned a thousand times is not one that balances */
-        if (turns > -1000.0f && turns < 1000.0f) {
-            whole = (float)(int32_t)(turns + ((turns < 0.0f) ? -0.5f : 0.5f));
-        }
-    }
-    imu->psi = psi + 2.0f * PI * whole;
-    imu->turned = true;
-    return imu->psi;
-}
-
 bool ballbot_mti3_read(struct ballbot_mti3 *imu, float gyro[3], float attitude[3])
 {
     float of_sensor[3][3];
@@ -170,7 +147,7 @@ bool ballbot_mti3_read(struct ballbot_mti3 *imu, float gyro[3], float attitude[3
     times_transposed(of_sensor, imu->mounting, R); /* the body's frame to the sensor's, and that to the world's */
     attitude[0] = ballbot_arctangent(-R[1][2], R[2][2]);
     attitude[1] = ballbot_arctangent(R[0][2], ballbot_square_root(R[1][2] * R[1][2] + R[2][2] * R[2][2]));
-    attitude[2] = unwrapped(imu, ballbot_arctangent(-R[0][1], R[0][0]));
+    attitude[2] = ballbot_arctangent(-R[0][1], R[0][0]);
     for (int i = 0; i < 3; ++i) {
         gyro[i] = imu->mounting[i][0] * imu->gyro[0] + imu->mounting[i][1] * imu->gyro[1] +
                   imu->mounting[i][2] * imu->gyro[2];

@@ -24,10 +24,8 @@ struct ballbot_mti3 {
     uint8_t length; /* of the data */
     uint16_t place; /* bytes of the message so far */
     bool fresh;     /* a message came since the last reading */
-    bool turned;    /* there is a psi */
     float gyro[3];
     float quaternion[4];
-    float psi; /* last, without jumps of a turn [rad] */
 };
 
 /* Take bytes as they come from the serial line. */
@@ -36,7 +34,7 @@ void ballbot_mti3_take(struct ballbot_mti3 *imu, const uint8_t *bytes, size_t co
 /* Fill the last message's values; return false if none with both values, and a quaternion of length one, came since the
  * last call.
  *
- * gyro: body frame [rad/s]. attitude: theta, phi, psi [rad], psi without jumps of a turn.
+ * gyro: body frame [rad/s]. attitude: theta, phi, psi [rad], psi from -pi to pi.
  */
 bool ballbot_mti3_read(struct ballbot_mti3 *imu, float gyro[3], float attitude[3]);
 

@@ -29,8 +29,8 @@ struct ballbot_smooth {
  * not to their distance from the origin. Without a prediction, x, y and psi of the state are therefore zero.
  */
 struct ballbot_sample {
-    float pose[3];               /* x, y [m] and psi [rad] as measured */
-    const float *reference;      /* the state (10) that is asked for, as it was given */
+    float pose[3];               /* x, y [m] and psi [rad] as measured, psi unwrapped */
+    const float *reference;      /* the state (10) that is asked for, psi unwrapped */
     struct ballbot_heading a;    /* of the state */
     float state[10];             /* measured; predicted after the stage `predict`; relative to the pose */
     struct ballbot_smooth x;     /* the reference that is followed, relative to the pose */

@@ -1,0 +1,50 @@
+"""Headings that begin again after a turn: a jump from pi to -pi, or from 2 pi to 0, is no motion.
+
+A jump of more than `JUMP` between two successive values within one turn (-pi to pi, or 0 to 2 pi) is a wrap: the
+heading goes on by the short way. A smaller jump is a motion, so that a commanded step of pi keeps its sign. Values
+beyond one turn count turns by themselves and stay as they are. `ballbot_unwrapped` in the firmware's attitude.c is the
+same rule.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ballbot.mechanics.engine.compiled import inlined
+
+TURN = 2.0 * math.pi  #: [rad]
+#: the smallest jump that is a wrap [rad]
+JUMP = 1.5 * math.pi
+#: by which noise may take a value out of one turn [rad]
+_NOISE = 0.1
+
+
+def turns_after(angle: float, last: float, turns: int) -> int:
+    """Return the whole turns to add to a heading [rad], from the value before it and the turns added to that."""
+    low, high = min(angle, last), max(angle, last)
+    if angle < -0.5 * TURN - _NOISE or angle > TURN + _NOISE:
+        return 0
+    about_zero = low >= -0.5 * TURN - _NOISE and high <= 0.5 * TURN + _NOISE
+    above_zero = low >= -_NOISE and high <= TURN + _NOISE
+    if high - low > JUMP and (about_zero or above_zero):
+        return turns + 1 if angle < last else turns - 1
+    return turns
+
+
+#: the same for compiled code
+compiled_turns_after = inlined(turns_after)
+
+
+@dataclass
+class Heading:
+    """A heading of which one value comes after another."""
+
+    last: float | None = None  #: as it came [rad]
+    turns: int = 0  #: that are added to it
+
+    def unwrapped(self, angle: float) -> float:
+        """Return the next value without a jump of a turn [rad]."""
+        self.turns = turns_after(angle, angle if self.last is None else self.last, self.turns)
+        self.last = angle
+        return angle + TURN * self.turns

@@ -1,0 +1,300 @@
+"""How large each motor's torque is against the one that its wheel needs: over a log, and before and after any time.
+
+    u_i = s_i(t) (k n_i + f(wheel speed i))        k is one for the right robot, s_i for the right scale
+
+Everything is solved from one set of products per motor and second (`MotorSums`), weighted by the fraction of time in
+which the wheel turned for certain: the friction of a sticking wheel is unknown.
+
+The gain of a whole log. Regression of a torque on the torque that the motion needs gives too small a factor, because
+the need is computed from differentiated signals and has their noise. The factor is therefore that of the acceleration
+that gravity causes (`ballbot.log.checks.torque_balance.gravity_need`): its noise is that of another sensor, an
+instrumental variable. Its error has three parts: the scatter of the seconds; what friction's three terms miss, a
+fraction of the friction that grows with the part of it that goes along with the need; and a floor. A log in which
+friction is most of the torque hardly bounds the scale, and says so.
+
+A change. For every second and every factor, one model with that factor before or after is compared with the model
+without it by the squares that both leave. The friction that the wheel has before, it has after: this shows a change in
+logs that do not bound the scale.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.findings import Finding, Place
+from ballbot.log.checks.lean import EVERY, Motion
+from ballbot.log.checks.torque_balance import TURNED_POWER, Driving, gravity_need
+from ballbot.log.signals import INTERVAL
+from ballbot.robot import Robot
+
+#: fewest seconds in which a wheel turns for certain for the gain of a motor, and on each side of a change
+LEAST_TURNING = 2.0
+#: relative error of every gain, and of the friction that the three terms give: with these, the largest of 724 gains of
+#: sound recordings of the development halves of campaigns/mapping_recordings.py is 3.2 standard errors from one
+FLOOR, FRICTION_ERROR = 0.03, 0.03
+#: standard deviation of the logarithm of the gain of all torques, before a log is seen
+USUAL = 0.15
+#: standard errors of a gain that is wrong; factors of all torques that are a warning and an error, and of one over the
+#: others that is an error
+SURE, LARGE, TOO_LARGE, UNLIKE = 3.5, 1.15, 1.25, 1.25
+#: a factor that a log must be able to exclude, or its bounds are said
+MUST_SHOW = 1.4
+#: gains nearer to zero than this part of the usual one are as good as zero
+ZERO = 0.05
+
+#: factors of one side of a change over the other that are tried, beside one
+FACTORS = np.array([-1.0, -0.5, *np.linspace(0.0, 0.8, 17)])
+#: part of a torque's squares that models of sound torques leave, and how many times as much must be left without the
+#: change as with it: 1.4 is the most on those recordings with three wheels, 1.7 with four
+LEFT, CHANGED = 0.01, 2.0
+#: part of a torque's squares that may be left with the change; more is no torque of this wheel
+MOST_LEFT = 0.06
+#: a side is zero whose size is below this part of the other's
+AS_ZERO = 0.12
+
+#: columns of `MotorSums`: the need, three terms of friction and a constant, gravity's part of the need, the torque
+_OWN, _REST, _MODEL, _TORQUE = slice(1, 5), [0, 5, 6], slice(0, 5), 6
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MotorSums:
+    """Products of the columns of one motor, by seconds."""
+
+    products: NDArray[np.float64]  #: (B, 7, 7)
+    turning: NDArray[np.float64]  #: (B,) seconds in which the wheel turned
+
+    def gain(self) -> tuple[float, float]:
+        """Return the factor of the whole log and its relative standard error; (nan, inf) if the log has none."""
+        if self.turning.sum() < LEAST_TURNING:
+            return float("nan"), float("inf")
+        total = self.products.sum(axis=0)
+        friction = np.linalg.solve(_regular(total[_OWN, _OWN]), total[_OWN, _REST])
+        without = np.zeros((7, 3))
+        without[_REST], without[_OWN] = np.eye(3), -friction
+        left = without.T @ self.products @ without  # need, gravity's need, torque
+        of_need, of_torque = left[:, 1, 0], left[:, 1, 2]
+        common = float(of_need.sum())
+        if common <= 0.0:
+            return float("nan"), float("inf")
+        k = float(of_torque.sum()) / common
+        scatter = float(np.linalg.norm(of_torque - k * of_need)) / common
+        own = friction[:, 2] - k * friction[:, 0]
+        # what the terms miss, at its worst goes along with gravity's need
+        missed = FRICTION_ERROR * np.sqrt(own @ total[_OWN, _OWN] @ own * left[:, 1, 1].sum()) / common
+        return k, float(np.hypot(np.hypot(scatter, missed) / max(abs(k), ZERO), FLOOR))
+
+    def change(self) -> Change | None:
+        """Return the clearest change of the torque's factor; None if there is none."""
+        turned = np.cumsum(self.turning)
+        at = np.flatnonzero((turned[:-1] >= LEAST_TURNING) & (turned[-1] - turned[:-1] >= LEAST_TURNING)) + 1
+        power = float(self.products[:, _TORQUE, _TORQUE].sum())
+        if not at.size or power <= 0.0:
+            return None
+        summed = np.cumsum(self.products, axis=0)
+        sides = np.stack((summed[at - 1], summed[-1] - summed[at - 1]), axis=1)[:, :, None]
+        # [place, which side is scaled, factor]
+        factor = np.concatenate((FACTORS, [1.0]))[:, None, None]
+        model = sides[..., _MODEL, _MODEL] * factor**2 + sides[:, ::-1, ..., _MODEL, _MODEL]
+        right = sides[..., _MODEL, _TORQUE] * factor[..., 0] + sides[:, ::-1, ..., _MODEL, _TORQUE]
+        found = np.linalg.solve(_regular(model), right[..., None])[..., 0]
+        left = np.maximum(1.0 - np.sum(right * found, axis=-1) / power, 0.0)
+        place, side, number = np.unravel_index(int(np.argmin(left[..., :-1])), left[..., :-1].shape)
+        with_change, without = float(left[place, side, number]), float(left[place, side, -1])
+        if with_change > MOST_LEFT or without + LEFT < CHANGED * (with_change + LEFT):
+            return None
+        # a torque of the right sign drives its wheel
+        wrong_sign = FACTORS[number] < 0.0 and found[place, side, number, 0] < 0.0
+        before = bool((side == 0) != wrong_sign)
+        powers = np.sort(sides[place, :, 0, _TORQUE, _TORQUE])
+        return Change(
+            second=int(at[place]),
+            factor=float(FACTORS[number]),
+            before=before,
+            zero=bool(powers[0] < AS_ZERO**2 * powers[1]),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Change:
+    """A torque whose factor changes within the log."""
+
+    second: int  #: number of the second in which it does
+    factor: float  #: smaller side over the larger one, from -1 to 1
+    before: bool  #: whether the smaller side, or the one of the wrong sign, is the one before
+    zero: bool  #: whether the smaller side is as good as zero
+
+
+def _regular(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return symmetric matrices (.., m, m) that are invertible, nearly the same ones."""
+    diagonal = np.einsum("...ii->...i", matrix)
+    tiny = 1e-9 * diagonal + 1e-12 * np.sum(diagonal, axis=-1, keepdims=True) + 1e-300
+    return matrix + tiny[..., None] * np.eye(matrix.shape[-1])
+
+
+def motor_sums(driving: Driving, motion: Motion, robot: Robot) -> tuple[MotorSums, ...]:
+    """Return the sums of each motor of a log."""
+    pulled, ones = gravity_need(motion, robot), np.ones(len(motion.t))
+    found = []
+    for i in range(driving.torque.shape[1]):
+        weight = driving.turning[:, i] ** TURNED_POWER
+        columns = (driving.needed[:, i], *driving.friction[:, i].T, ones, pulled[:, i], driving.torque[:, i])
+        table = np.column_stack(columns) * weight[:, None]
+        products = np.zeros((motion.blocks, 7, 7))
+        np.add.at(products, driving.block, table[:, :, None] * table[:, None, :])
+        turning = EVERY * INTERVAL * np.bincount(driving.block, weights=weight)
+        found.append(MotorSums(products=products, turning=turning))
+    return tuple(found)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Gains:
+    """Factors of each torque over the one that its wheel needs."""
+
+    factors: NDArray[np.float64]  #: (n,); nan if the log does not show it
+    errors: NDArray[np.float64]  #: (n,) relative standard errors
+
+    def common(self, but: int | None = None) -> tuple[float, float]:
+        """Return the factor of all torques, or of all but one, and its relative standard error."""
+        known = self.factors > 0.0
+        if but is not None:
+            known[but] = False
+        weights = 1.0 / np.square(self.errors[known])
+        precision = float(weights.sum())
+        if precision == 0.0:
+            return 1.0, float("inf")
+        return float(np.exp(weights @ np.log(self.factors[known]) / precision)), precision**-0.5
+
+    def unlike(self, i: int) -> tuple[float, float]:
+        """Return the factor of a torque over that of the others, and its relative standard error.
+
+        The others' is known by what is usual, too, unless the log contradicts that.
+        """
+        others, error = self.common(i)
+        if abs(np.log(others)) < 3.0 * np.hypot(error, USUAL):
+            precision = error**-2 + USUAL**-2
+            others, error = others ** (error**-2 / precision), precision**-0.5
+        return max(float(self.factors[i]) / others, ZERO), float(np.hypot(self.errors[i], error))
+
+
+def gains_of(sums: Sequence[MotorSums]) -> Gains:
+    """Return the gain of each motor."""
+    found = np.array([one.gain() for one in sums])
+    return Gains(factors=found[:, 0], errors=found[:, 1])
+
+
+def together(gains: Sequence[Gains]) -> Gains:
+    """Return the gains that several logs of a robot show."""
+    weights = 1.0 / np.square([one.errors for one in gains])
+    known = weights > 0.0
+    precision = weights.sum(axis=0)
+    mean = np.sum(np.where(known, weights * [one.factors for one in gains], 0.0), axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return Gains(factors=mean / precision, errors=np.maximum(precision**-0.5, FLOOR))
+
+
+def unbounded(gains: Gains) -> dict[int, tuple[float, float]]:
+    """Return the bounds (95 %) of the factor over the others' of each torque (from 0) that may be `MUST_SHOW` off."""
+    found = {}
+    for i in range(len(gains.factors)):
+        factor, error = gains.unlike(i)
+        off = abs(np.log(factor)) if np.isfinite(factor) else 0.0
+        if not np.exp(off + 1.96 * error) < MUST_SHOW:
+            found[i] = (factor * float(np.exp(-1.96 * error)), factor * float(np.exp(1.96 * error)))
+    return found
+
+
+def scale_errors(gains: Gains) -> NDArray[np.float64]:
+    """Return the relative standard error (n,) of each torque's scale that its motor's friction has besides its own.
+
+    It is zero if the logs bound the scale to a factor of `MUST_SHOW`. If not, the scale is known by them and by what is
+    usual.
+    """
+    errors = (gains.errors**-2.0 + USUAL**-2) ** -0.5
+    return np.where(np.isin(np.arange(len(errors)), list(unbounded(gains))), errors, 0.0)
+
+
+def change_findings(sums: Sequence[MotorSums], motion: Motion, *, names: tuple[str, ...]) -> list[Finding]:
+    """Return the error of each torque whose factor changes within the log."""
+    found = ((name, change) for name, one in zip(names, sums, strict=True) if (change := one.change()))
+    return [
+        _changed(name, change, float(motion.t[motion.block == change.second][0])) for name, change in found
+    ]
+
+
+def _changed(name: str, change: Change, time: float) -> Finding:
+    span, other = (
+        (f"before about t = {time:.0f} s", "after")
+        if change.before
+        else (f"from about t = {time:.0f} s on", "before")
+    )
+    where = Place(columns=(name,), time=time)
+    if change.zero:
+        sentence = (
+            f"{name} is zero {span} though its wheel turns as if driven: a dead motor, or a torque that was not "
+            "recorded. Use the rest of the log."
+        )
+        return Finding(code="dead-motor", severity="error", text=sentence, where=where)
+    if change.factor < 0.0:
+        sentence = (
+            f"{name} has the opposite sign {span} of the one that it has {other}, by the torque that its wheel needs. "
+            "Use the part with the right sign, or correct the column."
+        )
+        return Finding(code="torque-sign", severity="error", text=sentence, where=where)
+    sentence = (
+        f"{name} is {change.factor:.2g} times as large {span} as {other}, by the torque that its wheel needs: its "
+        "scale changed, or its motor gives another torque than its command. Use the part that is right."
+    )
+    return Finding(code="torque-scale", severity="error", text=sentence, where=where)
+
+
+def gain_findings(gains: Gains, *, names: tuple[str, ...]) -> list[Finding]:
+    """Return the error of a torque that is scaled unlike the others, or of all that are scaled."""
+    found = [gains.unlike(i) for i in range(len(names))]
+    unlike = {
+        i: abs(np.log(factor)) / error
+        for i, (factor, error) in enumerate(found)
+        if abs(np.log(factor)) > max(SURE * error, np.log(UNLIKE))
+    }
+    if unlike:
+        i = max(unlike, key=lambda one: unlike[one])
+        sentence = (
+            f"{names[i]} is {found[i][0]:.2g} times as large as the other torques, relative to the torque that the "
+            "motion of its wheel needs: its torque constant, gear ratio or unit differs, or its motor gives another "
+            "torque than the command. Correct the scale of the column in a mapping."
+        )
+        return [
+            Finding(code="torque-scale", severity="error", text=sentence, where=Place(columns=(names[i],)))
+        ]
+    factor, error = gains.common()
+    off = abs(np.log(factor)) - SURE * error
+    if not off > np.log(LARGE):
+        return []
+    sentence = (
+        f"The torques are {factor:.2g} times as large as the motion of this robot needs: {names[0]}, {names[1]} .. "
+        "are scaled (torque constant, gear ratio, current or per-unit values in place of N m), or the robot is "
+        f"{'heavier' if factor > 1.0 else 'lighter'} than in the robot file."
+    )
+    severity = "error" if off > np.log(TOO_LARGE) else "warning"
+    return [Finding(code="torque-scale", severity=severity, text=sentence, where=Place(columns=names))]
+
+
+def bound_findings(gains: Gains, *, names: tuple[str, ...]) -> list[Finding]:
+    """Return a warning on how far the logs of a robot bound the scale of its torques, unless they bound it well."""
+    wide = unbounded(gains)
+    if not wide:
+        return []
+    bounds = ", ".join(
+        f"{names[i]} from {low:.2g} to {high:.2g} times" if np.isfinite(high) else f"{names[i]} not at all"
+        for i, (low, high) in wide.items()
+    )
+    sentence = (
+        f"The logs bound the scale of the torques only so far, relative to the others and the robot file: {bounds} "
+        "(95 %). A wrong torque constant within that would not show, and would change the motor's friction as much. "
+        "Runs that accelerate more bound it better."
+    )
+    where = Place(columns=tuple(names[i] for i in wide))
+    return [Finding(code="torque-bound", severity="warning", text=sentence, where=where)]

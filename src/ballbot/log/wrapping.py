@@ -1,0 +1,117 @@
+"""Headings that are kept within one turn and clocks that begin again, continued where a log is read.
+
+What a log has is continuous from there on, so that no computation on it needs to unwrap anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.findings import Finding, Place
+from ballbot.summary import counted
+
+#: a step of a heading that stays within one turn is the end of the turn if it is larger [rad]: a robot does not turn so
+#: far from row to row, and a commanded half turn keeps its sign
+LARGEST_TURN = 1.5 * np.pi
+#: a heading stays within one turn if this share of its values does (others are spikes), by this much of rounding [rad]
+_WITHIN, _ROUNDED = 0.98, 1e-3
+
+
+def continuous_heading(
+    heading: NDArray[np.float64], *, after: float = np.nan
+) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Return a heading (N,) [rad] without the jumps of a turn that it has if it is kept within one turn.
+
+    It is kept there if its values are from -pi to pi, or from 0 to below 2 pi; its steps of more than `LARGEST_TURN`
+    are then jumps. A heading of several turns stays as it is.
+
+    Parameters
+    ----------
+    heading : ndarray (N,)
+        Missing values stay missing.
+    after : float
+        The heading that the first value follows, as a robot's that a reference's follows; NaN if there is none.
+
+    Returns
+    -------
+    tuple
+        The heading, and the rows with which another turn begins.
+    """
+    known = np.isfinite(heading)
+    turn = 2.0 * np.pi
+    turns = (np.abs(heading) <= np.pi + _ROUNDED, (heading >= -_ROUNDED) & (heading < turn))
+    inside = max(turns, key=np.count_nonzero)
+    if not known.any() or np.count_nonzero(inside) < _WITHIN * np.count_nonzero(known):
+        return heading, np.zeros(0, dtype=np.intp)
+    rows = np.flatnonzero(inside)
+    # the heading before may be turns away, and leads only to the turn of the first value
+    steps = np.diff(heading[rows], prepend=after if abs(after) <= turn else heading[rows[0]])
+    jumps = np.abs(steps) > LARGEST_TURN
+    if not jumps.any():
+        return heading, np.zeros(0, dtype=np.intp)
+    added = np.zeros(len(heading))
+    added[rows] = np.where(jumps, -turn * np.sign(steps), 0.0)
+    if not abs(after) <= turn:  # a robot starts at a heading from -pi to pi
+        added[0] -= turn * np.round(heading[rows[0]] / turn)
+    return heading + np.cumsum(added), rows[jumps]
+
+
+def continuous_headings(
+    columns: Mapping[str, NDArray[np.float64]], t: NDArray[np.float64]
+) -> tuple[dict[str, NDArray[np.float64]], list[Finding]]:
+    """Return psi and ref_psi (N,), if they are kept within one turn, continued, and a finding on each."""
+    continued: dict[str, NDArray[np.float64]] = {}
+    found = []
+    first = np.nan
+    for name in ("psi", "ref_psi"):
+        if name not in columns:
+            continue
+        heading, rows = continuous_heading(columns[name], after=first)
+        known = heading[np.isfinite(heading)]
+        first = float(known[0]) if known.size else np.nan
+        if not rows.size:
+            continue
+        continued[name] = heading
+        time = float(t[rows[0]])
+        sentence = (
+            f"{name} is kept within one turn and jumps from end to end {counted(rows.size, 'time')}, first at row "
+            f"{rows[0] + 1} (t = {time:.6g} s): it is continued there."
+        )
+        found.append(
+            Finding(code="wrap", severity="note", text=sentence, where=Place(columns=(name,), time=time))
+        )
+    return continued, found
+
+
+#: after what clocks begin again, in their own unit: counters of 16 and 32 bits, those of 32 bits of micro- and of
+#: milliseconds written in seconds, and a day in seconds, milliseconds or microseconds
+_PERIODS = (2.0**16, 2.0**32, 2.0**32 * 1e-6, 2.0**32 * 1e-3, 86400.0, 86400e3, 86400e6)
+#: usual intervals that may pass meanwhile
+_MEANWHILE = 5.0
+
+
+def continuous_clock(t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Return a clock's times (N,), in any unit, continued where it begins again, and the rows where it does.
+
+    A clock begins again if a step back is one of the periods of clocks, less the time from one row to the next.
+    """
+    steps = np.diff(t)
+    usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+    found, rows = t, []
+    for row in np.flatnonzero(steps < 0.0):
+        for period in _PERIODS:
+            if t[row + 1] >= 0.0 and 0.0 < steps[row] + period <= _MEANWHILE * usual:
+                found = np.concatenate((found[: row + 1], found[row + 1 :] + period))
+                rows.append(row + 1)
+    return found, np.array(rows, dtype=np.intp)
+
+
+def clock_note(name: str, rows: NDArray[np.intp]) -> str:
+    """Return the sentence on a clock that begins again at rows."""
+    return (
+        f"{name} begins again {counted(rows.size, 'time')}, first at row {rows[0] + 1}, as a counter that overflows or "
+        "a time of day at midnight: it is continued there."
+    )
