@@ -4,18 +4,19 @@
 .venv/bin/python -m campaigns.between_logs prior
 
 Each robot is the nominal twin with every fault of a scenario at once, of random sizes. Its two logs differ in the
-reference and in all that is random. Each log of a pair predicts what the other one gives, by two intervals: that under
-its own conditions, and that for another log, with the prior that ships. That is fitted to `TRAINING`, on which the
-statistics were developed too; the robots judged are others. Logs and fits are kept in build/between_logs, so that an
-interrupted campaign continues; delete the folder after a change of the measurement.
+reference and in all that is random. Each log of a pair predicts what the other one gives, by two intervals: the one
+that identification states, and that for another log. Both have the prior that ships, which is fitted to `TRAINING`, on
+which the statistics were developed too; the robots judged are others. Logs and fits are kept in build/between_logs, so
+that an interrupted campaign continues; delete the folder after a change of the measurement.
 """
 
 from __future__ import annotations
 
 import pickle
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import permutations
 from pathlib import Path
 from typing import TypeVar
 
@@ -26,8 +27,8 @@ from scipy.stats import beta
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference
 from ballbot.files import read_sealed, write_sealed, write_text
-from ballbot.fitting.between_logs import Limits95, RobotLogs, VariancePrior, fit_prior, interval_score
-from ballbot.fitting.intervals import assess
+from ballbot.fitting.between_logs import RobotLogs, fit_prior
+from ballbot.fitting.intervals import HALF_WIDTH, Uncertainty, assess
 from ballbot.fitting.model_selection import gain_between
 from ballbot.fitting.run import Run, Threads
 from ballbot.fitting.search import at_bound
@@ -44,9 +45,9 @@ from ballbot.identification.variation import (
     LogEstimates,
     Priors,
     log_estimates,
+    scaled_units,
     shipped_priors,
-    units_of,
-    variation,
+    widened,
 )
 from ballbot.identification.verdict import window_blocks
 from ballbot.log import Log
@@ -190,8 +191,8 @@ class Fit:
 
     coordinates: Coordinates
     values: NDArray[np.float64]  #: (p,), SI units; NaN if a parameter has no influence
-    conditional: Mapping[str, Limits95]  #: today's intervals within the bounds, by label
-    by_log: LogEstimates  #: with errors that a discrepancy has widened
+    within: Uncertainty  #: by its own windows, with errors that a discrepancy has widened
+    by_log: LogEstimates
 
 
 def fit_of(log: Log, name: str, *, law: LawName = "stribeck") -> Fit:
@@ -213,31 +214,18 @@ def fit_of(log: Log, name: str, *, law: LawName = "stribeck") -> Fit:
         stands = coordinates.free & at_bound(fit.point) & ~estimate.unknown
         groups = speed_groups(ROBOT, prepared.fit)
         widen = discrepancy(fit.equations, groups, estimated, seed=0).factor
-        plain, wide = (
-            assess(fit, estimated=estimated, at_bound=stands, most_profiles=0, widen=factor, run=run)
-            for factor in (1.0, widen)
-        )
-        bounds = dict(
-            zip(coordinates.labels, zip(coordinates.lower, coordinates.upper, strict=True), strict=True)
-        )
+        within = assess(fit, estimated=estimated, at_bound=stands, most_profiles=0, widen=widen, run=run)
         return Fit(
             coordinates=coordinates,
             values=np.where(estimate.unknown, np.nan, estimate.values),
-            conditional={
-                label: Limits95(
-                    lower=max(one.lower, float(bounds[label][0])),
-                    upper=min(one.upper, float(bounds[label][1])),
-                )
-                for label, one in plain.intervals.items()
-            },
+            within=within,
             by_log=log_estimates(
                 coordinates,
                 fit,
                 prepared.fit.spans,
                 values=estimate.values,
-                uncertainty=wide,
+                uncertainty=within,
                 widen=widen,
-                seed=0,
             ),
         )
 
@@ -253,57 +241,88 @@ def pairs(seeds: Sequence[int]) -> Iterator[tuple[Fit, Fit]]:
 
 
 def fitted_priors(training: Sequence[tuple[Fit, Fit]]) -> Priors:
-    """Return the priors by quantity; the wheels of one robot count as robots of their own."""
-    collected: dict[str, list[RobotLogs]] = {name: [] for name in FRICTION}
+    """Return the priors by quantity, from the parameters that both logs of a robot gave a standard error."""
+    robots = []
     for both in training:
         coordinates = both[0].coordinates
-        units = units_of(coordinates, np.nanmean([one.values for one in both], axis=0))
-        points = np.array([coordinates.scaled(one.values) for one in both])
-        beyond = np.where(at_bound(points), np.sign(points - 0.5), 0.0)
-        for i, name in enumerate(coordinates.names):
-            found = np.array([_in_units(one, i, units[i]) for one in both])
-            if name in collected and np.isfinite(found).all():
-                logs = RobotLogs(estimates=found[:, 0], errors=found[:, 1], beyond=beyond[:, i].astype(int))
-                collected[name].append(logs)
-    return Priors(
-        by_name={name: fit_prior(of, most_degrees=len(training)) for name, of in collected.items()},
-        robots=len(training),
-    )
+        points, covariances = (
+            np.concatenate([getattr(one.by_log, name) for one in both]) for name in ("points", "covariances")
+        )
+        places = np.flatnonzero(np.isfinite(covariances.diagonal(axis1=1, axis2=2)).all(axis=0))
+        units = scaled_units(coordinates, np.mean([_known(one) for one in both], axis=0))
+        robots.append(
+            RobotLogs(
+                estimates=points[:, places],
+                covariances=covariances[:, places[:, None], places],
+                units=units[places],
+                groups=np.array([FRICTION.index(coordinates.names[i]) for i in places]),
+            )
+        )
+    prior = fit_prior(robots, groups=len(FRICTION))
+    sizes = dict(zip(FRICTION, prior.sizes.tolist(), strict=True))
+    return Priors(sizes=sizes, degrees=prior.degrees, robots=len(training))
 
 
-def _in_units(fit: Fit, i: int, unit: float) -> tuple[float, float]:
-    """Return a parameter's estimate and error in units of the priors; NaN if it has none."""
-    value = fit.values[i]
-    error = fit.by_log.errors[0, i] * fit.coordinates.slopes(fit.coordinates.scaled(fit.values))[i]
-    if np.isinf(unit):
-        return float(np.log(value)), float(error / value)
-    return float(value / unit), float(error / unit)
+def _known(fit: Fit) -> NDArray[np.float64]:
+    """Return a fit's values (p,), those of the description for what has no influence."""
+    return np.where(np.isfinite(fit.values), fit.values, fit.coordinates.nominal)
+
+
+#: the intervals that are judged: the one that identification states, and that for the estimate from another log
+KINDS = ("stated", "another log")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Judged:
-    """One parameter in one pair: what the second log gave, and the first one's intervals for it."""
+    """One parameter in one pair: what the first and the second log gave, and the first one's intervals."""
 
     label: str
-    value: float
-    conditional: Limits95
-    prediction: Limits95
+    own: float
+    other: float
+    ends: NDArray[np.float64]  #: (2, 2), of `KINDS`, within the bounds of the search
+
+    @property
+    def held(self) -> NDArray[np.bool_]:
+        """Which intervals hold what the second log gave (2,)."""
+        return (self.ends[:, 0] <= self.other) & (self.other <= self.ends[:, 1])
 
 
 def judge(both: tuple[Fit, Fit], priors: Priors) -> Iterator[Judged]:
     """Yield each parameter that both logs give a number."""
     first, second = both
-    known = np.where(np.isfinite(first.values), first.values, first.coordinates.nominal)
-    predicted = variation(first.coordinates, known, first.by_log, priors=priors).predictions
-    for label, value, mine in zip(first.coordinates.labels, second.values, first.values, strict=True):
-        if label in predicted and label in first.conditional and np.isfinite(value) and np.isfinite(mine):
-            one = predicted[label]
-            yield Judged(
-                label=label,
-                value=float(value),
-                conditional=first.conditional[label],
-                prediction=Limits95(lower=one.lower, upper=one.upper),
-            )
+    coordinates, values = first.coordinates, _known(first)
+    stated, varied = widened(coordinates, values, first.within, first.by_log, priors=priors)
+    kinds = (stated.intervals, varied.predictions)
+    for place, label in enumerate(coordinates.labels):
+        numbers = (float(first.values[place]), float(second.values[place]))
+        if label in first.within.intervals and np.isfinite(numbers).all():
+            ends = np.array([(one[label].lower, one[label].upper) for one in kinds])
+            within = np.clip(ends, coordinates.lower[place], coordinates.upper[place])
+            yield Judged(label=label, own=numbers[0], other=numbers[1], ends=within)
+
+
+def coverage_row(name: str, judged: Sequence[Judged]) -> list[str]:
+    """Return how many estimates the intervals held, and the median of their widths over the spread of repeated logs.
+
+    That is twice 1.96 of the standard deviation that the differences of the pairs show, each parameter's own.
+    """
+    held = np.array([one.held for one in judged]).sum(axis=0)
+    relative = []
+    for label in dict.fromkeys(one.label for one in judged):
+        mine = [one for one in judged if one.label == label]
+        spread = 2.0 * HALF_WIDTH * np.sqrt(np.mean([0.5 * (one.own - one.other) ** 2 for one in mine]))
+        relative += [
+            np.diff(one.ends, axis=1)[:, 0] / spread if spread > 0.0 else [np.inf] * 2 for one in mine
+        ]
+    cells = []
+    for count, width in zip(held.tolist(), np.median(relative, axis=0).tolist(), strict=True):
+        low, high = _binomial(count, len(judged))
+        share = f"{100 * count / len(judged):.0f} % ({100 * low:.0f} to {100 * high:.0f} %)"
+        cells += [f"{count} of {len(judged)}, {share}", f"{width:.2f}"]
+    return [name, *cells]
+
+
+COLUMNS = ("", *(f"{kind}: {what}" for kind in KINDS for what in ("held", "width")))
 
 
 def campaign() -> Section:
@@ -312,72 +331,29 @@ def campaign() -> Section:
     judged: list[Judged] = []
     for first, second in pairs(UNSEEN):
         judged += [*judge((first, second), priors), *judge((second, first), priors)]
-    found = {label: _counts([one for one in judged if one.label == label]) for label in _labels(judged)}
-    rows = []
-    for label, one in found.items():
-        low, high = _binomial(one.inside, one.of)
-        rows.append(
-            [
-                label,
-                f"{one.inside_conditional} of {one.of}",
-                f"{one.inside} of {one.of} ({100 * low:.0f} to {100 * high:.0f} %)",
-                f"{one.score_conditional:.3g}",
-                f"{one.score:.3g}",
-                f"{100.0 * (1.0 - one.score / one.score_conditional):.0f} %",
-            ]
-        )
-    ratios = [one.score / one.score_conditional for one in found.values()]
-    inside, of = sum(one.inside for one in found.values()), sum(one.of for one in found.values())
+    nominal = [fit_of(nominal_log(seed, duration=DURATION), f"nominal_24_{seed:02d}") for seed in SEEDS]
+    of_nominal = [one for both in permutations(nominal, 2) for one in judge(both, priors)]
     return Section(
         title="Intervals for the estimate from another log",
         before=f"{len(UNSEEN)} twins with all faults at once, of random sizes, each with two logs of {DURATION:g} s; "
-        f"nothing was developed on them or fitted to them. The 95 % intervals from one log are compared with the "
-        "estimate from the other, both ways: that under the log's own conditions, and that for another log, whose "
-        f"prior ships and is fitted to {priors.robots} other twins. In brackets the 95 % interval of the share, as if "
-        "all were independent. Score: mean interval score (width, and 40 times the miss), in the parameter's unit.",
-        columns=["", "own conditions: held", "another log: held", "score", "score, another log", "better by"],
-        rows=rows,
-        after=f"In all the interval for another log held {inside} of {of} estimates "
-        f"({100 * inside / of:.0f} %). The mean of the scores' ratios is {np.mean(ratios):.2f}, the "
-        f"geometric mean {np.exp(np.mean(np.log(ratios))):.2f}.",
+        f"nothing was developed on them or fitted to them. Two 95 % intervals from one log are compared with the "
+        "estimate from the other, both ways: the one that identification states, and that for another log. Both have "
+        f"the variation between logs of {priors.robots} other twins. In "
+        "brackets the 95 % interval of the share, as if all were independent. Width: median, over the spread of the "
+        f"estimates from repeated logs. Below, all pairs of {len(SEEDS)} logs of the nominal twin.",
+        columns=list(COLUMNS),
+        rows=[
+            *(
+                coverage_row(name, [one for one in judged if one.label.rstrip("123") == name])
+                for name in _SYMBOLS
+            ),
+            coverage_row("all", judged),
+            coverage_row("nominal twin, all", of_nominal),
+        ],
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Counts:
-    """One parameter over all pairs."""
-
-    of: int
-    inside_conditional: int
-    inside: int
-    score_conditional: float
-    score: float
-
-
-def _counts(judged: Sequence[Judged]) -> Counts:
-    def score(limits: Sequence[Limits95]) -> float:
-        return float(
-            np.mean([interval_score(mine, one.value) for mine, one in zip(limits, judged, strict=True)])
-        )
-
-    def inside(limits: Sequence[Limits95]) -> int:
-        return sum(mine.lower <= one.value <= mine.upper for mine, one in zip(limits, judged, strict=True))
-
-    conditional, prediction = [one.conditional for one in judged], [one.prediction for one in judged]
-    return Counts(
-        of=len(judged),
-        inside_conditional=inside(conditional),
-        inside=inside(prediction),
-        score_conditional=score(conditional),
-        score=score(prediction),
-    )
-
-
-def _labels(judged: Sequence[Judged]) -> list[str]:
-    """Return the parameters in the order of b, c, s, v_s, delta and C_rr."""
-    order = {label: place for place, label in enumerate(("b", "c", "s", "v_s", "delta", "C_rr"))}
-    named = dict.fromkeys(one.label for one in judged)
-    return sorted(named, key=lambda label: (order.get(label, order.get(label[0], 9)), label))
+_SYMBOLS = ("b", "c", "s", "v_s", "delta", "C_rr")
 
 
 def _binomial(count: int, of: int) -> tuple[float, float]:
@@ -445,8 +421,7 @@ def _equivalent(fit: Fit, log: Log) -> NDArray[np.float64]:
     return coulomb_equivalent(
         fit.coordinates.layout,
         fit.values,
-        errors=np.full(p, np.nan),
-        correlation=np.eye(p),
+        covariance=np.full((p, p), np.nan),
         wheel_speeds=Model(ROBOT).wheel_speed(states[:, :5], states[:, 5:]),
     ).values
 
@@ -530,12 +505,8 @@ def write_prior() -> None:
 
 def _prior_text(priors: Priors) -> str:
     head = PRIOR_FILE.read_text(encoding="utf-8").split("robots =")[0]
-    tables = [f"[{name}]\n{_numbers(one)}" for name, one in priors.by_name.items()]
-    return f"{head}robots = {priors.robots}\n\n" + "\n\n".join(tables) + "\n"
-
-
-def _numbers(prior: VariancePrior) -> str:
-    return f"scale = {prior.scale:#.3g}\ndegrees = {prior.degrees:#.3g}"
+    sizes = "".join(f"{name} = {size:#.3g}\n" for name, size in priors.sizes.items())
+    return f"{head}robots = {priors.robots}\ndegrees = {priors.degrees:#.3g}\n\n[sizes]\n{sizes}"
 
 
 if __name__ == "__main__":

@@ -14,7 +14,6 @@ from __future__ import annotations
 import hashlib
 import re
 import tempfile
-from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import permutations
 from pathlib import Path
@@ -24,13 +23,13 @@ import numpy as np
 from ballbot.cli.context import read_balancing_log
 from ballbot.cli.main import main as ballbot
 from ballbot.files import write_text
-from ballbot.fitting.between_logs import Limits95, interval_score
-from ballbot.fitting.intervals import Interval
 from ballbot.fitting.run import Run, Threads
 from ballbot.identification.identify import identify
+from ballbot.identification.result import Identification
 from ballbot.identification.stages import IdentificationOptions
 from ballbot.identification.windows import common_back_emf
 from ballbot.robot import Robot
+from campaigns.between_logs import COLUMNS, Judged, coverage_row
 from campaigns.section import DataMissingError, Section, data_folder, print_section
 
 SOURCE = "https://github.com/michiganrobotics/rob311"
@@ -58,15 +57,6 @@ SOURCES = {
 }
 _STEP = 2.5e-3  # [s], inner step of the fits; a cost differs by 1e-4
 _GROUPS = ("b", "c", "C_rr")
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Found:
-    """Estimates and intervals from one log, by label."""
-
-    values: Mapping[str, float]
-    conditional: Mapping[str, Interval]
-    prediction: Mapping[str, Interval]
 
 
 def log_file(name: str) -> Path:
@@ -102,7 +92,7 @@ def filled_in(mapping: str) -> str:
     return f"{before}[input]\n{re.sub(r'^#   ', '', duties[1], flags=re.MULTILINE)}{kept}"
 
 
-def found_in(name: str, folder: Path) -> Found:
+def found_in(name: str, folder: Path) -> Identification:
     """Map a log and identify it by itself, as docs/real_robots.md does."""
     path, robot = log_file(name), Robot.load("rob311")
     out = folder / name
@@ -111,7 +101,7 @@ def found_in(name: str, folder: Path) -> Found:
     mapping = out / "mapping.toml"
     if undetermined:
         write_text(mapping, filled_in(mapping.read_text(encoding="utf-8")))
-    found = identify(
+    return identify(
         robot,
         read_balancing_log(path, mapping, robot),
         law="coulomb",
@@ -121,15 +111,6 @@ def found_in(name: str, folder: Path) -> Found:
         ),
         run=Run(seed=0, executor=Threads(count=1)),
     )
-    return Found(
-        values={
-            label: value
-            for label, value in zip(found.labels, found.values.tolist(), strict=True)
-            if label.rstrip("123") in _GROUPS
-        },
-        conditional=found.intervals,
-        prediction=found.variation.predictions,
-    )
 
 
 def campaign() -> Section:
@@ -138,60 +119,36 @@ def campaign() -> Section:
         log_file(name)
     with tempfile.TemporaryDirectory() as folder:
         found = {name: found_in(name, Path(folder)) for name in SOURCES}
-    rows = []
-    totals = np.zeros(3, dtype=int)
-    for one, other in permutations(found, 2):
-        row, counts = pair_row(found[one], found[other])
-        totals += counts
-        rows.append([f"{one} for {other}", *row])
-    of, own, another = totals.tolist()
+    judged = {both: judge_pair(*(found[name] for name in both)) for both in permutations(found, 2)}
     hashes = ", ".join(f"{name} ({source.sha256[:12]})" for name, source in SOURCES.items())
     return Section(
         title="Intervals for the estimate from another log, on a real robot",
         before=f"Three logs of robots of a course ({SOURCE}; in brackets the first digits of the files' SHA-256: "
-        f"{hashes}), each identified by itself (law coulomb, heading excluded). The 95 % intervals from one log are "
-        "compared with the estimate from another: that under the log's own conditions, and that for another log. Of "
-        "the robot and the floor nothing is known but the logs; the third log may be of another robot of the course. "
-        "So this shows what happens outside of simulated robots, and sets no mark to pass. Where `check-log` asks, the "
+        f"{hashes}), each identified by itself (law coulomb, heading excluded). Two 95 % intervals from one log are "
+        "compared with the estimate from another: the one that identification states, and that for another log. Of "
+        "the robot and the floor nothing is known but the logs; the third log may be of "
+        "another robot of the course. Where `check-log` asks, the "
         "commands are duties, full duty gives the torque limit, and the lean's delay is the one at which the wheels "
-        "explain the lean best. Score: mean over the "
-        "parameters of the interval score over that of the own conditions.",
-        columns=["log for another", *(f"{group}: own, another" for group in _GROUPS), "score"],
-        rows=rows,
-        after=f"In all the intervals under own conditions held {own} of {of} estimates, those for another log "
-        f"{another} of {of}. `python -m campaigns.course_robot --data DIR` prints this section.",
+        "explain the lean best. Width: median, over the spread of the estimates from repeated logs.",
+        columns=list(COLUMNS),
+        rows=[
+            *(coverage_row(f"{one} for {other}", judged[one, other]) for one, other in judged),
+            coverage_row("all", [one for pair in judged.values() for one in pair]),
+        ],
+        after="`python -m campaigns.course_robot --data DIR` prints this section.",
     )
 
 
-def pair_row(one: Found, other: Found) -> tuple[list[str], list[int]]:
-    """Return a pair's cells, and how many estimates there are and either interval held.
-
-    Parameters
-    ----------
-    one : Found
-        Whose intervals are compared with the other's estimates.
-    other : Found
-    """
-    cells, ratios, totals = [], [], [0, 0, 0]
-    for group in _GROUPS:
-        labels = [
-            label
-            for label in one.values
-            if label.rstrip("123") == group and label in one.prediction and label in one.conditional
-        ]
-        own = sum(other.values[label] in one.conditional[label] for label in labels)
-        another = sum(other.values[label] in one.prediction[label] for label in labels)
-        cells.append(f"{own}, {another} of {len(labels)}")
-        totals = [totals[0] + len(labels), totals[1] + own, totals[2] + another]
-        for label in labels:
-            mine, wide = (
-                Limits95(lower=kind[label].lower, upper=kind[label].upper)
-                for kind in (one.conditional, one.prediction)
-            )
-            if np.isfinite([mine.lower, mine.upper]).all():
-                value = other.values[label]
-                ratios.append(interval_score(wide, value) / interval_score(mine, value))
-    return [*cells, f"{np.mean(ratios):.2f}"], totals
+def judge_pair(one: Identification, other: Identification) -> list[Judged]:
+    """Return how the intervals from one log compare with the estimates from another."""
+    judged = []
+    numbers = zip(one.labels, one.values.tolist(), other.values.tolist(), one.bounds, strict=True)
+    for label, own, others, bounds in numbers:
+        kinds = (one.intervals, one.another_log)
+        if label.rstrip("123") in _GROUPS and label in one.intervals:
+            ends = np.clip([(kind[label].lower, kind[label].upper) for kind in kinds], *bounds)
+            judged.append(Judged(label=label, own=own, other=others, ends=ends))
+    return judged
 
 
 if __name__ == "__main__":

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from ballbot.fitting.intervals import Interval
 from campaigns import course_robot
-from campaigns.course_robot import Found, filled_in, pair_row
+from campaigns.course_robot import filled_in
 from campaigns.evidence import written_sections
 
 PROPOSED = """# proposed
@@ -45,30 +47,30 @@ def test_the_lines_for_duties_replace_those_for_torques_and_the_delay_is_the_whe
     }
 
 
-def test_a_row_counts_what_each_interval_holds() -> None:
+def test_the_pages_text_is_the_campaigns(monkeypatch: pytest.MonkeyPatch) -> None:
     def interval(lower: float, upper: float) -> Interval:
         return Interval(lower=lower, upper=upper, method="clustered")
 
-    one = Found(
-        values={"b1": 1.0, "b2": 1.0, "C_rr": 1.0},
-        conditional={"b1": interval(0.9, 1.1), "b2": interval(0.9, 1.1), "C_rr": interval(0.9, float("inf"))},
-        prediction={"b1": interval(0.8, 1.2), "b2": interval(0.5, 1.5), "C_rr": interval(0.5, 1.5)},
+    found = SimpleNamespace(
+        labels=("b1", "v_s"),
+        values=np.array([1.0, 1.0]),
+        bounds=np.array([[0.0, 2.0], [0.0, 2.0]]),
+        intervals={"b1": interval(0.9, 1.1), "v_s": interval(0.9, 1.1)},
+        another_log={"b1": interval(0.8, np.inf), "v_s": interval(0.8, np.inf)},
     )
-    other = Found(values={"b1": 1.0, "b2": 1.4, "C_rr": 2.0}, conditional={}, prediction={})
-    cells, counts = pair_row(one, other)
-    assert counts == [3, 2, 2]
-    # widths 0.4 over 0.2; and 1 over 0.2 + 40 * 0.3. An interval that is open has no score
-    assert cells == ["1, 2 of 2", "0, 0 of 0", "1, 0 of 1", f"{(2.0 + 1.0 / 12.2) / 2.0:.2f}"]
-
-
-def test_the_pages_text_is_the_campaigns(monkeypatch: pytest.MonkeyPatch) -> None:
-    certain = Interval(lower=0.9, upper=1.1, method="clustered")
-    found = Found(values={"b1": 1.0}, conditional={"b1": certain}, prediction={"b1": certain})
+    other = SimpleNamespace(**{**vars(found), "values": np.array([1.5, 1.0])})
+    made = iter((found, other, found))
     monkeypatch.setattr(course_robot, "log_file", Path)
-    monkeypatch.setattr(course_robot, "found_in", lambda *_: found)
+    monkeypatch.setattr(course_robot, "found_in", lambda *_: next(made))
     section = course_robot.campaign()
+    first = section.rows[0]
+    assert first[1].startswith("0 of 1, 0 %")
+    # 0.2 and 1.2, up to the bound, over 3.92 standard deviations of 0.5 / sqrt(2)
+    assert [float(cell) for cell in first[2::2]] == pytest.approx([0.144, 0.866], abs=0.006)
+    assert first[3].startswith("1 of 1, 100 %")
+    assert section.rows[-1][1].startswith("4 of 6")
     page = written_sections()["course_robot"]
     assert f"## {section.title}\n\n{section.before}\n\n| {' | '.join(section.columns)} |\n" in page
     assert [line.split(" | ")[0] for line in page.splitlines() if " for " in line and line[0] == "|"][1:] == [
-        f"| {row[0]}" for row in section.rows
+        f"| {row[0]}" for row in section.rows[:-1]
     ]

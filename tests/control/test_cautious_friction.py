@@ -5,12 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from ballbot import InputError
 from ballbot.cli.main import main
 from ballbot.control.file import read_controller
-from ballbot.control.overcompensation import cautious_friction, stated_covariance
+from ballbot.control.overcompensation import cautious_friction, certain_friction, stated_covariance
 from ballbot.mechanics.friction import wheel_friction
+from ballbot.robot import Friction
 from ballbot.robot.file import write_robot
 from tests.support.control_examples import FRICTION, alten
 
@@ -77,8 +80,59 @@ def test_certain_friction_is_compensated_whole_and_uncertain_friction_not_at_all
     cautious = cautious_friction(FRICTION, unknown)
     assert cautious.coulomb[0] == cautious.viscous[0] == 0.0
     assert cautious.coulomb[1:] == FRICTION.coulomb[1:]
-    unknown[:] = np.nan  # nothing has a standard error: nothing is known against it
-    assert cautious_friction(FRICTION, unknown) == FRICTION
+    unknown[:] = np.nan  # nothing has an error, and nothing limits it but zero
+    cautious = cautious_friction(FRICTION, unknown)
+    assert not any((*cautious.viscous, *cautious.coulomb, *cautious.stribeck, cautious.rolling))
+
+
+LABELS = [
+    *(f"friction.{name}[{wheel}]" for name in ("viscous", "coulomb", "stribeck") for wheel in range(3)),
+    *("friction.stribeck_speed", "friction.stribeck_exponent", "friction.rolling"),
+]
+VALUES = np.array([*FRICTION.viscous, *FRICTION.coulomb, *FRICTION.stribeck, 0.6, 1.1, 0.007])
+
+
+def shares(friction: Friction) -> np.ndarray:
+    """Return which shares of the wheels' and of the rolling friction are left."""
+    wheels = np.divide(friction.coulomb, FRICTION.coulomb)
+    return np.array([*wheels, friction.rolling / FRICTION.rolling])
+
+
+@given(seed=st.integers(0, 2**16), unknown=st.sets(st.integers(0, 11), min_size=1))
+def test_an_unknown_error_never_leads_to_more_than_a_known_one(seed: int, unknown: set[int]):
+    """Of any covariance: whatever stays within an interval leaves no less friction than the interval does."""
+    covariance = drawn_covariance(seed)
+    missing, places = covariance.copy(), sorted(unknown)
+    missing[places] = missing[:, places] = np.nan
+    half = 3.0 * np.sqrt(covariance.diagonal())  # 1.64 of them count; the curve bends by less than the rest
+    intervals = {LABELS[i]: (max(VALUES[i] - half[i], 1e-3), VALUES[i] + half[i]) for i in places}
+    known = shares(cautious_friction(FRICTION, covariance))
+    assert (shares(cautious_friction(FRICTION, missing, intervals=intervals)) <= known + 1e-12).all()
+    # and no less than without any interval, by the range alone
+    assert (shares(cautious_friction(FRICTION, missing)) <= known + 1e-12).all()
+
+
+def test_an_unknown_error_costs_what_its_interval_allows():
+    covariance = np.zeros((12, 12))
+    covariance[[7, 11]] = covariance[:, [7, 11]] = np.inf
+    intervals = {"friction.stribeck[1]": (0.03, 0.05), "friction.rolling": (0.005, 0.02)}
+    cautious = cautious_friction(FRICTION, covariance, intervals=intervals)
+    # at rest 0.12 of 0.13 N m are certain: the least share of all speeds, where s acts
+    assert cautious.coulomb[1] / FRICTION.coulomb[1] == pytest.approx(0.12 / 0.13, abs=5e-3)
+    assert cautious.rolling == 0.005
+    assert cautious.coulomb[0] == FRICTION.coulomb[0]
+    # a parameter at its lower bound is at its lowest already
+    none = replace(FRICTION, stribeck=(0.05, 0.0, 0.06))
+    assert cautious_friction(none, covariance).coulomb == FRICTION.coulomb
+
+
+def test_errors_of_0_02_on_c_leave_no_more_if_they_are_unknown():
+    covariance = np.zeros((12, 12))
+    covariance[range(3, 6), range(3, 6)] = 0.02**2
+    known = cautious_friction(FRICTION, covariance)
+    covariance[range(3, 6), range(3, 6)] = np.nan
+    within = {f"friction.coulomb[{i}]": (c - 0.04, c + 0.04) for i, c in enumerate(FRICTION.coulomb)}
+    assert (shares(cautious_friction(FRICTION, covariance, intervals=within)) <= shares(known)).all()
 
 
 def test_design_compensates_what_is_certain_by_the_robots_file(tmp_path, capsys):
@@ -87,6 +141,7 @@ def test_design_compensates_what_is_certain_by_the_robots_file(tmp_path, capsys)
     assert covariance is not None
     np.testing.assert_allclose(np.sqrt(np.diag(covariance))[3:6], [0.01, 0.0, 0.03])
     assert stated_covariance(alten(FRICTION)) is None
+    assert certain_friction(alten(FRICTION)) == FRICTION
     write_robot(robot, tmp_path / "found.toml")
     assert main(["design", str(tmp_path / "found.toml"), "--out", str(tmp_path)]) == 0
     assert "Only the friction that is certain is compensated" in capsys.readouterr().out
@@ -99,5 +154,9 @@ def test_design_compensates_what_is_certain_by_the_robots_file(tmp_path, capsys)
 def test_invalid_input_is_refused():
     with pytest.raises(InputError, match="3 wheels have 12 parameters"):
         cautious_friction(FRICTION, np.zeros((11, 11)))
+    covariance = np.diag(np.full(12, 1e-4))
+    covariance[0, 3] = covariance[3, 0] = np.nan
+    with pytest.raises(InputError, match="not finite between two known errors"):
+        cautious_friction(FRICTION, covariance)
     with pytest.raises(InputError, match="confidence is 1;"):
         cautious_friction(FRICTION, np.zeros((12, 12)), confidence=1.0)

@@ -1,5 +1,8 @@
 """Stages compared: chance is reported as often as it should be, and real differences with the effect they show."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,13 +15,8 @@ from ballbot.identification.agreement import (
     compare,
     of_robot_file,
 )
-from ballbot.identification.quantities import Layout, with_friction
-from ballbot.identification.stated_uncertainty import (
-    joint_covariance,
-    joint_errors,
-    parameter_covariance,
-    with_uncertainty,
-)
+from ballbot.identification.quantities import FRICTION, with_friction
+from ballbot.identification.stated_uncertainty import with_uncertainty
 from ballbot.robot.file import write_robot
 from ballbot.robot.variations import correlations, draw_robots, uncertain
 
@@ -114,90 +112,73 @@ def test_the_robot_states_the_covariance_of_its_parameters():
         return robot.replace(friction=type(friction)(**{**vars(friction), **values}))
 
     p = np.array([0.014, 0.11, 0.007])
-    covariance = parameter_covariance(2.0 * errors, errors, R)
-    # variation between logs has no correlation: twice the deviation leaves a quarter of the correlation
-    assert covariance[0, 1] == pytest.approx(-0.9 * errors[0] * errors[1])
+    covariance = R * np.outer(errors, errors)
     names = ("friction.viscous", "friction.coulomb", "friction.rolling")
     found = with_uncertainty(robot_of(p), robot_of, p, covariance, names=names)
-    # of the wheels' c only one follows from the parameters
-    assert set(found.standard_deviations) == {"friction.viscous", "friction.rolling"}
-    assert found.standard_deviations["friction.viscous"] == pytest.approx((4e-4,) * 3)
-    assert found.standard_deviations["friction.rolling"] == pytest.approx(1e-3)
+    # of the wheels' c only one follows from the parameters, the others are exact
+    assert found.standard_deviations["friction.coulomb"] == pytest.approx((1e-3, 0.0, 0.0))
+    assert found.standard_deviations["friction.viscous"] == pytest.approx((2e-4,) * 3)
+    assert found.standard_deviations["friction.rolling"] == pytest.approx(5e-4)
     labels = [one.label for one in uncertain(found)]
-    # one b of three wheels, and its correlation with C_rr, to the fifth decimal
+    # one b of three wheels, and its correlation with c and C_rr, to the fifth decimal
     np.testing.assert_allclose(
-        correlations(found)[labels.index("friction.rolling")], [0.05, 0.05, 0.05, 1.0], atol=1e-5
+        correlations(found)[labels.index("friction.rolling")], [0.2, 0.2, 0.2, 0.0, 1.0], atol=1e-5
     )
 
 
-def test_only_rolling_friction_has_its_variation_between_logs_in_the_joint_errors():
-    layout = Layout(wheel_count=3)
-    errors, deviations = np.full(12, 0.1), np.full(12, 0.3)
-    errors[0], deviations[3] = np.nan, np.nan
-    assert joint_errors(layout, errors, deviations)[-1] == 0.3
-    np.testing.assert_array_equal(joint_errors(layout, errors, deviations)[:-1], errors[:-1])
-    assert joint_errors(layout, errors, np.full(12, np.nan))[-1] == 0.1
-    errors[-1] = np.nan  # at a bound
-    assert np.isnan(joint_errors(layout, errors, deviations)[-1])
+P = np.array([0.014, 0.016, 0.013, 0.11, 0.09, 0.12, 0.05, 0.04, 0.06, 0.6, 1.1, 0.007])
+NAMES = [f"friction.{name}" for name in FRICTION]
 
 
-def test_numbers_that_make_up_for_one_another_between_logs_keep_their_friction(tmp_path):
-    """c and s vary by half between logs while their sum hardly does: each is stated so, and all are used together."""
-    robot, n = Robot.load("alten"), 3
-    p = np.array([0.014, 0.016, 0.013, 0.11, 0.09, 0.12, 0.05, 0.04, 0.06, 0.6, 1.1, 0.007])
-    errors, deviations = 0.05 * p, 0.5 * p
-    errors[10] = np.nan  # delta is at a bound
-    R = np.eye(12)
-    for wheel in range(n):
-        R[n + wheel, 2 * n + wheel] = R[2 * n + wheel, n + wheel] = -0.9
-    R[10] = R[:, 10] = np.nan
-    joint = joint_covariance(errors, R)
-    names = [f"friction.{name}" for name in ("viscous", "coulomb", "stribeck")]
-    names += [f"friction.{name}" for name in ("stribeck_speed", "stribeck_exponent", "rolling")]
+def test_a_number_without_an_error_has_its_interval_and_leaves_the_others_theirs(tmp_path):
+    """s2 is at its bound, delta has no influence: in the file, in robots drawn and in what is compensated."""
+    robot, p = Robot.load("alten"), P.copy()
+    p[7] = 0.0
+    covariance = np.diag((0.05 * P) ** 2)
+    covariance[[7, 10]] = covariance[:, [7, 10]] = np.nan
     found = with_uncertainty(
         with_friction(robot, p),
         lambda q: with_friction(robot, q),
         p,
-        parameter_covariance(deviations, errors, R),
-        names=names,
-        joint=joint,
+        covariance,
+        names=NAMES,
+        ends={7: (0.0, 0.03), 10: (0.3, 10.0)},
     )
     write_robot(found, tmp_path / "found.toml")
     read = Robot.load(tmp_path / "found.toml")
-    assert read.standard_deviations["friction.coulomb"] == pytest.approx(deviations[3:6], rel=1e-3)
-    stated = stated_covariance(read)
+    assert read.standard_deviations["friction.stribeck"] == (0.0025, math.inf, 0.003)
+    assert read.standard_deviations["friction.stribeck_exponent"] == math.inf
+    assert read.intervals == {
+        "friction.stribeck[1]": (0.0, 0.03),
+        "friction.stribeck_exponent": (0.3, 10.0),
+    }
+    stated = of_robot_file(read)
     assert stated is not None
-    # four digits of two errors, and five decimals of a correlation
-    tolerance = 1.1e-3 * np.outer(0.05 * p, 0.05 * p)
-    assert (np.abs(stated[:12, :12] - joint) <= tolerance).all()
-    labels = [one.label for one in uncertain(read)]
-    assert "friction.stribeck_exponent" not in labels
-    # compensation, and robots drawn, are as far off as the errors together, not as the numbers by themselves
+    np.testing.assert_allclose(stated.covariance.diagonal()[3:6], (0.05 * P[3:6]) ** 2, rtol=1e-3)
+    assert np.isinf(stated.covariance.diagonal()[[7, 10]]).all()
+    assert {"s2", "delta"}.isdisjoint(stated.known)
+    robots = draw_robots(read, 100, seed=0)
+    drawn = np.array([(one.friction.stribeck[1], one.friction.stribeck_exponent) for one in robots])
+    assert (drawn >= [0.0, 0.3]).all()
+    assert (drawn <= [0.03, 10.0]).all()
+    assert (drawn.std(axis=0) > [0.003, 1.0]).all()
+    # at its bound, s2 is at its lowest already
     fraction = np.array(certain_friction(read).coulomb) / np.array(read.friction.coulomb)
-    assert (fraction > 0.85).all()
-    breakaway = np.array(
-        [np.add(one.friction.coulomb, one.friction.stribeck) for one in draw_robots(read, 400, seed=0)]
-    )
-    g = np.eye(12)[3:6] + np.eye(12)[6:9]
-    # 400 draws give a standard deviation to 3.5 %; four of those
-    np.testing.assert_allclose(breakaway.std(axis=0), np.sqrt((g @ joint @ g.T).diagonal()), rtol=0.14)
-    # another log's b and c are compared one by one
-    by_number = of_robot_file(read)
-    assert by_number is not None
-    np.testing.assert_allclose(np.sqrt(by_number.covariance.diagonal()), deviations, rtol=1e-3)
+    assert 0.85 < fraction[1] < 0.95
+    # numbers that change lose both
+    moved = read.replace(friction=replace(read.friction, stribeck=(0.05, 0.01, 0.06)))
+    assert set(moved.intervals) == {"friction.stribeck_exponent"}
 
 
 def test_a_robot_written_and_read_again_has_the_same_covariance(tmp_path):
     robot, random = Robot.load("alten"), np.random.default_rng(5)
-    p = np.array([0.014, 0.016, 0.013, 0.11, 0.09, 0.12, 0.05, 0.04, 0.06, 0.6, 1.1, 0.007])
+    p = P
     factors = random.standard_normal((12, 12)) @ np.diag(np.geomspace(3.0, 0.3, 12))
     covariance = factors @ factors.T
     sizes = np.sqrt(covariance.diagonal())
     covariance *= np.outer(0.05 * p / sizes, 0.05 * p / sizes)
-    names = [f"friction.{name}" for name in ("viscous", "coulomb", "stribeck")]
-    names += [f"friction.{name}" for name in ("stribeck_speed", "stribeck_exponent", "rolling")]
     found = with_uncertainty(
-        with_friction(robot, p), lambda q: with_friction(robot, q), p, covariance, names=names
+        with_friction(robot, p), lambda q: with_friction(robot, q), p, covariance, names=NAMES
     )
     write_robot(found, tmp_path / "found.toml")
     stated = stated_covariance(Robot.load(tmp_path / "found.toml"))

@@ -20,8 +20,8 @@ def found(values: np.ndarray, errors: np.ndarray | None = None, correlation: np.
     return coulomb_equivalent(
         LAYOUT,
         values,
-        errors=np.full(12, np.nan) if errors is None else errors,
-        correlation=np.eye(12) if correlation is None else correlation,
+        covariance=(np.eye(12) if correlation is None else correlation)
+        * (np.nan if errors is None else np.outer(errors, errors)),
         wheel_speeds=SPEEDS,
     )
 

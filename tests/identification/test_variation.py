@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ballbot.fitting.between_logs import VariancePrior
 from ballbot.fitting.intervals import Interval, Uncertainty
 from ballbot.fitting.uncertainty import Discrepancy, WindowEquations
 from ballbot.identification.identify import estimated_parameters
@@ -21,15 +20,16 @@ from ballbot.identification.variation import (
     log_estimates,
     shipped_priors,
     units_of,
-    variation,
     variation_findings,
+    widened,
 )
 from ballbot.identification.windows import Span
 from ballbot.robot import Robot
 
 ROBOT = Robot.load("alten")
+AT_BOUND = {"c1": Interval(lower=0.0, upper=0.02, method="at bound")}
 VALUES = np.array([0.02] * 3 + [0.1] * 3 + [0.05] * 3 + [0.6, 1.1, 0.01])
-PRIORS = Priors(by_name=dict.fromkeys(FRICTION, VariancePrior(scale=0.1, degrees=8.0)), robots=5)
+PRIORS = Priors(sizes=dict.fromkeys(FRICTION, 0.1), degrees=8.0, robots=5)
 
 
 @pytest.fixture(scope="module")
@@ -73,12 +73,18 @@ def linear(coordinates: Coordinates, *, shifts: NDArray[np.float64], seed: int =
 def uncertainty(coordinates: Coordinates, errors: NDArray[np.float64]) -> Uncertainty:
     """Return an uncertainty of scaled errors (p,)."""
     physical = errors * coordinates.slopes(coordinates.scaled(VALUES))
+    half = 1.96 * physical
+    intervals = {
+        label: Interval(lower=float(value - reach), upper=float(value + reach), method="clustered")
+        for label, value, reach in zip(coordinates.labels, VALUES, half, strict=True)
+        if np.isfinite(reach)
+    }
     return Uncertainty(
         scaled_errors=errors,
         standard_errors=physical,
         bootstrap_errors=physical,
-        correlation=np.eye(len(errors)),
-        intervals={"c1": Interval(lower=0.0, upper=0.02, method="at bound")},
+        correlation=np.where(np.isfinite(np.outer(errors, errors)), np.eye(len(errors)), np.nan),
+        intervals=intervals if len(intervals) == len(errors) else intervals | AT_BOUND,
     )
 
 
@@ -91,72 +97,71 @@ def test_each_logs_estimate_is_that_of_its_own_least_squares(coordinates: Coordi
         values=coordinates.physical(made.point),
         uncertainty=uncertainty(coordinates, np.full(12, 1e-3)),
         widen=1.0,
-        seed=0,
     )
     np.testing.assert_allclose(found.points, made.by_log, atol=1e-10)
-    # 60 windows of 20 residuals of 0.02; errors from 60 windows scatter by a tenth, and the larger of two counts
-    np.testing.assert_allclose(found.errors, 0.02 / np.sqrt(1200.0), rtol=0.5)
+    # 60 windows of 20 residuals of 0.02; errors from 180 windows scatter by a twentieth, and the windows by a tenth
+    errors = np.sqrt(found.covariances.diagonal(axis1=1, axis2=2))
+    np.testing.assert_allclose(errors, 0.02 / np.sqrt(1200.0), rtol=0.35)
 
 
-def test_one_log_has_the_errors_of_the_estimate_and_a_bound_has_those_of_its_interval(
-    coordinates: Coordinates,
-):
-    made, errors = linear(coordinates, shifts=np.zeros(1)), np.full(12, 2e-3)
-    errors[3] = np.nan  # c1 at zero
-    values = coordinates.physical(made.point)
-    values[3] = 0.0
-    found = log_estimates(
-        coordinates,
-        made,
-        made.spans,
-        values=values,
-        uncertainty=uncertainty(coordinates, errors),
-        widen=1.0,
-        seed=0,
+def of_logs(points: np.ndarray, errors: np.ndarray) -> LogEstimates:
+    """Return estimates (k, p) with independent errors (p,), scaled; NaN of parameters at a bound."""
+    covariances = np.tile(
+        np.where(np.isfinite(np.outer(errors, errors)), np.diag(errors**2), np.nan), (len(points), 1, 1)
     )
-    assert found.errors[0, 0] == pytest.approx(2e-3, rel=0.05)  # slopes at the truth and at the estimate
-    assert found.errors[0, 3] == pytest.approx(0.02 / 0.5 / 1.96)
+    return LogEstimates(points=points, covariances=covariances)
 
 
-def test_the_prediction_is_wider_than_what_the_robot_has_in_common(coordinates: Coordinates):
-    by_log = LogEstimates(points=coordinates.scaled(VALUES)[None], errors=np.full((1, 12), 5e-3))
-    found = variation(coordinates, VALUES, by_log, priors=PRIORS)
-    for label, one in found.predictions.items():
-        robot = found.robots[label]
-        assert one.lower <= robot.lower < robot.upper <= one.upper
-    assert list(found.predictions) == list(coordinates.labels)
-    assert np.all(found.deviations > 0.0)
-    (finding,) = variation_findings(found)
+def test_one_log_has_the_errors_of_the_estimate_and_the_variation_of_the_prior(coordinates: Coordinates):
+    errors, values = np.full(12, 2e-3), VALUES.copy()
+    errors[3], values[3] = np.nan, 0.0  # c1 is at zero
+    within = uncertainty(coordinates, errors)
+    scaled = coordinates.scaled(values)
+    found, varied = widened(coordinates, values, within, of_logs(scaled[None], errors), priors=PRIORS)
+    # E(tau^2) = 8 / 6; b varies by 0.1 of 0.02, over bounds of 0.1
+    assert found.scaled_errors[0] == pytest.approx(np.sqrt(2e-3**2 + 8.0 / 6.0 * 0.02**2), rel=2e-3)
+    assert found.standard_errors[0] == pytest.approx(0.1 * found.scaled_errors[0])
+    assert np.isnan(found.standard_errors[3])
+    # a bound has no error, and its interval reaches farther: by 0.1 of the wheels' mean c + s
+    more = 1.96 * np.sqrt(8.0 / 6.0) * 0.1 * float(np.mean(values[3:6]) + 0.05)
+    assert found.intervals["c1"].lower == 0.0
+    assert found.intervals["c1"].upper == pytest.approx(np.hypot(0.02, more), rel=2e-3)
+    for label, one in varied.predictions.items():
+        assert one.lower <= found.intervals[label].lower < found.intervals[label].upper <= one.upper
+    (finding,) = variation_findings(varied)
     assert "One log" in finding.text
     assert "5 simulated robots" in finding.text
 
 
-def test_only_logs_that_differ_are_said_to_vary(coordinates: Coordinates):
-    points = np.tile(coordinates.scaled(VALUES), (3, 1))
-    errors = np.full((3, 12), 5e-3)
-    alike = variation(coordinates, VALUES, LogEstimates(points=points, errors=errors), priors=PRIORS)
-    assert variation_findings(alike) == []
-    points[1, 4] += 0.1
-    apart = variation(coordinates, VALUES, LogEstimates(points=points, errors=errors), priors=PRIORS)
-    assert apart.apart == ("c2",)
-    assert apart.between["c2"].between > 1.3 * alike.between["c2"].between
-    (finding,) = variation_findings(apart)
-    assert "c2 varies" in finding.text
+def test_more_logs_know_more_and_logs_that_differ_are_found(coordinates: Coordinates):
+    errors, scaled = np.full(12, 5e-3), coordinates.scaled(VALUES)
+    within = uncertainty(coordinates, errors)
+    one, _ = widened(coordinates, VALUES, within, of_logs(scaled[None], errors), priors=PRIORS)
+    points = np.tile(scaled, (3, 1))
+    alike, varied = widened(coordinates, VALUES, within, of_logs(points, errors), priors=PRIORS)
+    assert np.all(alike.standard_errors < one.standard_errors)
+    assert variation_findings(varied) == []
+    points[1, 4] += 0.15
+    apart, varied = widened(coordinates, VALUES, within, of_logs(points, errors), priors=PRIORS)
+    assert np.all(apart.standard_errors > alike.standard_errors)
+    (finding,) = variation_findings(varied)
+    assert "The 3 logs differ" in finding.text
 
 
 def test_units_are_the_robots_own_size(coordinates: Coordinates):
     units = units_of(coordinates, VALUES)
     assert units[:9] == pytest.approx([0.02] * 3 + [0.15] * 6)
-    assert np.isinf(units[9:11]).all()
+    assert units[9:11] == pytest.approx([0.6, 1.1])  # they vary by a factor
     assert units[11] == pytest.approx(0.01)
     assert np.all(units_of(coordinates, np.array([0.0] * 9 + [1.0, 1.0, 0.0])) > 0.0)
 
 
 def test_the_shipped_priors_cover_the_friction():
     shipped = shipped_priors()
-    assert set(shipped.by_name) == set(FRICTION)
+    assert set(shipped.sizes) == set(FRICTION)
     assert shipped.robots >= 2
-    assert all(0.0 < one.scale < 10.0 and one.degrees >= 3.0 for one in shipped.by_name.values())
+    assert all(0.0 < one < 10.0 for one in shipped.sizes.values())
+    assert shipped.degrees >= 3.0
 
 
 def test_a_discrepancy_is_reported_only_if_chance_does_not_explain_it():

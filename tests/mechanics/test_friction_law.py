@@ -225,7 +225,7 @@ def test_identified_terms_stand_in_the_robot(tmp_path):
     layout = Layout(wheel_count=3, extra=("load", "torque_offset"))
     errors = np.full(len(values), 0.001)
     errors = np.full(len(values), 0.001)
-    given = {"covariance": np.diag(errors**2), "log_count": 1}
+    given = {"covariance": np.diag(errors**2), "ends": {}, "log_count": 1}
     robot = found_robot(robot_with(Friction.none(3)), layout, values, errors, **given, asymmetric=True)
     assert robot.friction == replace(PLAIN, load=LOAD, coulomb_asymmetry=(0.03, -0.02, -0.12))
     assert robot.sources["friction.load"].startswith("identified: from 1 log")

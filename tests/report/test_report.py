@@ -106,17 +106,13 @@ def _found() -> Identification:
         predictor=Predictor(robot=true_robot(), formulation="exact", step=1e-3),
         values=Layout(wheel_count=3).nominal(true_robot()),
         bounds=np.tile([0.0, 10.0], (12, 1)),
-        bootstrap_errors={},
         intervals={},
         variation=Variation(
             logs=1,
-            apart=(),
-            predictions={},
-            robots={},
+            differ=False,
+            factor=1.0,
             deviations=np.full(12, np.nan),
-            between={},
-            within={},
-            units=np.ones(12),
+            predictions={},
             prior_robots=0,
         ),
         correlation=spread / np.outer(scale, scale),
@@ -155,7 +151,7 @@ def test_an_interval_without_a_limit_goes_on_to_the_border_of_its_panel():
     assert tuple(bar.get_ydata()) == (0.3, panels["v_s [rad/s]"].get_ylim()[1])
     assert len([line for line in panels["b [N m s/rad]"].lines if len(line.get_xdata()) == 2]) == 3
     words = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert words == ["95 %, this log", "in the robot file", "found"]
+    assert words == ["95 %", "in the robot file", "found"]
 
 
 def test_both_intervals_are_open_at_the_bounds_of_the_search_and_every_value_says_what_it_has():
@@ -163,8 +159,8 @@ def test_both_intervals_are_open_at_the_bounds_of_the_search_and_every_value_say
     made = _found()
     bounds = made.bounds.copy()
     bounds[9, 0] = 0.3  # of v_s
-    ends = {"b1": (0.0, 10.0), "v_s": (0.3, 5.0)}
-    other = {key: Interval(lower=low, upper=high, method="between logs") for key, (low, high) in ends.items()}
+    ends = {"b1": (0.0, np.inf), "v_s": (-np.inf, 5.0)}
+    other = {key: Interval(lower=low, upper=high, method="clustered") for key, (low, high) in ends.items()}
     found = replace(
         made,
         bounds=bounds,
@@ -247,8 +243,7 @@ def test_the_friction_in_words_names_parameters_without_a_limit():
 def test_the_doubts_name_parameters_that_another_log_leaves_open():
     found = replace(_found(), findings=())
     assert _doubts(found).startswith("No parameter is at a bound. The two")
-    upper = found.bounds[found.labels.index("delta"), 1]
-    wide = {"delta": Interval(lower=0.0, upper=upper, method="profile")}
+    wide = {"delta": Interval(lower=0.0, upper=np.inf, method="profile")}
     predictions = {**found.variation.predictions, **wide}
     found = replace(found, variation=replace(found.variation, predictions=predictions))
     assert " From another log, any value of delta must be expected. The two" in _doubts(found)
@@ -297,12 +292,14 @@ def test_the_friction_band_is_that_of_drawn_parameters(wheel):
     np.testing.assert_allclose(curve.standard_error, np.std(torques, axis=0), rtol=0.06)
 
 
-def test_a_parameter_without_a_standard_error_counts_as_known():
+def test_a_parameter_without_a_standard_error_is_as_uncertain_as_its_range():
     found = _found()
     lost = replace(found, standard_errors=found.standard_errors | {"delta": np.nan})
     covariance = lost.covariance
-    assert np.isfinite(covariance).all()
-    assert not covariance[10].any()
+    assert np.isnan(covariance[10]).all()
+    # from 0 to 10
+    assert lost.assumed_covariance[10, 10] == pytest.approx(100.0 / 12.0)
+    assert np.isfinite(lost.assumed_covariance).all()
 
 
 def _driveline(values, errors, intervals):

@@ -68,9 +68,7 @@ class TestFile:
         mixed = random.standard_normal((4, 4))
         C = mixed @ mixed.T
         R = C / np.sqrt(np.outer(C.diagonal(), C.diagonal()))
-        errors = random.choice([0.0, 0.1, 1.0]) * np.array([*sizes[:3], sizes[3]])
-        together = Correlation.of_matrix(labels, R, errors.tolist() if errors.any() else ())
-        robot = known_to(deviations).annotated(correlation=together)
+        robot = known_to(deviations).annotated(correlation=Correlation.of_matrix(labels, R))
         path = tmp_path_factory.mktemp("robots") / "robot.toml"
         write_robot(robot, path)
         read = Robot.load(path)
@@ -81,14 +79,18 @@ class TestFile:
     @pytest.mark.parametrize(
         ("of", "lower", "says"),
         [
-            ('["friction.coulom"]', "[[1.0]]", "has no standard deviation above zero"),
+            ('["friction.coulom"]', "[[1.0]]", "has no finite standard deviation above zero"),
             ('["friction.rolling", "friction.rolling"]', "[[1.0], [0.1, 1.0]]", "a number twice"),
             ('["friction.rolling", "body.mass"]', "[[1.0], [0.1]]", "rows of 1 to 2"),
             ('["friction.rolling", "body.mass"]', "[[1.0], [1.2, 1.0]]", "numbers from -1 to 1"),
             ('"friction.rolling"', "[[1.0]]", "of is a list of names"),
-            ('["body.mass"]', "[[1.0]]\nstandard_errors = [0.1, 0.2]", "must have 1 finite numbers"),
-            ('["body.mass"]', "[[1.0]]\nstandard_errors = [-0.1]", "must have 1 finite numbers"),
             ('["body.mass"]', '[[1.0]]\nstandard_errors = "no"', "standard_errors a list of numbers"),
+            (
+                '["body.mass"]',
+                "[[1.0]]\n[intervals]\n'body.mass' = [0.0, 1.0]",
+                "standard deviation must be inf",
+            ),
+            ('["body.mass"]', "[[1.0]]\n[intervals]\n'body.mass' = [0.0]", "each number has its two ends"),
         ],
     )
     def test_mistaken_correlations_end_in_one_sentence(self, of: str, lower: str, says: str, tmp_path: Path):
@@ -97,6 +99,31 @@ class TestFile:
         (tmp_path / "bad.toml").write_text(text)
         with pytest.raises(InputError, match=says):
             Robot.load(tmp_path / "bad.toml")
+
+    def test_joint_errors_of_an_earlier_version_take_the_place_of_larger_deviations(self, tmp_path: Path):
+        robot = known_to({"friction.coulomb": (0.1, 0.1, 0.1), "body.mass": 0.1})
+        table = (
+            'of = ["friction.coulomb[1]", "friction.coulomb[2]", "body.mass"]\n'
+            "standard_errors = [0.004, 0.0, 0.02]\nlower = [[1.0], [0.5, 1.0], [0.1, 0.0, 1.0]]\n"
+        )
+        (tmp_path / "old.toml").write_text(f"{robot_text(robot)}[correlation]\n{table}")
+        read = Robot.load(tmp_path / "old.toml")
+        assert read.standard_deviations == {"friction.coulomb": (0.1, 0.004, 0.1), "body.mass": 0.02}
+
+    @pytest.mark.parametrize(
+        ("stated", "says"),
+        [
+            ("inf", "give its least and greatest value under"),
+            ("nan", "zero or more, or inf where it is unknown"),
+        ],
+    )
+    def test_an_unknown_deviation_needs_an_interval(self, stated: str, says: str, tmp_path: Path):
+        text = robot_text(ALTEN).replace(
+            'value = 0.393, unit = "m"', f'value = 0.393, unit = "m", standard_deviation = {stated}'
+        )
+        (tmp_path / "mine.toml").write_text(text)
+        with pytest.raises(InputError, match=says):
+            Robot.load(tmp_path / "mine.toml")
 
     def test_units_and_one_number_for_every_wheel(self, tmp_path: Path):
         text = robot_text(ALTEN)
@@ -114,12 +141,12 @@ class TestFile:
             (
                 '0.393, unit = "m"',
                 '0.393, unit = "m", standard_deviation = -1',
-                "it must be finite, zero or more",
+                "it must be zero or more",
             ),
             (
                 '0.393, unit = "m"',
                 '0.393, unit = "m", standard_deviation = nan',
-                "it must be finite, zero or more",
+                "it must be zero or more",
             ),
             ('0.393, unit = "m"', '0.393, unit = "m", standard_deviation = "1"', "it must be one number"),
             ('0.393, unit = "m"', '0.393, unit = "m", standard_deviation = [1]', "it must be one number"),

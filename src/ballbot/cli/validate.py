@@ -24,7 +24,7 @@ from ballbot.cli.output import emit, print_parts, standard_output
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
-from ballbot.findings import Finding, finding_results
+from ballbot.findings import Finding, by_severity, finding_results
 from ballbot.fitting.run import Run, check_seed
 from ballbot.log.formats import is_log_file
 from ballbot.mechanics.parameters import Formulation
@@ -42,6 +42,7 @@ from ballbot.report.validation_page import validation_report
 from ballbot.report.words import logs_words
 from ballbot.robot import Robot
 from ballbot.validation import ModelPair, join_validations, validate_logs
+from ballbot.validation.validation import fitted_findings
 from ballbot.workflows.controller_causes import EXPLAINED_CODES
 from ballbot.workflows.controller_prediction import Prediction, read_prediction
 from ballbot.workflows.controller_verdict import Verdict, check_controller, evaluate_log
@@ -241,6 +242,9 @@ def validate(
         source=robot,
         mappings=dict.fromkeys(logs, mapping),
     )
+    fitted = fitted_findings(models, named)
+    show_findings(fitted)
+    found = by_severity([*fitted, *found])
     inputs = input_files(logs, controller, mapping)
     with open_result(out, command="validate", writes=_WRITTEN, inputs=inputs, seed=seed) as result:
         with result.progress("validating") as bar:

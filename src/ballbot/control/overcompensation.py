@@ -11,19 +11,29 @@ gives more. A late torque gives less, not more (what it pushes after the wheel h
 play gives none: the check leaves out both and is on the safe side. Partial compensation counts as full where it
 works, and rolling friction has a fraction of its own.
 
-A friction that is safe to compensate (`cautious_friction`) is no more than what is certain of it. Identification
-gives a covariance; at a confidence level with the normal quantile z, wheel i's curve is at least
+A friction that is safe to compensate (`cautious_friction`) is no more than what is certain of it. At a confidence level
+with the normal quantile z, wheel i's curve is at least
 
-    tau(w) - z sigma(w),      sigma^2 = g^T P g,   g = d tau / d (b, c, s, v_s, delta, d, e)
+    tau(w) - z sigma(w) - u(w),      sigma^2 = g^T P g,   g = d tau / d (b, c, s, v_s, delta, d, e)
 
 and the wheel's torques are scaled by the least ratio of that to tau over the speeds, and over both directions if the
 friction has terms by direction, so that the curve keeps its shape. b, c and s by themselves are known far worse than
-the curve: they trade against each other. C_rr and the load term mu have bounds of their own, mu - z sigma_mu.
+the curve: they trade against each other. C_rr and the load term mu have bounds of their own, mu - z sigma_mu. What is
+known of a parameter decides how it counts:
+
+- a known error, a finite variance: in P, with its correlations;
+- no error, a variance that is infinite or NaN, as of a parameter that the logs do not separate or that is at a bound:
+  in u, the distance down to the lowest curve of all within the parameter's likelihood interval or, lacking one, its
+  range. A known error that stays within these never leads to less compensation;
+- a variance of zero, as of what the friction law fixes or a user states without an error: as stated, exactly.
 """
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 import scipy
@@ -31,10 +41,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
-from ballbot.mechanics.friction import friction_terms, stribeck_decay, wheel_friction
+from ballbot.mechanics.friction import stribeck_decay, wheel_friction
 from ballbot.results import reported
 from ballbot.robot import Friction, Robot
-from ballbot.robot.components import scaled_friction
+from ballbot.robot.components import BY_NAME, deviation_labels, scaled_friction
 
 #: speeds of a wheel over which the curve is evaluated [rad/s]; below the first it is the break-away torque's
 _CONFIDENCE_SPEEDS = np.geomspace(0.02, 8.0, 60)
@@ -42,7 +52,13 @@ _CONFIDENCE_SPEEDS = np.geomspace(0.02, 8.0, 60)
 _DIFFERENCE_STEP = 1e-5
 
 
-def cautious_friction(friction: Friction, covariance: ArrayLike, *, confidence: float = 0.95) -> Friction:
+def cautious_friction(
+    friction: Friction,
+    covariance: ArrayLike,
+    *,
+    intervals: Mapping[str, tuple[float, float]] = MappingProxyType({}),
+    confidence: float = 0.95,
+) -> Friction:
     """Return the friction scaled down to what it exceeds with that confidence.
 
     Parameters
@@ -50,9 +66,10 @@ def cautious_friction(friction: Friction, covariance: ArrayLike, *, confidence: 
     friction : Friction
         As identified, n wheels.
     covariance : array_like (3 n + 3, 3 n + 3) or (6 n + 3, 6 n + 3)
-        Of b, c, s of each wheel, v_s, delta and C_rr in this order, and perhaps d, e and mu of each wheel, SI units. A
-        row and column of NaN is of a parameter without standard error, which counts as certain; so do d, e and mu
-        without rows.
+        Of b, c, s of each wheel, v_s, delta and C_rr in this order, and perhaps d, e and mu of each wheel, SI units.
+        The module's text has what a variance that is zero, infinite or NaN means; d, e and mu without rows are exact.
+    intervals : mapping of str to (float, float)
+        Likelihood intervals of numbers without an error, by label: "friction.stribeck[2]", "friction.rolling".
     confidence : float
         One-sided, for each wheel's curve and for the rolling friction.
 
@@ -64,107 +81,153 @@ def cautious_friction(friction: Friction, covariance: ArrayLike, *, confidence: 
     Raises
     ------
     InputError
-        If the covariance's shape is wrong, or the confidence is not from 0.5 to 1.
+        If the covariance's shape is wrong, it has a covariance of known errors that is not finite, or the confidence is
+        not from 0.5 to 1.
     """
     n = len(friction.coulomb)
-    P = np.nan_to_num(np.asarray(covariance, dtype=np.float64))
+    P = np.array(covariance, dtype=np.float64)
     if P.shape not in ((3 * n + 3, 3 * n + 3), (6 * n + 3, 6 * n + 3)):
         raise InputError(
             f"The covariance of the friction has the shape {P.shape}; {n} wheels have {3 * n + 3} parameters, and "
             f"{6 * n + 3} with the terms by direction and by load."
         )
     P = np.pad(P, (0, 6 * n + 3 - len(P)))
+    unknown = ~np.isfinite(P.diagonal())
+    P[unknown], P[:, unknown] = 0.0, 0.0
+    if not np.isfinite(P).all():
+        raise InputError(
+            "The covariance of the friction has an entry that is not finite between two known errors."
+        )
     if not 0.5 <= confidence < 1.0:
         raise InputError(f"The confidence is {confidence:g}; it must be at least 0.5 and below 1.")
     z = float(scipy.stats.norm.ppf(confidence))
-    fractions = [_certain_fraction(friction, wheel, P, z) for wheel in range(n)]
-    C_rr = 3 * n + 2  # its place, after v_s and delta
-    rolling_error = float(np.sqrt(P[C_rr, C_rr]))
-    rolling = max(friction.rolling - z * rolling_error, 0.0)
-    cautious = replace(scaled_friction(friction, fractions, rolling_factor=1.0), rolling=rolling)
+    known = _Known(
+        values=_numbers(friction),
+        ends={place: _ends(label, intervals) for place, label in enumerate(_labels(n)) if unknown[place]},
+        covariance=P,
+    )
+    fractions = [_certain_fraction(known, wheel, n, z) for wheel in range(n)]
+    least = known.least(z)
+    cautious = replace(
+        scaled_friction(friction, fractions, rolling_factor=1.0), rolling=float(least[3 * n + 2])
+    )
     if not friction.load:
         return cautious
-    least = np.maximum(np.asarray(friction.load) - z * np.sqrt(P.diagonal()[5 * n + 3 :]), 0.0)
-    return replace(cautious, load=tuple(np.minimum(cautious.load, least).tolist()))
+    return replace(cautious, load=tuple(np.minimum(cautious.load, least[5 * n + 3 :]).tolist()))
+
+
+_RANGES = {
+    "friction.viscous": (0.0, 0.1),
+    "friction.coulomb": (0.0, 0.5),
+    "friction.stribeck": (0.0, 0.5),
+    "friction.stribeck_speed": (0.1, 3.0),
+    "friction.stribeck_exponent": (0.3, 10.0),
+    "friction.rolling": (0.0, 0.05),
+    "friction.coulomb_asymmetry": (-0.2, 0.2),
+    "friction.stribeck_asymmetry": (-0.2, 0.2),
+    "friction.load": (0.0, 0.5),
+}
+#: the friction's parameters, in the order of a covariance; of one number each or one a wheel
+_NAMES = (
+    *("viscous", "coulomb", "stribeck", "stribeck_speed", "stribeck_exponent", "rolling"),
+    *("coulomb_asymmetry", "stribeck_asymmetry", "load"),
+)
+
+
+def _labels(n: int) -> list[str]:
+    """Return the labels (6 n + 3,) of the friction's numbers."""
+    parameters = [BY_NAME[f"friction.{name}"] for name in _NAMES]
+    return [
+        f"{one.name}[{wheel}]" if one.shape == "list" else one.name
+        for one in parameters
+        for wheel in range(n if one.shape == "list" else 1)
+    ]
+
+
+def _numbers(friction: Friction) -> NDArray[np.float64]:
+    """Return the friction's numbers (6 n + 3,)."""
+    none = (0.0,) * len(friction.coulomb)
+    values = [getattr(friction, name) for name in _NAMES]
+    return np.concatenate([np.atleast_1d(none if value == () else value) for value in values])
+
+
+def _ends(label: str, intervals: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
+    """Return the ends of a number's interval, where it has one, else of its range."""
+    return intervals.get(label) or _RANGES[label.partition("[")[0]]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Known:
+    """What is known of the friction's numbers."""
+
+    values: NDArray[np.float64]  #: (6 n + 3,)
+    covariance: NDArray[np.float64]  #: zero for numbers that are exact or without an error
+    ends: Mapping[int, tuple[float, float]]  #: of those without an error, by their place
+
+    def least(self, z: float) -> NDArray[np.float64]:
+        """Return the least value of each number by itself (6 n + 3,), zero or more."""
+        least = self.values - z * np.sqrt(self.covariance.diagonal())
+        for place, (low, _) in self.ends.items():
+            least[place] = min(low, least[place])
+        return np.maximum(least, 0.0)
+
+
+def _certain_fraction(known: _Known, wheel: int, n: int, z: float) -> float:
+    """Return the least ratio of a wheel's lower bound to its curve over speeds and directions, from 0 to 1."""
+    places = [wheel, n + wheel, 2 * n + wheel, 3 * n, 3 * n + 1, 3 * n + 3 + wheel, 4 * n + 3 + wheel]
+    values, P = known.values[places], known.covariance[np.ix_(places, places)]
+    unknown = {k: known.ends[place] for k, place in enumerate(places) if place in known.ends}
+    plain = not known.values[3 * n + 3 :].any()
+    return min(
+        _fraction_in_direction(values, P, unknown, z, one) for one in ((1.0,) if plain else (1.0, -1.0))
+    )
+
+
+def _fraction_in_direction(
+    values: NDArray[np.float64],
+    P: NDArray[np.float64],
+    unknown: Mapping[int, tuple[float, float]],
+    z: float,
+    direction: float,
+) -> float:
+    curve = _wheel_curve(values, direction)
+    if not curve.min() > 0.0:
+        return 1.0  # no friction was identified
+    steps = np.diag(_DIFFERENCE_STEP * np.where(values == 0.0, 1.0, np.abs(values)))
+    changes = [_wheel_curve(values + one, direction) - _wheel_curve(values - one, direction) for one in steps]
+    g = np.array(changes) / (2.0 * steps.diagonal()[:, None])
+    sigma = np.sqrt(np.maximum(np.einsum("ik,ij,jk->k", g, P, g), 0.0))
+    # at each speed the curve rises or falls with each parameter, so it is lowest where all are at an end
+    lowest = curve
+    for corner in itertools.product(*unknown.values()):
+        moved = values.copy()
+        moved[list(unknown)] = corner
+        lowest = np.minimum(lowest, _wheel_curve(moved, direction))
+    return float(np.clip((lowest - z * sigma) / curve, 0.0, 1.0).min())
 
 
 def stated_covariance(robot: Robot) -> NDArray[np.float64] | None:
     """Return the covariance (6 n + 3, 6 n + 3) of the friction in a robot's file, None if it states no deviations.
 
-    It is of the joint errors if the file states them, else of its standard deviations. Where the file states no
-    correlations, b, c and s count as independent; the result is then more cautious.
+    A variance is zero if the file states no deviation of that number, and infinite if it states that it is unknown.
+    Where the file states no correlations, b, c and s count as independent; the result is then more cautious.
     """
-    n = robot.wheel_count
-    spans = {
-        "viscous": n,
-        "coulomb": n,
-        "stribeck": n,
-        "stribeck_speed": 1,
-        "stribeck_exponent": 1,
-        "rolling": 1,
-        "coulomb_asymmetry": n,
-        "stribeck_asymmetry": n,
-        "load": n,
-    }
-    stated = robot.standard_deviations
-    if not any(f"friction.{name}" in stated for name in spans):
+    labels = _labels(robot.wheel_count)
+    stated = {label: size for label, *_, size in deviation_labels(robot.standard_deviations)}
+    if not any(label in stated for label in labels):
         return None
-    deviations = [
-        np.broadcast_to(np.asarray(stated.get(f"friction.{name}", 0.0), dtype=np.float64), count)
-        for name, count in spans.items()
-    ]
-    sizes = np.concatenate(deviations)
+    sizes = np.array([stated.get(label, 0.0) for label in labels])
     covariance = np.diag(sizes**2)
-    places = {
-        f"friction.{name}[{wheel}]" if count == n else f"friction.{name}": first + wheel
-        for (name, count), first in zip(spans.items(), np.cumsum([0, *spans.values()]).tolist(), strict=False)
-        for wheel in range(count)
-    }
-    known = robot.correlation.among(places)
-    if known.of:
-        at = [places[label] for label in known.of]
-        errors = np.asarray(known.standard_errors) if known.standard_errors else sizes[at]
-        covariance[np.ix_(at, at)] = known.matrix() * np.outer(errors, errors)
+    known = robot.correlation.among(labels)
+    at = [labels.index(label) for label in known.of]
+    covariance[np.ix_(at, at)] = known.matrix() * np.outer(sizes[at], sizes[at])
     return covariance
 
 
-def _certain_fraction(friction: Friction, wheel: int, P: NDArray[np.float64], z: float) -> float:
-    """Return the least ratio of a wheel's lower bound to its curve over speeds and directions, from 0 to 1."""
-    n, terms = len(friction.coulomb), friction_terms(friction)
-    places = [wheel, n + wheel, 2 * n + wheel, 3 * n, 3 * n + 1]
-    values = [friction.viscous[wheel], friction.coulomb[wheel], friction.stribeck[wheel]]
-    values += [friction.stribeck_speed, friction.stribeck_exponent]
-    if friction.is_plain:
-        return _certain_fraction_in_direction(np.array(values), P[np.ix_(places, places)], z, 1.0)
-    places += [3 * n + 3 + wheel, 4 * n + 3 + wheel]
-    values += [terms.coulomb_asymmetry[wheel], terms.stribeck_asymmetry[wheel]]
-    return min(
-        _certain_fraction_in_direction(np.array(values), P[np.ix_(places, places)], z, direction)
-        for direction in (1.0, -1.0)
-    )
-
-
-def _certain_fraction_in_direction(
-    values: NDArray[np.float64], P: NDArray[np.float64], z: float, direction: float
-) -> float:
-    curve = _wheel_curve(values, direction)
-    if not curve.min() > 0.0:
-        return 1.0  # no friction was identified
-    steps = _DIFFERENCE_STEP * np.where(values == 0.0, 1.0, np.abs(values))
-    slopes = [
-        (_wheel_curve(values + step, direction) - _wheel_curve(values - step, direction)) / (2.0 * step.max())
-        for step in np.diag(steps)
-    ]
-    g = np.array(slopes)
-    sigma = np.sqrt(np.maximum(np.einsum("ik,ij,jk->k", g, P, g), 0.0))
-    return float(np.clip(1.0 - z * sigma / curve, 0.0, 1.0).min())
-
-
 def _wheel_curve(values: NDArray[np.float64], direction: float) -> NDArray[np.float64]:
-    """Return a wheel's friction against its motion at the speeds; `values` are b, c, s, v_s, delta, perhaps d, e."""
-    b, c, s, v_s, delta = values[:5]
-    if len(values) > 5:
-        c, s = c + direction * values[5], s + direction * values[6]
+    """Return a wheel's friction against its motion at the speeds; `values` are b, c, s, v_s, delta, d and e."""
+    b, c, s, v_s, delta, d, e = values
+    c, s = c + direction * d, s + direction * e
     return b * _CONFIDENCE_SPEEDS + c + s * stribeck_decay(_CONFIDENCE_SPEEDS / v_s, delta)
 
 
@@ -281,7 +344,11 @@ def compensation_curve(
 def certain_friction(robot: Robot) -> Friction:
     """Return the friction of a robot's file, or what is certain of it if the file has standard deviations."""
     covariance = stated_covariance(robot)
-    return robot.friction if covariance is None else cautious_friction(robot.friction, covariance)
+    return (
+        robot.friction
+        if covariance is None
+        else cautious_friction(robot.friction, covariance, intervals=robot.intervals)
+    )
 
 
 def refuse_overcompensation(controller: Controller, friction: Friction) -> None:

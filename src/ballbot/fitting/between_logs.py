@@ -1,27 +1,26 @@
-"""How an estimate varies from one log to another of the same robot: random effects with a prior from other robots.
+"""How an estimate varies from one log to another of the same robot: joint random effects with a prior.
 
-Log k gives a parameter the estimate y_k, with the variance v_k that its own residuals show, and
+Log k gives p parameters the estimates y_k, with the covariance C_k that its own residuals show, and
 
-    y_k = theta + a_k + e_k        a_k ~ N(0, tau^2),  e_k ~ N(0, v_k)
+    y_k = theta + a_k + e_k        a_k ~ N(0, tau^2 D),  e_k ~ N(0, C_k)
 
 where a_k is what changes from log to log and the model lacks: the way driven, where the rollers touch, the floor, the
-drift of a sensor. Little is known of tau from few logs, and nothing from one. Other robots, with two logs or more
-each, give it a prior, tau^2 ~ scaled inverse chi-squared of nu degrees and scale s (`fit_prior`). It is the one under
-which the other logs of each robot predict the one left out best. The error of that one is not known beforehand and
-counts as the median of theirs, so tau also contains the variation of the errors from log to log. With
+drift of a sensor. D is diagonal, and small beside C_k in the directions in which parameters make up for one another: so
+each of them keeps its large error, and what they give together gets one of the size of D. Little is known of tau from
+few logs, and nothing from one. Other robots, with two logs each, give D its sizes and tau a prior, tau^2 ~ scaled
+inverse chi-squared of nu degrees and scale 1 (`fit_prior`). With
 
-    w_k = 1 / (v_k + tau^2),   V = 1 / sum w_k,   m = V sum w_k y_k
+    W_k = (C_k + tau^2 D)^-1,   V = (sum W_k)^-1,   m = V sum W_k y_k
 
 and no prior knowledge of theta, the logs leave tau with
 
-    p(tau | y) ~ p(tau) sqrt(V) prod_k sqrt(w_k) exp(-w_k (y_k - m)^2 / 2)
+    p(tau | y) ~ p(tau) sqrt(|V|) prod_k sqrt(|W_k|) exp(-(y_k - m)^T W_k (y_k - m) / 2)
 
-(A. Gelman et al., Bayesian Data Analysis, 3rd edition 2013, section 5.4), theta with a mixture of N(m, V) over it, and
-the estimate from a further log of variance v with a mixture of N(m, V + tau^2 + v). Intervals are between the mixtures'
-quantiles. One log and many are the same formula; with one, p(tau | y) is the prior.
+(A. Gelman et al., Bayesian Data Analysis, 3rd edition 2013, section 5.4). The covariance of theta is the mean of V over
+it. One log and many are the same formula; with one, p(tau | y) is the prior and the covariance C_1 + E(tau^2) D.
 
-If all v_k are zero this is conjugate: theta and the next estimate have Student's t with nu + K - 1 degrees. That, and
-the coverage over robots drawn from the prior, which is exact, are the tests' oracles.
+If all C_k are zero this is conjugate: tau^2 has nu + (K - 1) p degrees. That, and the coverage over robots drawn from
+the prior, which is exact, are the tests' oracles.
 """
 
 from __future__ import annotations
@@ -32,194 +31,148 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.special import log_ndtr, logsumexp, ndtr
+from scipy.special import logsumexp
+from scipy.stats import chi2
 
-#: of the intervals
-CONFIDENCE = 0.95
-#: values of tau, in even steps of its logarithm; more change an interval's ends by less than 1e-3 of its width
-_GRID = 241
-#: of the prior, tau / s: beyond, there is less than 1e-6 of it for nu of 2 or more
-_RANGE = (0.1, 1e3)
-#: least degrees of a prior that is fitted: fewer have no finite variance
+from ballbot.fitting.intervals import CONFIDENCE, HALF_WIDTH
+
+#: values of tau, in even steps of its logarithm
+_TAU = np.geomspace(0.05, 50.0, 121)
+#: of a covariance's diagonal
+_RIDGE = 1e-10
+#: least degrees of a prior that is fitted: two or fewer have no finite mean; no more than robots that it is fitted to
 _LEAST_DEGREES = 3.0
-_HALVINGS = 60
+#: of the prior of the sizes that is fitted with: they are within a factor of ten about this share
+_SIZE, _SIZE_FACTOR = 0.1, 10.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class VariancePrior:
-    """What other robots tell of tau^2: scaled inverse chi-squared."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LogSpread:
+    """What logs of one robot tell of tau, and of theta."""
 
-    scale: float  #: s, in the parameter's unit
-    degrees: float  #: nu
-
-    def density(self, tau: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the logarithm of the density of log tau (..., up to a constant)."""
-        half = 0.5 * self.degrees
-        return -self.degrees * np.log(tau / self.scale) - half * (self.scale / tau) ** 2
+    factor: float  #: root of the mean of tau^2
+    covariance: NDArray[np.float64]  #: of theta (p, p)
+    #: of theta, beyond that without variation between logs (p, p)
+    added: NDArray[np.float64]
+    p_value: float  #: how likely estimates differ as much by chance alone (Cochran's Q); one for a single log
 
 
-@dataclass(frozen=True, kw_only=True)
-class Limits95:
-    """A 95 % interval."""
-
-    lower: float
-    upper: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class LogVariation:
-    """A parameter over several logs of one robot, or one."""
-
-    mean: float  #: theta: mean of its distribution
-    parameter: Limits95  #: for theta, the mean over all logs of this robot
-    prediction: Limits95  #: for the estimate from another log
-    between: float  #: tau: median of its distribution
-    between_limits: Limits95
-
-
-def vary(
+def spread(
     estimates: NDArray[np.float64],
-    errors: NDArray[np.float64],
+    covariances: NDArray[np.float64],
+    sizes: NDArray[np.float64],
     *,
-    prior: VariancePrior,
-    next_error: float,
-) -> LogVariation:
-    """Return the distribution of a parameter over logs of one robot, from the estimates of some.
+    degrees: float,
+) -> LogSpread:
+    """Return how a robot's parameters vary between its logs.
 
     Parameters
     ----------
-    estimates : ndarray (k,)
+    estimates : ndarray (k, p)
         One of each log, k of 1 or more.
-    errors : ndarray (k,)
-        Standard errors within each log, zero or more.
-    prior : VariancePrior
-    next_error : float
-        Standard error within the log predicted.
+    covariances : ndarray (k, p, p)
+        Within each log.
+    sizes : ndarray (p,)
+        Roots of the diagonal of D.
+    degrees : float
+        nu.
     """
-    tau = _taus(prior, estimates)
-    middle, spread, log_likelihood = _given(tau, estimates, errors)
-    weights = _normalized(prior.density(tau) + log_likelihood)
-    ahead = np.sqrt(spread**2 + tau**2 + next_error**2)
-    return LogVariation(
-        mean=float(weights @ middle),
-        parameter=_mixture_limits(weights, middle, spread),
-        prediction=_mixture_limits(weights, middle, ahead),
-        between=_quantile(tau, weights, 0.5),
-        between_limits=Limits95(
-            lower=_quantile(tau, weights, 0.5 - 0.5 * CONFIDENCE),
-            upper=_quantile(tau, weights, 0.5 + 0.5 * CONFIDENCE),
-        ),
+    unit = np.where(sizes > 0.0, sizes, 1.0)  # in units of D's sizes all matrices are well scaled
+    y, C = estimates / unit, covariances / np.outer(unit, unit)
+    D = np.diag((sizes > 0.0).astype(float))
+    alike, given = _given(np.zeros(1), y, C, D), _given(_TAU, y, C, D)
+    weights = _prior(degrees) + given.log_likelihoods
+    weights = np.exp(weights - logsumexp(weights))
+    V = np.einsum("g,gij->ij", weights, given.covariances)
+    back = np.outer(unit, unit)
+    apart = (len(y) - 1) * y.shape[1]
+    return LogSpread(
+        factor=float(np.sqrt(weights @ _TAU**2)),
+        covariance=V * back,
+        added=(V - alike.covariances[0]) * back,
+        p_value=float(chi2.sf(alike.squares[0], apart)) if apart else 1.0,
     )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobotLogs:
-    """Estimates from the logs of one robot, k of 2 or more."""
+    """Estimates of p parameters from the logs of one robot, k of 2 or more."""
 
-    estimates: NDArray[np.float64]  #: (k,)
-    errors: NDArray[np.float64]  #: (k,), standard errors within each log
-    #: (k,), 1 if the estimate ended at its upper bound, so that it is that or more, -1 at the lower one, else 0
-    beyond: NDArray[np.int64]
+    estimates: NDArray[np.float64]  #: (k, p)
+    covariances: NDArray[np.float64]  #: (k, p, p), within each log
+    units: NDArray[np.float64]  #: (p,), what the sizes are shares of
+    groups: NDArray[np.int64]  #: (p,), parameters of one number have the same size
 
 
-def fit_prior(robots: Sequence[RobotLogs], *, most_degrees: float) -> VariancePrior:
-    """Return the prior under which the other logs of each robot predict the one left out best.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SpreadPrior:
+    """Sizes of D by group (g,), as shares of the parameters' units, and the degrees of tau^2."""
 
-    That is the largest product of predictive densities; an estimate at a bound has the probability of all beyond it (J.
-    Tobin, Estimation of relationships for limited dependent variables, Econometrica 26 (1958) 24-36).
+    sizes: NDArray[np.float64]
+    degrees: float
 
-    Parameters
-    ----------
-    robots : sequence of RobotLogs
-    most_degrees : float
-        Of the prior: no more than there are independent robots, which determine a variance no better.
-    """
-    limits = (_LEAST_DEGREES, max(most_degrees, _LEAST_DEGREES))
-    variances = [np.var(one.estimates, ddof=1) for one in robots]
-    typical = max(float(np.sqrt(np.mean(variances))), float(np.finfo(float).tiny))
-    tau = typical * np.exp(np.linspace(np.log(1e-3), np.log(1e2), 2 * _GRID))
-    parts = [_left_out(tau, one, k) for one in robots for k in range(len(one.estimates))]
-    of_others, ahead = (np.stack(part) for part in zip(*parts, strict=True))
 
-    def prior_of(numbers: NDArray[np.float64]) -> VariancePrior:
-        degrees = float(np.exp(np.clip(numbers[1], *np.log(limits))))
-        return VariancePrior(scale=float(typical * np.exp(np.clip(numbers[0], -7.0, 5.0))), degrees=degrees)
+def fit_prior(robots: Sequence[RobotLogs], *, groups: int) -> SpreadPrior:
+    """Return the prior under which the robots' logs are likeliest."""
+    limits = np.log((_LEAST_DEGREES, max(len(robots), _LEAST_DEGREES)))
+
+    def prior_of(numbers: NDArray[np.float64]) -> SpreadPrior:
+        degrees = float(np.exp(np.clip(numbers[groups], *limits)))
+        return SpreadPrior(sizes=np.exp(numbers[:groups]), degrees=degrees)
 
     def loss(numbers: NDArray[np.float64]) -> float:
-        weights = of_others + prior_of(numbers).density(tau)
-        return -float(np.sum(_log_sums(weights + ahead) - _log_sums(weights)))
+        prior = prior_of(numbers)
+        known = 0.5 * np.sum((np.log(prior.sizes / _SIZE) / (np.log(_SIZE_FACTOR) / HALF_WIDTH)) ** 2)
+        return float(known) - sum(_evidence(one, prior) for one in robots)
 
-    starts = [np.array([scale, degrees]) for scale in (-2.0, -0.5) for degrees in np.log((4.0, 12.0))]
-    found = min((minimize(loss, start, method="Nelder-Mead") for start in starts), key=lambda one: one.fun)
-    return prior_of(found.x)
-
-
-def _log_sums(logs: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the logarithms (n,) of sums over rows (n, g) that are given by their logarithms."""
-    return np.asarray(logsumexp(logs, axis=1))
+    start = np.array([*np.full(groups, np.log(_SIZE)), np.log(6.0)])
+    near = minimize(loss, start, method="Powell", options={"xtol": 1e-2, "ftol": 1e-4})
+    return prior_of(minimize(loss, near.x, method="Nelder-Mead", options={"xatol": 1e-2, "fatol": 1e-2}).x)
 
 
-def _left_out(
-    tau: NDArray[np.float64], robot: RobotLogs, k: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the logarithms at each tau (g,) of the other logs' likelihood, and of the density of log k by them."""
-    others = np.arange(len(robot.estimates)) != k
-    middle, spread, log_likelihood = _given(tau, robot.estimates[others], robot.errors[others])
-    deviation = np.sqrt(spread**2 + tau**2 + np.median(robot.errors[others]) ** 2)
-    off = (robot.estimates[k] - middle) / deviation
-    if robot.beyond[k]:
-        return log_likelihood, log_ndtr(-robot.beyond[k] * off)
-    return log_likelihood, -np.log(deviation) - 0.5 * off**2
+def _evidence(robot: RobotLogs, prior: SpreadPrior) -> float:
+    """Return the logarithm of the likelihood of a robot's logs under a prior, up to a constant."""
+    unit = robot.units
+    y, C = robot.estimates / unit, robot.covariances / np.outer(unit, unit)
+    D = np.diag(prior.sizes[robot.groups] ** 2)
+    return float(logsumexp(_prior(prior.degrees) + _given(_TAU, y, C, D).log_likelihoods))
 
 
-def interval_score(limits: Limits95, value: float) -> float:
+def _prior(degrees: float) -> NDArray[np.float64]:
+    """Return the logarithm of the prior's weight of each tau."""
+    density = -degrees * np.log(_TAU) - 0.5 * degrees / _TAU**2
+    return density - logsumexp(density)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Given:
+    """What holds at each of g values of tau."""
+
+    covariances: NDArray[np.float64]  #: V (g, p, p)
+    squares: NDArray[np.float64]  #: (g,), sum of (y_k - m)^T W_k (y_k - m)
+    log_likelihoods: NDArray[np.float64]  #: (g,)
+
+
+def _given(
+    tau: NDArray[np.float64], y: NDArray[np.float64], C: NDArray[np.float64], D: NDArray[np.float64]
+) -> _Given:
+    # fewer windows than parameters leave a C_k without full rank: a small ridge keeps it invertible
+    ridge = _RIDGE * np.eye(y.shape[1]) * np.diagonal(C, axis1=1, axis2=2)[:, None]
+    total = C + ridge + tau[:, None, None, None] ** 2 * D
+    W = np.linalg.inv(total)
+    V = np.linalg.inv(W.sum(axis=1))
+    m = np.einsum("gij,gkjl,kl->gi", V, W, y)
+    apart = y - m[:, None]
+    squares = np.einsum("gki,gkij,gkj->g", apart, W, apart)
+    determinants = np.linalg.slogdet(V)[1] - np.linalg.slogdet(total)[1].sum(axis=1)
+    return _Given(covariances=V, squares=squares, log_likelihoods=0.5 * (determinants - squares))
+
+
+def interval_score(lower: float, upper: float, value: float) -> float:
     """Return the width of an interval, and 2 / 0.05 times the distance by which it misses a value; small is good.
 
     T. Gneiting and A. Raftery, Strictly proper scoring rules, Journal of the American Statistical Association 102
     (2007) 359-378, equation (43).
     """
-    missed = max(limits.lower - value, 0.0) + max(value - limits.upper, 0.0)
-    return limits.upper - limits.lower + 2.0 / (1.0 - CONFIDENCE) * missed
-
-
-def _taus(prior: VariancePrior, estimates: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a grid of tau (g,): the prior's range, extended well beyond the range of the estimates."""
-    lowest, highest = _RANGE[0] * prior.scale, _RANGE[1] * prior.scale
-    highest = max(highest, 10.0 * float(np.ptp(estimates)))
-    return np.exp(np.linspace(np.log(lowest), np.log(highest), _GRID))
-
-
-def _given(
-    tau: NDArray[np.float64], estimates: NDArray[np.float64], errors: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return m, sqrt(V) and the logarithm of the likelihood at each tau (g,)."""
-    w = 1.0 / (errors**2 + tau[:, None] ** 2)
-    V = 1.0 / w.sum(axis=1)
-    m = V * (w * estimates).sum(axis=1)
-    squares = (w * (estimates - m[:, None]) ** 2).sum(axis=1)
-    log_likelihood = 0.5 * (np.log(V) + np.log(w).sum(axis=1) - squares)
-    return m, np.sqrt(V), log_likelihood
-
-
-def _normalized(logs: NDArray[np.float64]) -> NDArray[np.float64]:
-    weights = np.exp(logs - logs.max())
-    return weights / weights.sum()
-
-
-def _mixture_limits(
-    weights: NDArray[np.float64], middle: NDArray[np.float64], spread: NDArray[np.float64]
-) -> Limits95:
-    """Return the quantiles of a mixture of normal distributions, by halving."""
-    ends = []
-    for share in (0.5 - 0.5 * CONFIDENCE, 0.5 + 0.5 * CONFIDENCE):
-        low, high = float((middle - 40.0 * spread).min()), float((middle + 40.0 * spread).max())
-        for _ in range(_HALVINGS):
-            at = 0.5 * (low + high)
-            below = float(weights @ ndtr((at - middle) / spread)) < share
-            low, high = (at, high) if below else (low, at)
-        ends.append(0.5 * (low + high))
-    return Limits95(lower=ends[0], upper=ends[1])
-
-
-def _quantile(values: NDArray[np.float64], weights: NDArray[np.float64], share: float) -> float:
-    return float(np.interp(share, np.cumsum(weights) - 0.5 * weights, values))
+    missed = max(lower - value, 0.0) + max(value - upper, 0.0)
+    return upper - lower + 2.0 / (1.0 - CONFIDENCE) * missed

@@ -175,7 +175,7 @@ WIDEST = 0.25
 
 
 #: half the width of a 95 % interval of a normal variable, in its deviations
-_HALF_WIDTH = 1.96
+HALF_WIDTH = 1.96
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,7 +190,7 @@ class Interval:
     def deviation(self) -> float:
         """Standard deviation of a normal variable with an interval of this width; NaN if a side is infinite."""
         width = self.upper - self.lower
-        return width / (2.0 * _HALF_WIDTH) if math.isfinite(width) else math.nan
+        return width / (2.0 * HALF_WIDTH) if math.isfinite(width) else math.nan
 
     def __contains__(self, value: float) -> bool:
         """Return whether a value lies within."""

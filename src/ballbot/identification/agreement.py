@@ -47,7 +47,7 @@ class StageEstimate:
     source: str  #: in words, as "the sweep"
     labels: tuple[str, ...]  #: (k,) "b1", "c1", ..., "C_rr"
     values: NDArray[np.float64]  #: (k,), SI units
-    covariance: NDArray[np.float64]  #: (k, k); NaN or zero for a number without standard error
+    covariance: NDArray[np.float64]  #: (k, k); NaN, infinite or zero for a number without standard error
 
     def among(self, labels: list[str]) -> StageEstimate:
         """Return the estimates of these quantities, in their order."""
@@ -65,7 +65,7 @@ class StageEstimate:
         return [
             label
             for label, variance in zip(self.labels, self.covariance.diagonal(), strict=True)
-            if variance > 0.0 and label.rstrip("0123456789") in _ROLLERS
+            if 0.0 < variance < np.inf and label.rstrip("0123456789") in _ROLLERS
         ]
 
 
@@ -196,22 +196,12 @@ def _stands_for(symbol: str) -> str:
 
 
 def of_robot_file(robot: Robot) -> StageEstimate | None:
-    """Return the friction in a robot's file, None if it states no standard deviations of it.
-
-    Each number has its standard deviation, as the other stage has other logs: b or c varies more than the friction.
-    """
+    """Return the friction in a robot's file, None if it states no standard deviations of it."""
     covariance = stated_covariance(robot)
     if covariance is None:
         return None
     layout = Layout(wheel_count=robot.wheel_count)
     count = len(layout.labels)
-    stated = [
-        np.broadcast_to(robot.standard_deviations.get(f"friction.{name}", 0.0), part.stop - part.start)
-        for name in layout.names
-        if (part := layout.columns(name)) is not None
-    ]
-    more = np.maximum(np.concatenate(stated) ** 2 - covariance.diagonal()[:count], 0.0)
-    covariance[:count, :count] += np.diag(more)
     return StageEstimate(
         source="the robot file",
         labels=layout.labels,

@@ -10,7 +10,7 @@ Stribeck part. With x = w / W from 0 to 1,
     c_e = c + s (4 A - 6 B)        A = int E dx,  B = int x E dx        E = exp(-|W x / v_s|^delta)
 
 The standard error follows from those of c, s, v_s and delta and their correlations. It holds W constant, and each
-parameter without standard error, as v_s or delta at a bound. It contains no variation between logs.
+parameter without standard error, as v_s or delta at a bound.
 """
 
 from __future__ import annotations
@@ -59,8 +59,7 @@ def coulomb_equivalent(
     layout: Layout,
     values: NDArray[np.float64],
     *,
-    errors: NDArray[np.float64],
-    correlation: NDArray[np.float64],
+    covariance: NDArray[np.float64],
     wheel_speeds: NDArray[np.float64],
 ) -> CoulombEquivalent:
     """Return each wheel's c_e; see the module's text.
@@ -70,9 +69,8 @@ def coulomb_equivalent(
     layout : Layout
     values : ndarray (p,)
         The estimates, SI units.
-    errors : ndarray (p,)
-        Their standard errors; NaN for those without.
-    correlation : ndarray (p, p)
+    covariance : ndarray (p, p)
+        Of them; NaN for those without a standard error.
     wheel_speeds : ndarray (..., n)
         Those driven [rad/s].
     """
@@ -83,7 +81,7 @@ def coulomb_equivalent(
         c, s = parameters[n : 2 * n], parameters[2 * n : 3 * n]
         return c + s * _weight_of_s(speeds, parameters[3 * n], parameters[3 * n + 1])
 
-    C = np.nan_to_num(correlation) * np.outer(np.nan_to_num(errors), np.nan_to_num(errors))
+    C = np.nan_to_num(covariance)
     moved = np.flatnonzero(C.diagonal() > 0.0)
     steps = _STEP * np.maximum(np.abs(values), 1e-6)
     G = np.zeros((n, len(values)))
@@ -91,7 +89,7 @@ def coulomb_equivalent(
         step = steps[i] * np.eye(len(values))[i]
         G[:, i] = (at(values + step) - at(values - step)) / (2.0 * steps[i])
     variances = np.einsum("ki,ij,kj->k", G, C, G, optimize=False)
-    known = np.isfinite(errors[n : 2 * n])
+    known = np.isfinite(covariance.diagonal()[n : 2 * n])
     return CoulombEquivalent(
         values=at(values),
         standard_errors=np.where(known, np.sqrt(np.maximum(variances, 0.0)), np.nan),
@@ -127,7 +125,6 @@ def coulomb_sentence(found: CoulombEquivalent, names: Sequence[str]) -> str:
     other = f"the Coulomb equivalent, {c_e} N m," if found.compared == "c" else f"c, {c} N m,"
     return (
         f"Compare {compare}, with other logs and robots: {other} is less well determined. The Coulomb equivalent is "
-        f"the value at rest of the straight line nearest to the dry friction up to {top} rad/s. These standard errors, "
-        "for the conditions of these logs, are the larger of those clustered by window and those of a bootstrap; v_s "
-        "or delta at a bound is taken as exact."
+        f"the value at rest of the straight line nearest to the dry friction up to {top} rad/s. These standard errors "
+        "hold v_s or delta constant where it ends at a bound."
     )

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.identification.agreement import StageEstimate
-from ballbot.identification.driveline import NAMES, DrivelineFit
+from ballbot.identification.driveline import LOWER, NAMES, UPPER, DrivelineFit
 from ballbot.identification.quantities import OF_WHEELS
-from ballbot.identification.stated_uncertainty import with_uncertainty
+from ballbot.identification.stated_uncertainty import ends_without_error, with_uncertainty
 from ballbot.robot import Friction, Robot
 
 _LINES = tuple(f"friction.{name}" for name in OF_WHEELS)
@@ -66,14 +66,20 @@ def robot_of_sweep(robot: Robot, fits: Sequence[DrivelineFit], *, log: str) -> R
         robot_of,
         np.concatenate([values.ravel(), np.zeros(2)]),
         _covariance(fits, values, known),
-        names=[line for place, line in enumerate(_LINES) if _stated(fits, known, place)],
+        names=_LINES,
+        ends=_ends(fits),
     )
 
 
-def _stated(fits: Sequence[DrivelineFit], known: NDArray[np.bool_], place: int) -> bool:
-    """Return whether a number has a standard deviation of every wheel that it comes from."""
-    used = [fit for fit, one in zip(fits, known[:, place], strict=True) if one or place < 3]
-    return bool(used) and all(np.isfinite(_deviation(fit, place)) for fit in used)
+def _ends(fits: Sequence[DrivelineFit]) -> dict[int, tuple[float, float]]:
+    """Return the interval, or the range, of each number without a standard deviation, by its place."""
+    size, bounds = len(NAMES), np.array([LOWER, UPPER]).T
+    ends = {}
+    for wheel, fit in enumerate(fits):
+        errors = np.array([_deviation(fit, place) for place in range(size)])
+        of_wheel = ends_without_error(NAMES, fit.values, errors, bounds=bounds, intervals=fit.intervals)
+        ends |= {size * wheel + place: both for place, both in of_wheel.items()}
+    return ends
 
 
 def _covariance(
@@ -95,12 +101,12 @@ def _covariance(
 
 
 def _deviation(fit: DrivelineFit, place: int) -> float:
-    """Return a number's standard error, or that of its interval if larger; NaN if it has neither or no finite one."""
+    """Return a number's standard error, or its interval's if larger; NaN if it has none or the interval is open."""
     interval = fit.intervals.get(NAMES[place])
     if fit.unknown[place] or interval is None:
         return np.nan
     deviation = interval.deviation
-    return float(np.fmax(deviation, fit.standard_errors[place])) if np.isfinite(deviation) else np.nan
+    return float(np.maximum(deviation, fit.standard_errors[place]))
 
 
 def sweep_estimate(fits: Sequence[DrivelineFit]) -> StageEstimate:

@@ -59,21 +59,22 @@ from ballbot.identification.stages import (
     search,
     stages_of,
 )
-from ballbot.identification.stated_uncertainty import stated_covariances
+from ballbot.identification.stated_uncertainty import ends_without_error
 from ballbot.identification.sweep import Estimate, with_sweep
 from ballbot.identification.variation import (
     Variation,
     discrepancy_finding,
     log_estimates,
     shipped_priors,
-    variation,
     variation_findings,
+    widened,
 )
 from ballbot.identification.windows import Windows, standstill_torques
 from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import CheckedLogs, checked_logs
 from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names
+from ballbot.log.fingerprints import fingerprint
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress, ProgressReporter, part_of
 from ballbot.robot import Robot, RobotLike, as_robot
@@ -293,7 +294,8 @@ def _result(
     layout, first = predictor.layout, prepared.problem.coordinates.first
     final, apart, varied = _with_uncertainty(prepared, estimate, options=options, run=run)
     values, uncertainty = final.values, final.uncertainty
-    covariance, joint = stated_covariances(layout, uncertainty, of_robot=varied.deviations)
+    bounds = np.stack([prepared.problem.coordinates.lower, prepared.problem.coordinates.upper], axis=1)
+    covariance = uncertainty.correlation * np.outer(uncertainty.standard_errors, uncertainty.standard_errors)
     held_out = errors(predictor, prepared.held_out, values)
     return Identification(
         robot=found_robot(
@@ -302,24 +304,28 @@ def _result(
             values,
             uncertainty.standard_errors,
             covariance=covariance,
-            joint=joint,
+            ends=ends_without_error(
+                layout.labels,
+                values,
+                uncertainty.standard_errors,
+                bounds=bounds,
+                intervals=uncertainty.intervals,
+            ),
             log_count=len(logs),
             asymmetric=law in ("asymmetric", "directed") and "torque_offset" in layout.extra,
-        ),
+        ).annotated(identified_from=[row for log in logs for row in fingerprint(log)]),
         predictor=predictor,
         values=values,
-        bounds=np.stack([prepared.problem.coordinates.lower, prepared.problem.coordinates.upper], axis=1),
+        bounds=bounds,
         parameters=layout.by_symbol(np.where(estimate.unknown[first], np.nan, values)),
         standard_errors=layout.by_symbol(uncertainty.standard_errors),
-        bootstrap_errors=layout.by_symbol(uncertainty.bootstrap_errors),
         intervals=uncertainty.intervals,
         variation=varied,
         correlation=uncertainty.correlation,
         coulomb=coulomb_equivalent(
             layout,
             values,
-            errors=np.fmax(uncertainty.standard_errors, uncertainty.bootstrap_errors),
-            correlation=uncertainty.correlation,
+            covariance=covariance,
             wheel_speeds=wheel_speeds(predictor.robot, prepared.fit),
         ),
         fit=errors(predictor, prepared.fit, values),
@@ -350,7 +356,7 @@ def _result(
 def _with_uncertainty(
     prepared: Prepared, estimate: PointEstimate, *, options: IdentificationOptions, run: Run
 ) -> tuple[Estimate, Discrepancy, Variation]:
-    """Return the estimate with its errors, how far slow and fast windows disagree, and how logs vary."""
+    """Return the estimate with its uncertainty, how far slow and fast windows disagree, and how logs vary."""
     coordinates = prepared.problem.coordinates
     groups = speed_groups(prepared.problem.predictor.robot, prepared.fit)
     apart = discrepancy(estimate.finished.equations, groups, estimate.estimated, seed=run.seed)
@@ -372,10 +378,11 @@ def _with_uncertainty(
         values=final.values,
         uncertainty=final.uncertainty,
         widen=apart.factor,
-        seed=run.seed,
     )
-    varied = variation(coordinates, final.values, by_log, priors=shipped_priors())
-    each = uncertainty_of_each(coordinates, final.values, final.uncertainty)
+    uncertainty, varied = widened(
+        coordinates, final.values, final.uncertainty, by_log, priors=shipped_priors()
+    )
+    each = uncertainty_of_each(coordinates, final.values, uncertainty)
     return replace(final, uncertainty=each), apart, variation_of_each(coordinates, final.values, varied)
 
 

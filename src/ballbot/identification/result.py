@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -23,7 +23,7 @@ from ballbot.identification.quantities import (
     with_friction,
     with_rigid_body,
 )
-from ballbot.identification.stated_uncertainty import joint_covariance, joint_errors, with_uncertainty
+from ballbot.identification.stated_uncertainty import ends_without_error, with_uncertainty
 from ballbot.identification.variation import Variation
 from ballbot.identification.verdict import Verdict, verdict_of
 from ballbot.identification.windows import Span
@@ -110,15 +110,15 @@ class Identification:
     #: the robot with the friction found; a parameter without influence is as it was before, where that predicts as well
     robot: Robot
     parameters: ParameterTable  #: SI units; NaN if a parameter has no influence
-    standard_errors: ParameterTable  #: alike; NaN if a parameter has none: no influence, at a bound, or held
+    #: alike, with the variation between logs; NaN if a parameter has none: no influence, at a bound, or held
+    standard_errors: ParameterTable
     predictor: Predictor  #: predicts windows with any such parameters
     values: NDArray[np.float64]  #: (p,), those of the predictions on held-out windows, SI units
     #: (p, 2), the least and the greatest value allowed, equal where held; SI units
     bounds: NDArray[np.float64]
-    bootstrap_errors: ParameterTable  #: alike, from a bootstrap of blocks of windows
     #: of 95 %, by label; none for a parameter without influence, held or refused
     intervals: dict[str, Interval]
-    variation: Variation  #: between logs: intervals for the estimate from another one
+    variation: Variation  #: between logs, and intervals for the estimate from another one
     correlation: NDArray[np.float64]  #: (p, p); NaN for parameters without standard error
     coulomb: CoulombEquivalent  #: to compare logs and robots; see `ballbot.identification.coulomb`
     fit: WindowErrors  #: on the windows fitted
@@ -176,19 +176,26 @@ class Identification:
 
     @property
     def covariance(self) -> NDArray[np.float64]:
-        """Of all estimates together (p, p), SI units; zero for one without standard error. The robot's file states it.
-
-        See `ballbot.identification.stated_uncertainty`.
-        """
+        """Of all estimates (p, p), SI units; NaN for one without standard error. The robot's file states it."""
         errors = np.concatenate([np.atleast_1d(one) for one in self.standard_errors.values()])
-        return joint_covariance(
-            joint_errors(self.layout, errors, self.variation.deviations), self.correlation
-        )
+        return self.correlation * np.outer(errors, errors)
 
     @property
-    def another_log(self) -> dict[str, Interval]:
-        """The 95 % intervals for the estimate from another log, by label, infinite where `intervals` are, too."""
-        return self.variation.open_predictions(dict(zip(self.labels, self.bounds.tolist(), strict=True)))
+    def assumed_covariance(self) -> NDArray[np.float64]:
+        """As `covariance`, finite: with the variance of an even distribution over the interval of one without error."""
+        errors = np.concatenate([np.atleast_1d(one) for one in self.standard_errors.values()])
+        ends = ends_without_error(
+            self.labels, self.values, errors, bounds=self.bounds, intervals=self.intervals
+        )
+        assumed = np.nan_to_num(self.covariance)
+        for place, (low, high) in ends.items():
+            assumed[place, place] = (high - low) ** 2 / 12.0
+        return assumed
+
+    @property
+    def another_log(self) -> Mapping[str, Interval]:
+        """The 95 % intervals for the estimate from another log, by label."""
+        return self.variation.predictions
 
     def summary(self) -> Summary:
         """Return the verdict, each parameter with its standard error, the error on windows held out, and warnings."""
@@ -223,15 +230,9 @@ class Identification:
             "verdict": self.verdict.to_dict(),
             "parameters": self.parameters,
             "standard_errors": self.standard_errors,
-            "bootstrap_errors": self.bootstrap_errors,
             "intervals": self.intervals,
-            "between_logs": {
-                "logs": self.variation.logs,
-                "robots_of_the_prior": self.variation.prior_robots,
-                "parameters": self.variation.to_dict(
-                    dict(zip(self.labels, self.values.tolist(), strict=True))
-                ),
-            },
+            "between_logs": self.variation.to_dict(self.labels),
+            "identified_from": list(self.robot.identified_from),
             "correlation": {"labels": list(self.labels), "matrix": self.correlation},
             "coulomb_equivalent": self.coulomb,
             "represents": {
@@ -280,14 +281,13 @@ def found_robot(
     standard_errors: NDArray[np.float64],
     *,
     covariance: NDArray[np.float64],
-    joint: NDArray[np.float64] | None = None,
+    ends: Mapping[int, tuple[float, float]],
     log_count: int,
     asymmetric: bool = False,
 ) -> Robot:
     """Return the robot with friction and rigid body out of parameters (p,); its sources state the standard errors (p,).
 
-    Its standard deviations are those of the `covariance` (p, p); the errors of all numbers together are those of
-    `joint` (p, p), or of the same.
+    Its standard deviations are those of the `covariance` (p, p); `ends` has the intervals of those without one.
     Gains, offsets, delays and biases belong to motors and sensors, of which a robot's description has no such
     numbers; they are in the result alone, and so is T_p. With the laws "asymmetric" and "directed" the offsets
     are friction.
@@ -313,7 +313,7 @@ def found_robot(
         values,
         covariance,
         names=sources,
-        joint=joint,
+        ends=ends,
     )
 
 

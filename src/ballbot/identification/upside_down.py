@@ -48,7 +48,7 @@ from ballbot.identification.result_findings import (
     influence_findings,
     interval_findings,
 )
-from ballbot.identification.stated_uncertainty import deviations_of, parameter_covariance
+from ballbot.identification.stated_uncertainty import ends_without_error
 from ballbot.identification.windows import LARGEST_JITTER, Span, common_sample_time, split
 from ballbot.log import Log, LogsLike, as_logs
 from ballbot.log.checks.values import spiked_rows
@@ -714,9 +714,22 @@ def _result(robot: Robot, fit: BallFit, *, run: Run, log_count: int) -> UpsideDo
         bootstrap_errors=np.full(len(free), np.nan),
         intervals=intervals,
     )
-    deviations = deviations_of(coordinates.labels, uncertainty, of_robot=np.full(len(free), np.nan))
-    spread = parameter_covariance(deviations, errors, uncertainty.correlation)
-    found = found_robot(robot, coordinates.layout, values, errors, covariance=spread, log_count=log_count)
+    spread = uncertainty.correlation * np.outer(errors, errors)
+    found = found_robot(
+        robot,
+        coordinates.layout,
+        values,
+        errors,
+        covariance=spread,
+        ends=ends_without_error(
+            coordinates.labels,
+            values,
+            errors,
+            bounds=np.stack([coordinates.lower, coordinates.upper], axis=1),
+            intervals=intervals,
+        ),
+        log_count=log_count,
+    )
     own = StageEstimate(
         source="the logs upside down", labels=coordinates.labels, values=values, covariance=spread
     )

@@ -1,16 +1,20 @@
-"""What the estimates from other logs of the same robot will be: identification's prediction intervals.
+"""One uncertainty of an identification: what its logs show within themselves, and how logs of one robot vary.
 
-The intervals of `ballbot.fitting.intervals` hold under the conditions of the logs at hand. From another log of the
-same robot the estimate differs by more: another way over the floor, other places of the rollers, another drift of the
-sensors act on what the model lacks. `ballbot.fitting.between_logs` has the statistics. This module gives it
+The errors of `ballbot.fitting.uncertainty` hold under the conditions of the logs at hand. Another log of the same robot
+leads elsewhere: another way over the floor, other places of the rollers, another drift of the sensors act on what the
+model lacks. `ballbot.fitting.between_logs` has the statistics. This module gives it
 
-- the estimate from each log by itself: one Gauss-Newton step from the estimate from all logs, by that log's windows;
-- the prior of the variance between logs, fitted to simulated robots with all faults of the twin, each with two logs
+- the estimate from each log by itself: one Gauss-Newton step from the estimate from all logs, by that log's windows,
+  with the covariance that the scores of all logs' windows give it;
+- sizes and prior of the variation, fitted to simulated robots with all faults of the twin, each with two logs
   (`between_logs.toml`, written by `python -m campaigns.between_logs prior`). With one log nothing else is known of
-  that variance, and a finding says so; with every further log it counts less.
+  the variation, and a finding says so; with every further log it counts less.
 
-An amount varies in proportion to the robot's size: the prior's deviations of b are fractions of the wheels' mean b, of
-c and s of their mean c + s, of C_rr of itself; v_s and delta vary by a factor.
+The covariance that comes of it (`widened`) is the one that an identification states: its standard errors, intervals and
+correlations, the deviations in the robot's file, and what is certain enough to be compensated follow from it.
+
+An amount varies in proportion to the robot's size: the sizes of b are fractions of the wheels' mean b, of c and s of
+their mean c + s, of C_rr of itself; v_s and delta vary by a factor. Other quantities are not known to vary.
 """
 
 from __future__ import annotations
@@ -22,19 +26,17 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError, every
+from ballbot.errors import InputError
 from ballbot.files import read_toml
 from ballbot.findings import Finding, warning
-from ballbot.fitting.between_logs import LogVariation, VariancePrior, vary
-from ballbot.fitting.intervals import Interval, Uncertainty
+from ballbot.fitting.between_logs import LogSpread, spread
+from ballbot.fitting.intervals import HALF_WIDTH, Interval, Uncertainty, between
 from ballbot.fitting.uncertainty import (
     Discrepancy,
     WindowEquations,
-    bootstrap,
-    covariance,
+    correlation,
     leverage_corrected,
 )
 from ballbot.identification.parameters import Coordinates
@@ -43,17 +45,16 @@ from ballbot.identification.windows import Span
 PRIOR_FILE = Path(__file__).parent / "between_logs.toml"
 #: a unit is at least this share of the bounds' width, so that a robot without friction of a kind has one
 _LEAST_UNIT = 0.02
-#: logs differ if chance gives that in fewer cases, for any of the parameters
+#: logs differ if chance gives that in fewer cases
 _UNLIKELY = 0.05
-#: half the width of a 95 % interval of a normal variable, in its deviations
-_HALF = 1.96
 
 
 @dataclass(frozen=True, kw_only=True)
 class Priors:
-    """Priors of the variance between logs, by quantity, as fractions of the unit of `units_of`."""
+    """How logs of one robot vary, by simulated robots."""
 
-    by_name: Mapping[str, VariancePrior]
+    sizes: Mapping[str, float]  #: by quantity, as fractions of the unit of `units_of`
+    degrees: float  #: of tau^2
     robots: int  #: the simulated robots that they are fitted to
 
 
@@ -61,74 +62,43 @@ class Priors:
 def shipped_priors() -> Priors:
     """Return the priors that ship with Ballbot."""
     table = read_toml(PRIOR_FILE)
-    robots = table.pop("robots")
     try:
-        assert isinstance(robots, int)
-        priors = {
-            name: VariancePrior(**{key: float(value) for key, value in one.items()})
-            for name, one in table.items()
-            if isinstance(one, dict)
-        }
-    except (AssertionError, KeyError, TypeError, ValueError):
+        sizes = {str(name): float(size) for name, size in table["sizes"].items()}  # pyright: ignore[reportAttributeAccessIssue]
+        return Priors(sizes=sizes, degrees=float(table["degrees"]), robots=int(table["robots"]))  # pyright: ignore[reportArgumentType]
+    except (AttributeError, KeyError, TypeError, ValueError):
         raise InputError(f"{PRIOR_FILE} is no table of priors; install Ballbot again.") from None
-    return Priors(by_name=priors, robots=robots)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LogEstimates:
-    """The estimates of each of k logs, scaled, and their standard errors."""
+    """The estimates of each of k logs, scaled, and their covariances within that log."""
 
     points: NDArray[np.float64]  #: (k, p)
-    errors: NDArray[np.float64]  #: (k, p); NaN for parameters that were not estimated
+    covariances: NDArray[np.float64]  #: (k, p, p); NaN for parameters without a standard error
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Variation:
-    """How parameters vary between logs of one robot, by label."""
+    """How parameters vary between logs of one robot."""
 
     logs: int
-    apart: tuple[str, ...]  #: parameters by which the logs differ by more than their errors explain
-    predictions: Mapping[str, Interval]  #: 95 %, for the estimate from another log as long as these
-    robots: Mapping[str, Interval]  #: 95 %, for what all logs of the robot have in common
-    deviations: NDArray[np.float64]  #: (p,), of what they have in common, SI units; NaN if not estimated
-    between: Mapping[str, LogVariation]  #: in units of `units_of`, or of the logarithm
-    within: Mapping[str, float]  #: median of the standard errors within each log, in the same units
-    units: NDArray[np.float64]  #: (p,)
+    differ: bool  #: whether the logs differ by more than their errors explain
+    factor: float  #: the variation over that of the simulated robots
+    deviations: NDArray[np.float64]  #: (p,), between logs, SI units; NaN if not known
+    predictions: Mapping[str, Interval]  #: 95 %, for the estimate from another log as long as these, by label
     prior_robots: int
 
-    def open_predictions(self, bounds: Mapping[str, Sequence[float]]) -> dict[str, Interval]:
-        """Return the predictions as confidence intervals have them: an end at a bound of the search is infinite.
-
-        The zero of an amount stays a limit. `bounds` are the least and the greatest value, by label.
-        """
+    def to_dict(self, labels: Sequence[str]) -> dict[str, object]:
+        """Return what results.json holds."""
+        known = zip(labels, self.deviations.tolist(), strict=True)
         return {
-            label: replace(
-                one,
-                lower=one.lower if one.lower > bounds[label][0] or one.lower == 0.0 else -np.inf,
-                upper=one.upper if one.upper < bounds[label][1] else np.inf,
-            )
-            for label, one in self.predictions.items()
+            "logs": self.logs,
+            "robots_of_the_prior": self.prior_robots,
+            "logs_differ": self.differ,
+            "factor": self.factor,
+            "standard_deviations": {label: one for label, one in known if np.isfinite(one)},
+            "next_log_intervals_95": self.predictions,
         }
-
-    def to_dict(self, parameters: Mapping[str, float]) -> dict[str, object]:
-        """Return what results.json holds; `parameters` are the estimates by label."""
-        return {
-            label: {
-                "standard_deviation_between_logs": one.between * self._size(label, parameters),
-                "interval_95_of_it": [
-                    end * self._size(label, parameters)
-                    for end in (one.between_limits.lower, one.between_limits.upper)
-                ],
-                "robot_interval_95": _ends(self.robots[label]),
-                "next_log_interval_95": _ends(self.predictions[label]),
-            }
-            for label, one in self.between.items()
-        }
-
-    def _size(self, label: str, parameters: Mapping[str, float]) -> float:
-        """Return what a deviation of one is in SI units."""
-        unit = float(self.units[list(parameters).index(label)])
-        return unit if np.isfinite(unit) else parameters[label]
 
 
 class Fitted(Protocol):
@@ -153,12 +123,10 @@ def log_estimates(
     values: NDArray[np.float64],
     uncertainty: Uncertainty,
     widen: float,
-    seed: int,
 ) -> LogEstimates:
     """Return what each log by itself leads to, to first order about the estimate from all of them.
 
-    One log leads to the estimate itself, with its errors. A parameter at a bound stays there in every log; its error
-    is what its interval reaches from the bound.
+    One log leads to the estimate itself, with its errors. A parameter at a bound stays there in every log.
 
     Parameters
     ----------
@@ -172,50 +140,45 @@ def log_estimates(
         Of the estimate.
     widen : float
         What errors within a log are multiplied by, as those of `uncertainty` are.
-    seed : int
-        Of the bootstrap within each log.
     """
-    scaled, slopes = coordinates.scaled(values), coordinates.slopes(coordinates.scaled(values))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        whole = np.fmax(uncertainty.standard_errors, uncertainty.bootstrap_errors) / slopes
-    estimated = np.isfinite(whole)
+    scaled = coordinates.scaled(values)
+    errors = uncertainty.standard_errors / coordinates.slopes(scaled)
+    estimated = np.isfinite(errors)
     of_log = np.array([span.log for span in spans])
     logs, places = np.unique(of_log), np.flatnonzero(estimated)
-    points, errors = np.tile(scaled, (len(logs), 1)), np.tile(whole, (len(logs), 1))
+    points = np.tile(scaled, (len(logs), 1))
+    covariances = np.tile(uncertainty.correlation * np.outer(errors, errors), (len(logs), 1, 1))
     if len(logs) > 1 and len(places):
-        common = _step(fit.equations, places)
+        common, _ = _step(fit.equations, places)
+        own, inverses = fit.equations.scores.copy(), []
         for k, log in enumerate(logs):
             rows = of_log == log
             mine = WindowEquations(matrices=fit.equations.matrices[rows], scores=fit.equations.scores[rows])
-            step = _step(mine, places)
+            step, inverse = _step(mine, places)
             points[k, places] += step - common
             # about the log's own estimate, or what it differs from the others by would count as noise within it
-            moved = np.einsum("wij,j->wi", mine.matrices[:, :, places], step, optimize=False)
-            own = WindowEquations(matrices=mine.matrices, scores=mine.scores + moved)
-            corrected = leverage_corrected(own.matrices, own.scores, estimated)
-            variances = covariance(corrected, estimated).diagonal()
-            clustered = np.sqrt(np.where(variances > 0.0, variances, np.nan))
-            errors[k] = widen * np.fmax(clustered, bootstrap(own, estimated, seed=seed).errors)
-    for i in np.flatnonzero(~estimated):
-        one = uncertainty.intervals.get(coordinates.labels[i])
-        if one is not None:
-            ends = coordinates.scaled_one(int(i), np.array([one.lower, one.upper]))
-            reach = np.abs(ends - scaled[i])[np.isfinite([one.lower, one.upper])].max(initial=0.0)
-            errors[:, i] = reach / _HALF if reach > 0.0 else np.nan
-    return LogEstimates(points=points, errors=errors)
+            own[rows] += np.einsum("wij,j->wi", mine.matrices[:, :, places], step, optimize=False)
+            inverses.append(inverse)
+        scores = leverage_corrected(fit.equations.matrices, own, estimated).scores[:, places]
+        of_window = widen**2 * np.einsum("wi,wj->ij", scores, scores, optimize=False) / (len(scores) - 1)
+        for k, (log, inverse) in enumerate(zip(logs, inverses, strict=True)):
+            covariances[k][np.ix_(places, places)] = inverse @ ((of_log == log).sum() * of_window) @ inverse
+    return LogEstimates(points=points, covariances=covariances)
 
 
-def _step(equations: WindowEquations, places: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Return the Gauss-Newton step of the parameters at `places`."""
+def _step(
+    equations: WindowEquations, places: NDArray[np.intp]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the Gauss-Newton step of the parameters at `places`, and the inverse of its matrix."""
     H = equations.matrices[:, places[:, None], places].sum(axis=0)
     scale = 1.0 / np.sqrt(np.maximum(H.diagonal(), np.finfo(float).tiny))
-    g = equations.scores[:, places].sum(axis=0) * scale
     # a log may lack every window that determines a parameter: a small ridge keeps its equations soluble
-    return -scale * np.linalg.solve(H * np.outer(scale, scale) + 1e-12 * np.eye(len(places)), g)
+    inverse = np.linalg.inv(H * np.outer(scale, scale) + 1e-12 * np.eye(len(places))) * np.outer(scale, scale)
+    return -inverse @ equations.scores[:, places].sum(axis=0), inverse
 
 
 def units_of(coordinates: Coordinates, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the units (p,) in which the priors' deviations are, SI; infinite for logarithms, NaN without a prior.
+    """Return the units (p,) that the priors' sizes are shares of, SI; NaN for quantities without a prior.
 
     Parameters
     ----------
@@ -231,109 +194,115 @@ def units_of(coordinates: Coordinates, values: NDArray[np.float64]) -> NDArray[n
     for name, unit in of.items():
         width = float((coordinates.upper - coordinates.lower)[names == name].max())
         units[names == name] = max(unit, _LEAST_UNIT * width)
-    units[np.isin(names, ("stribeck_speed", "stribeck_exponent"))] = np.inf
-    return units
+    by_factor = np.isin(names, ("stribeck_speed", "stribeck_exponent"))
+    return np.where(by_factor, values, units)
 
 
-def variation(
+def scaled_units(coordinates: Coordinates, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return `units_of` (p,) in scaled coordinates; NaN without a prior, or for a parameter that is held."""
+    slopes = coordinates.slopes(coordinates.scaled(values))
+    return np.where(
+        coordinates.free, units_of(coordinates, values) / np.where(slopes > 0.0, slopes, 1.0), np.nan
+    )
+
+
+def widened(
     coordinates: Coordinates,
     values: NDArray[np.float64],
+    within: Uncertainty,
     by_log: LogEstimates,
     *,
     priors: Priors,
-) -> Variation:
-    """Return how the parameters vary between logs.
+) -> tuple[Uncertainty, Variation]:
+    """Return the uncertainty with the variation between logs, and that variation.
 
     Parameters
     ----------
     coordinates : Coordinates
     values : ndarray (p,)
         The estimates from all logs, SI units.
+    within : Uncertainty
+        Under the logs' conditions.
     by_log : LogEstimates
     priors : Priors
     """
-    units = units_of(coordinates, values)
-    by_log = LogEstimates(points=by_log.points, errors=_pooled(coordinates.names, by_log.errors))
-    slopes = coordinates.slopes(coordinates.scaled(values))
-    predictions, robots, between, within, differences = {}, {}, {}, {}, {}
-    deviations = np.full(len(values), np.nan)
-    for i, (label, name) in enumerate(zip(coordinates.labels, coordinates.names, strict=True)):
-        if name not in priors.by_name or not np.isfinite(by_log.errors[:, i]).all():
-            continue
-        logarithmic = bool(np.isinf(units[i]))
-        physical = np.array([coordinates.physical(point)[i] for point in by_log.points])
-        size = values[i] if logarithmic else units[i]
-        y = np.log(physical) if logarithmic else physical / units[i]
-        errors = by_log.errors[:, i] * slopes[i] / size
-        within[label] = float(np.median(errors))
-        differences[label] = _difference(y, errors)
-        found = between[label] = vary(y, errors, prior=priors.by_name[name], next_error=within[label])
-        ends = [
-            (np.exp(end) if logarithmic else end * units[i])
-            for limits in (found.prediction, found.parameter)
-            for end in (limits.lower, limits.upper)
-        ]
-        low, high = coordinates.lower[i], coordinates.upper[i]
-        clipped = [float(np.clip(end, low, high)) for end in ends]
-        predictions[label] = Interval(lower=clipped[0], upper=clipped[1], method="between logs")
-        robots[label] = Interval(lower=clipped[2], upper=clipped[3], method="between logs")
-        deviations[i] = (found.parameter.upper - found.parameter.lower) / (2.0 * _HALF) * size
-    return Variation(
-        logs=len(by_log.points),
-        apart=tuple(label for label, p in differences.items() if p < _UNLIKELY / len(differences)),
-        predictions=predictions,
-        robots=robots,
-        deviations=deviations,
-        between=between,
-        within=within,
-        units=units,
-        prior_robots=priors.robots,
+    scaled = coordinates.scaled(values)
+    slopes = coordinates.slopes(scaled)
+    shares = np.array([priors.sizes.get(name, 0.0) for name in coordinates.names])
+    sizes = np.nan_to_num(shares * scaled_units(coordinates, values))
+    places = np.flatnonzero(np.isfinite(by_log.covariances[0].diagonal()))
+    at, logs = np.ix_(places, places), len(by_log.points)
+    found: LogSpread = spread(
+        by_log.points[:, places],
+        by_log.covariances[:, places[:, None], places],
+        sizes[places],
+        degrees=priors.degrees,
+    )
+    errors = within.standard_errors / slopes
+    C = np.full((len(values), len(values)), np.nan)
+    C[at] = (within.correlation * np.outer(errors, errors))[at] + found.added
+    between_logs = (found.factor * sizes) ** 2
+    # a parameter at a bound has no covariance with the others
+    added = between_logs / logs
+    added[places] = found.added.diagonal()
+    ahead = by_log.covariances.diagonal(axis1=1, axis2=2).mean(axis=0)
+    whole = np.sqrt(np.where(C.diagonal() > 0.0, C.diagonal(), np.nan))
+    return (
+        replace(
+            within,
+            scaled_errors=whole,
+            standard_errors=whole * slopes,
+            correlation=correlation(C),
+            intervals=_widened(coordinates, scaled, within.intervals, added),
+        ),
+        Variation(
+            logs=logs,
+            differ=found.p_value < _UNLIKELY,
+            factor=found.factor,
+            deviations=np.where(sizes > 0.0, np.sqrt(between_logs) * slopes, np.nan),
+            predictions=_widened(
+                coordinates, scaled, within.intervals, added + between_logs + np.nan_to_num(ahead)
+            ),
+            prior_robots=priors.robots,
+        ),
     )
 
 
-def _pooled(names: Sequence[str], errors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return errors (k, p), none below the root mean square of the quantity's in that log.
-
-    Wheels are alike, and an error from some dozens of windows is itself uncertain: of three wheels the one with the
-    least error is rarely known that much better.
-    """
-    pooled = errors.copy()
-    for name in dict.fromkeys(names):
-        places = np.flatnonzero(np.array(names) == name)
-        mine = errors[:, places]
-        count = np.isfinite(mine).sum(axis=1)
-        common = np.sqrt(np.nansum(mine**2, axis=1) / np.maximum(count, 1))
-        pooled[:, places] = np.where(np.isfinite(mine), np.fmax(mine, common[:, None]), np.nan)
-    return pooled
-
-
-def _difference(y: NDArray[np.float64], errors: NDArray[np.float64]) -> float:
-    """Return how likely estimates differ as much by chance alone (Cochran's Q); one for a single log."""
-    if len(y) == 1:
-        return 1.0
-    weights = 1.0 / errors**2
-    middle = (weights * y).sum() / weights.sum()
-    return float(scipy.stats.chi2.sf((weights * (y - middle) ** 2).sum(), len(y) - 1))
+def _widened(
+    coordinates: Coordinates,
+    scaled: NDArray[np.float64],
+    intervals: Mapping[str, Interval],
+    added: NDArray[np.float64],
+) -> dict[str, Interval]:
+    """Return intervals whose distances from the estimate contain further variances (p,), scaled."""
+    found = {}
+    for place, label in enumerate(coordinates.labels):
+        one = intervals.get(label)
+        if one is None:
+            continue
+        ends = []
+        for end, sign in ((one.lower, -1.0), (one.upper, 1.0)):
+            reach = abs(float(coordinates.scaled_one(place, np.array([end]))[0]) - scaled[place])
+            wide = scaled[place] + sign * np.hypot(reach, HALF_WIDTH * np.sqrt(added[place]))
+            ends.append(float(wide) if np.isfinite(end) else None)
+        found[label] = between(coordinates, place, ends[0], ends[1], method=one.method)
+    return found
 
 
 def variation_findings(varied: Variation) -> list[Finding]:
-    """Return what is assumed of the variance between logs, or which parameters vary by more than their errors."""
-    if not varied.between:
-        return []
+    """Return what is assumed of the variation between logs, or that it is more than their errors explain."""
     if varied.logs == 1:
         text = (
-            "One log: its intervals hold under its own conditions. The wider intervals for another log take the "
-            f"variation between logs from {varied.prior_robots} simulated robots, not from this one; a second log "
-            "of this robot would measure it."
+            "One log: how far another log of this robot would lead elsewhere is not measured. All errors contain the "
+            f"variation between logs of {varied.prior_robots} simulated robots; a second log of this robot would "
+            "measure its own."
         )
         return [warning("between-logs", text)]
-    far = varied.apart
-    if not far:
+    if not varied.differ:
         return []
     text = (
-        f"Between the {varied.logs} logs {every(far)} {'varies' if len(far) == 1 else 'vary'} by more than the "
-        "errors within each log: something that the model lacks changes from log to log (the way driven, floor, "
-        "rollers, temperature). Use the intervals for another log."
+        f"The {varied.logs} logs differ by more than the errors within each log: something that the model lacks "
+        "changes from log to log (the way driven, floor, rollers, temperature). All errors contain that variation."
     )
     return [warning("between-logs", text)]
 
@@ -348,7 +317,3 @@ def discrepancy_finding(found: Discrepancy) -> list[Finding]:
         f"play or another friction law. All standard errors are {found.factor:.2g} times as large for it."
     )
     return [warning("discrepancy", text)]
-
-
-def _ends(interval: Interval) -> list[float]:
-    return [interval.lower, interval.upper]

@@ -5,7 +5,7 @@ A wheel's friction is drawn over its speed, with the band in which the standard 
     tau(w) = b w + (c + s E) sgn(w),      E = exp(-r),      r = |w/v_s|^delta
 
 The band is the delta method's: variance g' C g with g the gradient of tau by (b, c, s, v_s, delta) and C their
-covariance; parameters that have no standard error count as known.
+covariance; a parameter that has no standard error has that of an even distribution over its interval.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def friction_curve(found: Identification, wheel: int, speed: NDArray[np.float64]
             gradient[:, found.labels.index(label)] = column
     if friction.coulomb_asymmetry:  # found as a torque against it
         gradient[:, found.labels.index(f"offset{wheel + 1}")] = -1.0
-    variance = np.einsum("ki,ij,kj->k", gradient, found.covariance, gradient)
+    variance = np.einsum("ki,ij,kj->k", gradient, found.assumed_covariance, gradient)
     torque = wheel_friction(np.repeat(speed[:, None], n, axis=1), friction)[:, wheel]
     return FrictionCurve(speed=speed, torque=torque, standard_error=np.sqrt(np.maximum(variance, 0.0)))
 
@@ -118,7 +118,7 @@ def log_blocks(logs: Sequence[StudiedLog]) -> Iterator[Block]:
 def parameter_blocks(found: Identification, logs: Sequence[StudiedLog]) -> Iterator[Block]:
     """Yield the figures of the parameters: their intervals, each wheel's friction, their errors' correlation."""
     intervals = (
-        f"Each parameter with an interval: as found, its 95 % intervals under the conditions of {_logs(found)} and for "
+        "Each parameter with an interval: as found, its 95 % interval and that for the estimate from "
         "another log of this robot, and its value in the robot file. An interval that reaches the border has no limit "
         "on that side."
     )
@@ -199,7 +199,7 @@ def _draw_intervals(
     places = np.arange(len(labels))
     kinds = (
         (found.another_log, MUTED, 1.2, 0.13, "95 %, another log"),
-        (found.intervals, BLUE, 3.0, -0.13, f"95 %, {_logs(found)}"),
+        (found.intervals, BLUE, 3.0, -0.13, "95 %"),
     )
     ends = np.array(
         [(one.lower, one.upper) for kind, *_ in kinds for label in labels if (one := kind.get(label))]
@@ -383,12 +383,8 @@ def parameter_table(found: Identification, *, framed: bool) -> TextTable:
         for label, value, error, kind in zip(found.labels, values, errors, kinds, strict=True)
         if kind.name in found.names
     ]
-    headings = ("parameter", "value", "standard error", f"95 %, {_logs(found)}", "95 %, another log", "unit")
+    headings = ("parameter", "value", "standard error", "95 %", "95 %, another log", "unit")
     return table("Identified parameters", headings, rows, framed=framed)
-
-
-def _logs(found: Identification) -> str:
-    return "this log" if found.variation.logs == 1 else "these logs"
 
 
 def error_table(found: Identification, holdouts: Sequence[HoldoutResult], *, framed: bool) -> TextTable:

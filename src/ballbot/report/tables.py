@@ -79,7 +79,7 @@ def parameter_sheet(found: Identification) -> Sheet:
         for numbers in (found.parameters, found.standard_errors)
     )
     both = (
-        ("95 %, this log" if found.variation.logs == 1 else "95 %, these logs", found.intervals),
+        ("95 %", found.intervals),
         ("95 %, another log", found.another_log),
     )
     rows: list[list[str | Cell]] = []

@@ -77,8 +77,8 @@ def check_deviations(robot: RobotValues) -> None:
     Raises
     ------
     InputError
-        If a name is no parameter's, the parameter is a whole number, or a standard deviation is not a finite number
-        of zero or more, one for each of the parameter's.
+        If a name is no parameter's, the parameter is a whole number, a standard deviation is not a number of zero or
+        more, one for each of the parameter's, or an interval is not one about a number whose deviation is infinite.
     """
     for name, deviation in robot.standard_deviations.items():
         if name not in BY_NAME or BY_NAME[name].shape == "whole number":
@@ -88,10 +88,26 @@ def check_deviations(robot: RobotValues) -> None:
         if isinstance(value, tuple) != isinstance(deviation, tuple) or len(numbers) != count:
             raise InputError(f"{name} has the standard deviation {deviation!r}; it needs {count} of them.")
         for one in numbers:
-            if not isinstance(one, Real) or not math.isfinite(one) or one < 0.0:
+            if not isinstance(one, Real) or not one >= 0.0:
                 raise InputError(
-                    f"{name} has the standard deviation {one!r}; it must be finite, zero or more."
+                    f"{name} has the standard deviation {one!r}; it must be zero or more, or inf where it is unknown."
                 )
+    unknown = {
+        label: _each(value_of(robot, BY_NAME[name]))[place]
+        for label, name, place, size in deviation_labels(robot.standard_deviations)
+        if math.isinf(size)
+    }
+    for label in unknown:
+        if label not in robot.intervals:
+            raise InputError(
+                f"{label} has the standard deviation inf, unknown; give its least and greatest value under [intervals]."
+            )
+    for label, (least, most) in robot.intervals.items():
+        if label not in unknown or not -math.inf < least <= float(unknown[label]) <= most < math.inf:
+            raise InputError(
+                f"intervals has {label!r} from {least:g} to {most:g}; these must be finite and contain that number of "
+                "the robot, whose standard deviation must be inf."
+            )
 
 
 def check_correlation(robot: RobotValues) -> None:
@@ -100,18 +116,17 @@ def check_correlation(robot: RobotValues) -> None:
     Raises
     ------
     InputError
-        If a number has no standard deviation or is listed twice, a row has not one number for each column up to its
-        own, the diagonal is not 1, no errors can have such correlations, or the standard errors are not one finite
-        number of zero or more for each.
+        If a number has no finite standard deviation or is listed twice, a row has not one number for each column up to
+        its own, the diagonal is not 1, or no errors can have such correlations.
     """
     correlation = robot.correlation
-    if not correlation.of and not correlation.lower and not correlation.standard_errors:
+    if not correlation.of and not correlation.lower:
         return
-    known = {label for label, *_ in deviation_labels(robot.standard_deviations)}
+    known = {label for label, *_, size in deviation_labels(robot.standard_deviations) if math.isfinite(size)}
     for label in correlation.of:
         if label not in known:
             raise InputError(
-                f"correlation.of has {label!r}, which has no standard deviation above zero; "
+                f"correlation.of has {label!r}, which has no finite standard deviation above zero; "
                 f"{suggest(label, known, otherwise='there are') if known else 'no number of this robot has one.'}"
             )
     if len(set(correlation.of)) < len(correlation.of):
@@ -129,12 +144,6 @@ def check_correlation(robot: RobotValues) -> None:
         raise InputError(
             "correlation.lower has correlations that no errors can have: the matrix has a negative "
             "eigenvalue. Remove the table [correlation], or identify again."
-        )
-    errors = correlation.standard_errors
-    if errors and (len(errors) != len(sizes) or not all(math.isfinite(one) and one >= 0.0 for one in errors)):
-        raise InputError(
-            f"correlation.standard_errors must have {len(sizes)} finite numbers of zero or more, one for each number "
-            "of correlation.of."
         )
 
 

@@ -261,13 +261,10 @@ class Friction:
 
 @dataclass(frozen=True, kw_only=True)
 class Correlation:
-    """The joint errors of numbers that were identified together; all others count as independent."""
+    """Correlations of the errors of numbers that were identified together; all others count as independent."""
 
     of: tuple[str, ...] = ()  #: the numbers: "friction.rolling", or "friction.viscous[0]" of a list
     lower: tuple[tuple[float, ...], ...] = ()  #: rows of the lower triangle, each to the diagonal's 1
-    #: sizes of the joint errors, SI units; zero if a number counts as known beside the others. Empty if they are the
-    #: standard deviations. Those are larger if they contain what varies between logs; it has no such correlations.
-    standard_errors: tuple[float, ...] = ()
 
     def matrix(self) -> NDArray[np.float64]:
         """Return the correlation matrix (k, k)."""
@@ -282,19 +279,15 @@ class Correlation:
         return Correlation(
             of=tuple(self.of[i] for i in kept),
             lower=tuple(tuple(self.lower[i][j] for j in kept if j <= i) for i in kept),
-            standard_errors=tuple(self.standard_errors[i] for i in kept) if self.standard_errors else (),
         )
 
     @staticmethod
-    def of_matrix(
-        labels: Sequence[str], matrix: NDArray[np.float64], standard_errors: Sequence[float] = ()
-    ) -> Correlation:
+    def of_matrix(labels: Sequence[str], matrix: NDArray[np.float64]) -> Correlation:
         """Return the correlations (k, k) of k numbers, rounded to five decimals."""
         rows = np.round(matrix, 5).tolist()
         return Correlation(
             of=tuple(labels),
             lower=tuple((*row[:i], 1.0) for i, row in enumerate(rows)),
-            standard_errors=tuple(standard_errors),
         )
 
 
@@ -321,11 +314,19 @@ class RobotValues:
     #: where each value came from, by dotted name ("ball.radius": "measured"), with detail after a colon where
     #: there is more to say ("data sheet: Maxon 449470"); not part of equality
     sources: Mapping[str, str] = field(default_factory=dict[str, str], compare=False)
-    #: how well values are known, by dotted name, in SI units and of the value's shape ("ball.radius": 0.001); a
-    #: parameter that is not named counts as known; not part of equality
+    #: how well values are known, by dotted name, in SI units and of the value's shape ("ball.radius": 0.001). Zero is
+    #: exact; infinite is unknown: estimated without a standard error. A parameter that is not named counts as stated,
+    #: exactly; not part of equality
     standard_deviations: Mapping[str, Value] = field(default_factory=dict[str, Value], compare=False)
+    #: least and greatest value, by label ("friction.stribeck[2]"), of numbers whose standard deviation is infinite: as
+    #: far as the data limit them; not part of equality
+    intervals: Mapping[str, tuple[float, float]] = field(
+        default_factory=dict[str, tuple[float, float]], compare=False
+    )
     #: of numbers identified together; not part of equality
     correlation: Correlation = field(default=Correlation(), compare=False)
+    #: hashes of some rows of the logs that it was identified from; see `ballbot.log.fingerprints`
+    identified_from: tuple[str, ...] = field(default=(), compare=False)
 
     @property
     def wheel_count(self) -> int:
@@ -349,7 +350,7 @@ BY_NAME = {one.name: one for one in PARAMETERS}
 
 
 def deviation_labels(deviations: Mapping[str, Value]) -> Iterator[tuple[str, str, int, float]]:
-    """Yield label, name, place and size of each standard deviation above zero, in the order of robot files."""
+    """Yield label, name, place and size of each standard deviation above zero, infinite ones too, as in robot files."""
     for name in BY_NAME:
         deviation = deviations.get(name, 0.0)
         listed = isinstance(deviation, tuple)

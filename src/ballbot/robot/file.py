@@ -15,6 +15,12 @@ Numbers identified together have correlated errors. The table `[correlation]` at
         [1.0],
         [-0.93, 1.0],
     ]
+
+A standard deviation of inf belongs to a number that was estimated without a standard error: how well it is known is
+unknown. The table `[intervals]` has its least and greatest value, as far as the data limit it:
+
+    [intervals]
+    "friction.stribeck[2]" = [0.0, 0.06]
 """
 
 from __future__ import annotations
@@ -22,16 +28,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Annotated, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ballbot.errors import InputError, nearest, suggest
 from ballbot.file_formats import format_line, take_format
 from ballbot.files import parse_toml, read_toml, write_text
 from ballbot.printable import toml_string
 from ballbot.robot.checks import check_source
-from ballbot.robot.components import BY_NAME, PARAMETERS, Correlation, InertiaPoint, RobotValues
+from ballbot.robot.components import BY_NAME, PARAMETERS, InertiaPoint, RobotValues
 from ballbot.robot.parameters import (
     DIMENSIONLESS,
     Parameter,
@@ -64,7 +70,17 @@ class CorrelationTable(BaseModel):
 
     of: list[str] = []
     lower: list[list[int | float]] = []
-    standard_errors: list[int | float] = []
+    standard_errors: list[int | float] = []  #: of earlier versions, in place of larger standard deviations
+
+
+class IdentificationTables(BaseModel):
+    """The tables that an identification leaves in a file: how well numbers are known, and by which logs."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    correlation: CorrelationTable = CorrelationTable()
+    intervals: dict[str, Annotated[list[int | float], Field(min_length=2, max_length=2)]] = {}
+    identified_from: dict[Literal["rows"], list[str]] = {}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,7 +175,6 @@ def _in_si(parameter: Parameter, value: float | list[float], unit: str) -> Value
 
 
 #: the two texts of a file, each as it could be written; every other key is a parameter
-_CORRELATION = "correlation"
 _TEXTS = {"name": 'name = "myrobot"', "body.inertia.about": 'about = "ball_center"'}
 
 _HEADER = """\
@@ -167,8 +182,8 @@ _HEADER = """\
 #
 # Every parameter has a value, a unit and a source: measured, data sheet, previous work, calculated, identified
 # or assumed, with details after a colon. Units may be changed, as from m to cm or from deg to rad. The standard
-# deviation of a value may be added, as standard_deviation = 0.001, in the same unit. The body's frame has
-# x forward, y left and z up.
+# deviation of a value may be added, as standard_deviation = 0.001, in the same unit; inf is unknown. The body's frame
+# has x forward, y left and z up.
 """
 
 
@@ -191,9 +206,10 @@ def parse_robot(text: str, kind: type[R], *, source: str) -> R:
 def _robot_of(tree: dict[str, object], kind: type[R], *, source: str) -> R:
     try:
         tree = take_format(tree, "robot")
-        correlation = _correlation(tree.pop(_CORRELATION, {}))
-        of_correlation = {f"{_CORRELATION}.{key}": value for key, value in vars(correlation).items()}
-        return build(kind, _fields(dict(_leaves(tree))) | of_correlation)
+        stated = _identification(
+            {name: tree.pop(name) for name in IdentificationTables.model_fields if name in tree}
+        )
+        return build(kind, _fields(dict(_leaves(tree)), stated))
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
 
@@ -219,44 +235,51 @@ def robot_text(robot: RobotValues) -> str:
         if table == "body.inertia":
             blocks.append(f"about = {toml_string(robot.body.inertia_about)}")
         blocks += _lines(robot, table)
-    return "\n".join([*blocks, *_correlation_lines(robot.correlation)]) + "\n"
+    return "\n".join([*blocks, *_identification_lines(robot)]) + "\n"
 
 
-def _correlation_lines(correlation: Correlation) -> Iterator[str]:
+def _identification_lines(robot: RobotValues) -> Iterator[str]:
+    correlation = robot.correlation
+    if robot.identified_from:
+        yield from (
+            "",
+            "# Hashes of some rows of the logs that it was identified from: validation names these logs.",
+        )
+        yield "[identified_from]"
+        yield f"rows = [{', '.join(toml_string(row) for row in robot.identified_from)}]"
+    if robot.intervals:
+        yield from (
+            "",
+            "# Numbers estimated without a standard error: as far as the data limit them, in SI units.",
+        )
+        yield "[intervals]"
+        for label, ends in robot.intervals.items():
+            yield f"{toml_string(label)} = [{', '.join(repr(float(end)) for end in ends)}]"
     if correlation.of:
         yield from ("", "# Correlations of the errors of numbers identified together.")
-        if correlation.standard_errors:
-            yield "# standard_errors, in SI units, are of all numbers together. From log to log each varies more, by"
-            yield "# its standard_deviation, but one makes up for the others."
-        yield f"[{_CORRELATION}]"
+        yield "[correlation]"
         yield from ("of = [", *(f"    {toml_string(label)}," for label in correlation.of), "]")
-        if correlation.standard_errors:
-            yield f"standard_errors = [{', '.join(repr(float(one)) for one in correlation.standard_errors)}]"
         rows = (", ".join(repr(float(one)) for one in row) for row in correlation.lower)
         yield from ("lower = [", *(f"    [{row}]," for row in rows), "]")
 
 
-def _correlation(table: object) -> Correlation:
-    """Return the correlations that the table of a file states.
+def _identification(tables: Mapping[str, object]) -> IdentificationTables:
+    """Return what the tables of an identification in a file state.
 
     Raises
     ------
     InputError
-        If it is not a table of a list of names, a list of rows of numbers and perhaps a list of numbers.
+        If they are not tables of lists of names and numbers.
     """
     try:
-        read = CorrelationTable.model_validate(table)
+        return IdentificationTables.model_validate(dict(tables))
     except ValidationError as error:
         key = ".".join(str(part) for part in error.errors()[0]["loc"])
         raise InputError(
-            f"{f'{_CORRELATION}.{key}' if key else _CORRELATION} is not as it must be: of is a list of names in "
-            "quotes, lower a list of rows of numbers, standard_errors a list of numbers."
+            f"{key} is not as it must be: in [correlation] of is a list of names in quotes, lower a list of rows of "
+            "numbers and standard_errors a list of numbers; in [intervals] each number has its two ends; in "
+            "[identified_from] rows is a list of texts."
         ) from None
-    return Correlation(
-        of=tuple(read.of),
-        lower=tuple(tuple(map(float, row)) for row in read.lower),
-        standard_errors=tuple(map(float, read.standard_errors)),
-    )
 
 
 def _lines(robot: RobotValues, table: str) -> Iterator[str]:
@@ -315,7 +338,7 @@ def _nearest(key: str, table: str) -> str:
     return suggest(key, siblings, otherwise=f"{f'[{table}]' if table else 'the top level'} has")
 
 
-def _fields(leaves: Mapping[str, object]) -> dict[str, object]:
+def _fields(leaves: Mapping[str, object], stated: IdentificationTables) -> dict[str, object]:
     """Return the values of a robot's fields by dotted name, in SI units."""
     name = _text(leaves, "name")
     inertia_about = _inertia_point(_text(leaves, "body.inertia.about"))
@@ -334,12 +357,24 @@ def _fields(leaves: Mapping[str, object]) -> dict[str, object]:
         values[parameter.name], sources[parameter.name] = entry.value, entry.source
         if entry.standard_deviation is not None:
             deviations[parameter.name] = entry.standard_deviation
+    together = stated.correlation
+    joint = dict(zip(together.of, together.standard_errors, strict=False))
+    for key, size in deviations.items():
+        each = [
+            joint.get(f"{key}[{i}]", 0.0) or one
+            for i, one in enumerate(size if isinstance(size, tuple) else ())
+        ]
+        deviations[key] = tuple(each) if isinstance(size, tuple) else joint.get(key, 0.0) or size
     return {
         **values,
         "name": name,
         "body.inertia_about": inertia_about,
         "sources": sources,
         "standard_deviations": deviations,
+        "correlation.of": tuple(together.of),
+        "correlation.lower": tuple(tuple(map(float, row)) for row in together.lower),
+        "identified_from": tuple(stated.identified_from.get("rows", ())),
+        "intervals": {label: (float(low), float(high)) for label, (low, high) in stated.intervals.items()},
     }
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from ballbot.errors import every
 from ballbot.findings import Finding, Place, Severity, by_severity
-from ballbot.robot.components import BY_NAME
+from ballbot.robot.components import BY_NAME, PARAMETERS
 from ballbot.robot.derived import encoder_step, reflected_rotor_inertia, wheel_speed_limit
 from ballbot.robot.parameters import value_of
 from ballbot.robot.robot import Robot
@@ -485,7 +485,24 @@ def _of_friction(robot: Robot) -> Iterator[Finding]:
 
 
 def _of_deviations(robot: Robot) -> Iterator[Finding]:
-    """Yield standard deviations that leave a value all but open; friction's may, after a poor identification."""
+    """Yield standard deviations that leave a value all but open; friction's may, after a poor identification.
+
+    Friction without any counts as exact where it is compensated.
+    """
+    exact = [
+        one.name
+        for one in PARAMETERS
+        if one.table == "friction"
+        and np.any(value_of(robot, one))
+        and one.name not in robot.standard_deviations
+        and not (one.key.startswith("stribeck_") and not any(robot.friction.stribeck))
+    ]
+    if exact:
+        text = (
+            f"{every(exact)} {'has' if len(exact) == 1 else 'have'} no standard deviation: compensation takes "
+            f"{'its value' if len(exact) == 1 else 'their values'} as exact."
+        )
+        yield Finding(severity="note", code="robot-deviation", text=text, where=Place(columns=tuple(exact)))
     for name, deviation in robot.standard_deviations.items():
         if name.startswith("friction.") or (name.startswith("body.inertia.") and name[-2] != name[-1]):
             continue

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -96,6 +96,8 @@ class Robot(RobotValues):
                 key: deviation for key, deviation in self.standard_deviations.items() if key in stays
             },
             correlation=self.correlation,
+            intervals=self.intervals,
+            identified_from=self.identified_from,
         )
 
     @checked_arguments
@@ -105,10 +107,13 @@ class Robot(RobotValues):
         sources: Mapping[str, str] | None = None,
         standard_deviations: Mapping[str, Value] | None = None,
         correlation: Correlation | None = None,
+        intervals: Mapping[str, tuple[float, float]] | None = None,
+        identified_from: Collection[str] | None = None,
     ) -> Robot:
         """Return a copy with other sources or standard deviations, by dotted name and in SI units.
 
-        Correlations, the robot's own if none are given, stay among numbers with a standard deviation.
+        Correlations, the robot's own if none are given, stay among numbers with a finite standard deviation, intervals
+        with those that have an infinite one.
 
         Raises
         ------
@@ -116,12 +121,16 @@ class Robot(RobotValues):
             If a name is not a parameter's, or a source or a standard deviation is invalid.
         """
         deviations = self.standard_deviations if standard_deviations is None else standard_deviations
-        known = {label for label, *_ in deviation_labels(deviations)}
+        sizes = {label: size for label, *_, size in deviation_labels(deviations)}
+        known = {label for label, size in sizes.items() if math.isfinite(size)}
+        limits = self.intervals if intervals is None else intervals
         return dataclasses.replace(
             self,
             sources=self.sources if sources is None else sources,
             standard_deviations=deviations,
             correlation=(self.correlation if correlation is None else correlation).among(known),
+            intervals={label: one for label, one in limits.items() if label in sizes and label not in known},
+            identified_from=self.identified_from if identified_from is None else tuple(identified_from),
         )
 
     @staticmethod

@@ -1,10 +1,11 @@
 """Robots near this one: drawn from its standard deviations, or with values meant in other units.
 
-Errors of different parameters count as independent, but for those whose correlations the robot states. Numbers that
-were identified together have their joint standard errors, if the robot states those; its standard deviations, which
-contain what varies between logs, would be too large for the friction that the numbers give together. Linear
-propagation is the delta method: with the central differences d_i of a result over a tenth of each standard deviation
-s_i and the correlations r_ij, its variance is the sum of d_i s_i r_ij s_j d_j.
+Errors of different parameters count as independent, but for those whose correlations the robot states. A number that
+was estimated without a standard error is drawn within the interval that the robot states, with the deviation of an even
+distribution over it.
+
+Linear propagation is the delta method: with the central differences d_i of a result over a tenth of each standard
+deviation s_i and the correlations r_ij, its variance is the sum of d_i s_i r_ij s_j d_j.
 
 A slip of units is one parameter that, had it been meant in another unit, explains the findings on a robot.
 """
@@ -39,14 +40,14 @@ class Uncertain:
     label: str  #: "ball.radius" or "wheels.azimuths[1]"
     name: str
     place: int  #: within the parameter's numbers
-    deviation: float  #: its standard error beside other numbers, or its standard deviation, SI units
+    deviation: float  #: SI units
 
 
 def uncertain(robot: Robot) -> list[Uncertain]:
-    """Return the numbers that have a standard error above zero, in the files' order."""
-    joint = dict(zip(robot.correlation.of, robot.correlation.standard_errors, strict=False))
+    """Return the numbers that have a standard deviation above zero, in the files' order."""
+    even = {label: (most - least) / math.sqrt(12.0) for label, (least, most) in robot.intervals.items()}
     found = [
-        Uncertain(label=label, name=name, place=place, deviation=joint.get(label, deviation))
+        Uncertain(label=label, name=name, place=place, deviation=even.get(label, deviation))
         for label, name, place, deviation in deviation_labels(robot.standard_deviations)
     ]
     return [one for one in found if one.deviation > 0.0]
@@ -118,8 +119,15 @@ def draw_robots(robot: Robot, count: int, *, seed: int) -> list[Robot]:
 
 
 def _within(robot: Robot, one: Uncertain, amount: float) -> float:
-    """Return an amount of friction that leaves zero or more, and of v_s and delta a tenth; others as they are."""
+    """Return an amount of friction that leaves zero or more, and of v_s and delta a tenth; others as they are.
+
+    A number with an interval stays within it.
+    """
     parameter = BY_NAME[one.name]
+    if one.label in robot.intervals:
+        value = float(_numbers(value_of(robot, parameter))[one.place])
+        least, most = robot.intervals[one.label]
+        return min(max(amount, least - value), most - value)
     if parameter.table != "friction" or parameter.least < 0.0:
         return amount
     value = float(_numbers(value_of(robot, parameter))[one.place])
@@ -167,19 +175,24 @@ def propagate(robot: Robot, result_of: Callable[[Robot], NDArray[np.float64]]) -
     Raises
     ------
     InputError
-        If a robot within a tenth of a standard deviation cannot exist.
+        If no robot a tenth of a standard deviation away can exist, on either side.
     """
     value = np.asarray(result_of(robot), dtype=np.float64)
     parts = {}
     for one in uncertain(robot):
         step = STEP * one.deviation
-        try:
-            ends = [result_of(shifted(robot, {one: sign * step})) for sign in (1.0, -1.0)]
-        except InputError as error:
-            raise InputError(
-                f"{one.label} cannot vary by a tenth of its standard deviation: {error}"
-            ) from None
-        parts[one.label] = np.asarray((ends[0] - ends[1]) / (2.0 * STEP), dtype=np.float64)
+        ends, refusal = [], None
+        for sign in (1.0, -1.0):
+            try:
+                ends.append((sign * STEP, result_of(shifted(robot, {one: sign * step}))))
+            except InputError as error:
+                refusal = error
+        if not ends:
+            raise InputError(f"{one.label} cannot vary by a tenth of its standard deviation: {refusal}")
+        if refusal is not None:  # a number at what no robot goes beyond, as friction of zero
+            ends.append((0.0, value))
+        (ahead, high), (behind, low) = ends
+        parts[one.label] = np.asarray((high - low) / (ahead - behind), dtype=np.float64)
     return Propagated(value=value, deviation=_deviation(value, parts, robot), parts=parts)
 
 

@@ -13,12 +13,13 @@ from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback
 from ballbot.control.presets import ControllerLike, as_controller
 from ballbot.errors import InputError, suggest
-from ballbot.findings import by_severity
+from ballbot.findings import Finding, by_severity, warning
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import checked_logs
 from ballbot.log.checks.kinematics import check_disturbance
 from ballbot.log.columns import torque_names
+from ballbot.log.fingerprints import logs_among
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
 from ballbot.progress import Progress, part_of
@@ -99,7 +100,21 @@ def validate(
         longest=longest,
         run=run,
     )
-    return replace(join_validations(list(parts.values())), log_findings=checked.findings)
+    found = (*fitted_findings(models, checked.logs), *checked.findings)
+    return replace(join_validations(list(parts.values())), log_findings=found)
+
+
+def fitted_findings(models: ModelPair, logs: Mapping[str, Log]) -> tuple[Finding, ...]:
+    """Return a warning of each log that one of the models was identified from."""
+    rows = {row for one in (models.first, models.second) for row in one.model.robot.identified_from}
+    return tuple(
+        warning(
+            "fitted-log",
+            f"{name or 'The log'} is one that the model was identified from: its errors show how well the model fits, "
+            "not how well it predicts. Validate on another log.",
+        )
+        for name in logs_among(logs, rows)
+    )
 
 
 def _by_log(

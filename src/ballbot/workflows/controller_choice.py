@@ -35,7 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.controller import Compensation, Controller
-from ballbot.control.overcompensation import cautious_friction
+from ballbot.control.overcompensation import certain_friction
 from ballbot.control.parts import Parts
 from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
 from ballbot.errors import InputError, missing_package
@@ -165,7 +165,7 @@ def _parameters(
         )
         mean[offsets] = np.negative(found.robot.friction.coulomb_asymmetry)
     bounds = np.concatenate([BY_NAME[name].default_bounds(found.robot) for name in found.layout.names])
-    drawn = random.multivariate_normal(mean, found.covariance, size=count, method="eigh")
+    drawn = random.multivariate_normal(mean, found.assumed_covariance, size=count, method="eigh")
     # a value identified beyond the default bounds, by bounds of the user's own, stays where it is
     lower, upper = np.minimum(bounds[:, 0], mean), np.maximum(bounds[:, 1], mean)
     return list(np.clip(drawn, lower, upper))
@@ -383,26 +383,7 @@ def variants(controllers: Mapping[str, Controller]) -> dict[str, Controller]:
 
 def compensated_robot(found: Identification) -> Robot:
     """Return the identified robot with no more friction than is certain."""
-    return found.robot.replace(friction=cautious_friction(found.robot.friction, _friction_covariance(found)))
-
-
-def _friction_covariance(found: Identification) -> NDArray[np.float64]:
-    """Return the covariance of b, c, s, v_s, delta and C_rr, then of d, e and mu, as `cautious_friction` reads it."""
-    P, layout, n = found.covariance, found.layout, found.robot.wheel_count
-    places, signs = np.full(6 * n + 3, -1), np.ones(6 * n + 3)
-    places[: 3 * n + 3] = np.arange(3 * n + 3)
-    terms = {"torque_offset": 3 * n + 3, "stribeck_asymmetry": 4 * n + 3, "load": 5 * n + 3}
-    if not found.robot.friction.coulomb_asymmetry:
-        del terms["torque_offset"]  # it is the motor's
-    for name, first in terms.items():
-        numbers = layout.part(name, np.arange(len(P), dtype=np.float64))
-        if numbers is not None:
-            places[first : first + n] = numbers
-    signs[3 * n + 3 : 4 * n + 3] = -1.0  # an offset is a torque against the friction
-    known = places >= 0
-    covariance = np.zeros((6 * n + 3, 6 * n + 3))
-    covariance[np.ix_(known, known)] = P[np.ix_(places[known], places[known])]
-    return signs[:, None] * covariance * signs
+    return found.robot.replace(friction=certain_friction(found.robot))
 
 
 def choose_controller(

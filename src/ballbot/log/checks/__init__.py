@@ -57,6 +57,7 @@ from ballbot.log.checks.values import (
 )
 from ballbot.log.collection import LogsLike, as_logs
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, similar_column, torque_names, wheel_speed_names
+from ballbot.log.fingerprints import refuse_copies
 from ballbot.log.log import Log
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.plausibility import named_robot_findings
@@ -302,12 +303,14 @@ def checked_logs(
     Raises
     ------
     InputError
-        If the robot or a log has an error whose code is not accepted, or a code is unknown.
+        If the robot or a log has an error whose code is not accepted, two logs are of the same run, or a code is
+        unknown.
     """
     codes = check_codes(accept)
     if isinstance(logs, CheckedLogs):
         return logs
     named = as_logs(logs)
+    refuse_copies(named)
     findings = _without_robot(named) if robot is None else _with_robot(as_robot(robot), named)
     stop_on_errors(findings, accept=codes, going_on=going_on, more=more)
     return CheckedLogs(logs=named, findings=findings)
