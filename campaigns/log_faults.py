@@ -302,8 +302,8 @@ def section(found: Sequence[Outcome]) -> Section:
             *(_row(kind, [one for one in faulty if one.kind == kind]) for kind in KINDS),
             _row("all", faulty),
         ],
-        after=f"Sound logs refused: {len(refused)} of {len(sound)}{': ' if refused else ''}{', '.join(refused)}; with a "
-        f"warning on the torques' scale: {sum(one.said for one in sound)}.",
+        after=f"Sound logs refused: {len(refused)} of {len(sound)}{': ' if refused else ''}{', '.join(refused)}; "
+        f"with a warning on the torques' scale: {sum(one.said for one in sound)}.",
     )
 
 
