@@ -11,6 +11,7 @@ from ballbot.cli import identify as identify_command
 from ballbot.cli.main import main
 from ballbot.identification.laws import LAWS
 from ballbot.identification.stages import IdentificationOptions
+from ballbot.robot import Friction
 from tests.support.identification_examples import balancing_log, noisy
 from tests.support.report_pages import LARGEST_PAGE
 
@@ -63,6 +64,23 @@ def test_identify_writes_its_files_and_tables_and_exits_zero(tmp_path, log_file,
     assert "held at 0.00700" in page
     assert page.count('data-ballbot-replay="') == 1  # of the second that the fit did not see
     assert len(page) < LARGEST_PAGE
+
+
+@pytest.mark.slow
+def test_friction_that_does_not_help_to_predict_is_said_first_and_not_written(tmp_path, capsys):
+    path, out = tmp_path / "log.csv", tmp_path / "out"
+    noisy(balancing_log(friction=Friction.none(3), duration=10.0), seed=6).write(path)
+    command = ["identify", "alten", str(path), "--out", str(out), "--window", "0.1", "--law", "coulomb"]
+    assert main(command) == 2
+    shown = capsys.readouterr()
+    # after warnings of the log's checks, before any number
+    assert 0 <= shown.out.find("Not usable: ") < shown.out.find("Identified parameters")
+    assert "No robot.toml was written." in shown.err
+    assert not (out / "robot.toml").exists()
+    results = json.loads((out / "results.json").read_text())
+    assert results["verdict"]["usable"] is False
+    assert results["verdict"]["sentence"] in shown.out.replace("\n", " ")
+    assert "Not usable" in (out / "report.html").read_text().partition("<h2")[0]
 
 
 @pytest.mark.sample

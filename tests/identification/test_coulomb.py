@@ -79,6 +79,6 @@ def test_the_better_determined_of_the_two_is_compared(of_c: float, of_s: float, 
         for i in range(3):
             R[3 + i, 6 + i] = R[6 + i, 3 + i] = -0.97
     got = found(VALUES, errors, R)
-    assert got.compared == got.to_dict()["compare"] == compared
+    assert got.compared == compared
     first = {"c": got.coulomb, "c_e": got.values}[compared][0]
     assert f"{first:.2f}"[:4] in coulomb_sentence(got, FRICTION).partition(":")[0]

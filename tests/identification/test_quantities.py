@@ -96,9 +96,9 @@ def test_every_experiment_and_check_has_the_range_that_stands_beside_the_robots_
 @pytest.mark.parametrize("name", ["stribeck_speed", "stribeck_exponent", "rolling"])
 def test_a_value_beyond_the_range_of_estimates_is_unusual(name):
     most = BY_NAME[f"friction.{name}"].usual[1]
-    for value, code in ((most, set()), (1.01 * most, {"robot-friction"})):
+    for value, unusual in ((most, False), (1.01 * most, True)):
         robot = alten(replace(FRICTION, **{name: value}))
-        assert {one.code for one in robot_findings(robot)} == code
+        assert ("robot-friction" in {one.code for one in robot_findings(robot)}) == unusual
 
 
 def test_every_quantity_can_be_given_bounds():

@@ -300,7 +300,7 @@ class TestIdentification:
             "--out",
             str(out),
         ]
-        assert main(words) == 0
+        assert main(words) == 2
         assert capsys.readouterr().out.startswith("Not usable: ")
         assert not (out / "robot.toml").exists()
         results = read_results(out / "results.json")

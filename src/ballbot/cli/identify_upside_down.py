@@ -16,6 +16,7 @@ from ballbot.cli.context import (
     read_logs,
 )
 from ballbot.cli.findings import Accept, stop_or_show
+from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.findings import Finding, by_severity
 from ballbot.fitting.run import Run, check_seed
@@ -95,6 +96,8 @@ def identify_upside_down(
             _write(found, described, named, result, findings, new)
     result.show(upside_down_parts(found, described, framed=result.console.is_terminal))
     result.show_file(PAGE, *(["robot.toml"] if found.usable else []))
+    if not found.usable:
+        raise InputError(f"{found.verdict} No robot.toml was written.")
 
 
 def _checked(robot: Robot, logs: Mapping[Path, Log], accept: list[str] | None) -> tuple[Finding, ...]:

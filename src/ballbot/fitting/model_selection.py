@@ -168,7 +168,8 @@ def gain_between(
     """
     counts = resamples(len(groups), block=1, repeats=DRAWS, seed=_SEED)
     ours, theirs = (np.stack([table[rows].sum(axis=0) for rows in groups]) for table in (squares, others))
-    draws = 1.0 - _error_ratio(counts @ ours, counts @ theirs)
+    with np.errstate(invalid="ignore"):  # predictions without a value have no gain
+        draws = 1.0 - _error_ratio(counts @ ours, counts @ theirs)
     tail = 0.5 * (1.0 - LEVEL)
     lower, upper = np.quantile(draws, [tail, 1.0 - tail])
     share = 1.0 - _error_ratio(squares.sum(axis=0), others.sum(axis=0))

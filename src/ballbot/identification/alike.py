@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import every
 from ballbot.findings import Finding, warning
-from ballbot.fitting.intervals import Interval, Uncertainty
+from ballbot.fitting.intervals import HALF_WIDTH, Interval, Uncertainty
 from ballbot.fitting.uncertainty import covariance, leverage_corrected
 from ballbot.identification.parameters import Coordinates
 from ballbot.identification.quantities import BY_NAME
@@ -40,8 +40,6 @@ INSEPARABLE = 0.5
 WHEELS_APART = 0.15
 #: what is fitted as one together
 _DRY, _VISCOUS = ("coulomb", "stribeck"), ("viscous",)
-#: half the width of a 95 % interval of a normal variable, in its deviations
-_HALF = 1.96
 
 T = TypeVar("T")
 
@@ -115,7 +113,11 @@ def uncertainty_of_each(
     coordinates: Coordinates, values: NDArray[np.float64], uncertainty: Uncertainty
 ) -> Uncertainty:
     """Return the uncertainty of each wheel's numbers (p,) out of that of the numbers fitted as one."""
-    first, apart = coordinates.first, _apart(coordinates, values)
+    if not coordinates.alike:
+        return uncertainty
+    first = coordinates.first
+    # by how much each number may differ from the one fitted for all wheels
+    apart = np.where(np.isin(coordinates.names, coordinates.alike), WHEELS_APART * np.abs(values), 0.0)
     errors, bootstrap = (
         np.hypot(one[first], apart) for one in (uncertainty.standard_errors, uncertainty.bootstrap_errors)
     )
@@ -129,15 +131,18 @@ def uncertainty_of_each(
     R[np.diag_indices_from(R)] = np.where(np.isfinite(errors), 1.0, np.nan)
 
     def wider(one: Interval, place: int) -> Interval:
-        lower, upper = (np.hypot(end - values[place], _HALF * apart[place]) for end in (one.lower, one.upper))
-        return replace(
-            one, lower=max(values[place] - lower, coordinates.lower[place]), upper=values[place] + upper
+        below, above = (
+            float(np.hypot(end - values[place], HALF_WIDTH * apart[place])) for end in (one.lower, one.upper)
         )
+        lower = values[place] - below
+        if np.isfinite(lower):  # an amount ends at zero
+            lower = max(lower, coordinates.lower[place])
+        return replace(one, lower=lower, upper=values[place] + above)
 
     intervals = _of_each(coordinates, uncertainty.intervals)
     places = {label: place for place, label in enumerate(coordinates.labels)}
     return Uncertainty(
-        scaled_errors=np.where(first == np.arange(len(first)), uncertainty.scaled_errors, np.nan),
+        scaled_errors=uncertainty.scaled_errors[first],
         standard_errors=errors,
         bootstrap_errors=bootstrap,
         correlation=R,
@@ -145,12 +150,12 @@ def uncertainty_of_each(
     )
 
 
-def variation_of_each(coordinates: Coordinates, values: NDArray[np.float64], varied: Variation) -> Variation:
+def variation_of_each(coordinates: Coordinates, varied: Variation) -> Variation:
     """Return how each wheel's numbers vary out of how the numbers fitted as one do."""
     return replace(
         varied,
         predictions=_of_each(coordinates, varied.predictions),
-        deviations=np.hypot(varied.deviations[coordinates.first], _apart(coordinates, values)),
+        deviations=varied.deviations[coordinates.first],
     )
 
 
@@ -165,11 +170,6 @@ def alike_finding(coordinates: Coordinates) -> list[Finding]:
         f"{100.0 * WHEELS_APART:.0f} %. Longer logs with motion in all directions and about the vertical separate them."
     )
     return [warning("motors-alike", text)]
-
-
-def _apart(coordinates: Coordinates, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return by how much each number (p,) may differ from the one fitted for all wheels, SI units."""
-    return np.where(np.isin(coordinates.names, coordinates.alike), WHEELS_APART * np.abs(values), 0.0)
 
 
 def _of_each(coordinates: Coordinates, table: Mapping[str, T]) -> dict[str, T]:

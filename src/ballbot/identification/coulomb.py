@@ -91,13 +91,13 @@ def coulomb_equivalent(
         step = steps[i] * np.eye(len(values))[i]
         G[:, i] = (at(values + step) - at(values - step)) / (2.0 * steps[i])
     variances = np.einsum("ki,ij,kj->k", G, C, G, optimize=False)
-    known = np.isfinite(covariance.diagonal()[n : 2 * n])
+    own = np.sqrt(covariance.diagonal()[n : 2 * n])
     return CoulombEquivalent(
         values=at(values),
-        standard_errors=np.where(known, np.sqrt(np.maximum(variances, 0.0)), np.nan),
+        standard_errors=np.where(np.isfinite(own), np.sqrt(np.maximum(variances, 0.0)), np.nan),
         speeds=speeds,
         coulomb=values[n : 2 * n],
-        coulomb_errors=np.sqrt(covariance.diagonal()[n : 2 * n]),
+        coulomb_errors=own,
     )
 
 

@@ -383,7 +383,7 @@ def _with_uncertainty(
         coordinates, final.values, final.uncertainty, by_log, priors=shipped_priors()
     )
     each = uncertainty_of_each(coordinates, final.values, uncertainty)
-    return replace(final, uncertainty=each), apart, variation_of_each(coordinates, final.values, varied)
+    return replace(final, uncertainty=each), apart, variation_of_each(coordinates, varied)
 
 
 #: groups of windows by speed, of equal size

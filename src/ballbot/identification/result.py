@@ -17,6 +17,7 @@ from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import (
     BY_NAME,
     FRICTION,
+    OF_WHEELS,
     RIGID,
     TERMS,
     Layout,
@@ -157,29 +158,23 @@ class Identification:
         counted = np.array([name not in self.excluded_states for name in STATE_NAMES])
         values = dict(zip(self.labels, self.values.tolist(), strict=True))
         bounds = dict(zip(self.labels, self.bounds.tolist(), strict=True))
-        labels = {name: BY_NAME[name].labels(self.layout.wheel_count) for name in ("viscous", "coulomb")}
+        labels = {name: BY_NAME[name].labels(self.layout.wheel_count) for name in OF_WHEELS[:3]}
         at_end = [
             label
-            for name, of_wheels in labels.items()
-            for label, (lower, upper) in ((one, bounds[one]) for one in of_wheels)
+            for name in ("viscous", "coulomb")
+            for label, (lower, upper) in ((one, bounds[one]) for one in labels[name])
             if upper > lower and upper >= BY_NAME[name].bounds[1] and values[label] >= upper * (1.0 - 1e-9)
         ]
-        dry = [
-            values[label]
-            for name in ("coulomb", "stribeck")
-            for label in BY_NAME[name].labels(self.layout.wheel_count)
-        ]
-        between = dict(zip(self.labels, self.variation.deviations.tolist(), strict=True))
-        largest = WIDELY * sum(dry) / self.layout.wheel_count
+        dry = np.mean([values[label] for label in (*labels["coulomb"], *labels["stribeck"])]) * 2.0
+        varied = dict(zip(self.labels, self.variation.deviations.tolist(), strict=True))
+        widely = [label for label in labels["coulomb"] if varied[label] > WIDELY * dry]
         return verdict_of(
             self.held_out.squares_with[:, counted],
             self.held_out.squares_without[:, counted],
             self.held_out_windows,
             lean=np.isin(STATE_NAMES, ("theta", "phi"))[counted],
             at_end=at_end,
-            disagree=[
-                label for label in labels["coulomb"] if self.variation.differ and between[label] > largest
-            ],
+            disagree=widely if self.variation.differ else (),
         )
 
     @property
@@ -235,7 +230,7 @@ class Identification:
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
         results = {
-            "verdict": self.verdict.to_dict(),
+            "verdict": self.verdict,
             "parameters": self.parameters,
             "standard_errors": self.standard_errors,
             "intervals": self.intervals,

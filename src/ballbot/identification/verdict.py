@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ballbot.errors import every
 from ballbot.fitting.model_selection import Gain, gain_between, neighbours
 from ballbot.identification.windows import Span
+from ballbot.results import reported
 from ballbot.rounding import digits
 from ballbot.summary import counted
 
@@ -35,12 +36,12 @@ class Verdict:
     windows: int  #: of them
     reasons: tuple[str, ...]  #: why it is not usable; empty if it is
 
-    @property
+    @reported
     def usable(self) -> bool:
         """Whether nothing speaks against it."""
         return not self.reasons
 
-    @property
+    @reported
     def sentence(self) -> str:
         """The verdict: usable and how much better the prediction is, or not usable and why."""
         if self.reasons:
@@ -51,15 +52,6 @@ class Verdict:
             f"{digits(1.0 - gain.share, 2)} times that without (95 % interval {digits(1.0 - gain.upper, 2)} to "
             f"{digits(1.0 - gain.lower, 2)})."
         )
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        return {
-            "usable": self.usable,
-            "sentence": self.sentence,
-            "reasons": list(self.reasons),
-            "gain": self.gain.to_dict(),
-        }
 
 
 def verdict_of(
