@@ -39,6 +39,7 @@ def test_what_is_written_reads_back_to_the_bit(tmp_path, robot):
     np.testing.assert_array_equal(read.packed, written.packed)
     assert read.sample_time == written.sample_time
     assert read.compensation == "partial"
+    assert controller_text(read) == controller_text(written)  # by which a prediction knows its controller
     assert read.estimator == "kalman"
 
 

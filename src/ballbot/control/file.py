@@ -280,7 +280,7 @@ def _designed_for_text(controller: Controller) -> str:
     if not values:
         return ""
     lines = [
-        f'"{name}" = {_row(value) if isinstance(value, tuple) else repr(value)}'
+        f'"{name}" = {_row(value) if isinstance(value, tuple) else repr(float(value))}'
         for name, value in values.items()
     ]
     heading = (
