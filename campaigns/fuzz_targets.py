@@ -32,8 +32,9 @@ from ballbot.identification.parameters import read_bounds
 from ballbot.identification.sweep import read_sweep
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks import check
+from ballbot.log.column_summary import summarize
 from ballbot.log.formats import WRITTEN_SUFFIXES, read_foreign_table
-from ballbot.log.log import LONGEST, summarize
+from ballbot.log.log import LONGEST
 from ballbot.log.mapping_file import parse_mapping, read_mapping
 from ballbot.log.pose import read_poses
 from ballbot.mechanics.model import Model
@@ -141,7 +142,8 @@ lean_bias = [-0.1, 0.1]
 
 
 @cache
-def _log(rows: int = 60) -> Log:
+def _log(duration: float = 8.0, every: int = 4) -> Log:
+    """Return a log that is long enough for every check, with so few rows that it is written soon."""
     lean = np.zeros(10)
     lean[2] = 0.03
     controller = nominal_controller(ALTEN)
@@ -149,14 +151,13 @@ def _log(rows: int = 60) -> Log:
         Model(ALTEN),
         controller,
         named_reference("square"),
-        duration=rows * controller.sample_time,
+        duration=duration,
         initial_state=lean,
     )
     noise = np.random.default_rng(1)
-    columns = run.without_truth().columns
-    return Log(
-        {name: v if name == "t" else v + 1e-5 * noise.standard_normal(rows) for name, v in columns.items()}
-    )
+    log = run.without_truth().select(slice(None, None, every))
+    noisy = {name: log[name] + 1e-5 * noise.standard_normal(len(log)) for name in log.names if name != "t"}
+    return log.with_columns(noisy)
 
 
 def _film() -> Log:

@@ -11,11 +11,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from ballbot.log.wrapping import LARGEST_TURN
 from ballbot.mechanics.engine.compiled import inlined
 
 TURN = 2.0 * math.pi  #: [rad]
-#: the smallest jump that is a wrap [rad]
-JUMP = 1.5 * math.pi
+#: the smallest jump that is a wrap [rad], as in a log
+JUMP = LARGEST_TURN
 #: by which noise may take a value out of one turn [rad]
 _NOISE = 0.1
 

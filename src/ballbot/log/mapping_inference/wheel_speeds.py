@@ -52,7 +52,7 @@ def check_named_wheels(path: str | Path, table: ForeignTable, roles: Roles, robo
             f"{path}: {names} are called wheel speeds, but the lean follows from them as from angles. Name them as "
             "angles with --columns, wheel1_angle and so on."
         )
-    if not roles.of_speeds and not _show_angles(table, roles) and seem_speeds(roles, columns, robot):
+    if not roles.of_speeds and not show_angles(table, roles) and seem_speeds(roles, columns, robot):
         raise InputError(
             f"{path}: {names} are called wheel angles, but the lean follows from them as from speeds, or from "
             "increments of a row. Log the angles, or replace these columns by their running sums."
@@ -63,7 +63,7 @@ def check_named_wheels(path: str | Path, table: ForeignTable, roles: Roles, robo
 _RESTING_ROWS, _FOLLOWED = 10, 0.8
 
 
-def _show_angles(table: ForeignTable, roles: Roles) -> bool:
+def show_angles(table: ForeignTable, roles: Roles) -> bool:
     """Return whether columns are angles by their values: they are not zero at rest, or change as the logged speeds."""
     angles = np.column_stack([table.columns[name] for name in roles.angles])
     changes = np.diff(angles, axis=0)

@@ -1,0 +1,267 @@
+"""Files as people have them are read, with a finding on what is left out, or refused as what they are."""
+
+import os
+import resource
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ballbot.errors import InputError
+from ballbot.log import Log
+from ballbot.log.checks import check
+from ballbot.log.formats import is_foreign, read_columns, read_foreign_table
+from ballbot.log.formats.inference import ForeignTable, infer_text_table
+from ballbot.log.formats.text import OWN_LAYOUT
+from ballbot.log.mapping_inference.proposal import propose
+from ballbot.log.mapping_inference.recognition import recognise
+from ballbot.log.mapping_inference.report import evaluate
+from ballbot.log.mapping_inference.roles import roles_by_name
+from ballbot.log.mapping_inference.wheel_speeds import show_angles
+from ballbot.robot import Robot
+from tests.support.log_examples import smooth_log, with_wheels
+from tests.support.paths import ROOT
+
+ALTEN = Robot.load("alten")
+CASES = ROOT.parent / "shared" / "cases"
+NAMES = ("t", "u1", "u2", "u3", "theta", "phi", "psi")
+
+
+def rows(count: int = 60) -> list[list[str]]:
+    log = smooth_log(rows=count)
+    return [[f"{log[name][k]:.6f}" for name in NAMES] for k in range(count)]
+
+
+def write(tmp_path: Path, header: str, lines: list[list[str]], *, end: str = "\n") -> Path:
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([header, *(",".join(line) for line in lines)]) + end)
+    return path
+
+
+def left_out(log: Log) -> list[str]:
+    return [one.text for one in log.changes if one.code == "file"]
+
+
+@pytest.mark.parametrize(
+    ("header", "factor"),
+    [
+        ("# recorded on Monday\n# robot: alten\nt,u1,u2,u3,theta,phi,psi", 1.0),
+        ("T,u1,u2,u3,theta,phi,psi", 1.0),
+        ("t,u1,u2,u3,theta [deg],phi,psi", np.pi / 180.0),
+        ("t [s],u1 [Nm],u2 (N m),u3,theta (mrad),phi [rad],psi", 1e-3),
+    ],
+)
+def test_ballbots_names_are_ballbots(tmp_path, header, factor):
+    path = write(tmp_path, header, rows())
+    assert not is_foreign(path)
+    log = Log.read(path)
+    assert log.names == NAMES
+    np.testing.assert_allclose(log["theta"], smooth_log(rows=60)["theta"] * factor, atol=1e-6)
+    assert bool(left_out(log)) == ("[" in header or "T" in header)
+
+
+@pytest.mark.parametrize("words", ["False", "BALANCING", "run, left"])
+def test_a_column_of_words_is_left_out_and_named(tmp_path, words):
+    path = write(tmp_path, ",".join([*NAMES, "mode"]), [[*row, f'"{words}"'] for row in rows()])
+    log = Log.read(path)
+    assert "mode" not in log
+    assert any("mode" in text for text in left_out(log))
+    table = infer_text_table(path)
+    assert list(table.columns) == list(NAMES)
+    assert any("mode" in text for text in table.notes)
+
+
+def test_a_word_in_an_unused_column_is_not_in_the_way_and_one_in_a_used_column_is_refused(tmp_path):
+    lines = [[*row, ""] for row in rows()]
+    lines[7][-1] = "start"
+    assert "note" not in Log.read(write(tmp_path, ",".join([*NAMES, "note"]), lines))
+    lines[7][4] = "oops"
+    with pytest.raises(InputError, match="line 9: 'oops' in column theta is not a number"):
+        Log.read(write(tmp_path, ",".join([*NAMES, "note"]), lines))
+
+
+@pytest.mark.parametrize("cut", [1, 3, 12, 16])
+def test_a_last_row_that_is_cut_short_is_left_out(tmp_path, cut):
+    path = write(tmp_path, ",".join(NAMES), rows(), end="")
+    whole = Log.read(path)
+    text = path.read_text().replace("-", "")
+    path.write_text(text[: len(text) - 8 * 2 - cut])
+    log = Log.read(path)
+    assert len(log) == len(whole) - 1
+    assert len(left_out(log)) == 1
+
+
+def test_a_repeated_row_and_rows_without_a_time_are_left_out_and_counted(tmp_path):
+    lines = rows()
+    lines[20:20] = [lines[19]]
+    lines[40] = [""] * len(NAMES)
+    log = Log.read(write(tmp_path, ",".join(NAMES), lines))
+    assert len(log) == 59
+    assert [text.split(",")[0] for text in left_out(log)] == [
+        "Left out: 1 row without a time",
+        "Left out: 1 row with the time and all values of the row before",
+    ]
+
+
+def test_cells_in_quotes_may_have_decimal_commas(tmp_path):
+    path = tmp_path / "log.csv"
+    names = ["time_s", "roll_deg", "pitch_deg"]
+    lines = [[f'"{0.005 * k:.3f}"'.replace(".", ","), '"1,25"', '"-0,5"'] for k in range(20)]
+    path.write_text("\n".join([",".join(names), *(",".join(line) for line in lines)]))
+    table = infer_text_table(path)
+    assert list(table.columns) == names
+    np.testing.assert_allclose(table.columns["time_s"], 0.005 * np.arange(20))
+    assert set(table.columns["roll_deg"]) == {1.25}
+    np.testing.assert_array_equal(read_columns(path, table.layout)["pitch_deg"], -0.5)
+
+
+def test_rows_of_two_sensors_that_end_with_empty_cells_are_whole(tmp_path):
+    path = tmp_path / "log.csv"
+    lines = [f"{0.005 * k:.3f},{k}.5,," if k % 2 else f"{0.005 * k:.3f},,{k},7" for k in range(40)]
+    path.write_text("\n".join(["time_s,roll,enc1,enc2", *lines]))
+    table = infer_text_table(path)
+    assert not table.notes
+    assert np.isfinite(table.columns["enc2"]).sum() == 20
+    assert np.isfinite(table.columns["roll"]).sum() == 20
+
+
+def test_a_time_of_day_over_midnight_keeps_all_rows(tmp_path):
+    lines = []
+    for k, row in enumerate(rows(400)):
+        seconds = (86399.0 + 0.005 * k) % 86400.0
+        clock = f"{int(seconds // 3600):02d}:{int(seconds // 60) % 60:02d}:{seconds % 60:09.6f}"
+        lines.append([clock, *row[1:], *(f"{np.sin(0.05 * k + i) * 8.0:.4f}" for i in range(3))])
+    path = write(tmp_path, "time,u1,u2,u3,theta,phi,psi,wheel1,wheel2,wheel3", lines)
+    found = recognise(path, read_foreign_table(path), ALTEN)
+    assert found.rows == (0, 400)
+    np.testing.assert_allclose(np.diff(found.table.columns["time"]), 0.005, atol=2e-6)
+    assert any("begins again" in text for text in found.table.notes)
+
+
+def test_text_in_another_encoding_is_refused_with_advice(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_bytes("t,Winkel [°]\n0,1\n1,2\n".encode("latin-1"))
+    with pytest.raises(InputError, match="Latin-1, save it as UTF-8"):
+        Log.read(path)
+
+
+def test_a_ros_1_bag_is_named(tmp_path):
+    path = tmp_path / "run.bag"
+    path.write_bytes(b"#ROSBAG V2.0\nE\0\0\0\n1 2 3\n4 5 6\n")
+    for read in (read_foreign_table, read_columns):
+        with pytest.raises(InputError, match="is a ROS 1 bag; convert it"):
+            read(path)
+
+
+def test_a_log_of_an_imu_alone_is_usable_for_align(tmp_path):
+    t = 0.01 * np.arange(300)
+    lines = [[f"{one:.3f}", *(f"{0.02 * np.sin(one + i):.4f}" for i in range(3))] for one in t]
+    path = write(tmp_path, "t,roll_deg,pitch_deg,yaw_deg", lines)
+    with pytest.raises(InputError, match=r"no wheel angles.*usable for `ballbot align`") as caught:
+        propose(path, ALTEN)
+    assert "--columns" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "text", ["t,x\n0,1\n0,{}\n", "t,x\n0,1\n{},2\n3,4\n", "t,{}\n0,1\n2,3\n", 't,x\n0,"{}']
+)
+def test_a_cell_that_is_too_long_ends_in_a_sentence(tmp_path, text):
+    path = tmp_path / "log.csv"
+    path.write_text(text.format('"' + "a" * 140_000 + '"'))
+    with pytest.raises(InputError, match=r"line \d: (a cell has more than|'a+'? in column)"):
+        Log.read(path)
+
+
+def test_a_disk_that_is_full_ends_in_a_sentence(tmp_path):
+    pytest.importorskip("rosbags")
+    log, before = smooth_log(rows=100), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, before[1]))
+    try:
+        with pytest.raises(InputError, match=r"log\.db3 cannot be written"):
+            log.write(tmp_path / "log.db3")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("moving", [(), ("u1", "u2", "u3"), ("theta", "phi")])
+def test_a_log_at_rest_gives_no_warning_of_numpy(moving):
+    log = with_wheels(smooth_log(rows=2000), ALTEN)
+    still = {name: log[name] if name in ("t", *moving) else np.zeros(len(log)) for name in log.names}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = check(Log(still), robot=ALTEN)
+    assert "constant" in [one.code for one in found]
+
+
+@pytest.mark.parametrize("name", ["held_in_hands.txt", "sparse_two_rates.csv", "midnight.csv"])
+def test_shared_cases_are_read_whole(name):
+    if not (CASES / name).is_file():
+        pytest.skip(f"no {name} in {CASES}")
+    robot = Robot.load("rob311") if name == "held_in_hands.txt" else ALTEN
+    found = recognise(CASES / name, read_foreign_table(CASES / name), robot)
+    assert found.rows == (0, len((CASES / name).read_text().splitlines()) - 1)
+    assert not any("Skipped" in text for text in found.table.notes)
+    assert not found.roles.of_speeds
+
+
+def test_counts_that_stand_still_far_from_zero_are_angles_and_logged_speeds_confirm_angles():
+    t = 0.025 * np.arange(400)
+    turned = np.column_stack([np.round(3000.0 * np.sin(t + i)) for i in range(3)])
+    angles = {f"enc_pos_{i + 1}": turned[:, i] for i in range(3)}
+    speeds = {f"dpsi_{i + 1}": 3000.0 * np.cos(t + i) for i in range(3)}
+
+    def shown(columns: dict[str, np.ndarray]) -> bool:
+        roles = roles_by_name(columns, wheel_count=3)
+        assert roles.angles == tuple(angles)
+        return show_angles(
+            ForeignTable(layout=OWN_LAYOUT, separator="comma", columns=columns, named=True, notes=()), roles
+        )
+
+    plain = {"t": t, **angles}
+    assert not shown(plain)
+    assert shown(plain | speeds)
+    rest = {
+        name: np.concatenate((np.full(40, values[0] + 6336.0), values)) for name, values in angles.items()
+    }
+    assert shown({"t": 0.025 * np.arange(440), **rest})
+
+
+def test_a_free_wheel_ramp_is_named():
+    path = CASES / "one_way_ramp.txt"
+    if not path.is_file():
+        pytest.skip(f"no {path}")
+    columns = [
+        "n",
+        "t",
+        "theta_x",
+        "theta_y",
+        "T1",
+        "T2",
+        "T3",
+        "phi_x",
+        "phi_y",
+        "phi_z",
+        "psi_1",
+        "psi_2",
+        "psi_3",
+    ]
+    robot = Robot.load("rob311")
+    found = evaluate(propose(path, robot, columns=columns), robot, file=path)
+    assert "identify-driveline" in found.refusal
+    # no answer is certain where others are open
+    assert found.undetermined
+    assert max(one.confidence for one in found.conclusions) <= 0.99
+
+
+def test_only_the_columns_that_a_mapping_uses_must_be_numbers(tmp_path):
+    path = tmp_path / "raw.csv"
+    path.write_text("time,enc,mode\n" + "".join(f"{0.01 * k},{k},run\n" for k in range(5)))
+    mapping = tmp_path / "mapping.toml"
+    mapping.write_text('[columns]\nt = "time"\nx = { from = "enc", unit = "mm" }\n')
+    log = Log.read(path, mapping=mapping)
+    assert any("mode" in text for text in left_out(log))
+    mapping.write_text('[columns]\nt = "time"\nx = { from = "mode", unit = "mm" }\n')
+    with pytest.raises(InputError, match="line 2: 'run' in column mode is not a number"):
+        Log.read(path, mapping=mapping)
