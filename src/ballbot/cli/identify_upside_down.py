@@ -94,7 +94,7 @@ def identify_upside_down(
         with result.replaced() as new:
             _write(found, described, named, result, findings, new)
     result.show(upside_down_parts(found, described, framed=result.console.is_terminal))
-    result.show_file(PAGE, *(["robot.toml"] if found.usable else []))
+    result.show_file(PAGE, *(["robot.toml"] if found.verdict.usable else []))
 
 
 def _checked(robot: Robot, logs: Mapping[Path, Log], accept: list[str] | None) -> tuple[Finding, ...]:
@@ -120,7 +120,7 @@ def _write(
 ) -> None:
     movement, log = ball_movement(found.robot), next(iter(named.values()))
     result.write_json(found.to_dict() | {"movement": movement}, folder, findings=[*findings, *found.findings])
-    if found.usable:
+    if found.verdict.usable:
         found.robot.write(folder / "robot.toml")
     page = upside_down_report(found, described, named, movement, made=result.origin, findings=findings)
     result.write_page(page, folder)
