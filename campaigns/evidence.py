@@ -58,6 +58,7 @@ CAMPAIGNS = {
     "axis_intervals": "campaigns.axis_intervals",
     "drivelines": "campaigns.identified_twin:drivelines",
     "driveline_coverage": "campaigns.driveline_coverage",
+    "upside_down": "campaigns.upside_down_coverage",
     "resume": "campaigns.resume",
     "identified_errors": "campaigns.identified_twin:identified_errors",
     "identified_friction": "campaigns.identified_twin:identified_friction",

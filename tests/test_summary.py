@@ -16,8 +16,10 @@ from ballbot.control.lqr import LqrDesign
 from ballbot.control.presets import IntegralDesign, nominal_controller
 from ballbot.findings import Finding, note, warning
 from ballbot.fitting.checkpoint import digest
+from ballbot.fitting.model_selection import Gain
 from ballbot.identification.driveline import DrivelineFit
 from ballbot.identification.upside_down import UpsideDown
+from ballbot.identification.verdict import Verdict
 from ballbot.identification.windows import Span
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
@@ -77,8 +79,7 @@ def upside_down() -> UpsideDown:
     spans = (Span(log=0, start=0.0, end=1.0),)
     return UpsideDown(
         robot=alten(FRICTION),
-        usable=True,
-        verdict="Usable: windows held out are predicted with 0.1 times the error without friction.",
+        verdict=Verdict(gain=Gain(share=0.9, lower=0.88, upper=0.92), windows=1, reasons=()),
         intervals={},
         parameters={"b": [0.01, 0.02, 0.03], "c": [0.1] * 3, "s": [0.05] * 3, "v_s": 0.6, "delta": np.nan},
         standard_errors={"b": [0.001] * 3, "c": [0.01] * 3, "s": [np.nan] * 3, "v_s": 0.1, "delta": np.nan},

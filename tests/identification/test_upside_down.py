@@ -263,8 +263,8 @@ class TestIdentification:
         # 11 intervals of 95 %, widened: two outside in less than one log of a hundred
         assert len(outside(found)) <= 1
         assert np.abs(np.array(found.parameters["c"]) / FRICTION.coulomb - 1.0).max() < 0.1
-        assert found.usable
-        assert found.verdict.startswith("Usable: ")
+        assert found.verdict.usable
+        assert found.verdict.sentence.startswith("Usable: ")
         assert found.held_out["none"].min() > 10.0 * found.held_out["found"].max()
         assert "robot file" not in found.held_out
         assert list(found.robot.friction.coulomb) == found.parameters["c"]
@@ -281,10 +281,9 @@ class TestIdentification:
     def test_without_friction_none_is_found_and_that_is_said_first(self, seed: int, tmp_path, capsys):
         log = camera_log(duration=24.0, seed=seed, row=NONE, size=0.05)  # clear of the speed limit
         found = identify_upside_down(ALTEN, log, window=0.5)
-        assert not found.usable
-        assert found.verdict.startswith(
-            "Not usable: no friction was found, and windows held out are predicted"
-        )
+        assert not found.verdict.usable
+        assert found.verdict.reasons[0] == "no friction was found"
+        assert "the prediction is no better with friction than without" in found.verdict.reasons[1]
         assert found.parameters["s"] == [0.0] * 3
         # its own errors hold zero: three of 0.03 rad/s of noise over 24 s
         assert max(found.parameters["c"]) < 0.005
@@ -305,7 +304,7 @@ class TestIdentification:
         assert not (out / "robot.toml").exists()
         results = read_results(out / "results.json")
         assert isinstance(results, dict)
-        assert results["usable"] is False
+        assert results["verdict"]["usable"] is False
 
     def test_rows_at_the_supplys_limit_are_left_out(self):
         log = camera_log(duration=24.0, seed=8)

@@ -95,9 +95,9 @@ def identify_upside_down(
         with result.replaced() as new:
             _write(found, described, named, result, findings, new)
     result.show(upside_down_parts(found, described, framed=result.console.is_terminal))
-    result.show_file(PAGE, *(["robot.toml"] if found.usable else []))
-    if not found.usable:
-        raise InputError(f"{found.verdict} No robot.toml was written.")
+    result.show_file(PAGE, *(["robot.toml"] if found.verdict.usable else []))
+    if not found.verdict.usable:
+        raise InputError(f"{found.verdict.sentence} No robot.toml was written.")
 
 
 def _checked(robot: Robot, logs: Mapping[Path, Log], accept: list[str] | None) -> tuple[Finding, ...]:
@@ -123,7 +123,7 @@ def _write(
 ) -> None:
     movement, log = ball_movement(found.robot), next(iter(named.values()))
     result.write_json(found.to_dict() | {"movement": movement}, folder, findings=[*findings, *found.findings])
-    if found.usable:
+    if found.verdict.usable:
         found.robot.write(folder / "robot.toml")
     page = upside_down_report(found, described, named, movement, made=result.origin, findings=findings)
     result.write_page(page, folder)

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 from scipy.stats import chi2
 
-from ballbot.errors import InputError, every
+from ballbot.errors import InputError
 from ballbot.findings import Finding, finding_results, note, warning
 from ballbot.fitting.intervals import Interval, assess, between, profile, profile_ends
 from ballbot.fitting.least_squares import Stopping, minimize_squares
@@ -49,6 +49,7 @@ from ballbot.identification.result_findings import (
     interval_findings,
 )
 from ballbot.identification.stated_uncertainty import ends_without_error
+from ballbot.identification.verdict import Verdict, verdict_of
 from ballbot.identification.windows import LARGEST_JITTER, Span, common_sample_time, split
 from ballbot.log import Log, LogsLike, as_logs
 from ballbot.log.checks.values import spiked_rows
@@ -58,7 +59,6 @@ from ballbot.progress import Progress
 from ballbot.results import to_results
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.robot.derived import wheel_speed_limit
-from ballbot.rounding import digits
 from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
 from ballbot.summary import Summary, estimated, first_texts, listed, plotted, summarized
 
@@ -426,8 +426,7 @@ class UpsideDown:
     """Driveline and ball-wheel friction of a robot without its weight on the ball; p = 3 n + 2 parameters."""
 
     robot: Robot  #: with the friction found; rolling friction as it was, which has no part here
-    usable: bool  #: whether the friction is worth using
-    verdict: str  #: "Usable: ..." or "Not usable: ...", a sentence
+    verdict: Verdict  #: whether the friction is usable
     parameters: ParameterTable  #: {b: [..], c: [..], s: [..], v_s, delta}, SI units; NaN without influence
     standard_errors: (
         ParameterTable  #: alike, clustered by window and widened; NaN if not estimated or not limited
@@ -457,7 +456,7 @@ class UpsideDown:
         return Summary(
             title=f"Friction of the robot {self.robot.name} upside down: value ± standard error, or 95 % interval",
             rows=(*rows, ("windows", windows)),
-            sentences=(self.verdict, *first_texts(self.findings)),
+            sentences=(self.verdict.sentence, *first_texts(self.findings)),
         )
 
     def ends(self, symbol: str) -> list[tuple[float, float] | None]:
@@ -473,8 +472,7 @@ class UpsideDown:
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
         results = {
-            "usable": self.usable,
-            "verdict": self.verdict,
+            "verdict": self.verdict.to_dict(),
             "parameters": self.parameters,
             "standard_errors": self.standard_errors,
             "intervals": self.intervals,
@@ -553,24 +551,28 @@ def identify_upside_down(
             text = "Break-away friction above c does not show in these logs; s is held at 0."
             findings, fit = [*findings, note("no-breakaway", text)], simpler
     run.progress(Progress(stage="intervals", done=1, total=2))
-    result = _result(robot, fit, run=run, log_count=len(named))
-    frictions = {"found": result.robot.friction}
+    found = _uncertain(robot, fit, run=run, log_count=len(named))
+    frictions = {"found": found.robot.friction}
     if robot.friction != Friction.none(robot.wheel_count):
         frictions["robot file"] = robot.friction
     frictions["none"] = Friction.none(robot.wheel_count)
     threads = run.executor.count if isinstance(run.executor, Threads) else None
     errors = {name: kept.errors(robot, friction, threads=threads) for name, friction in frictions.items()}
     run.progress(Progress(stage="prediction", done=2, total=2))
-    usable, verdict = _verdict(errors, fit, result.intervals)
-    return replace(
-        result,
-        usable=usable,
-        verdict=verdict,
+    kept_columns = np.array([name != "rolling" for name in coordinates.names])
+    return UpsideDown(
+        robot=found.robot,
+        verdict=_verdict(errors, kept.spans, fit, found.intervals),
+        parameters=_by_symbol(coordinates, found.values),
+        standard_errors=_by_symbol(coordinates, found.errors),
+        intervals=found.intervals,
+        labels=tuple(np.array(coordinates.labels)[kept_columns].tolist()),
+        correlation=found.correlation[np.ix_(kept_columns, kept_columns)],
         held_out={name: np.sqrt(one.mean(axis=0)) for name, one in errors.items()},
         fit_windows=windows.take(fit_rows).spans,
         held_out_windows=kept.spans,
         window=windows.torques.shape[1] * windows.sample_time,
-        findings=(*findings, *result.findings),
+        findings=(*findings, *found.findings),
     )
 
 
@@ -649,35 +651,39 @@ def _limit_findings(robot: Robot, logs: Mapping[str, Log]) -> list[Finding]:
 
 
 def _verdict(
-    errors: Mapping[str, NDArray[np.float64]], fit: BallFit, intervals: Mapping[str, Interval]
-) -> tuple[bool, str]:
-    """Return whether the friction is worth using, and why, from errors on windows held out and from bounds."""
-    n, labels = len(fit.pieces.A), fit.coordinates.labels
-    gain = (errors["none"] - errors["found"]).sum(axis=1)
-    ratio = float(np.sqrt(errors["found"].sum() / errors["none"].sum()))
-    # better by more than chance: over two standard errors of the windows' mean
-    if not gain.mean() > 2.0 * gain.std() / np.sqrt(len(gain)):
-        some = any(label in intervals and intervals[label].lower > 0.0 for label in labels[: 2 * n])
-        found = "" if some else "no friction was found, and "
-        return False, (
-            f"Not usable: {found}windows held out are predicted no better with the friction found than without "
-            f"friction (error {digits(ratio)} times as large)."
-        )
-    stands = fit.coordinates.free & (fit.point >= 1.0 - _AT_BOUND)
-    if stands[: 2 * n].any():
-        at = [labels[i] for i in np.flatnonzero(stands[: 2 * n])]
-        return False, (
-            f"Not usable: {every(at)} {'is' if len(at) == 1 else 'are'} at the upper bound. Check torques and "
-            "inertias, or widen the bound."
-        )
-    return (
-        True,
-        f"Usable: windows held out are predicted with {digits(ratio)} times the error without friction.",
-    )
+    errors: Mapping[str, NDArray[np.float64]],
+    spans: Sequence[Span],
+    fit: BallFit,
+    intervals: Mapping[str, Interval],
+) -> Verdict:
+    """Return whether the friction is usable, from errors (w, 3) on windows held out, its intervals and bounds."""
+    b_and_c = range(2 * len(fit.pieces.A))
+    labels = [fit.coordinates.labels[place] for place in b_and_c]
+    at_end = [
+        label
+        for label, place in zip(labels, b_and_c, strict=True)
+        if fit.coordinates.free[place] and fit.point[place] >= 1.0 - _AT_BOUND
+    ]
+    verdict = verdict_of(errors["found"], errors["none"], spans, at_end=at_end)
+    if verdict.usable or any(label in intervals and intervals[label].lower > 0.0 for label in labels):
+        return verdict
+    return replace(verdict, reasons=("no friction was found", *verdict.reasons))
 
 
-def _result(robot: Robot, fit: BallFit, *, run: Run, log_count: int) -> UpsideDown:
-    """Return the friction with its uncertainty; what is of the windows held out is filled in later."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Uncertain:
+    """A friction and how certain it is."""
+
+    robot: Robot
+    values: NDArray[np.float64]  #: (p,) SI units; NaN without influence
+    errors: NDArray[np.float64]  #: (p,) standard errors, SI units; NaN if there is none
+    correlation: NDArray[np.float64]  #: (p, p)
+    intervals: dict[str, Interval]
+    findings: tuple[Finding, ...]
+
+
+def _uncertain(robot: Robot, fit: BallFit, *, run: Run, log_count: int) -> _Uncertain:
+    """Return the friction with its uncertainty."""
     coordinates = fit.coordinates
     free, point, values = coordinates.free, fit.point, coordinates.physical(fit.point)
     stands = free & ((point <= _AT_BOUND) | (point >= 1.0 - _AT_BOUND))
@@ -708,12 +714,6 @@ def _result(robot: Robot, fit: BallFit, *, run: Run, log_count: int) -> UpsideDo
     by_profile = np.array([one is not None and one.method == "profile" for one in profiled])
     largest = np.fmax(uncertainty.standard_errors, uncertainty.bootstrap_errors)
     errors = np.where(stands, np.nan, np.where(by_profile, widths, largest))
-    uncertainty = replace(
-        uncertainty,
-        standard_errors=errors,
-        bootstrap_errors=np.full(len(free), np.nan),
-        intervals=intervals,
-    )
     spread = uncertainty.correlation * np.outer(errors, errors)
     found = found_robot(
         robot,
@@ -734,23 +734,15 @@ def _result(robot: Robot, fit: BallFit, *, run: Run, log_count: int) -> UpsideDo
         source="the logs upside down", labels=coordinates.labels, values=values, covariance=spread
     )
     rolling = robot.sources.get("friction.rolling", "assumed")
-    kept = np.array([name != "rolling" for name in coordinates.names])
     logs_differ = [
         warning("logs-differ", "The logs disagree on the friction by more than chance; errors are wider.")
     ]
-    return UpsideDown(
+    return _Uncertain(
         robot=found.annotated(sources={**found.sources, "friction.rolling": rolling}),
-        usable=False,
-        verdict="",
-        parameters=_by_symbol(coordinates, np.where(no_influence, np.nan, values)),
-        standard_errors=_by_symbol(coordinates, errors),
+        values=np.where(no_influence, np.nan, values),
+        errors=errors,
+        correlation=uncertainty.correlation,
         intervals=intervals,
-        labels=tuple(np.array(coordinates.labels)[kept].tolist()),
-        correlation=uncertainty.correlation[np.ix_(kept, kept)],
-        held_out={},
-        fit_windows=(),
-        held_out_windows=(),
-        window=0.0,
         findings=(
             *influence_findings(coordinates, values, no_influence),
             *bound_findings(coordinates, values, stands),

@@ -140,7 +140,7 @@ def swing_figure(fit: SwingFit, *, label: str = "measured") -> Figure:
 
 def upside_down_parts(found: UpsideDown, robot: Robot, *, framed: bool) -> Iterator[RenderableType]:
     """Yield the friction identified upside down beside the robot file's, the errors and the findings."""
-    yield Text(found.verdict)
+    yield Text(found.verdict.sentence)
     yield _parameter_table(found, robot, framed=framed)
     yield _error_table(found, framed=framed)
     for sentence in (*texts(found.findings), *_comparison(robot)):
@@ -254,9 +254,8 @@ def upside_down_report(
     findings: Sequence[Finding],
 ) -> Report:
     """Return the page of friction identified upside down."""
-    head, reason = found.verdict.split(": ", 1)
-    verdict = [(head, reason[:1].upper() + reason[1:])]
-    if found.usable:
+    verdict = [("Verdict", found.verdict.sentence)]
+    if found.verdict.usable:
         dry = np.atleast_1d(np.asarray(found.parameters["c"]))
         text = (
             f"In motion, wheels and contacts resist with {digits(float(dry.min()), 2)} to "
