@@ -211,7 +211,7 @@ def test_controller_designed_from_a_written_robot_raises_no_alarm_with_it(tmp_pa
     }
     known = ROBOT.annotated(
         standard_deviations=deviations,
-        correlation=Correlation.of_matrix(labels, near, (0.0029, 0.0099, 0.00101)),
+        correlation=Correlation.of_matrix(labels, near),
     )
     write_robot(known, tmp_path / "robot.toml")
     robot, out = str(tmp_path / "robot.toml"), str(tmp_path / "out")
