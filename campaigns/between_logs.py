@@ -35,7 +35,7 @@ from ballbot.fitting.search import at_bound
 from ballbot.fitting.uncertainty import discrepancy
 from ballbot.identification.coulomb import coulomb_equivalent
 from ballbot.identification.identify import estimated_parameters, speed_groups
-from ballbot.identification.laws import LawName, window_blocks
+from ballbot.identification.laws import LawName
 from ballbot.identification.parameters import Bounds, Coordinates
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import FRICTION
@@ -49,6 +49,7 @@ from ballbot.identification.variation import (
     shipped_priors,
     widened,
 )
+from ballbot.identification.verdict import window_blocks
 from ballbot.log import Log
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.mechanics.model import Model

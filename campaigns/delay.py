@@ -20,7 +20,7 @@ from ballbot.control.references import hold, square
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import EstimatorName
 from ballbot.simulation.batch import simulate_batch
-from ballbot.simulation.conditions import Conditions
+from ballbot.simulation.imperfections import Imperfections
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import Timing
 from ballbot.workflows.comparison import ComparedRun, run_comparison
@@ -91,7 +91,7 @@ def largest_lean(robot: Robot, controller: Controller, delay: int) -> float:
         hold(),
         duration=8.0,
         initial_states=starts,
-        conditions=[Conditions(delay=delay)],
+        imperfections=[Imperfections(delay=delay)],
     )
     fell = np.isfinite(batch.ended)
     return float(leans[np.argmax(fell)] - 0.25) if fell.any() else float(leans[-1])

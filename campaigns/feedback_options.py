@@ -33,11 +33,10 @@ from ballbot.control.references import change_pose, hold, square
 from ballbot.estimation import named_estimator
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.processes import worker_pool
-from ballbot.simulation.conditions import FALLING_PART
+from ballbot.simulation.imperfections import FALLING_PART, Push
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.faults import Push
 from ballbot.workflows.limits import leaning_state, pushed_state
 from ballbot.workflows.metrics import score
 from ballbot.workflows.recovery_region import top_speed

@@ -29,7 +29,8 @@ from ballbot.firmware.host import CompiledController, Firmware
 from ballbot.firmware.records import parameter_record
 from ballbot.link.lock_step import ReadingTap
 from ballbot.rounding import unit_heading
-from ballbot.simulation.sensed_plant import Imperfections, SensedPlant
+from ballbot.simulation.imperfections import Imperfections
+from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Scenario
 from ballbot.workflows.courses import LEAGUE, choose_courses
 from ballbot.workflows.league import METRIC_BY_KEY, League, run_league, standing

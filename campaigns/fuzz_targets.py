@@ -244,7 +244,8 @@ def _video() -> bytes:
 
 
 def _scenarios() -> tuple[bytes, ...]:
-    from ballbot.twin.faults import Payload, Push, Roughness, Timing
+    from ballbot.simulation.imperfections import Push
+    from ballbot.twin.faults import Payload, Roughness, Timing
 
     nominal = Scenario.nominal(ALTEN)
     full = replace(

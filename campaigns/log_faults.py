@@ -16,24 +16,19 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import as_completed
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
-from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.findings import Finding
-from ballbot.fitting.run import Run, Threads
-from ballbot.identification.identify import identify
-from ballbot.identification.stages import IdentificationOptions
 from ballbot.log import Log
-from ballbot.log.checks import CheckedLogs, check_logs
+from ballbot.log.checks import check_logs
 from ballbot.log.columns import torque_names
 from ballbot.log.pose import with_odometry
 from ballbot.processes import worker_pool
 from ballbot.robot import Robot
 from campaigns.log_recordings import KEPT, RECORDINGS, drawn, recording
-from campaigns.section import DataMissingError, Section, data_folder, is_kept
+from campaigns.section import DataMissingError, Section, data_folder
 
 COUNT = 400
 LENGTHS = (16.0, 32.0)  # [s]

@@ -22,12 +22,13 @@ from ballbot.control.references import Reference, change_pose, circle, figure_ei
 from ballbot.log import Log
 from ballbot.robot import Robot
 from ballbot.robot.components import scaled_body, scaled_friction
+from ballbot.simulation.imperfections import Push
 from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.simulation.sensors import SensorFaults
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.faults import Push, Softness, Timing
+from ballbot.twin.faults import Softness, Timing
 from ballbot.twin.imperfections import imperfections_of, true_model
 from campaigns.section import is_kept
 

@@ -27,7 +27,8 @@ def page() -> str:
 
 ## Keys of a robot file
 
-By their dotted names. [Robot files](../robot_file.md) shows how they are written.
+By their dotted names. [Robot files](../robot_file.md) shows how they are written. An identification
+searches within the usual values.
 
 {_parameters(parameters_of(Robot))}
 ## Keys of a scenario file
@@ -44,10 +45,17 @@ Units are SI. [The twin](../twin.md) has an example.
 
 def _parameters(parameters: Iterable[Parameter]) -> str:
     rows = [
-        (f"`{one.name}`", one.meaning.replace("|", "\\|"), _unit(one), _allowed(one), _default(one.default))
+        (
+            f"`{one.name}`",
+            one.meaning.replace("|", "\\|"),
+            _unit(one),
+            _allowed(one),
+            _usual(one),
+            _default(one.default),
+        )
         for one in parameters
     ]
-    return _table(("key", "meaning", "unit", "allowed", "default"), rows)
+    return _table(("key", "meaning", "unit", "allowed", "usual", "default"), rows)
 
 
 def _table(heads: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
@@ -66,6 +74,10 @@ def _default(default: Value | str | None) -> str:
     if isinstance(default, tuple):
         return f"`[{', '.join(f'{one:g}' for one in default)}]`" if default else "zeros"
     return f"`{str(default).lower()}`" if isinstance(default, bool | str) else f"`{default:g}`"
+
+
+def _usual(one: Parameter) -> str:
+    return " to ".join(f"{end:g}" for end in one.usual) if math.isfinite(one.usual[0]) else ""
 
 
 def _allowed(one: Parameter) -> str:

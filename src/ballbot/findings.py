@@ -81,6 +81,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "lost-minimum": "another method predicts windows of an axis better than the result",
         "methods-differ": "two methods or stages estimate a parameter differently by more than their errors",
         "missing": "values are missing (NaN)",
+        "motors-alike": "motors that the logs cannot separate are fitted as one",
         "no-evidence": "a log cannot show which of two models is better: it does not move, or one of them simulated it",
         "no-influence": "a parameter has no influence on the logs",
         "no-robot-file": "no robot file was written",

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from campaigns.false_alarms import PRESETS, checked, drawn, record, section
 
 from ballbot.errors import InputError
-from campaigns.false_alarms import PRESETS, checked, drawn, record, section
 from campaigns.fuzz import COUNTS, attempt, limits, outcome, outcomes, run, target_names
 from campaigns.fuzz_commands import WORK
 from campaigns.fuzz_targets import loader_names

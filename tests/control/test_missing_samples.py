@@ -19,7 +19,7 @@ from ballbot.estimation.kalman import KalmanFilter
 from ballbot.estimation.onboard import OnboardState
 from ballbot.mechanics.model import Model
 from ballbot.simulation.batch import simulate_batch
-from ballbot.simulation.conditions import Conditions
+from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.run import simulate
@@ -109,7 +109,7 @@ def test_single_and_batched_laws_bridge_alike(name):
         hold(x=0.1),
         duration=0.2,
         initial_states=start,
-        conditions=[Conditions(missing_from=7, missing=2), Conditions()],
+        imperfections=[Imperfections(missing_from=7, missing=2), Imperfections()],
     )
     assert (log.torques[7:9] == 0.0).all()
     # single and batched round differently, 40 steps of an unstable robot apart

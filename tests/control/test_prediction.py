@@ -22,7 +22,7 @@ from ballbot.control.presets import (
 from ballbot.control.references import change_pose, hold
 from ballbot.robot.file import write_robot
 from ballbot.simulation.batch import simulate_batch
-from ballbot.simulation.conditions import Conditions
+from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.model_plant import ModelPlant
 from tests.support.control_examples import FRICTION, alten, four_wheeled, leaning
 
@@ -123,7 +123,7 @@ def test_torques_stay_smooth_where_the_delay_makes_a_stiff_gain_ring():
             hold(),
             duration=10.0,
             initial_states=np.tile(leaning(0.1), (len(controllers), 1)),
-            conditions=[Conditions(delay=late)],
+            imperfections=[Imperfections(delay=late)],
         )
         assert not np.isfinite(batch.ended).any()
         return batch.torque_change
@@ -142,7 +142,12 @@ def test_a_moving_reference_is_followed_without_the_delays_lag():
 
     def behind(controller: Controller, late: int) -> float:
         found = simulate_batch(
-            Model(robot), [controller], ramp, duration=11.0, conditions=[Conditions(delay=late)], every=1
+            Model(robot),
+            [controller],
+            ramp,
+            duration=11.0,
+            imperfections=[Imperfections(delay=late)],
+            every=1,
         )
         steady = (found.t > 9.0) & (found.t < 10.9)
         asked = np.array([ramp(t)[0] for t in found.t[steady]])

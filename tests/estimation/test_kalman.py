@@ -19,21 +19,36 @@ from ballbot.errors import InputError
 from ballbot.estimation.interface import Fix, Reading
 from ballbot.estimation.kalman import KalmanFilter, filter_model
 from ballbot.estimation.kalman_model import (
+    _ENTRIES,
+    _F,
+    _RESIDUAL,
+    _ROWS_SEEN,
+    _SEEN,
     BIAS,
+    COVARIANCE,
+    GYRO_BEFORE,
+    LOWER_TRIANGLE,
+    MODEL_SIZE,
     PSI,
+    ROWS,
+    STATE,
     STATES,
+    FilterModel,
     FilterNoise,
     G,
     S,
     X,
+    _absorb,
+    _Numbers,
+    _propagate,
+    _tilt,
     absorb,
-    advance,
-    attitude_seen,
-    propagate,
-    tilt,
+    advanced_state,
     transition,
     wheels_seen,
 )
+from ballbot.mechanics.engine.compiled import compiled
+from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.geometry import attitude_of_swing, body_rates_matrix, heading_of, lean_of, rotation
 from ballbot.mechanics.model import Model, contact_momentum
 from ballbot.robot import Friction
@@ -54,6 +69,11 @@ def ran(run: Run, noise: FilterNoise = NOISE) -> tuple[KalmanFilter, NDArray[np.
 # the parts
 
 
+@compiled
+def _tilted(lean):
+    return _tilt(lean)
+
+
 @settings(deadline=None)  # the first example compiles
 @given(st.floats(-1.2, 1.2), st.floats(-1.2, 1.2), st.floats(-9, 9), st.floats(-3, 3))
 def test_heading_and_lean_are_the_attitude_and_know_nothing_of_each_other(theta, phi, psi, turn) -> None:
@@ -61,8 +81,9 @@ def test_heading_and_lean_are_the_attitude_and_know_nothing_of_each_other(theta,
     np.testing.assert_allclose(attitude_of_swing(lean, heading), [theta, phi, psi], atol=1e-9)
     s, c = np.sin(heading), np.cos(heading)
     about_vertical = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
-    np.testing.assert_allclose(about_vertical @ tilt(lean), rotation(theta, phi, psi), atol=1e-12)
-
+    np.testing.assert_allclose(
+        about_vertical @ np.array(_tilted(tuple(lean))), rotation(theta, phi, psi), atol=1e-12
+    )
     turned = attitude_of_swing(lean, heading + turn)
     np.testing.assert_allclose(lean_of(*turned), lean, atol=1e-9)
 
@@ -107,36 +128,64 @@ def test_only_gravity_changes_the_momentum_whatever_the_driveline_does() -> None
     assert np.linalg.norm(state[5:7] - [0.1, -0.05] - by_gravity) > 0.5 * np.linalg.norm(by_gravity)
 
 
+@compiled
+def _moved(model, x, gyro):
+    return advanced_state(model, x, gyro, gyro)[0]
+
+
+@compiled
+def _transition(model, x, gyro):
+    return transition(model, x, gyro)
+
+
+@compiled
+def _wheels(model, x, ball_rate, gyro, velocity):
+    return wheels_seen(model, x, ball_rate, gyro, velocity)
+
+
+@compiled
+def _propagate_and_absorb(work):
+    _propagate(work, 1)
+    _absorb(work, 1, 0, 6)
+
+
+def numbers_of(model: FilterModel) -> _Numbers:
+    lever, pull = (tuple(map(tuple, one.tolist())) for one in (model.lever, model.pull))
+    return _Numbers(model.sample_time, model.radius, lever, pull, model.memory, model.gyro_variance)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_derivatives_are_those_of_the_functions(seed: int) -> None:
     """At random states that lean by up to 6 degrees, against central differences."""
     random = np.random.default_rng(seed)
-    x, gyro, ball_rate = random.uniform(-0.1, 0.1, STATES), random.uniform(-1, 1, 3), random.uniform(-3, 3, 3)
-    model = filter_model(ALTEN, sample_time=H, noise=NOISE)
+    x = random.uniform(-0.1, 0.1, STATES)
+    gyro, ball_rate = tuple(random.uniform(-1, 1, 3)), tuple(random.uniform(-3, 3, 3))
+    arrays = filter_model(ALTEN, sample_time=H, noise=NOISE)
+    model = numbers_of(arrays)
 
-    def velocity(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        return x[S : S + 2] - model.lever @ (gyro - x[BIAS : BIAS + 3])
+    def velocity(x: NDArray[np.float64]) -> tuple[float, ...]:
+        return tuple(x[S : S + 2] - arrays.lever @ (np.array(gyro) - x[BIAS : BIAS + 3]))
 
     def moved(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        x = x.copy()
-        advance(x, model, gyro, gyro)
-        return x
+        return np.array(_moved(model, tuple(x), gyro))
 
     def wheels(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        return -wheels_seen(x, model, ball_rate, gyro, velocity(x))[0]
+        return -np.array(_wheels(model, tuple(x), ball_rate, gyro, velocity(x))[0])
 
-    def attitude(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        return -attitude_seen(x, np.zeros(2), 0.0)[0]
-
+    F = np.eye(STATES)
+    for (i, j), value in zip(_ENTRIES, _transition(model, tuple(x), gyro), strict=True):
+        F[i, j] = value
     # F is to first order in h: h^2/2 times gravity's 7 m/s^2 and rates of some 1 rad/s
-    np.testing.assert_allclose(transition(x, model, gyro)[0], numerical(moved, x), atol=5e-4)
-    np.testing.assert_allclose(attitude_seen(x, np.zeros(2), 0.0)[1], numerical(attitude, x), atol=1e-9)
+    np.testing.assert_allclose(F, numerical(moved, x), atol=5e-4)
     for lean, tolerance in (
         (0.0, 1e-6),
         (0.1, 0.1 * 2 * 3.0),
     ):  # rows are to first order: lean times ball's rate
         x[G : G + 2] = lean
-        rows = wheels_seen(x, model, ball_rate, gyro, velocity(x))[1]
+        entries = iter(_wheels(model, tuple(x), ball_rate, gyro, velocity(x))[1])
+        rows = np.zeros((3, STATES))
+        for row, states in zip(rows, _SEEN, strict=False):
+            row[list(states)] = [next(entries) for _ in states]
         np.testing.assert_allclose(rows, numerical(wheels, x), atol=tolerance)
 
 
@@ -150,18 +199,39 @@ def numerical(
 
 def test_linear_steps_are_the_textbook_s() -> None:
     random = np.random.default_rng(5)
-    root, F, rows = random.normal(size=(6, 6)), random.normal(size=(6, 6)), random.normal(size=(3, 6))
-    P, Q = root @ root.T, np.diag(random.uniform(0, 1, 6))
-    x, seen, variances = random.normal(size=6), random.normal(size=3), random.uniform(0.1, 1, 3)
-    expected = F @ P @ F.T + Q
+    root, x = random.normal(size=(STATES, STATES)), random.normal(size=STATES)
+    model, P = filter_model(ALTEN, sample_time=H, noise=NOISE), root @ root.T
+    entries, seen = random.normal(size=len(_ENTRIES)), random.normal(size=6)
+    F, rows = np.eye(STATES), np.zeros((6, STATES))
+    for (i, j), value in zip(_ENTRIES, entries, strict=True):
+        F[i, j] = value
+    work = np.zeros(ROWS * LANES)
+    column = work[::LANES]
+    column[:MODEL_SIZE] = model.row()
+    column[STATE : STATE + STATES] = x
+    column[COVARIANCE:GYRO_BEFORE] = P[LOWER_TRIANGLE]
+    column[_F : _F + len(entries)] = entries
+    column[_RESIDUAL : _RESIDUAL + 6] = seen
+    place = int(_ROWS_SEEN)
+    for row, states in zip(rows, _SEEN, strict=True):
+        row[list(states)] = column[place : place + len(states)] = random.normal(size=len(states))
+        place += len(states)
+    biases = F[:, BIAS : BIAS + 3] * (np.arange(STATES) < BIAS)[:, None]
+    expected = F @ P @ F.T + model.gyro_variance * biases @ biases.T + np.diag(model.walk)
+    variances = np.concatenate([model.wheel_variances, model.attitude_variances])
     spread = rows @ expected @ rows.T + np.diag(variances)
     gain = expected @ rows.T @ np.linalg.inv(spread)
-    x_expected, surprise = x + gain @ seen, seen @ np.linalg.inv(spread) @ seen
-    propagate(P, F, Q)
-    np.testing.assert_allclose(P, expected, rtol=1e-12, atol=1e-12)
-    assert absorb(x, P, seen, rows, variances) == pytest.approx(surprise, rel=1e-9)
-    np.testing.assert_allclose(x, x_expected, atol=1e-10)
-    np.testing.assert_allclose(P, expected - gain @ spread @ gain.T, atol=1e-10)
+    by_rows, after = x.copy(), expected.copy()
+    surprise = absorb(by_rows, after, seen, rows, variances)
+    assert surprise == pytest.approx(seen @ np.linalg.inv(spread) @ seen, rel=1e-9)
+    _propagate_and_absorb(work)
+    # the variances differ by 1e10, so that rounding is that much larger than of a single number
+    for found, covariance in (
+        (by_rows, after[LOWER_TRIANGLE]),
+        (column[STATE : STATE + STATES], column[COVARIANCE:GYRO_BEFORE]),
+    ):
+        np.testing.assert_allclose(found, x + gain @ seen, atol=1e-6)
+        np.testing.assert_allclose(covariance, (expected - gain @ spread @ gain.T)[LOWER_TRIANGLE], atol=1e-6)
 
 
 def test_covariance_survives_what_the_short_form_does_not() -> None:
@@ -195,7 +265,7 @@ def test_linear_filter_errors_match_its_covariance() -> None:
         for _ in range(20):
             truth = F @ truth + np.array([0.0, np.sqrt(0.02) * random.standard_normal()])
             x = F @ x
-            propagate(P, F, Q)
+            P = F @ P @ F.T + Q
             seen = truth[0] + 0.3 * random.standard_normal()
             surprises.append(absorb(x, P, np.array([seen - x[0]]), np.array([[1.0, 0.0]]), np.array([0.09])))
         errors.append((x - truth) @ np.linalg.solve(P, x - truth))

@@ -68,3 +68,17 @@ def test_without_an_error_of_c_it_has_none() -> None:
     assert np.isnan(got.standard_errors).all()
     assert to_results(got)["standard_errors"] == [None] * 3
     assert "±" not in coulomb_sentence(got, FRICTION)
+
+
+@pytest.mark.parametrize(("of_c", "of_s", "compared"), [(0.0027, 0.2, "c"), (0.04, 0.05, "c_e")])
+def test_the_better_determined_of_the_two_is_compared(of_c: float, of_s: float, compared: str) -> None:
+    """s and c alone are uncertain if their sum is known; c is the one if s is all but open."""
+    errors = np.array([1e-3] * 3 + [of_c] * 3 + [of_s] * 3 + [np.nan, np.nan, 1e-4])
+    R = np.eye(12)
+    if compared == "c_e":  # as c + s is known
+        for i in range(3):
+            R[3 + i, 6 + i] = R[6 + i, 3 + i] = -0.97
+    got = found(VALUES, errors, R)
+    assert got.compared == got.to_dict()["compare"] == compared
+    first = {"c": got.coulomb, "c_e": got.values}[compared][0]
+    assert f"{first:.2f}"[:4] in coulomb_sentence(got, FRICTION).partition(":")[0]

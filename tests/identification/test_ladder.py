@@ -12,16 +12,15 @@ from ballbot.fitting.uncertainty import covariance
 from ballbot.identification import Bounds, Identification, identify, select_law
 from ballbot.identification.identify import estimated_parameters
 from ballbot.identification.laws import (
-    BLOCK,
     LAWS,
     LawName,
     bounds_of,
     law_named,
     law_results,
-    window_blocks,
 )
 from ballbot.identification.prediction import Cost, Predictor, Problem
 from ballbot.identification.stages import LARGEST_LOSS, IdentificationOptions
+from ballbot.identification.verdict import BLOCK, window_blocks
 from ballbot.identification.windows import Span, cut_windows
 from ballbot.log import Log
 from ballbot.report.friction import ladder_figure

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from ballbot import Log, Model
 from ballbot.errors import InputError
+from ballbot.identification.driveline import driveline_parameters
 from ballbot.identification.excitation import heading_findings, share_shown
 from ballbot.identification.identify import estimated_parameters
 from ballbot.identification.parameters import Bounds, scale_between
@@ -16,6 +17,7 @@ from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import FRICTION as FRICTION_NAMES
 from ballbot.identification.quantities import (
     NOT_IDENTIFIED,
+    OF_WHEELS,
     QUANTITIES,
     TERMS,
     Layout,
@@ -28,6 +30,8 @@ from ballbot.identification.windows import back_emf_of, ball_spin, seen_late, st
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.geometry import rotation
 from ballbot.robot import Friction
+from ballbot.robot.components import BY_NAME
+from ballbot.robot.plausibility import robot_findings
 from tests.support.control_examples import FRICTION, alten
 from tests.support.identification_examples import TRUTH, balancing_log, late
 
@@ -75,6 +79,26 @@ def moving_log() -> Log:
 
 
 # --- the table ---
+
+
+def test_every_experiment_and_check_has_the_range_that_stands_beside_the_robots_parameter():
+    stated = [BY_NAME[f"friction.{name}"] for name in OF_WHEELS]
+    balancing = scale_between(alten(FRICTION), free=OF_WHEELS)
+    for name, one in zip(OF_WHEELS, stated, strict=True):
+        mine = [at for at in balancing.parameters if at.name == name]
+        assert {at.bounds for at in mine} == {one.usual}
+        assert {at.unit for at in mine} == {one.unit.removeprefix("1")}
+        assert {at.symbol.rstrip("123") for at in mine} == {one.symbol}
+    driveline = driveline_parameters().parameters
+    assert [(at.symbol, at.bounds) for at in driveline] == [(one.symbol, one.usual) for one in stated]
+
+
+@pytest.mark.parametrize("name", ["stribeck_speed", "stribeck_exponent", "rolling"])
+def test_a_value_beyond_the_range_of_estimates_is_unusual(name):
+    most = BY_NAME[f"friction.{name}"].usual[1]
+    for value, code in ((most, set()), (1.01 * most, {"robot-friction"})):
+        robot = alten(replace(FRICTION, **{name: value}))
+        assert {one.code for one in robot_findings(robot)} == code
 
 
 def test_every_quantity_can_be_given_bounds():

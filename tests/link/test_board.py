@@ -30,7 +30,8 @@ from ballbot.link.lock_step import BoardLine, FirmwareController, LockStep, Read
 from ballbot.link.messages import Capability, Result, State
 from ballbot.link.session import Session
 from ballbot.link.transport import LinkError, Transport
-from ballbot.simulation.sensed_plant import Imperfections, SensedPlant
+from ballbot.simulation.imperfections import Imperfections
+from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Twin
 from campaigns.board import board_log, courses, pairs_needed, python_log
 from tests.link.test_faults import FAULTS, Recording, drive

@@ -18,7 +18,8 @@ from ballbot.link.lock_step import LockStep
 from ballbot.link.messages import Capability, ControllerPlace, Result, State
 from ballbot.link.session import Session, stop_reason
 from ballbot.link.transport import LinkError
-from ballbot.simulation.sensed_plant import Imperfections, SensedPlant
+from ballbot.simulation.imperfections import Imperfections
+from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin.scenario_file import load_scenario
 from tests.support.control_examples import FRICTION, alten
 

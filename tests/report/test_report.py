@@ -18,7 +18,7 @@ from ballbot.fitting.intervals import Interval
 from ballbot.identification.coulomb import CoulombEquivalent, coulomb_sentence
 from ballbot.identification.driveline import DrivelineFit, PrintedFit
 from ballbot.identification.prediction import Predictor
-from ballbot.identification.quantities import Layout
+from ballbot.identification.quantities import FRICTION, QUANTITIES, Layout
 from ballbot.identification.result import Identification, WindowErrors
 from ballbot.identification.variation import Variation
 from ballbot.identification.windows import Span
@@ -117,12 +117,16 @@ def _found() -> Identification:
         ),
         correlation=spread / np.outer(scale, scale),
         coulomb=CoulombEquivalent(
-            values=np.full(3, 0.1), standard_errors=np.full(3, 5e-3), speeds=np.full(3, 3.0)
+            values=np.full(3, 0.1),
+            standard_errors=np.full(3, 5e-3),
+            speeds=np.full(3, 3.0),
+            coulomb=np.full(3, 0.1),
+            coulomb_errors=np.full(3, 0.02),
         ),
         fit=errors,
         held_out=errors,
         fit_windows=(),
-        held_out_windows=(),
+        held_out_windows=(Span(log=0, start=0.0, end=0.25),),
         window=0.25,
         excluded_states=(),
         evolution_cost=(),
@@ -173,6 +177,27 @@ def test_both_intervals_are_open_at_the_bounds_of_the_search_and_every_value_say
     endings = [str(cell.text).partition(" ")[2] for cell in row[2:]]
     assert endings[:2] == ["(interval only)", "(at its bound)"]
     assert endings[2].startswith("±")
+
+
+def test_every_quantity_has_a_line_in_the_table_of_parameters():
+    made = _found()
+    layout = Layout(wheel_count=3, extra=tuple(one.name for one in QUANTITIES if one.name not in FRICTION))
+    values = layout.nominal(true_robot())
+    found = replace(
+        made,
+        predictor=replace(made.predictor, layout=layout),
+        values=values,
+        bounds=np.tile([0.0, 1.0], (len(values), 1)),
+        parameters=layout.by_symbol(values),
+        standard_errors=layout.by_symbol(np.ones_like(values)),
+    )
+    sheet = parameter_sheet(found)
+    units = {str(row[0].text): row[1].text for row in sheet.cells if row[0].text}
+    assert len(units) == sum(1 if one.each == "wheels" else len(one.labels(3)) for one in QUANTITIES)
+    assert units["c"] == units["offset"] == "N m"
+    assert (units["δ"], units["delay"], units["S<sub>z</sub>"]) == ("1", "s", "kg m^2")
+    # each line is as wide as the table
+    assert {sum(cell.span for cell in row) for row in sheet.cells} == {len(sheet.headings)}
 
 
 @pytest.mark.parametrize(
@@ -236,7 +261,7 @@ def test_sentences_and_summary_name_no_parameter_that_the_law_lacks():
     text = coulomb_sentence(coulomb.coulomb, coulomb.names)
     # the table has its numbers, with standard errors of another kind
     assert text == "Compare the Coulomb friction c of each wheel with other logs and robots."
-    assert [name for name, _ in coulomb.summary().rows][:4] == ["b", "c", "C_rr", "prediction error"]
+    assert [name for name, _ in coulomb.summary().rows][1:5] == ["b", "c", "C_rr", "prediction error"]
     bounds[:6] = [[0.0, 1.0]] * 3 + [[0.0, 0.0]] * 3
     assert coulomb_sentence(coulomb.coulomb, replace(found, bounds=bounds).names) == ""
 

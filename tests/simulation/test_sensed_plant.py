@@ -15,10 +15,10 @@ from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import hold, square
 from ballbot.robot.derived import encoder_step, reflected_rotor_inertia, wheel_speed_limit
 from ballbot.robot.file import write_robot
-from ballbot.simulation.conditions import MAX_DELAY, Conditions, rest_on_slope
 from ballbot.simulation.gear_play import GearPlayPlant
+from ballbot.simulation.imperfections import MAX_DELAY, Imperfections, rest_on_slope
 from ballbot.simulation.model_plant import ModelPlant
-from ballbot.simulation.sensed_plant import Imperfections, SensedPlant
+from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import Payload, Timing
@@ -359,9 +359,9 @@ def test_models_without_encoders_wheels_or_rotors_are_refused():
 
 
 def test_conditions_have_a_longest_delay():
-    assert Conditions(delay=MAX_DELAY).delay == MAX_DELAY
+    assert Imperfections(delay=MAX_DELAY).delay == MAX_DELAY
     with pytest.raises(InputError, match="at most 1000"):
-        Conditions(delay=MAX_DELAY + 1)
+        Imperfections(delay=MAX_DELAY + 1)
 
 
 # --- the twin ---

@@ -36,11 +36,11 @@ from ballbot.mechanics.friction_laws import Classical, LuGre, advance, follow, f
 from ballbot.mechanics.stick_slip import minimise
 from ballbot.robot import Friction
 from ballbot.simulation.batch import Verdict
-from ballbot.simulation.conditions import Conditions
 from ballbot.simulation.driveline import Driveline, simulate_drivelines
 from ballbot.simulation.gear_play import GearPlayPlant
+from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.model_plant import ModelPlant
-from ballbot.simulation.sensed_plant import Imperfections, SensedPlant
+from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
 from ballbot.simulation.upside_down import follow as follow_ball
 from ballbot.twin import Twin
@@ -293,7 +293,7 @@ def _simulations() -> Iterator[tuple[str, Case]]:
                 lambda _: a["wanted"],
                 initial_states=a["starts"],
                 verdict=Verdict(settled=a["settled"], lost=1.0, grip=2.0),
-                conditions=[Conditions(delay=1)],
+                imperfections=[Imperfections(delay=1)],
                 **run,
             ),
             arrays={"wanted": reference, "starts": np.array([STATE, 0.5 * STATE]), "settled": verdict},

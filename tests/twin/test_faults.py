@@ -13,10 +13,11 @@ from ballbot.errors import InputError
 from ballbot.mechanics.friction_laws import Dahl
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction
+from ballbot.simulation.imperfections import Push
 from ballbot.twin import Scenario, Twin, twin_mjcf
 from ballbot.twin.driveline import Shafts
 from ballbot.twin.engine import Engine
-from ballbot.twin.faults import Compliance, LoadDependence, Payload, Push, Roughness, Softness, Timing
+from ballbot.twin.faults import Compliance, LoadDependence, Payload, Roughness, Softness, Timing
 from ballbot.twin.twin import UnevenFloor
 from tests.support.twin_examples import ALTEN, IDEAL, ideal
 

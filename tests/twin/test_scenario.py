@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from ballbot.errors import InputError, OldFileFormat
 from ballbot.mechanics.friction_laws import Armstrong, Dahl, LuGre, Smoothed
 from ballbot.robot import Friction, Robot
+from ballbot.simulation.imperfections import Push
 from ballbot.twin import Scenario, Twin, mjcf
 from ballbot.twin.faults import (
     Compliance,
     CurrentLoop,
     LoadDependence,
     Payload,
-    Push,
     Roughness,
     Softness,
     Supply,

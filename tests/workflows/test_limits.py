@@ -14,7 +14,7 @@ from ballbot.cli.main import main
 from ballbot.control.presets import design_gain, nominal_controller, precise_controller
 from ballbot.control.references import change_pose, circle, hold, square
 from ballbot.report.limits import directions_figure, planes_figure
-from ballbot.simulation.conditions import Conditions
+from ballbot.simulation.imperfections import Imperfections
 from ballbot.twin import Scenario, Twin
 from ballbot.workflows import limits
 from ballbot.workflows.candidates import parse_candidates
@@ -155,7 +155,12 @@ def test_late_torques_are_those_of_a_controller_that_is_late():
 
     start = leaning(0.03, -0.02)
     batch = simulate_batch(
-        Model(robot), controller, hold(), duration=2.0, initial_states=start, conditions=[Conditions(delay=3)]
+        Model(robot),
+        controller,
+        hold(),
+        duration=2.0,
+        initial_states=start,
+        imperfections=[Imperfections(delay=3)],
     )
     log = simulate(Model(robot), Late(), hold(), duration=2.0, initial_state=start)
     np.testing.assert_allclose(
@@ -168,7 +173,7 @@ def test_a_slope_moves_the_robot_as_it_moves_the_twin():
     slope = (0.02, -0.012)
     controller = nominal_controller(robot)
     batch = simulate_batch(
-        Model(robot), controller, hold(), duration=12.0, conditions=[Conditions(slope=slope)], every=0
+        Model(robot), controller, hold(), duration=12.0, imperfections=[Imperfections(slope=slope)], every=0
     )
     # turned by -atan(s_y) about x and by atan(s_x) about y, z = s_x x + s_y y
     tilted = replace(
@@ -186,11 +191,11 @@ def test_a_slope_moves_the_robot_as_it_moves_the_twin():
 
 def test_invalid_conditions_are_refused():
     with pytest.raises(InputError, match="delay is -1 samples"):
-        Conditions(delay=-1)
+        Imperfections(delay=-1)
     with pytest.raises(InputError, match=r"slope of the floor is 0\.3"):
-        Conditions(slope=(0.3, 0.0))
+        Imperfections(slope=(0.3, 0.0))
     with pytest.raises(InputError, match="largest wheel speed is 0"):
-        Conditions(top_speed=0.0)
+        Imperfections(top_speed=0.0)
     model = Model(alten())
     with pytest.raises(InputError, match="2 conditions"):
         simulate_batch(
@@ -199,7 +204,7 @@ def test_invalid_conditions_are_refused():
             hold(),
             duration=1.0,
             initial_states=np.zeros((3, 10)),
-            conditions=[Conditions(), Conditions(delay=1)],
+            imperfections=[Imperfections(), Imperfections(delay=1)],
         )
 
 

@@ -137,8 +137,8 @@ def test_perturbed_robots_follow_the_given_ranges():
         assert np.abs(shares - 1.0).max() <= width
         # the deviation of U(-width, width); 400 draws estimate it to 4 %
         assert shares.std() == pytest.approx(width / np.sqrt(3.0), rel=0.15)
-    assert {one.delay for one in drawn.conditions} == {0, 1, 2, 3}
-    slopes = np.array([np.hypot(*one.slope) for one in drawn.conditions])
+    assert {one.delay for one in drawn.imperfections} == {0, 1, 2, 3}
+    slopes = np.array([np.hypot(*one.slope) for one in drawn.imperfections])
     assert slopes.max() <= np.tan(np.radians(2.0))
     # a heavier body of the same shape has an inertia as much larger, about its own centre of mass
     one = drawn.robots[0]

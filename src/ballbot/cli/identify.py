@@ -120,6 +120,7 @@ def identify(
     parameters.
 
     Writes report.html, robot.toml (the robot with the identified values) and results.json; --law best also ladder.svg.
+    The first sentence says whether the result is usable. If not, there is no robot.toml and the exit code is 2.
 
     While it runs, checkpoint.jsonl in the same folder keeps the results so far. --resume continues an interrupted
     or killed run from there and gives the same result, byte for byte.
@@ -191,6 +192,8 @@ def identify(
             written = _write(found, checked, selection, holdouts, result, new)
     result.show(identification_parts(found, selection, holdouts, framed=result.console.is_terminal))
     result.show_file(*written)
+    if not found.verdict.usable:
+        raise InputError(f"{found.verdict.sentence} No robot.toml was written.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -265,7 +268,8 @@ def _write(
         results["ladder"] = law_results(selection)
     if holdouts:
         results["judged_on"] = {one.name: one.to_dict() for one in holdouts}
-    write_robot(found.robot, folder / "robot.toml")
+    if found.verdict.usable:
+        write_robot(found.robot, folder / "robot.toml")
     result.write_json(results, folder)
     ladder = None if selection is None else ladder_picture(selection)
     page = identification_report(
@@ -278,7 +282,6 @@ def _write(
         made=result.origin,
     )
     result.write_page(page, folder)
-    if ladder is None:
-        return [PAGE, "robot.toml"]
-    write_text(folder / "ladder.svg", ladder.markup)
-    return [PAGE, "robot.toml", "ladder.svg"]
+    if ladder:
+        write_text(folder / "ladder.svg", ladder.markup)
+    return [PAGE, *["robot.toml"] * found.verdict.usable, *["ladder.svg"] * bool(ladder)]

@@ -26,11 +26,23 @@ from ballbot.errors import InputError
 from ballbot.estimation.heading import Heading
 from ballbot.estimation.interface import Fix, Reading, all_known, checked_reading, known
 from ballbot.estimation.kalman_model import (
+    BALL_RATE,
     BIAS,
+    COVARIANCE,
     DRIFT,
+    GYRO,
+    GYRO_BEFORE,
+    HEADING,
     HEADING_ERROR,
+    LEAN,
     LEAN_ERROR,
+    LOWER_TRIANGLE,
+    MODEL_SIZE,
+    PIVOTING,
+    PIVOTS,
     PSI,
+    ROWS,
+    STATE,
     STATES,
     FilterModel,
     FilterNoise,
@@ -40,6 +52,7 @@ from ballbot.estimation.kalman_model import (
     absorb,
     sample,
 )
+from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.geometry import angle_rates, attitude_of_swing, heading_of, lean_of, transforms
 from ballbot.mechanics.model import contact_momentum
 from ballbot.robot import Robot
@@ -71,6 +84,11 @@ class KalmanFilter:
         self.noise = noise if noise is not None else FilterNoise.of(robot)
         self._ball_from_wheels = np.ascontiguousarray(transforms(robot).T_obw)
         self._model = filter_model(robot, sample_time=sample_time, noise=self.noise)
+        # a block of one: its column is the first of each row
+        self._work = np.zeros(ROWS * LANES)
+        self._column = self._work[::LANES]
+        self._column[:MODEL_SIZE] = self._model.row()
+        self._x = self._column[STATE : STATE + STATES]
         self.reset()
 
     def reset(self, *, position: tuple[float, float] = (0.0, 0.0)) -> None:
@@ -78,9 +96,9 @@ class KalmanFilter:
 
         The heading is the AHRS's at that reading.
         """
-        self._x = np.zeros(STATES)
+        self._x[:] = 0.0
         self._x[X : X + 2] = position
-        self._P = first_covariance(self.noise)
+        self._set_covariance(first_covariance(self.noise))
         self._angles: NDArray[np.float64] | None = None
         self._without_angles = 0  # samples since the encoders last had all angles
         self._gyro = np.zeros(3)
@@ -123,20 +141,15 @@ class KalmanFilter:
             self._x[S : S + 2] = self._model.lever @ gyro  # v = 0
         else:
             ball_rate = self._ball_rate(angles, self._angles) if turned else np.full(3, np.nan)
-            pivoting = sample(
-                self._x,
-                self._P,
-                self._model,
-                ball_rate,
-                self._gyro,
-                gyro,
-                lean,
-                heading,
-                self.pivots,
-            )
+            self._column[GYRO_BEFORE : GYRO_BEFORE + 3] = self._gyro
+            self._column[GYRO : GYRO + 3] = gyro
+            self._column[BALL_RATE : BALL_RATE + 3] = ball_rate
+            self._column[LEAN : LEAN + 2] = lean
+            self._column[HEADING], self._column[PIVOTS] = heading, self.pivots
+            sample(self._work)
             if turned:
                 share = min(1.0, self.sample_time / self.noise.pivoting_time)
-                self._pivoting += share * (pivoting - self._pivoting)
+                self._pivoting += share * (float(self._column[PIVOTING]) - self._pivoting)
         self._without_angles = 0 if turned else self._without_angles + 1
         if turned:
             self._angles = angles.copy()
@@ -149,6 +162,16 @@ class KalmanFilter:
     def pivots(self) -> bool:
         """Whether the wheels have of late seen the ball turn on the spot; they do not hold the heading then."""
         return abs(self._pivoting) > self.noise.pivoting_limit
+
+    @property
+    def _P(self) -> NDArray[np.float64]:
+        """Covariance (14, 14) of the states."""
+        P = np.zeros((STATES, STATES))
+        P[LOWER_TRIANGLE] = self._column[COVARIANCE : COVARIANCE + len(LOWER_TRIANGLE[0])]
+        return P + np.tril(P, -1).T
+
+    def _set_covariance(self, P: NDArray[np.float64]) -> None:
+        self._column[COVARIANCE : COVARIANCE + len(LOWER_TRIANGLE[0])] = P[LOWER_TRIANGLE]
 
     @property
     def gyro_bias(self) -> NDArray[np.float64]:
@@ -209,7 +232,10 @@ class KalmanFilter:
         deviations = np.array([fix.position_deviation, fix.position_deviation, fix.heading_deviation])
         rows = np.eye(STATES)[[X, X + 1, PSI]]
         there = np.isfinite(seen)
-        absorb(self._x, self._P, seen[there], rows[there], deviations[there] ** 2)
+        x, P = self._x.copy(), self._P
+        absorb(x, P, seen[there], rows[there], deviations[there] ** 2)
+        self._x[:] = x
+        self._set_covariance(P)
 
 
 def filter_model(robot: Robot, *, sample_time: float, noise: FilterNoise) -> FilterModel:
@@ -235,6 +261,16 @@ def filter_model(robot: Robot, *, sample_time: float, noise: FilterNoise) -> Fil
         walk=walk,
         wheel_variances=np.array([rolling, rolling, pivoting]),
         attitude_variances=np.full(3, noise.attitude**2),
+    )
+
+
+def filter_row(robot: Robot, *, sample_time: float) -> NDArray[np.float64]:
+    """Return a robot's filter as the compiled loop reads it: model, lower triangle of P, and how pivoting is found."""
+    noise = FilterNoise.of(robot)
+    model = filter_model(robot, sample_time=sample_time, noise=noise)
+    share = min(1.0, sample_time / noise.pivoting_time)
+    return np.concatenate(
+        [model.row(), first_covariance(noise)[LOWER_TRIANGLE], [share, noise.pivoting_limit]]
     )
 
 

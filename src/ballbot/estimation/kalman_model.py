@@ -24,10 +24,15 @@ world frame, each linearisation at another estimate would draw a little knowledg
 state's by 2 atan(tan(theta/2) tan(phi/2)), 0.035 degrees where theta and phi are both 2 degrees.
 
 Seen numbers are taken in one after the other, each as a row h of the measurement matrix with a variance r of its own,
-so that no matrix is inverted. Joseph's form keeps the covariance symmetric and positive whatever the gain's rounding
-(Bucy and Joseph, Filtering for Stochastic Processes with Applications to Guidance, 1968, chapter 16):
+so that no matrix is inverted. Joseph's form keeps the covariance positive whatever the gain's rounding (Bucy and
+Joseph, Filtering for Stochastic Processes with Applications to Guidance, 1968, chapter 16). Multiplied out, with
+q = P h and s = h^T q + r, it is
 
-    k = P h / (h^T P h + r)        P+ = (I - k h^T) P (I - k h^T)^T + k r k^T
+    k = q / s        P+ = P - k q^T - (q - s k) k^T
+
+The filter is written once, for robots side by side (`sample_block`): rows of a work array, a robot a column, as the
+engine has them (`ballbot.mechanics.engine.lanes`). A single filter is a block of one. Of P only the lower triangle is
+kept, and only the entries of F that are not those of the unit matrix.
 """
 
 from __future__ import annotations
@@ -40,91 +45,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.mechanics.engine.compiled import compiled, inlined
+from ballbot.mechanics.engine.compiled import called, compiled, inlined
+from ballbot.mechanics.engine.elementary import sine_cosine
+from ballbot.mechanics.engine.lanes import LANES, entry, put, restored, stored
+from ballbot.mechanics.engine.vector import add, dot, scale, written
 from ballbot.robot import Robot
-
-
-@compiled
-def propagate(P: NDArray[np.float64], F: NDArray[np.float64], Q: NDArray[np.float64]) -> None:
-    """Overwrite the covariance P (m, m) by F P F^T + Q, made symmetric."""
-    m = len(P)
-    FP = np.zeros((m, m))
-    for i in range(m):
-        for k in range(m):
-            if F[i, k] != 0.0:  # most are
-                for j in range(m):
-                    FP[i, j] += F[i, k] * P[k, j]
-    spread = np.zeros((m, m))
-    for j in range(m):
-        for k in range(m):
-            if F[j, k] != 0.0:
-                for i in range(m):
-                    spread[j, i] += F[j, k] * FP[i, k]
-    for i in range(m):
-        for j in range(i + 1):
-            P[i, j] = 0.5 * (spread[i, j] + spread[j, i]) + Q[i, j]
-            P[j, i] = P[i, j]
-
-
-@compiled
-def absorb(
-    x: NDArray[np.float64],
-    P: NDArray[np.float64],
-    residuals: NDArray[np.float64],
-    rows: NDArray[np.float64],
-    variances: NDArray[np.float64],
-) -> float:
-    """Take in p numbers that were seen, changing the state x (m,) and its covariance P (m, m).
-
-    Parameters
-    ----------
-    x, P : arrays (m,), (m, m)
-        Overwritten.
-    residuals : array (p,)
-        Seen less expected at the x given.
-    rows : array (p, m)
-        What was seen, derived by x.
-    variances : array (p,)
-        Of each number's own error, independent of the others'.
-
-    Returns
-    -------
-    float
-        Sum of the squared residuals over their variances, each given those before it: chi-squared with p degrees of
-        freedom where the filter's sizes are right.
-    """
-    m = len(x)
-    change, Ph, k, half, half_h = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, m)), np.zeros(m)
-    surprise = 0.0
-    for i in range(len(residuals)):
-        h = rows[i]
-        for a in range(m):
-            Ph[a] = _product(P[a], h)
-        variance = _product(h, Ph) + variances[i]
-        residual = residuals[i] - _product(h, change)
-        surprise += residual * residual / variance
-        for a in range(m):
-            k[a] = Ph[a] / variance
-            change[a] += k[a] * residual
-            for b in range(m):
-                half[a, b] = P[a, b] - k[a] * Ph[b]  # (I - k h^T) P
-            half_h[a] = _product(half[a], h)
-        for a in range(m):
-            for b in range(a + 1):
-                P[a, b] = half[a, b] - half_h[a] * k[b] + k[a] * variances[i] * k[b]
-                P[b, a] = P[a, b]
-    for a in range(m):
-        x[a] += change[a]
-    return surprise
-
-
-@inlined
-def _product(a, b):
-    """Return a^T b."""
-    total = 0.0
-    for i in range(len(a)):
-        total += a[i] * b[i]
-    return total
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,244 +123,448 @@ class FilterModel(NamedTuple):
     wheel_variances: NDArray[np.float64]  #: (3,) of v [m^2/s^2] and Omega_z [rad^2/s^2]
     attitude_variances: NDArray[np.float64]  #: (3,) of g and psi
 
-
-@compiled
-def sample(
-    x: NDArray[np.float64],
-    P: NDArray[np.float64],
-    model: FilterModel,
-    ball_rate: NDArray[np.float64],
-    gyro_before: NDArray[np.float64],
-    gyro: NDArray[np.float64],
-    lean: NDArray[np.float64],
-    heading: float,
-    pivots: bool,
-) -> float:
-    """Take the state x (14,) and its covariance P (14, 14) over a sample, in place.
-
-    A ball_rate or an attitude that is NaN is missing; it corrects nothing.
-
-    Parameters
-    ----------
-    ball_rate : array (3,)
-        T_obw wheel_speed [rad/s], body frame: the ball's mean turning relative to the body over the sample.
-    gyro_before, gyro : arrays (3,)
-        At the sample's start and end [rad/s].
-    lean : array (2,)
-        The AHRS's g at the sample's end.
-    heading : float
-        The AHRS's psi at the sample's end [rad].
-    pivots : bool
-        Whether the ball turns on the spot, so that Omega_z = 0 does not hold.
-
-    Returns
-    -------
-    float
-        Omega_z as the wheels have it [rad/s].
-    """
-    middle = np.empty(3)
-    for i in range(3):
-        middle[i] = 0.5 * (gyro_before[i] + gyro[i])
-    F, Q = transition(x, model, middle)
-    velocity = advance(x, model, gyro_before, gyro)
-    propagate(P, F, Q)
-    residuals, rows = wheels_seen(x, model, ball_rate, middle, velocity)
-    pivoting = residuals[2]
-    used = 2 if pivots else 3
-    if pivoting != pivoting:
-        used = 0
-    absorb(x, P, residuals[:used], rows[:used], model.wheel_variances[:used])
-    residuals, rows = attitude_seen(x, lean, heading)
-    if heading == heading:
-        absorb(x, P, residuals, rows, model.attitude_variances)
-    return pivoting
+    def row(self) -> NDArray[np.float64]:
+        """Return the numbers as rows of the work array have them, (MODEL_SIZE,)."""
+        return np.concatenate([np.ravel(one) for one in self])
 
 
-@compiled
-def advance(
-    x: NDArray[np.float64],
-    model: FilterModel,
-    gyro_before: NDArray[np.float64],
-    gyro: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Move the state x (14,) on by a sample, in place; return the mean of v (2,) [m/s] over it."""
-    h, b = model.sample_time, x[BIAS : BIAS + 3]
-    g, s = x[G : G + 2], x[S : S + 2]
-    w, at_start, at_end = np.empty(3), np.empty(3), np.empty(3)
-    for i in range(3):
-        at_start[i], at_end[i] = gyro_before[i] - b[i], gyro[i] - b[i]
-        w[i] = 0.5 * (at_start[i] + at_end[i])
-    velocity, momentum, lean = np.empty(2), np.empty(2), np.empty(2)
-    for i in range(2):
-        velocity[i] = 0.5 * (s[i] - _product(model.lever[i], at_start))
-    # second order: the rates at the sample's middle
-    rate = lean_rate(g, w)
-    for i in range(2):
-        lean[i] = g[i] + 0.5 * h * rate[i]
-    turning = heading_rate(lean, w)
-    rate = _momentum_rate(s, g, turning, model.pull)
-    for i in range(2):
-        momentum[i] = s[i] + 0.5 * h * rate[i]
-    lean_rates, momentum_rates = lean_rate(lean, w), _momentum_rate(momentum, lean, turning, model.pull)
-    for i in range(2):
-        g[i] += h * lean_rates[i]
-        s[i] += h * momentum_rates[i]
-        velocity[i] += 0.5 * (s[i] - _product(model.lever[i], at_end))
-        x[LEAN_ERROR + i] *= model.memory
-    s3, c3 = math.sin(x[PSI] + 0.5 * h * turning), math.cos(x[PSI] + 0.5 * h * turning)
-    x[X] += h * (c3 * velocity[0] - s3 * velocity[1])
-    x[X + 1] += h * (s3 * velocity[0] + c3 * velocity[1])
-    x[PSI] += h * turning
-    x[HEADING_ERROR] += h * x[DRIFT]
-    return velocity
+#: the entries of F besides the unit matrix's: row and column; of the last four the diagonal is not one
+_ENTRIES = (
+    *((X + i, j) for i in (0, 1) for j in (PSI, S, S + 1, BIAS, BIAS + 1, BIAS + 2)),
+    *((PSI, j) for j in (G, G + 1, BIAS, BIAS + 1, BIAS + 2)),
+    *((G, j) for j in (G + 1, BIAS + 1, BIAS + 2)),
+    *((G + 1, j) for j in (G, BIAS, BIAS + 2)),
+    *((S, j) for j in (S + 1, G, G + 1, BIAS + 2)),
+    *((S + 1, j) for j in (S, G, G + 1, BIAS + 2)),
+    (HEADING_ERROR, DRIFT),
+    *((i, i) for i in (G, G + 1, LEAN_ERROR, LEAN_ERROR + 1)),
+)
+#: the states that each seen number depends on: v_x, v_y and Omega_z by the wheels, g_x, g_y and psi by the AHRS
+_SEEN = (
+    (S, BIAS, BIAS + 1, BIAS + 2, G + 1),
+    (S + 1, BIAS, BIAS + 1, BIAS + 2, G),
+    (BIAS, BIAS + 1, BIAS + 2, G, G + 1),
+    (G, LEAN_ERROR),
+    (G + 1, LEAN_ERROR + 1),
+    (PSI, HEADING_ERROR),
+)
+_SEEN_STATES = np.array([state for states in _SEEN for state in states])
+_SEEN_FIRST = np.cumsum([0, *(len(states) for states in _SEEN)])
 
 
-@compiled
-def transition(
-    x: NDArray[np.float64], model: FilterModel, gyro: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return F (14, 14), `advance` derived by the state to first order in h, and the noise Q (14, 14) of a sample.
-
-    A sample's gyro noise does what a bias of one sample would, hence Q's part F_b F_b^T.
-    """
-    h, lever = model.sample_time, model.lever
-    w = np.empty(3)
-    for i in range(3):
-        w[i] = gyro[i] - x[BIAS + i]
-    g_x, g_y = x[G], x[G + 1]
-    g_z = upright_part(x[G : G + 2])
-    turning = heading_rate(x[G : G + 2], w)
-    s_x, s_y = x[S], x[S + 1]
-    s3, c3 = math.sin(x[PSI]), math.cos(x[PSI])
-    v_x, v_y = s_x - _product(lever[0], w), s_y - _product(lever[1], w)
-    F, Q = np.zeros((STATES, STATES)), np.zeros((STATES, STATES))
-    for i in range(STATES):
-        F[i, i] = 1.0
-    F[X, PSI], F[X + 1, PSI] = -h * (s3 * v_x + c3 * v_y), h * (c3 * v_x - s3 * v_y)
-    F[X, S], F[X, S + 1], F[X + 1, S], F[X + 1, S + 1] = h * c3, -h * s3, h * s3, h * c3
-    for i in range(3):
-        F[X, BIAS + i] = h * (c3 * lever[0, i] - s3 * lever[1, i])
-        F[X + 1, BIAS + i] = h * (s3 * lever[0, i] + c3 * lever[1, i])
-    F[PSI, G], F[PSI, G + 1] = h * w[0] / (1.0 + g_z), h * w[1] / (1.0 + g_z)
-    F[PSI, BIAS], F[PSI, BIAS + 1], F[PSI, BIAS + 2] = -h * g_x / (1.0 + g_z), -h * g_y / (1.0 + g_z), -h
-    F[G, G] += h * w[1] * g_x / g_z
-    F[G, G + 1] = h * (w[2] + w[1] * g_y / g_z)
-    F[G + 1, G] = -h * (w[2] + w[0] * g_x / g_z)
-    F[G + 1, G + 1] -= h * w[0] * g_y / g_z
-    F[G, BIAS + 1], F[G, BIAS + 2] = h * g_z, -h * g_y
-    F[G + 1, BIAS], F[G + 1, BIAS + 2] = -h * g_z, h * g_x
-    for i in range(2):
-        for j in range(2):
-            F[S + i, G + j] = -h * model.pull[i, j]
-    F[S, S + 1], F[S + 1, S] = h * turning, -h * turning
-    F[S, BIAS + 2], F[S + 1, BIAS + 2] = -h * s_y, h * s_x
-    F[HEADING_ERROR, DRIFT] = h
-    F[LEAN_ERROR, LEAN_ERROR], F[LEAN_ERROR + 1, LEAN_ERROR + 1] = model.memory, model.memory
-    for i in range(BIAS):  # rows below have no gyro in them
-        for j in range(BIAS):
-            Q[i, j] = model.gyro_variance * _product(F[i, BIAS : BIAS + 3], F[j, BIAS : BIAS + 3])
-    for i in range(STATES):
-        Q[i, i] += model.walk[i]
-    return F, Q
+def _triangle(i: int, j: int) -> int:
+    """Return where an entry of a symmetric matrix is in its lower triangle, row by row."""
+    return max(i, j) * (max(i, j) + 1) // 2 + min(i, j)
 
 
-@compiled
-def wheels_seen(
-    x: NDArray[np.float64],
-    model: FilterModel,
-    ball_rate: NDArray[np.float64],
-    gyro: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return residuals (3,) and rows (3, 14) of v_x - r_b Omega_y = 0, v_y + r_b Omega_x = 0, -Omega_z = 0.
+_TRIANGLE = np.array([[_triangle(i, j) for j in range(STATES)] for i in range(STATES)])
+_TRIANGLE_SIZE = _triangle(STATES - 1, STATES - 1) + 1
+#: rows and columns of its entries, in their order
+LOWER_TRIANGLE = np.tril_indices(STATES)
 
-    Rows are to first order in the lean.
-
-    Parameters
-    ----------
-    ball_rate, gyro : arrays (3,)
-        As in `sample`; the gyro's mean over the sample [rad/s].
-    velocity : array (2,)
-        Mean of v over the sample as the states have it [m/s].
-    """
-    r_b = model.radius
-    M = tilt(x[G : G + 2])
-    z, Omega = np.empty(3), np.empty(3)
-    for i in range(3):
-        z[i] = ball_rate[i] + gyro[i] - x[BIAS + i]
-    for i in range(3):
-        Omega[i] = _product(M[i], z)
-    rows = np.zeros((3, STATES))
-    rows[0, S], rows[1, S + 1] = 1.0, 1.0
-    for i in range(3):
-        rows[0, BIAS + i] = model.lever[0, i] + r_b * M[1, i]
-        rows[1, BIAS + i] = model.lever[1, i] - r_b * M[0, i]
-        rows[2, BIAS + i] = M[2, i]
-    # Omega by the lean: [[-z_z, 0], [0, -z_z], [z_x, z_y]]
-    rows[0, G + 1] = r_b * z[2]
-    rows[1, G] = -r_b * z[2]
-    rows[2, G], rows[2, G + 1] = -z[0], -z[1]
-    residuals = np.array([r_b * Omega[1] - velocity[0], -r_b * Omega[0] - velocity[1], Omega[2]])
-    return residuals, rows
+# Rows of a block's work array: a filter's model, its state and covariance, a sample's inputs, and results on the way
+MODEL_SIZE = 34
+STATE = MODEL_SIZE
+COVARIANCE = STATE + STATES
+GYRO_BEFORE = COVARIANCE + _TRIANGLE_SIZE  #: at the sample's start [rad/s]
+GYRO = GYRO_BEFORE + 3  #: at its end
+BALL_RATE = (
+    GYRO + 3
+)  #: mean turning of the ball relative to the body, T_obw wheel_speed; NaN if missing [rad/s]
+LEAN = BALL_RATE + 3  #: the AHRS's g at the sample's end; NaN if missing
+HEADING = LEAN + 2  #: its psi
+PIVOTS = HEADING + 1  #: 1 if the ball turns on the spot, so that Omega_z = 0 does not hold, else 0
+PIVOTING = PIVOTS + 1  #: result: Omega_z as the wheels have it [rad/s]
+_F = PIVOTING + 1
+_ROWS_SEEN = _F + len(_ENTRIES)  # h, the entries of `_SEEN`
+_RESIDUAL = _ROWS_SEEN + len(_SEEN_STATES)
+_CHANGE = _RESIDUAL + len(_SEEN)
+_Q = _CHANGE + STATES
+_VARIANCE = _Q + STATES
+_INVERSE = _VARIANCE + 1
+ROWS = _INVERSE + 1
 
 
-@compiled
-def attitude_seen(
-    x: NDArray[np.float64], lean: NDArray[np.float64], heading: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return residuals (3,) and rows (3, 14) of the AHRS's g (2,) and psi [rad]."""
-    rows = np.zeros((3, STATES))
-    rows[0, G], rows[0, LEAN_ERROR] = 1.0, 1.0
-    rows[1, G + 1], rows[1, LEAN_ERROR + 1] = 1.0, 1.0
-    rows[2, PSI], rows[2, HEADING_ERROR] = 1.0, 1.0
-    residuals = np.array(
-        [
-            lean[0] - x[G] - x[LEAN_ERROR],
-            lean[1] - x[G + 1] - x[LEAN_ERROR + 1],
-            heading - x[PSI] - x[HEADING_ERROR],
-        ]
-    )
-    return residuals, rows
+class _Numbers(NamedTuple):
+    """A filter's model in compiled code: `FilterModel` as tuples."""
+
+    sample_time: float
+    radius: float
+    lever: tuple
+    pull: tuple
+    memory: float
+    gyro_variance: float
 
 
-@compiled
-def tilt(lean: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return M(g) (3, 3), the shortest turn that takes the direction g, given by x and y, upright."""
-    g_x, g_y = lean
-    g_z = upright_part(lean)
-    share = 1.0 / (1.0 + g_z)
-    return np.array(
-        [
-            [1.0 - share * g_x * g_x, -share * g_x * g_y, -g_x],
-            [-share * g_x * g_y, 1.0 - share * g_y * g_y, -g_y],
-            [g_x, g_y, g_z],
-        ]
-    )
+_THREE, _TWO = (0.0, 0.0, 0.0), (0.0, 0.0)
+_MODEL_SHAPE = _Numbers(0.0, 0.0, (_THREE, _THREE), (_TWO, _TWO), 0.0, 0.0)
+_WALK = 14  # rows of the model after `_Numbers`
+_VARIANCES = _WALK + STATES
+_STATE_SHAPE = (0.0,) * STATES
 
 
-@compiled
-def upright_part(lean: NDArray[np.float64]) -> float:
+@inlined
+def upright_part(lean):
     """Return g_z; a lean that noise has taken past level counts as nearly level."""
-    return math.sqrt(max(1.0 - lean[0] ** 2 - lean[1] ** 2, 1e-6))
+    return math.sqrt(max(1.0 - lean[0] * lean[0] - lean[1] * lean[1], 1e-6))
 
 
-@compiled
-def lean_rate(lean: NDArray[np.float64], w: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return x and y of g x w (2,)."""
+@inlined
+def lean_rate(lean, w):
+    """Return x and y of g x w."""
     g_z = upright_part(lean)
-    return np.array([lean[1] * w[2] - g_z * w[1], g_z * w[0] - lean[0] * w[2]])
+    return (lean[1] * w[2] - g_z * w[1], g_z * w[0] - lean[0] * w[2])
 
 
-@compiled
-def heading_rate(lean: NDArray[np.float64], w: NDArray[np.float64]) -> float:
+@inlined
+def heading_rate(lean, w):
     """Return psi_dot = w . (g + e_z) / (1 + g_z) [rad/s]."""
     return w[2] + (w[0] * lean[0] + w[1] * lean[1]) / (1.0 + upright_part(lean))
 
 
-@compiled
-def _momentum_rate(
-    momentum: NDArray[np.float64], lean: NDArray[np.float64], turning: float, pull: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    return np.array(
-        [turning * momentum[1] - _product(pull[0], lean), -turning * momentum[0] - _product(pull[1], lean)]
+@inlined
+def _momentum_rate(momentum, lean, turning, pull):
+    """Return s_dot."""
+    return (
+        turning * momentum[1] - (pull[0][0] * lean[0] + pull[0][1] * lean[1]),
+        -turning * momentum[0] - (pull[1][0] * lean[0] + pull[1][1] * lean[1]),
     )
+
+
+@inlined
+def _less(a, b):
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+@inlined
+def _mean(a, b):
+    return (0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2]))
+
+
+@inlined
+def _ahead(a, rate, h):
+    return (a[0] + h * rate[0], a[1] + h * rate[1])
+
+
+@inlined
+def _turned(rows, first, second):
+    return add(scale(rows[0], first), scale(rows[1], second))
+
+
+@inlined
+def _tilt(g):
+    """Return M(g), the shortest turn that takes the direction g, given by x and y, upright, by its rows."""
+    g_z = upright_part(g)
+    share = 1.0 / (1.0 + g_z)
+    return (
+        (1.0 - share * g[0] * g[0], -share * g[0] * g[1], -g[0]),
+        (-share * g[0] * g[1], 1.0 - share * g[1] * g[1], -g[1]),
+        (g[0], g[1], g_z),
+    )
+
+
+@inlined
+def advanced_state(model, x, gyro_before, gyro):
+    """Return the state a sample later, and the mean of v (2) [m/s] over the sample."""
+    h, lever, b = model.sample_time, model.lever, (x[7], x[8], x[9])
+    at_start, at_end = _less(gyro_before, b), _less(gyro, b)
+    w, g, s = _mean(at_start, at_end), (x[3], x[4]), (x[5], x[6])
+    # second order: the rates at the sample's middle
+    lean = _ahead(g, lean_rate(g, w), 0.5 * h)
+    turning = heading_rate(lean, w)
+    momentum = _ahead(s, _momentum_rate(s, g, turning, model.pull), 0.5 * h)
+    g = _ahead(g, lean_rate(lean, w), h)
+    after = _ahead(s, _momentum_rate(momentum, lean, turning, model.pull), h)
+    v = (
+        0.5 * (s[0] - dot(lever[0], at_start) + after[0] - dot(lever[0], at_end)),
+        0.5 * (s[1] - dot(lever[1], at_start) + after[1] - dot(lever[1], at_end)),
+    )
+    s3, c3 = sine_cosine(x[2] + 0.5 * h * turning)
+    x_y = (x[0] + h * (c3 * v[0] - s3 * v[1]), x[1] + h * (s3 * v[0] + c3 * v[1]))
+    errors = (x[10] + h * x[11], x[11], model.memory * x[12], model.memory * x[13])
+    return x_y + (x[2] + h * turning,) + g + after + b + errors, v
+
+
+@inlined
+def transition(model, x, gyro):
+    """Return the `_ENTRIES` of F: `advanced_state` derived by the state, to first order in h."""
+    h, lever, pull = model.sample_time, model.lever, model.pull
+    w, g, g_z = _less(gyro, (x[7], x[8], x[9])), (x[3], x[4]), upright_part((x[3], x[4]))
+    turning, over, rise = heading_rate(g, w), h / (1.0 + g_z), 1.0 / g_z
+    s3, c3 = sine_cosine(x[2])
+    v_x, v_y = x[5] - dot(lever[0], w), x[6] - dot(lever[1], w)
+    along, across = _turned(lever, c3, -s3), _turned(lever, s3, c3)
+    return (
+        (-h * (s3 * v_x + c3 * v_y), h * c3, -h * s3, h * along[0], h * along[1], h * along[2])
+        + (h * (c3 * v_x - s3 * v_y), h * s3, h * c3, h * across[0], h * across[1], h * across[2])
+        + (over * w[0], over * w[1], -over * g[0], -over * g[1], -h)
+        + (h * (w[2] + w[1] * g[1] * rise), h * g_z, -h * g[1])
+        + (-h * (w[2] + w[0] * g[0] * rise), -h * g_z, h * g[0])
+        + (h * turning, -h * pull[0][0], -h * pull[0][1], -h * x[6])
+        + (-h * turning, -h * pull[1][0], -h * pull[1][1], h * x[5])
+        + (h,)
+        + (1.0 + h * w[1] * g[0] * rise, 1.0 - h * w[0] * g[1] * rise, model.memory, model.memory)
+    )
+
+
+@inlined
+def wheels_seen(model, x, ball_rate, gyro, velocity):
+    """Return residuals (3) and entries of h (15) of v_x - r_b Omega_y = 0, v_y + r_b Omega_x = 0, -Omega_z = 0.
+
+    To first order in the lean. `gyro` is its mean over the sample, and `velocity` that of v as the states have it.
+    """
+    r_b, lever, M = model.radius, model.lever, _tilt((x[3], x[4]))
+    z = (ball_rate[0] + gyro[0] - x[7], ball_rate[1] + gyro[1] - x[8], ball_rate[2] + gyro[2] - x[9])
+    residuals = (r_b * dot(M[1], z) - velocity[0], -r_b * dot(M[0], z) - velocity[1], dot(M[2], z))
+    # Omega by the lean: [[-z_z, 0], [0, -z_z], [z_x, z_y]]
+    forward = (
+        1.0,
+        lever[0][0] + r_b * M[1][0],
+        lever[0][1] + r_b * M[1][1],
+        lever[0][2] + r_b * M[1][2],
+        r_b * z[2],
+    )
+    left = (
+        1.0,
+        lever[1][0] - r_b * M[0][0],
+        lever[1][1] - r_b * M[0][1],
+        lever[1][2] - r_b * M[0][2],
+        -r_b * z[2],
+    )
+    return residuals, forward + left + (M[2][0], M[2][1], M[2][2], -z[0], -z[1])
+
+
+@inlined
+def _none_if(missing, a):
+    return (0.0 if missing else a[0], 0.0 if missing else a[1], 0.0 if missing else a[2])
+
+
+@inlined
+def _missing_if(missing, a):
+    return (math.nan if missing else a[0], math.nan if missing else a[1], math.nan if missing else a[2])
+
+
+@called
+def _motion(work, width):
+    """Move the states on by a sample; leave F, and what the wheels show."""
+    for lane in range(width):
+        model, x = restored(_MODEL_SHAPE, work, 0, lane), restored(_STATE_SHAPE, work, STATE, lane)
+        before, gyro = restored(_THREE, work, GYRO_BEFORE, lane), restored(_THREE, work, GYRO, lane)
+        middle = _mean(before, gyro)
+        stored(work, _F, lane, transition(model, x, middle))
+        x, velocity = advanced_state(model, x, before, gyro)
+        stored(work, STATE, lane, x)
+        rate = restored(_THREE, work, BALL_RATE, lane)
+        missing = not rate[0] + rate[1] + rate[2] < math.inf
+        residuals, entries = wheels_seen(model, x, _none_if(missing, rate), middle, velocity)
+        residuals = _missing_if(missing, residuals)
+        stored(work, _RESIDUAL, lane, residuals)
+        stored(work, _ROWS_SEEN, lane, entries + (1.0, 1.0, 1.0, 1.0, 1.0, 1.0))
+        put(work, PIVOTING, lane, residuals[2])
+
+
+def _row(first: str | int, number: int) -> str:
+    """Return how compiled code writes a number of a lane."""
+    return f"work[unsigned(({first} + {number}) * {LANES} + lane)]"
+
+
+def _propagation():
+    """Return a function that overwrites a lane's covariance by F P F^T + Q, written out.
+
+    A sample's gyro noise does what a bias of one sample would, hence Q's part F_b F_b^T.
+    """
+    lines = [f"f{i} = {_row(_F, i)}" for i in range(len(_ENTRIES))]
+    lines += [f"p{k} = {_row(COVARIANCE, k)}" for k in range(_TRIANGLE_SIZE)]
+    lines += [f"noise = work[unsigned({_GYRO_VARIANCE * LANES} + lane)]"]
+    in_row = {i: [(k, f"f{n}") for n, (r, k) in enumerate(_ENTRIES) if r == i] for i in range(STATES)}
+
+    def product(i: int, of) -> str:
+        own = [] if any(k == i for k, _ in in_row[i]) else [of(i)]
+        return " + ".join([*own, *(f"{f} * {of(k)}" for k, f in in_row[i])])
+
+    for i in range(STATES):
+        for j in range(STATES):
+            lines.append(f"m{i}_{j} = {product(i, lambda k, j=j: f'p{_triangle(k, j)}')}")
+    biased = {i: dict(in_row[i]) for i in range(BIAS)}  # rows below have no gyro in them
+    for i in range(STATES):
+        for j in range(i + 1):
+            terms = [product(j, lambda k, i=i: f"m{i}_{k}")]
+            if i < BIAS:
+                shared = [b for b in range(BIAS, BIAS + 3) if b in biased[i] and b in biased[j]]
+                terms += [
+                    f"noise * ({' + '.join(f'{biased[i][b]} * {biased[j][b]}' for b in shared)})"
+                ] * bool(shared)
+            if i == j:
+                terms.append(_row(_WALK, i))
+            lines.append(f"{_row(COVARIANCE, _triangle(i, j))} = {' + '.join(terms)}")
+    return inlined(written("work, lane", "None", *lines, unsigned=np.uint64))
+
+
+_GYRO_VARIANCE = 13
+_propagate_lane = _propagation()
+
+
+@called
+def _propagate(work, width):
+    for lane in range(width):
+        _propagate_lane(work, lane)
+
+
+@called
+def _weigh(work, width, number, counts):
+    """Leave q = P h, s and 1/s of a seen number, and correct the state; 1/s is zero where it does not count."""
+    first, last = _SEEN_FIRST[number], _SEEN_FIRST[number + 1]
+    for lane in range(width):
+        put(work, _VARIANCE, lane, entry(work, _VARIANCES + number, lane))
+    for i in range(STATES):
+        for lane in range(width):
+            put(work, _Q + i, lane, 0.0)
+        for k in range(first, last):
+            place = COVARIANCE + _TRIANGLE[i, _SEEN_STATES[k]]
+            for lane in range(width):
+                q = entry(work, _Q + i, lane) + entry(work, place, lane) * entry(work, _ROWS_SEEN + k, lane)
+                put(work, _Q + i, lane, q)
+    for k in range(first, last):
+        state = _SEEN_STATES[k]
+        for lane in range(width):
+            h = entry(work, _ROWS_SEEN + k, lane)
+            put(work, _VARIANCE, lane, entry(work, _VARIANCE, lane) + h * entry(work, _Q + state, lane))
+            less = h * entry(work, _CHANGE + state, lane)
+            put(work, _RESIDUAL + number, lane, entry(work, _RESIDUAL + number, lane) - less)
+    for lane in range(width):
+        residual = entry(work, _RESIDUAL + number, lane)
+        taken = residual == residual and counts * entry(work, PIVOTS, lane) == 0.0
+        put(work, _INVERSE, lane, 1.0 / entry(work, _VARIANCE, lane) if taken else 0.0)
+        put(work, _RESIDUAL + number, lane, residual if taken else 0.0)
+    for i in range(STATES):
+        for lane in range(width):
+            gain = entry(work, _INVERSE, lane) * entry(work, _Q + i, lane)
+            put(
+                work,
+                _CHANGE + i,
+                lane,
+                entry(work, _CHANGE + i, lane) + gain * entry(work, _RESIDUAL + number, lane),
+            )
+
+
+def _correction():
+    """Return a function that takes a seen number into a lane's covariance, written out."""
+    lines = [f"q{i} = {_row(_Q, i)}" for i in range(STATES)]
+    lines += [f"s, inverse = {_row(_VARIANCE, 0)}, {_row(_INVERSE, 0)}"]
+    for i in range(STATES):
+        lines += [f"k{i} = inverse * q{i}", f"rest{i} = q{i} - s * k{i}"]
+    for i in range(STATES):
+        for j in range(i + 1):
+            place = _row(COVARIANCE, _triangle(i, j))
+            lines.append(f"{place} = {place} - k{i} * q{j} - rest{i} * k{j}")
+    return inlined(written("work, lane", "None", *lines, unsigned=np.uint64))
+
+
+_correct_lane = _correction()
+
+
+@called
+def _correct(work, width):
+    for lane in range(width):
+        _correct_lane(work, lane)
+
+
+@called
+def _absorb(work, width, first, last):
+    """Take in the seen numbers first .. last - 1, one after another."""
+    for i in range(STATES):
+        for lane in range(width):
+            put(work, _CHANGE + i, lane, 0.0)
+    for number in range(first, last):
+        _weigh(work, width, number, 1.0 if number == 2 else 0.0)
+        _correct(work, width)
+    for i in range(STATES):
+        for lane in range(width):
+            put(work, STATE + i, lane, entry(work, STATE + i, lane) + entry(work, _CHANGE + i, lane))
+
+
+@called
+def _see_attitudes(work, width):
+    for lane in range(width):
+        for i in range(2):
+            expected = entry(work, STATE + G + i, lane) + entry(work, STATE + LEAN_ERROR + i, lane)
+            put(work, _RESIDUAL + 3 + i, lane, entry(work, LEAN + i, lane) - expected)
+        expected = entry(work, STATE + PSI, lane) + entry(work, STATE + HEADING_ERROR, lane)
+        put(work, _RESIDUAL + 5, lane, entry(work, HEADING, lane) - expected)
+
+
+@called
+def sample_block(work, width):
+    """Take the filters of the first lanes over a sample; see the rows `GYRO_BEFORE` to `PIVOTING` for the inputs."""
+    _motion(work, width)
+    _propagate(work, width)
+    _absorb(work, width, 0, 3)
+    _see_attitudes(work, width)
+    _absorb(work, width, 3, 6)
+
+
+@compiled
+def sample(work):
+    """Take a single filter, the first lane of a block's work array, over a sample."""
+    sample_block(work, 1)
+
+
+@compiled
+def absorb(
+    x: NDArray[np.float64],
+    P: NDArray[np.float64],
+    residuals: NDArray[np.float64],
+    rows: NDArray[np.float64],
+    variances: NDArray[np.float64],
+) -> float:
+    """Take in p numbers that were seen, changing the state x (m,) and its covariance P (m, m).
+
+    Parameters
+    ----------
+    x, P : arrays (m,), (m, m)
+        Overwritten.
+    residuals : array (p,)
+        Seen less expected at the x given.
+    rows : array (p, m)
+        What was seen, derived by x.
+    variances : array (p,)
+        Of each number's own error, independent of the others'.
+
+    Returns
+    -------
+    float
+        Sum of the squared residuals over their variances, each given those before it: chi-squared with p degrees of
+        freedom where the filter's sizes are right.
+    """
+    m = len(x)
+    change, Ph, k, half, half_h = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, m)), np.zeros(m)
+    surprise = 0.0
+    for i in range(len(residuals)):
+        h = rows[i]
+        for a in range(m):
+            Ph[a] = _product(P[a], h)
+        variance = _product(h, Ph) + variances[i]
+        residual = residuals[i] - _product(h, change)
+        surprise += residual * residual / variance
+        for a in range(m):
+            k[a] = Ph[a] / variance
+            change[a] += k[a] * residual
+            for b in range(m):
+                half[a, b] = P[a, b] - k[a] * Ph[b]  # (I - k h^T) P
+            half_h[a] = _product(half[a], h)
+        for a in range(m):
+            for b in range(a + 1):
+                P[a, b] = half[a, b] - half_h[a] * k[b] + k[a] * variances[i] * k[b]
+                P[b, a] = P[a, b]
+    for a in range(m):
+        x[a] += change[a]
+    return surprise
+
+
+@inlined
+def _product(a, b):
+    """Return a^T b."""
+    total = 0.0
+    for i in range(len(a)):
+        total += a[i] * b[i]
+    return total

@@ -103,9 +103,10 @@ class ParameterSpace:
     def scaled(self, physical: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return scaled parameters (..., p) from those in SI units, brought within their bounds."""
         values = np.clip(physical, self.lower, self.upper)
-        width = np.where(self.free, self.upper - self.lower, 1.0)
+        wide = self.upper > self.lower
+        width = np.where(wide, self.upper - self.lower, 1.0)
         low = np.where(self.logarithmic, self.lower, 1.0)
-        width_log = np.log(np.where(self.logarithmic & self.free, self.upper / low, np.e))
+        width_log = np.log(np.where(self.logarithmic & wide, self.upper / low, np.e))
         log = np.log(np.where(self.logarithmic, values, 1.0) / low) / width_log
         return np.where(self.logarithmic, log, (values - self.lower) / width)
 

@@ -17,13 +17,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.identification.quantities import Layout
 from ballbot.mechanics.friction import stribeck_decay
-from ballbot.results import key
+from ballbot.results import key, left_out, reported
 from ballbot.rounding import plus_minus
 
 #: of the speeds driven that are below W
@@ -41,6 +42,17 @@ class CoulombEquivalent:
     values: NDArray[np.float64]  #: c_e (n,) [N m]
     standard_errors: NDArray[np.float64]  #: (n,) [N m]; see the module's text; NaN if c has none
     speeds: NDArray[np.float64] = field(metadata=key("up_to_speed"))  #: W (n,) [rad/s]
+    coulomb: NDArray[np.float64] = field(metadata=left_out)  #: c itself (n,) [N m]
+    coulomb_errors: NDArray[np.float64] = field(metadata=left_out)  #: its standard errors (n,) [N m], found likewise
+
+    @reported
+    def compared(self) -> Literal["c", "c_e"]:
+        """Which of the two is the better determined, and to be compared with other logs and robots."""
+        c, c_e = (
+            np.median(np.nan_to_num(errors / np.maximum(values, np.finfo(float).tiny), nan=np.inf))
+            for values, errors in ((self.coulomb, self.coulomb_errors), (self.values, self.standard_errors))
+        )
+        return "c" if c < c_e else "c_e"
 
 
 def coulomb_equivalent(
@@ -82,6 +94,8 @@ def coulomb_equivalent(
         values=at(values),
         standard_errors=np.where(known, np.sqrt(np.maximum(variances, 0.0)), np.nan),
         speeds=speeds,
+        coulomb=values[n : 2 * n],
+        coulomb_errors=errors[n : 2 * n],
     )
 
 
@@ -98,13 +112,19 @@ def coulomb_sentence(found: CoulombEquivalent, names: Sequence[str]) -> str:
         return ""
     if "stribeck" not in names:  # then it is c, whose numbers are in the table
         return "Compare the Coulomb friction c of each wheel with other logs and robots."
-    each = ", ".join(
-        plus_minus(float(value), float(error))
-        for value, error in zip(found.values, found.standard_errors, strict=True)
+    c, c_e = (
+        ", ".join(plus_minus(float(value), float(error)) for value, error in zip(*both, strict=True))
+        for both in ((found.coulomb, found.coulomb_errors), (found.values, found.standard_errors))
     )
     top = ", ".join(f"{speed:.2g}" for speed in found.speeds)
+    compare = (
+        f"c of each wheel, {c} N m"
+        if found.compared == "c"
+        else f"the Coulomb equivalent of each wheel, {c_e} N m"
+    )
+    other = f"the Coulomb equivalent, {c_e} N m," if found.compared == "c" else f"c, {c} N m,"
     return (
-        f"Coulomb equivalent of each wheel: {each} N m. Compare this with other logs and robots, not c or s, which are "
-        "less well determined. It is the value at rest of the straight line nearest to the dry friction up to "
-        f"{top} rad/s. Its standard errors take v_s or delta at a bound as exact."
+        f"Compare {compare}, with other logs and robots: {other} is less well determined. The Coulomb equivalent is "
+        f"the value at rest of the straight line nearest to the dry friction up to {top} rad/s. These standard errors "
+        "hold v_s or delta constant where it ends at a bound."
     )

@@ -24,7 +24,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +41,7 @@ from ballbot.identification.driveline_estimate import (
     estimate_driveline,
 )
 from ballbot.identification.driveline_innovations import Track, angles_of, break_aways
-from ballbot.identification.quantities import BY_NAME, FRICTION
+from ballbot.identification.quantities import BY_NAME, OF_WHEELS
 from ballbot.log import Log
 from ballbot.log.columns import wheel_angle_names
 from ballbot.mechanics.friction_laws.classical import Classical
@@ -99,7 +99,9 @@ def _deviation(values: NDArray[np.float64]) -> float:
     return float(np.sqrt(max(np.var(values) - 0.5 * np.mean(np.diff(values) ** 2), 0.0)))
 
 
-NAMES = ("b", "c", "s", "v_s", "delta")
+#: the parameters of a driveline, and their symbols
+QUANTITIES = tuple(BY_NAME[name] for name in OF_WHEELS)
+NAMES = tuple(one.symbol for one in QUANTITIES)
 #: from this share of the limit, the speed counts as limited
 _LIMITED = 0.995
 _SHORTEST_PIECE = 0.5  # [s]
@@ -111,8 +113,7 @@ _UNKNOWN = 0.5
 
 #: the least and the greatest b, c, s, v_s and delta
 Five = tuple[float, float, float, float, float]
-LOWER: Five = (0.0, 0.0, 0.0, 0.05, 0.3)
-UPPER: Five = (0.1, 0.5, 0.5, 5.0, 4.0)
+LOWER, UPPER = (cast("Five", side) for side in zip(*(one.bounds for one in QUANTITIES), strict=True))
 
 
 def driveline_parameters(*, lower: Five = LOWER, upper: Five = UPPER) -> ParameterSpace:
@@ -123,11 +124,10 @@ def driveline_parameters(*, lower: Five = LOWER, upper: Five = UPPER) -> Paramet
     InputError
         If a lower bound is not below the upper one, or not zero or more (for v_s and delta above zero).
     """
-    quantities = [BY_NAME[name] for name in FRICTION[: len(NAMES)]]
-    for symbol, low, high in zip(NAMES, lower, upper, strict=True):
-        if not 0.0 <= low < high < np.inf or (low == 0.0 and symbol in ("v_s", "delta")):
+    for one, low, high in zip(QUANTITIES, lower, upper, strict=True):
+        if not 0.0 <= low < high < np.inf or (low == 0.0 and one.scale == "ratio"):
             raise InputError(
-                f"The bounds of {symbol} are [{low:g}, {high:g}]; the lower one must be "
+                f"The bounds of {one.symbol} are [{low:g}, {high:g}]; the lower one must be "
                 "below the upper one and zero or more (for v_s and delta above zero)."
             )
     return ParameterSpace(
@@ -140,7 +140,7 @@ def driveline_parameters(*, lower: Five = LOWER, upper: Five = UPPER) -> Paramet
                 bounds=limits,
                 default=limits[0],
             )
-            for one, limits in zip(quantities, zip(lower, upper, strict=True), strict=True)
+            for one, limits in zip(QUANTITIES, zip(lower, upper, strict=True), strict=True)
         )
     )
 
@@ -178,11 +178,11 @@ class DrivelineFit:
     def summary(self) -> Summary:
         """Return each parameter with its standard error, and the error of the speed with friction and without."""
         rows = []
-        for name, value, error, unknown in zip(
-            FRICTION, self.values, self.standard_errors, self.unknown, strict=False
+        for one, value, error, unknown in zip(
+            QUANTITIES, self.values, self.standard_errors, self.unknown, strict=True
         ):
-            symbol, unit = BY_NAME[name].symbol, BY_NAME[name].unit.removeprefix("1")
-            number = estimated(value, error, unit, intervals=profile_ends(self.intervals, [symbol]))
+            symbol = one.symbol
+            number = estimated(value, error, one.unit, intervals=profile_ends(self.intervals, [symbol]))
             rows.append((symbol, "not determined by the sweep" if unknown else number))
         return Summary(
             title=f"Friction of the driveline of wheel {self.wheel}: value ± standard error, or 95 % interval",

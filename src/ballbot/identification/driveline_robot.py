@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 
 from ballbot.identification.agreement import StageEstimate
 from ballbot.identification.driveline import LOWER, NAMES, UPPER, DrivelineFit
+from ballbot.identification.quantities import OF_WHEELS
 from ballbot.identification.stated_uncertainty import ends_without_error, with_uncertainty
 from ballbot.robot import Friction, Robot
 
-_LINES = tuple(
-    f"friction.{name}" for name in ("viscous", "coulomb", "stribeck", "stribeck_speed", "stribeck_exponent")
-)
+_LINES = tuple(f"friction.{name}" for name in OF_WHEELS)
 
 
 def _friction(values: NDArray[np.float64], known: NDArray[np.bool_], *, rolling: float) -> Friction:

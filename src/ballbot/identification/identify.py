@@ -23,6 +23,13 @@ from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import SearchResult, at_bound
 from ballbot.fitting.uncertainty import Discrepancy, discrepancy
 from ballbot.identification.agreement import StageEstimate, file_findings
+from ballbot.identification.alike import (
+    alike_finding,
+    inseparable,
+    uncertainty_of_each,
+    variation_of_each,
+    wheels_mean,
+)
 from ballbot.identification.coulomb import coulomb_equivalent
 from ballbot.identification.excitation import chatter, chatter_finding, heading_findings, share_shown
 from ballbot.identification.laws import LAWS, LawName, bounds_of, law_named, select_law
@@ -147,7 +154,9 @@ def identify(
     evolved = search(prepared.coarse, options=options, run=run)
     start = options.warm_start
     begin = evolved.best if start is None else better_start(prepared.problem, evolved.best, start)
-    estimate = refine(prepared, begin, options=options, run=run)
+    prepared, estimate = _alike(
+        prepared, refine(prepared, begin, options=options, run=run), options=options, run=run
+    )
     found = _result(
         prepared,
         evolved,
@@ -239,6 +248,36 @@ def estimated_parameters(
     return scale_between(robot, free=names, bounds=bounds)
 
 
+def _alike(
+    prepared: Prepared, estimate: PointEstimate, *, options: IdentificationOptions, run: Run
+) -> tuple[Prepared, PointEstimate]:
+    """Return the estimate, fitted again with one number for all wheels where the logs cannot separate them."""
+    problem = prepared.problem
+    names = (
+        ()
+        if options.sweep is not None  # it measured each wheel
+        else inseparable(
+            problem.coordinates,
+            estimate.finished,
+            estimate.values,
+            unknown=estimate.unknown,
+            speeds=wheel_speeds(problem.predictor.robot, prepared.fit),
+        )
+    )
+    if not names:
+        return prepared, estimate
+    coordinates = replace(problem.coordinates, alike=names)
+    refused = prepared.excitation.refused
+    of_all = np.array([refused[coordinates.first == place].all() for place in coordinates.first])
+    prepared = replace(
+        prepared,
+        problem=replace(problem, coordinates=coordinates),
+        excitation=replace(prepared.excitation, refused=of_all),
+    )
+    start = coordinates.scaled(wheels_mean(coordinates, estimate.values, names))
+    return prepared, refine(prepared, start, options=options, run=run)
+
+
 def _result(
     prepared: Prepared,
     evolved: SearchResult,
@@ -252,7 +291,7 @@ def _result(
     run: Run,
 ) -> Identification:
     predictor = prepared.problem.predictor
-    layout = predictor.layout
+    layout, first = predictor.layout, prepared.problem.coordinates.first
     final, apart, varied = _with_uncertainty(prepared, estimate, options=options, run=run)
     values, uncertainty = final.values, final.uncertainty
     bounds = np.stack([prepared.problem.coordinates.lower, prepared.problem.coordinates.upper], axis=1)
@@ -278,7 +317,7 @@ def _result(
         predictor=predictor,
         values=values,
         bounds=bounds,
-        parameters=layout.by_symbol(np.where(estimate.unknown, np.nan, values)),
+        parameters=layout.by_symbol(np.where(estimate.unknown[first], np.nan, values)),
         standard_errors=layout.by_symbol(uncertainty.standard_errors),
         intervals=uncertainty.intervals,
         variation=varied,
@@ -343,7 +382,8 @@ def _with_uncertainty(
     uncertainty, varied = widened(
         coordinates, final.values, final.uncertainty, by_log, priors=shipped_priors()
     )
-    return replace(final, uncertainty=uncertainty), apart, varied
+    each = uncertainty_of_each(coordinates, final.values, uncertainty)
+    return replace(final, uncertainty=each), apart, variation_of_each(coordinates, final.values, varied)
 
 
 #: groups of windows by speed, of equal size
@@ -373,8 +413,9 @@ def _findings(
     )
     return [
         *prepared.excitation.findings,
-        *influence_findings(coordinates, final.values, estimate.no_influence),
-        *bound_findings(coordinates, final.values, _at_bounds(coordinates, estimate)),
+        *alike_finding(coordinates),
+        *influence_findings(coordinates, final.values, estimate.no_influence[coordinates.first]),
+        *bound_findings(coordinates, final.values, _at_bounds(coordinates, estimate)[coordinates.first]),
         *error_findings(coordinates, uncertainty.scaled_errors),
         *interval_findings(uncertainty.intervals),
         *dict.fromkeys(apart),

@@ -31,20 +31,17 @@ Each law is fitted to the same windows; `ballbot.fitting.model_selection` has ho
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ballbot.errors import InputError, suggest
-from ballbot.fitting.model_selection import Candidate, HeldOut, ModelSelection, neighbours, select_model
+from ballbot.fitting.model_selection import Candidate, HeldOut, ModelSelection, select_model
 from ballbot.identification.parameters import Bounds
 from ballbot.identification.quantities import FRICTION, Limits
 from ballbot.identification.result import Identification
 from ballbot.identification.stages import states_counted
-from ballbot.identification.windows import Span
+from ballbot.identification.verdict import window_blocks
 
 LawName = Literal["viscous", "coulomb", "stribeck", "asymmetric", "directed", "load"]
 
@@ -135,9 +132,6 @@ def bounds_of(law: Law, bounds: Bounds) -> Bounds:
     return Bounds({**law.wide_bounds, **bounds.limits, **law.fixed})
 
 
-#: neighbouring windows drawn together; of a quarter held out, four are some 4 s of the robot's way
-BLOCK = 4
-
 #: from a law and the identification to begin from, to an identification by that law
 LawFit = Callable[[LawName, Identification | None], Identification]
 
@@ -168,16 +162,6 @@ def select_law(fit: LawFit) -> ModelSelection[Identification]:
 def law_results(selection: ModelSelection[Identification]) -> dict[str, object]:
     """Return what results.json holds of a selection of laws."""
     return {"candidates": [_law_result(one) for one in selection.candidates], "best": selection.best.name}
-
-
-def window_blocks(spans: Sequence[Span]) -> list[NDArray[np.int64]]:
-    """Return the numbers of windows, `BLOCK` neighbours of one log at a time."""
-    groups = []
-    for log in sorted({span.log for span in spans}):
-        rows = [row for row, span in enumerate(spans) if span.log == log]
-        rows.sort(key=lambda row: spans[row].start)
-        groups += neighbours(rows, block=BLOCK)
-    return groups
 
 
 def _law_result(one: Candidate[Identification]) -> dict[str, object]:

@@ -1,17 +1,10 @@
 """The parameters of a fit: their bounds, which a user may set in Python or in a TOML file, and their scaling.
 
-    viscous = [0.0, 0.1]             # b [N m s/rad], every wheel's
-    coulomb = [0.0, 0.5]             # c [N m]
-    stribeck = [0.0, 0.5]            # s [N m]
-    stribeck_speed = [0.1, 3.0]      # v_s [rad/s]
-    stribeck_exponent = [0.3, 10.0]  # delta
-    rolling = [0.0, 0.05]            # C_rr
+    coulomb = [0.0, 0.5]             # c [N m], every wheel's
     delay = [0.012, 0.012]           # held at that value [s]
 
-Keys left out keep the defaults of `ballbot.identification.quantities`, which are wide for a robot of 5 to 50 kg with
-motors of some N m. Bounds hold for every number of a quantity, in its unit. Equal bounds hold it at that
-value, so that a value known from elsewhere, as a delay, takes part. A v_s far below the speeds of the log with a large
-s is friction that hardly ever acts, and traps a search: hence the bound at 0.1 rad/s.
+Keys left out keep the defaults of `ballbot.identification.quantities`. Bounds hold for every number of a quantity, in
+its unit. Equal bounds hold it at that value, so that a value known from elsewhere, as a delay, takes part.
 """
 
 from __future__ import annotations
@@ -19,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -106,6 +100,26 @@ class Coordinates(ParameterSpace):
     """The parameters of a robot in the order of its layout, friction's 3 n + 3 first."""
 
     layout: Layout
+    alike: tuple[str, ...] = ()  #: quantities of wheels that have one number for all of them
+
+    @cached_property
+    def first(self) -> NDArray[np.int64]:
+        """The place of the number that each one (p,) equals: its own, or the first wheel's."""
+        places = np.arange(len(self.parameters))
+        for name in self.alike:
+            columns = self.layout.columns(name)
+            assert columns is not None, name
+            places[columns] = columns.start
+        return places
+
+    @cached_property
+    def free(self) -> NDArray[np.bool_]:
+        """Which parameters (p,) a fit moves; of numbers that are equal, the first."""
+        return (self.upper > self.lower) & (self.first == np.arange(len(self.parameters)))
+
+    def physical(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return parameters (..., p) in SI units from scaled ones (..., p)."""
+        return super().physical(scaled[..., self.first])
 
     def scaled_one(self, place: int, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return values (k,) of the parameter at a place, scaled and brought within its bounds."""

@@ -1,5 +1,7 @@
 """The table of quantities that identification can estimate: name, symbol, unit, scale and default bounds.
 
+Those of a quantity that is a parameter of the robot stand beside its field in `ballbot.robot.components`.
+
 A row of parameters begins with the friction, in the order [b_1 .. b_n, c_1 .. c_n, s_1 .. s_n, v_s, delta, C_rr]. Other
 quantities follow in the table's order. A quantity that is not estimated has its nominal value. That is the robot's own
 value, or the neutral value of an input or a sensor without fault: a gain of 1, and 0 for all others.
@@ -22,7 +24,9 @@ from ballbot.arguments import names_listed
 from ballbot.errors import InputError, suggest
 from ballbot.fitting.parameter import Limits, Scale
 from ballbot.robot import Body, Drive, Robot
+from ballbot.robot.components import BY_NAME as ROBOT_PARAMETERS
 from ballbot.robot.derived import reflected_rotor_inertia, thin_shell_inertia
+from ballbot.robot.parameters import DIMENSIONLESS, value_of
 
 #: quantities of which the rigid body is made; what changes one of them makes another robot
 RIGID = ("center_of_mass", "second_moment", "ball_inertia", "wheel_inertia", "rotor_inertia")
@@ -190,85 +194,55 @@ def _ones(robot: Robot) -> Sequence[float]:
     return (1.0,) * robot.wheel_count
 
 
+def _of_robot(
+    place: str,
+    *,
+    name: str = "",
+    bounds: Limits | None = None,
+    of: Callable[[Robot], Sequence[float]] | None = None,
+    stands_for: str | None = None,
+) -> Quantity:
+    """Return the quantity that is a parameter of the robot, with what is stated beside its field.
+
+    Its bounds are the usual values, unless they are given, in shares of `of(robot)` or of the robot's own value.
+    """
+    stated = ROBOT_PARAMETERS[place]
+    of_wheels = stated.shape == "list"
+
+    def nominal(robot: Robot) -> Sequence[float]:
+        own = value_of(robot, stated)
+        return (own or (0.0,) * robot.wheel_count) if isinstance(own, tuple) else (own,)
+
+    return Quantity(
+        name=name or stated.key,
+        symbol=stated.symbol,
+        unit=stated.unit.removeprefix(DIMENSIONLESS),
+        meaning=stated.meaning.partition(", ")[2],
+        each="wheels" if of_wheels else "",
+        scale="ratio" if not stated.least_is_allowed else "amount" if stated.least == 0.0 else "signed",
+        bounds=bounds or stated.usual,
+        of=of or (nominal if bounds else None),
+        nominal_of=nominal,
+        stands_for=stands_for,
+    )
+
+
 QUANTITIES: tuple[Quantity, ...] = (
-    Quantity(
-        name="viscous",
-        symbol="b",
-        unit="N m s/rad",
-        meaning="viscous friction of each wheel",
-        each="wheels",
-        bounds=(0.0, 0.1),
-        nominal_of=lambda robot: robot.friction.viscous,
-        stands_for="losses of the rollers and their slip, which grow with the speed",
+    _of_robot(
+        "friction.viscous", stands_for="losses of the rollers and their slip, which grow with the speed"
     ),
-    Quantity(
-        name="coulomb",
-        symbol="c",
-        unit="N m",
-        meaning="dry friction at speed of each wheel",
-        each="wheels",
-        bounds=(0.0, 0.5),
-        nominal_of=lambda robot: robot.friction.coulomb,
+    _of_robot(
+        "friction.coulomb",
         stands_for="dry friction less what slip of the rollers and play move to other parameters",
     ),
-    Quantity(
-        name="stribeck",
-        symbol="s",
-        unit="N m",
-        meaning="break-away torque above c of each wheel",
-        each="wheels",
-        bounds=(0.0, 0.5),
-        nominal_of=lambda robot: robot.friction.stribeck,
-        stands_for="play of the gears and the change from roller to roller",
+    _of_robot("friction.stribeck", stands_for="play of the gears and the change from roller to roller"),
+    _of_robot("friction.stribeck_speed", stands_for="play of the gears and the change from roller to roller"),
+    _of_robot(
+        "friction.stribeck_exponent", stands_for="play of the gears and the change from roller to roller"
     ),
-    Quantity(
-        name="stribeck_speed",
-        symbol="v_s",
-        unit="rad/s",
-        meaning="speed over which s fades",
-        scale="ratio",
-        bounds=(0.1, 3.0),
-        nominal_of=lambda robot: (robot.friction.stribeck_speed,),
-        stands_for="play of the gears and the change from roller to roller",
-    ),
-    Quantity(
-        name="stribeck_exponent",
-        symbol="delta",
-        unit="",
-        meaning="how sharply s fades",
-        scale="ratio",
-        bounds=(0.3, 10.0),
-        nominal_of=lambda robot: (robot.friction.stribeck_exponent,),
-        stands_for="play of the gears and the change from roller to roller",
-    ),
-    Quantity(
-        name="rolling",
-        symbol="C_rr",
-        unit="",
-        meaning="rolling friction of the ball on the floor",
-        bounds=(0.0, 0.05),
-        nominal_of=lambda robot: (robot.friction.rolling,),
-        stands_for="losses of the rollers on the ball, and play of the gears",
-    ),
-    Quantity(
-        name="stribeck_asymmetry",
-        symbol="e",
-        unit="N m",
-        meaning="s forward less the mean of both directions, of each wheel",
-        each="wheels",
-        scale="signed",
-        bounds=(-0.2, 0.2),
-        nominal_of=lambda robot: robot.friction.stribeck_asymmetry or (0.0,) * robot.wheel_count,
-    ),
-    Quantity(
-        name="load",
-        symbol="mu",
-        unit="",
-        meaning="dry friction that each wheel's drive adds for each N m of its torque",
-        each="wheels",
-        bounds=(0.0, 0.5),
-        nominal_of=lambda robot: robot.friction.load or (0.0,) * robot.wheel_count,
-    ),
+    _of_robot("friction.rolling", stands_for="losses of the rollers on the ball, and play of the gears"),
+    _of_robot("friction.stribeck_asymmetry"),
+    _of_robot("friction.load"),
     Quantity(
         name="pivoting",
         symbol="T_p",
@@ -276,16 +250,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         meaning="largest friction against the ball's pivoting on the floor",
         bounds=(0.0, 0.5),
     ),
-    Quantity(
-        name="center_of_mass",
-        symbol="l",
-        unit="m",
-        meaning="height of the body's centre of mass above the ball's centre",
-        scale="ratio",
-        bounds=(0.5, 2.0),
-        of=lambda robot: (robot.body.center_of_mass,),
-        nominal_of=lambda robot: (robot.body.center_of_mass,),
-    ),
+    _of_robot("body.center_of_mass", bounds=(0.5, 2.0)),
     Quantity(
         name="second_moment",
         symbol="S",
@@ -297,25 +262,14 @@ QUANTITIES: tuple[Quantity, ...] = (
         of=second_moments,
         nominal_of=second_moments,
     ),
-    Quantity(
+    # between a solid ball's and a thin shell's
+    _of_robot(
+        "ball.inertia",
         name="ball_inertia",
-        symbol="j_b",
-        unit="kg m^2",
-        meaning="of the ball about its centre, between a solid ball's and a thin shell's",
-        scale="ratio",
         bounds=(0.6, 1.0),
         of=lambda robot: (thin_shell_inertia(mass=robot.ball.mass, radius=robot.ball.radius),),
-        nominal_of=lambda robot: (robot.ball.inertia,),
     ),
-    Quantity(
-        name="wheel_inertia",
-        symbol="j_w",
-        unit="kg m^2",
-        meaning="of a wheel about its axle",
-        bounds=(0.0, 5.0),
-        of=lambda robot: (robot.wheels.inertia,),
-        nominal_of=lambda robot: (robot.wheels.inertia,),
-    ),
+    _of_robot("wheels.inertia", name="wheel_inertia", bounds=(0.0, 5.0)),
     Quantity(
         name="rotor_inertia",
         symbol="j_r",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +25,7 @@ from ballbot.identification.quantities import (
 )
 from ballbot.identification.stated_uncertainty import ends_without_error, with_uncertainty
 from ballbot.identification.variation import Variation
+from ballbot.identification.verdict import Verdict, verdict_of
 from ballbot.identification.windows import Span
 from ballbot.log import STATE_NAMES
 from ballbot.results import to_results
@@ -33,6 +35,8 @@ from ballbot.summary import Summary, estimated, first_texts, plotted, summarized
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+#: logs disagree on the dry friction that varies between them by so large a share of it (standard deviation)
+WIDELY = 0.5
 #: {b: [..], c: [..], s: [..], v_s, delta, C_rr, ..}; see `ballbot.identification.quantities`
 ParameterTable = dict[str, list[float] | float]
 
@@ -147,6 +151,29 @@ class Identification:
             zero |= {"stribeck_speed", "stribeck_exponent"}
         return tuple(name for name in self.layout.names if name not in zero)
 
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Whether it is usable, and why not."""
+        counted = np.array([name not in self.excluded_states for name in STATE_NAMES])
+        values = dict(zip(self.labels, self.values.tolist(), strict=True))
+        bounds = dict(zip(self.labels, self.bounds.tolist(), strict=True))
+        labels = {name: BY_NAME[name].labels(self.layout.wheel_count) for name in ("viscous", "coulomb")}
+        at_end = [
+            label
+            for name, of_wheels in labels.items()
+            for label, (lower, upper) in ((one, bounds[one]) for one in of_wheels)
+            if upper > lower and upper >= BY_NAME[name].bounds[1] and values[label] >= upper * (1.0 - 1e-9)
+        ]
+        apart = [label for label in labels["coulomb"] if label in self.variation.apart]
+        return verdict_of(
+            self.held_out.squares_with[:, counted],
+            self.held_out.squares_without[:, counted],
+            self.held_out_windows,
+            lean=np.isin(STATE_NAMES, ("theta", "phi"))[counted],
+            at_end=at_end,
+            disagree=[label for label in apart if self.variation.between[label].between > WIDELY],
+        )
+
     @property
     def covariance(self) -> NDArray[np.float64]:
         """Of all estimates (p, p), SI units; NaN for one without standard error. The robot's file states it."""
@@ -171,8 +198,8 @@ class Identification:
         return self.variation.predictions
 
     def summary(self) -> Summary:
-        """Return each parameter with its standard error, how well windows held out are predicted, and warnings."""
-        rows = []
+        """Return the verdict, each parameter with its standard error, the error on windows held out, and warnings."""
+        rows = [("parameter", "value ± standard error, or 95 % interval")]
         for name, (symbol, value) in zip(self.layout.names, self.parameters.items(), strict=True):
             if name not in self.names:
                 continue
@@ -188,7 +215,7 @@ class Identification:
             ("windows", f"{self.fit.windows} fitted, {self.held_out.windows} held out, {self.window:g} s")
         )
         return Summary(
-            title=f"Identification of the robot {self.robot.name}: value ± standard error, or 95 % interval",
+            title=f"Identification of the robot {self.robot.name}. {self.verdict.sentence}",
             rows=tuple(rows),
             sentences=first_texts([*self.log_findings, *self.findings]),
         )
@@ -200,6 +227,7 @@ class Identification:
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
         results = {
+            "verdict": self.verdict.to_dict(),
             "parameters": self.parameters,
             "standard_errors": self.standard_errors,
             "intervals": self.intervals,

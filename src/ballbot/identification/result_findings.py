@@ -15,7 +15,8 @@ from ballbot.errors import every
 from ballbot.findings import Finding, warning
 from ballbot.fitting.intervals import Interval
 from ballbot.identification.parameters import Coordinates
-from ballbot.identification.quantities import FRICTION
+from ballbot.identification.quantities import FRICTION, QUANTITIES
+from ballbot.mechanics.parameters import MAX_WHEELS
 
 #: beyond this correlation, the logs determine two parameters' sum or ratio and not each
 LARGEST_CORRELATION = 0.9
@@ -26,7 +27,8 @@ LARGEST_ERROR = 0.25
 #: a ridge: so many parameters at least, whose errors would be so many times smaller if all others were known
 LEAST_RIDGE, LEAST_INFLATION = 3, 5.0
 
-_WHOLE = ("v_s", "C_rr", "T_p", "j_b", "j_w", "j_r", "late_imu", "late_v")
+#: the symbol of each label, as "c" of "c1"
+_SYMBOLS = {label: one.symbol for one in QUANTITIES for label in one.labels(MAX_WHEELS)}
 #: symbols, and the experiment that separates any two of them
 _EXPERIMENTS: tuple[tuple[frozenset[str], str], ...] = (
     (
@@ -193,12 +195,8 @@ def ridge_findings(labels: tuple[str, ...], correlation: NDArray[np.float64]) ->
 
 def _experiment(one: str, other: str) -> str:
     """Return the experiment that separates two parameters, by their labels; empty if none is known."""
-    symbols = {_symbol(one), _symbol(other)}
+    symbols = {_SYMBOLS.get(one, one), _SYMBOLS.get(other, other)}
     return next((text for pair, text in _EXPERIMENTS if symbols <= pair), "")
-
-
-def _symbol(label: str) -> str:
-    return label if label in _WHOLE else label.rstrip("0123456789").split("_")[0]
 
 
 def prediction_findings(ratios: Mapping[str, float]) -> list[Finding]:

@@ -18,6 +18,7 @@ from rich.text import Text
 
 from ballbot.findings import Finding, texts
 from ballbot.identification.geometry import CLEAR, Geometry, Measured
+from ballbot.identification.quantities import BY_NAME, OF_WHEELS
 from ballbot.identification.swing import SwingFit
 from ballbot.identification.upside_down import BallWindows, UpsideDown, cut_ball_windows
 from ballbot.log import Log
@@ -137,9 +138,6 @@ def swing_figure(fit: SwingFit, *, label: str = "measured") -> Figure:
     return figure
 
 
-_UNITS = {"b": "N m s/rad", "c": "N m", "s": "N m", "v_s": "rad/s", "delta": ""}
-
-
 def upside_down_parts(found: UpsideDown, robot: Robot, *, framed: bool) -> Iterator[RenderableType]:
     """Yield the friction identified upside down beside the robot file's, the errors and the findings."""
     yield Text(found.verdict)
@@ -162,22 +160,16 @@ def _comparison(described: Robot) -> list[str]:
 
 
 def _parameter_table(found: UpsideDown, described: Robot, *, framed: bool) -> TextTable:
-    friction = described.friction
-    before = {
-        "b": friction.viscous,
-        "c": friction.coulomb,
-        "s": friction.stribeck,
-        "v_s": (friction.stribeck_speed,),
-        "delta": (friction.stribeck_exponent,),
-    }
     rows = []
-    for symbol, value in found.parameters.items():
-        values, errors = np.atleast_1d(value), np.atleast_1d(found.standard_errors[symbol])
-        numbers = zip(values.tolist(), errors.tolist(), found.ends(symbol), before[symbol], strict=True)
+    for quantity in (BY_NAME[name] for name in OF_WHEELS):
+        symbol, before = quantity.symbol, quantity.nominal(described)
+        values = np.atleast_1d(found.parameters[symbol])
+        errors = np.atleast_1d(found.standard_errors[symbol])
+        numbers = zip(values.tolist(), errors.tolist(), found.ends(symbol), before, strict=True)
         for i, (one, error, ends, old) in enumerate(numbers, start=1):
             name = f"{symbol}{i}" if len(values) > 1 else symbol
             shown = value_and_error(one, error) if ends is None else tuple(between(one, *ends).split(" ", 1))
-            rows.append((name, *shown, digits(old), _UNITS[symbol]))
+            rows.append((name, *shown, digits(old), quantity.unit))
     headings = ("parameter", "upside down", "standard error or 95 % interval", "robot file", "unit")
     return table("Friction of drivelines and ball-wheel contacts", headings, rows, framed=framed)
 

@@ -13,7 +13,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from ballbot.findings import Finding, finding_results, note, texts
-from ballbot.identification.driveline import NAMES, DrivelineFit, PrintedFit, Sweep
+from ballbot.identification.driveline import NAMES, QUANTITIES, DrivelineFit, PrintedFit, Sweep
 from ballbot.mechanics.friction import stribeck_gradient
 from ballbot.report.blocks import Block, Cell, Paragraph, Report, Sheet, section
 from ballbot.report.console import table
@@ -106,7 +106,6 @@ def curve_error(fit: DrivelineFit, speed: NDArray[np.float64]) -> NDArray[np.flo
     return np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", gradient, covariance, gradient), 0.0))
 
 
-UNITS = ("N m s/rad", "N m", "N m", "rad/s", "")
 #: beyond this correlation two parameters are better known together
 _CLOSE = 0.9
 #: an error so many times larger is the clamp's, not the search's
@@ -222,10 +221,7 @@ def _sentence(fit: DrivelineFit) -> str:
 
 def parameter_rows(fits: Sequence[DrivelineFit]) -> list[tuple[str, ...]]:
     """Return each parameter's symbol, unit and values by wheel, with 95 % intervals."""
-    return [
-        (name, unit, *(_written(fit, i) for fit in fits))
-        for i, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True))
-    ]
+    return [(one.symbol, one.unit, *(_written(fit, i) for fit in fits)) for i, one in enumerate(QUANTITIES)]
 
 
 def _interval_below(text: str) -> Cell:

@@ -352,7 +352,8 @@ def identification_parts(
     *,
     framed: bool,
 ) -> Iterator[RenderableType]:
-    """Yield the compared laws if there are any, the parameters, the errors on held-out windows, and the findings."""
+    """Yield the verdict, the laws compared, the parameters, the errors on held-out windows, and the findings."""
+    yield Text(found.verdict.sentence)
     if selection:
         yield selection_table(selection, framed=framed)
     yield parameter_table(found, framed=framed)

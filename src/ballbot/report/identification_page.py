@@ -53,7 +53,7 @@ def identification_report(
     return Report(
         title=f"{found.robot.name}: friction from balancing logs",
         lead=f"Identified from {logs_words(logs)}, with predictions over windows of {found.window:g} s.",
-        verdict=[("Friction", friction_sentence(found)), ("Prediction", _prediction_sentence(found))],
+        verdict=[("Verdict", found.verdict.sentence), ("Friction", friction_sentence(found))],
         sections=[
             _parameter_section(found, studied),
             *([_law_section(selection, ladder)] if selection and ladder else []),
@@ -80,15 +80,6 @@ def _studied(found: Identification, name: str, place: int, log: Log) -> StudiedL
             start = held.pop()[0] if follows else span.start
             held.append((start, span.end))
     return StudiedLog(name=name, log=log, held_out=tuple(held))
-
-
-def _prediction_sentence(found: Identification) -> str:
-    errors = found.held_out
-    ratios = np.array(list(errors.with_over_without.values()))
-    return (
-        f"On {errors.windows} windows that the fit did not see, the error with the friction found is "
-        f"{digits(float(np.median(ratios)), 2)} times that without friction (median of the states)."
-    )
 
 
 def _parameter_section(found: Identification, logs: Sequence[StudiedLog]) -> Section:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -23,15 +23,6 @@ from ballbot.workflows.comparison import MedianEstimate
 from ballbot.workflows.controller_choice import ControllerChoice, Trial
 from ballbot.workflows.controller_prediction import MIN_RUNS
 
-#: what a friction parameter is, by its symbol: name in words and unit
-_MEANINGS = {
-    "b": ("viscous", "N m s/rad"),
-    "c": ("Coulomb (dry, at speed)", "N m"),
-    "s": ("Stribeck (break-away above Coulomb)", "N m"),
-    "v_s": ("Stribeck speed", "rad/s"),
-    "delta": ("Stribeck exponent", "1"),
-    "C_rr": ("rolling, ball on floor", "1"),
-}
 #: candidates and on-board states in words
 CANDIDATE_NAMES = {
     "none": "nominal, no compensation",
@@ -42,7 +33,6 @@ CANDIDATE_NAMES = {
 }
 STATE_WORDS = {"onboard": "the on-board state by integration", "kalman": "the Kalman filter's state"}
 ESTIMATOR_NAMES = {"onboard": "integration", "kalman": "Kalman filter"}
-_SYMBOLS = {"v_s": Markup("v<sub>s</sub>"), "delta": "δ", "C_rr": Markup("C<sub>rr</sub>")}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,43 +68,49 @@ class CandidateRow:
 
 
 def parameter_sheet(found: Identification) -> Sheet:
-    """Return the friction parameters with their standard errors, both intervals and what the robot file has.
+    """Return the parameters with their standard errors, both intervals and what the robot file has.
 
-    Each wheel has a column.
+    Each wheel has a column. A number that is not of a wheel has a line to itself.
     """
     wheels = found.layout.wheel_count
-    before = found.layout.by_symbol(found.layout.nominal(found.predictor.robot))
+    labels, before = found.labels, found.layout.nominal(found.predictor.robot)
+    values, errors = (
+        np.concatenate([np.atleast_1d(one) for one in numbers.values()])
+        for numbers in (found.parameters, found.standard_errors)
+    )
+    both = (
+        ("95 %", found.intervals),
+        ("95 %, another log", found.another_log),
+    )
     rows: list[list[str | Cell]] = []
-    for name, (symbol, value) in zip(found.layout.names, found.parameters.items(), strict=True):
-        if name not in found.names:
-            continue
-        meaning, unit = _MEANINGS[symbol]
-        values, errors = np.atleast_1d(value), np.atleast_1d(found.standard_errors[symbol])
-        labels = BY_NAME[name].labels(wheels)
-        span = wheels if len(values) == 1 else 1
-        written = (
-            _value(float(v), float(e), found.intervals.get(label))
-            for label, v, e in zip(labels, values, errors, strict=True)
-        )
-        rows.append(
-            [
-                Cell(text=_SYMBOLS.get(symbol, symbol), below=meaning),
-                unit,
-                *(Cell(text=text, span=span) for text in written),
-            ]
-        )
-        for which, intervals in (
-            ("95 %", found.intervals),
-            ("95 %, another log", found.another_log),
-        ):
-            ends = [interval_text(intervals.get(label)) for label in labels]
-            if any(ends):
-                rows.append([Cell(text="", below=which), "", *(Cell(text=text, span=span) for text in ends)])
-        stated = (digits(float(one)) for one in np.atleast_1d(before[symbol]))
-        rows.append(
-            [Cell(text="", below="in the robot file"), "", *(Cell(text=one, span=span) for one in stated)]
-        )
+    for name in found.names:
+        quantity, columns = BY_NAME[name], found.layout.columns(name)
+        assert columns is not None
+        places = range(columns.start, columns.stop)
+        for line in (places,) if quantity.each == "wheels" else ((place,) for place in places):
+            span = wheels // len(line)
+
+            def cells(texts: Iterable[str], *, span: int = span) -> list[Cell]:
+                return [Cell(text=text, span=span) for text in texts]
+
+            symbol = quantity.symbol if quantity.each == "wheels" else labels[line[0]]
+            numbers = cells(_value(values[i], errors[i], found.intervals.get(labels[i])) for i in line)
+            rows.append([Cell(text=_symbol(symbol), below=quantity.meaning), quantity.unit or "1", *numbers])
+            for which, intervals in both:
+                ends = [interval_text(intervals.get(labels[i])) for i in line]
+                if any(ends):
+                    rows.append([Cell(text="", below=which), "", *cells(ends)])
+            stated = cells(digits(float(before[i])) for i in line)
+            rows.append([Cell(text="", below="in the robot file"), "", *stated])
     return Sheet(headings=("parameter", "unit", *(f"wheel {i}" for i in range(1, wheels + 1))), rows=rows)
+
+
+def _symbol(symbol: str) -> str:
+    """Return a symbol as it is printed: v_s with a subscript, delta as the letter."""
+    if symbol == "delta":
+        return "δ"
+    letter, _, index = symbol.partition("_")
+    return Markup("{}<sub>{}</sub>").format(letter, index) if index else symbol
 
 
 def _value(value: float, error: float, interval: Interval | None) -> str:

@@ -183,8 +183,14 @@ class Sensors:
     )
 
 
+def _dry(meaning: str) -> Mapping[str, object]:
+    return parameter(meaning, unit="N m", least=0.0, most=200.0, usual=(0.0, 0.5))
+
+
 def _asymmetry(meaning: str) -> Mapping[str, object]:
-    return parameter(meaning, unit="N m", least=-math.inf, most=200.0, written="if changed")
+    return parameter(
+        meaning, unit="N m", least=-math.inf, most=200.0, usual=(-0.2, 0.2), written="if changed"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,34 +198,40 @@ class Friction:
     """The friction of a robot's wheels and of its ball on the floor; `ballbot.mechanics.friction` has the law.
 
     The tuples hold a value for each wheel. Those of the last three terms are empty where a robot lacks the term.
+
+    Usual values: torques are those of motors of some N m. A v_s far below the speeds of a log, with a large s, is
+    friction that hardly ever acts, and traps a search. Measured delta range from 0.5 to 2, and are much larger where a
+    lubricant separates the surfaces (Armstrong-Helouvry, Dupont and Canudas de Wit, 1994).
     """
 
     viscous: tuple[float, ...] = field(
-        metadata=parameter("b_i, torque for each rad/s", unit="N m s/rad", least=0.0, most=20.0)
+        metadata=parameter(
+            "b_i, torque for each rad/s", unit="N m s/rad", least=0.0, most=20.0, usual=(0.0, 0.1)
+        )
     )
-    coulomb: tuple[float, ...] = field(
-        metadata=parameter("c_i, dry friction at speed", unit="N m", least=0.0, most=200.0)
-    )
-    stribeck: tuple[float, ...] = field(
-        metadata=parameter("s_i, break-away torque above c_i", unit="N m", least=0.0, most=200.0)
-    )
+    coulomb: tuple[float, ...] = field(metadata=_dry("c_i, dry friction at speed"))
+    stribeck: tuple[float, ...] = field(metadata=_dry("s_i, break-away torque above c_i"))
     stribeck_speed: float = field(
-        metadata=parameter("v_s, speed at which s_i has fallen to 37 %", unit="rad/s")
+        metadata=parameter("v_s, speed at which s_i has fallen to 37 %", unit="rad/s", usual=(0.1, 3.0))
     )
-    stribeck_exponent: float = field(metadata=parameter("delta, how sharply it falls"))
-    rolling: float = field(metadata=parameter("C_rr, ball on floor", least=0.0, most=1.0))
+    stribeck_exponent: float = field(metadata=parameter("delta, how sharply it falls", usual=(0.3, 10.0)))
+    rolling: float = field(metadata=parameter("C_rr, ball on floor", least=0.0, most=1.0, usual=(0.0, 0.05)))
     coulomb_asymmetry: tuple[float, ...] = field(
         default=(),
-        metadata=_asymmetry("c_i forward less its mean of both directions"),
+        metadata=_asymmetry("d_i, c_i forward less its mean of both directions"),
     )
     stribeck_asymmetry: tuple[float, ...] = field(
         default=(),
-        metadata=_asymmetry("s_i forward less its mean of both directions"),
+        metadata=_asymmetry("e_i, s_i forward less its mean of both directions"),
     )
     load: tuple[float, ...] = field(
         default=(),
         metadata=parameter(
-            "mu_i, dry friction for each N m of the motor's torque", least=0.0, most=1.0, written="if changed"
+            "mu_i, dry friction for each N m of the motor's torque",
+            least=0.0,
+            most=1.0,
+            usual=(0.0, 0.5),
+            written="if changed",
         ),
     )
 

@@ -42,6 +42,9 @@ class Parameter:
     least: float  #: smallest allowed value, SI units
     least_is_allowed: bool
     most: float  #: largest allowed magnitude, SI units: a larger one was meant in another unit
+    #: least and greatest value of robots of 5 to 50 kg, SI units: within them an estimate is sought, and a value beyond
+    #: them is unusual; infinite where no such range is stated
+    usual: tuple[float, float]
     source: str  #: the source of a value that states none
     written: Literal["always", "if changed"]  #: whether a file is written without a value that is the default
     name: str = ""  #: dotted, as in a file: "ball.radius"
@@ -49,6 +52,11 @@ class Parameter:
     place: int | None = None  #: of the part within such a field
     shape: Shape = "number"
     default: Value | None = None  #: of a file that omits the parameter; None if it may not be omitted
+
+    @property
+    def symbol(self) -> str:
+        """The symbol that its meaning begins with, without the index of a wheel: "c" or "v_s"."""
+        return self.meaning.partition(",")[0].removesuffix("_i")
 
     @property
     def table(self) -> str:
@@ -68,6 +76,7 @@ def parameter(
     written_in: str | None = None,
     least: float | None = None,
     most: float = math.inf,
+    usual: tuple[float, float] = (-math.inf, math.inf),
     source: str = "assumed",
     written: Literal["always", "if changed"] = "always",
 ) -> Mapping[str, object]:
@@ -85,6 +94,8 @@ def parameter(
         Smallest allowed value; -inf if it may be negative. If not given, the value must be above zero.
     most : float
         Largest magnitude of any ball-balancing robot [SI units].
+    usual : (float, float), optional
+        Least and greatest value of robots of 5 to 50 kg [SI units]: the bounds of an estimate.
     source : str
         Source of a value that states none.
     written : {"always", "if changed"}
@@ -97,6 +108,7 @@ def parameter(
         least=0.0 if least is None else least,
         least_is_allowed=least is not None,
         most=most,
+        usual=usual,
         source=source,
         written=written,
     )

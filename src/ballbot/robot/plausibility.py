@@ -96,6 +96,12 @@ def _said(robot: Robot, *names: str) -> str:
     return every([f"{name} {with_unit(BY_NAME[name], value_of(robot, BY_NAME[name]))}" for name in names])
 
 
+def _usual(name: str) -> str:
+    """Return the usual values of a parameter: "0.1 to 3"."""
+    least, most = BY_NAME[name].usual
+    return f"{least:g} to {most:g}"
+
+
 def _of_gravity(robot: Robot) -> Iterator[Finding]:
     text = f"gravity is {robot.gravity:g} m/s^2; on Earth it is 9.78 to 9.83."
     yield from _within(
@@ -464,19 +470,17 @@ def _of_friction(robot: Robot) -> Iterator[Finding]:
         "robot-friction",
         ("friction.rolling",),
         f"friction.rolling is {friction.rolling:g}, a floor that brakes as a slope of "
-        f"{math.degrees(math.atan(friction.rolling)):.2g} deg does; balls have 0.001 to 0.05.",
+        f"{math.degrees(math.atan(friction.rolling)):.2g} deg does; balls have {_usual('friction.rolling')}.",
         friction.rolling,
-        usual=(0.0, 0.15),
+        usual=BY_NAME["friction.rolling"].usual,
         possible=(0.0, 0.6),
     )
     if max(friction.stribeck) > 0.0:
-        for name, usual in (
-            ("friction.stribeck_speed", (1e-3, 30.0)),
-            ("friction.stribeck_exponent", (0.1, 10.0)),
-        ):
+        for name in ("friction.stribeck_speed", "friction.stribeck_exponent"):
             value = value_of(robot, BY_NAME[name])
             assert not isinstance(value, tuple)
-            text = f"{_said(robot, name)} is unusual; {usual[0]:g} to {usual[1]:g} are known."
+            text = f"{_said(robot, name)} is unusual; robots have {_usual(name)}."
+            usual = BY_NAME[name].usual
             yield from _within("robot-friction", (name,), text, value, usual=usual, possible=(1e-9, math.inf))
 
 

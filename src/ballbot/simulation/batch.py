@@ -7,10 +7,10 @@ level (`conditions`), and may be left as soon as its outcome is known (`Verdict`
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,31 +18,23 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arguments import checked_arguments
 from ballbot.arrays import real_array, whole_number
 from ballbot.control.controller import Controller, refusal
-from ballbot.control.law import MEMORY_SIZE, control_law
 from ballbot.control.presets import ControllerLike, as_controller
+from ballbot.control.records import fill_record
 from ballbot.control.references import Reference, ReferenceLike, as_reference
 from ballbot.errors import InputError
-from ballbot.mechanics.engine.arrays import fill
-from ballbot.mechanics.engine.compiled import called, compiled, inlined
-from ballbot.mechanics.engine.lanes import LANES, STEP, TORQUE, new_work, put_robot, robot_in
-from ballbot.mechanics.engine.loading import load
-from ballbot.mechanics.engine.run import (
-    load_state,
-    load_torques,
-    over_threads,
-    start_lane,
-    take_steps,
-    write_state,
-)
-from ballbot.mechanics.engine.smooth import pose
+from ballbot.estimation.kalman import filter_row
+from ballbot.mechanics.engine.lanes import LANES
+from ballbot.mechanics.engine.run import over_threads
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.friction import wheel_law
 from ballbot.mechanics.model import Model, ModelLike, as_model
 from ballbot.mechanics.parameters import selector
-from ballbot.robot import Robot
+from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.simulation.batch_result import ClosedLoopBatch
-from ballbot.simulation.conditions import FALLING_PART, Conditions, pack_conditions
-from ballbot.simulation.model_plant import checked_states, friction_needed, lift_off, pack_contacts, sinking
+from ballbot.simulation.gear_play import places_in_play
+from ballbot.simulation.imperfections import LOOP, Imperfections, LoopRecord, loop_record
+from ballbot.simulation.loop import Draws, Inputs, Limits, Outcome, Sampling, run_block
+from ballbot.simulation.model_plant import checked_states, lift_off, pack_contacts
 from ballbot.simulation.run import initial_state_of, sample_count
 
 T = TypeVar("T")
@@ -77,77 +69,6 @@ class Verdict:
         for name in ("lost", "grip"):
             if not getattr(self, name) > 0.0:
                 raise InputError(f"{name} of the verdict is {getattr(self, name)!r}; it must be above zero.")
-
-
-class _Inputs(NamedTuple):
-    """Each lane's robot, controller, conditions and start; one row may hold for every lane."""
-
-    parameters: NDArray[np.float64]  #: rows of `pack`
-    lift_offs: NDArray[np.float64]
-    laws: NDArray[np.float64]
-    conditions: NDArray[np.float64]  #: rows of `pack_conditions`
-    contacts: NDArray[np.float64]  #: rows of `pack_contacts`
-    initial: NDArray[np.float64]
-
-
-class _Limits(NamedTuple):
-    """The verdict, as compiled code reads it; see `Verdict`."""
-
-    settled: NDArray[np.float64]  #: no rows without a verdict
-    lost: float
-    grip: float
-
-
-class _Sampling(NamedTuple):
-    """The reference at each sample, and the steps between."""
-
-    references: NDArray[np.float64]  #: (samples, 10)
-    h: float  #: [s]
-    steps: int  #: in a sample
-    every: int  #: so many samples between records
-
-
-class _Outcome(NamedTuple):
-    """The arrays that the compiled call fills, for each lane."""
-
-    states: NDArray[np.float64]  #: (lanes, records, 10)
-    torques: NDArray[np.float64]  #: (lanes, records, n)
-    ended: NDArray[np.int64]  #: sample in which it fell, lifted off or slipped; all samples if it did not
-    settled: NDArray[np.int64]
-    lifted: NDArray[np.bool_]
-    slipped: NDArray[np.bool_]
-    changes: NDArray[np.float64]  #: sum of the squared changes of its torques
-
-
-@called
-def _decide(work, lane, limits, state, reference, sample, out, robot):
-    """Stop a lane whose outcome is known; see `Verdict`."""
-    lean = state[2] * state[2] + state[3] * state[3]
-    if lean > limits.lost * limits.lost and state[2] * state[7] + state[3] * state[8] > 0.0:
-        out.ended[robot] = sample
-    elif _within(limits.settled, state, reference):
-        out.settled[robot] = sample
-    else:
-        return
-    work[STEP * LANES + lane] = 0.0
-
-
-@called
-def _within(bounds, state, reference):
-    """Return whether each row's product with the heading frame's error is between -1 and 1."""
-    c, s = math.cos(state[4]), math.sin(state[4])
-    e = np.empty(10)
-    for i in range(10):
-        e[i] = reference[i] - state[i]
-    for i in (0, 2, 5, 7):
-        e[i], e[i + 1] = c * e[i] + s * e[i + 1], c * e[i + 1] - s * e[i]
-    for row in range(len(bounds)):
-        size = 0.0
-        for i in range(10):
-            size += bounds[row, i] * e[i]
-        if not abs(size) <= 1.0:
-            return False
-    return True
 
 
 def _models(source: ModelLike | Sequence[ModelLike]) -> list[Model]:
@@ -189,7 +110,9 @@ def simulate_batch(
     *,
     duration: float,
     initial_states: ArrayLike | None = None,
-    conditions: Sequence[Conditions] | None = None,
+    imperfections: Imperfections | Sequence[Imperfections] | None = None,
+    known: RobotLike | Sequence[RobotLike] | None = None,
+    seeds: int | Sequence[int] = 0,
     verdict: Verdict | None = None,
     every: int = 1,
     threads: int | None = None,
@@ -209,8 +132,14 @@ def simulate_batch(
         [s]
     initial_states : array_like (10,) or (lanes, 10), optional
         The default start of `simulate`, that of seed 0, by default.
-    conditions : sequence of Conditions, optional
-        One for all lanes or one for each: late torques, a sloping floor. None of either by default.
+    imperfections : Imperfections, or a sequence of them, optional
+        One for all lanes or one for each: sensors, delay, noise, play, floor. By default the controllers see the true
+        state, and drives have no limits but the controllers' own.
+    known : Robot, preset or robot file, or a sequence of them, optional
+        The robots that the estimators know; the models' own by default. Each controller has its own estimator's kind.
+    seeds : int or sequence of int
+        All that is random in a lane follows from its seed; a single one is that of the first lane, and the others'
+        follow it.
     verdict : Verdict, optional
         Leaves lanes as soon as their outcome is known; all are run to the end by default.
     every : int
@@ -231,17 +160,29 @@ def simulate_batch(
     robots = [one.robot for one in models]
     controllers = _compiled_controllers(controller, robots[0])
     initial = checked_states(initial_state_of(0) if initial_states is None else initial_states)
-    borne = [Conditions()] if conditions is None else list(conditions)
-    lanes = _lanes(len(initial), len(models), len(controllers), len(borne))
+    borne = _listed(imperfections)
+    believed = robots if known is None else [as_robot(one) for one in _listed(known)]
+    drawn = [seeds] if isinstance(seeds, int) else list(seeds)
+    lanes = _lanes(
+        {
+            "initial states": len(initial),
+            "models": len(models),
+            "controllers": len(controllers),
+            "imperfections": max(len(borne), 1),
+            "known robots": len(believed),
+            "seeds": len(drawn),
+        }
+    )
     sample_time = _common_sample_time(controllers)
-    n = _common_wheel_count(robots, controllers)
+    n = _common_wheel_count([*robots, *believed], controllers)
+    _check_imperfections(borne, models[0], sample_time)
     samples = sample_count(duration, sample_time)
     every = whole_number(every, "every", least=0) or samples
-    references = _sampled(as_reference(reference), samples, sample_time)
     records = samples // every
-    out = _Outcome(
+    out = Outcome(
         states=np.empty((lanes, records, 10)),
         torques=np.empty((lanes, records, n)),
+        seen=np.empty((lanes, records, 10)),
         ended=np.full(lanes, samples, np.int64),
         settled=np.full(lanes, samples, np.int64),
         lifted=np.zeros(lanes, np.bool_),
@@ -250,24 +191,35 @@ def simulate_batch(
     )
     law = wheel_law(*(robot.friction for robot in robots))
     selected = selector(models[0].formulation, n, pivoting=models[0].pivots, law=law)
-    inputs = _Inputs(
+    loops, filters = _loops(borne, robots, believed, controllers, sample_time)
+    inputs = Inputs(
         parameters=_rows(lambda one: one.packed_under(law), models),
         lift_offs=_rows(lift_off, robots),
         laws=np.stack([one.packed for one in controllers]),
-        conditions=pack_conditions(borne, robots),
+        loops=loops,
+        filters=filters,
         contacts=_rows(pack_contacts, robots),
         initial=initial,
+        pushes=_pushes(borne, sample_time),
     )
-    limits = _Limits(
+    limits = Limits(
         settled=np.zeros((0, 10)) if verdict is None else verdict.settled,
         lost=LARGEST_LEAN if verdict is None else min(verdict.lost, LARGEST_LEAN),
         grip=math.inf if verdict is None else verdict.grip,
     )
-    steps = models[0].steps_in(sample_time)
-    sampling = _Sampling(references=references, h=sample_time / steps, steps=steps, every=every)
+    sampling = Sampling(
+        references=_sampled(as_reference(reference), samples, sample_time),
+        sample_time=sample_time,
+        steps=models[0].steps_in(sample_time),
+        every=every,
+    )
+    seed_of = [drawn[0] + k for k in range(lanes)] if len(drawn) == 1 else drawn
 
     def run(first: int) -> None:
-        _run_closed_loop_block(selected, inputs, limits, sampling, first, min(LANES, lanes - first), out)
+        width = min(LANES, lanes - first)
+        which = [borne[k % len(borne)] for k in range(first, first + width)] if borne else []
+        draws = _draws(which, seed_of[first : first + width], n=n, samples=samples, sample_time=sample_time)
+        run_block(selected, inputs, draws, limits, sampling, first, width, out)
 
     over_threads(run, lanes, threads)
     decided = np.minimum(out.ended, out.settled)
@@ -275,6 +227,7 @@ def simulate_batch(
         t=np.arange(1.0, records + 1.0) * (every * sample_time),
         states=out.states,
         torques=out.torques,
+        seen=out.seen,
         ended=np.where(out.ended < samples, out.ended * sample_time, np.inf),
         settled=np.where(out.settled < samples, out.settled * sample_time, np.inf),
         lifted=out.lifted,
@@ -283,146 +236,113 @@ def simulate_batch(
     )
 
 
-@compiled
-def _run_closed_loop_block(selected, inputs, limits, sampling, first, width, out):
-    """Simulate lanes first .. first + width - 1 of `simulate_batch`."""
-    work = new_work()
-    conditions, references, ended, settled = inputs.conditions, sampling.references, out.ended, out.settled
-    state, held = np.empty(10), np.empty(out.torques.shape[2])
-    memories = np.zeros((width, MEMORY_SIZE))
-    samples, moving = len(references), width
-    longest = 0
-    for row in range(len(conditions)):
-        longest = max(longest, int(conditions[row, 0]))
-    late = np.zeros((1 + longest, width, len(held)))  # torques on their way
-    acting, room = np.zeros((width, len(held))), np.zeros(len(held))
-    for lane in range(width):
-        put_robot(work, lane, inputs.parameters[_row_of(inputs.parameters, first + lane)])
-        fill(state, inputs.initial[_row_of(inputs.initial, first + lane)])
-        _shift_lean(state, conditions[_row_of(conditions, first + lane)], -1.0)
-        start_lane(selected, work, lane, state, sampling.h)
-    for sample in range(samples):
-        for lane in range(width if moving > 0 else 0):
-            robot = first + robot_in(work, lane)
-            if ended[robot] == samples and settled[robot] == samples:
-                row = conditions[_row_of(conditions, robot)]
-                _measure(selected, work, lane, row, state)
-                if row[len(row) - 2] <= sample < row[len(row) - 1]:
-                    state[0] = np.nan
-                law, memory = inputs.laws[_row_of(inputs.laws, robot)], memories[robot - first]
-                control_law(law, memory, state, references[sample], held)
-                fill(late[sample % len(late), robot - first], held)
-                due = late[(sample - int(row[0])) % len(late), robot - first]
-                if sample > int(row[0]):
-                    out.changes[robot] += _squared_distance(due, acting[robot - first])
-                fill(acting[robot - first], due)
-                _put_torques(selected, work, lane, row, state[4], acting[robot - first])
-        if moving > 0:
-            take_steps(selected, work, width, sampling.steps)
-        for lane in range(width):
-            robot = first + robot_in(work, lane)
-            row = conditions[_row_of(conditions, robot)]
-            if ended[robot] == samples and settled[robot] == samples:
-                limit = inputs.lift_offs[_row_of(inputs.lift_offs, robot)]
-                _end_where_due(selected, work, lane, limit, sample + 1, out, robot)
-                if limits.grip < math.inf and ended[robot] == samples:
-                    touching = inputs.contacts[_row_of(inputs.contacts, robot)]
-                    if not _grips(selected, work, lane, touching, room, limits.grip):
-                        ended[robot], out.slipped[robot] = sample + 1, True
-                        work[STEP * LANES + lane] = 0.0  # the lane stays where it is
-                if len(limits.settled) > 0 and ended[robot] == samples:
-                    _measure(selected, work, lane, row, state)
-                    _decide(work, lane, limits, state, references[sample], sample + 1, out, robot)
-                moving -= 1 if work[STEP * LANES + lane] == 0.0 else 0
-            if (sample + 1) % sampling.every == 0:
-                record = (sample + 1) // sampling.every - 1
-                _measure(selected, work, lane, row, out.states[robot, record])
-                fill(out.torques[robot, record], acting[robot - first])
+def _listed(values: T | Sequence[T] | None) -> list[T]:
+    """Return the values of a sequence, the only value, or none."""
+    if values is None:
+        return []
+    return list(values) if isinstance(values, Sequence) and not isinstance(values, str) else [values]  # pyright: ignore[reportReturnType]
 
 
-@inlined
-def _row_of(rows, lane):
-    """Return the lane's row, where one row may hold for every lane."""
-    return lane if len(rows) > 1 else 0
-
-
-@inlined
-def _shift_lean(state, row, sign):
-    """Add or subtract the lean at which the floor's slope has the robot rest."""
-    state[2] += sign * row[1]
-    state[3] += sign * row[2]
-
-
-@inlined
-def _measure(selected, work, lane, row, out):
-    """Write a lane's state as it is seen on its floor."""
-    write_state(selected, work, lane, out)
-    _shift_lean(out, row, 1.0)
-
-
-@inlined
-def _squared_distance(a, b):
-    total = 0.0
-    for i in range(len(a)):
-        total += (a[i] - b[i]) * (a[i] - b[i])
-    return total
-
-
-@inlined
-def _put_torques(selected, work, lane, row, psi, torques):
-    """Let torques act on a lane, limited to those its motors can give, less those that hold it on the floor's slope."""
-    if row[3] < math.inf:
-        _, speeds = pose(selected, load(selected, work, lane), load_state(selected, work, lane))
-        for i in range(len(torques)):
-            torques[i] = _within_supply(torques[i], speeds[i], row[3], row[4])
-    c, s = math.cos(psi), math.sin(psi)
-    for i in range(len(torques)):
-        work[(TORQUE + i) * LANES + lane] = torques[i] - (c * row[5 + 2 * i] + s * row[6 + 2 * i])
-
-
-@inlined
-def _within_supply(torque, speed, top, most):
-    """Return a torque limited to the motor's: near its highest speed the driving torque falls to zero."""
-    share = (top - math.copysign(speed, speed * torque)) / (FALLING_PART * top)
-    left = most * min(max(share, 0.0), 1.0)
-    return min(max(torque, -left), left)
-
-
-@inlined
-def _end_where_due(selected, work, lane, limit, sample, out, robot):
-    """Stop a lane that has fallen within the sample or would lift off at its end."""
-    state = load_state(selected, work, lane)
-    fallen = work[STEP * LANES + lane] == 0.0 or not max(abs(state[2]), abs(state[3])) <= LARGEST_LEAN
-    lifts = False
-    if not fallen:
-        P, u = load(selected, work, lane), load_torques(selected, work, lane)
-        lifts = not sinking(selected, P, state, u) < limit
-    if fallen or lifts:
-        out.ended[robot] = sample
-        out.lifted[robot] = lifts
-        work[STEP * LANES + lane] = 0.0  # the lane stays where it is
-
-
-@inlined
-def _grips(selected, work, lane, touching, room, grip):
-    """Return whether a lane's wheels need no more than this friction coefficient not to slip."""
-    P, state, u = (
-        load(selected, work, lane),
-        load_state(selected, work, lane),
-        load_torques(selected, work, lane),
-    )
-    return friction_needed(selected, P, state, u, touching, room) <= grip
-
-
-def _lanes(*counts: int) -> int:
-    lanes = max(counts)
-    if any(count not in (1, lanes) for count in counts):
-        starts, models, controllers, conditions = counts
+def _lanes(counts: Mapping[str, int]) -> int:
+    lanes = max(counts.values())
+    if any(count not in (1, lanes) for count in counts.values()):
         raise InputError(
-            f"There are {starts} initial states, {models} models, {controllers} controllers and {conditions} "
-            "conditions; each number must be one or the number of lanes."
+            f"There are {', '.join(f'{count} {name}' for name, count in counts.items())}; each number must be one or "
+            "the number of lanes."
         )
     return lanes
+
+
+def _check_imperfections(borne: Sequence[Imperfections], model: Model, sample_time: float) -> None:
+    for one in borne:
+        if one.sensors is not None and abs(one.sensors.sample_time - sample_time) > 1e-9 * sample_time:
+            raise InputError(
+                f"The sensors are sampled every {one.sensors.sample_time:g} s and the controllers every "
+                f"{sample_time:g} s; in a batch both must be the same."
+            )
+        if one.fix is not None:
+            raise InputError(
+                "A batch has no fixes from outside; run the robot with `simulate` on a `SensedPlant`."
+            )
+        if (one.sensors is not None or one.backlash > 0.0) and model.formulation != "exact":
+            raise InputError(
+                "Sensors and play need the formulation 'exact'; the wheel speeds of 'thesis' are not those that "
+                "encoders see."
+            )
+    if len({one.backlash > 0.0 for one in borne}) > 1:
+        raise InputError("Either all lanes of a batch have play or none.")
+
+
+def _loops(
+    borne: Sequence[Imperfections],
+    robots: Sequence[Robot],
+    known: Sequence[Robot],
+    controllers: Sequence[Controller],
+    sample_time: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the rows of `loop_record`, and those of `filter_row`, none without a Kalman filter."""
+    if not borne:
+        return _perfect(), np.empty((0, 0))
+    many = max(len(borne), len(robots), len(known), len(controllers))
+    loops, filters, made = [], [], {}
+    for k in range(many):
+        of = (borne[k % len(borne)], robots[k % len(robots)], known[k % len(known)])
+        estimator = controllers[k % len(controllers)].estimator
+        key = (*map(id, of), estimator)
+        if key not in made:
+            imperfections, robot, assumed = of
+            row = loop_record(
+                imperfections, robot, known=assumed, estimator=estimator, sample_time=sample_time
+            )
+            made[key] = row, filter_row(assumed, sample_time=sample_time)
+        loops.append(made[key][0])
+        filters.append(made[key][1])
+    needed = any(one.sensors is not None for one in borne) and any(
+        c.estimator == "kalman" for c in controllers
+    )
+    return np.array(loops), np.array(filters) if needed else np.empty((0, 0))
+
+
+def _perfect() -> NDArray[np.float64]:
+    """Return the row of a robot whose controller sees the true state and whose drive has no limits of its own."""
+    record = LOOP.zeros()
+    fill_record(record, LoopRecord())
+    return record.view(np.float64)[None]
+
+
+def _pushes(borne: Sequence[Imperfections], sample_time: float) -> NDArray[np.float64]:
+    """Return (1 or lanes, m, 6): first sample, the first one after it, force [N] and height [m] of each push."""
+    most = max((len(one.pushes) for one in borne), default=0)
+    table = np.zeros((max(len(borne), 1), most, 6))
+    for row, one in zip(table, borne, strict=False):
+        for place, push in zip(row, one.pushes, strict=False):
+            ends = [push.time / sample_time, (push.time + push.duration) / sample_time]
+            place[:] = [*np.ceil(np.subtract(ends, 1e-4)), *push.force, push.height]
+    return table
+
+
+def _draws(
+    borne: Sequence[Imperfections], seeds: Sequence[int], *, n: int, samples: int, sample_time: float
+) -> Draws:
+    """Return what is random in the runs of a block, as `SensedPlant` draws it."""
+    width = len(seeds)
+    noisy, faulty = any(one.random for one in borne), any(one.sensor_faults is not None for one in borne)
+    jitters, plays = any(one.jitter > 0.0 for one in borne), any(one.backlash > 0.0 for one in borne)
+    noise = np.empty((width, (6 + n) * samples if noisy else 0))
+    faults = np.empty((width, 5 * (samples + 1) if faulty else 0))
+    places, durations = np.zeros((width, n)), np.zeros((width, samples if jitters else 0))
+    for k, seed in enumerate(seeds if borne else ()):
+        random = np.random.default_rng(seed)
+        if faulty:
+            random.spawn(1)[0].standard_normal(out=faults[k])
+        if noisy:
+            random.standard_normal(out=noise[k])
+        if plays:
+            places[k] = places_in_play(1.0, n, seed)
+        if jitters:
+            late = borne[k].jitter * np.random.default_rng([seed, 5]).uniform(-1.0, 1.0, samples)
+            durations[k] = sample_time + np.diff(late, prepend=0.0)
+    return Draws(noise=noise, faults=faults, places=places, durations=durations)
 
 
 def _rows(row_of: Callable[[T], NDArray[np.float64] | float], values: Sequence[T]) -> NDArray[np.float64]:

@@ -18,6 +18,8 @@ class ClosedLoopBatch:
     t: NDArray[np.float64]  #: (records,) [s]
     states: NDArray[np.float64]  #: (lanes, records, 10); a lane that ended or settled stays where it was
     torques: NDArray[np.float64]  #: (lanes, records, n) held over the sample that ends at t [N m]
+    #: (lanes, records, 10) the state that the controller was given at the sample that ends at t
+    seen: NDArray[np.float64]
     ended: NDArray[np.float64]  #: (lanes,) time [s] at which a lane ended; infinity where it did not
     #: (lanes,) time [s] at which a `Verdict` saw it settled; infinity if it never did
     settled: NDArray[np.float64]

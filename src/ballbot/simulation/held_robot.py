@@ -24,8 +24,8 @@ from ballbot.mechanics.friction import friction_terms
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.robot import Robot, Sensors
 from ballbot.robot.derived import wheel_speed_limit
-from ballbot.simulation.conditions import FALLING_PART
 from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_drivelines
+from ballbot.simulation.imperfections import FALLING_PART
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.sensed_plant import DriveLimits
 from ballbot.simulation.sensors import SensorSuite, sensor_samples

@@ -21,63 +21,24 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.arrays import checked_sample_time, positive_number, real_array, real_number, whole_number
+from ballbot.arrays import positive_number, real_array
 from ballbot.errors import InputError
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import Estimator, EstimatorName, Reading
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.mechanics.model import Model
-from ballbot.robot import Robot, Sensors
+from ballbot.robot import Robot
 from ballbot.robot.derived import wheel_speed_limit
-from ballbot.simulation.conditions import FALLING_PART, Conditions, rest_on_slope
 from ballbot.simulation.gear_play import GearPlayPlant
+from ballbot.simulation.imperfections import FALLING_PART, Imperfections, rest_on_slope
 from ballbot.simulation.model_plant import ModelPlant, checked_states
 from ballbot.simulation.plant import Measurement
-from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults, SensorSuite, sensor_samples
-
-#: samples over which counts may be differenced
-_LONGEST_WINDOW = 10_000
-
-
-@dataclass(frozen=True, kw_only=True)
-class Imperfections:
-    """A robot's sensors, drive and floor, beyond what its model has; all but the sensors is off by default.
-
-    Raises
-    ------
-    InputError
-        If a value is not a number of its kind, or out of its bounds.
-    """
-
-    sensors: Sensors  #: the sensors as they really are; their sample time is the plant's
-    speed_window: int = 1  #: samples over which encoder counts are differenced into a speed
-    sensor_faults: SensorFaults | None = None
-    accelerometer: Accelerometer | None = None
-    fix: FixSource | None = None
-    delay: int = 0  #: samples by which torques come later than they were computed
-    torque_noise: float = 0.0  #: standard deviation of each sample's torque [N m]
-    backlash: float = 0.0  #: gearbox play at the wheel, from stop to stop [rad]
-    slope: tuple[float, float] = (0.0, 0.0)  #: rise of the floor along x and along y [-]
-    fallen_lean: float = LARGEST_LEAN  #: lean at which a run ends [rad]
-
-    def __post_init__(self) -> None:
-        _check_sensors(self.sensors)
-        if whole_number(self.speed_window, "speed_window", least=1) > _LONGEST_WINDOW:
-            raise InputError(f"speed_window is {self.speed_window}; it must be at most {_LONGEST_WINDOW}.")
-        for name in ("torque_noise", "backlash"):
-            if not real_number(getattr(self, name), name) >= 0.0:
-                raise InputError(f"{name} is {getattr(self, name):g}; it must be zero or more.")
-        if not positive_number(self.fallen_lean, "fallen_lean") <= LARGEST_LEAN:
-            raise InputError(
-                f"fallen_lean is {self.fallen_lean:g} rad; the model holds up to {LARGEST_LEAN:g} rad."
-            )
-        Conditions(delay=self.delay, slope=self.slope)  # the same bounds
+from ballbot.simulation.sensors import SensorSuite, sensor_samples
 
 
 class SensedPlant:
@@ -120,6 +81,8 @@ class SensedPlant:
                 "the same number."
             )
         self.model, self.imperfections = model, imperfections
+        sensors = imperfections.sensors or robot.sensors
+        self._sample_time = sensors.sample_time
         self._mechanics = (
             GearPlayPlant(model, imperfections.backlash)
             if imperfections.backlash > 0.0
@@ -127,14 +90,14 @@ class SensedPlant:
         )
         self._sensors = SensorSuite(
             robot,
-            imperfections.sensors,
+            sensors,
             window=imperfections.speed_window,
             faults=imperfections.sensor_faults,
             accelerometer=imperfections.accelerometer,
             fix=imperfections.fix,
         )
         self._estimator = (
-            named_estimator(estimator, assumed, sample_time=imperfections.sensors.sample_time)
+            named_estimator(estimator, assumed, sample_time=self._sample_time)
             if isinstance(estimator, str)
             else estimator
         )
@@ -204,7 +167,7 @@ class SensedPlant:
         """
         held = real_array(torques, (self.robot.wheel_count,), "The array of torques")
         duration = positive_number(duration, "The duration")
-        samples = sensor_samples(duration, self.imperfections.sensors.sample_time)
+        samples = sensor_samples(duration, self._sample_time)
         for _ in range(samples - 1):
             self._advance(held)
             self._measure()
@@ -217,7 +180,7 @@ class SensedPlant:
         self._waiting.append(torques)
         noise = imperfections.torque_noise * self._random.standard_normal(self.robot.wheel_count)
         acting = self._drive.within_limits(self._waiting.popleft() + noise, self._true.wheel_speeds)
-        sample_time = imperfections.sensors.sample_time
+        sample_time = self._sample_time
         load = self._slope.load(float(self._true.state[4]))
         if isinstance(mechanics, GearPlayPlant):
             self._true = mechanics.step(acting, sample_time, wheel_load=load)
@@ -305,12 +268,3 @@ class _Slope:
         moved = state.copy()
         moved[2:4] += sign * self._lean
         return moved
-
-
-def _check_sensors(sensors: Sensors) -> None:
-    checked_sample_time(sensors.sample_time, "sample_time of the sensors")
-    whole_number(sensors.encoder_counts, "encoder_counts of the sensors", least=1)
-    for name in ("gyro_noise", "attitude_noise"):
-        if not real_number(getattr(sensors, name), f"{name} of the sensors") >= 0.0:
-            raise InputError(f"{name} of the sensors is {getattr(sensors, name):g}; it must be zero or more.")
-    real_number(sensors.heading_drift, "heading_drift of the sensors")

@@ -12,7 +12,7 @@ from ballbot.errors import InputError, suggest
 from ballbot.mechanics.friction_laws import BRISTLE_LAWS, BristleLaw
 from ballbot.robot.parameters import parameter
 from ballbot.schema import validate_table
-from ballbot.simulation.conditions import MAX_DELAY
+from ballbot.simulation.imperfections import MAX_DELAY
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,22 +61,6 @@ class LoadDependence:
 
     fraction: float = field(
         metadata=parameter("fraction of the dry friction that follows the force", least=0.0, most=1.0)
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Push:
-    """A force on the body for a limited time, in the world frame; it starts and ends at a sample."""
-
-    time: float = field(metadata=parameter("start of the push", unit="s", least=-math.inf))
-    duration: float = field(metadata=parameter("of the push", unit="s"))
-    force: tuple[float, float, float] = field(
-        metadata=parameter("in the world frame: x, y, z", unit="N", least=-math.inf)
-    )
-    height: float = field(
-        metadata=parameter(
-            "of its point of application above the ball's centre, along the body's axis", unit="m", least=0.0
-        )
     )
 
 

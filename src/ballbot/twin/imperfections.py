@@ -12,7 +12,7 @@ from __future__ import annotations
 from ballbot.errors import InputError
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
-from ballbot.simulation.sensed_plant import Imperfections
+from ballbot.simulation.imperfections import Imperfections
 from ballbot.twin.mjcf import floor_normal
 from ballbot.twin.scenario import Scenario
 

@@ -21,11 +21,12 @@ from ballbot.estimation.interface import Estimator
 from ballbot.estimation.onboard import OnboardState
 from ballbot.mechanics.geometry import angle_rates, quaternion_of, transforms
 from ballbot.robot import Robot, RobotLike, as_robot
+from ballbot.simulation.imperfections import Push
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.sensors import SensorSuite, sensor_samples
 from ballbot.twin.driveline import Driveline, Shafts
 from ballbot.twin.engine import Engine, attitude_of, ball_rate, body_rate, encoder_speeds
-from ballbot.twin.faults import Push, Roughness, Timing
+from ballbot.twin.faults import Roughness, Timing
 from ballbot.twin.mjcf import floor_normal, twin_mjcf
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import load_scenario

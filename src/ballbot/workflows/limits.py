@@ -27,10 +27,10 @@ from ballbot.mechanics.model import Model
 from ballbot.progress import Progress, ProgressReporter, Stage, on_all_cores
 from ballbot.results import left_out, reported
 from ballbot.robot import Robot, RobotLike, as_robot
+from ballbot.simulation.imperfections import Push
 from ballbot.simulation.run import simulate
 from ballbot.summary import Summary, plotted, summarized
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.faults import Push
 from ballbot.workflows.recovery_region import COARSE, Loop, Reach, Region, map_region, reach
 
 if TYPE_CHECKING:

@@ -30,7 +30,7 @@ from ballbot.robot.parameters import Value
 from ballbot.robot.variations import draw_robots
 from ballbot.rounding import percent
 from ballbot.simulation.batch import simulate_batch
-from ballbot.simulation.conditions import MAX_SLOPE, Conditions
+from ballbot.simulation.imperfections import MAX_SLOPE, Imperfections
 
 #: the ball lies so far from where it is asked to be at the start [m]
 INITIAL_OFFSET = 0.3
@@ -130,7 +130,7 @@ class PerturbedRobots:
     """Robots, what their loops bear, and where they start."""
 
     robots: tuple[Robot, ...]
-    conditions: tuple[Conditions, ...]
+    imperfections: tuple[Imperfections, ...]
     #: (robots, 10), the ball `START` away from the origin in any direction, upright at rest
     starts: NDArray[np.float64]
 
@@ -155,7 +155,7 @@ def draw_perturbed(robot: Robot, count: int, *, spread: PerturbationRanges, seed
     random = np.random.default_rng([seed, 71])
     bases = _by_deviations(robot, spread, count, seed)
     shares = [share or 0.0 for share in (spread.mass, spread.height, spread.friction)]
-    robots, conditions, starts = [], [], np.zeros((count, 10))
+    robots, imperfections, starts = [], [], np.zeros((count, 10))
     for lane in range(count):
         # mass, height and each friction: U(1 - share, 1 + share)
         mass, height = 1.0 + random.uniform(-1.0, 1.0, 2) * shares[:2]
@@ -166,9 +166,9 @@ def draw_perturbed(robot: Robot, count: int, *, spread: PerturbationRanges, seed
         uphill, away = random.uniform(0.0, 2.0 * np.pi, 2)
         robots.append(_scaled(bases[lane], float(mass), float(height), factors.tolist()))
         slopes = (slope * math.cos(uphill), slope * math.sin(uphill))
-        conditions.append(Conditions(delay=delay, slope=slopes))
+        imperfections.append(Imperfections(delay=delay, slope=slopes))
         starts[lane, :2] = INITIAL_OFFSET * math.cos(away), INITIAL_OFFSET * math.sin(away)
-    return PerturbedRobots(robots=tuple(robots), conditions=tuple(conditions), starts=starts)
+    return PerturbedRobots(robots=tuple(robots), imperfections=tuple(imperfections), starts=starts)
 
 
 def _by_deviations(robot: Robot, spread: PerturbationRanges, count: int, seed: int) -> Sequence[Robot]:
@@ -253,7 +253,7 @@ def measure_runs(
         hold(),
         duration=RUN,
         initial_states=np.tile(perturbed.starts, (len(controllers), 1)),
-        conditions=perturbed.conditions * len(controllers),
+        imperfections=perturbed.imperfections * len(controllers),
         every=_EVERY,
         threads=threads,
     )

@@ -38,7 +38,7 @@ from ballbot.mechanics.model import Model
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.derived import wheel_speed_limit
 from ballbot.simulation.batch import Verdict, simulate_batch
-from ballbot.simulation.conditions import Conditions
+from ballbot.simulation.imperfections import Imperfections
 
 #: a robot that has not fallen after this time [s] has recovered
 DURATION = 5.0
@@ -71,11 +71,6 @@ class Loop:
     def model(self) -> Model:
         """The exact model."""
         return Model(self.robot, step=self.step)
-
-    @cached_property
-    def conditions(self) -> Conditions:
-        """The supply's limit on the wheels' speed."""
-        return Conditions(top_speed=top_speed(self.robot))
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -111,7 +106,7 @@ class Loop:
                 hold(),
                 duration=DURATION,
                 initial_states=starts[chosen],
-                conditions=[self.conditions],
+                imperfections=Imperfections(),
                 verdict=self.verdict
                 if cut_short
                 else replace(self.verdict, settled=np.zeros((0, 10)), lost=LARGEST_LEAN),

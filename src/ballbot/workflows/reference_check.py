@@ -31,7 +31,7 @@ from ballbot.results import key, left_out, reported, to_results
 from ballbot.robot import Robot
 from ballbot.rounding import percent, unit_heading
 from ballbot.simulation.batch import simulate_batch
-from ballbot.simulation.conditions import FALLING_PART, Conditions
+from ballbot.simulation.imperfections import FALLING_PART, Imperfections
 from ballbot.simulation.model_plant import friction_needed_along, pack_contacts
 from ballbot.simulation.run import sample_count
 from ballbot.workflows.recovery_region import lost_lean, top_speed
@@ -298,7 +298,7 @@ def _followed(
         controller,
         reference,
         duration=duration,
-        conditions=[Conditions(top_speed=top_speed(model.robot))],
+        imperfections=Imperfections(),
     )
     going = run.t <= run.ended[0] + 1e-9
     t, states, torques = run.t[going], run.states[0, going], run.torques[0, going]

@@ -218,6 +218,11 @@ def study(
         for part in in_parts(run.progress, _seconds(studied, chosen_plant, options))
     )
     found = _identify(robot, checked, options, _named(identifying, "identifying friction"))
+    if not found.verdict.usable:
+        raise InputError(
+            f"{found.verdict.sentence} A study compensates the friction that it finds, so it ends here; `ballbot "
+            "identify` shows the fit."
+        )
     by_log = _validate(found.robot, studied, validating)
     measured = _named(measuring, "measuring the twin's rolling friction")
     rolling = twin_rolling(found, tried, run=measured) if chosen_plant == "twin" else None

@@ -28,8 +28,17 @@ TORQUE = TRIAL + 11
 STEP = TORQUE + 4
 MARGIN = STEP + 1  #: positive where the trial counts
 ROBOT = MARGIN + 1  #: which of the block's robots the lane holds
-SCRATCH = ROBOT + 1  #: results of a step's parts for its later parts
-ROWS = SCRATCH + 102  # as many as `convex_block` needs
+ROTOR = ROBOT + 1  #: of gears with play (`play_block`): j_r of a motor [kg m^2], and the play [rad]
+PLAY = ROTOR + 1
+MOTOR = (
+    PLAY + 1
+)  #: the motors' speeds [rad/s], how far each is ahead of its wheel, and the wheels' angles [rad]
+AHEAD = MOTOR + 4
+ANGLE = AHEAD + 4
+LOAD = ANGLE + 4  #: torques that load the wheels themselves [N m]
+PASSED = LOAD + 4  #: torques that the gears pass on, and the forces at the other contacts
+SCRATCH = PASSED + 7  #: results of a step's parts for its later parts
+ROWS = SCRATCH + 160  # as many as `play_block` needs with four wheels and a ball that pivots
 
 #: lanes that one vector instruction of the widest processors takes; ranges of lanes begin at multiples
 GROUP = 8

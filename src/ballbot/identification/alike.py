@@ -1,0 +1,182 @@
+"""Motors that the logs cannot separate, fitted as one.
+
+A robot's motors are of one kind, and a wheel's friction is fitted by itself as far as the logs separate it.
+Short or uniform logs do not: what they show is the friction of all wheels together, and a fit spreads it over them by
+chance, from nothing on one wheel to several times the mean on another. So the differences between wheels are looked at
+with their clustered covariance, of all free parameters, those at a bound too:
+
+    t_i = c_i + s_i E        dry friction of wheel i, E the mean of exp(-|w/v_s|^delta) over the logs' speeds
+    d_i = t_i - mean(t)      standard error sigma_i
+
+The dry friction is fitted as one if 2 sigma_i > mean(t) for any wheel: its 95 % interval then holds a wheel without
+friction and one with twice as much. Likewise the viscous friction b_i mean|w|, in comparison with all friction.
+
+A number fitted as one is an estimate of the wheels' mean. That of a single wheel differs from it by `WHEELS_APART`,
+which is added to its error, independently for each wheel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import every
+from ballbot.findings import Finding, warning
+from ballbot.fitting.intervals import Interval, Uncertainty
+from ballbot.fitting.uncertainty import covariance, leverage_corrected
+from ballbot.identification.parameters import Coordinates
+from ballbot.identification.quantities import BY_NAME
+from ballbot.identification.variation import Fitted, Variation
+from ballbot.mechanics.friction import stribeck_decay
+
+#: of the mean: a difference with a larger standard error is not known to be less than the mean
+INSEPARABLE = 0.5
+#: standard deviation of a wheel's friction about the mean of all, as a share: that of the nominal twin's wheels, and of
+#: the order of the three fitted motors of the robot in docs/real_robots.md
+WHEELS_APART = 0.15
+#: what is fitted as one together
+_DRY, _VISCOUS = ("coulomb", "stribeck"), ("viscous",)
+#: half the width of a 95 % interval of a normal variable, in its deviations
+_HALF = 1.96
+
+T = TypeVar("T")
+
+
+def inseparable(
+    coordinates: Coordinates,
+    fit: Fitted,
+    values: NDArray[np.float64],
+    *,
+    unknown: NDArray[np.bool_],
+    speeds: NDArray[np.float64],
+) -> tuple[str, ...]:
+    """Return the quantities of which the logs cannot separate the wheels.
+
+    Parameters
+    ----------
+    coordinates : Coordinates
+    fit : Fitted
+        Of each wheel by itself.
+    values : ndarray (p,)
+        Its estimates, SI units.
+    unknown : ndarray (p,)
+        Parameters that the logs do not excite, or that have no influence on them.
+    speeds : ndarray (..., n)
+        Those of the wheels in the logs [rad/s].
+    """
+    layout, free, n = coordinates.layout, coordinates.free, coordinates.layout.wheel_count
+    gains = layout.columns("torque_gain")
+    if gains is not None and free[gains].any():  # what motors differ by is asked for
+        return ()
+    speeds = np.abs(speeds.reshape(-1, n))
+    v_s, delta = (float(layout.number(name, values)) for name in ("stribeck_speed", "stribeck_exponent"))
+    decay = stribeck_decay(speeds / v_s, delta).mean(axis=0)
+    weights = {"viscous": speeds.mean(axis=0), "coulomb": np.ones(n), "stribeck": decay}
+    gradients = {name: np.zeros((n, len(values))) for name in weights}
+    for name, weight in weights.items():
+        gradients[name][:, layout.columns(name)] = np.diag(weight)
+    known = free & ~unknown & (fit.equations.normal.matrix.diagonal() > 0.0)
+    C = covariance(leverage_corrected(fit.equations.matrices, fit.equations.scores, known), known)
+    slopes = coordinates.slopes(fit.point)
+    C = np.nan_to_num(C) * np.outer(slopes, slopes)
+    from_mean = np.eye(n) - 1.0 / n
+    total = np.sum(list(gradients.values()), axis=0) @ values
+    names: list[str] = []
+    for kinds, of_all in ((_DRY, False), (_VISCOUS, True)):
+        mine = [name for name in kinds if free[layout.columns(name)].any()]
+        if not mine:
+            continue
+        G = np.sum([gradients[name] for name in mine], axis=0)
+        errors = np.sqrt(np.maximum(np.diag(from_mean @ G @ C @ G.T @ from_mean.T), 0.0))
+        size = float(np.mean(total if of_all else G @ values))
+        blind = any(unknown[layout.columns(name)].any() for name in mine)
+        if blind or np.any(errors > INSEPARABLE * size):
+            names += mine
+    return tuple(names)
+
+
+def wheels_mean(
+    coordinates: Coordinates, values: NDArray[np.float64], names: Collection[str]
+) -> NDArray[np.float64]:
+    """Return values (p,) with the mean of the wheels in place of each of these quantities' numbers."""
+    result = values.copy()
+    for name in names:
+        part = coordinates.layout.part(name, result)
+        assert part is not None
+        part[...] = part.mean()
+    return result
+
+
+def uncertainty_of_each(
+    coordinates: Coordinates, values: NDArray[np.float64], uncertainty: Uncertainty
+) -> Uncertainty:
+    """Return the uncertainty of each wheel's numbers (p,) out of that of the numbers fitted as one."""
+    first, apart = coordinates.first, _apart(coordinates, values)
+    errors, bootstrap = (
+        np.hypot(one[first], apart) for one in (uncertainty.standard_errors, uncertainty.bootstrap_errors)
+    )
+    common = uncertainty.standard_errors[first]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        R = (
+            uncertainty.correlation[np.ix_(first, first)]
+            * np.outer(common, common)
+            / np.outer(errors, errors)
+        )
+    R[np.diag_indices_from(R)] = np.where(np.isfinite(errors), 1.0, np.nan)
+
+    def wider(one: Interval, place: int) -> Interval:
+        lower, upper = (np.hypot(end - values[place], _HALF * apart[place]) for end in (one.lower, one.upper))
+        return replace(
+            one, lower=max(values[place] - lower, coordinates.lower[place]), upper=values[place] + upper
+        )
+
+    intervals = _of_each(coordinates, uncertainty.intervals)
+    places = {label: place for place, label in enumerate(coordinates.labels)}
+    return Uncertainty(
+        scaled_errors=np.where(first == np.arange(len(first)), uncertainty.scaled_errors, np.nan),
+        standard_errors=errors,
+        bootstrap_errors=bootstrap,
+        correlation=R,
+        intervals={label: wider(one, places[label]) for label, one in intervals.items()},
+    )
+
+
+def variation_of_each(coordinates: Coordinates, values: NDArray[np.float64], varied: Variation) -> Variation:
+    """Return how each wheel's numbers vary out of how the numbers fitted as one do."""
+    return replace(
+        varied,
+        predictions=_of_each(coordinates, varied.predictions),
+        robots=_of_each(coordinates, varied.robots),
+        between=_of_each(coordinates, varied.between),
+        within=_of_each(coordinates, varied.within),
+        deviations=np.hypot(varied.deviations[coordinates.first], _apart(coordinates, values)),
+    )
+
+
+def alike_finding(coordinates: Coordinates) -> list[Finding]:
+    """Return the finding of motors fitted as one, if there are any."""
+    if not coordinates.alike:
+        return []
+    symbols = every([BY_NAME[name].symbol for name in coordinates.alike])
+    text = (
+        f"Motors alike: these logs cannot separate the {coordinates.layout.wheel_count} motors by {symbols}, which "
+        f"{'is' if len(coordinates.alike) == 1 else 'are'} fitted as one. Errors allow for wheels that differ by "
+        f"{100.0 * WHEELS_APART:.0f} %. Longer logs with motion in all directions and about the vertical separate them."
+    )
+    return [warning("motors-alike", text)]
+
+
+def _apart(coordinates: Coordinates, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return by how much each number (p,) may differ from the one fitted for all wheels, SI units."""
+    return np.where(np.isin(coordinates.names, coordinates.alike), WHEELS_APART * np.abs(values), 0.0)
+
+
+def _of_each(coordinates: Coordinates, table: Mapping[str, T]) -> dict[str, T]:
+    """Return a table by label with the entry of the number that each one equals."""
+    labels = coordinates.labels
+    equal = {label: labels[place] for label, place in zip(labels, coordinates.first.tolist(), strict=True)}
+    return {label: table[of] for label, of in equal.items() if of in table}

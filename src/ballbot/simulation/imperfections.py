@@ -1,0 +1,266 @@
+"""A robot's sensors, drive and floor beyond what its model has, and the record of them that the compiled loop reads.
+
+A floor of slope s = grad h pulls on all that rolls with -(m_b + m_r) g s. A robot at rest on it leans uphill and holds
+itself by wheel torques u_0 with A^T u_0 = T,
+
+    T = r_b (m_b + m_r) g (-s_y, s_x, 0)        (theta_0, phi_0) = (T_x, T_y) / (m_r g l)
+
+About that rest the robot moves as it does about upright on level ground, to first order in the slope: so it is stepped
+on level ground, the lean that is measured is theta_0, phi_0 larger, and of the wheels' torques u - u_0 acts.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.arrays import checked_sample_time, positive_number, real_number, whole_number
+from ballbot.control.records import MAX_WHEELS, fill_record, number, schema_of, whole
+from ballbot.errors import InputError
+from ballbot.estimation.interface import EstimatorName
+from ballbot.mechanics.equations import LARGEST_LEAN
+from ballbot.mechanics.geometry import transforms
+from ballbot.robot import Robot, Sensors
+from ballbot.robot.derived import encoder_step, reflected_rotor_inertia, wheel_speed_limit
+from ballbot.robot.parameters import parameter
+from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
+
+#: fraction of the speeds up to the highest over which a motor's torque falls from its limit to nothing, as on the twin
+FALLING_PART = 0.05
+#: the steepest slope for which the first order is taken: 0.1 is 5.7 degrees
+MAX_SLOPE = 0.1
+#: samples by which torques may be late: 5 s at 200 Hz, in which any ballbot falls; each takes room in a batch
+MAX_DELAY = 1000
+#: samples over which counts may be differenced
+_LONGEST_WINDOW = 10_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Push:
+    """A force on the body for a limited time, in the world frame; it starts and ends at a sample."""
+
+    time: float = field(metadata=parameter("start of the push", unit="s", least=-math.inf))
+    duration: float = field(metadata=parameter("of the push", unit="s"))
+    force: tuple[float, float, float] = field(
+        metadata=parameter("in the world frame: x, y, z", unit="N", least=-math.inf)
+    )
+    height: float = field(
+        metadata=parameter(
+            "of its point of application above the ball's centre, along the body's axis", unit="m", least=0.0
+        )
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Imperfections:
+    """A robot's sensors, drive and floor, beyond what its model has; all is off by default but the drive's limits.
+
+    Raises
+    ------
+    InputError
+        If a value is not a number of its kind, or out of its bounds.
+    """
+
+    #: the sensors as they really are; their sample time is the plant's. None if the controller sees the true state
+    sensors: Sensors | None = None
+    speed_window: int = 1  #: samples over which encoder counts are differenced into a speed
+    sensor_faults: SensorFaults | None = None
+    accelerometer: Accelerometer | None = None
+    fix: FixSource | None = None
+    delay: int = 0  #: samples by which torques come later than they were computed
+    jitter: float = 0.0  #: largest deviation of a sampling instant [s]
+    torque_noise: float = 0.0  #: standard deviation of each sample's torque [N m]
+    lag: float = 0.0  #: time constant with which a motor's torque follows its command [s]
+    backlash: float = 0.0  #: gearbox play at the wheel, from stop to stop [rad]
+    slope: tuple[float, float] = (0.0, 0.0)  #: rise of the floor along x and along y [-]
+    pushes: tuple[Push, ...] = ()
+    #: samples without a measurement, in a row from sample `missing_from` on; the law gives no torque in them
+    missing: int = 0
+    missing_from: int = 0
+    fallen_lean: float = LARGEST_LEAN  #: lean at which a run ends [rad]
+
+    def __post_init__(self) -> None:
+        if self.sensors is not None:
+            _check_sensors(self.sensors)
+        if whole_number(self.speed_window, "speed_window", least=1) > _LONGEST_WINDOW:
+            raise InputError(f"speed_window is {self.speed_window}; it must be at most {_LONGEST_WINDOW}.")
+        for name in ("torque_noise", "backlash", "lag", "jitter"):
+            if not real_number(getattr(self, name), name) >= 0.0:
+                raise InputError(f"{name} is {getattr(self, name):g}; it must be zero or more.")
+        if not positive_number(self.fallen_lean, "fallen_lean") <= LARGEST_LEAN:
+            raise InputError(
+                f"fallen_lean is {self.fallen_lean:g} rad; the model holds up to {LARGEST_LEAN:g} rad."
+            )
+        for name in ("missing", "missing_from"):
+            whole_number(getattr(self, name), name, least=0)
+        if not isinstance(self.delay, int) or self.delay < 0:
+            raise InputError(f"The delay is {self.delay!r} samples; it must be a whole number, zero or more.")
+        if self.delay > MAX_DELAY:
+            raise InputError(
+                f"The delay is {self.delay} samples; it must be at most {MAX_DELAY}, by when any robot has fallen."
+            )
+        if not np.hypot(*self.slope) <= MAX_SLOPE:
+            raise InputError(
+                f"The slope of the floor is {np.hypot(*self.slope):.3g}; it must be at most {MAX_SLOPE:g}."
+            )
+
+    @property
+    def random(self) -> bool:
+        """Whether anything in a run depends on its seed besides the sampling instants and the place in the play."""
+        return self.sensors is not None or self.torque_noise > 0.0
+
+
+def _check_sensors(sensors: Sensors) -> None:
+    checked_sample_time(sensors.sample_time, "sample_time of the sensors")
+    whole_number(sensors.encoder_counts, "encoder_counts of the sensors", least=1)
+    for name in ("gyro_noise", "attitude_noise"):
+        if not real_number(getattr(sensors, name), f"{name} of the sensors") >= 0.0:
+            raise InputError(f"{name} of the sensors is {getattr(sensors, name):g}; it must be zero or more.")
+    real_number(sensors.heading_drift, "heading_drift of the sensors")
+
+
+def rest_on_slope(
+    robot: Robot, slope: tuple[float, float]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the lean (theta, phi) [rad] and the wheel torques (n,) [N m] of a robot at rest on a slope, at psi = 0."""
+    weight = robot.weight
+    torque = robot.ball.radius * weight * np.array([-slope[1], slope[0], 0.0])
+    lean = torque[:2] / (robot.body.mass * robot.gravity * robot.body.center_of_mass)
+    return lean, np.linalg.pinv(transforms(robot).T_owb.T) @ torque
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LoopRecord:
+    """The numbers of one robot's sensors, drive, floor and estimator, as the compiled loop reads them."""
+
+    delay: int = field(default=0, metadata=whole())
+    missing_from: int = field(default=0, metadata=whole())
+    missing_until: int = field(default=0, metadata=whole())
+    #: 1 if the drive limits the torque
+    limited: int = field(default=0, metadata=whole())
+    torque_limit: float = field(default=0.0, metadata=number("N m"))
+    top_speed: float = field(default=1.0, metadata=number("rad/s"))
+    torque_noise: float = field(default=0.0, metadata=number("N m"))
+    #: time constant of the motors
+    lag: float = field(default=0.0, metadata=number("s"))
+    play: float = field(default=0.0, metadata=number("rad"))
+    rotor_inertia: float = field(default=0.0, metadata=number("kg m^2"))
+    fallen_cosine: float = field(default=-1.0, metadata=number("1"))
+    #: lean at rest on the floor's slope
+    rest_lean: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2), metadata=number("rad", 2))
+    #: torques u_0 = a cos(psi) + b sin(psi) of each wheel
+    slope_load: NDArray[np.float64] = field(
+        default_factory=lambda: np.zeros((1, 2)), metadata=number("N m", MAX_WHEELS, 2)
+    )
+    sample_time: float = field(default=1.0, metadata=number("s"))
+    #: 0 if the controller sees the true state, 1 for the on-board state, 2 for the Kalman filter's
+    estimator: int = field(default=0, metadata=whole())
+    count: float = field(default=1.0, metadata=number("rad"))
+    speed_window: int = field(default=1, metadata=whole())
+    window_time: float = field(default=1.0, metadata=number("s"))
+    gyro_noise: float = field(default=0.0, metadata=number("rad/s"))
+    attitude_noise: float = field(default=0.0, metadata=number("rad"))
+    heading_drift: float = field(default=0.0, metadata=number("rad/s"))
+    #: whole samples by which gyro and attitude are late
+    latency: int = field(default=0, metadata=whole())
+    gyro_bias: float = field(default=0.0, metadata=number("rad/s"))
+    #: a sample's step of the biases
+    bias_step: float = field(default=0.0, metadata=number("rad/s"))
+    lean_error: float = field(default=0.0, metadata=number("rad"))
+    #: what stays of the lean's error in a sample, and the step that comes upon it
+    lean_memory: float = field(default=1.0, metadata=number("1"))
+    lean_step: float = field(default=0.0, metadata=number("rad"))
+    #: of the robot that the estimator knows
+    known_radius: float = field(default=0.0, metadata=number("m"))
+    ball_from_wheels: NDArray[np.float64] = field(
+        default_factory=lambda: np.zeros((3, 1)), metadata=number("1", 3, MAX_WHEELS)
+    )
+
+
+LOOP = schema_of(LoopRecord)
+
+
+def loop_record(
+    one: Imperfections,
+    robot: Robot,
+    *,
+    known: Robot,
+    estimator: EstimatorName,
+    sample_time: float,
+) -> NDArray[np.float64]:
+    """Return the row of numbers, the float64 view of a record of `LOOP`.
+
+    Parameters
+    ----------
+    one : Imperfections
+    robot : Robot
+        The true one.
+    known : Robot
+        The one that the estimator knows.
+    estimator : {"onboard", "kalman"}
+        If there are sensors.
+    sample_time : float
+        Of the controller and the sensors [s].
+    """
+    lean, along = rest_on_slope(robot, one.slope)
+    _, across = rest_on_slope(robot, (one.slope[1], -one.slope[0]))
+    drive = robot.drive
+    values: dict[str, object] = {
+        "sample_time": sample_time,
+        "delay": one.delay,
+        "missing_from": one.missing_from,
+        "missing_until": one.missing_from + one.missing,
+        "limited": 1,
+        "torque_limit": drive.torque_limit,
+        "top_speed": wheel_speed_limit(
+            supply_voltage=drive.supply_voltage,
+            speed_constant=drive.speed_constant,
+            gear_ratio=drive.gear_ratio,
+        ),
+        "torque_noise": one.torque_noise,
+        "lag": one.lag,
+        "play": one.backlash,
+        "rotor_inertia": reflected_rotor_inertia(
+            gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
+        ),
+        "fallen_cosine": math.cos(one.fallen_lean) if one.fallen_lean < LARGEST_LEAN else -1.0,
+        "rest_lean": lean,
+        "slope_load": np.column_stack([along, across]),
+    }
+    if one.sensors is not None:
+        values |= _of_sensors(one, one.sensors, robot, known, estimator, sample_time)
+    record = LOOP.zeros()
+    fill_record(record, LoopRecord(**values))  # pyright: ignore[reportArgumentType] (a value for each field)
+    return record.view(np.float64)
+
+
+def _of_sensors(
+    one: Imperfections,
+    sensors: Sensors,
+    robot: Robot,
+    known: Robot,
+    estimator: EstimatorName,
+    sample_time: float,
+) -> dict[str, object]:
+    faults = one.sensor_faults or SensorFaults()
+    memory = math.exp(-sample_time / faults.lean_error_time)
+    return {
+        "estimator": 1 if estimator == "onboard" else 2,
+        "count": encoder_step(encoder_counts=sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio),
+        "speed_window": one.speed_window,
+        "window_time": one.speed_window * sample_time,
+        "gyro_noise": sensors.gyro_noise,
+        "attitude_noise": sensors.attitude_noise,
+        "heading_drift": sensors.heading_drift,
+        "latency": round(faults.latency / sample_time),
+        "gyro_bias": faults.gyro_bias,
+        "bias_step": faults.gyro_bias_walk * math.sqrt(sample_time),
+        "lean_error": faults.lean_error,
+        "lean_memory": memory,
+        "lean_step": faults.lean_error * math.sqrt(1.0 - memory**2),
+        "known_radius": known.ball.radius,
+        "ball_from_wheels": transforms(known).T_obw,
+    }

@@ -1,0 +1,674 @@
+"""The realistic closed loop, compiled: sensors, estimator, control law, drive and mechanics of robots side by side.
+
+A sample of a robot is, in this order:
+
+    measure     its true state, on its floor; encoders count, the AHRS is noisy, late, biased and drifts
+    estimate    the on-board state or the Kalman filter, of the robot that the controller knows; or the true state
+    decide      the control law (`ballbot.control.law`)
+    drive       the torques wait for the delay; noise, the driver's limit and the supply's limit come upon them
+    move        so many steps: the motors' lag, the gears' play or rigid gears, friction that sticks, pushes, the slope
+
+It is `SensedPlant` with a `Controller`, and without sensors `ModelPlant`, for many robots in one call: the same
+functions, the same random numbers, the same results to rounding. What is random is drawn before (`Draws`).
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.law import MEMORY_SIZE, control_law
+from ballbot.estimation.kalman_model import (
+    BALL_RATE,
+    BIAS,
+    COVARIANCE,
+    GYRO,
+    GYRO_BEFORE,
+    HEADING,
+    LEAN,
+    MODEL_SIZE,
+    PIVOTING,
+    PIVOTS,
+    PSI,
+    G,
+    S,
+    X,
+    sample_block,
+    upright_part,
+)
+from ballbot.estimation.kalman_model import ROWS as FILTER_ROWS
+from ballbot.estimation.kalman_model import STATE as FILTER_STATE
+from ballbot.mechanics.accelerations import solve
+from ballbot.mechanics.engine.arrays import fill
+from ballbot.mechanics.engine.compiled import by_types_of, called, compiled, inlined
+from ballbot.mechanics.engine.lanes import (
+    AHEAD,
+    ANGLE,
+    LANES,
+    LOAD,
+    MOTOR,
+    PLAY,
+    ROTOR,
+    STATE,
+    STEP,
+    TORQUE,
+    new_work,
+    put_robot,
+    robot_in,
+    stored,
+)
+from ballbot.mechanics.engine.loading import load
+from ballbot.mechanics.engine.play import passed_torques, play_block, wheel_side
+from ballbot.mechanics.engine.run import load_state, load_torques, start_lane, take_steps, write_state
+from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, in_state_order, pose
+from ballbot.mechanics.engine.vector import add, dot, each, rotate_back
+from ballbot.mechanics.equations import LARGEST_LEAN, angle_rates, attitude, body_rates, terms
+from ballbot.simulation.imperfections import FALLING_PART, LOOP
+from ballbot.simulation.model_plant import friction_needed, sinking
+
+_LOOP_TYPE = LOOP.dtype()
+
+
+class Inputs(NamedTuple):
+    """Each robot's numbers; one row may hold for every robot."""
+
+    parameters: NDArray[np.float64]  #: rows of `pack`
+    lift_offs: NDArray[np.float64]
+    laws: NDArray[np.float64]  #: rows of `Controller.packed`
+    loops: NDArray[np.float64]  #: rows of `loop_record`
+    filters: NDArray[np.float64]  #: rows of `filter_row`; no rows without a Kalman filter
+    contacts: NDArray[np.float64]  #: rows of `pack_contacts`
+    initial: NDArray[np.float64]
+    pushes: NDArray[np.float64]  #: (robots, m, 6): first sample, first one after it, force [N], height [m]
+
+
+class Draws(NamedTuple):
+    """What is random in the runs of a block, a row for each of its robots; without columns where nothing is."""
+
+    noise: NDArray[
+        np.float64
+    ]  #: standard normal: six of the AHRS, then for each sample n of the torques and six more
+    faults: NDArray[np.float64]  #: standard normal: five at the start, then five for each sample
+    places: NDArray[np.float64]  #: (robots, n) of the motors in their play, -0.5 to 0.5
+    durations: NDArray[np.float64]  #: (robots, samples) of the samples; without columns all are alike [s]
+
+
+class Limits(NamedTuple):
+    """When a lane is left; see `Verdict`."""
+
+    settled: NDArray[np.float64]  #: no rows without a verdict
+    lost: float
+    grip: float
+
+
+class Sampling(NamedTuple):
+    """The reference at each sample, and the steps between."""
+
+    references: NDArray[np.float64]  #: (samples, 10)
+    sample_time: float  #: [s]
+    steps: int  #: in a sample
+    every: int  #: so many samples between records
+
+
+class Outcome(NamedTuple):
+    """The arrays that the compiled call fills, for each robot."""
+
+    states: NDArray[np.float64]  #: (robots, records, 10)
+    torques: NDArray[np.float64]  #: (robots, records, n)
+    seen: NDArray[np.float64]  #: (robots, records, 10) the state that the controller was given; or no records
+    ended: NDArray[np.int64]  #: sample in which it fell, lifted off or slipped; all samples if it did not
+    settled: NDArray[np.int64]
+    lifted: NDArray[np.bool_]
+    slipped: NDArray[np.bool_]
+    changes: NDArray[np.float64]  #: sum of the squared changes of its torques
+
+
+class _Block(NamedTuple):
+    """What the loop remembers of each robot of a block from sample to sample."""
+
+    memories: NDArray[np.float64]  #: of the laws
+    late: NDArray[np.float64]  #: (1 + longest delay, robots, n) torques on their way
+    acting: NDArray[np.float64]  #: (robots, n) torques that act, or that the motors go towards
+    given: NDArray[np.float64]  #: (robots, n) torques that the motors give, behind their lag
+    last: NDArray[np.float64]  #: (robots, n) torques that were commanded in the last sample
+    starts: NDArray[np.float64]  #: (robots, n) where motors with play begin to count [rad]
+    angles: NDArray[np.float64]  #: (robots, n) of rigid motors [rad]
+    speeds: NDArray[np.float64]  #: (robots, n) of rigid motors [rad/s]
+    loads: NDArray[np.float64]  #: (robots, n) torques with which the slope loads the wheels
+    before: NDArray[np.float64]  #: (robots, n) encoder angles at the last sample
+    counted: NDArray[np.float64]  #: (robots, 1 + longest window, n) encoder angles at the last samples
+    ahrs: NDArray[np.float64]  #: (robots, 6): biases, errors of the lean, heading of its frame
+    readings: NDArray[np.float64]  #: (robots, 1 + longest latency, 6) gyro and attitude
+    gyros: NDArray[np.float64]  #: (robots, 3) the gyro's present readings
+    onboard: NDArray[np.float64]  #: (robots, 4) place and velocity
+    pivoting: NDArray[np.float64]  #: (robots,) of the Kalman filters
+    states: NDArray[np.float64]  #: (robots, 10) that the controllers are given
+    filters: NDArray[np.float64]  #: the Kalman filters' work array, a robot a column
+
+
+@inlined
+def _row_of(rows, robot):
+    """Return the robot's row, where one row may hold for every robot."""
+    return robot if len(rows) > 1 else 0
+
+
+@inlined
+def _loop_of(inputs, robot):
+    return inputs.loops[_row_of(inputs.loops, robot)].view(_LOOP_TYPE)[0]
+
+
+@called
+def _longest(loops):
+    """Return the longest delay, latency and window in samples, and whether a motor lags."""
+    delay, latency, window, lags = 0, 0, 1, False
+    for row in range(len(loops)):
+        one = loops[row].view(_LOOP_TYPE)[0]
+        delay, latency = max(delay, one.delay), max(latency, one.latency)
+        window, lags = max(window, one.speed_window), lags or one.lag > 0.0
+    return delay, latency, window, lags
+
+
+@inlined
+def _floored(out, own, sign):
+    """Add or subtract the lean at which the floor's slope has the robot rest."""
+    out[2] += sign * own.rest_lean[0]
+    out[3] += sign * own.rest_lean[1]
+
+
+@inlined
+def _truth(selected, work, lane, own, out):
+    """Write a lane's state as it is on its floor."""
+    write_state(selected, work, lane, out)
+    _floored(out, own, 1.0)
+
+
+# --- sensors ---
+
+
+@inlined
+def _lean_and_heading(a, psi):
+    """Return x and y of g = R^T e_z, and psi_s, of an `Attitude`; see `ballbot.mechanics.geometry`."""
+    turn = a.sin_theta * a.sin_phi / ((1.0 + a.cos_theta) * (1.0 + a.cos_phi))
+    return (a.R[2][0], a.R[2][1]), psi + 2.0 * math.atan(turn)
+
+
+@inlined
+def _angles_of(g, heading):
+    """Return theta, phi, psi of the lean g and psi_s; psi has psi_s's turns (`attitude_of_swing`)."""
+    g_z = upright_part(g)
+    k = 1.0 / (1.0 + g_z)
+    s, c = math.sin(heading), math.cos(heading)
+    m11, m12, m22 = 1.0 - k * g[0] * g[0], -k * g[0] * g[1], 1.0 - k * g[1] * g[1]
+    theta = math.atan2(s * g[0] + c * g[1], g_z)
+    phi = math.asin(max(-1.0, min(1.0, -c * g[0] + s * g[1])))
+    # psi less psi_s, which is small: of both the sine and cosine over one positive factor
+    sine, cosine = s * m22 - c * m12, c * m11 - s * m12
+    return theta, phi, heading + math.atan2(c * sine - s * cosine, c * cosine + s * sine)
+
+
+@called
+def _read_ahrs(own, block, robot, sample, t, noise, faults, truth, gyro, angles):
+    """Fill gyro (3,) and angles (3,) with what the AHRS shows."""
+    a = attitude((truth[2], truth[3], truth[4]))
+    rate = body_rates(a, (truth[7], truth[8], truth[9]))
+    for i in range(3):
+        gyro[i] = rate[i] + own.gyro_noise * noise[i]
+        angles[i] = truth[2 + i] + own.attitude_noise * noise[3 + i]
+    errors, drift = block.ahrs[robot], own.heading_drift * t
+    if len(faults) > 0:
+        if sample == 0:
+            for i in range(3):
+                errors[i] = own.gyro_bias * faults[i]
+            for i in range(2):
+                errors[3 + i] = own.lean_error * faults[3 + i]
+        drift += errors[5]
+        for i in range(3):
+            gyro[i] += errors[i]
+        angles[0] += errors[3]
+        angles[1] += errors[4]
+    if drift != 0.0:
+        g, heading = _lean_and_heading(attitude((angles[0], angles[1], angles[2])), angles[2])
+        turned = _angles_of(g, heading + drift)
+        angles[0], angles[1], angles[2] = turned[0], turned[1], turned[2]
+    if len(faults) > 0:
+        fresh = faults[5 * (sample + 1) : 5 * (sample + 2)]
+        errors[5] += own.sample_time * errors[2]
+        for i in range(3):
+            errors[i] += own.bias_step * fresh[i]
+        for i in range(2):
+            errors[3 + i] = own.lean_memory * errors[3 + i] + own.lean_step * fresh[3 + i]
+    if own.latency > 0:
+        readings = block.readings[robot]
+        now = readings[sample % len(readings)]
+        for i in range(3):
+            now[i], now[3 + i] = gyro[i], angles[i]
+        old = readings[max(sample - own.latency, 0) % len(readings)]
+        for i in range(3):
+            gyro[i], angles[i] = old[i], old[3 + i]
+
+
+@called
+def _read_encoders(own, block, robot, sample, angles, speeds):
+    """Turn motor angles (n,) since the start into counted ones, and fill the speeds (n,) differenced from them."""
+    recent = block.counted[robot]
+    now, before = sample % len(recent), (sample - own.speed_window) % len(recent)
+    for i in range(len(angles)):
+        angles[i] = math.floor(angles[i] / own.count) * own.count
+        recent[now, i] = angles[i]
+        earlier = recent[before, i] if sample >= own.speed_window else 0.0
+        speeds[i] = (angles[i] - earlier) / own.window_time
+
+
+# --- on-board states ---
+
+
+@inlined
+def _ball_rate(own, speeds):
+    """Return the ball's turning relative to the body [rad/s]."""
+    x = y = z = 0.0
+    for i in range(len(speeds)):
+        x += own.ball_from_wheels[0, i] * speeds[i]
+        y += own.ball_from_wheels[1, i] * speeds[i]
+        z += own.ball_from_wheels[2, i] * speeds[i]
+    return x, y, z
+
+
+@called
+def _onboard(own, block, robot, sample, speeds, gyro, angles, state):
+    """Fill the state (10,) as `OnboardState` has it."""
+    a, w = attitude((angles[0], angles[1], angles[2])), (gyro[0], gyro[1], gyro[2])
+    z = add(_ball_rate(own, speeds), w)
+    v = (own.known_radius * dot(a.R[1], z), -own.known_radius * dot(a.R[0], z))
+    kept = block.onboard[robot]
+    for i in range(2):
+        if sample > 0:
+            kept[i] += 0.5 * own.sample_time * (v[i] + kept[2 + i])
+        kept[2 + i] = v[i]
+        state[i], state[5 + i] = kept[i], v[i]
+    rates = angle_rates(a, w)
+    for i in range(3):
+        state[2 + i], state[7 + i] = angles[i], rates[i]
+
+
+@inlined
+def _slot(row, robot):
+    return row * LANES + robot
+
+
+@called
+def _begin_filter(filters, robot, row, state, gyro, angles):
+    """Start a Kalman filter at its first reading; `row` is its row of `filter_row`."""
+    for i in range(MODEL_SIZE):
+        filters[_slot(i, robot)] = row[i]
+    for i in range(len(row) - MODEL_SIZE - 2):
+        filters[_slot(COVARIANCE + i, robot)] = row[MODEL_SIZE + i]
+    g, heading = _lean_and_heading(attitude((angles[0], angles[1], angles[2])), angles[2])
+    for i in range(2):
+        lever = 0.0
+        for k in range(3):
+            lever += row[2 + 3 * i + k] * gyro[k]
+        filters[_slot(FILTER_STATE + X + i, robot)] = state[i]
+        filters[_slot(FILTER_STATE + G + i, robot)] = g[i]
+        filters[_slot(FILTER_STATE + S + i, robot)] = lever  # v = 0
+    filters[_slot(FILTER_STATE + PSI, robot)] = heading
+
+
+@called
+def _show_filter(own, block, robot, limit, turned, gyro, angles):
+    """Give a Kalman filter its inputs; `turned` (n,) are the mean wheel speeds over the sample."""
+    filters = block.filters
+    rate = _ball_rate(own, turned)
+    g, heading = _lean_and_heading(attitude((angles[0], angles[1], angles[2])), angles[2])
+    for i in range(3):
+        filters[_slot(GYRO + i, robot)] = gyro[i]
+        filters[_slot(BALL_RATE + i, robot)] = rate[i]
+    for i in range(2):
+        filters[_slot(LEAN + i, robot)] = g[i]
+    filters[_slot(HEADING, robot)] = heading
+    filters[_slot(PIVOTS, robot)] = 1.0 if abs(block.pivoting[robot]) > limit else 0.0
+
+
+@called
+def _filtered(filters, robot, gyro, state):
+    """Fill the state (10,) of a Kalman filter, and keep the gyro for the next sample."""
+    x = FILTER_STATE
+    w = np.empty(3)
+    for i in range(3):
+        w[i] = gyro[i] - filters[_slot(x + BIAS + i, robot)]
+        filters[_slot(GYRO_BEFORE + i, robot)] = gyro[i]
+    v = np.empty(2)
+    for i in range(2):
+        v[i] = filters[_slot(x + S + i, robot)]
+        for k in range(3):
+            v[i] -= filters[_slot(2 + 3 * i + k, robot)] * w[k]
+        state[i] = filters[_slot(x + X + i, robot)]
+    heading = filters[_slot(x + PSI, robot)]
+    s3, c3 = math.sin(heading), math.cos(heading)
+    state[5], state[6] = c3 * v[0] - s3 * v[1], s3 * v[0] + c3 * v[1]
+    g = (filters[_slot(x + G, robot)], filters[_slot(x + G + 1, robot)])
+    angles = _angles_of(g, heading)
+    rates = angle_rates(attitude(angles), (w[0], w[1], w[2]))
+    for i in range(3):
+        state[2 + i], state[7 + i] = angles[i], rates[i]
+
+
+# --- drive ---
+
+
+@inlined
+def _within_drive(own, torque, speed):
+    """Return a torque within the driver's limit, and near the motor's highest speed within what the supply leaves."""
+    torque = min(max(torque, -own.torque_limit), own.torque_limit)
+    share = (own.top_speed - math.copysign(speed, speed * torque)) / (FALLING_PART * own.top_speed)
+    left = own.torque_limit * min(max(share, 0.0), 1.0)
+    return min(max(torque, -left), left)
+
+
+@called
+def _push(selected, work, lane, own, push, duration):
+    """Change a lane's velocities by the impulse of a push over a sample."""
+    whole, state = load(selected, work, lane), load_state(selected, work, lane)
+    P = wheel_side(whole, own.rotor_inertia if own.play > 0.0 else 0.0)
+    a, v, w = attitude((state[2], state[3], state[4])), ball_velocity(state), body_velocity(state)
+    p = (push[2] * duration, push[3] * duration, push[4] * duration)
+    height = push[5]
+    arm = (height * a.R[0][2], height * a.R[1][2], height * a.R[2][2])
+    turning = (arm[1] * p[2] - arm[2] * p[1], arm[2] * p[0] - arm[0] * p[2], arm[0] * p[1] - arm[1] * p[0])
+    system = terms(selected, P, a, v, w)
+    v_change, w_change = solve(system, _along(v, p), rotate_back(a.R, turning))
+    after = in_state_order(
+        (state[0], state[1]), (state[2], state[3], state[4]), each(_sum, v, v_change), add(w, w_change)
+    )
+    stored(work, STATE, lane, after)
+
+
+def _along(v, p) -> tuple:  # pragma: no cover (compiled form below)
+    """Return an impulse p of the world as one on v."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(_along)
+def _along_of(v, p):
+    if len(v) == 2:
+        return lambda v, p: (p[0], p[1])
+    return lambda v, p: (p[0], p[1], 0.0)
+
+
+@inlined
+def _sum(a, b):
+    return a + b
+
+
+@called
+def _take_pushes(selected, work, width, inputs, sampling, first, sample):
+    for lane in range(width):
+        robot = first + robot_in(work, lane)
+        pushes = inputs.pushes[_row_of(inputs.pushes, robot)]
+        for k in range(len(pushes)):
+            if pushes[k, 0] <= sample < pushes[k, 1]:
+                _push(selected, work, lane, _loop_of(inputs, robot), pushes[k], sampling.sample_time)
+
+
+@called
+def _put_torques(work, width, inputs, block, first, h):
+    """Let the torques act on the lanes for a step of h [s], behind the motors' lag, less those for the slope."""
+    n = block.acting.shape[1]
+    for lane in range(width):
+        robot = robot_in(work, lane)
+        own = _loop_of(inputs, first + robot)
+        mean, kept = 0.0, 0.0
+        if own.lag > 0.0:
+            kept = math.exp(-h / own.lag)
+            mean = (1.0 - kept) * own.lag / h
+        for i in range(n):
+            away = block.given[robot, i] - block.acting[robot, i]
+            torque = block.acting[robot, i] + mean * away
+            block.given[robot, i] = block.acting[robot, i] + kept * away
+            on_slope = block.loads[robot, i]
+            if own.play > 0.0:
+                work[(TORQUE + i) * LANES + lane], work[(LOAD + i) * LANES + lane] = torque, on_slope
+            else:
+                work[(TORQUE + i) * LANES + lane] = torque - on_slope
+
+
+# --- a block ---
+
+
+@called
+def _start(selected, work, width, inputs, draws, sampling, first, block, state):
+    """Put the robots into the lanes, at rest in their plays."""
+    n = block.acting.shape[1]
+    for lane in range(width):
+        robot = first + lane
+        own = _loop_of(inputs, robot)
+        put_robot(work, lane, inputs.parameters[_row_of(inputs.parameters, robot)])
+        fill(state, inputs.initial[_row_of(inputs.initial, robot)])
+        for i in range(2):
+            block.onboard[lane, i] = state[i]
+        _floored(state, own, -1.0)
+        start_lane(selected, work, lane, state, sampling.sample_time / sampling.steps)
+        _, speeds = pose(selected, load(selected, work, lane), load_state(selected, work, lane))
+        work[ROTOR * LANES + lane], work[PLAY * LANES + lane] = own.rotor_inertia, own.play
+        for i in range(n):
+            block.speeds[lane, i] = work[(MOTOR + i) * LANES + lane] = speeds[i]
+            if own.play > 0.0:
+                block.starts[lane, i] = own.play * draws.places[lane, i]
+                work[(AHEAD + i) * LANES + lane] = block.starts[lane, i]
+
+
+@called
+def _measure(selected, work, lane, inputs, draws, block, first, sample, t):
+    """Read a lane's sensors, and fill its state unless the Kalman filter does."""
+    robot = robot_in(work, lane)
+    own, state, n = _loop_of(inputs, first + robot), block.states[robot], block.acting.shape[1]
+    _truth(selected, work, lane, own, state)
+    if own.estimator == 0:
+        return
+    gyro, angles, encoders, speeds = block.gyros[robot], np.empty(3), np.empty(n), np.empty(n)
+    noise = draws.noise[robot, (n + 6) * sample : (n + 6) * sample + 6]
+    _read_ahrs(own, block, robot, sample, t, noise, draws.faults[robot], state, gyro, angles)
+    for i in range(n):
+        encoders[i] = block.angles[robot, i]
+        if own.play > 0.0:
+            encoders[i] = (
+                work[(ANGLE + i) * LANES + lane] + work[(AHEAD + i) * LANES + lane] - block.starts[robot, i]
+            )
+    _read_encoders(own, block, robot, sample, encoders, speeds)
+    if own.estimator == 1:
+        _onboard(own, block, robot, sample, speeds, gyro, angles, state)
+        return
+    row = inputs.filters[_row_of(inputs.filters, first + robot)]
+    if sample == 0:
+        _begin_filter(block.filters, robot, row, state, gyro, angles)
+    else:
+        for i in range(n):
+            speeds[i] = (encoders[i] - block.before[robot, i]) / own.sample_time
+        _show_filter(own, block, robot, row[len(row) - 1], speeds, gyro, angles)
+    fill(block.before[robot], encoders)
+
+
+@called
+def _command(work, lane, inputs, draws, block, first, sample, reference, held, out):
+    """Decide a lane's torques, and let those that are due act, with noise and within the drive's limits."""
+    robot = robot_in(work, lane)
+    own, state, n = _loop_of(inputs, first + robot), block.states[robot], len(held)
+    if own.estimator == 2:
+        row = inputs.filters[_row_of(inputs.filters, first + robot)]
+        if sample > 0:
+            pivoting = block.filters[_slot(PIVOTING, robot)]
+            block.pivoting[robot] += row[len(row) - 2] * (pivoting - block.pivoting[robot])
+        _filtered(block.filters, robot, block.gyros[robot], state)
+    if own.missing_from <= sample < own.missing_until:
+        state[0] = np.nan
+    control_law(
+        inputs.laws[_row_of(inputs.laws, first + robot)], block.memories[robot], state, reference, held
+    )
+    psi, late = work[(STATE + 4) * LANES + lane], block.late
+    c, s = math.cos(psi), math.sin(psi)
+    fill(late[sample % len(late), robot], held)
+    due = late[(sample - own.delay) % len(late), robot]
+    for i in range(n):
+        if sample > 0:
+            out.changes[first + robot] += (held[i] - block.last[robot, i]) ** 2
+        block.last[robot, i] = held[i]
+        torque = due[i]
+        if own.torque_noise > 0.0:
+            torque += own.torque_noise * draws.noise[robot, (n + 6) * sample + 6 + i]
+        if own.limited == 1:
+            speed = work[(MOTOR + i) * LANES + lane] if own.play > 0.0 else block.speeds[robot, i]
+            torque = _within_drive(own, torque, speed)
+        block.acting[robot, i] = torque
+        block.loads[robot, i] = c * own.slope_load[i, 0] + s * own.slope_load[i, 1]
+        if own.lag == 0.0:
+            block.given[robot, i] = torque
+
+
+@called
+def _turn_motors(selected, work, width, inputs, block, first, durations, sample):
+    """Leave the speeds of rigid motors, and turn their encoders by the mean over the sample."""
+    for lane in range(width):
+        robot = robot_in(work, lane)
+        own = _loop_of(inputs, first + robot)
+        if own.play == 0.0:
+            _, speeds = pose(selected, load(selected, work, lane), load_state(selected, work, lane))
+            duration = durations[robot, sample] if durations.shape[1] > 0 else own.sample_time
+            for i in range(len(speeds)):
+                block.angles[robot, i] += 0.5 * duration * (block.speeds[robot, i] + speeds[i])
+                block.speeds[robot, i] = speeds[i]
+
+
+@called
+def _end_where_due(selected, work, lane, inputs, limits, block, first, sample, reference, out):
+    """Stop a lane that has fallen within the sample, would lift off or slip at its end, or whose outcome is known."""
+    robot = robot_in(work, lane)
+    own, number = _loop_of(inputs, first + robot), first + robot
+    state, whole = load_state(selected, work, lane), load(selected, work, lane)
+    lean = max(abs(state[2]), abs(state[3]))
+    truth = np.empty(10)
+    _truth(selected, work, lane, own, truth)
+    fallen = work[STEP * LANES + lane] == 0.0 or not lean <= LARGEST_LEAN
+    fallen = fallen or math.cos(truth[2]) * math.cos(truth[3]) < own.fallen_cosine
+    if not fallen:
+        P, u = whole, load_torques(selected, work, lane)
+        if own.play > 0.0:
+            P, u = wheel_side(whole, own.rotor_inertia), passed_torques(selected, work, lane)
+        if not sinking(selected, P, state, u) < inputs.lift_offs[_row_of(inputs.lift_offs, number)]:
+            fallen = out.lifted[number] = True
+        elif limits.grip < math.inf:
+            touching, room = inputs.contacts[_row_of(inputs.contacts, number)], np.zeros(len(block.acting[0]))
+            if not friction_needed(selected, P, state, u, touching, room) <= limits.grip:
+                fallen = out.slipped[number] = True
+    if fallen:
+        out.ended[number] = sample
+        work[STEP * LANES + lane] = 0.0  # the lane stays where it is
+    elif len(limits.settled) > 0:
+        _decide(work, lane, limits, truth, reference, sample, out, number)
+
+
+@called
+def _decide(work, lane, limits, state, reference, sample, out, robot):
+    """Stop a lane whose outcome is known; see `Verdict`."""
+    lean = state[2] * state[2] + state[3] * state[3]
+    if lean > limits.lost * limits.lost and state[2] * state[7] + state[3] * state[8] > 0.0:
+        out.ended[robot] = sample
+    elif _within(limits.settled, state, reference):
+        out.settled[robot] = sample
+    else:
+        return
+    work[STEP * LANES + lane] = 0.0
+
+
+@called
+def _within(bounds, state, reference):
+    """Return whether each row's product with the heading frame's error is between -1 and 1."""
+    c, s = math.cos(state[4]), math.sin(state[4])
+    e = np.empty(10)
+    for i in range(10):
+        e[i] = reference[i] - state[i]
+    for i in (0, 2, 5, 7):
+        e[i], e[i + 1] = c * e[i] + s * e[i + 1], c * e[i + 1] - s * e[i]
+    for row in range(len(bounds)):
+        size = 0.0
+        for i in range(10):
+            size += bounds[row, i] * e[i]
+        if not abs(size) <= 1.0:
+            return False
+    return True
+
+
+@inlined
+def _runs(work, lane, out, first, samples):
+    robot = first + robot_in(work, lane)
+    return out.ended[robot] == samples and out.settled[robot] == samples
+
+
+@compiled
+def run_block(selected, inputs, draws, limits, sampling, first, width, out):
+    """Run robots first .. first + width - 1; `draws` are of these alone."""
+    samples, n = len(sampling.references), out.torques.shape[2]
+    delay, latency, window, lags = _longest(inputs.loops)
+    plays = _loop_of(inputs, first).play > 0.0  # all robots of a block, or none
+    filtering = len(inputs.filters) > 0
+    work, state, held = new_work(), np.empty(10), np.empty(n)
+    block = _Block(
+        np.zeros((width, MEMORY_SIZE)),
+        np.zeros((1 + delay, width, n)),
+        np.zeros((width, n)),
+        np.zeros((width, n)),
+        np.zeros((width, n)),
+        np.zeros((width, n)),
+        np.zeros((width, n)),
+        np.zeros((width, n)),
+        np.zeros((width, n)),
+        np.zeros((width, n)),
+        np.zeros((width, 1 + window, n)),
+        np.zeros((width, 6)),
+        np.zeros((width, 1 + latency, 6)),
+        np.zeros((width, 3)),
+        np.zeros((width, 4)),
+        np.zeros(width),
+        np.zeros((width, 10)),
+        np.zeros(FILTER_ROWS * LANES if filtering else LANES),
+    )
+    _start(selected, work, width, inputs, draws, sampling, first, block, state)
+    h = sampling.sample_time / sampling.steps
+    moving = width
+    for sample in range(samples):
+        reference = sampling.references[sample]
+        if moving > 0:
+            for lane in range(width):
+                if _runs(work, lane, out, first, samples):
+                    t = sample * sampling.sample_time
+                    _measure(selected, work, lane, inputs, draws, block, first, sample, t)
+            if filtering and sample > 0:
+                sample_block(block.filters, width)
+            for lane in range(width):
+                if _runs(work, lane, out, first, samples):
+                    _command(work, lane, inputs, draws, block, first, sample, reference, held, out)
+                    if draws.durations.shape[1] > 0:
+                        robot = robot_in(work, lane)
+                        work[STEP * LANES + lane] = draws.durations[robot, sample] / sampling.steps
+            _take_pushes(selected, work, width, inputs, sampling, first, sample)
+            if plays or lags:
+                for _ in range(sampling.steps):
+                    _put_torques(work, width, inputs, block, first, h)
+                    if plays:
+                        play_block(selected, work, width)
+                    else:
+                        take_steps(selected, work, width, 1)
+            else:
+                _put_torques(work, width, inputs, block, first, h)
+                take_steps(selected, work, width, sampling.steps)
+            _turn_motors(selected, work, width, inputs, block, first, draws.durations, sample)
+        for lane in range(width):
+            robot = first + robot_in(work, lane)
+            if _runs(work, lane, out, first, samples):
+                _end_where_due(selected, work, lane, inputs, limits, block, first, sample + 1, reference, out)
+                moving -= 1 if work[STEP * LANES + lane] == 0.0 else 0
+            if (sample + 1) % sampling.every == 0:
+                record = (sample + 1) // sampling.every - 1
+                _truth(selected, work, lane, _loop_of(inputs, robot), out.states[robot, record])
+                fill(out.torques[robot, record], block.acting[robot - first])
+                if out.seen.shape[1] > 0:
+                    fill(out.seen[robot, record], block.states[robot - first])
