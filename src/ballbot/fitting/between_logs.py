@@ -135,13 +135,13 @@ def _evidence(robot: RobotLogs, prior: SpreadPrior) -> float:
     unit = robot.units
     y, C = robot.estimates / unit, robot.covariances / np.outer(unit, unit)
     D = np.diag(prior.sizes[robot.groups] ** 2)
-    return float(logsumexp(_prior(prior.degrees) + _given(_TAU, y, C, D).log_likelihoods))
+    return float(np.asarray(logsumexp(_prior(prior.degrees) + _given(_TAU, y, C, D).log_likelihoods)))
 
 
 def _prior(degrees: float) -> NDArray[np.float64]:
     """Return the logarithm of the prior's weight of each tau."""
     density = -degrees * np.log(_TAU) - 0.5 * degrees / _TAU**2
-    return density - logsumexp(density)
+    return density - np.asarray(logsumexp(density))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -150,9 +150,6 @@ def variation_of_each(coordinates: Coordinates, values: NDArray[np.float64], var
     return replace(
         varied,
         predictions=_of_each(coordinates, varied.predictions),
-        robots=_of_each(coordinates, varied.robots),
-        between=_of_each(coordinates, varied.between),
-        within=_of_each(coordinates, varied.within),
         deviations=np.hypot(varied.deviations[coordinates.first], _apart(coordinates, values)),
     )
 

@@ -43,7 +43,9 @@ class CoulombEquivalent:
     standard_errors: NDArray[np.float64]  #: (n,) [N m]; see the module's text; NaN if c has none
     speeds: NDArray[np.float64] = field(metadata=key("up_to_speed"))  #: W (n,) [rad/s]
     coulomb: NDArray[np.float64] = field(metadata=left_out)  #: c itself (n,) [N m]
-    coulomb_errors: NDArray[np.float64] = field(metadata=left_out)  #: its standard errors (n,) [N m], found likewise
+    coulomb_errors: NDArray[np.float64] = field(
+        metadata=left_out
+    )  #: its standard errors (n,) [N m], found likewise
 
     @reported
     def compared(self) -> Literal["c", "c_e"]:
@@ -95,7 +97,7 @@ def coulomb_equivalent(
         standard_errors=np.where(known, np.sqrt(np.maximum(variances, 0.0)), np.nan),
         speeds=speeds,
         coulomb=values[n : 2 * n],
-        coulomb_errors=errors[n : 2 * n],
+        coulomb_errors=np.sqrt(covariance.diagonal()[n : 2 * n]),
     )
 
 

@@ -164,14 +164,22 @@ class Identification:
             for label, (lower, upper) in ((one, bounds[one]) for one in of_wheels)
             if upper > lower and upper >= BY_NAME[name].bounds[1] and values[label] >= upper * (1.0 - 1e-9)
         ]
-        apart = [label for label in labels["coulomb"] if label in self.variation.apart]
+        dry = [
+            values[label]
+            for name in ("coulomb", "stribeck")
+            for label in BY_NAME[name].labels(self.layout.wheel_count)
+        ]
+        between = dict(zip(self.labels, self.variation.deviations.tolist(), strict=True))
+        largest = WIDELY * sum(dry) / self.layout.wheel_count
         return verdict_of(
             self.held_out.squares_with[:, counted],
             self.held_out.squares_without[:, counted],
             self.held_out_windows,
             lean=np.isin(STATE_NAMES, ("theta", "phi"))[counted],
             at_end=at_end,
-            disagree=[label for label in apart if self.variation.between[label].between > WIDELY],
+            disagree=[
+                label for label in labels["coulomb"] if self.variation.differ and between[label] > largest
+            ],
         )
 
     @property

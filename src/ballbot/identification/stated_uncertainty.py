@@ -56,11 +56,11 @@ def ends_without_error(
         By the parameter's place, SI units.
     """
     ends = {}
-    for i in np.flatnonzero((bounds[:, 1] > bounds[:, 0]) & ~np.isfinite(errors)):
+    for i in np.flatnonzero((bounds[:, 1] > bounds[:, 0]) & ~np.isfinite(errors)).tolist():
         one = intervals.get(labels[i])
         low, high = (-np.inf, np.inf) if one is None else (one.lower, one.upper)
         least, most = max(low, float(bounds[i, 0])), min(high, float(bounds[i, 1]))
-        ends[int(i)] = (min(least, float(values[i])), max(most, float(values[i])))
+        ends[i] = (min(least, float(values[i])), max(most, float(values[i])))
     return ends
 
 

@@ -145,7 +145,7 @@ def motor_sums(driving: Driving, motion: Motion, robot: Robot) -> tuple[MotorSum
         table = np.column_stack(columns) * weight[:, None]
         products = np.zeros((motion.blocks, 7, 7))
         np.add.at(products, driving.block, table[:, :, None] * table[:, None, :])
-        turning = EVERY * INTERVAL * np.bincount(driving.block, weights=weight)
+        turning = (EVERY * INTERVAL * np.bincount(driving.block, weights=weight)).astype(np.float64)
         found.append(MotorSums(products=products, turning=turning))
     return tuple(found)
 
