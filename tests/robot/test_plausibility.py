@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 
 from ballbot.errors import InputError
 from ballbot.robot import Robot
+from ballbot.robot.components import BY_NAME
+from ballbot.robot.parameters import value_of
 from ballbot.robot.plausibility import robot_findings
 
 ALTEN = Robot.load("alten")
@@ -28,7 +30,18 @@ def with_values(**changes: object) -> Robot:
 def test_presets_have_no_errors(preset: str) -> None:
     found = robot_findings(Robot.load(preset))
     # rob311's published wheel inertia is too large for its mass, as its file says
-    assert [one.severity for one in found] == (["warning"] if preset == "rob311" else [])
+    severities = [one.severity for one in found if one.severity != "note"]
+    assert severities == (["warning"] if preset == "rob311" else [])
+
+
+def test_friction_without_deviations_is_said_to_count_as_exact() -> None:
+    robot = Robot.load("alten").replace(friction=Robot.load("rezero").friction)
+    (found,) = robot_findings(robot)
+    assert (found.code, found.severity) == ("robot-deviation", "note")
+    assert found.text.startswith("friction.coulomb has no standard deviation")
+    assert "as exact" in found.text
+    stated = {name: value_of(robot, BY_NAME[name]) for name in found.where.columns}
+    assert robot_findings(robot.annotated(standard_deviations=stated)) == ()
 
 
 DEGREE = math.radians(1.0)

@@ -116,17 +116,6 @@ def cautious_friction(
     return replace(cautious, load=tuple(np.minimum(cautious.load, least[5 * n + 3 :]).tolist()))
 
 
-_RANGES = {
-    "friction.viscous": (0.0, 0.1),
-    "friction.coulomb": (0.0, 0.5),
-    "friction.stribeck": (0.0, 0.5),
-    "friction.stribeck_speed": (0.1, 3.0),
-    "friction.stribeck_exponent": (0.3, 10.0),
-    "friction.rolling": (0.0, 0.05),
-    "friction.coulomb_asymmetry": (-0.2, 0.2),
-    "friction.stribeck_asymmetry": (-0.2, 0.2),
-    "friction.load": (0.0, 0.5),
-}
 #: the friction's parameters, in the order of a covariance; of one number each or one a wheel
 _NAMES = (
     *("viscous", "coulomb", "stribeck", "stribeck_speed", "stribeck_exponent", "rolling"),
@@ -153,7 +142,7 @@ def _numbers(friction: Friction) -> NDArray[np.float64]:
 
 def _ends(label: str, intervals: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
     """Return the ends of a number's interval, where it has one, else of its range."""
-    return intervals.get(label) or _RANGES[label.partition("[")[0]]
+    return intervals.get(label) or BY_NAME[label.partition("[")[0]].usual
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -182,8 +182,8 @@ _HEADER = """\
 #
 # Every parameter has a value, a unit and a source: measured, data sheet, previous work, calculated, identified
 # or assumed, with details after a colon. Units may be changed, as from m to cm or from deg to rad. The standard
-# deviation of a value may be added, as standard_deviation = 0.001, in the same unit; inf is unknown. The body's frame
-# has x forward, y left and z up.
+# deviation of a value may be added, as standard_deviation = 0.001, in the same unit. The body's frame has
+# x forward, y left and z up.
 """
 
 
