@@ -15,7 +15,6 @@ PACKAGES = (
 )  # fmt: skip
 MOST_PARAMETERS = 9
 LONGEST_BODY = 60
-LONGEST_FILE = 500
 #: the decorators of compiled code
 COMPILING = {"compiled", "compiled_alone", "called", "inlined", "inlined_in_order", "shared", "by_types_of"}
 
@@ -162,11 +161,3 @@ def test_compiled_code_copies_arrays_number_by_number():
                     ):
                         assigned.append(f"{module}:{node.lineno} {ast.unparse(target)}")
     assert assigned == []
-
-
-def test_files_hold_one_idea():
-    lengths = {
-        str(path.relative_to(SOURCE)): len(path.read_text("utf-8").splitlines())
-        for path in SOURCE.rglob("*.py")
-    }
-    assert {name: lines for name, lines in lengths.items() if lines > LONGEST_FILE} == {}

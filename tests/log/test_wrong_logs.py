@@ -275,7 +275,7 @@ def test_wrong_log_gets_the_sentence_that_names_its_cause(correct, name):
 @pytest.mark.parametrize(
     ("columns", "factor", "code"),
     [
-        (PLACE, 0.7, "lean-scale"),
+        (PLACE, 0.6, "lean-scale"),
         (PLACE, 1.4, "lean-scale"),
         (("theta",), -1.0, "sign"),
         (("phi",), -1.0, "sign"),

@@ -73,8 +73,7 @@ def test_a_lane_is_the_plant_one_sample_at_a_time(imperfections, estimator):
         circle(),
         duration=1.0,
         initial_states=START,
-        imperfections=imperfections,
-        seeds=5,
+        imperfections=replace(imperfections, seed=5),
     )
     # vector code rounds in another order; in a second sticking and play multiply that by some 1e4
     np.testing.assert_allclose(batch.states[0], true, atol=1e-9)
@@ -93,8 +92,7 @@ def test_four_wheels_with_play_are_the_plant_one_sample_at_a_time():
         circle(),
         duration=0.5,
         initial_states=START,
-        imperfections=imperfections,
-        seeds=3,
+        imperfections=replace(imperfections, seed=3),
     )
     np.testing.assert_allclose(batch.states[0], true, atol=1e-9)
     np.testing.assert_allclose(batch.seen[0], seen, atol=1e-9)
@@ -110,8 +108,7 @@ def test_lanes_do_not_notice_each_other():
         circle(),
         duration=0.5,
         initial_states=START,
-        imperfections=imperfections,
-        seeds=7,
+        imperfections=replace(imperfections, seed=7),
     )
     beside = simulate_batch(
         Model(ROBOT),
@@ -119,8 +116,7 @@ def test_lanes_do_not_notice_each_other():
         circle(),
         duration=0.5,
         initial_states=START,
-        imperfections=imperfections,
-        seeds=[1, 7, 2] * 4,
+        imperfections=[replace(imperfections, seed=seed) for seed in (1, 7, 2) * 4],
     )
     np.testing.assert_array_equal(beside.states[1], alone.states[0])
     np.testing.assert_array_equal(beside.states[10], alone.states[0])
@@ -132,7 +128,12 @@ def test_a_push_changes_the_velocities_by_its_impulse():
     controller = Controller(ROBOT, np.zeros((3, 10)))
     push = Push(time=0.0, duration=0.005, force=(12.0, 0.0, 0.0), height=0.4)
     batch = simulate_batch(
-        Model(ROBOT), controller, circle(), duration=0.005, imperfections=Imperfections(pushes=(push,))
+        Model(ROBOT),
+        controller,
+        circle(),
+        duration=0.005,
+        initial_states=np.zeros(10),
+        imperfections=Imperfections(pushes=(push,)),
     )
     plant = ModelPlant(Model(ROBOT))
     plant.reset()

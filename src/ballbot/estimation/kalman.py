@@ -98,7 +98,7 @@ class KalmanFilter:
         """
         self._x[:] = 0.0
         self._x[X : X + 2] = position
-        self._set_covariance(first_covariance(self.noise))
+        self._P = first_covariance(self.noise)
         self._angles: NDArray[np.float64] | None = None
         self._without_angles = 0  # samples since the encoders last had all angles
         self._gyro = np.zeros(3)
@@ -170,7 +170,8 @@ class KalmanFilter:
         P[LOWER_TRIANGLE] = self._column[COVARIANCE : COVARIANCE + len(LOWER_TRIANGLE[0])]
         return P + np.tril(P, -1).T
 
-    def _set_covariance(self, P: NDArray[np.float64]) -> None:
+    @_P.setter
+    def _P(self, P: NDArray[np.float64]) -> None:
         self._column[COVARIANCE : COVARIANCE + len(LOWER_TRIANGLE[0])] = P[LOWER_TRIANGLE]
 
     @property
@@ -235,7 +236,7 @@ class KalmanFilter:
         x, P = self._x.copy(), self._P
         absorb(x, P, seen[there], rows[there], deviations[there] ** 2)
         self._x[:] = x
-        self._set_covariance(P)
+        self._P = P
 
 
 def filter_model(robot: Robot, *, sample_time: float, noise: FilterNoise) -> FilterModel:

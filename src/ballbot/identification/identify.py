@@ -323,10 +323,7 @@ def _result(
         variation=varied,
         correlation=uncertainty.correlation,
         coulomb=coulomb_equivalent(
-            layout,
-            values,
-            covariance=covariance,
-            wheel_speeds=wheel_speeds(predictor.robot, prepared.fit),
+            layout, values, covariance=covariance, wheel_speeds=wheel_speeds(predictor.robot, prepared.fit)
         ),
         fit=errors(predictor, prepared.fit, values),
         held_out=held_out,

@@ -32,7 +32,7 @@ from scipy.stats import chi2
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, finding_results, note, warning
-from ballbot.fitting.intervals import Interval, assess, between, profile, profile_ends
+from ballbot.fitting.intervals import Interval, Uncertainty, assess, between, profile, profile_ends
 from ballbot.fitting.least_squares import Stopping, minimize_squares
 from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.fitting.uncertainty import WindowEquations, covariance, discrepancy, without_influence
@@ -682,6 +682,27 @@ class _Uncertain:
     findings: tuple[Finding, ...]
 
 
+def _with_profiles(
+    fit: BallFit, uncertainty: Uncertainty, *, estimates: NDArray[np.bool_], free: NDArray[np.bool_]
+) -> dict[str, Interval]:
+    """Return the intervals, by profiles where linear errors say little: the curve bends in s, v_s and delta."""
+    bent = np.isin(fit.coordinates.names, ("stribeck", *_SHAPE)) & estimates
+    return uncertainty.intervals | _profiles(
+        fit, np.flatnonzero(bent), free=free, errors=uncertainty.scaled_errors
+    )
+
+
+def _errors_of(
+    labels: Sequence[str], uncertainty: Uncertainty, intervals: Mapping[str, Interval]
+) -> NDArray[np.float64]:
+    """Return standard errors (p,): those of profiles by their width, else the larger of clustered and bootstrap."""
+    profiled = [intervals.get(label) for label in labels]
+    widths = np.array([np.nan if one is None else one.deviation for one in profiled])
+    by_profile = np.array([one is not None and one.method == "profile" for one in profiled])
+    largest = np.fmax(uncertainty.standard_errors, uncertainty.bootstrap_errors)
+    return np.where(by_profile, widths, largest)
+
+
 def _uncertain(robot: Robot, fit: BallFit, *, run: Run, log_count: int) -> _Uncertain:
     """Return the friction with its uncertainty."""
     coordinates = fit.coordinates
@@ -704,16 +725,8 @@ def _uncertain(robot: Robot, fit: BallFit, *, run: Run, log_count: int) -> _Unce
         widen=WIDENED * apart.factor,
         run=replace(run, progress=lambda _: None),
     )
-    # linear errors of these say little: the curve bends in them, and at a bound one cannot move
-    bent = np.isin(coordinates.names, ("stribeck", *_SHAPE)) & estimates
-    intervals = uncertainty.intervals | _profiles(
-        fit, np.flatnonzero(bent), free=free & ~no_influence, errors=uncertainty.scaled_errors
-    )
-    profiled = [intervals.get(label) for label in coordinates.labels]
-    widths = np.array([np.nan if one is None else one.deviation for one in profiled])
-    by_profile = np.array([one is not None and one.method == "profile" for one in profiled])
-    largest = np.fmax(uncertainty.standard_errors, uncertainty.bootstrap_errors)
-    errors = np.where(stands, np.nan, np.where(by_profile, widths, largest))
+    intervals = _with_profiles(fit, uncertainty, estimates=estimates, free=free & ~no_influence)
+    errors = np.where(stands, np.nan, _errors_of(coordinates.labels, uncertainty, intervals))
     spread = uncertainty.correlation * np.outer(errors, errors)
     found = found_robot(
         robot,

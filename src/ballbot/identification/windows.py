@@ -68,8 +68,11 @@ def measured_wheel_speeds(log: Log, robot: Robot) -> NDArray[np.float64]:
     names = wheel_speed_names(robot.wheel_count)
     encoders = all(name in log for name in names)
     speeds = np.column_stack([log[name] if encoders else np.full(len(log), np.nan) for name in names])
+    lacking = ~np.isfinite(speeds).all(axis=1)
+    if not lacking.any():
+        return speeds
     states = _state_columns(log)
-    lacking = ~np.isfinite(speeds).all(axis=1) & np.isfinite(states).all(axis=1)
+    lacking &= np.isfinite(states).all(axis=1)
     speeds[lacking] = Model(robot).wheel_speed(states[lacking, :5], states[lacking, 5:])
     return speeds
 

@@ -27,7 +27,7 @@ _COLUMNS = ("theta", "phi", "theta_dot", "phi_dot", "psi_dot", *torque_names(MAX
 _SHARE = 0.05
 #: of the columns, those that are not zero in a row that counts: others are of a robot at rest
 _MOVING = 4
-#: rows in a fingerprint, digits of each hash, and how many must be found in another log
+#: rows in a fingerprint, digits of each hash, and how many at least must be found in another log
 _ROWS, _DIGITS, _FOUND = 8, 12, 2
 
 
@@ -65,7 +65,7 @@ def refuse_copies(logs: Mapping[str, Log]) -> None:
     hashes = {name: _row_hashes(log) for name, log in logs.items()} if len(logs) > 1 else {}
     for (first, one), (second, other) in combinations(hashes.items(), 2):
         both = len(one & other)
-        if both > _SHARE * min(len(one), len(other)):
+        if both >= _FOUND and both > _SHARE * min(len(one), len(other)):
             raise InputError(
                 f"{second} is of the same run as {first}: {both} of its rows are the same. Leave it out: the same "
                 "measurement twice shows no more."

@@ -103,9 +103,9 @@ def _with_motion(findings: Sequence[Finding], log: Log, robot: Robot) -> tuple[F
         if one.code.startswith(_OF_MOTION) and (one.code not in known or one.severity == "error")
     ]
     kept = [one for one in findings if not (one.code == "wheels" and one.severity == "note")]
-    if found:
+    if any(one.code != "torque-bound" for one in found):
         return by_severity([*kept, *found])
-    return by_severity([*kept, note("physics", _agreement(examine(log, robot), robot))])
+    return by_severity([*kept, *found, note("physics", _agreement(examine(log, robot), robot))])
 
 
 def _agreement(examined: PhysicsOfLog, robot: Robot) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -29,11 +29,11 @@ from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.friction import wheel_law
 from ballbot.mechanics.model import Model, ModelLike, as_model
 from ballbot.mechanics.parameters import selector
-from ballbot.robot import Robot, RobotLike, as_robot
+from ballbot.robot import Robot
 from ballbot.simulation.batch_result import ClosedLoopBatch
 from ballbot.simulation.gear_play import places_in_play
 from ballbot.simulation.imperfections import LOOP, Imperfections, LoopRecord, loop_record
-from ballbot.simulation.loop import Draws, Inputs, Limits, Outcome, Sampling, run_block
+from ballbot.simulation.loop import Draws, Inputs, Outcome, Sampling, run_block
 from ballbot.simulation.model_plant import checked_states, lift_off, pack_contacts
 from ballbot.simulation.run import initial_state_of, sample_count
 
@@ -111,8 +111,6 @@ def simulate_batch(
     duration: float,
     initial_states: ArrayLike | None = None,
     imperfections: Imperfections | Sequence[Imperfections] | None = None,
-    known: RobotLike | Sequence[RobotLike] | None = None,
-    seeds: int | Sequence[int] = 0,
     verdict: Verdict | None = None,
     every: int = 1,
     threads: int | None = None,
@@ -134,12 +132,8 @@ def simulate_batch(
         The default start of `simulate`, that of seed 0, by default.
     imperfections : Imperfections, or a sequence of them, optional
         One for all lanes or one for each: sensors, delay, noise, play, floor. By default the controllers see the true
-        state, and drives have no limits but the controllers' own.
-    known : Robot, preset or robot file, or a sequence of them, optional
-        The robots that the estimators know; the models' own by default. Each controller has its own estimator's kind.
-    seeds : int or sequence of int
-        All that is random in a lane follows from its seed; a single one is that of the first lane, and the others'
-        follow it.
+        state, and drives have no limits but the controllers' own. The state is that of the estimator that each
+        controller is made for. If there is one for all lanes, its seed is that of the first, and the others' follow it.
     verdict : Verdict, optional
         Leaves lanes as soon as their outcome is known; all are run to the end by default.
     every : int
@@ -161,37 +155,24 @@ def simulate_batch(
     controllers = _compiled_controllers(controller, robots[0])
     initial = checked_states(initial_state_of(0) if initial_states is None else initial_states)
     borne = _listed(imperfections)
-    believed = robots if known is None else [as_robot(one) for one in _listed(known)]
-    drawn = [seeds] if isinstance(seeds, int) else list(seeds)
     lanes = _lanes(
         {
             "initial states": len(initial),
             "models": len(models),
             "controllers": len(controllers),
             "imperfections": max(len(borne), 1),
-            "known robots": len(believed),
-            "seeds": len(drawn),
         }
     )
     sample_time = _common_sample_time(controllers)
-    n = _common_wheel_count([*robots, *believed], controllers)
+    n = _common_wheel_count([*robots, *(one.known for one in borne if one.known)], controllers)
     _check_imperfections(borne, models[0], sample_time)
     samples = sample_count(duration, sample_time)
     every = whole_number(every, "every", least=0) or samples
     records = samples // every
-    out = Outcome(
-        states=np.empty((lanes, records, 10)),
-        torques=np.empty((lanes, records, n)),
-        seen=np.empty((lanes, records, 10)),
-        ended=np.full(lanes, samples, np.int64),
-        settled=np.full(lanes, samples, np.int64),
-        lifted=np.zeros(lanes, np.bool_),
-        slipped=np.zeros(lanes, np.bool_),
-        changes=np.zeros(lanes),
-    )
+    out = _outcome(lanes, records, samples, n)
     law = wheel_law(*(robot.friction for robot in robots))
     selected = selector(models[0].formulation, n, pivoting=models[0].pivots, law=law)
-    loops, filters = _loops(borne, robots, believed, controllers, sample_time)
+    loops, filters = _loops(borne, robots, controllers, sample_time)
     inputs = Inputs(
         parameters=_rows(lambda one: one.packed_under(law), models),
         lift_offs=_rows(lift_off, robots),
@@ -202,24 +183,24 @@ def simulate_batch(
         initial=initial,
         pushes=_pushes(borne, sample_time),
     )
-    limits = Limits(
-        settled=np.zeros((0, 10)) if verdict is None else verdict.settled,
-        lost=LARGEST_LEAN if verdict is None else min(verdict.lost, LARGEST_LEAN),
-        grip=math.inf if verdict is None else verdict.grip,
-    )
+    ends = Verdict(settled=np.zeros((0, 10)), lost=LARGEST_LEAN) if verdict is None else verdict
     sampling = Sampling(
         references=_sampled(as_reference(reference), samples, sample_time),
         sample_time=sample_time,
         steps=models[0].steps_in(sample_time),
         every=every,
+        settled=ends.settled,
+        lost=min(ends.lost, LARGEST_LEAN),
+        grip=ends.grip,
     )
-    seed_of = [drawn[0] + k for k in range(lanes)] if len(drawn) == 1 else drawn
+    alone = len(borne) == 1
 
     def run(first: int) -> None:
         width = min(LANES, lanes - first)
-        which = [borne[k % len(borne)] for k in range(first, first + width)] if borne else []
-        draws = _draws(which, seed_of[first : first + width], n=n, samples=samples, sample_time=sample_time)
-        run_block(selected, inputs, draws, limits, sampling, first, width, out)
+        runs = range(first, first + width) if borne else ()
+        which = [replace(borne[0], seed=borne[0].seed + k) if alone else borne[k] for k in runs]
+        draws = _draws(which, width, n=n, samples=samples, sample_time=sample_time)
+        run_block(selected, inputs, draws, sampling, first, width, out)
 
     over_threads(run, lanes, threads)
     decided = np.minimum(out.ended, out.settled)
@@ -233,6 +214,20 @@ def simulate_batch(
         lifted=out.lifted,
         slipped=out.slipped,
         torque_change=np.sqrt(out.changes / (n * np.maximum(decided - 1, 1))),
+    )
+
+
+def _outcome(lanes: int, records: int, samples: int, n: int) -> Outcome:
+    """Return the arrays for the outcome of so many lanes, which so far run to the end."""
+    return Outcome(
+        states=np.empty((lanes, records, 10)),
+        torques=np.empty((lanes, records, n)),
+        seen=np.empty((lanes, records, 10)),
+        ended=np.full(lanes, samples, np.int64),
+        settled=np.full(lanes, samples, np.int64),
+        lifted=np.zeros(lanes, np.bool_),
+        slipped=np.zeros(lanes, np.bool_),
+        changes=np.zeros(lanes),
     )
 
 
@@ -276,25 +271,21 @@ def _check_imperfections(borne: Sequence[Imperfections], model: Model, sample_ti
 def _loops(
     borne: Sequence[Imperfections],
     robots: Sequence[Robot],
-    known: Sequence[Robot],
     controllers: Sequence[Controller],
     sample_time: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the rows of `loop_record`, and those of `filter_row`, none without a Kalman filter."""
     if not borne:
         return _perfect(), np.empty((0, 0))
-    many = max(len(borne), len(robots), len(known), len(controllers))
+    many = max(len(borne), len(robots), len(controllers))
     loops, filters, made = [], [], {}
     for k in range(many):
-        of = (borne[k % len(borne)], robots[k % len(robots)], known[k % len(known)])
+        one, robot = borne[k % len(borne)], robots[k % len(robots)]
         estimator = controllers[k % len(controllers)].estimator
-        key = (*map(id, of), estimator)
+        key = (id(one), id(robot), estimator)
         if key not in made:
-            imperfections, robot, assumed = of
-            row = loop_record(
-                imperfections, robot, known=assumed, estimator=estimator, sample_time=sample_time
-            )
-            made[key] = row, filter_row(assumed, sample_time=sample_time)
+            row = loop_record(one, robot, estimator=estimator, sample_time=sample_time)
+            made[key] = row, filter_row(one.known or robot, sample_time=sample_time)
         loops.append(made[key][0])
         filters.append(made[key][1])
     needed = any(one.sensors is not None for one in borne) and any(
@@ -321,26 +312,23 @@ def _pushes(borne: Sequence[Imperfections], sample_time: float) -> NDArray[np.fl
     return table
 
 
-def _draws(
-    borne: Sequence[Imperfections], seeds: Sequence[int], *, n: int, samples: int, sample_time: float
-) -> Draws:
+def _draws(borne: Sequence[Imperfections], width: int, *, n: int, samples: int, sample_time: float) -> Draws:
     """Return what is random in the runs of a block, as `SensedPlant` draws it."""
-    width = len(seeds)
     noisy, faulty = any(one.random for one in borne), any(one.sensor_faults is not None for one in borne)
     jitters, plays = any(one.jitter > 0.0 for one in borne), any(one.backlash > 0.0 for one in borne)
     noise = np.empty((width, (6 + n) * samples if noisy else 0))
     faults = np.empty((width, 5 * (samples + 1) if faulty else 0))
     places, durations = np.zeros((width, n)), np.zeros((width, samples if jitters else 0))
-    for k, seed in enumerate(seeds if borne else ()):
-        random = np.random.default_rng(seed)
+    for k, one in enumerate(borne):
+        random = np.random.default_rng(one.seed)
         if faulty:
             random.spawn(1)[0].standard_normal(out=faults[k])
         if noisy:
             random.standard_normal(out=noise[k])
         if plays:
-            places[k] = places_in_play(1.0, n, seed)
+            places[k] = places_in_play(1.0, n, one.seed)
         if jitters:
-            late = borne[k].jitter * np.random.default_rng([seed, 5]).uniform(-1.0, 1.0, samples)
+            late = one.jitter * np.random.default_rng([one.seed, 5]).uniform(-1.0, 1.0, samples)
             durations[k] = sample_time + np.diff(late, prepend=0.0)
     return Draws(noise=noise, faults=faults, places=places, durations=durations)
 

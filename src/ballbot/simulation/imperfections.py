@@ -81,6 +81,8 @@ class Imperfections:
     missing: int = 0
     missing_from: int = 0
     fallen_lean: float = LARGEST_LEAN  #: lean at which a run ends [rad]
+    known: Robot | None = None  #: the robot that the estimator knows; the true one by default
+    seed: int = 0  #: all that is random in a batch's lane follows from it
 
     def __post_init__(self) -> None:
         if self.sensors is not None:
@@ -187,7 +189,6 @@ def loop_record(
     one: Imperfections,
     robot: Robot,
     *,
-    known: Robot,
     estimator: EstimatorName,
     sample_time: float,
 ) -> NDArray[np.float64]:
@@ -198,8 +199,6 @@ def loop_record(
     one : Imperfections
     robot : Robot
         The true one.
-    known : Robot
-        The one that the estimator knows.
     estimator : {"onboard", "kalman"}
         If there are sensors.
     sample_time : float
@@ -231,7 +230,7 @@ def loop_record(
         "slope_load": np.column_stack([along, across]),
     }
     if one.sensors is not None:
-        values |= _of_sensors(one, one.sensors, robot, known, estimator, sample_time)
+        values |= _of_sensors(one, one.sensors, robot, estimator, sample_time)
     record = LOOP.zeros()
     fill_record(record, LoopRecord(**values))  # pyright: ignore[reportArgumentType] (a value for each field)
     return record.view(np.float64)
@@ -241,11 +240,10 @@ def _of_sensors(
     one: Imperfections,
     sensors: Sensors,
     robot: Robot,
-    known: Robot,
     estimator: EstimatorName,
     sample_time: float,
 ) -> dict[str, object]:
-    faults = one.sensor_faults or SensorFaults()
+    faults, known = one.sensor_faults or SensorFaults(), one.known or robot
     memory = math.exp(-sample_time / faults.lean_error_time)
     return {
         "estimator": 1 if estimator == "onboard" else 2,

@@ -94,21 +94,17 @@ class Draws(NamedTuple):
     durations: NDArray[np.float64]  #: (robots, samples) of the samples; without columns all are alike [s]
 
 
-class Limits(NamedTuple):
-    """When a lane is left; see `Verdict`."""
-
-    settled: NDArray[np.float64]  #: no rows without a verdict
-    lost: float
-    grip: float
-
-
 class Sampling(NamedTuple):
-    """The reference at each sample, and the steps between."""
+    """The reference at each sample, the steps between, and when a lane is left."""
 
     references: NDArray[np.float64]  #: (samples, 10)
     sample_time: float  #: [s]
     steps: int  #: in a sample
     every: int  #: so many samples between records
+    #: when a lane is left; see `Verdict`
+    settled: NDArray[np.float64]  #: no rows without a verdict
+    lost: float
+    grip: float
 
 
 class Outcome(NamedTuple):
@@ -131,7 +127,8 @@ class _Block(NamedTuple):
     late: NDArray[np.float64]  #: (1 + longest delay, robots, n) torques on their way
     acting: NDArray[np.float64]  #: (robots, n) torques that act, or that the motors go towards
     given: NDArray[np.float64]  #: (robots, n) torques that the motors give, behind their lag
-    last: NDArray[np.float64]  #: (robots, n) torques that were commanded in the last sample
+    commanded: NDArray[np.float64]  #: (robots, n) torques that the controllers ask for
+    last: NDArray[np.float64]  #: (robots, n) and asked for in the last sample
     starts: NDArray[np.float64]  #: (robots, n) where motors with play begin to count [rad]
     angles: NDArray[np.float64]  #: (robots, n) of rigid motors [rad]
     speeds: NDArray[np.float64]  #: (robots, n) of rigid motors [rad/s]
@@ -208,14 +205,14 @@ def _angles_of(g, heading):
 
 
 @called
-def _read_ahrs(own, block, robot, sample, t, noise, faults, truth, gyro, angles):
+def _read_ahrs(own, block, robot, sample, noise, faults, truth, gyro, angles):
     """Fill gyro (3,) and angles (3,) with what the AHRS shows."""
     a = attitude((truth[2], truth[3], truth[4]))
     rate = body_rates(a, (truth[7], truth[8], truth[9]))
     for i in range(3):
         gyro[i] = rate[i] + own.gyro_noise * noise[i]
         angles[i] = truth[2 + i] + own.attitude_noise * noise[3 + i]
-    errors, drift = block.ahrs[robot], own.heading_drift * t
+    errors, drift = block.ahrs[robot], own.heading_drift * (sample * own.sample_time)
     if len(faults) > 0:
         if sample == 0:
             for i in range(3):
@@ -458,7 +455,7 @@ def _start(selected, work, width, inputs, draws, sampling, first, block, state):
 
 
 @called
-def _measure(selected, work, lane, inputs, draws, block, first, sample, t):
+def _measure(selected, work, lane, inputs, draws, block, first, sample):
     """Read a lane's sensors, and fill its state unless the Kalman filter does."""
     robot = robot_in(work, lane)
     own, state, n = _loop_of(inputs, first + robot), block.states[robot], block.acting.shape[1]
@@ -467,7 +464,7 @@ def _measure(selected, work, lane, inputs, draws, block, first, sample, t):
         return
     gyro, angles, encoders, speeds = block.gyros[robot], np.empty(3), np.empty(n), np.empty(n)
     noise = draws.noise[robot, (n + 6) * sample : (n + 6) * sample + 6]
-    _read_ahrs(own, block, robot, sample, t, noise, draws.faults[robot], state, gyro, angles)
+    _read_ahrs(own, block, robot, sample, noise, draws.faults[robot], state, gyro, angles)
     for i in range(n):
         encoders[i] = block.angles[robot, i]
         if own.play > 0.0:
@@ -489,10 +486,11 @@ def _measure(selected, work, lane, inputs, draws, block, first, sample, t):
 
 
 @called
-def _command(work, lane, inputs, draws, block, first, sample, reference, held, out):
+def _command(work, lane, inputs, draws, block, first, sample, reference, out):
     """Decide a lane's torques, and let those that are due act, with noise and within the drive's limits."""
     robot = robot_in(work, lane)
-    own, state, n = _loop_of(inputs, first + robot), block.states[robot], len(held)
+    own, state, held = _loop_of(inputs, first + robot), block.states[robot], block.commanded[robot]
+    n = len(held)
     if own.estimator == 2:
         row = inputs.filters[_row_of(inputs.filters, first + robot)]
         if sample > 0:
@@ -501,6 +499,7 @@ def _command(work, lane, inputs, draws, block, first, sample, reference, held, o
         _filtered(block.filters, robot, block.gyros[robot], state)
     if own.missing_from <= sample < own.missing_until:
         state[0] = np.nan
+    fill(block.last[robot], held)
     control_law(
         inputs.laws[_row_of(inputs.laws, first + robot)], block.memories[robot], state, reference, held
     )
@@ -511,7 +510,6 @@ def _command(work, lane, inputs, draws, block, first, sample, reference, held, o
     for i in range(n):
         if sample > 0:
             out.changes[first + robot] += (held[i] - block.last[robot, i]) ** 2
-        block.last[robot, i] = held[i]
         torque = due[i]
         if own.torque_noise > 0.0:
             torque += own.torque_noise * draws.noise[robot, (n + 6) * sample + 6 + i]
@@ -539,7 +537,7 @@ def _turn_motors(selected, work, width, inputs, block, first, durations, sample)
 
 
 @called
-def _end_where_due(selected, work, lane, inputs, limits, block, first, sample, reference, out):
+def _end_where_due(selected, work, lane, inputs, sampling, block, first, sample, out):
     """Stop a lane that has fallen within the sample, would lift off or slip at its end, or whose outcome is known."""
     robot = robot_in(work, lane)
     own, number = _loop_of(inputs, first + robot), first + robot
@@ -555,24 +553,24 @@ def _end_where_due(selected, work, lane, inputs, limits, block, first, sample, r
             P, u = wheel_side(whole, own.rotor_inertia), passed_torques(selected, work, lane)
         if not sinking(selected, P, state, u) < inputs.lift_offs[_row_of(inputs.lift_offs, number)]:
             fallen = out.lifted[number] = True
-        elif limits.grip < math.inf:
+        elif sampling.grip < math.inf:
             touching, room = inputs.contacts[_row_of(inputs.contacts, number)], np.zeros(len(block.acting[0]))
-            if not friction_needed(selected, P, state, u, touching, room) <= limits.grip:
+            if not friction_needed(selected, P, state, u, touching, room) <= sampling.grip:
                 fallen = out.slipped[number] = True
     if fallen:
         out.ended[number] = sample
         work[STEP * LANES + lane] = 0.0  # the lane stays where it is
-    elif len(limits.settled) > 0:
-        _decide(work, lane, limits, truth, reference, sample, out, number)
+    elif len(sampling.settled) > 0:
+        _decide(work, lane, sampling, truth, sample, out, number)
 
 
 @called
-def _decide(work, lane, limits, state, reference, sample, out, robot):
+def _decide(work, lane, sampling, state, sample, out, robot):
     """Stop a lane whose outcome is known; see `Verdict`."""
     lean = state[2] * state[2] + state[3] * state[3]
-    if lean > limits.lost * limits.lost and state[2] * state[7] + state[3] * state[8] > 0.0:
+    if lean > sampling.lost * sampling.lost and state[2] * state[7] + state[3] * state[8] > 0.0:
         out.ended[robot] = sample
-    elif _within(limits.settled, state, reference):
+    elif _within(sampling.settled, state, sampling.references[sample - 1]):
         out.settled[robot] = sample
     else:
         return
@@ -603,17 +601,14 @@ def _runs(work, lane, out, first, samples):
     return out.ended[robot] == samples and out.settled[robot] == samples
 
 
-@compiled
-def run_block(selected, inputs, draws, limits, sampling, first, width, out):
-    """Run robots first .. first + width - 1; `draws` are of these alone."""
-    samples, n = len(sampling.references), out.torques.shape[2]
-    delay, latency, window, lags = _longest(inputs.loops)
-    plays = _loop_of(inputs, first).play > 0.0  # all robots of a block, or none
-    filtering = len(inputs.filters) > 0
-    work, state, held = new_work(), np.empty(10), np.empty(n)
-    block = _Block(
+@called
+def _new_block(loops, width, n, filtering):
+    """Return the memory of a block whose robots all begin."""
+    delay, latency, window, _ = _longest(loops)
+    return _Block(
         np.zeros((width, MEMORY_SIZE)),
         np.zeros((1 + delay, width, n)),
+        np.zeros((width, n)),
         np.zeros((width, n)),
         np.zeros((width, n)),
         np.zeros((width, n)),
@@ -631,40 +626,56 @@ def run_block(selected, inputs, draws, limits, sampling, first, width, out):
         np.zeros((width, 10)),
         np.zeros(FILTER_ROWS * LANES if filtering else LANES),
     )
-    _start(selected, work, width, inputs, draws, sampling, first, block, state)
+
+
+@called
+def _move(selected, work, width, inputs, block, sampling, first):
+    """Move a block's robots on by a sample."""
+    plays = _loop_of(inputs, first).play > 0.0  # all robots of a block, or none
+    lags = _longest(inputs.loops)[3]
     h = sampling.sample_time / sampling.steps
+    if not (plays or lags):
+        _put_torques(work, width, inputs, block, first, h)
+        take_steps(selected, work, width, sampling.steps)
+        return
+    for _ in range(sampling.steps):
+        _put_torques(work, width, inputs, block, first, h)
+        if plays:
+            play_block(selected, work, width)
+        else:
+            take_steps(selected, work, width, 1)
+
+
+@compiled
+def run_block(selected, inputs, draws, sampling, first, width, out):
+    """Run robots first .. first + width - 1; `draws` are of these alone."""
+    samples, n = len(sampling.references), out.torques.shape[2]
+    filtering = len(inputs.filters) > 0
+    work, state = new_work(), np.empty(10)
+    block = _new_block(inputs.loops, width, n, filtering)
+    _start(selected, work, width, inputs, draws, sampling, first, block, state)
     moving = width
     for sample in range(samples):
         reference = sampling.references[sample]
         if moving > 0:
             for lane in range(width):
                 if _runs(work, lane, out, first, samples):
-                    t = sample * sampling.sample_time
-                    _measure(selected, work, lane, inputs, draws, block, first, sample, t)
+                    _measure(selected, work, lane, inputs, draws, block, first, sample)
             if filtering and sample > 0:
                 sample_block(block.filters, width)
             for lane in range(width):
                 if _runs(work, lane, out, first, samples):
-                    _command(work, lane, inputs, draws, block, first, sample, reference, held, out)
+                    _command(work, lane, inputs, draws, block, first, sample, reference, out)
                     if draws.durations.shape[1] > 0:
                         robot = robot_in(work, lane)
                         work[STEP * LANES + lane] = draws.durations[robot, sample] / sampling.steps
             _take_pushes(selected, work, width, inputs, sampling, first, sample)
-            if plays or lags:
-                for _ in range(sampling.steps):
-                    _put_torques(work, width, inputs, block, first, h)
-                    if plays:
-                        play_block(selected, work, width)
-                    else:
-                        take_steps(selected, work, width, 1)
-            else:
-                _put_torques(work, width, inputs, block, first, h)
-                take_steps(selected, work, width, sampling.steps)
+            _move(selected, work, width, inputs, block, sampling, first)
             _turn_motors(selected, work, width, inputs, block, first, draws.durations, sample)
         for lane in range(width):
             robot = first + robot_in(work, lane)
             if _runs(work, lane, out, first, samples):
-                _end_where_due(selected, work, lane, inputs, limits, block, first, sample + 1, reference, out)
+                _end_where_due(selected, work, lane, inputs, sampling, block, first, sample + 1, out)
                 moving -= 1 if work[STEP * LANES + lane] == 0.0 else 0
             if (sample + 1) % sampling.every == 0:
                 record = (sample + 1) // sampling.every - 1

@@ -234,6 +234,8 @@ def other_wheels(log: Log, wheel_count: int) -> str:
 
 def check_sampling(log: Log, robot: Robot) -> list[Finding]:
     """Return a warning for a sample time or an encoder's counts in the robot file that the log contradicts."""
+    if len(log) < 2:
+        return []
     findings = []
     period, written = log.sample_time, robot.sensors.sample_time
     if abs(np.log(period / written)) > SAME_PERIOD:

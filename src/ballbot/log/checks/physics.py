@@ -82,7 +82,10 @@ def examine(log: Log, robot: Robot) -> PhysicsOfLog:
         return PhysicsOfLog(findings=tuple(late), lean=lean, wheel_gain=gain)
     names, driving = torque_names(robot.wheel_count), driving_of(log, rows, motion, robot)
     sums = motor_sums(driving, motion, robot) if driving else ()
-    if changed := change_findings(sums, motion, names=names):
+    fit = torque_findings(torque_evidence(driving), names=names) if driving else []
+    # another order explains all torques at once; a change explains one of them
+    ordered = any(one.code == "torque-order" for one in fit) and lean.conclusive
+    if not ordered and (changed := change_findings(sums, motion, names=names)):
         return PhysicsOfLog(findings=tuple(changed), lean=lean, wheel_gain=gain)
     if not lean.conclusive:
         sentence = (
@@ -93,9 +96,8 @@ def examine(log: Log, robot: Robot) -> PhysicsOfLog:
         return PhysicsOfLog(
             findings=(Finding(code="physics", severity="warning", text=sentence),), wheel_gain=gain
         )
-    findings = torque_findings(torque_evidence(driving), names=names) if driving else []
-    if findings or not sums:
-        return PhysicsOfLog(findings=tuple(findings), lean=lean, wheel_gain=gain)
+    if fit or not sums:
+        return PhysicsOfLog(findings=tuple(fit), lean=lean, wheel_gain=gain)
     gains = gains_of(sums)
     findings = gain_findings(gains, names=names)
     if findings and gains.common()[0] < 1.0 and (clipped := _clipped(log, names)):

@@ -232,6 +232,23 @@ def through_play(wheel, mobility, h, momentum, dry, inertia, low, high):
     return (torque if touches else 0.0), (together if touches else alone)
 
 
+#: names of rows and numbers in the text of a sweep
+_ROWS_OF_A_SWEEP = {
+    "SPEEDS": _SPEEDS,
+    "PASSED": PASSED,
+    "G": _G,
+    "MOMENTUM": _MOMENTUM,
+    "DRY": _DRY,
+    "INERTIA": _INERTIA,
+    "LOW": _LOW,
+    "HIGH": _HIGH,
+    "SPEED": _SPEED,
+    "MOVED": _MOVED,
+    "STEP": STEP,
+    "SETTLED": _SETTLED,
+}
+
+
 def _sweep_lane(selected, work, lane) -> None:  # pragma: no cover (compiled form below)
     """Solve each contact of a lane once, unless it has settled."""
     raise NotImplementedError("compiled code only")
@@ -289,20 +306,6 @@ def _sweep_lane_of(selected, work, lane):
     for i in range(n):
         lines.append(f"put(work, SPEED + {i}, lane, m{i} if moving else entry(work, SPEED + {i}, lane))")
     lines.append("put(work, MOVED, lane, moved if moving else entry(work, MOVED, lane))")
-    rows = {
-        "SPEEDS": _SPEEDS,
-        "PASSED": PASSED,
-        "G": _G,
-        "MOMENTUM": _MOMENTUM,
-        "DRY": _DRY,
-        "INERTIA": _INERTIA,
-        "LOW": _LOW,
-        "HIGH": _HIGH,
-        "SPEED": _SPEED,
-        "MOVED": _MOVED,
-        "STEP": STEP,
-        "SETTLED": _SETTLED,
-    }
     return written(
         "selected, work, lane",
         "None",
@@ -312,7 +315,7 @@ def _sweep_lane_of(selected, work, lane):
         put=put,
         through_play=through_play,
         sqrt=math.sqrt,
-        **rows,
+        **_ROWS_OF_A_SWEEP,
     )
 
 
