@@ -115,7 +115,7 @@ class Rounded(KalmanFilter):
         errors = ROUNDINGS * ROUNDOFF * (errors + np.triu(errors, 1).T) * np.outer(deviation, deviation)
         steps = ROUNDINGS * ROUNDOFF * self._random.uniform(-1.0, 1.0, STATES) * np.abs(after - before)
         self._P = self._back @ (P + errors) @ self._back.T
-        self._x = self._back @ (after + steps)
+        self._x[:] = self._back @ (after + steps)
         return self._state()
 
 

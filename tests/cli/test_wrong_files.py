@@ -83,7 +83,7 @@ def test_missing_robot_is_reported(capsys):
     ("content", "words"),
     [
         ("", "empty"),
-        ("t,u1\n0,1\n1\n", "line 3"),
+        ("t,u1\n0,1\n1\n2,1\n", "line 3"),
         ("t,u1\n0,a\n", "line 2"),
         ("u1,u2\n0,1\n", "t"),
         ("t,u1\n0,1\n1,1\n0.5,1\n", "t"),

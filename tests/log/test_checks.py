@@ -24,7 +24,10 @@ ROLLING = with_wheels(CLEAN, ALTEN)
 
 
 def kinds(log: Log, *, robot: Robot | None = None) -> list[str]:
-    return [finding.code for finding in check(log, robot=robot) if finding.severity != "note"]
+    # these logs are smooth curves, which follow no robot's lean
+    ignored = ("physics",)
+    found = [finding for finding in check(log, robot=robot) if finding.code not in ignored]
+    return [finding.code for finding in found if finding.severity != "note"]
 
 
 def only(log: Log, kind: str) -> Finding:
@@ -88,7 +91,7 @@ def test_missing_values_are_counted_and_located(row, number, name):
     finding = only(spoiled(CLEAN, name, rows, np.nan), "missing")
     assert finding.where.columns == (name,)
     assert finding.where.time == CLEAN.t[row]
-    assert f"{name} has {min(number, 3000 - row)} of 3000" in finding.text
+    assert f"{name}: {min(number, 3000 - row)} of 3000" in finding.text
 
 
 @pytest.mark.parametrize("name", ["theta", "phi", "psi", "theta_dot", "phi_dot", "psi_dot"])

@@ -117,8 +117,9 @@ def test_as_log_gives_the_log_itself_or_the_one_in_the_file(files):
     assert np.array_equal(as_log(str(files[0]))["x"], LOG["x"])
 
 
-def of_negated_rates() -> Log:
+def of_negated_rates(*, scale: float = 1.0) -> Log:
     log = smooth_log()
+    log = log.with_columns({name: scale * log[name] for name in log.names if name != "t"})
     return log.with_columns({"theta_dot": -log["theta_dot"], "phi_dot": -log["phi_dot"]})
 
 
@@ -134,7 +135,7 @@ def of_negated_rates() -> Log:
 )
 def test_every_function_takes_every_container(function, robot, tmp_path):
     """The checks, which come first, name the logs; they refuse negated rates."""
-    log, path = of_negated_rates(), tmp_path / "walk.csv"
+    log, other, path = of_negated_rates(), of_negated_rates(scale=0.9), tmp_path / "walk.csv"
     log.write(path)
     for given_as, beginning in (
         (log, ""),
@@ -142,7 +143,7 @@ def test_every_function_takes_every_container(function, robot, tmp_path):
         (path, "walk: "),
         ([str(path)], "walk: "),
         ({"mine": path}, "mine: "),
-        ([log, path], r"log 1: "),
+        ([log, other], r"log 1: "),
     ):
         with pytest.raises(InputError, match=rf"^{beginning}.*accept=\['sign'\]"):
             function(robot, given_as)
@@ -155,7 +156,8 @@ def test_a_misspelt_preset_is_answered_with_the_nearest(function):
 
 
 def test_held_out_times_of_several_logs_need_their_names():
-    logs = {"one": smooth_log(), "two": smooth_log()}
+    log = smooth_log()
+    logs = {"one": log, "two": log.with_columns({name: 0.9 * log[name] for name in log.names if name != "t"})}
     accepted = {"accept": ["torque-unrelated", "sign", "lean-axes"]}
     with pytest.raises(InputError, match="give a dict by the logs' names: one, two"):
         validate(true_robot(), logs, holdout=[(0.0, 1.0)], **accepted)
