@@ -66,7 +66,7 @@ CAMPAIGNS = {
     "fuzz": "campaigns.fuzz",
     "validation": "campaigns.identified_twin:validation",
     "mapping_corpus": "campaigns.mapping_corpus",
-    "false_alarms": "campaigns.false_alarms",
+    "log_faults": "campaigns.log_faults",
     "exploration": "campaigns.exploration",
     "firmware_math": "campaigns.firmware_math",
     "firmware_estimators": "campaigns.firmware_estimators",

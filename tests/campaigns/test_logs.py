@@ -1,31 +1,28 @@
-"""Samples of the campaigns on input: correct logs are not stopped, and fuzzed input ends in one of Ballbot's errors."""
+"""Samples of the campaigns on input: what checks make of faulty and sound logs, and fuzzed input."""
 
 import sys
 import warnings
-from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
-from campaigns.false_alarms import PRESETS, checked, drawn, record, section
 
 from ballbot.errors import InputError
 from campaigns.fuzz import COUNTS, attempt, limits, outcome, outcomes, run, target_names
 from campaigns.fuzz_commands import WORK
 from campaigns.fuzz_targets import loader_names
-
-DURATION = 6.0  # [s], a quarter of the campaign's logs
+from campaigns.log_faults import KINDS, SOUND, section
+from campaigns.log_faults import outcome as log_outcome
+from campaigns.log_recordings import drawn
 
 
 @pytest.mark.sample
-@pytest.mark.parametrize("seed", range(len(PRESETS)), ids=PRESETS)
-def test_correct_log_of_each_preset_is_not_stopped(seed):
-    # references take turns with the presets: another one for each
-    draw = replace(drawn(6 * seed), duration=DURATION)
-    found = checked(draw, record(draw))
-    assert found.errors == ()
-    assert found.preset in section([found]).markdown()
+def test_sound_logs_pass_and_a_negated_torque_is_named():
+    found = [*(log_outcome(SOUND, number) for number in range(3)), log_outcome("negated", 0)]
+    assert [one.refused for one in found[:3]] == [False] * 3
+    assert found[3].named
+    assert len(section(found).rows) == len(KINDS) + 1
 
 
 def test_draws_are_reproducible_and_cover_presets_and_references():
