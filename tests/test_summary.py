@@ -130,6 +130,7 @@ def batch() -> ClosedLoopBatch:
         t=np.array([0.5, 1.0]),
         states=np.full((4, 2, 10), 0.1),
         torques=np.ones((4, 2, 3)),
+        seen=np.full((4, 2, 10), 0.1),
         ended=np.array([never, 0.5, 0.75, 0.25]),
         settled=np.array([0.8, never, never, never]),
         lifted=np.array([False, False, False, True]),

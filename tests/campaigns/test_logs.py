@@ -19,7 +19,7 @@ from campaigns.log_recordings import drawn
 
 @pytest.mark.sample
 def test_sound_logs_pass_and_a_negated_torque_is_named():
-    found = [*(log_outcome(SOUND, number) for number in range(3)), log_outcome("negated", 0)]
+    found = [*(log_outcome(SOUND, number) for number in range(3)), log_outcome("a torque negated", 0)]
     assert [one.refused for one in found[:3]] == [False] * 3
     assert found[3].named
     assert len(section(found).rows) == len(KINDS) + 1

@@ -203,6 +203,12 @@ def simulate_batch(
         run_block(selected, inputs, draws, sampling, first, width, out)
 
     over_threads(run, lanes, threads)
+    return _result(out, samples, sample_time, every)
+
+
+def _result(out: Outcome, samples: int, sample_time: float, every: int) -> ClosedLoopBatch:
+    """Return an outcome as the batch that users see."""
+    _, records, n = out.torques.shape
     decided = np.minimum(out.ended, out.settled)
     return ClosedLoopBatch(
         t=np.arange(1.0, records + 1.0) * (every * sample_time),

@@ -85,7 +85,7 @@ def examine(log: Log, robot: Robot) -> PhysicsOfLog:
     fit = torque_findings(torque_evidence(driving), names=names) if driving else []
     # another order explains all torques at once; a change explains one of them
     ordered = any(one.code == "torque-order" for one in fit) and lean.conclusive
-    if not ordered and (changed := change_findings(sums, motion, names=names)):
+    if sums and not ordered and (changed := change_findings(sums, motion, names=names)):
         return PhysicsOfLog(findings=tuple(changed), lean=lean, wheel_gain=gain)
     if not lean.conclusive:
         sentence = (

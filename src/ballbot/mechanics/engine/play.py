@@ -258,8 +258,7 @@ def _sweep_lane(selected, work, lane) -> None:  # pragma: no cover (compiled for
 def _sweep_lane_of(selected, work, lane):
     n = len(selected.types[0])
     pivots = selected.instance_class is Pivoting
-    boxes = n + pivots
-    x, y, count = boxes, boxes + 1, boxes + 2
+    x, y, count = n + pivots, n + pivots + 1, n + pivots + 2
     lines = [
         "P, h = load(selected, work, lane), entry(work, STEP, lane)",
         "moving = entry(work, MOVED, lane) > SETTLED",
