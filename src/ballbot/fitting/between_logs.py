@@ -82,7 +82,7 @@ def spread(
     D = np.diag((sizes > 0.0).astype(float))
     alike, given = _given(np.zeros(1), y, C, D), _given(_TAU, y, C, D)
     weights = _prior(degrees) + given.log_likelihoods
-    weights = np.exp(weights - logsumexp(weights))
+    weights = np.exp(weights - np.asarray(logsumexp(weights)))
     V = np.einsum("g,gij->ij", weights, given.covariances)
     back = np.outer(unit, unit)
     apart = (len(y) - 1) * y.shape[1]

@@ -472,7 +472,7 @@ class UpsideDown:
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
         results = {
-            "verdict": self.verdict.to_dict(),
+            "verdict": self.verdict,
             "parameters": self.parameters,
             "standard_errors": self.standard_errors,
             "intervals": self.intervals,
