@@ -4,7 +4,6 @@ import io
 import re
 import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +13,10 @@ from rich.console import Console
 from ballbot import InputError
 from ballbot.cli import output
 from ballbot.cli.context import CHECKPOINT, RunOptions, long_run
-from ballbot.cli.main import main
 from ballbot.cli.output import progress_bar
 from ballbot.files import write_text
 from ballbot.fitting.run import ExecutorError, Run
-from ballbot.progress import EtaEstimator, Progress
-from tests.support.identification_examples import balancing_log, noisy
+from ballbot.progress import Progress
 
 ANSWER = np.ones(2)
 
@@ -163,38 +160,6 @@ def test_writing_the_report_after_work_without_a_plan_begins_at_the_last_share(p
         "ballbot: descent, 60 %",
         "ballbot: writing the report, 60 %",
     ]
-
-
-@pytest.mark.slow
-def test_time_left_of_an_identification_is_within_a_factor_of_two(tmp_path, capsys, monkeypatch):
-    """By processor time on one core, which other work on the machine does not change."""
-    watched: list[tuple[float, float]] = []
-
-    class Watched(EtaEstimator):
-        def seconds_left(self, progress: Progress) -> float | None:
-            seconds = super().seconds_left(progress)
-            assert seconds is not None
-            watched.append((time.process_time(), seconds))
-            return seconds
-
-    monkeypatch.setattr("os.cpu_count", lambda: 1)
-    monkeypatch.setattr(output, "EtaEstimator", partial(Watched, time.process_time))
-    monkeypatch.setattr(output, "_BEFORE_LINES", 0.0)
-    log = tmp_path / "log.csv"
-    noisy(balancing_log(), seed=6).between(6.0, 18.0).write(log)
-    begin = time.process_time()
-    assert main(["identify", "alten", str(log), "--law", "coulomb", "--out", str(tmp_path / "out")]) == 0
-    end = time.process_time()
-    written = capsys.readouterr().err
-    for stage in ("evolution", "Gauss-Newton", "initial states", "writing the report"):
-        assert f"ballbot: {stage}, " in written
-    # of the page, the last second or two, only a usual time is known
-    ratios = [
-        left / (end - now) for now, left in watched if now - begin > 0.2 * (end - begin) and end - now > 2.0
-    ]
-    assert len(ratios) > 20
-    within = [ratio for ratio in ratios if 0.5 <= ratio <= 2.0]
-    assert len(within) > 0.8 * len(ratios), ratios
 
 
 def test_nothing_is_written_after_work_that_was_refused(piped, capsys, monkeypatch):

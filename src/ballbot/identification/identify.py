@@ -365,22 +365,20 @@ def _with_uncertainty(
         widen=apart.factor,
         run=run,
     )
-    final = Estimate(values=estimate.values, uncertainty=uncertainty)
-    if options.sweep is not None:
-        final = with_sweep(coordinates, final, options.sweep)
+    values = estimate.values
     by_log = log_estimates(
         coordinates,
         estimate.finished,
         prepared.fit.spans,
-        values=final.values,
-        uncertainty=final.uncertainty,
+        values=values,
+        uncertainty=uncertainty,
         widen=apart.factor,
     )
-    uncertainty, varied = widened(
-        coordinates, final.values, final.uncertainty, by_log, priors=shipped_priors()
-    )
-    each = uncertainty_of_each(coordinates, final.values, uncertainty)
-    return replace(final, uncertainty=each), apart, variation_of_each(coordinates, varied)
+    uncertainty, varied = widened(coordinates, values, uncertainty, by_log, priors=shipped_priors())
+    final = Estimate(values=values, uncertainty=uncertainty_of_each(coordinates, values, uncertainty))
+    if options.sweep is not None:  # which does not vary from log to log
+        final = with_sweep(coordinates, final, options.sweep)
+    return final, apart, variation_of_each(coordinates, varied)
 
 
 #: groups of windows by speed, of equal size
