@@ -85,7 +85,8 @@ def examine(log: Log, robot: Robot) -> PhysicsOfLog:
     fit = torque_findings(torque_evidence(driving), names=names) if driving else []
     # another order explains all torques at once; a change explains one of them
     ordered = any(one.code == "torque-order" for one in fit) and lean.conclusive
-    if sums and not ordered and (changed := change_findings(sums, motion, names=names)):
+    changed = change_findings(sums, motion, names=names) if sums and not ordered else []
+    if any(one.severity == "error" for one in changed):
         return PhysicsOfLog(findings=tuple(changed), lean=lean, wheel_gain=gain)
     if not lean.conclusive:
         sentence = (
@@ -94,15 +95,15 @@ def examine(log: Log, robot: Robot) -> PhysicsOfLog:
             "(too little motion, slipping wheels, or a robot that is held)."
         )
         return PhysicsOfLog(
-            findings=(Finding(code="physics", severity="warning", text=sentence),), wheel_gain=gain
+            findings=(*changed, Finding(code="physics", severity="warning", text=sentence)), wheel_gain=gain
         )
     if fit or not sums:
-        return PhysicsOfLog(findings=tuple(fit), lean=lean, wheel_gain=gain)
+        return PhysicsOfLog(findings=(*changed, *fit), lean=lean, wheel_gain=gain)
     gains = gains_of(sums)
     findings = gain_findings(gains, names=names)
     if findings and gains.common()[0] < 1.0 and (clipped := _clipped(log, names)):
         findings = [clipped]
-    return PhysicsOfLog(findings=tuple(findings), lean=lean, gains=gains, wheel_gain=gain)
+    return PhysicsOfLog(findings=(*changed, *findings), lean=lean, gains=gains, wheel_gain=gain)
 
 
 def _clipped(log: Log, names: tuple[str, ...]) -> Finding | None:
