@@ -38,8 +38,8 @@ LEAST_TURNING = 2.0
 FLOOR, FRICTION_ERROR = 0.03, 0.03
 #: standard deviation of the logarithm of the gain of all torques, before a log is seen
 USUAL = 0.15
-#: standard errors of a gain that is wrong (of 400 sound logs of robots that set nothing, 2 are beyond 3.5); factors of all
-#: torques that are a warning and an error, and of one over the others that is an error
+#: standard errors of a gain that is wrong (of 400 sound logs of robots that set nothing, 2 are beyond 3.5); factors of
+#: all torques that are a warning and an error, and of one over the others that is an error
 SURE, LARGE, TOO_LARGE, UNLIKE = 5.0, 1.15, 1.25, 1.25
 #: a factor that a log must be able to exclude, or its bounds are said
 MUST_SHOW = 1.4
