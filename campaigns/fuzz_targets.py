@@ -6,6 +6,7 @@ import io
 import json
 import math
 import tempfile
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
@@ -25,7 +26,7 @@ from ballbot.control.file import controller_text, read_controller
 from ballbot.control.parts import example_parts
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference, read_reference, reference_text
-from ballbot.errors import InputError
+from ballbot.errors import InputError, UnsuitedController
 from ballbot.identification.axis.file_columns import AxisColumns
 from ballbot.identification.axis.reading import read_axis_record
 from ballbot.identification.parameters import read_bounds
@@ -383,10 +384,12 @@ def _assert_reference(reference: Callable[[float], NDArray[np.float64]]) -> None
 
 
 def _judge_controller(path: Path) -> None:
-    controller = read_controller(path, ALTEN)
-    copy = path.with_name("copy.toml")
-    copy.write_text(controller_text(controller), encoding="utf-8")
-    assert controller_text(read_controller(copy, ALTEN)) == controller_text(controller)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UnsuitedController)  # a damaged gain need not stabilise the robot
+        controller = read_controller(path, ALTEN)
+        copy = path.with_name("copy.toml")
+        copy.write_text(controller_text(controller), encoding="utf-8")
+        assert controller_text(read_controller(copy, ALTEN)) == controller_text(controller)
     controller.reset()
     for k, lean in enumerate((0.0, 0.01, -0.1)):
         state = np.array([0.1, 0.0, lean, -lean, 0.2, 0.0, 0.1, lean, 0.0, 0.0])
