@@ -52,7 +52,7 @@ READERS: dict[Kind, Callable[[Path], object]] = {
 #: by the kind: a text that reads, of the present version
 TEXTS: dict[Kind, str] = {
     "robot": robot_text(ALTEN),
-    "controller": controller_text(read_controller(OLD / "controller_full.toml", ALTEN)),
+    "controller": f"{format_line('controller')}\n{(OLD / 'controller_full.toml').read_text(encoding='utf-8')}",
     "scenario": scenario_text(load_scenario("nominal", ALTEN)),
     "mapping": f"{format_line('mapping')}\n{(OLD / 'mapping.toml').read_text(encoding='utf-8')}",
     "courses": f"{format_line('courses')}{COURSES}",
