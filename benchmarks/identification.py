@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from ballbot.fitting.run import Threads
-from ballbot.fitting.search import gauss_newton
+from ballbot.identification.initial_states import fit_with_initial_states
 from ballbot.identification.parameters import Bounds, scale_between
 from ballbot.identification.prediction import Cost, Predictor, Problem
 from ballbot.identification.quantities import Layout
@@ -132,7 +132,7 @@ def by_scipy(robot: Robot, windows: Windows) -> tuple[float, float]:
 
 
 def whole_fit(robot: Robot, windows: Windows) -> float:
-    """Return seconds of a polish of b, c and C_rr from a share of the robot's own; starts are held, as there."""
+    """Return seconds of a fit of b, c, C_rr and the windows' initial states, which the peer holds."""
     own, wide = robot.friction, {"viscous": (0.0, 0.1), "coulomb": (0.0, 0.5), "rolling": (0.0, 0.05)}
     held = {"stribeck": (0.0, 0.0), "stribeck_speed": (own.stribeck_speed,) * 2}
     held |= {"stribeck_exponent": (own.stribeck_exponent,) * 2}
@@ -148,7 +148,7 @@ def whole_fit(robot: Robot, windows: Windows) -> float:
         executor=Threads(count=1),
     )
     start = coordinates.scaled(START * coordinates.nominal)
-    return shortest(lambda: gauss_newton(problem, start, free=coordinates.free, most_steps=25))
+    return shortest(lambda: fit_with_initial_states(problem, start, free=coordinates.free, most_steps=25))
 
 
 def square_sum_by_scipy(robot: Robot, window: Windows) -> NDArray[np.float64]:

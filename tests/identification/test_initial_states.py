@@ -5,7 +5,7 @@ import pytest
 
 from ballbot.fitting.intervals import profile
 from ballbot.fitting.run import Threads
-from ballbot.fitting.uncertainty import bootstrap, covariance, resamples
+from ballbot.fitting.uncertainty import NormalEquations, bootstrap, covariance, resamples
 from ballbot.identification.initial_states import costs, fit_with_initial_states, linearize
 from ballbot.identification.parameters import Bounds, scale_between
 from ballbot.identification.prediction import Cost, Predictor, Problem
@@ -80,7 +80,8 @@ def test_known_friction_is_found_within_its_errors_and_better_than_from_measured
     deviation = (finished.point - problem.coordinates.scaled(TRUTH)) / errors
     # 3.5 of them: one in 2000 if normal, and twelve are looked at
     assert np.abs(deviation).max() < 3.5
-    there = problem.linearize(problem.coordinates.scaled(TRUTH))
+    held = linearize(problem, problem.coordinates.scaled(TRUTH), problem.windows.initial)
+    there = NormalEquations(matrix=held.H.sum(axis=0), scores=held.g)
     from_measured = np.sqrt(covariance(there, free).diagonal())
     assert np.median(from_measured / errors) > 1.5
 

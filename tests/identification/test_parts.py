@@ -10,11 +10,11 @@ from ballbot.errors import InputError
 from ballbot.fitting.uncertainty import NormalEquations, covariance
 from ballbot.identification.excitation import chatter, chatter_finding, check_excitation
 from ballbot.identification.parameters import read_bounds, scale_between
-from ballbot.identification.prediction import Cost, Predictor, Problem
+from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import Layout
 from ballbot.identification.windows import cut_windows, split
 from tests.support.control_examples import alten
-from tests.support.identification_examples import TRUTH, balancing_log, noisy
+from tests.support.identification_examples import TRUTH, balancing_log
 from tests.support.log_examples import smooth_log
 
 NONE = Layout(wheel_count=3).without_friction(TRUTH[None])
@@ -118,22 +118,6 @@ def test_scaled_coordinates_round_trip_with_the_stated_slopes():
     np.testing.assert_allclose(coordinates.scaled(coordinates.physical(scaled)), scaled, rtol=1e-12)
     np.testing.assert_array_equal(coordinates.physical(np.zeros(12)), coordinates.lower)
     np.testing.assert_allclose(coordinates.physical(np.ones(12)), coordinates.upper, rtol=1e-15)
-
-
-def test_normal_equations_hold_the_gradient_of_the_cost():
-    windows = cut_windows([noisy(balancing_log(duration=12.0), seed=1)], wheel_count=3, duration=0.25)
-    coordinates = scale_between(alten())
-    reference = predictor().square_sums(NONE, windows, every=5)[0]
-    problem = Problem(
-        predictor=predictor(), windows=windows, coordinates=coordinates, cost=Cost(reference=reference)
-    )
-    point = np.random.default_rng(1).uniform(0.1, 0.4, 12)
-    step = 2e-3 * np.eye(12)
-    expected = (problem.costs(point + step) - problem.costs(point - step)) / 4e-3
-    # cost = 1/10 sum_s 1/2 ln SS_s, and a weight is compared / SS_s
-    gradient = problem.linearize(point).scores.sum(axis=0) / (10 * len(windows) * 10)
-    # the cost bends within the difference's width: a few thousandths of the steepest slope
-    np.testing.assert_allclose(gradient, expected, atol=5e-3 * np.abs(expected).max())
 
 
 def test_standard_errors_clustered_by_window_are_those_of_many_repeats():

@@ -1,4 +1,4 @@
-"""The robot's friction law: its optional terms in file, model, convex step, gear play, batch and GPU alike."""
+"""The robot's friction law: its optional terms in file, model, convex step, gear play and batch alike."""
 
 from dataclasses import fields, replace
 

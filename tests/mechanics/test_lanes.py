@@ -19,7 +19,7 @@ from tests.support.control_examples import FRICTION
 
 @njit(error_model="numpy", fastmath=FAST)
 def _in_one_piece(selected, work, lane):
-    """The step as a GPU's thread takes it."""
+    """The step of one robot, in one piece."""
     P, state, u = (
         load(selected, work, lane),
         load_state(selected, work, lane),

@@ -546,7 +546,7 @@ def entries() -> dict[str, Dispatcher]:
     """Return every compiled function of the package that Python can call, by its full name."""
     found = {}
     for module in pkgutil.walk_packages(ballbot.__path__, "ballbot."):
-        if module.name == "ballbot.mechanics.engine.cuda" or module.name.endswith("__main__"):
+        if module.name.endswith("__main__"):
             continue
         for value in vars(importlib.import_module(module.name)).values():
             if isinstance(value, Dispatcher) and not value.targetoptions.get("no_cpython_wrapper"):

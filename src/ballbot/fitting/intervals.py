@@ -365,11 +365,6 @@ def assess(
     )
 
 
-def doubtful_errors(fit: RepeatableFit, *, estimated: NDArray[np.bool_], seed: int) -> int:
-    """Return how many parameters `assess` would profile, of those `estimated` (p,), if it may profile all."""
-    return len(_errors(fit, estimated, widen=1.0, seed=seed)[1].doubtful)
-
-
 def _errors(
     fit: RepeatableFit, estimated: NDArray[np.bool_], *, widen: float, seed: int
 ) -> tuple[NDArray[np.float64], Errors]:

@@ -242,15 +242,6 @@ def unidentifiable(
     return Unidentifiable(dependent=found, through=origin)
 
 
-def fits_without(fit: RepeatableFit, dependences: Sequence[Dependence]) -> int:
-    """Return how many fits without an effect `unidentifiable` makes, as the errors alone do not decide."""
-    pairs = _free_dependences(fit, dependences)
-    return sum(
-        bool((fit.point * through).any()) and not _clearly_present(fit, through, dependent)
-        for through, dependent in pairs
-    )
-
-
 def _free_dependences(
     fit: RepeatableFit, dependences: Sequence[Dependence]
 ) -> list[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.search import LEAST_GAIN, leaving
+from ballbot.fitting.search import leaving
 from ballbot.fitting.uncertainty import WindowEquations
 from ballbot.identification.parameters import Coordinates
 from ballbot.identification.prediction import DIFFERENCE, Problem, Work
@@ -48,6 +48,8 @@ _SHARES = ((1.0, 1.0), (0.0, 1.0), (0.0, 0.0))
 #: windows settle where so many steps one after another gain less than this, and again where they gain little; the
 #: descent then ends
 _PATIENCE, _SLOW = 2, 1e-4
+#: little: b, c, s and v_s form a bent and nearly level valley, in which one short step does not mean its floor
+_LITTLE = 4e-6
 _SETTLES = 2
 #: steps of each window's start by itself, each with these shares of the full one
 _SETTLING, _LENGTHS = 4, (1.0, 0.3)
@@ -203,7 +205,7 @@ def descend(
         history.append(at.cost)
         run.progress(Progress(stage="gauss_newton", done=step, total=most_steps, cost=at.cost))
         settles += settling
-        little = LEAST_GAIN if settles else _SLOW
+        little = _LITTLE if settles else _SLOW
         gains = settling or fixed.any() or before - at.cost > little
         short_steps, fixed = 0 if gains else short_steps + 1, np.zeros(len(point))
         if short_steps == _PATIENCE and settles == _SETTLES:

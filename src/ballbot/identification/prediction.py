@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.fitting.run import Executor, Threads
-from ballbot.fitting.uncertainty import NormalEquations
 from ballbot.identification.parameters import Coordinates
 from ballbot.identification.quantities import RIGID, TERMS, Layout, with_rigid_body
 from ballbot.identification.windows import (
@@ -279,41 +278,8 @@ def piecewise_square_sums(work: Work, values: NDArray[np.float64], executor: Exe
     return sums
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Differences:
-    """Values about a point, and what turns residuals there into a weighted Jacobian."""
-
-    values: NDArray[np.float64]  #: (1 + 2 m, p): the point, m of them forward of it, m backward
-    distance: NDArray[np.float64]  #: (m,), from backward to forward, scaled
-    weight: NDArray[np.float64]  #: (10,), of each state's residuals
-
-
-def normal_equations(
-    work: Work, differences: Differences, executor: Executor
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return J^T J (m, m) and, for each window, J^T r (w, m)."""
-    found = executor(_products, work, [(differences, rows) for rows in work.rows])
-    matrix = np.zeros((len(differences.distance),) * 2)
-    for part, _ in found:
-        matrix += part
-    return matrix, np.concatenate([scores for _, scores in found])
-
-
 def _squares(work: Work, piece: tuple[NDArray[np.float64], NDArray[np.int64]]) -> NDArray[np.float64]:
     return (work.residuals(*piece) ** 2).sum(axis=(1, 2))
-
-
-def _products(
-    work: Work, piece: tuple[Differences, NDArray[np.int64]]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    about, rows = piece
-    residuals = work.residuals(about.values, rows) * about.weight
-    residuals = residuals.reshape(len(about.values), len(rows), -1)
-    m = len(about.distance)
-    J = (residuals[1 : 1 + m] - residuals[1 + m :]) / about.distance[:, None, None]
-    # einsum and not BLAS, whose order of summation depends on its threads
-    matrix = np.einsum("iwk,jwk->ij", J, J, optimize=False)
-    return matrix, np.einsum("iwk,wk->wi", J, residuals[0], optimize=False)
 
 
 #: half the central difference, in the scaled coordinate; wide enough to average over single sticking steps
@@ -348,22 +314,6 @@ class Problem:
     def resampled(self, rows: NDArray[np.int64]) -> Problem:
         """Return the problem of the windows of those numbers, some of them more than once, at the same cost's scale."""
         return replace(self, windows=self.windows.take(rows))
-
-    def linearize(self, point: NDArray[np.float64]) -> NormalEquations:
-        """Return the normal equations about `point` (p,); zero for parameters that are held."""
-        size, every = len(point), self.windows.comparison_interval
-        moved = np.flatnonzero(self.coordinates.free)
-        step = DIFFERENCE * np.eye(size)[moved]
-        forward, backward = np.clip(point + step, 0.0, 1.0), np.clip(point - step, 0.0, 1.0)
-        distance = (forward - backward)[np.arange(len(moved)), moved]
-        values = self.coordinates.physical(np.concatenate([point[None], forward, backward]))
-        compared = len(self.windows) * (self.windows.samples // every)
-        weight = self.cost.weights(self.square_sums(point[None])[0], compared)
-        differences = Differences(values=values, distance=distance, weight=weight)
-        part, score = normal_equations(self._work, differences, self.executor)
-        matrix, scores = np.zeros((size, size)), np.zeros((len(self.windows), size))
-        matrix[np.ix_(moved, moved)], scores[:, moved] = part, score
-        return NormalEquations(matrix=matrix, scores=scores)
 
     @property
     def _work(self) -> Work:

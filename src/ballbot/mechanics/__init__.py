@@ -6,7 +6,7 @@ friction, floor          the friction law of the wheels, and the floor's frictio
 friction_laws/           the alternatives for one driveline, one file each
 contacts, stick_slip     where friction acts, and the convex step that finds the sticking contacts
 model                    all of it as one object, with its linearisation
-engine/                  the compiled forms: many robots side by side, on the processor or a GPU
+engine/                  the compiled forms: many robots side by side
 
 How to change a friction term. `mechanics/equations.py` has the equations once, as scalar code that `mechanics/engine/`
 inlines into loops over robots. The places, from `src/ballbot`:

@@ -142,9 +142,8 @@ MARGIN = 0.03
 SURE = 3.0
 #: relative uncertainty of wheel gains [-]: play, slip and noise
 WHEEL_ERROR = 0.04
-#: widest bracket (of the two regressions of the lean) that is compared, and the fraction of its logarithm that is
-#: uncertain on each side of its middle; it would be a half if the sizes of the noises were unknown
-WIDEST, LEAN_FRACTION = 1.6, 0.3
+#: widest bracket (of the two regressions of the lean) that is compared
+WIDEST = 1.6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -246,7 +245,8 @@ def _lean_scale(one: PhysicsOfLog) -> Scale | None:
         return None
     return Scale(
         middle=float(np.sqrt(forward * reverse)),
-        systematic=LEAN_FRACTION * abs(float(np.log(reverse / forward))),
+        # all of the bracket: how the noise divides between lean and acceleration is unknown
+        systematic=0.5 * abs(float(np.log(reverse / forward))),
         error=one.lean.gravity_error / forward,
     )
 

@@ -7,5 +7,4 @@ smooth               RK4 while no friction changes its sign
 convex               the convex step for many robots at once
 run                  blocks of robots through many samples
 arrays               the equations at many states, for `Model`
-cuda                 the same on an NVIDIA GPU
 """

@@ -129,7 +129,7 @@ def _polynomial(x, coefficients):
 
 @inlined_in_order
 def nearest_integer(x):
-    """Return x rounded to an integer, as a float, for |x| < 2^51; a GPU's compiler knows no rint."""
+    """Return x rounded to an integer, as a float, for |x| < 2^51."""
     return (x + _SHIFT) - _SHIFT
 
 

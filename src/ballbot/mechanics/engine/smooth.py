@@ -5,7 +5,7 @@ start, and no speed whose friction matters has crossed zero at any stage; otherw
 takes the step. (A sign that changes between the last stage and the end, which differ by h^5, is found by the next
 step.) A ball that does not spin stays so while pivoting friction can hold it, and that is smooth as well.
 
-`runge_kutta_step` takes the step in one piece, as a GPU's thread does; `smooth_block` takes it for the lanes of a
+`runge_kutta_step` takes the step in one piece, for one robot; `smooth_block` takes it for the lanes of a
 block, part by part: attitudes, dry friction, forces, accelerations. A processor looks a few hundred instructions
 ahead. Of a short loop these are several turns, which it works on together while each waits for its own results; of a
 long one a single turn, and it stands still. So a part is a loop of its own wherever it passes on few numbers.
@@ -175,7 +175,7 @@ def _weighted(k1, k2, k3, k4):
 
 @inlined
 def runge_kutta_step(selected, P, state, u, h):
-    """Take one RK4 step with the friction's signs of its start, in one piece, as a GPU's thread does.
+    """Take one RK4 step with the friction's signs of its start, in one piece.
 
     A block of lanes takes the same step in parts (`smooth_block`).
 
