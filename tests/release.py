@@ -60,15 +60,12 @@ def try_wheel(folder: Path) -> None:
 
 
 def try_first_call(python: Path, folder: Path) -> None:
-    """Run a first simulation, and see that it compiles nothing where a wheel's machine code runs."""
-    code = "from ballbot.mechanics.engine.shipped import runs_here; print(runs_here())"
-    shipped = _run(python, "-c", code, cwd=folder).strip() == "True"
+    """Run a first simulation with an empty cache."""
     kept = folder / "kept"
     begun = time.monotonic()
     line = "simulate alten --reference circle --duration 20 --out first"
     _run(python, "-m", "ballbot", *line.split(), cwd=folder, NUMBA_CACHE_DIR=str(kept))
-    print(f"{time.monotonic() - begun:6.1f} s  ballbot {line}, with{'out' * shipped} compilation", flush=True)
-    assert shipped != any(kept.rglob("*.nbc"))
+    print(f"{time.monotonic() - begun:6.1f} s  ballbot {line}, with compilation", flush=True)
 
 
 def try_lowest(folder: Path) -> None:

@@ -40,7 +40,6 @@ from ballbot.errors import InputError
 from ballbot.files import check_file, remove, write_bytes
 from ballbot.fitting.run import Arrays
 from ballbot.log import Log
-from ballbot.mechanics.engine.shipped import is_used
 from ballbot.robot import Robot
 
 _PACKAGES = ("ballbot", "numpy", "scipy", "numba", "cmaes")
@@ -50,12 +49,12 @@ _PACKAGES = ("ballbot", "numpy", "scipy", "numba", "cmaes")
 def machine() -> dict[str, str]:
     """Return the versions and the processor's kind, each by a plain name.
 
-    In brackets stands a digest of the instructions that Numba compiles to, and whether a wheel's code is run instead.
+    In brackets stands a digest of the instructions that Numba compiles to.
     """
     _, _, features = cpu_target.target_context.codegen().magic_tuple()  # pyright: ignore[reportAttributeAccessIssue]
     compiled_for = hashlib.sha256(features.encode()).hexdigest()[:8]
-    kind = f"{get_host_cpu_name()} ({compiled_for}{', code of the wheel' if is_used() else ''})"
-    return {package: version(package) for package in _PACKAGES} | {"processor": kind}
+    processor = f"{get_host_cpu_name()} ({compiled_for})"
+    return {package: version(package) for package in _PACKAGES} | {"processor": processor}
 
 
 _FORMAT = "ballbot checkpoint 4"

@@ -1,6 +1,6 @@
 """The compiled forms of the mechanics: many robots side by side, in one call.
 
-compiled             Numba's options and cache, in one place; shipped, the machine code that a wheel brings
+compiled             Numba's options and cache, in one place
 vector, elementary   tuples as vectors; sine, exponential and power as polynomials
 lanes, loading       the work array of a block of robots; one robot's numbers out of it
 smooth               RK4 while no friction changes its sign

@@ -31,7 +31,6 @@ from numba.core.typing.context import Context
 from numba.extending import overload
 
 from ballbot.errors import CompiledCodeNotKept
-from ballbot.mechanics.engine.shipped import ShippedCode
 
 _OVERRIDDEN_OR_CALLED = (
     (JITCodeLibrary, "_optimize_functions"),
@@ -62,12 +61,8 @@ def cache_of_inner_code(function: Callable) -> FunctionCache:
 class ForgivingCache(FunctionCache):
     """Numba's code on disk; without it the work goes on, if its folder is full, read-only or damaged."""
 
-    shipped: ShippedCode | None = None  #: the function's code in the wheel
-
     def load_overload(self, sig: tuple, target_context: CPUContext) -> CompileResult | None:
-        """Return the code shipped or cached for a signature; None if it is missing or cannot be read."""
-        if self.shipped is not None and (code := self.shipped.load(sig, target_context)) is not None:
-            return code
+        """Return the code cached for a signature; None if it is missing or cannot be read."""
         try:
             return super().load_overload(sig, target_context)
         except Exception:  # a damaged pickle raises anything
@@ -86,15 +81,6 @@ class ForgivingCache(FunctionCache):
 
 class _NoFolder(NullCache):
     """What stands for a cache where Numba finds no folder that it may write to."""
-
-    def __init__(self, shipped: ShippedCode | None) -> None:
-        self.shipped = shipped
-
-    def load_overload(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self, sig: tuple, target_context: CPUContext
-    ) -> CompileResult | None:
-        """Return the shipped code; None if the wheel has none for these types."""
-        return None if self.shipped is None else self.shipped.load(sig, target_context)
 
     def save_overload(self, sig: object, cres: CompileResult) -> None:  # noqa: ARG002 (Numba's)
         """Warn that the next start compiles again."""
@@ -287,13 +273,11 @@ def _kept(
     """
     package = function.__module__.partition(".")[2].partition(".")[0]
     stamp = _sources_stamp(package)
-    shipped = ShippedCode(function, stamp) if make_cache is ForgivingCache else None
     try:
         kept = make_cache(function)
         kept._cache_file._source_stamp = stamp  # pyright: ignore[reportAttributeAccessIssue]
     except RuntimeError:  # Numba finds no folder that it may write to
-        kept = _NoFolder(shipped)
-    kept.shipped = shipped  # pyright: ignore[reportAttributeAccessIssue]
+        kept = _NoFolder()
     dispatcher._cache = kept  # pyright: ignore[reportFunctionMemberAccess]
     return dispatcher
 
