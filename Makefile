@@ -44,12 +44,12 @@ evidence: .venv/.test  ## long campaigns, into docs/generated/evidence.md
 	$(BIN)/python -m campaigns.evidence
 
 format: .venv/.dev  ## put the code into its form
-	$(BIN)/ruff check --fix src tests examples benchmarks campaigns build_backend docs/conf.py docs/extensions
-	$(BIN)/ruff format src tests examples benchmarks campaigns build_backend docs/conf.py docs/extensions
+	$(BIN)/ruff check --fix src tests examples benchmarks campaigns docs/conf.py docs/extensions
+	$(BIN)/ruff format src tests examples benchmarks campaigns docs/conf.py docs/extensions
 
 types: .venv/.dev  ## style and types, nothing changed
-	$(BIN)/ruff check src tests examples benchmarks campaigns build_backend docs/conf.py docs/extensions
-	$(BIN)/ruff format --check src tests examples benchmarks campaigns build_backend docs/conf.py docs/extensions
+	$(BIN)/ruff check src tests examples benchmarks campaigns docs/conf.py docs/extensions
+	$(BIN)/ruff format --check src tests examples benchmarks campaigns docs/conf.py docs/extensions
 	$(BIN)/pyright
 
 clean:

@@ -1,7 +1,6 @@
-"""What the checks name of logs with one fault, and what they refuse of sound ones: 400 of each, of 16 and 32 s.
+"""What the checks make of logs with one fault and of sound ones, and what friction comes of those that pass.
 
-.venv/bin/python -m campaigns.evidence log_faults          the checks, minutes
-.venv/bin/python -m campaigns.evidence log_fault_fits      friction from the faulty logs that pass, hours
+.venv/bin/python -m campaigns.evidence log_faults
 
 The logs are cut at random from the recordings of `campaigns.log_recordings`, which set no threshold: of the twin and of
 the equations of motion over all presets, and, if BALLBOT_DATA names their folder, of the logs `bbr`. A fault of `KINDS`
@@ -19,14 +18,18 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
+from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.findings import Finding
+from ballbot.fitting.run import Run, Threads
+from ballbot.identification import identify
 from ballbot.log import Log
 from ballbot.log.checks import check_logs
 from ballbot.log.columns import torque_names
 from ballbot.log.pose import with_odometry
+from ballbot.mechanics.friction import wheel_friction
 from ballbot.processes import worker_pool
-from ballbot.robot import Robot
+from ballbot.robot import Friction, Robot
 from campaigns.log_recordings import KEPT, RECORDINGS, drawn, recording
 from campaigns.section import DataMissingError, Section, data_folder
 
@@ -44,6 +47,7 @@ class Case:
 
     robot: Robot
     logs: Mapping[str, Log]
+    friction: Friction | None = None  #: the true one, if known
     column: str = ""  #: at fault
     size: str = ""  #: of the fault, and its instant
 
@@ -209,14 +213,16 @@ def case_of(kind: str, number: int) -> Case:
     random = np.random.default_rng([47, number, sorted([*KINDS, SOUND]).index(kind)])
     public = public_logs()
     source = int(random.integers(RECORDINGS + len(public)))
+    friction = None
     if source < RECORDINGS:
-        log, robot = recording(source), Robot.load(drawn(source).preset)
+        draw = drawn(source)
+        log, robot, friction = recording(source), Robot.load(draw.preset), draw.scenario.friction
     else:
         log, robot = list(public.values())[source - RECORDINGS], Robot.load("alten")
     duration = LENGTHS[number % len(LENGTHS)]
     starts = random.uniform(log.t[0], max(log.t[-1] - duration, log.t[0]), 2)
     cuts = [log.between(float(start), float(start) + duration) for start in starts]
-    case = Case(robot=robot, logs={"log": cuts[0]})
+    case = Case(robot=robot, logs={"log": cuts[0]}, friction=friction)
     if kind == "logs of two robots" or (kind == SOUND and random.random() < 0.25):
         case = replace(case, logs={"log": cuts[0], "other": cuts[1]})
     return case if kind == SOUND else KINDS[kind].make(case, random)
@@ -233,21 +239,48 @@ class Outcome:
     named: bool  #: with the right cause, and the column at fault
     said: bool  #: that the log does not show it, in place of that
     findings: tuple[str, ...]  #: errors and warnings, each its code and its columns
+    #: of the wheel that is farthest off, the friction identified at `SPEED` minus the true one, over its stated error;
+    #: None if the log is refused, or nothing is stated or known
+    off: float | None
+
+
+#: at which friction is compared [rad/s]
+SPEED = 1.0
 
 
 def outcome(kind: str, number: int) -> Outcome:
-    """Return what the checks make of a case; it must not end in an error of its own."""
+    """Return what the checks and identification make of a case; neither may end in an error of its own."""
     case = case_of(kind, number)
     found = [one for one in check_logs(case.logs, robot=case.robot) if one.severity != "note"]
+    refused = any(one.severity == "error" for one in found)
     return Outcome(
         kind=kind,
         number=number,
         size=case.size,
-        refused=any(one.severity == "error" for one in found),
+        refused=refused,
+        off=None if refused or case.friction is None else friction_off(case, case.friction),
         named=any(_names(one, kind, case.column) for one in found),
         said=any(one.code in UNSHOWN for one in found),
         findings=tuple(f"{one.severity} {one.code} {' '.join(one.where.columns)}" for one in found),
     )
+
+
+def friction_off(case: Case, friction: Friction) -> float | None:
+    """Return `Outcome.off` of a case whose true friction is known."""
+    try:
+        found = identify(case.robot, case.logs, law="coulomb", run=Run(executor=Threads(count=1)))
+    except InputError:  # too few windows, or nothing to fit
+        return None
+    n = case.robot.wheel_count
+    b, c = found.values[:n], found.values[n : 2 * n]
+    errors = (np.array(found.standard_errors[name]) for name in ("b", "c"))
+    # a parameter without an error, as b at its bound of zero, adds none: the deviation then counts as larger
+    error_b, error_c = (np.nan_to_num(error) for error in errors)
+    between = np.nan_to_num(found.correlation[:n, n : 2 * n].diagonal())
+    variance = (SPEED * error_b) ** 2 + error_c**2 + 2.0 * between * SPEED * error_b * error_c
+    variance[variance == 0.0] = np.nan
+    off = np.abs(SPEED * b + c - wheel_friction(np.full(n, SPEED), friction)) / np.sqrt(variance)
+    return float(np.nanmax(off)) if np.isfinite(off).any() else None
 
 
 def _names(finding: Finding, kind: str, column: str) -> bool:
@@ -296,18 +329,34 @@ def section(found: Sequence[Outcome]) -> Section:
         f"and of a random size, and {len(sound)} sound ones, cut from {RECORDINGS} recordings over all presets and "
         "from public ones; `check_logs` with the preset. Named: a finding has the right cause and names the column. "
         "Said: the checks do not name it, but say that the log does not bound or show the torques' scale. "
-        "Silent: neither.",
-        columns=["fault", "logs", "named", "said", "silent"],
+        "Silent: neither. Of the logs that pass, and whose friction is known, `identify` with the Coulomb law: by how "
+        f"many of its stated standard errors the friction at {SPEED:g} rad/s of the worst of the wheels is off.",
+        columns=["fault", "logs", "named", "said", "silent", "fitted", "off, median", "off by more than 3"],
         rows=[
             *(_row(kind, [one for one in faulty if one.kind == kind]) for kind in KINDS),
             _row("all", faulty),
+            ["none", f"{len(sound)}", "", "", "", *_off_cells(sound)],
         ],
         after=f"Sound logs refused: {len(refused)} of {len(sound)}{': ' if refused else ''}{', '.join(refused)}; "
-        f"with a warning on the torques' scale: {sum(one.said for one in sound)}.",
+        f"said that they do not bound or show the torques' scale: {sum(one.said for one in sound)}.",
     )
 
 
 def _row(name: str, found: Sequence[Outcome]) -> list[str]:
     named = sum(one.named for one in found)
     said = sum(one.said and not one.named for one in found)
-    return [name, f"{len(found)}", f"{named}", f"{said}", f"{len(found) - named - said}"]
+    return [
+        name,
+        f"{len(found)}",
+        f"{named}",
+        f"{said}",
+        f"{len(found) - named - said}",
+        *_off_cells(found),
+    ]
+
+
+def _off_cells(found: Sequence[Outcome]) -> list[str]:
+    off = [one.off for one in found if one.off is not None]
+    if not off:
+        return ["0", "", ""]
+    return [f"{len(off)}", f"{np.median(off):.1f}", f"{sum(one > 3.0 for one in off)}"]

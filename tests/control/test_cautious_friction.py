@@ -93,8 +93,9 @@ VALUES = np.array([*FRICTION.viscous, *FRICTION.coulomb, *FRICTION.stribeck, 0.6
 
 
 def shares(friction: Friction) -> np.ndarray:
-    """Return which shares of the wheels' and of the rolling friction are left."""
-    wheels = np.divide(friction.coulomb, FRICTION.coulomb)
+    """Return which shares of the wheels' and of the rolling friction are left, means over the speeds."""
+    speeds = np.tile(np.geomspace(0.02, 8.0, 60)[:, None], 3)  # those by which the shares are chosen
+    wheels = (wheel_friction(speeds, friction) / wheel_friction(speeds, FRICTION)).mean(axis=0)
     return np.array([*wheels, friction.rolling / FRICTION.rolling])
 
 
@@ -110,6 +111,16 @@ def test_an_unknown_error_never_leads_to_more_than_a_known_one(seed: int, unknow
     assert (shares(cautious_friction(FRICTION, missing, intervals=intervals)) <= known + 1e-12).all()
     # and no less than without any interval, by the range alone
     assert (shares(cautious_friction(FRICTION, missing)) <= known + 1e-12).all()
+
+
+def test_the_dry_friction_that_is_certain_is_compensated_though_b_is_not_known():
+    covariance = np.zeros((12, 12))
+    covariance[range(3), range(3)] = 1.0
+    assert cautious_friction(FRICTION, covariance).viscous == (0.0, 0.0, 0.0)
+    covariance[range(3), range(3)] = np.nan  # within its range, from zero on
+    cautious = cautious_friction(FRICTION, covariance)
+    assert cautious.viscous == (0.0, 0.0, 0.0)
+    assert cautious.coulomb == pytest.approx(FRICTION.coulomb, rel=1e-6)
 
 
 def test_an_unknown_error_costs_what_its_interval_allows():

@@ -22,6 +22,7 @@ from ballbot.identification.variation import (
     units_of,
     variation_findings,
     widened,
+    with_torque_scale,
 )
 from ballbot.identification.windows import Span
 from ballbot.robot import Robot
@@ -118,8 +119,9 @@ def test_one_log_has_the_errors_of_the_estimate_and_the_variation_of_the_prior(c
     within = uncertainty(coordinates, errors)
     scaled = coordinates.scaled(values)
     found, varied = widened(coordinates, values, within, of_logs(scaled[None], errors), priors=PRIORS)
-    # E(tau^2) = 8 / 6; b varies by 0.1 of 0.02, over bounds of 0.1
-    assert found.scaled_errors[0] == pytest.approx(np.sqrt(2e-3**2 + 8.0 / 6.0 * 0.02**2), rel=2e-3)
+    # E(tau^2) = 8 / 6; b varies by 0.1 of 0.02 and of the wheels' mean c + s at 10 rad/s, over bounds of 0.1
+    of_b = 0.02 + float(np.mean(values[3:6]) + 0.05) / 10.0
+    assert found.scaled_errors[0] == pytest.approx(np.sqrt(2e-3**2 + 8.0 / 6.0 * of_b**2), rel=2e-3)
     assert found.standard_errors[0] == pytest.approx(0.1 * found.scaled_errors[0])
     assert np.isnan(found.standard_errors[3])
     # a bound has no error, and its interval reaches farther: by 0.1 of the wheels' mean c + s
@@ -148,9 +150,23 @@ def test_more_logs_know_more_and_logs_that_differ_are_found(coordinates: Coordin
     assert "The 3 logs differ" in finding.text
 
 
+def test_a_scale_that_is_not_known_makes_a_motors_friction_as_uncertain(coordinates: Coordinates):
+    within = uncertainty(coordinates, np.full(12, 5e-3))
+    found = with_torque_scale(coordinates, VALUES, within, np.array([0.2, 0.0, 0.0]))
+    np.testing.assert_allclose(
+        found.standard_errors[:9:3], np.hypot(within.standard_errors[:9:3], 0.2 * VALUES[:9:3]), rtol=1e-12
+    )
+    untouched = [1, 2, 4, 5, 7, 8, 9, 10, 11]
+    np.testing.assert_array_equal(found.standard_errors[untouched], within.standard_errors[untouched])
+    # b1 and c1 are wrong together
+    assert found.correlation[0, 3] > within.correlation[0, 3]
+    assert found.intervals["c1"].upper > within.intervals["c1"].upper
+    assert found.intervals["c2"].upper == pytest.approx(within.intervals["c2"].upper)
+
+
 def test_units_are_the_robots_own_size(coordinates: Coordinates):
     units = units_of(coordinates, VALUES)
-    assert units[:9] == pytest.approx([0.02] * 3 + [0.15] * 6)
+    assert units[:9] == pytest.approx([0.02 + 0.15 / 10.0] * 3 + [0.15] * 6)
     assert units[9:11] == pytest.approx([0.6, 1.1])  # they vary by a factor
     assert units[11] == pytest.approx(0.01)
     assert np.all(units_of(coordinates, np.array([0.0] * 9 + [1.0, 1.0, 0.0])) > 0.0)

@@ -16,10 +16,11 @@ with the normal quantile z, wheel i's curve is at least
 
     tau(w) - z sigma(w) - u(w),      sigma^2 = g^T P g,   g = d tau / d (b, c, s, v_s, delta, d, e)
 
-and the wheel's torques are scaled by the least ratio of that to tau over the speeds, and over both directions if the
-friction has terms by direction, so that the curve keeps its shape. b, c and s by themselves are known far worse than
-the curve: they trade against each other. C_rr and the load term mu have bounds of their own, mu - z sigma_mu. What is
-known of a parameter decides how it counts:
+at every speed, and in both directions if the friction has terms by direction. Compensated are b times one number and
+the dry part times another, so that it keeps its shape: the two that stay below that and give the largest mean share of
+tau. (One number for both would be what is certain at the speed known worst, often the fastest.) b, c and s by
+themselves are known far worse than the curve: they trade against each other. C_rr and the load term mu have bounds of
+their own, mu - z sigma_mu. What is known of a parameter decides how it counts:
 
 - a known error, a finite variance: in P, with its correlations;
 - no error, a variance that is infinite or NaN, as of a parameter that the logs do not separate or that is at a bound:
@@ -48,6 +49,8 @@ from ballbot.robot.components import BY_NAME, deviation_labels, scaled_friction
 
 #: speeds of a wheel over which the curve is evaluated [rad/s]; below the first it is the break-away torque's
 _CONFIDENCE_SPEEDS = np.geomspace(0.02, 8.0, 60)
+#: shares of b that are tried
+_VISCOUS_SHARES = np.linspace(0.0, 1.0, 201)[:, None]
 #: step of the central differences, over each parameter (over 1 if it is zero)
 _DIFFERENCE_STEP = 1e-5
 
@@ -59,7 +62,7 @@ def cautious_friction(
     intervals: Mapping[str, tuple[float, float]] = MappingProxyType({}),
     confidence: float = 0.95,
 ) -> Friction:
-    """Return the friction scaled down to what it exceeds with that confidence.
+    """Return the part of a friction that the true one exceeds with that confidence at every speed.
 
     Parameters
     ----------
@@ -76,7 +79,7 @@ def cautious_friction(
     Returns
     -------
     Friction
-        Each wheel's torques times a number from 0 to 1, and so C_rr; v_s and delta unchanged.
+        Each wheel's b times a number from 0 to 1, its dry torques times another; so C_rr; v_s and delta unchanged.
 
     Raises
     ------
@@ -106,10 +109,12 @@ def cautious_friction(
         ends={place: _ends(label, intervals) for place, label in enumerate(_labels(n)) if unknown[place]},
         covariance=P,
     )
-    fractions = [_certain_fraction(known, wheel, n, z) for wheel in range(n)]
+    shares = [_certain_shares(known, wheel, n, z) for wheel in range(n)]
     least = known.least(z)
     cautious = replace(
-        scaled_friction(friction, fractions, rolling_factor=1.0), rolling=float(least[3 * n + 2])
+        scaled_friction(friction, [dry for _, dry in shares], rolling_factor=1.0),
+        viscous=tuple(share * b for (share, _), b in zip(shares, friction.viscous, strict=True)),
+        rolling=float(least[3 * n + 2]),
     )
     if not friction.load:
         return cautious
@@ -161,27 +166,39 @@ class _Known:
         return np.maximum(least, 0.0)
 
 
-def _certain_fraction(known: _Known, wheel: int, n: int, z: float) -> float:
-    """Return the least ratio of a wheel's lower bound to its curve over speeds and directions, from 0 to 1."""
+def _certain_shares(known: _Known, wheel: int, n: int, z: float) -> tuple[float, float]:
+    """Return the shares of a wheel's b and of its dry friction, from 0 to 1, that stay below its lower bound."""
     places = [wheel, n + wheel, 2 * n + wheel, 3 * n, 3 * n + 1, 3 * n + 3 + wheel, 4 * n + 3 + wheel]
     values, P = known.values[places], known.covariance[np.ix_(places, places)]
     unknown = {k: known.ends[place] for k, place in enumerate(places) if place in known.ends}
-    plain = not known.values[3 * n + 3 :].any()
-    return min(
-        _fraction_in_direction(values, P, unknown, z, one) for one in ((1.0,) if plain else (1.0, -1.0))
+    directions = (1.0, -1.0) if known.values[3 * n + 3 :].any() else (1.0,)
+    curve = np.concatenate([_wheel_curve(values, one) for one in directions])
+    least = np.concatenate([_lower_bound(values, P, unknown, z, one) for one in directions])
+    if (least >= curve).all():
+        return 1.0, 1.0
+    viscous = values[0] * np.tile(_CONFIDENCE_SPEEDS, len(directions))
+    dry, left = curve - viscous, least - _VISCOUS_SHARES * viscous
+    with np.errstate(divide="ignore", invalid="ignore"):
+        of_dry = np.clip(
+            np.where(dry > 0.0, left / dry, np.where(left >= 0.0, 1.0, -1.0)).min(axis=1), -1.0, 1.0
+        )
+    given = np.mean(
+        (_VISCOUS_SHARES * viscous + of_dry[:, None] * dry) / np.where(curve > 0.0, curve, np.inf), axis=1
     )
+    given[of_dry < 0.0] = -1.0
+    best = int(given.argmax())
+    return float(_VISCOUS_SHARES[best, 0]), float(of_dry[best])
 
 
-def _fraction_in_direction(
+def _lower_bound(
     values: NDArray[np.float64],
     P: NDArray[np.float64],
     unknown: Mapping[int, tuple[float, float]],
     z: float,
     direction: float,
-) -> float:
+) -> NDArray[np.float64]:
+    """Return what a wheel's curve exceeds at each speed (k,), zero or more."""
     curve = _wheel_curve(values, direction)
-    if not curve.min() > 0.0:
-        return 1.0  # no friction was identified
     steps = np.diag(_DIFFERENCE_STEP * np.where(values == 0.0, 1.0, np.abs(values)))
     changes = [_wheel_curve(values + one, direction) - _wheel_curve(values - one, direction) for one in steps]
     g = np.array(changes) / (2.0 * steps.diagonal()[:, None])
@@ -192,7 +209,7 @@ def _fraction_in_direction(
         moved = values.copy()
         moved[list(unknown)] = corner
         lowest = np.minimum(lowest, _wheel_curve(moved, direction))
-    return float(np.clip((lowest - z * sigma) / curve, 0.0, 1.0).min())
+    return np.maximum(lowest - z * sigma, 0.0)
 
 
 def stated_covariance(robot: Robot) -> NDArray[np.float64] | None:

@@ -68,10 +68,12 @@ from ballbot.identification.variation import (
     shipped_priors,
     variation_findings,
     widened,
+    with_torque_scale,
 )
 from ballbot.identification.windows import Windows, standstill_torques
 from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import CheckedLogs, checked_logs
+from ballbot.log.checks.physics import torque_scale_errors
 from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names
 from ballbot.log.fingerprints import fingerprint
@@ -292,7 +294,9 @@ def _result(
 ) -> Identification:
     predictor = prepared.problem.predictor
     layout, first = predictor.layout, prepared.problem.coordinates.first
-    final, apart, varied = _with_uncertainty(prepared, estimate, options=options, run=run)
+    final, apart, varied = _with_uncertainty(
+        prepared, estimate, torque_scale_errors(logs, predictor.robot), options=options, run=run
+    )
     values, uncertainty = final.values, final.uncertainty
     bounds = np.stack([prepared.problem.coordinates.lower, prepared.problem.coordinates.upper], axis=1)
     covariance = uncertainty.correlation * np.outer(uncertainty.standard_errors, uncertainty.standard_errors)
@@ -351,7 +355,12 @@ def _result(
 
 
 def _with_uncertainty(
-    prepared: Prepared, estimate: PointEstimate, *, options: IdentificationOptions, run: Run
+    prepared: Prepared,
+    estimate: PointEstimate,
+    scale_errors: NDArray[np.float64],
+    *,
+    options: IdentificationOptions,
+    run: Run,
 ) -> tuple[Estimate, Discrepancy, Variation]:
     """Return the estimate with its uncertainty, how far slow and fast windows disagree, and how logs vary."""
     coordinates = prepared.problem.coordinates
@@ -375,6 +384,7 @@ def _with_uncertainty(
         widen=apart.factor,
     )
     uncertainty, varied = widened(coordinates, values, uncertainty, by_log, priors=shipped_priors())
+    uncertainty = with_torque_scale(coordinates, values, uncertainty, scale_errors)
     final = Estimate(values=values, uncertainty=uncertainty_of_each(coordinates, values, uncertainty))
     if options.sweep is not None:  # which does not vary from log to log
         final = with_sweep(coordinates, final, options.sweep)

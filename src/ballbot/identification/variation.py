@@ -13,8 +13,9 @@ model lacks. `ballbot.fitting.between_logs` has the statistics. This module give
 The covariance that comes of it (`widened`) is the one that an identification states: its standard errors, intervals and
 correlations, the deviations in the robot's file, and what is certain enough to be compensated follow from it.
 
-An amount varies in proportion to the robot's size: the sizes of b are fractions of the wheels' mean b, of c and s of
-their mean c + s, of C_rr of itself; v_s and delta vary by a factor. Other quantities are not known to vary.
+An amount varies in proportion to the robot's size: the sizes of c and s are fractions of the wheels' mean c + s; of b
+of their mean friction at `SPEED` over that speed, as b and c make up for one another; of C_rr of itself; v_s and delta
+vary by a factor. Other quantities are not known to vary.
 """
 
 from __future__ import annotations
@@ -43,6 +44,7 @@ from ballbot.identification.parameters import Coordinates
 from ballbot.identification.windows import Span
 
 PRIOR_FILE = Path(__file__).parent / "between_logs.toml"
+SPEED = 10.0  #: [rad/s]
 #: a unit is at least this share of the bounds' width, so that a robot without friction of a kind has one
 _LEAST_UNIT = 0.02
 #: logs differ if chance gives that in fewer cases
@@ -189,7 +191,8 @@ def units_of(coordinates: Coordinates, values: NDArray[np.float64]) -> NDArray[n
     names, layout = np.array(coordinates.names), coordinates.layout
     mean = {name: float(np.mean(values[names == name])) for name in layout.names}
     dry = mean["coulomb"] + mean["stribeck"]
-    of = {"viscous": mean["viscous"], "coulomb": dry, "stribeck": dry, "rolling": mean["rolling"]}
+    viscous = mean["viscous"] + dry / SPEED
+    of = {"viscous": viscous, "coulomb": dry, "stribeck": dry, "rolling": mean["rolling"]}
     units = np.full(len(names), np.nan)
     for name, unit in of.items():
         width = float((coordinates.upper - coordinates.lower)[names == name].max())
@@ -231,40 +234,76 @@ def widened(
     shares = np.array([priors.sizes.get(name, 0.0) for name in coordinates.names])
     sizes = np.nan_to_num(shares * scaled_units(coordinates, values))
     places = np.flatnonzero(np.isfinite(by_log.covariances[0].diagonal()))
-    at, logs = np.ix_(places, places), len(by_log.points)
+    logs = len(by_log.points)
     found: LogSpread = spread(
         by_log.points[:, places],
         by_log.covariances[:, places[:, None], places],
         sizes[places],
         degrees=priors.degrees,
     )
-    errors = within.standard_errors / slopes
-    C = np.full((len(values), len(values)), np.nan)
-    C[at] = (within.correlation * np.outer(errors, errors))[at] + found.added
     between_logs = (found.factor * sizes) ** 2
     # a parameter at a bound has no covariance with the others
-    added = between_logs / logs
-    added[places] = found.added.diagonal()
+    added = np.diag(between_logs / logs)
+    added[np.ix_(places, places)] = found.added
     ahead = by_log.covariances.diagonal(axis1=1, axis2=2).mean(axis=0)
-    whole = np.sqrt(np.where(C.diagonal() > 0.0, C.diagonal(), np.nan))
     return (
-        replace(
-            within,
-            scaled_errors=whole,
-            standard_errors=whole * slopes,
-            correlation=correlation(C),
-            intervals=_widened(coordinates, scaled, within.intervals, added),
-        ),
+        _with_covariance(coordinates, values, within, added),
         Variation(
             logs=logs,
             differ=found.p_value < _UNLIKELY,
             factor=found.factor,
             deviations=np.where(sizes > 0.0, np.sqrt(between_logs) * slopes, np.nan),
             predictions=_widened(
-                coordinates, scaled, within.intervals, added + between_logs + np.nan_to_num(ahead)
+                coordinates, scaled, within.intervals, added.diagonal() + between_logs + np.nan_to_num(ahead)
             ),
             prior_robots=priors.robots,
         ),
+    )
+
+
+def with_torque_scale(
+    coordinates: Coordinates,
+    values: NDArray[np.float64],
+    uncertainty: Uncertainty,
+    scale_errors: NDArray[np.float64],
+) -> Uncertainty:
+    """Return the uncertainty with that of the torques' scale: a motor's friction is as wrong as its torque.
+
+    Parameters
+    ----------
+    coordinates : Coordinates
+    values : ndarray (p,)
+        SI units.
+    uncertainty : Uncertainty
+        For torques of the right scale.
+    scale_errors : ndarray (n,)
+        Relative standard error of each torque's scale, of `ballbot.log.checks.physics.torque_scale_errors`.
+    """
+    layout, slopes = coordinates.layout, coordinates.slopes(coordinates.scaled(values))
+    of_wheel = np.zeros((layout.wheel_count, len(values)))
+    for name in ("viscous", "coulomb", "stribeck"):
+        of_wheel[:, layout.columns(name)] = np.diag(values[layout.columns(name)])
+    by_scale = scale_errors[:, None] * of_wheel / np.where(coordinates.free, slopes, np.inf)
+    return _with_covariance(coordinates, values, uncertainty, by_scale.T @ by_scale)
+
+
+def _with_covariance(
+    coordinates: Coordinates,
+    values: NDArray[np.float64],
+    uncertainty: Uncertainty,
+    added: NDArray[np.float64],
+) -> Uncertainty:
+    """Return an uncertainty with a further covariance (p, p), scaled; an error that is unknown stays unknown."""
+    scaled = coordinates.scaled(values)
+    slopes, errors = coordinates.slopes(scaled), uncertainty.scaled_errors
+    C = uncertainty.correlation * np.outer(errors, errors) + added
+    whole = np.sqrt(np.where(C.diagonal() > 0.0, C.diagonal(), np.nan))
+    return replace(
+        uncertainty,
+        scaled_errors=whole,
+        standard_errors=whole * slopes,
+        correlation=correlation(C),
+        intervals=_widened(coordinates, scaled, uncertainty.intervals, added.diagonal()),
     )
 
 
@@ -283,7 +322,7 @@ def _widened(
         ends = []
         for end, sign in ((one.lower, -1.0), (one.upper, 1.0)):
             reach = abs(float(coordinates.scaled_one(place, np.array([end]))[0]) - scaled[place])
-            wide = scaled[place] + sign * np.hypot(reach, HALF_WIDTH * np.sqrt(added[place]))
+            wide = scaled[place] + sign * np.hypot(reach, HALF_WIDTH * np.sqrt(max(added[place], 0.0)))
             ends.append(float(wide) if np.isfinite(end) else None)
         found[label] = between(coordinates, place, ends[0], ends[1], method=one.method)
     return found

@@ -141,13 +141,17 @@ def _nothing_compensated(found: ControllerDesign) -> str:
 
 
 def _certain_fractions(stated: Friction, certain: Friction) -> str:
-    fractions = [
-        percent(less / whole) if whole else "none"
-        for less, whole in zip(certain.coulomb, stated.coulomb, strict=True)
-    ]
+    dry = _fractions(certain.coulomb, stated.coulomb)
+    viscous = _fractions(certain.viscous, stated.viscous)
     return (
-        "\nOnly the friction that is certain is compensated, "
-        f"as a fraction of each wheel's: {', '.join(fractions)}."
+        "\nOnly the friction that is certain is compensated, as a fraction of each wheel's "
+        f"dry friction: {dry}; of its viscous friction: {viscous}."
+    )
+
+
+def _fractions(parts: Sequence[float], wholes: Sequence[float]) -> str:
+    return ", ".join(
+        percent(part / whole) if whole else "none" for part, whole in zip(parts, wholes, strict=True)
     )
 
 

@@ -27,6 +27,7 @@ from ballbot.log.checks.lean import (
 )
 from ballbot.log.checks.torque_balance import driving_of, torque_evidence, torque_findings
 from ballbot.log.checks.torque_gains import (
+    USUAL,
     Gains,
     bound_findings,
     change_findings,
@@ -169,10 +170,10 @@ def torque_bounds(examined: Iterable[PhysicsOfLog], robot: Robot) -> list[Findin
 def torque_scale_errors(logs: Iterable[Log], robot: Robot) -> NDArray[np.float64]:
     """Return the relative standard error (n,) that a motor's friction has because logs do not bound its torque's scale.
 
-    Zero where they bound it, or do not show it for another reason.
+    Zero where they bound it; what is usual where they do not show it at all.
     """
     known = [one.gains for log in logs if (one := examine(log, robot)).gains is not None]
-    return scale_errors(together(known)) if known else np.zeros(robot.wheel_count)
+    return scale_errors(together(known)) if known else np.full(robot.wheel_count, USUAL)
 
 
 def different_robots(examined: Mapping[str, PhysicsOfLog]) -> list[Finding]:
