@@ -191,7 +191,8 @@ def test_the_friction_found_is_near_the_truth(small: Study):
     # measured 8 mm and 0.25 m: the seeds share little else than the course
     trials = small.choice.trials
     assert (trials["precise"].peaks < 0.2 * trials["none"].peaks).all()
-    assert small.choice.chosen == "precise"
+    # on two plants the two are equal, or nearly: the smoother one wins
+    assert small.choice.chosen in ("precise", "precise_without_compensation")
 
 
 def test_plants_are_drawn_from_the_identified_uncertainty(small: Study):
@@ -234,7 +235,7 @@ def test_results_keep_their_keys(folder: Path):
     for entry in (*(comparison[name] for name in CANDIDATES), *(one for pair in pairs for one in pair)):
         assert entry["falls"] or 0.0 < entry["rms_position_error"] <= entry["peak_position_error"]
     assert comparison["gain"]["low"] <= comparison["gain"]["median"] <= comparison["gain"]["high"]
-    assert results["controller"]["kind"] == "precise"
+    assert results["controller"]["kind"] in ("precise", "precise_without_compensation")
     assert results["controller"]["estimator"] == "kalman"
     made = results["provenance"]
     assert made["seed"] == 3
@@ -255,6 +256,7 @@ def test_the_files_read_back(folder: Path, small: Study):
         "robot.toml",
         "controller.toml",
         "previous_controller.toml",
+        *(["compensated_controller.toml"] if chosen.compensation == "none" else []),
     }
 
 
