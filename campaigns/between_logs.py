@@ -508,7 +508,7 @@ def write_prior() -> None:
 def calibrated(priors: Priors, training: Sequence[tuple[Fit, Fit]]) -> Priors:
     """Return priors times the least quarter step with which both intervals hold `_HELD` of the training estimates.
 
-    Two logs a robot leave the fitted sizes too small: a log's own error counts in part as what varies between logs.
+    With the sizes as fitted, the stated 95 % intervals hold 82 % of them.
     """
     for factor in np.arange(1.0, 4.0, 0.25).tolist():
         wider = replace(priors, sizes={name: factor * size for name, size in priors.sizes.items()})

@@ -66,6 +66,7 @@ def try_first_call(python: Path, folder: Path) -> None:
     line = "simulate alten --reference circle --duration 20 --out first"
     _run(python, "-m", "ballbot", *line.split(), cwd=folder, NUMBA_CACHE_DIR=str(kept))
     print(f"{time.monotonic() - begun:6.1f} s  ballbot {line}, with compilation", flush=True)
+    assert any(kept.rglob("*.nbc")), "no compiled code was kept for the next start"
 
 
 def try_lowest(folder: Path) -> None:

@@ -9,9 +9,9 @@ from ballbot.findings import Finding
 from ballbot.log import Log
 from ballbot.log.checks import check, check_logs
 from ballbot.log.checks.lean import AS_LOGGED, READINGS, lean_evidence, motion_of, usable_rows
-from ballbot.log.checks.physics import examine
+from ballbot.log.checks.physics import examine, torque_scale_errors
 from ballbot.log.checks.torque_balance import driving_of
-from ballbot.log.checks.torque_gains import gains_of, motor_sums
+from ballbot.log.checks.torque_gains import USUAL, gains_of, motor_sums
 from ballbot.robot import Robot
 from tests.support.physics_examples import FRICTION, MISTAKES, balancing, exchanged, scaled
 
@@ -59,6 +59,14 @@ def test_gains_of_a_correct_log_are_one():
 def test_log_without_a_needed_column_gets_no_physics_finding(name):
     log, robot = balancing()
     assert examine(Log({n: log[n] for n in log if n != name}), robot).findings == ()
+
+
+def test_torque_scale_that_no_log_shows_has_the_usual_error():
+    log, robot = balancing()
+    short = log.select(slice(0, 400))
+    np.testing.assert_array_equal(torque_scale_errors([short], robot), USUAL)
+    # one log that shows it is enough, and knows more than what is usual
+    assert (torque_scale_errors([short, log], robot) < USUAL).all()
 
 
 def test_log_without_torques_still_has_its_lean_checked():

@@ -213,7 +213,7 @@ def test_plants_are_drawn_from_the_identified_uncertainty(small: Study):
     assert drawn == pytest.approx(expected, abs=0.15)  # and clipping at zero, which takes some of it away
 
 
-def test_results_keep_their_keys(folder: Path):
+def test_results_keep_their_keys(folder: Path, small: Study):
     results = json.loads((folder / "results.json").read_text(encoding="utf-8"))
     for key in ("parameters", "standard_errors"):
         table = results[key]
@@ -235,7 +235,7 @@ def test_results_keep_their_keys(folder: Path):
     for entry in (*(comparison[name] for name in CANDIDATES), *(one for pair in pairs for one in pair)):
         assert entry["falls"] or 0.0 < entry["rms_position_error"] <= entry["peak_position_error"]
     assert comparison["gain"]["low"] <= comparison["gain"]["median"] <= comparison["gain"]["high"]
-    assert results["controller"]["kind"] in ("precise", "precise_without_compensation")
+    assert results["controller"]["kind"] == small.choice.chosen
     assert results["controller"]["estimator"] == "kalman"
     made = results["provenance"]
     assert made["seed"] == 3

@@ -185,7 +185,7 @@ def _certain_shares(known: _Known, wheel: int, n: int, z: float) -> tuple[float,
     given = np.mean(
         (_VISCOUS_SHARES * viscous + of_dry[:, None] * dry) / np.where(curve > 0.0, curve, np.inf), axis=1
     )
-    given[of_dry < 0.0] = -1.0
+    given[of_dry < 0.0] = -1.0  # this share of b alone exceeds the lower bound somewhere
     best = int(given.argmax())
     return float(_VISCOUS_SHARES[best, 0]), float(of_dry[best])
 

@@ -14,8 +14,8 @@ The covariance that comes of it (`widened`) is the one that an identification st
 correlations, the deviations in the robot's file, and what is certain enough to be compensated follow from it.
 
 An amount varies in proportion to the robot's size: the sizes of c and s are fractions of the wheels' mean c + s; of b
-of their mean friction at `SPEED` over that speed, as b and c make up for one another; of C_rr of itself; v_s and delta
-vary by a factor. Other quantities are not known to vary.
+of their mean friction at `SPEED` over that speed, because errors of b and c compensate each other; of C_rr of itself;
+v_s and delta vary by a factor. Other quantities are not known to vary.
 """
 
 from __future__ import annotations
@@ -44,7 +44,8 @@ from ballbot.identification.parameters import Coordinates
 from ballbot.identification.windows import Span
 
 PRIOR_FILE = Path(__file__).parent / "between_logs.toml"
-SPEED = 10.0  #: [rad/s]
+#: speed at which the unit of b is read off the friction curve [rad/s]
+SPEED = 10.0
 #: a unit is at least this share of the bounds' width, so that a robot without friction of a kind has one
 _LEAST_UNIT = 0.02
 #: logs differ if chance gives that in fewer cases
