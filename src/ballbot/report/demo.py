@@ -86,7 +86,7 @@ def state_found(found: Identification) -> ResultState:
         ),
         columns=(friction, "identified", "95 % interval", "true"),
         rows=tuple(rows),
-        caption=f"Friction torque of each wheel at {SPEED:g} rad/s. The interval holds under this log's conditions.",
+        caption=f"Friction torque of each wheel at {SPEED:g} rad/s. The interval contains the variation between logs.",
     )
 
 

@@ -106,8 +106,8 @@ def _parameter_sheet(found: Identification) -> Sheet:
     together = any(one.method == "with sweep" for one in found.intervals.values())
     rolling = " C_rr: the ball's rolling friction over its load." * ("rolling" in found.names)
     caption = (
-        f"{driveline_symbols(found.names)}{rolling} Standard errors are clustered by window. A dash: held at a bound, "
-        "or the logs do not show it. Open: the logs set no limit within the values allowed."
+        f"{driveline_symbols(found.names)}{rolling} Standard errors contain the variation between logs. A dash: held "
+        "at a bound, or the logs do not show it. Open: the logs set no limit within the values allowed."
     )
     with_sweep = " Numbers and errors are those of the logs and the sweep together."
     return Sheet(headings=headings, rows=rows, caption=caption + with_sweep * together)

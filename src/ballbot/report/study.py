@@ -216,7 +216,7 @@ def steps_sentence(choice: ControllerChoice) -> str:
             return f"{too_few(before.ratio_to(after).runs)} where the gain comes from."
         course = (step.course or choice.course).name
         place = "in a hold" if course == "hold" else f"on the {course}"
-        change = f"{step.adds[0].upper()}{step.adds[1:]}, added to {step.to}, makes the peak error"
+        change = f"Adding {step.adds} to {step.to} makes the peak error"
         by_change.setdefault(change, []).append(f"{_effect_words(before, after)} {place}")
     words = [f"{change} {every(effects)}." for change, effects in by_change.items()]
     return " ".join([*words, "All this is on simulated robots."])

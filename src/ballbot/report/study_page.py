@@ -101,8 +101,8 @@ def _friction_section(study: Study) -> Section:
     found = study.found
     words = (
         "A wheel at speed ω resists with b ω + (c + s exp(−|ω/v_s|^δ)) sgn ω, the ball on the floor with C_rr times "
-        "the weight. Standard errors are clustered by window. The first 95 % interval holds under the conditions of "
-        "these logs, the second for the estimate from another log of this robot; open: no limit within the bounds."
+        "the weight. Standard errors and the first 95 % interval contain the variation between logs; the second "
+        "interval is for the estimate from another log of this robot; open: no limit within the bounds."
     )
     return section(
         "Friction found",

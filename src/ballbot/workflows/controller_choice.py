@@ -234,25 +234,25 @@ def _compensation_steps(to: str, before: str, after: str) -> tuple[Step, ...]:
 STEPS = (
     *_compensation_steps("the soft gain", "none", "full"),
     Step(
-        adds="Kalman filter, shaped references and feed-forward",
+        adds="the Kalman filter, shaped references and feed-forward",
         to="the soft gain",
         before="none",
         after="soft_filter_shaping",
     ),
     Step(
-        adds="stiff gain",
+        adds="the stiff gain",
         to="filter, shaping and feed-forward",
         before="soft_filter_shaping",
         after="stiff_filter_shaping",
     ),
     Step(
-        adds="Kalman filter",
+        adds="the Kalman filter",
         to="the stiff gain with shaping and feed-forward",
         before="stiff_shaping",
         after="stiff_filter_shaping",
     ),
     Step(
-        adds="disturbance observer and integral action",
+        adds="the disturbance observer and integral action",
         to="the stiff gain with filter, shaping and feed-forward",
         before="stiff_filter_shaping",
         after="precise_without_compensation",
