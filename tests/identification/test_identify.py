@@ -54,8 +54,9 @@ def test_known_friction_is_found_within_its_standard_errors(found):
     deviation = (flat(found.parameters) - TRUTH) / flat(found.standard_errors)
     # 4 of them: one in 16 000 if normal, and twelve are looked at
     assert np.abs(deviation).max() < 4.0
-    # the errors say something: Coulomb friction of 0.1 N m to better than a fifth
-    assert max(found.standard_errors["c"]) < 0.02
+    # the errors say something: Coulomb friction of 0.1 N m to better than a quarter, of which the variation between
+    # logs alone is 0.016 N m for one log (0.105 of c + s)
+    assert max(found.standard_errors["c"]) < 0.025
     assert found.standard_errors["C_rr"] < 0.001
 
 
