@@ -110,7 +110,7 @@ def _users_modules() -> set[Path]:
     """Return the files of the modules that are imported now and are neither Python's, installed nor Ballbot's."""
     named = {getattr(module, "__file__", None) for module in list(sys.modules.values())}
     found = {_users_file(one) for one in named if isinstance(one, str)}
-    return {path for path in found if path is not None}
+    return {path for path in found if path is not None and path.is_file()}
 
 
 @cache
