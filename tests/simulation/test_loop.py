@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ballbot import Controller, InputError, Model, simulate_batch
+from ballbot import Controller, InputError, Log, Model, simulate, simulate_batch
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import circle
 from ballbot.simulation.imperfections import Imperfections, Push
@@ -22,20 +22,30 @@ FAULTS = SensorFaults(gyro_bias=0.002, gyro_bias_walk=1e-4, lean_error=0.003, la
 PLAY = np.radians(1.0)
 
 
-def one_by_one(
-    imperfections: Imperfections, controller: Controller, samples: int, seed: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the true states and those that the controller was given, a row for each sample."""
-    plant = SensedPlant(Model(controller.robot), imperfections, estimator=controller.estimator)
-    reference = circle()
-    controller.reset()
-    measured, true, seen = plant.reset(START, seed=seed), [], []
-    for _ in range(samples):
-        seen.append(measured.state)
-        torques = controller.update(measured.t, measured.state, reference(measured.t))
-        measured = plant.step(torques, controller.sample_time)
-        true.append(measured.truth)
-    return np.array(true), np.array(seen)
+def assert_one_by_one(controller: Controller, imperfections: Imperfections, duration: float) -> None:
+    """Check that a lane's log is that of the plant that is called one sample at a time."""
+    model = Model(controller.robot)
+    batch = simulate_batch(
+        model,
+        controller,
+        circle(),
+        duration=duration,
+        initial_states=START,
+        imperfections=imperfections,
+    )
+    plant = SensedPlant(model, imperfections, estimator=controller.estimator)
+    log = simulate(
+        plant, controller, circle(), duration=duration, initial_state=START, seed=imperfections.seed
+    )
+    # vector code rounds in another order; in a second sticking and play multiply that by some 1e4
+    assert_same(batch.log(0), log, atol=1e-9)
+
+
+def assert_same(one: Log, other: Log, *, atol: float) -> None:
+    assert set(one.names) == set(other.names)
+    assert one.ended == other.ended
+    for name in one.names:
+        np.testing.assert_allclose(one[name], other[name], atol=atol, err_msg=name)
 
 
 @pytest.mark.parametrize(
@@ -66,18 +76,25 @@ def one_by_one(
 )
 def test_a_lane_is_the_plant_one_sample_at_a_time(imperfections, estimator):
     controller = precise_controller(ROBOT).with_estimator(estimator)
-    true, seen = one_by_one(imperfections, controller, 200, seed=5)
-    batch = simulate_batch(
-        Model(ROBOT),
-        controller,
-        circle(),
-        duration=1.0,
-        initial_states=START,
-        imperfections=replace(imperfections, seed=5),
-    )
-    # vector code rounds in another order; in a second sticking and play multiply that by some 1e4
-    np.testing.assert_allclose(batch.states[0], true, atol=1e-9)
-    np.testing.assert_allclose(batch.seen[0], seen, atol=1e-9)
+    assert_one_by_one(controller, replace(imperfections, seed=5), 1.0)
+
+
+def test_a_lane_with_perfect_sensors_is_the_model_one_sample_at_a_time():
+    controller = nominal_controller(ROBOT)
+    batch = simulate_batch(ROBOT, controller, circle(), duration=1.0, initial_states=START)
+    log = simulate(ROBOT, controller, circle(), duration=1.0, initial_state=START)
+    assert_same(batch.log(0), log, atol=1e-9)
+
+
+def test_the_log_of_a_fall_ends_before_it():
+    limp = Controller(ROBOT, np.zeros((3, 10)))
+    imperfections = Imperfections(sensors=SENSORS, fallen_lean=0.4)
+    batch = simulate_batch(ROBOT, limp, circle(), duration=5.0, imperfections=imperfections)
+    log = simulate(SensedPlant(Model(ROBOT), imperfections), limp, circle(), duration=5.0)
+    assert_same(batch.log(0), log, atol=1e-8)
+    assert batch.log(0).ended == log.ended != None  # noqa: E711
+    with pytest.raises(InputError, match="every sample"):
+        simulate_batch(ROBOT, limp, circle(), duration=1.0, every=2).log(0)
 
 
 @pytest.mark.slow
@@ -85,17 +102,7 @@ def test_four_wheels_with_play_are_the_plant_one_sample_at_a_time():
     robot = four_wheeled(friction=True)
     controller = nominal_controller(robot, compensation="full")
     imperfections = Imperfections(sensors=robot.sensors, torque_noise=0.01, backlash=PLAY)
-    true, seen = one_by_one(imperfections, controller, 100, seed=3)
-    batch = simulate_batch(
-        Model(robot),
-        controller,
-        circle(),
-        duration=0.5,
-        initial_states=START,
-        imperfections=replace(imperfections, seed=3),
-    )
-    np.testing.assert_allclose(batch.states[0], true, atol=1e-9)
-    np.testing.assert_allclose(batch.seen[0], seen, atol=1e-9)
+    assert_one_by_one(controller, replace(imperfections, seed=3), 0.5)
 
 
 def test_lanes_do_not_notice_each_other():

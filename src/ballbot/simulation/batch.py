@@ -22,6 +22,7 @@ from ballbot.control.presets import ControllerLike, as_controller
 from ballbot.control.records import fill_record
 from ballbot.control.references import Reference, ReferenceLike, as_reference
 from ballbot.errors import InputError
+from ballbot.estimation.heading import Heading
 from ballbot.estimation.kalman import filter_row
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.engine.run import over_threads
@@ -203,11 +204,6 @@ def simulate_batch(
         run_block(selected, inputs, draws, sampling, first, width, out)
 
     over_threads(run, lanes, threads)
-    return _result(out, samples, sample_time, every)
-
-
-def _result(out: Outcome, samples: int, sample_time: float, every: int) -> ClosedLoopBatch:
-    """Return an outcome as the batch that users see."""
     _, records, n = out.torques.shape
     decided = np.minimum(out.ended, out.settled)
     return ClosedLoopBatch(
@@ -215,6 +211,14 @@ def _result(out: Outcome, samples: int, sample_time: float, every: int) -> Close
         states=out.states,
         torques=out.torques,
         seen=out.seen,
+        commanded=out.commanded,
+        wheel_angles=out.encoders[:, :, :n],
+        wheel_speeds=out.encoders[:, :, n:],
+        gyro=out.gyro,
+        initial=inputs.initial,
+        references=sampling.references,
+        sample_time=sample_time,
+        fallen_leans=np.array([one.fallen_lean for one in borne] or [LARGEST_LEAN]),
         ended=np.where(out.ended < samples, out.ended * sample_time, np.inf),
         settled=np.where(out.settled < samples, out.settled * sample_time, np.inf),
         lifted=out.lifted,
@@ -229,6 +233,9 @@ def _outcome(lanes: int, records: int, samples: int, n: int) -> Outcome:
         states=np.empty((lanes, records, 10)),
         torques=np.empty((lanes, records, n)),
         seen=np.empty((lanes, records, 10)),
+        commanded=np.empty((lanes, records, n)),
+        encoders=np.empty((lanes, records, 2 * n)),
+        gyro=np.empty((lanes, records, 3)),
         ended=np.full(lanes, samples, np.int64),
         settled=np.full(lanes, samples, np.int64),
         lifted=np.zeros(lanes, np.bool_),
@@ -282,7 +289,7 @@ def _loops(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the rows of `loop_record`, and those of `filter_row`, none without a Kalman filter."""
     if not borne:
-        return _perfect(), np.empty((0, 0))
+        return _perfect(sample_time), np.empty((0, 0))
     many = max(len(borne), len(robots), len(controllers))
     loops, filters, made = [], [], {}
     for k in range(many):
@@ -300,10 +307,10 @@ def _loops(
     return np.array(loops), np.array(filters) if needed else np.empty((0, 0))
 
 
-def _perfect() -> NDArray[np.float64]:
+def _perfect(sample_time: float) -> NDArray[np.float64]:
     """Return the row of a robot whose controller sees the true state and whose drive has no limits of its own."""
     record = LOOP.zeros()
-    fill_record(record, LoopRecord())
+    fill_record(record, LoopRecord(sample_time=sample_time))
     return record.view(np.float64)[None]
 
 
@@ -366,12 +373,13 @@ def _common_wheel_count(robots: Sequence[Robot], controllers: Sequence[Controlle
 
 def _sampled(reference: Reference, samples: int, sample_time: float) -> NDArray[np.float64]:
     """Return the reference at every sample (samples, 10)."""
-    references = np.empty((samples, 10))
+    references, heading = np.empty((samples, 10)), Heading()
     for k in range(samples):
-        wanted = reference(k * sample_time)
+        wanted = reference(round(k * sample_time, 9))  # whole nanoseconds, as `simulate` asks
         # a check of each sample would take longer than its simulation
         plain = type(wanted) is np.ndarray and wanted.dtype == np.float64 and wanted.shape == (10,)
         references[k] = wanted if plain else real_array(wanted, (10,), "The reference")
+        references[k, 4] = heading.unwrapped(float(references[k, 4]))
     real_array(references, (samples, 10), "The reference")
     forbidden = np.argwhere(references[:, [2, 3, 5, 6, 7, 8, 9]] != 0.0)
     if len(forbidden):

@@ -7,7 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.errors import InputError
+from ballbot.log import Log
+from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, torque_names, wheel_angle_names, wheel_speed_names
+from ballbot.mechanics.equations import LARGEST_LEAN
+from ballbot.simulation.model_plant import FALLEN, LIFTED
 from ballbot.summary import Summary, counted, range_words, summarized
+
+#: the reference's columns in a log, and their places in the state
+REFERENCES = (0, 1, 4)
+_GYRO_NAMES = ("gyro_x", "gyro_y", "gyro_z")
 
 
 @summarized
@@ -20,6 +29,14 @@ class ClosedLoopBatch:
     torques: NDArray[np.float64]  #: (lanes, records, n) held over the sample that ends at t [N m]
     #: (lanes, records, 10) the state that the controller was given at the sample that ends at t
     seen: NDArray[np.float64]
+    commanded: NDArray[np.float64]  #: (lanes, records, n) what it asked for then [N m]
+    wheel_angles: NDArray[np.float64]  #: (lanes, records, n) as they were measured then [rad]
+    wheel_speeds: NDArray[np.float64]  #: (lanes, records, n) [rad/s]
+    gyro: NDArray[np.float64]  #: (lanes, records, 3) body frame [rad/s]
+    initial: NDArray[np.float64]  #: (1 or lanes, 10) the states at t = 0
+    references: NDArray[np.float64]  #: (samples, 10)
+    sample_time: float  #: [s]
+    fallen_leans: NDArray[np.float64]  #: (1 or lanes,) at which a lane counts as fallen [rad]
     ended: NDArray[np.float64]  #: (lanes,) time [s] at which a lane ended; infinity where it did not
     #: (lanes,) time [s] at which a `Verdict` saw it settled; infinity if it never did
     settled: NDArray[np.float64]
@@ -37,6 +54,53 @@ class ClosedLoopBatch:
     def survived(self) -> NDArray[np.bool_]:
         """Whether each lane (lanes,) ran to the end."""
         return np.isinf(self.ended)
+
+    def log(self, lane: int) -> Log:
+        """Return a lane's run as `simulate` gives it, but for columns of an accelerometer.
+
+        Raises
+        ------
+        InputError
+            If not every sample was recorded, or there is no such lane.
+        """
+        lanes, records, n = self.torques.shape
+        if records != len(self.references):
+            raise InputError(
+                f"The batch recorded {counted(records, 'sample')} of {len(self.references)}; a log needs every sample "
+                "(every=1)."
+            )
+        if not 0 <= lane < lanes:
+            raise InputError(f"The lane is {lane}; it must be 0 to {lanes - 1}.")
+        end = min(self.ended[lane], self.settled[lane])
+        rows = records if np.isinf(end) else round(end / self.sample_time)
+        start = self.initial[lane if len(self.initial) > 1 else 0]
+        columns = {"t": np.round(np.arange(rows) * self.sample_time, 9)}
+        for names, values in (
+            (torque_names(n), self.commanded[lane, :rows]),
+            (STATE_NAMES, self.seen[lane, :rows]),
+            (wheel_angle_names(n), self.wheel_angles[lane, :rows]),
+            (wheel_speed_names(n), self.wheel_speeds[lane, :rows]),
+            (_GYRO_NAMES, self.gyro[lane, :rows]),
+            ([f"ref_{STATE_NAMES[k]}" for k in REFERENCES], self.references[:rows, REFERENCES]),
+            (
+                [TRUE_PREFIX + name for name in STATE_NAMES],
+                np.vstack([start, self.states[lane, : rows - 1]])[:rows],
+            ),
+        ):
+            columns |= dict(zip(names, values.T, strict=True))
+        return Log(columns, ended=self._why_ended(lane))
+
+    def _why_ended(self, lane: int) -> str | None:
+        if np.isinf(self.ended[lane]):
+            return None
+        limit = self.fallen_leans[lane if len(self.fallen_leans) > 1 else 0]
+        if self.slipped[lane]:
+            why = "slipped: a wheel needs more grip than it has"
+        elif self.lifted[lane]:
+            why = LIFTED
+        else:
+            why = FALLEN if limit == LARGEST_LEAN else f"fallen: lean past {limit:g} rad"
+        return f"{why} at t = {self.ended[lane]:.3f} s"
 
     def summary(self) -> Summary:
         """Return how the lanes ended, where they are at the end, and how hard the wheels worked."""

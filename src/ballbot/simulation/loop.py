@@ -112,7 +112,10 @@ class Outcome(NamedTuple):
 
     states: NDArray[np.float64]  #: (robots, records, 10)
     torques: NDArray[np.float64]  #: (robots, records, n)
-    seen: NDArray[np.float64]  #: (robots, records, 10) the state that the controller was given; or no records
+    seen: NDArray[np.float64]  #: (robots, records, 10) the state that the controller was given
+    commanded: NDArray[np.float64]  #: (robots, records, n) and what it asked for
+    encoders: NDArray[np.float64]  #: (robots, records, 2 n) the wheels' angles and speeds as they were measured
+    gyro: NDArray[np.float64]  #: (robots, records, 3)
     ended: NDArray[np.int64]  #: sample in which it fell, lifted off or slipped; all samples if it did not
     settled: NDArray[np.int64]
     lifted: NDArray[np.bool_]
@@ -134,6 +137,7 @@ class _Block(NamedTuple):
     speeds: NDArray[np.float64]  #: (robots, n) of rigid motors [rad/s]
     loads: NDArray[np.float64]  #: (robots, n) torques with which the slope loads the wheels
     before: NDArray[np.float64]  #: (robots, n) encoder angles at the last sample
+    encoders: NDArray[np.float64]  #: (robots, 2 n) encoder angles and the speeds differenced from them
     counted: NDArray[np.float64]  #: (robots, 1 + longest window, n) encoder angles at the last samples
     ahrs: NDArray[np.float64]  #: (robots, 6): biases, errors of the lean, heading of its frame
     readings: NDArray[np.float64]  #: (robots, 1 + longest latency, 6) gyro and attitude
@@ -460,17 +464,21 @@ def _measure(selected, work, lane, inputs, draws, block, first, sample):
     robot = robot_in(work, lane)
     own, state, n = _loop_of(inputs, first + robot), block.states[robot], block.acting.shape[1]
     _truth(selected, work, lane, own, state)
-    if own.estimator == 0:
-        return
-    gyro, angles, encoders, speeds = block.gyros[robot], np.empty(3), np.empty(n), np.empty(n)
-    noise = draws.noise[robot, (n + 6) * sample : (n + 6) * sample + 6]
-    _read_ahrs(own, block, robot, sample, noise, draws.faults[robot], state, gyro, angles)
+    gyro, encoders, speeds = block.gyros[robot], block.encoders[robot, :n], block.encoders[robot, n:]
     for i in range(n):
-        encoders[i] = block.angles[robot, i]
+        encoders[i], speeds[i] = block.angles[robot, i], block.speeds[robot, i]
         if own.play > 0.0:
             encoders[i] = (
                 work[(ANGLE + i) * LANES + lane] + work[(AHEAD + i) * LANES + lane] - block.starts[robot, i]
             )
+            speeds[i] = work[(MOTOR + i) * LANES + lane]
+    if own.estimator == 0:
+        rate = body_rates(attitude((state[2], state[3], state[4])), (state[7], state[8], state[9]))
+        for i in range(3):
+            gyro[i] = rate[i]
+        return
+    angles, noise = np.empty(3), draws.noise[robot, (n + 6) * sample : (n + 6) * sample + 6]
+    _read_ahrs(own, block, robot, sample, noise, draws.faults[robot], state, gyro, angles)
     _read_encoders(own, block, robot, sample, encoders, speeds)
     if own.estimator == 1:
         _onboard(own, block, robot, sample, speeds, gyro, angles, state)
@@ -479,9 +487,10 @@ def _measure(selected, work, lane, inputs, draws, block, first, sample):
     if sample == 0:
         _begin_filter(block.filters, robot, row, state, gyro, angles)
     else:
+        turned = np.empty(n)
         for i in range(n):
-            speeds[i] = (encoders[i] - block.before[robot, i]) / own.sample_time
-        _show_filter(own, block, robot, row[len(row) - 1], speeds, gyro, angles)
+            turned[i] = (encoders[i] - block.before[robot, i]) / own.sample_time
+        _show_filter(own, block, robot, row[len(row) - 1], turned, gyro, angles)
     fill(block.before[robot], encoders)
 
 
@@ -617,6 +626,7 @@ def _new_block(loops, width, n, filtering):
         np.zeros((width, n)),
         np.zeros((width, n)),
         np.zeros((width, n)),
+        np.zeros((width, 2 * n)),
         np.zeros((width, 1 + window, n)),
         np.zeros((width, 6)),
         np.zeros((width, 1 + latency, 6)),
@@ -681,5 +691,7 @@ def run_block(selected, inputs, draws, sampling, first, width, out):
                 record = (sample + 1) // sampling.every - 1
                 _truth(selected, work, lane, _loop_of(inputs, robot), out.states[robot, record])
                 fill(out.torques[robot, record], block.acting[robot - first])
-                if out.seen.shape[1] > 0:
-                    fill(out.seen[robot, record], block.states[robot - first])
+                fill(out.seen[robot, record], block.states[robot - first])
+                fill(out.commanded[robot, record], block.commanded[robot - first])
+                fill(out.encoders[robot, record], block.encoders[robot - first])
+                fill(out.gyro[robot, record], block.gyros[robot - first])

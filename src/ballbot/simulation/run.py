@@ -17,11 +17,10 @@ from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, torque_names, wheel_an
 from ballbot.mechanics.model import Model, ModelLike, as_model
 from ballbot.notebook import in_notebook
 from ballbot.progress import Progress, ProgressCallback
+from ballbot.simulation.batch_result import REFERENCES
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement, Plant
 
-#: the reference's columns in a log, and their places in the state
-_REFERENCES = (0, 1, 4)
 #: samples of a run, whose log has some 45 columns
 _MOST = MOST_CELLS // 45
 #: largest lean of a start [rad]
@@ -145,7 +144,7 @@ def _column_names(measured: Measurement) -> list[str]:
         *wheel_speed_names(wheel_count),
         *(f"gyro_{axis}" for axis in "xyz"),
         *(f"acc_{axis}" for axis in "xyz" if measured.acceleration is not None),
-        *(f"ref_{STATE_NAMES[place]}" for place in _REFERENCES),
+        *(f"ref_{STATE_NAMES[place]}" for place in REFERENCES),
         *(TRUE_PREFIX + name for name in STATE_NAMES),
     ]
 
@@ -162,7 +161,7 @@ def _row(
             measured.wheel_speeds,
             measured.gyro,
             measured.acceleration if measured.acceleration is not None else (),
-            reference[list(_REFERENCES)],
+            reference[list(REFERENCES)],
             measured.truth,
         ]
     )
