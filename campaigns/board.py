@@ -97,7 +97,7 @@ def courses() -> dict[str, Course]:
 
 def python_log(controller: Controller, course: Course, *, seed: int, duration: float) -> Log:
     """Return the log of Python's controller."""
-    plant = course.plant(robot(), estimator=controller.estimator)
+    plant = course.plant(robot())(controller.estimator)
     reference = course.reference_spec.reference()
     return simulate(plant, controller, reference, duration=duration, seed=seed)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from cyclopts import Parameter
 
@@ -29,9 +30,7 @@ from ballbot.report.study_files import STUDY_FILES, write_study
 from ballbot.robot import Robot
 from ballbot.summary import counted
 from ballbot.twin.scenario_file import load_scenario, scenario_text
-from ballbot.workflows.controller_choice import available_plant
 from ballbot.workflows.controller_prediction import MIN_RUNS
-from ballbot.workflows.courses import PlantName
 from ballbot.workflows.study import StudyOptions
 from ballbot.workflows.study import study as run_study
 
@@ -41,17 +40,15 @@ from ballbot.workflows.study import study as run_study
 class TrialOptions:
     """The simulated robots that the candidates run on."""
 
-    plant: PlantName | None = None
-    """What the candidates run on: model (the equations of motion) or twin (the physics engine). If not given, the twin
-    if MuJoCo is installed."""
-
     scenario: str = "nominal"
     """Delay, play, noise, sensors and floor of the simulated robots: nominal, another scenario of the twin, or a
     scenario file."""
 
     draws: WholeNumber = StudyOptions.draws
-    """Number of simulated robots. Fewer than 20 take less time and make the choice less certain; fewer than 6 are too
-    few for 95 % intervals and for a prediction."""
+    """Number of simulated robots; fewer than 6 are too few for 95 % intervals and for a prediction."""
+
+    confirm: Annotated[bool, Parameter(negative="--no-confirm")] = True
+    """Whether the chosen controller and the soft gain run on the physics-engine twin as well."""
 
 
 @Parameter(name="*")
@@ -83,6 +80,7 @@ def study(
     fit: FitOptions = _FIT,
     seed: WholeNumber = 0,
     accept: Accept = None,
+    quick: Annotated[bool, Parameter(negative="")] = False,
     run: RunOptions = RUN_HERE,
 ) -> None:
     """Identify a robot's friction from its logs, validate the model, and choose the best controller for it.
@@ -90,9 +88,9 @@ def study(
     Writes report.html, results.json, robot.toml (with the identified friction), controller.toml, and
     previous_controller.toml to revert to; compensated_controller.toml is the best that compensates friction, if the
     chosen one does not. The candidates (nominal gain with no, full and partial compensation, and the precise controller
-    with full compensation and without) run on 20 simulated robots drawn from the identified uncertainty. With 6 robots
-    or more results.json also predicts the next run with the chosen controller; `ballbot validate --prediction` compares
-    a log with it.
+    with full compensation and without) run on 100 simulated robots drawn from the identified uncertainty, and the
+    chosen one on the physics-engine twin if MuJoCo is installed. With 6 robots or more results.json also predicts the
+    next run with the chosen controller; `ballbot validate --prediction` compares a log with it.
 
     Example: ballbot study alten square.csv hold.csv --out found
 
@@ -106,6 +104,8 @@ def study(
         The folder to write into.
     seed
         Random seed. The same seed gives the same result.
+    quick
+        Stop at the verdict: no report.html, and no measurement of where the gain comes from.
     """
     described = Robot.load(robot)
     named = read_balancing_logs(logs, fit.mapping, described)
@@ -118,14 +118,19 @@ def study(
         mappings=dict.fromkeys(logs, fit.mapping),
     )
     back_emf, excluded = back_emf_of(fit.mapping), names_listed(fit.exclude_states)
-    scenario, plant = load_scenario(trial.scenario, described), available_plant(trial.plant)
+    scenario = load_scenario(trial.scenario, described)
     if trial.draws < MIN_RUNS:
         notice_output().print(
             f"{counted(trial.draws, 'simulated robot')} will give no prediction of the next run and no 95 % intervals; "
             f"both need --draws {MIN_RUNS} or more."
         )
     depends_on = {"bounds": within, "left_out": excluded, "back_emf": back_emf, "seed": seed}
-    depends_on |= {"plant": plant, "scenario": without_format(scenario_text(scenario)), "draws": trial.draws}
+    depends_on |= {
+        "confirm": trial.confirm,
+        "quick": quick,
+        "scenario": without_format(scenario_text(scenario)),
+        "draws": trial.draws,
+    }
     with (
         open_long_result(
             out,
@@ -141,10 +146,14 @@ def study(
         found = run_study(
             described,
             CheckedLogs(logs=named, findings=findings),
-            plant=plant,
             scenario=scenario,
             options=StudyOptions(
-                bounds=within, excluded_states=excluded, back_emf=back_emf, draws=trial.draws
+                bounds=within,
+                excluded_states=excluded,
+                back_emf=back_emf,
+                draws=trial.draws,
+                confirm=trial.confirm,
+                quick=quick,
             ),
             run=result.run_with(bar.report),
         )
@@ -152,4 +161,4 @@ def study(
         with result.replaced() as new:
             write_study(found, new, made=result.origin, before=result.folder.path)
     print_verdict(summary(found), result.console)
-    result.show_file("report.html")
+    result.show_file("results.json" if quick else "report.html")

@@ -39,7 +39,6 @@ from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Twin
 from ballbot.twin.imperfections import imperfections_of, true_model
 from ballbot.twin.scenario import Scenario
-from ballbot.workflows.controller_choice import available_plant
 from ballbot.workflows.courses import PlantName
 
 #: the hardware of emulated robots, in C
@@ -228,7 +227,7 @@ def emulated_robot(
         raise InputError(missing)
     body = (
         Twin(robot, scenario)
-        if available_plant(plant) == "twin"
+        if plant == "twin"
         else SensedPlant(model, imperfections_of(scenario), known=robot)
     )
     return EmulatedRobot(

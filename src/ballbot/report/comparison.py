@@ -346,7 +346,7 @@ _PEAK, _ROUGH = "peak_position_error", "high_frequency_torque"
 
 def league_report(league: League, robot: Robot, made: Provenance) -> Report:
     """Return the page of a league of that robot."""
-    plant = "the exact model with perfect sensors" if league.courses[0].scenario is None else "the twin"
+    plant = "the compiled loop" if league.courses[0].on == "model" else "the twin"
     first, courses = league.controllers[0], counted(len(league.courses), "course")
     caption = (
         f"Each number over {first}'s on the same course with the same seed: geometric means over the courses, with "
@@ -370,7 +370,7 @@ def league_report(league: League, robot: Robot, made: Provenance) -> Report:
             *(_course_section(league, robot, course, place) for place, course in enumerate(league.courses)),
             section("How to read this", Bullets(items=_reading(first, len(league.seeds)))),
         ],
-        undecided=[*(words for words in undecided if words), _beyond(league)],
+        undecided=[*(words for words in undecided if words), _BEYOND],
         made=made,
     )
 
@@ -454,13 +454,9 @@ def _open_sentence(name: str, league: League) -> str:
     return f"Whether {name} differs from {league.controllers[0]} in {', '.join(open_ones)}: no interval leaves one out."
 
 
-def _beyond(league: League) -> str:
-    where = (
-        "sensors, delay, play and floor of a real robot"
-        if league.courses[0].scenario is None
-        else "a real robot"
-    )
-    return f"How the controllers compare with {where}: these are simulated runs of the robot as its file describes it."
+_BEYOND = (
+    "How the controllers compare on a real robot: these are simulated runs of the robot as its file describes it."
+)
 
 
 def _title(name: str) -> str:

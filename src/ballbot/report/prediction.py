@@ -111,7 +111,7 @@ def prediction_report(
         title=title,
         lead=(
             f"The course {course.name}, {course.duration:g} s, with the controller {prediction.controller} of a "
-            f"study that predicted it from {prediction.draws} perturbed plants ({prediction.plant}, scenario "
+            f"study that predicted it from {prediction.draws} simulated robots (scenario "
             f"{prediction.scenario})."
         ),
         verdict=[("", headline(verdict))],

@@ -24,20 +24,41 @@ from ballbot.robot import Friction
 from ballbot.rounding import digits
 from ballbot.summary import counted
 from ballbot.validation.result import better_in, weak_states
-from ballbot.workflows.controller_choice import CANDIDATES, ControllerChoice, Trial
+from ballbot.workflows.controller_choice import CANDIDATES, ControllerChoice, Step, Trial
 from ballbot.workflows.controller_prediction import MIN_RUNS
 from ballbot.workflows.study import Study
+from ballbot.workflows.twin_confirmation import Confirmation
 
 
 def summary(study: Study) -> list[tuple[str, str]]:
     """Return the results as (heading, sentences) pairs, the most important first."""
+    steps = steps_sentence(study.steps, study.choice.course.name)
+    contradiction = study.confirmation.contradiction if study.confirmation else None
     return [
+        *([("Contradiction", contradiction)] if contradiction else []),
         ("Friction", friction_sentence(study.found)),
         ("Model", model_sentence(study)),
         ("Controller", controller_sentence(study)),
-        ("Where the gain comes from", steps_sentence(study.choice)),
+        ("Second opinion", confirmation_sentence(study.confirmation)),
+        *([("Where the gain comes from", steps)] if steps else []),
         ("Doubts", doubts_sentence(study)),
     ]
+
+
+def confirmation_sentence(confirmation: Confirmation | None) -> str:
+    """Return what the candidates did on the twin, beside the loop."""
+    if confirmation is None:
+        return "The choice was not confirmed on the physics-engine twin."
+    course = confirmation.course
+    words = []
+    for name, twin in confirmation.on_twin.items():
+        loop = confirmation.on_loop[name]
+        words.append(f"{CANDIDATE_NAMES[name]} {_outcome(twin)} ({_outcome(loop)} on the compiled loop)")
+    runs = counted(len(next(iter(confirmation.on_twin.values())).scores), "run")
+    return (
+        f"On the physics-engine twin, {course.duration:g} s of the {course.name}, median peak error over {runs} each: "
+        f"{every(words)}."
+    )
 
 
 def friction_sentence(found: Identification) -> str:
@@ -190,11 +211,10 @@ PREDICTION = "This is a prediction until a log of the robot confirms it."
 
 
 def plants_words(study: Study) -> str:
-    """Return the plants on which the candidates were compared."""
-    kind = "robots on the equations of motion" if study.plant == "model" else "physics-engine twins"
+    """Return the robots on which the candidates were compared."""
     return (
-        f"{len(study.choice.plants)} {kind} drawn from the identified uncertainty, with the delay, play, noise and "
-        f"floor of the scenario {study.scenario.name}"
+        f"{len(study.choice.plants)} simulated robots drawn from the identified uncertainty, with the delay, play, "
+        f"noise and floor of the scenario {study.scenario.name}"
     )
 
 
@@ -206,20 +226,25 @@ def _falls_words(study: Study) -> str:
     return f"Excluded because they fall: {named} of {len(study.choice.plants)} runs."
 
 
-def steps_sentence(choice: ControllerChoice) -> str:
-    """Return what each step from the soft gain to the precise controller does to the peak error."""
-    if not choice.steps:
-        return "It was not measured."
+def steps_sentence(steps: Mapping[Step, tuple[Trial, Trial]], course: str) -> str:
+    """Return what each step from the soft gain to the precise controller does to the peak error.
+
+    Parameters
+    ----------
+    steps : mapping of Step to two Trials
+    course : str
+        On which the candidates were compared.
+    """
     by_change: dict[str, list[str]] = {}
-    for step, (before, after) in choice.steps.items():
+    for step, (before, after) in steps.items():
         if effect_of(before, after) == "too few":
             return f"{too_few(before.ratio_to(after).runs)} where the gain comes from."
-        course = (step.course or choice.course).name
-        place = "in a hold" if course == "hold" else f"on the {course}"
+        on = step.course.name if step.course else course
+        place = "in a hold" if on == "hold" else f"on the {on}"
         change = f"Adding {step.adds} to {step.to} makes the peak error"
         by_change.setdefault(change, []).append(f"{_effect_words(before, after)} {place}")
     words = [f"{change} {every(effects)}." for change, effects in by_change.items()]
-    return " ".join([*words, "All this is on simulated robots."])
+    return " ".join([*words, "All this is on simulated robots."]) if words else ""
 
 
 def _effect_words(before: Trial, after: Trial) -> str:

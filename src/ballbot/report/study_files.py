@@ -69,9 +69,8 @@ def _comparison(study: Study) -> dict[str, object]:
     entries: dict[str, object] = {name: _trial(trial) for name, trial in choice.trials.items()}
     gain = choice.gain
     return entries | {
-        "plant": study.plant,
         "scenario": study.scenario.name,
-        "twin_rolling": study.rolling,
+        "confirmation": _confirmation(study),
         "draws": len(choice.plants),
         "course": choice.course,
         "chosen": choice.chosen,
@@ -87,8 +86,24 @@ def _comparison(study: Study) -> dict[str, object]:
                 "after": {"controller": step.after, **_trial(after)},
                 "ratio": before.ratio_to(after),
             }
-            for step, (before, after) in choice.steps.items()
+            for step, (before, after) in study.steps.items()
         ],
+    }
+
+
+def _confirmation(study: Study) -> dict[str, object] | None:
+    """Return what the chosen controller and the soft gain did on the twin and on the loop."""
+    made = study.confirmation
+    if made is None:
+        return None
+    return {
+        "course": made.course,
+        "twin_rolling": made.rolling,
+        "contradiction": made.contradiction,
+        **{
+            name: {"twin": _trial(twin), "loop": _trial(made.on_loop[name])}
+            for name, twin in made.on_twin.items()
+        },
     }
 
 
@@ -119,7 +134,9 @@ _BASELINE = """\
 
 
 def write_study(study: Study, out: str | Path, *, made: Provenance, before: Path | None = None) -> Path:
-    """Write a study into a folder, each file whole or not at all, and return the report's path.
+    """Write a study into a folder, each file whole or not at all, and return the path of what to read.
+
+    A quick study has no report.html.
 
     Parameters
     ----------
@@ -141,7 +158,10 @@ def write_study(study: Study, out: str | Path, *, made: Provenance, before: Path
     compensated = study.choice.compensated
     if compensated is not None and chosen is not None and chosen.compensation == "none":
         write_controller(study.choice.trials[compensated].controller, folder / "compensated_controller.toml")
-    write_text(folder / "results.json", results_text(study_results(study, made)))
+    results = folder / "results.json"
+    write_text(results, results_text(study_results(study, made)))
+    if study.options.quick:
+        return results
     report = folder / "report.html"
     write_text(report, page_of(study_report(study, made)))
     return report

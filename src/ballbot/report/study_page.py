@@ -25,6 +25,7 @@ from ballbot.report.prediction import predicted_rows
 from ballbot.report.provenance import Provenance
 from ballbot.report.study import (
     PREDICTION,
+    confirmation_sentence,
     controller_sentence,
     doubts_sentence,
     plants_words,
@@ -40,7 +41,7 @@ from ballbot.report.tables import (
     step_rows,
 )
 from ballbot.report.validation_page import undecided_by, validation_sections
-from ballbot.report.words import logs_words, state_mark, with_symbols
+from ballbot.report.words import logs_words, millimetres, state_mark, with_symbols
 from ballbot.robot import Robot
 from ballbot.robot.figure import robot_figure
 from ballbot.rounding import digits
@@ -49,7 +50,7 @@ from ballbot.viewer import replay_part
 from ballbot.workflows.controller_prediction import MIN_RUNS
 from ballbot.workflows.metrics import SETTLE
 from ballbot.workflows.study import Study
-from ballbot.workflows.twin_rolling import TwinRolling
+from ballbot.workflows.twin_confirmation import Confirmation, TwinRolling
 
 
 def study_report(study: Study, made: Provenance) -> Report:
@@ -136,8 +137,8 @@ def _comparison_sections(study: Study) -> Iterator[Section]:
     runs = study.choice.runs
     caption = (
         f"Distance from the reference once settled: {SETTLE:.0f} s after the start and after each corner. Medians "
-        "over the plants, with 95 % intervals of the median; roughness is the RMS change of the torques from sample "
-        "to sample."
+        "over the simulated robots, with 95 % intervals of the median; roughness is the RMS change of the torques from "
+        "sample to sample."
     )
     headings = (
         *("controller", "on-board state", "peak [mm]", "95 % interval", "worst [mm]", "rms [mm]"),
@@ -157,7 +158,7 @@ def _comparison_sections(study: Study) -> Iterator[Section]:
         )
         for one in candidate_rows(study.choice)
     ]
-    over_time = "Distance from the reference over time on the first plant."
+    over_time = "Distance from the reference over time on the first robot."
     yield section(
         "Why this controller",
         Paragraph(text=controller_sentence(study)),
@@ -167,25 +168,58 @@ def _comparison_sections(study: Study) -> Iterator[Section]:
         drawn_picture(
             "paths",
             partial(paths_figure, runs),
-            "Path over the floor on the first plant. Dot: start. Broad: the reference.",
+            "Path over the floor on the first robot. Dot: start. Broad: the reference.",
         ),
         position_error_series(runs, over_time),
     )
-    if study.choice.steps:
+    if study.confirmation:
+        yield section(
+            "A second opinion: the physics-engine twin",
+            Paragraph(text=confirmation_sentence(study.confirmation)),
+            Sheet(
+                headings=(
+                    "controller",
+                    "on the",
+                    "runs",
+                    "peak [mm]",
+                    "rms [mm]",
+                    "roughness [N m]",
+                    "falls",
+                ),
+                rows=list(_confirmation_rows(study.confirmation)),
+                caption=(
+                    "The twin has rollers, contacts and slip, which the loop lacks. Medians, in brackets the smallest "
+                    "and the largest."
+                ),
+            ),
+            Paragraph(text=_rolling_words(study.confirmation.rolling)),
+        )
+    if study.steps:
+        course = study.choice.course.name
         yield section(
             "Where the gain comes from",
-            Paragraph(text=steps_sentence(study.choice)),
-            Sheet(headings=STEP_HEADINGS, rows=step_rows(study.choice), caption=_steps_caption(study)),
+            Paragraph(text=steps_sentence(study.steps, course)),
+            Sheet(headings=STEP_HEADINGS, rows=step_rows(study.steps, course), caption=_STEPS_CAPTION),
         )
 
 
-def _steps_caption(study: Study) -> str:
-    first = min(study.options.step_draws, len(study.choice.plants))
-    return (
-        "Each row compares two controllers that differ in one thing; what it gains depends on what else the controller "
-        "has. Medians over the plants of both, and of the ratio of the peak errors with its 95 % interval. What is no "
-        f"candidate, the hold and the slow circle ran on the first {first} plants."
-    )
+def _confirmation_rows(confirmation: Confirmation) -> Iterator[tuple[str, ...]]:
+    for name, twin in confirmation.on_twin.items():
+        for on, trial in (("twin", twin), ("loop", confirmation.on_loop[name])):
+            peaks = trial.peaks[np.isfinite(trial.peaks)]
+            spread = f" ({millimetres(peaks.min())} – {millimetres(peaks.max())})" if len(peaks) else ""
+            yield (
+                *(name, on, str(len(trial.scores))),
+                f"{millimetres(trial.peak.median)}{spread}" if len(peaks) else "–",
+                millimetres(trial.rms.median) if len(peaks) else "–",
+                *(digits(trial.roughness.median), str(trial.falls)),
+            )
+
+
+_STEPS_CAPTION = (
+    "Each row compares two controllers that differ in one thing; what it gains depends on what else the controller "
+    "has. Medians over the simulated robots, and of the ratio of the peak errors with its 95 % interval."
+)
 
 
 def _prediction_sections(study: Study) -> Iterator[Section]:
@@ -219,7 +253,7 @@ def _replay(study: Study) -> Film | None:
         return None
     which = " and with the chosen controller" if len(shown) > 1 else ""
     caption = (
-        f"The first plant's run without compensation{which}, with the friction found. Drag to orbit; the plots' time "
+        f"The first robot's run without compensation{which}, with the friction found. Drag to orbit; the plots' time "
         "cursor can be dragged, too."
     )
     return Film(part=part, caption=caption)
@@ -330,22 +364,22 @@ def _comparison_words(study: Study) -> str:
         f"Each candidate drives {where}, once around a square of 0.5 m by steps in "
         f"{study.choice.course.duration:.0f} s, all with the same seeds. Full compensation adds each wheel's whole "
         "friction; partial adds it only while it works against the intended motion. A candidate that falls on any "
-        "plant is excluded; of those whose intervals overlap the best one's, the smoothest is chosen. Errors are "
-        f"those of the true position from {SETTLE:.0f} s after a step on.{_rolling_words(study.rolling)}"
+        "robot is excluded; of those whose intervals overlap the best one's, the smoothest is chosen. Errors are "
+        f"those of the true position from {SETTLE:.0f} s after a step on."
     )
 
 
-def _rolling_words(rolling: TwinRolling | None) -> str:
-    if rolling is None or rolling.added == 0.0:
-        return ""
+def _rolling_words(rolling: TwinRolling) -> str:
+    if rolling.added == 0.0:
+        return "The floor of the twins has the identified rolling friction."
     if np.isnan(rolling.added):
         return (
-            f" The floor of the twins has the identified C_rr {rolling.identified:.3g}. It contains losses of the "
+            f"The floor of the twins has the identified C_rr {rolling.identified:.3g}. It contains losses of the "
             "rollers, which the twins have as well, so the errors may be too large: the twin's own losses could not "
             "be identified from its log."
         )
     return (
-        f" The identified C_rr {rolling.identified:.3g} contains losses of the rollers, play and noise. The twins "
+        f"The identified C_rr {rolling.identified:.3g} contains losses of the rollers, play and noise. The twins "
         f"have these as well, and they add {rolling.added:.2g} to the C_rr of a twin's log. The floor of the twins "
         "therefore has the remainder."
     )

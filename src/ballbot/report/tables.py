@@ -20,7 +20,7 @@ from ballbot.rounding import digits
 from ballbot.summary import counted
 from ballbot.validation import ErrorPair, StateErrors
 from ballbot.workflows.comparison import MedianEstimate
-from ballbot.workflows.controller_choice import ControllerChoice, Trial
+from ballbot.workflows.controller_choice import ControllerChoice, Step, Trial
 from ballbot.workflows.controller_prediction import MIN_RUNS
 
 #: candidates and on-board states in words
@@ -184,14 +184,14 @@ STEP_HEADINGS = (
 )
 
 
-def step_rows(choice: ControllerChoice) -> list[tuple[str, ...]]:
-    """Return what each step from the soft gain to the precise controller does."""
+def step_rows(steps: Mapping[Step, tuple[Trial, Trial]], course: str) -> list[tuple[str, ...]]:
+    """Return what each step from the soft gain to the precise controller does; the candidates ran on `course`."""
     rows = []
-    for step, (before, after) in choice.steps.items():
+    for step, (before, after) in steps.items():
         ratio = before.ratio_to(after)
         rows.append(
             (
-                *(step.adds, step.to, (step.course or choice.course).name),
+                *(step.adds, step.to, step.course.name if step.course else course),
                 *(millimetres(one.peak.median) if one.peak.runs else "–" for one in (before, after)),
                 f"{digits(ratio.median)} ({digits(ratio.low)} – {digits(ratio.high)})" if ratio.runs else "–",
                 f"{digits(before.roughness.median)} and {digits(after.roughness.median)}",

@@ -114,7 +114,9 @@ class Outcome(NamedTuple):
     torques: NDArray[np.float64]  #: (robots, records, n)
     seen: NDArray[np.float64]  #: (robots, records, 10) the state that the controller was given
     commanded: NDArray[np.float64]  #: (robots, records, n) and what it asked for
-    encoders: NDArray[np.float64]  #: (robots, records, 2 n) the wheels' angles and speeds as they were measured
+    encoders: NDArray[
+        np.float64
+    ]  #: (robots, records, 2 n) the wheels' angles and speeds as they were measured
     gyro: NDArray[np.float64]  #: (robots, records, 3)
     ended: NDArray[np.int64]  #: sample in which it fell, lifted off or slipped; all samples if it did not
     settled: NDArray[np.int64]

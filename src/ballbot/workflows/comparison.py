@@ -1,8 +1,9 @@
 """One comparison of controllers: the same courses, plants and seeds for each, run, scored and summarised.
 
-A study, the league and every campaign list their runs as `ComparedRun` and give them to `run_comparison`, which
-computes them in processes or threads, keeps each result in the checkpoint and returns a `Comparison`. The result of a
-run follows from its controller, plant, course and seed alone, wherever and in whatever order it is computed.
+A study, the league and every campaign list their runs as `ComparedRun` and give them to `run_comparison`. The runs of
+Ballbot's controllers on a `LoopRobot` go through the compiled loop, many side by side. All others, on the twin or with
+a controller or plant written in Python, are made one period at a time, in processes or threads. The result of a run
+follows from its controller, plant, course and seed alone, wherever and in whatever order it is computed.
 
 The statistics of a few runs are here too: means, medians and fractions with their 95 % intervals, and `Paired`, two
 controllers compared run by run. What a seed does to both, it does not do to their difference or ratio: the interval
@@ -14,31 +15,39 @@ from __future__ import annotations
 import copy
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Literal
+from typing import TypeVar
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback, estimator_of
 from ballbot.control.references import Reference
 from ballbot.errors import InputError
 from ballbot.estimation.interface import EstimatorName
-from ballbot.fitting.run import DEFAULT_RUN, Arrays, ExecutorError, Run
+from ballbot.fitting.run import DEFAULT_RUN, ExecutorError, Run
 from ballbot.log import Log
+from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.model import Model
 from ballbot.processes import uninterrupted, worker_pool
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
+from ballbot.simulation.batch import simulate_batch
+from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.plant import Plant
-from ballbot.simulation.run import simulate
+from ballbot.simulation.run import initial_state_of, simulate
+from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.workflows.metrics import SETTLE, Score, score
 
 CONFIDENCE = 0.95
+
+Piece = TypeVar("Piece")
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,19 +170,37 @@ def fraction_with_interval(count: int, runs: int) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class LoopRobot:
+    """A robot as the compiled loop runs it."""
+
+    model: Model  #: the true one
+    imperfections: Imperfections | None = None  #: None if controllers see the true state
+
+    def __call__(self, estimator: EstimatorName) -> Plant | Model:
+        """Return the plant that is the same, one period at a time."""
+        if self.imperfections is None:
+            return self.model
+        return SensedPlant(
+            self.model, self.imperfections, known=self.imperfections.known, estimator=estimator
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ComparedRun:
     """One run of a comparison; it is pickled if there is more than one process."""
 
     candidate: str  #: the controller's name
     controller: Feedback  #: the run gets a copy
-    plant: Callable[[EstimatorName], Plant | Model]  #: makes the plant, its state by that estimator
-    reference: Callable[[], Reference]  #: makes the reference
+    #: the robot on the loop, or what makes a plant, its state by that estimator
+    plant: LoopRobot | Callable[[EstimatorName], Plant | Model]
+    reference: Callable[[], Reference]  #: makes the reference; the same for all runs of a course
     duration: float  #: [s]
     seed: int  #: of the initial state and of all that is random in the plant
     course: str = ""  #: its name, if there is more than one
     settle: float = SETTLE  #: see `ballbot.workflows.metrics.settled` [s]
     disturbed: tuple[float, ...] = ()  #: when something pushes the robot [s]
     measure: Callable[[Log], NDArray[np.float64]] | None = None  #: what else is kept of the run's log
+    logged: bool = False  #: whether the log itself is kept
 
     def log(self) -> Log:
         """Make the run: from rest at the origin, leaning by up to 0.02 rad.
@@ -199,13 +226,26 @@ class ComparedRun:
         InputError
             As `log`, or if the run cannot be scored.
         """
-        log = self.log()
+        return self.result_of(self.log())
+
+    def result_of(self, log: Log) -> RunResult:
+        """Return what is kept of the run's log.
+
+        Raises
+        ------
+        InputError
+            If the run cannot be scored.
+        """
         try:
             found = score(log, settle=self.settle, disturbed=self.disturbed)
         except InputError as error:
             place = f"Course {self.course!r}: " if self.course else ""
             raise InputError(f"{place}{error}") from None
-        return RunResult(score=found, measured=self.measure(log) if self.measure else np.empty(0))
+        return RunResult(
+            score=found,
+            measured=self.measure(log) if self.measure else np.empty(0),
+            log=log if self.logged else None,
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -214,16 +254,7 @@ class RunResult:
 
     score: Score
     measured: NDArray[np.float64]  #: by the run's `measure`; empty without one
-
-    def to_arrays(self) -> Arrays:
-        """Return it as a checkpoint keeps it."""
-        return *self.score.to_arrays(), self.measured
-
-    @staticmethod
-    def from_arrays(arrays: Arrays) -> RunResult:
-        """Return the result of arrays."""
-        numbers, codes, measured = arrays
-        return RunResult(score=Score.from_arrays(numbers, codes), measured=measured)
+    log: Log | None  #: if it was to be kept
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -279,10 +310,6 @@ class Comparison:
         )
 
 
-#: processor time of a simulated second [s], on the equations of motion and on the twin
-SIMULATING: Mapping[Literal["model", "twin"], float] = {"model": 0.019, "twin": 0.2}
-
-
 def run_comparison(
     runs: Sequence[ComparedRun],
     *,
@@ -295,13 +322,13 @@ def run_comparison(
     Parameters
     ----------
     runs : sequence of ComparedRun
-        In the order in which their results enter the checkpoint.
+        Those of one course, by its name and duration, follow one reference.
     processes : int, optional
         One for each core by default; with one, all is computed in this process. The result does not depend on it.
     threads : int, optional
         Runs at a time in this process, instead of processes; plants and controllers need not be picklable then.
     run : Run, optional
-        Its checkpoint keeps each result, so that the comparison can be resumed; its seed is not used.
+        Its progress is reported; its seed is not used.
 
     Raises
     ------
@@ -312,16 +339,71 @@ def run_comparison(
     """
     if not runs:
         raise InputError("There is nothing to compare: controllers, courses and seeds are needed.")
-    done, whole = 0.0, sum(one.duration for one in runs)
-    results = []
-    with _results_ahead(runs, processes=processes, threads=threads) as result_at:
-        for place, one in enumerate(runs):
-            question = np.array([place, one.seed], dtype=np.float64)
-            answer = run.memoize("run", question, lambda place=place: result_at(place).to_arrays())
-            results.append(RunResult.from_arrays(answer))
-            done += one.duration
-            run.progress(Progress(stage="comparing controllers", done=done, total=whole))
-    return Comparison(runs=tuple(runs), results=tuple(results))
+    blocks = _loop_blocks(runs)
+    on_loop = {place for block in blocks for place in block}
+    alone = [place for place in range(len(runs)) if place not in on_loop]
+    made: dict[int, RunResult] = {}
+    work = sum(runs[place].duration * (1.0 if place in on_loop else _SLOWER) for place in range(len(runs)))
+    done = 0.0
+
+    def keep(places: Sequence[int], results: Sequence[RunResult], slower: float) -> None:
+        nonlocal done
+        made.update(zip(places, results, strict=True))
+        done += slower * sum(runs[place].duration for place in places)
+        run.progress(Progress(stage="comparing controllers", done=done, total=work))
+
+    count = threads or processes or os.cpu_count() or 1
+    with _pool(count, len(blocks), in_threads=True) as each:
+        together = each(_run_block, [[runs[place] for place in block] for block in blocks])
+        for block, results in zip(blocks, together, strict=True):
+            keep(block, results, 1.0)
+    with _pool(count, len(alone), in_threads=threads is not None) as each:
+        for place, result in zip(alone, each(_result, [runs[place] for place in alone]), strict=True):
+            keep([place], [result], _SLOWER)
+    return Comparison(runs=tuple(runs), results=tuple(made[place] for place in range(len(runs))))
+
+
+#: how much longer a run takes one period at a time, about
+_SLOWER = 30.0
+
+
+def _loop_blocks(runs: Sequence[ComparedRun]) -> list[list[int]]:
+    """Return the places of the runs that go through the compiled loop, as many together as it steps side by side."""
+    alike: dict[tuple[object, ...], list[int]] = {}
+    for place, one in enumerate(runs):
+        if isinstance(one.plant, LoopRobot) and isinstance(one.controller, Controller):
+            model, borne = one.plant.model, one.plant.imperfections
+            if borne is None or (borne.fix is None and _sampled_alike(borne, one.controller)):
+                key = (one.course, one.duration, one.controller.sample_time, one.controller.estimator)
+                key += (model.formulation, model.step, model.pivots, borne is None)
+                key += (borne is not None and borne.backlash > 0.0,)
+                alike.setdefault(key, []).append(place)
+    return [places[k : k + LANES] for places in alike.values() for k in range(0, len(places), LANES)]
+
+
+def _sampled_alike(borne: Imperfections, controller: Controller) -> bool:
+    sensors = borne.sensors
+    return sensors is None or abs(sensors.sample_time - controller.sample_time) <= 1e-9 * sensors.sample_time
+
+
+def _run_block(runs: Sequence[ComparedRun]) -> list[RunResult]:
+    """Make runs of one course on the loop, and score them."""
+    robots = [one.plant for one in runs if isinstance(one.plant, LoopRobot)]
+    batch = simulate_batch(
+        [one.model for one in robots],
+        [one.controller for one in runs if isinstance(one.controller, Controller)],
+        runs[0].reference(),
+        duration=runs[0].duration,
+        initial_states=np.array([initial_state_of(one.seed) for one in runs]),
+        imperfections=[
+            replace(robot.imperfections, seed=one.seed)
+            for robot, one in zip(robots, runs, strict=True)
+            if robot.imperfections
+        ]
+        or None,
+        threads=1,
+    )
+    return [one.result_of(batch.log(lane)) for lane, one in enumerate(runs)]
 
 
 def compare(
@@ -384,43 +466,28 @@ def _result(run: ComparedRun) -> RunResult:
 
 
 @contextmanager
-def _results_ahead(
-    runs: Sequence[ComparedRun], *, processes: int | None, threads: int | None
-) -> Iterator[Callable[[int], RunResult]]:
-    """Give a function that returns the result of the run at a place.
-
-    From the first place that is requested, the rest are computed ahead. A run whose result is on file is not asked
-    for, and not computed.
-    """
-    pool: Executor | None = None
-    ahead: dict[int, Future[RunResult]] = {}
-    count = threads or processes or os.cpu_count() or 1
-
-    def result_at(place: int) -> RunResult:
-        nonlocal pool
-        workers = min(count, len(runs) - place)
-        if workers < 2 and pool is None:
-            return _result(runs[place])
-        if pool is None:
-            pool = ThreadPoolExecutor(workers) if threads else worker_pool(workers)
-            with uninterrupted():
-                for later in range(place, len(runs)):
-                    ahead[later] = pool.submit(_result, runs[later])
-        try:
-            return ahead.pop(place).result()
-        except BrokenProcessPool:
-            raise ExecutorError(
-                "A worker process was killed, perhaps because memory ran out. Finished runs are kept; "
-                "continue with --resume."
-            ) from None
-
+def _pool(
+    workers: int, pieces: int, *, in_threads: bool
+) -> Iterator[Callable[[Callable[[Piece], Result], Sequence[Piece]], Iterator[Result]]]:
+    """Give a `map` over so many workers, which gives up what has not begun when the block is left early."""
+    workers = min(workers, pieces)
+    if workers < 2:
+        yield map
+        return
+    pool = ThreadPoolExecutor(workers) if in_threads else worker_pool(workers)
     finished = False
     try:
-        yield result_at
+
+        def each(function: Callable[[Piece], Result], pieces: Sequence[Piece]) -> Iterator[Result]:
+            with uninterrupted():  # begins the workers
+                return pool.map(function, pieces)
+
+        yield each
         finished = True
+    except BrokenProcessPool:
+        raise ExecutorError("A worker process was killed, perhaps because memory ran out.") from None
     finally:
-        if pool is not None:
-            pool.shutdown(wait=finished, cancel_futures=True)
+        pool.shutdown(wait=finished, cancel_futures=True)
 
 
 def _mean(values: Sequence[float]) -> float:

@@ -1,16 +1,14 @@
-"""Which controller a study recommends: candidates on the same perturbed plants, and what each part of the best gains.
+"""Which controller a study recommends: candidates on the same perturbed robots, and what each part of the best gains.
 
 The true robot is never the identified one. So the friction, and what else was identified, is drawn from the normal
 distribution of its estimates, clipped to the physical range:
 
     p ~ N(p_hat, D C D)        D standard errors, C their correlation; a parameter without an error stays
 
-and the plant has the delay, play, noise, sensors and floor of a scenario: the equations of motion (`SensedPlant`) or
-the physics-engine twin, whose floor has only what its own rollers leave of the rolling friction
-(`ballbot.workflows.twin_rolling`). Estimator and controller have the robot as identified. Every candidate runs the same
-course on every plant with the same seeds.
+and the robot has the delay, play, noise, sensors and floor of a scenario, on the compiled loop. Estimator and
+controller have the robot as identified. Every candidate runs the same course on every robot with the same seeds.
 
-- A candidate that falls on any plant is excluded.
+- A candidate that falls on any robot is excluded.
 - Of the others, the one with the smallest median peak error is the best. Those whose 95 % interval of the median
   overlaps the best one's count as equal to it.
 - Among these the smoothest is chosen: the one whose torques change least from sample to sample (median of the RMS).
@@ -19,8 +17,7 @@ If the chosen controller compensates no friction, the same rule among those that
 
 What brings the gain depends on what else the controller has: with the stiff gain and the disturbance observer little is
 left for friction compensation, with the soft gain much. `STEPS` therefore leads from the soft gain to the precise
-controller by pairs of controllers that differ in one thing, on the same plants with the same seeds. Some of them are
-candidates; the others, and the runs in a hold and on a slow circle, are made on the first plants alone.
+controller by pairs of controllers that differ in one thing, on the same robots with the same seeds.
 """
 
 from __future__ import annotations
@@ -28,8 +25,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from importlib.util import find_spec
-from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,24 +33,19 @@ from ballbot.control.controller import Compensation, Controller
 from ballbot.control.overcompensation import certain_friction
 from ballbot.control.parts import Parts
 from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
-from ballbot.errors import InputError, missing_package
-from ballbot.estimation import named_estimator
-from ballbot.estimation.interface import EstimatorName
+from ballbot.errors import InputError
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification import Identification
 from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import estimated_robot
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
-from ballbot.progress import Progress, on_all_cores, part_of
 from ballbot.robot import Robot
-from ballbot.simulation.plant import Plant
-from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin.imperfections import imperfections_of
 from ballbot.twin.scenario import Scenario
-from ballbot.twin.twin import Twin
 from ballbot.workflows.comparison import (
     ComparedRun,
+    LoopRobot,
     MedianEstimate,
     Paired,
     RunResult,
@@ -63,27 +53,8 @@ from ballbot.workflows.comparison import (
     run_comparison,
 )
 from ballbot.workflows.controller_design import Kind
-from ballbot.workflows.courses import PlantName, ReferenceSpec
-from ballbot.workflows.metrics import Performance, Score, performance_of
-from ballbot.workflows.twin_rolling import TwinRolling
-
-
-def available_plant(name: PlantName | None) -> PlantName:
-    """Return the plant of that name; without a name the twin if its engine is installed, else the model.
-
-    Raises
-    ------
-    InputError
-        If there is no such plant, or the twin's engine is not installed.
-    """
-    installed = find_spec("mujoco") is not None
-    if name is None:
-        return "twin" if installed else "model"
-    if name not in get_args(PlantName):
-        raise InputError(f"The plant is {name!r}; it must be 'model' or 'twin'.")
-    if name == "twin" and not installed:
-        raise missing_package("The twin", "MuJoCo", extra="twin")
-    return name
+from ballbot.workflows.courses import ReferenceSpec
+from ballbot.workflows.metrics import QUANTITIES, Performance, Score, performance_of
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,42 +63,29 @@ class PlantDraw:
 
     robot: Robot  #: the true one
     known: Robot  #: as identified; what the estimator knows
-    scenario: Scenario  #: with the true robot's friction; of the twin, without what its rollers add
-    plant: PlantName
+    scenario: Scenario  #: its friction is not used
     seed: int  #: of noise, start and all else that is random in a run
 
-    def make(self, estimator: EstimatorName) -> Plant:
-        """Return the plant, its measured state by that estimator."""
-        if self.plant == "model":
-            imperfections = imperfections_of(self.scenario)
-            return SensedPlant(Model(self.robot), imperfections, known=self.known, estimator=estimator)
-        state = named_estimator(estimator, self.known, sample_time=self.scenario.sensors.sample_time)
-        return Twin(self.robot, self.scenario, estimator=state)
+    @property
+    def on_loop(self) -> LoopRobot:
+        """The robot on the compiled loop."""
+        return LoopRobot(
+            model=Model(self.robot), imperfections=replace(imperfections_of(self.scenario), known=self.known)
+        )
 
 
-def draw_plants(
-    found: Identification,
-    *,
-    plant: PlantName,
-    scenario: Scenario,
-    count: int,
-    seed: int,
-    rolling: TwinRolling | None = None,
-) -> tuple[PlantDraw, ...]:
-    """Draw plants from what an identification leaves uncertain.
+def draw_plants(found: Identification, *, scenario: Scenario, count: int, seed: int) -> tuple[PlantDraw, ...]:
+    """Draw robots from what an identification leaves uncertain.
 
     Parameters
     ----------
     found : Identification
-    plant : {"model", "twin"}
     scenario : Scenario
-        Its imperfections; its friction is replaced by the one drawn.
+        Its imperfections; the friction is the one drawn.
     count : int
-        Number of plants, 2 or more for an interval.
+        Number of robots, 2 or more for an interval.
     seed : int
         Random seed; draw k has the seed `seed` + k. The same seed gives the same draws.
-    rolling : TwinRolling, optional
-        Of the twin: what its rollers add to C_rr, which each draw's floor then lacks.
 
     Raises
     ------
@@ -135,23 +93,12 @@ def draw_plants(
         If `count` is below 1.
     """
     if count < 1:
-        raise InputError(f"The number of draws is {count}; it must be 1 or more, such as 20.")
-    random = np.random.default_rng([seed, 14])
-    draws = []
-    for k, values in enumerate(_parameters(found, count, random)):
-        robot = _with_parameters(found, values)
-        draws.append(
-            PlantDraw(
-                robot=robot,
-                known=found.robot,
-                scenario=replace(
-                    scenario, friction=rolling.on_twin(robot.friction) if rolling else robot.friction
-                ),
-                plant=plant,
-                seed=seed + k,
-            )
-        )
-    return tuple(draws)
+        raise InputError(f"The number of draws is {count}; it must be 1 or more, such as 100.")
+    drawn = _parameters(found, count, np.random.default_rng([seed, 14]))
+    return tuple(
+        PlantDraw(robot=_with_parameters(found, values), known=found.robot, scenario=scenario, seed=seed + k)
+        for k, values in enumerate(drawn)
+    )
 
 
 def _parameters(
@@ -259,15 +206,6 @@ STEPS = (
     ),
     *_compensation_steps("the precise controller without it", "precise_without_compensation", "precise"),
 )
-#: the runs of `STEPS` on each of the first plants, besides the candidates' own: controller and course
-_STEP_RUNS = tuple(
-    dict.fromkeys(
-        (name, step.course)
-        for step in STEPS
-        for name in (step.before, step.after)
-        if step.course is not None or name not in CANDIDATES
-    )
-)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -277,6 +215,17 @@ class Trial:
     controller: Controller
     scores: tuple[Score, ...]  #: by the true position
     performances: tuple[Performance, ...]  #: as the robot's own log shows them
+
+    @staticmethod
+    def of(controller: Controller, results: Sequence[RunResult]) -> Trial:
+        """Return the trial of runs that `loop_run` measured."""
+        return Trial(
+            controller=controller,
+            scores=tuple(one.score for one in results),
+            performances=tuple(
+                Performance(**dict(zip(QUANTITIES, one.measured.tolist(), strict=True))) for one in results
+            ),
+        )
 
     @property
     def falls(self) -> int:
@@ -309,10 +258,6 @@ class Trial:
         """Return the median of this trial's peak error over the other's, draw by draw, with its 95 % interval."""
         return Paired(self.peaks, other.peaks).median_ratio
 
-    def first(self, count: int) -> Trial:
-        """Return the trial on the first plants alone."""
-        return replace(self, scores=self.scores[:count], performances=self.performances[:count])
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControllerChoice:
@@ -323,7 +268,6 @@ class ControllerChoice:
     trials: Mapping[str, Trial]  #: by candidate
     equals: tuple[str, ...]  #: candidates that count as the best, the best one first; none if all fall
     chosen: str | None  #: None if every candidate falls on some plant
-    steps: Mapping[Step, tuple[Trial, Trial]]  #: before and after, on the plants of both
     runs: Mapping[str, Log]  #: by candidate, on the first plant
 
     @property
@@ -391,11 +335,9 @@ def choose_controller(
     plants: Sequence[PlantDraw],
     *,
     course: NamedCourse = SQUARE,
-    step_plants: int = 6,
-    processes: int | None = None,
     run: Run = DEFAULT_RUN,
 ) -> ControllerChoice:
-    """Run every candidate on every plant, choose one, and measure what brings its gain.
+    """Run every candidate on every robot and choose one.
 
     Parameters
     ----------
@@ -403,59 +345,59 @@ def choose_controller(
         As `candidates` returns them.
     plants : sequence of PlantDraw
     course : NamedCourse
-    step_plants : int
-        Number of plants, the first ones, of the other runs of `STEPS`; 0 leaves the steps out.
-    processes : int, optional
-        One for each core by default. The result does not depend on it.
     run : Run, optional
-        Its checkpoint keeps each run's result; its seed is not used.
+        Its progress is reported; its seed is not used.
 
     Raises
     ------
     InputError
-        If a plant cannot be made or a run cannot be scored.
+        If a robot cannot be run or a run cannot be scored.
     """
-    known = {**controllers, **(variants(controllers) if step_plants else {})}
-    runs = [
-        _run(name, controller, plant, course) for plant in plants for name, controller in controllers.items()
-    ]
-    runs += [
-        _run(name, known[name], plant, on or course)
-        for plant in plants[:step_plants]
-        for name, on in _STEP_RUNS
-    ]
-    compared = on_all_cores(len(runs)) / (on_all_cores(len(runs)) + len(controllers))
-    comparing, logging = part_of(run.progress, 0.0, compared), part_of(run.progress, compared, 1.0)
-    found = run_comparison(runs, processes=processes, run=replace(run, progress=comparing))
-    logs: dict[str, Log] = {}
-    for name, one in controllers.items():
-        logs[name] = _run(name, one, plants[0], course).log()
-        logging(Progress(stage="simulating the first plant", done=len(logs), total=len(controllers)))
-
-    def trial(name: str, on: NamedCourse | None = None) -> Trial:
-        return _trial(known[name], found.of(name, (on or course).name))
-
-    def pair(step: Step) -> tuple[Trial, Trial]:
-        before, after = trial(step.before, step.course), trial(step.after, step.course)
-        both = min(len(before.scores), len(after.scores))
-        return before.first(both), after.first(both)
-
-    named = {name: trial(name) for name in controllers}
+    found = run_comparison(
+        [
+            loop_run(name, controller, plant, course, logged=plant is plants[0])
+            for name, controller in controllers.items()
+            for plant in plants
+        ],
+        run=run,
+    )
+    trials = {name: Trial.of(one, found.of(name, course.name)) for name, one in controllers.items()}
+    logs = {name: found.of(name, course.name)[0].log for name in controllers}
     return ControllerChoice(
         plants=tuple(plants),
         course=course,
-        trials=named,
-        equals=equal_best(named),
-        chosen=smoothest_of_best(named),
-        steps={step: pair(step) for step in STEPS if step_plants},
-        runs=logs,
+        trials=trials,
+        equals=equal_best(trials),
+        chosen=smoothest_of_best(trials),
+        runs={name: log for name, log in logs.items() if log is not None},
     )
 
 
-def simulated_runs(draws: int, step_plants: int, duration: float) -> float:
-    """Return how many runs of the course's duration `choose_controller` makes as it compares."""
-    each = sum(1.0 if course is None else course.duration / duration for _, course in _STEP_RUNS)
-    return len(CANDIDATES) * draws + min(step_plants, draws) * each
+def measure_steps(choice: ControllerChoice, *, run: Run = DEFAULT_RUN) -> Mapping[Step, tuple[Trial, Trial]]:
+    """Return what the controllers before and after each of `STEPS` do, on the robots of the choice.
+
+    Raises
+    ------
+    InputError
+        As `choose_controller`.
+    """
+    controllers = {name: trial.controller for name, trial in choice.trials.items()}
+    controllers |= variants(controllers)
+    needed = dict.fromkeys((name, step.course) for step in STEPS for name in (step.before, step.after))
+    new = [(name, course) for name, course in needed if course is not None or name not in choice.trials]
+    found = run_comparison(
+        [
+            loop_run(name, controllers[name], plant, course or choice.course)
+            for name, course in new
+            for plant in choice.plants
+        ],
+        run=run,
+    )
+    trials = {(name, None): trial for name, trial in choice.trials.items()} | {
+        (name, course): Trial.of(controllers[name], found.of(name, (course or choice.course).name))
+        for name, course in new
+    }
+    return {step: (trials[step.before, step.course], trials[step.after, step.course]) for step in STEPS}
 
 
 def equal_best(trials: Mapping[str, Trial]) -> tuple[str, ...]:
@@ -472,26 +414,22 @@ def smoothest_of_best(trials: Mapping[str, Trial]) -> str | None:
     return min(equal_best(trials), key=lambda name: trials[name].roughness.median, default=None)
 
 
-def _run(name: str, controller: Controller, plant: PlantDraw, course: NamedCourse) -> ComparedRun:
+def loop_run(
+    name: str, controller: Controller, plant: PlantDraw, course: NamedCourse, *, logged: bool = False
+) -> ComparedRun:
+    """Return the run of a controller on a robot drawn, on the loop."""
     return ComparedRun(
         candidate=name,
         controller=controller,
-        plant=plant.make,
+        plant=plant.on_loop,
         reference=course.reference_spec.reference,
         duration=course.duration,
         seed=plant.seed,
         course=course.name,
         measure=partial(_performance, controller),
+        logged=logged,
     )
 
 
 def _performance(controller: Controller, log: Log) -> NDArray[np.float64]:
     return performance_of(log, controller).to_array()
-
-
-def _trial(controller: Controller, results: Sequence[RunResult]) -> Trial:
-    return Trial(
-        controller=controller,
-        scores=tuple(one.score for one in results),
-        performances=tuple(Performance.from_array(one.measured) for one in results),
-    )

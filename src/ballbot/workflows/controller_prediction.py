@@ -1,13 +1,13 @@
 """What a controller will do on the robot's next run of a course: each quantity with its 95 % prediction interval.
 
-A study runs its candidates on plants drawn from what identification leaves uncertain. The performances of one
-candidate on those plants are taken as lognormal: the logarithm of a new one is Student's t about their mean,
+A study runs its candidates on robots drawn from what identification leaves uncertain. The performances of one
+candidate on those robots are taken as lognormal: the logarithm of a new one is Student's t about their mean,
 
     log q = m + t_{n-1} s sqrt(1 + 1/n).
 
 A real robot is no such plant: it has faults that no draw has. What these do is a model discrepancy, a factor that was
 calibrated on twins with faults that their study did not know (`DISCREPANCY`); it is added to the interval's half
-widths in the root of the sum of squares. Without it the interval holds on the plants drawn, and on no real robot.
+widths in the root of the sum of squares. Without it the interval holds on the robots drawn, and on no real robot.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ MIN_RUNS = 6
 #: longest course that is read from a file [s]; a row for each sample is compared with the log
 _MAX_COURSE = 3600.0
 
-#: factors (lower, upper) by which a faulty twin's quantity differs from the median of the plants drawn, at the 2.5th
+#: factors (lower, upper) by which a faulty twin's quantity differs from the median of the robots drawn, at the 2.5th
 #: and 97.5th percentile of the faulty twins whose run did not end early, beyond the spread of the draws; of the torque
 #: margin, by which the share of the torque limit that is used differs. `python -m campaigns.controller_prediction`
 #: prints them: of the precise controller and of the nominal gain without compensation, which stand for all candidates
@@ -88,9 +88,8 @@ class Prediction:
     controller: str  #: name of the candidate
     checksum: str  #: SHA-256 of the controller's file
     torque_limit: float  #: of the controller, each wheel [N m]
-    plant: str  #: "model" or "twin"
-    scenario: str  #: name of what is true of the plants
-    draws: int  #: number of plants
+    scenario: str  #: name of what is true of the robots
+    draws: int  #: number of robots
     chosen: Mapping[str, PredictionInterval]  #: by quantity of `Performance`
     none: (
         Mapping[str, PredictionInterval] | None
@@ -116,7 +115,7 @@ def predict(choice: ControllerChoice, *, logs: Sequence[Log] = ()) -> Prediction
     Returns
     -------
     Prediction or None
-        None if no controller was chosen or fewer than six plants were drawn.
+        None if no controller was chosen or fewer than six robots were drawn.
     """
     chosen, controller = choice.chosen, choice.controller
     if chosen is None or controller is None or len(choice.plants) < MIN_RUNS:
@@ -127,7 +126,6 @@ def predict(choice: ControllerChoice, *, logs: Sequence[Log] = ()) -> Prediction
         controller=chosen,
         checksum=checksum_of(controller),
         torque_limit=controller.torque_limit,
-        plant=choice.plants[0].plant,
         scenario=choice.plants[0].scenario.name,
         draws=len(choice.plants),
         chosen=intervals_of(choice, chosen),
@@ -176,7 +174,7 @@ def performance_intervals(
     Parameters
     ----------
     performances : sequence of Performance
-        On plants without these faults.
+        On robots without these faults.
     discrepancy : mapping of str to tuple of two floats
         Of the model, by quantity; see `DISCREPANCY`.
 
@@ -256,7 +254,7 @@ class _PredictionTable(Table):
     controller: str
     checksum: str = Field(pattern="^[0-9a-f]{64}$")
     torque_limit: PositiveFloat
-    plant: str
+    plant: str = ""  # of earlier versions
     scenario: str
     draws: NonNegativeInt
     confidence: PositiveFloat
@@ -278,7 +276,7 @@ def read_prediction(path: str | Path) -> Prediction:
     if not isinstance(found, dict):
         raise InputError(
             f"{path} holds no prediction; give the results.json of `ballbot study`, which predicts what its controller "
-            f"does if it draws {MIN_RUNS} plants or more."
+            f"does if it draws {MIN_RUNS} robots or more."
         )
     try:
         table = validate_table(_PredictionTable, found, of="the prediction in a results.json")
@@ -290,7 +288,6 @@ def read_prediction(path: str | Path) -> Prediction:
         controller=table.controller,
         checksum=table.checksum,
         torque_limit=table.torque_limit,
-        plant=table.plant,
         scenario=table.scenario,
         draws=table.draws,
         chosen=_intervals(table.chosen),

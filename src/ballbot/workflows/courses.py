@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import inspect
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Literal, cast
@@ -26,9 +27,11 @@ from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.schema import renamed_keys, validate_table
 from ballbot.simulation.plant import Plant
+from ballbot.twin.imperfections import imperfections_of
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import scenario_of
 from ballbot.twin.twin import Twin
+from ballbot.workflows.comparison import LoopRobot
 from ballbot.workflows.metrics import SETTLE
 
 
@@ -77,6 +80,9 @@ class ModelMismatch:
     friction: float = 1.0  #: of the wheels' and the rolling friction
 
 
+PlantName = Literal["model", "twin"]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Course:
     """What every controller is put through."""
@@ -87,17 +93,18 @@ class Course:
     duration: float  #: [s]
     settle: float  #: errors count from so long after the start and each jump of the reference on [s]
     mismatch: ModelMismatch = ModelMismatch()
-    scenario: Scenario | None  #: of the twin; None is the exact model with perfect sensors
+    scenario: Scenario
+    on: PlantName
 
     @property
     def disturbed(self) -> tuple[float, ...]:
         """When something pushes the robot [s]."""
-        return tuple(push.time for push in self.scenario.pushes) if self.scenario else ()
+        return tuple(push.time for push in self.scenario.pushes)
 
-    def plant(self, robot: Robot, *, estimator: EstimatorName = "onboard") -> Plant | Model:
-        """Return a new robot to run; of the model the friction is the robot's, of the twin the scenario's.
+    def plant(self, robot: Robot) -> LoopRobot | Callable[[EstimatorName], Plant]:
+        """Return the robot to run; of the model the friction is the robot's, of the twin the scenario's.
 
-        The model's state is measured without error; the twin's is estimated, from what the robot is described to be.
+        Its state is estimated from what the robot is described to be.
 
         Raises
         ------
@@ -109,15 +116,18 @@ class Course:
         if other != ModelMismatch():
             body = scaled_body(robot.body, mass=other.mass, height=other.height)
             true = robot.replace(body=body, friction=scaled_friction(robot.friction, other.friction))
-        if self.scenario is None:
-            return Model(true)
+        if self.on == "model":
+            return LoopRobot(
+                model=Model(true), imperfections=replace(imperfections_of(self.scenario), known=robot)
+            )
         friction = scaled_friction(self.scenario.friction, other.friction)
-        scenario = replace(self.scenario, friction=friction)
-        state = named_estimator(estimator, robot, sample_time=scenario.sensors.sample_time)
-        return Twin(true, scenario, estimator=state)
+        return partial(_twin, true, replace(self.scenario, friction=friction), robot)
 
 
-PlantName = Literal["model", "twin"]
+def _twin(true: Robot, scenario: Scenario, known: Robot, estimator: EstimatorName) -> Twin:
+    state = named_estimator(estimator, known, sample_time=scenario.sensors.sample_time)
+    return Twin(true, scenario, estimator=state)
+
 
 #: the set that is these sets together
 LEAGUE = "league"
@@ -164,7 +174,7 @@ def choose_courses(words: str, robot: RobotLike, plant: PlantName) -> tuple[Cour
     robot : Robot, preset or robot file
         That will run them.
     plant : {"model", "twin"}
-        On which; a course whose scenario differs from the nominal one is for the twin only.
+        On which: the compiled loop, or the physics engine.
 
     Raises
     ------
@@ -247,12 +257,9 @@ def _course(
         given = validate_table(CourseTable, table, of="a course")
         spec = _reference_spec(given.reference, beside)
         spec.reference()  # refused before anything is run
+        scenario = scenario_of(given.scenario, robot, default_name=name)
         if plant == "model":
-            if given.scenario:
-                raise InputError("It has a scenario, which only the twin can simulate; choose --plant twin.")
-            scenario = None
-        else:
-            scenario = scenario_of(given.scenario, robot, default_name=name)
+            imperfections_of(scenario)  # refused before anything is run
     except InputError as error:
         raise InputError(f"{place}: {error}") from None
     return Course(
@@ -263,6 +270,7 @@ def _course(
         settle=given.settle,
         mismatch=ModelMismatch(**given.mismatch.model_dump()),
         scenario=scenario,
+        on=plant,
     )
 
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, field, replace
-from functools import partial
+from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,19 +17,14 @@ from numpy.typing import NDArray
 
 from ballbot.control.interface import Feedback
 from ballbot.control.references import is_reference_file
-from ballbot.estimation.interface import EstimatorName
 from ballbot.fitting.checkpoint import identity_of
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.log import Log
-from ballbot.mechanics.model import Model
-from ballbot.progress import part_of
 from ballbot.results import left_out, to_results
 from ballbot.robot import Robot, RobotLike, as_robot
-from ballbot.simulation.plant import Plant
 from ballbot.summary import Summary, counted, plotted, summarized
 from ballbot.workflows.candidates import Candidate, UserController
 from ballbot.workflows.comparison import (
-    SIMULATING,
     ComparedRun,
     Estimate,
     Paired,
@@ -39,7 +33,7 @@ from ballbot.workflows.comparison import (
     mean_with_interval,
     run_comparison,
 )
-from ballbot.workflows.courses import Course, PlantName
+from ballbot.workflows.courses import Course
 from ballbot.workflows.metrics import Score, score_results, true_place
 
 if TYPE_CHECKING:
@@ -144,7 +138,7 @@ def run_league(
         ComparedRun(
             candidate=name,
             controller=controller,
-            plant=partial(_plant, course, robot),
+            plant=course.plant(robot),
             reference=course.reference_spec.reference,
             duration=course.duration,
             seed=seed,
@@ -157,11 +151,7 @@ def run_league(
         for course in courses
         for name, controller in controllers.items()
     ]
-    plants: dict[str, PlantName] = {one.name: "model" if one.scenario is None else "twin" for one in courses}
-    planned = sum(SIMULATING[plants[one.course]] * one.duration for one in runs)
-    planned /= processes or os.cpu_count() or 1
-    watched = replace(run, progress=part_of(run.progress, 0.0, 1.0, planned=planned))
-    found = run_comparison(runs, processes=processes, run=watched)
+    found = run_comparison(runs, processes=processes, run=run)
     return League(
         robot=robot.name,
         courses=tuple(courses),
@@ -170,10 +160,6 @@ def run_league(
         scores={(c.name, name): found.scores_of(name, c.name) for c in courses for name in controllers},
         tracks={(c.name, name): Track.of(found.of(name, c.name)[0]) for c in courses for name in controllers},
     )
-
-
-def _plant(course: Course, robot: Robot, estimator: EstimatorName) -> Plant | Model:
-    return course.plant(robot, estimator=estimator)
 
 
 def _track(log: Log) -> NDArray[np.float64]:
@@ -290,7 +276,7 @@ def league_results(league: League) -> dict[str, object]:
         }
         courses[course.name] = {
             "about": course.about,
-            "plant": "model" if course.scenario is None else "twin",
+            "plant": course.on,
             "duration": course.duration,
             "settle": course.settle,
             "controllers": controllers,

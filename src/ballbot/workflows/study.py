@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -34,37 +35,33 @@ from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import CheckedLogs, checked_logs
 from ballbot.log.columns import torque_names
 from ballbot.mechanics.model import Model
-from ballbot.progress import Progress, in_parts, on_all_cores, part_of
+from ballbot.progress import Progress, in_parts, part_of
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.summary import Summary, counted, first_texts, listed, plotted, summarized
+from ballbot.twin.imperfections import imperfections_of
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.validation import ModelPair, Validation, join_validations, validate_pair
 from ballbot.validation.models import Interval
 from ballbot.workflows.controller_choice import (
-    CANDIDATES,
     SQUARE,
     ControllerChoice,
     NamedCourse,
-    PlantDraw,
-    available_plant,
+    Step,
+    Trial,
     candidates,
     choose_controller,
     draw_plants,
-    simulated_runs,
+    measure_steps,
 )
 from ballbot.workflows.controller_prediction import Prediction, predict
-from ballbot.workflows.courses import PlantName
-from ballbot.workflows.twin_rolling import TwinRolling, rolling_seconds, twin_rolling
+from ballbot.workflows.twin_confirmation import Confirmation, confirm
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: plants that candidates can be compared on; a run of each takes a second or more
-MAX_DRAWS = 1000
-#: processor time [s] of identification and validation of a second of log, and of a simulated second on each plant
-_IDENTIFYING, _VALIDATING = 0.95, 0.04
-_SIMULATING: Mapping[PlantName, float] = {"model": 0.03, "twin": 0.2}
+#: robots that candidates can be compared on
+MAX_DRAWS = 10_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,8 +90,9 @@ class StudyOptions:
     back_emf: float = 0.0
     generations: int = 150  #: of the identification's evolution, at most
     duration: float = SQUARE.duration  #: of each run of a candidate [s]
-    draws: int = 20  #: plants on which the candidates are compared; a prediction needs 6
-    step_draws: int = 6  #: of them, plants on which what brings the gain is measured
+    draws: int = 100  #: robots on which the candidates are compared; a prediction needs 6
+    confirm: bool = True  #: whether the twin confirms the choice, if its engine is installed
+    quick: bool = False  #: whether to stop at the verdict, without what shows where it comes from
 
 
 #: suits most logs
@@ -112,10 +110,12 @@ class Study:
     by_log: tuple[Validation, ...]  #: on what each log held out
     validation: Validation  #: all of them together
     design: LqrDesign
-    plant: PlantName  #: on which the candidates were compared
-    scenario: Scenario  #: whose delay, play, noise, sensors and floor the plants had
-    rolling: TwinRolling | None  #: of the twins' floor; None if the candidates were compared on the model
+    scenario: Scenario  #: whose delay, play, noise, sensors and floor the robots had
     choice: ControllerChoice
+    confirmation: Confirmation | None  #: of the choice by the twin; None if there was none
+    steps: Mapping[
+        Step, tuple[Trial, Trial]
+    ]  #: what brings the gain, before and after; empty in a quick study
     prediction: (
         Prediction | None
     )  #: of the chosen controller's next run; None if none is chosen or draws are few
@@ -143,7 +143,7 @@ class Study:
                 f"{np.median(horizon.ratio[-1]):.3g} times as large (median of the states)",
             ),
             *_controller_rows(self.choice),
-            ("compared on", f"{counted(len(self.choice.plants), 'plant')} of the {self.plant}"),
+            ("compared on", counted(len(self.choice.plants), "simulated robot")),
         )
         findings = first_texts([*self.log_findings, *self.found.findings], most=2)
         return Summary(title=f"Study of the robot {self.robot.name}", rows=rows, sentences=findings)
@@ -167,7 +167,6 @@ def study(
     robot: RobotLike,
     logs: LogsLike | CheckedLogs,
     *,
-    plant: PlantName | None = None,
     scenario: Scenario | str | Path | None = None,
     options: StudyOptions = DEFAULT_STUDY,
     run: Run = DEFAULT_RUN,
@@ -181,14 +180,12 @@ def study(
     logs : Log or log file, several in a list or a mapping, or CheckedLogs
         With torques and states, and with the reference for the closed-loop validation; the names of a mapping are
         those of the report. They are checked first, unless they come as `CheckedLogs`.
-    plant : {"model", "twin"}, optional
-        What the candidates are compared on, with the friction drawn from what the identification leaves uncertain: the
-        equations of motion, or the physics-engine twin; by default the twin if its engine is installed.
     scenario : Scenario, scenario's name or scenario file, optional
-        Delay, play, noise, sensors and floor of these plants; the nominal one by default.
+        Delay, play, noise, sensors and floor of the simulated robots; the nominal one by default. Their friction is
+        drawn from what the identification leaves uncertain.
     options : StudyOptions, optional
     run : Run, optional
-        Its checkpoint answers for the identification's steps and for the runs of the candidates.
+        Its seed draws the robots.
 
     Raises
     ------
@@ -209,13 +206,13 @@ def study(
         raise InputError(f"The number of draws is {options.draws}; it must be 2 to {MAX_DRAWS}, such as 20.")
     # whole nanoseconds: the rounding of a log's time stamps does not belong into a controller file
     sample_time = round(studied[0].log.sample_time, 9)
-    chosen_plant = available_plant(plant)
     given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario or "nominal", robot)
     tried = sampled_at(given, sample_time)
-    _check_plant(robot, tried, chosen_plant)
-    identifying, validating, measuring, choosing = (
+    imperfections_of(tried)  # refused before the work begins
+    confirmed = options.confirm and find_spec("mujoco") is not None
+    identifying, validating, choosing, confirming, measuring = (
         replace(run, progress=part)
-        for part in in_parts(run.progress, _seconds(studied, chosen_plant, options))
+        for part in in_parts(run.progress, (4.0, 2.0, 5.0, 10.0 * confirmed, 10.0 * (not options.quick)))
     )
     found = _identify(robot, checked, options, _named(identifying, "identifying friction"))
     if not found.verdict.usable:
@@ -224,16 +221,19 @@ def study(
             "identify` shows the fit."
         )
     by_log = _validate(found.robot, studied, validating)
-    measured = _named(measuring, "measuring the twin's rolling friction")
-    rolling = twin_rolling(found, tried, run=measured) if chosen_plant == "twin" else None
     choice = choose_controller(
         candidates(found, sample_time=sample_time),
-        draw_plants(
-            found, plant=chosen_plant, scenario=tried, count=options.draws, seed=run.seed, rolling=rolling
-        ),
+        draw_plants(found, scenario=tried, count=options.draws, seed=run.seed),
         course=NamedCourse(name=SQUARE.name, duration=options.duration),
-        step_plants=options.step_draws,
         run=_named(choosing, "comparing controllers"),
+    )
+    confirmation = (
+        confirm(found, choice, run=_named(confirming, "confirming on the twin")) if confirmed else None
+    )
+    steps = (
+        {}
+        if options.quick
+        else measure_steps(choice, run=_named(measuring, "measuring what brings the gain"))
     )
     run.progress(Progress(stage="done", done=1, total=1))
     return Study(
@@ -243,27 +243,13 @@ def study(
         by_log=by_log,
         validation=join_validations(by_log),
         design=design_gain(found.robot, sample_time=sample_time),
-        plant=chosen_plant,
         scenario=tried,
-        rolling=rolling,
         choice=choice,
+        confirmation=confirmation,
+        steps=steps,
         prediction=predict(choice, logs=[one.log for one in studied]),
         options=options,
         seed=run.seed,
-    )
-
-
-def _seconds(logs: Sequence[StudiedLog], plant: PlantName, options: StudyOptions) -> tuple[float, ...]:
-    """Return how long identification, validation, rolling friction and comparison usually take [s]."""
-    length = sum(float(one.log.t[-1] - one.log.t[0]) for one in logs)
-    runs = simulated_runs(options.draws, options.step_draws, options.duration)
-    return (
-        on_all_cores(_IDENTIFYING * length),
-        _VALIDATING * length,
-        sum(rolling_seconds()) if plant == "twin" else 0.0,
-        _SIMULATING[plant]
-        * options.duration
-        * (on_all_cores(runs) + len(CANDIDATES)),  # their paths once more
     )
 
 
@@ -299,11 +285,6 @@ def check_columns(robot: Robot, logs: Sequence[StudiedLog]) -> None:
                 )
         except InputError as error:
             raise InputError(f"{studied.name}: {error}") from None
-
-
-def _check_plant(robot: Robot, scenario: Scenario, plant: PlantName) -> None:
-    """Raise InputError if the plant cannot be made, before minutes of work."""
-    PlantDraw(robot=robot, known=robot, scenario=scenario, plant=plant, seed=0).make("onboard")
 
 
 def _identify(
