@@ -7,6 +7,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from ballbot.fitting.checkpoint import digest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
@@ -15,7 +16,6 @@ from ballbot.control.controller import Controller
 from ballbot.control.lqr import LqrDesign
 from ballbot.control.presets import IntegralDesign, nominal_controller
 from ballbot.findings import Finding, note, warning
-from ballbot.fitting.checkpoint import digest
 from ballbot.fitting.model_selection import Gain
 from ballbot.identification.driveline import DrivelineFit
 from ballbot.identification.upside_down import UpsideDown

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ballbot.fitting.checkpoint import open_checkpoint
 
 from ballbot import Controller, Log, Model, simulate
 from ballbot.cli.main import main
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import sampled_reference, square
 from ballbot.errors import InputError
-from ballbot.fitting.checkpoint import open_checkpoint
 from ballbot.fitting.run import Run, Threads
 from ballbot.identification import identify
 from ballbot.identification.stages import IdentificationOptions

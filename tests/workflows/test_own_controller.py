@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from ballbot.fitting.checkpoint import machine
 
 from ballbot import InputError
 from ballbot.cli.main import main
 from ballbot.fitting import checkpoint
-from ballbot.fitting.checkpoint import machine
 from ballbot.robot.file import write_robot
 from ballbot.workflows import comparison
 from ballbot.workflows.candidates import UserController

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from ballbot.fitting.checkpoint import open_checkpoint
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,7 +20,6 @@ from ballbot.cli.main import main
 from ballbot.control.file import read_controller
 from ballbot.control.overcompensation import certain_friction
 from ballbot.errors import InputError
-from ballbot.fitting.checkpoint import open_checkpoint
 from ballbot.fitting.run import Run
 from ballbot.identification import Bounds, identify
 from ballbot.identification.stages import IdentificationOptions, holdout_intervals

@@ -107,6 +107,13 @@ REMOVED_OPTIONS = {
         "identify-axis",
         "--window",
     ): "the blocks that are held out are now chosen from the record; leave it out",
+    **{
+        (
+            command,
+            "--resume",
+        ): "finished runs are kept where a command makes many, so give the command without it"
+        for command in ("compare", "design", "excite", "identify", "identify-axis", "record", "study")
+    },
 }
 
 

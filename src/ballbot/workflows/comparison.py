@@ -1,7 +1,7 @@
 """One comparison of controllers: the same courses, plants and seeds for each, run, scored and summarised.
 
 A study, the league and every campaign list their runs as `ComparedRun` and give them to `run_comparison`, which
-computes them in processes or threads, keeps each result in the checkpoint and returns a `Comparison`. The result of a
+computes them in processes or threads and returns a `Comparison`. The result of a
 run follows from its controller, plant, course and seed alone, wherever and in whatever order it is computed.
 
 The statistics of a few runs are here too: means, medians and fractions with their 95 % intervals, and `Paired`, two
@@ -12,14 +12,15 @@ is narrower than that of two means.
 from __future__ import annotations
 
 import copy
+import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from types import MappingProxyType
-from typing import Literal
 
 import numpy as np
 import scipy
@@ -29,7 +30,8 @@ from ballbot.control.interface import Feedback, estimator_of
 from ballbot.control.references import Reference
 from ballbot.errors import InputError
 from ballbot.estimation.interface import EstimatorName
-from ballbot.fitting.run import DEFAULT_RUN, Arrays, ExecutorError, Run
+from ballbot.files import read_sealed, write_sealed
+from ballbot.fitting.run import DEFAULT_RUN, ExecutorError, Run
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
 from ballbot.processes import uninterrupted, worker_pool
@@ -215,15 +217,20 @@ class RunResult:
     score: Score
     measured: NDArray[np.float64]  #: by the run's `measure`; empty without one
 
-    def to_arrays(self) -> Arrays:
-        """Return it as a checkpoint keeps it."""
-        return *self.score.to_arrays(), self.measured
 
-    @staticmethod
-    def from_arrays(arrays: Arrays) -> RunResult:
-        """Return the result of arrays."""
-        numbers, codes, measured = arrays
-        return RunResult(score=Score.from_arrays(numbers, codes), measured=measured)
+def write_result(path: Path, result: RunResult) -> None:
+    """Write the result of a run into a file, whole or not at all."""
+    text = json.dumps({"score": asdict(result.score), "measured": result.measured.tolist()})
+    write_sealed(path, text.encode())
+
+
+def read_result(path: Path) -> RunResult | None:
+    """Return the result of a run from its file; None if that is not there or not whole."""
+    try:
+        kept = json.loads(read_sealed(path))
+    except InputError:
+        return None
+    return RunResult(score=Score(**kept["score"]), measured=np.array(kept["measured"], dtype=np.float64))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -279,10 +286,6 @@ class Comparison:
         )
 
 
-#: processor time of a simulated second [s], on the equations of motion and on the twin
-SIMULATING: Mapping[Literal["model", "twin"], float] = {"model": 0.019, "twin": 0.2}
-
-
 def run_comparison(
     runs: Sequence[ComparedRun],
     *,
@@ -295,13 +298,12 @@ def run_comparison(
     Parameters
     ----------
     runs : sequence of ComparedRun
-        In the order in which their results enter the checkpoint.
     processes : int, optional
         One for each core by default; with one, all is computed in this process. The result does not depend on it.
     threads : int, optional
         Runs at a time in this process, instead of processes; plants and controllers need not be picklable then.
     run : Run, optional
-        Its checkpoint keeps each result, so that the comparison can be resumed; its seed is not used.
+        Its seed is not used.
 
     Raises
     ------
@@ -316,9 +318,7 @@ def run_comparison(
     results = []
     with _results_ahead(runs, processes=processes, threads=threads) as result_at:
         for place, one in enumerate(runs):
-            question = np.array([place, one.seed], dtype=np.float64)
-            answer = run.memoize("run", question, lambda place=place: result_at(place).to_arrays())
-            results.append(RunResult.from_arrays(answer))
+            results.append(result_at(place))
             done += one.duration
             run.progress(Progress(stage="comparing controllers", done=done, total=whole))
     return Comparison(runs=tuple(runs), results=tuple(results))
@@ -389,8 +389,7 @@ def _results_ahead(
 ) -> Iterator[Callable[[int], RunResult]]:
     """Give a function that returns the result of the run at a place.
 
-    From the first place that is requested, the rest are computed ahead. A run whose result is on file is not asked
-    for, and not computed.
+    From the first place that is requested, the rest are computed ahead.
     """
     pool: Executor | None = None
     ahead: dict[int, Future[RunResult]] = {}
@@ -409,10 +408,7 @@ def _results_ahead(
         try:
             return ahead.pop(place).result()
         except BrokenProcessPool:
-            raise ExecutorError(
-                "A worker process was killed, perhaps because memory ran out. Finished runs are kept; "
-                "continue with --resume."
-            ) from None
+            raise ExecutorError("A worker process was killed, perhaps because memory ran out.") from None
 
     finished = False
     try:

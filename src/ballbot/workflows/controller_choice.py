@@ -47,7 +47,7 @@ from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import estimated_robot
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
-from ballbot.progress import Progress, on_all_cores, part_of
+from ballbot.progress import Progress
 from ballbot.robot import Robot
 from ballbot.simulation.plant import Plant
 from ballbot.simulation.sensed_plant import SensedPlant
@@ -408,7 +408,7 @@ def choose_controller(
     processes : int, optional
         One for each core by default. The result does not depend on it.
     run : Run, optional
-        Its checkpoint keeps each run's result; its seed is not used.
+        Its seed is not used.
 
     Raises
     ------
@@ -424,13 +424,11 @@ def choose_controller(
         for plant in plants[:step_plants]
         for name, on in _STEP_RUNS
     ]
-    compared = on_all_cores(len(runs)) / (on_all_cores(len(runs)) + len(controllers))
-    comparing, logging = part_of(run.progress, 0.0, compared), part_of(run.progress, compared, 1.0)
-    found = run_comparison(runs, processes=processes, run=replace(run, progress=comparing))
+    found = run_comparison(runs, processes=processes, run=run)
     logs: dict[str, Log] = {}
     for name, one in controllers.items():
         logs[name] = _run(name, one, plants[0], course).log()
-        logging(Progress(stage="simulating the first plant", done=len(logs), total=len(controllers)))
+        run.progress(Progress(stage="simulating the first plant", done=len(logs), total=len(controllers)))
 
     def trial(name: str, on: NamedCourse | None = None) -> Trial:
         return _trial(known[name], found.of(name, (on or course).name))
@@ -450,12 +448,6 @@ def choose_controller(
         steps={step: pair(step) for step in STEPS if step_plants},
         runs=logs,
     )
-
-
-def simulated_runs(draws: int, step_plants: int, duration: float) -> float:
-    """Return how many runs of the course's duration `choose_controller` makes as it compares."""
-    each = sum(1.0 if course is None else course.duration / duration for _, course in _STEP_RUNS)
-    return len(CANDIDATES) * draws + min(step_plants, draws) * each
 
 
 def equal_best(trials: Mapping[str, Trial]) -> tuple[str, ...]:

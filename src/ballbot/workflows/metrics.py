@@ -177,20 +177,6 @@ class Score:
     driving_energy: float  #: of that, what the motors gave [J]
     ended: str | None  #: why the run stopped early, as in a fall
 
-    def to_arrays(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return its numbers, and the codes of why the run ended, as a checkpoint keeps them."""
-        *numbers, ended = astuple(self)
-        codes = np.frombuffer((ended or "").encode(), dtype=np.uint8)
-        return np.array(numbers, dtype=np.float64), codes.astype(np.float64)
-
-    @staticmethod
-    def from_arrays(numbers: NDArray[np.float64], codes: NDArray[np.float64]) -> Score:
-        """Return the score that `to_arrays` made these of."""
-        names = [field.name for field in fields(Score) if field.name != "ended"]
-        values = dict(zip(names, numbers.tolist(), strict=True))
-        ended = bytes(codes.astype(np.uint8)).decode() or None
-        return Score(**values | {"arrived": bool(values["arrived"])}, ended=ended)
-
 
 def score_results(one: Score) -> dict[str, object]:
     """Return a score as results.json holds it; without arrival there is only a lower bound of the settling time."""
@@ -328,7 +314,7 @@ class Performance:
         )
 
     def to_array(self) -> NDArray[np.float64]:
-        """Return its numbers (5,), as a checkpoint keeps them."""
+        """Return its numbers (5,), in the order of `QUANTITIES`."""
         return np.array(astuple(self), dtype=np.float64)
 
     @staticmethod

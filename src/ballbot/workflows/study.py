@@ -13,7 +13,7 @@ own gain is recovered for the closed-loop validation, and the report shows both.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -34,7 +34,7 @@ from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import CheckedLogs, checked_logs
 from ballbot.log.columns import torque_names
 from ballbot.mechanics.model import Model
-from ballbot.progress import Progress, in_parts, on_all_cores, part_of
+from ballbot.progress import in_stage
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.summary import Summary, counted, first_texts, listed, plotted, summarized
 from ballbot.twin.scenario import Scenario
@@ -42,7 +42,6 @@ from ballbot.twin.scenario_file import load_scenario
 from ballbot.validation import ModelPair, Validation, join_validations, validate_pair
 from ballbot.validation.models import Interval
 from ballbot.workflows.controller_choice import (
-    CANDIDATES,
     SQUARE,
     ControllerChoice,
     NamedCourse,
@@ -51,20 +50,16 @@ from ballbot.workflows.controller_choice import (
     candidates,
     choose_controller,
     draw_plants,
-    simulated_runs,
 )
 from ballbot.workflows.controller_prediction import Prediction, predict
 from ballbot.workflows.courses import PlantName
-from ballbot.workflows.twin_rolling import TwinRolling, rolling_seconds, twin_rolling
+from ballbot.workflows.twin_rolling import TwinRolling, twin_rolling
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 #: plants that candidates can be compared on; a run of each takes a second or more
 MAX_DRAWS = 1000
-#: processor time [s] of identification and validation of a second of log, and of a simulated second on each plant
-_IDENTIFYING, _VALIDATING = 0.95, 0.04
-_SIMULATING: Mapping[PlantName, float] = {"model": 0.03, "twin": 0.2}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -188,7 +183,6 @@ def study(
         Delay, play, noise, sensors and floor of these plants; the nominal one by default.
     options : StudyOptions, optional
     run : Run, optional
-        Its checkpoint answers for the identification's steps and for the runs of the candidates.
 
     Raises
     ------
@@ -213,18 +207,14 @@ def study(
     given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario or "nominal", robot)
     tried = sampled_at(given, sample_time)
     _check_plant(robot, tried, chosen_plant)
-    identifying, validating, measuring, choosing = (
-        replace(run, progress=part)
-        for part in in_parts(run.progress, _seconds(studied, chosen_plant, options))
-    )
-    found = _identify(robot, checked, options, _named(identifying, "identifying friction"))
+    found = _identify(robot, checked, options, _named(run, "identifying friction"))
     if not found.verdict.usable:
         raise InputError(
             f"{found.verdict.sentence} A study compensates the friction that it finds, so it ends here; `ballbot "
             "identify` shows the fit."
         )
-    by_log = _validate(found.robot, studied, validating)
-    measured = _named(measuring, "measuring the twin's rolling friction")
+    by_log = _validate(found.robot, studied, run)
+    measured = _named(run, "measuring the twin's rolling friction")
     rolling = twin_rolling(found, tried, run=measured) if chosen_plant == "twin" else None
     choice = choose_controller(
         candidates(found, sample_time=sample_time),
@@ -233,9 +223,8 @@ def study(
         ),
         course=NamedCourse(name=SQUARE.name, duration=options.duration),
         step_plants=options.step_draws,
-        run=_named(choosing, "comparing controllers"),
+        run=_named(run, "comparing controllers"),
     )
-    run.progress(Progress(stage="done", done=1, total=1))
     return Study(
         robot=robot,
         logs=studied,
@@ -253,23 +242,9 @@ def study(
     )
 
 
-def _seconds(logs: Sequence[StudiedLog], plant: PlantName, options: StudyOptions) -> tuple[float, ...]:
-    """Return how long identification, validation, rolling friction and comparison usually take [s]."""
-    length = sum(float(one.log.t[-1] - one.log.t[0]) for one in logs)
-    runs = simulated_runs(options.draws, options.step_draws, options.duration)
-    return (
-        on_all_cores(_IDENTIFYING * length),
-        _VALIDATING * length,
-        sum(rolling_seconds()) if plant == "twin" else 0.0,
-        _SIMULATING[plant]
-        * options.duration
-        * (on_all_cores(runs) + len(CANDIDATES)),  # their paths once more
-    )
-
-
 def _named(run: Run, stage: str) -> Run:
     """Return the run with a name for all its stages."""
-    return replace(run, progress=part_of(run.progress, 0.0, 1.0, stage=stage))
+    return replace(run, progress=in_stage(run.progress, stage))
 
 
 def sampled_at(scenario: Scenario, sample_time: float) -> Scenario:
@@ -327,10 +302,7 @@ def _identify(
 
 def _validate(robot: Robot, logs: Sequence[StudiedLog], run: Run) -> tuple[Validation, ...]:
     validations, models = [], ModelPair.by_friction(Model(robot))
-    for number, studied in enumerate(logs):
-        stage = f"validating on {studied.name}"
-        one = part_of(run.progress, number / len(logs), (number + 1) / len(logs), stage=stage)
-        validations.append(
-            validate_pair(models, studied.log, holdout=studied.held_out, run=replace(run, progress=one))
-        )
+    for studied in logs:
+        one = _named(run, f"validating on {studied.name}")
+        validations.append(validate_pair(models, studied.log, holdout=studied.held_out, run=one))
     return tuple(validations)

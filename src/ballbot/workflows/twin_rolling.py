@@ -18,7 +18,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.presets import design_gain
@@ -33,9 +32,7 @@ from ballbot.identification.stages import (
     IdentificationOptions,
     prepare,
     refine,
-    stages_of,
 )
-from ballbot.progress import ProgressReporter, in_parts, on_all_cores
 from ballbot.robot import Friction
 from ballbot.simulation.run import simulate
 from ballbot.twin.scenario import Scenario
@@ -43,8 +40,6 @@ from ballbot.twin.twin import Twin
 
 #: of the twin's log [s]; with 24 s the share varies by a tenth between seeds
 _DURATION = 48.0
-#: processor time of the twin's log and of the fit to it [s]
-_SIMULATING, _REFINING = 9.5, 12.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,11 +56,6 @@ class TwinRolling:
         return replace(friction, rolling=max(friction.rolling - np.nan_to_num(self.added), 0.0))
 
 
-def rolling_seconds() -> tuple[float, float]:
-    """Return how long the twin's log and the fit to it usually take [s]."""
-    return _SIMULATING, on_all_cores(_REFINING)
-
-
 def twin_rolling(found: Identification, scenario: Scenario, *, run: Run = DEFAULT_RUN) -> TwinRolling:
     """Return the rolling friction for the twin's floor.
 
@@ -76,44 +66,37 @@ def twin_rolling(found: Identification, scenario: Scenario, *, run: Run = DEFAUL
     scenario : Scenario
         Of the twin; its friction is not used.
     run : Run, optional
-        Its seed draws the twin's noise; its checkpoint keeps the result.
+        Its seed draws the twin's noise.
     """
     identified = found.robot.friction.rolling
     if not np.isfinite(found.parameters["C_rr"]) or identified == 0.0:
         return TwinRolling(identified=identified, added=0.0)
-    question = np.concatenate([found.values, [scenario.sensors.sample_time, run.seed]])
-    (added,) = run.memoize("rolling friction of the twin", question, lambda: [_added(found, scenario, run)])
-    return TwinRolling(identified=identified, added=float(added[0]))
+    return TwinRolling(identified=identified, added=_added(found, scenario, run))
 
 
-def _added(found: Identification, scenario: Scenario, run: Run) -> NDArray[np.float64]:
-    """Return by how much C_rr of the twin's log is above that of its floor (1,)."""
+def _added(found: Identification, scenario: Scenario, run: Run) -> float:
+    """Return by how much C_rr of the twin's log is above that of its floor; NaN if the log does not show it."""
     robot, trial = found.robot, 0.5 * found.robot.friction.rolling
     friction = replace(robot.friction, rolling=trial)
     gain = design_gain(robot, sample_time=scenario.sensors.sample_time).gain
-    simulating, refining = in_parts(run.progress, rolling_seconds())
     log = simulate(
         Twin(robot, replace(scenario, friction=friction)),
         Controller(robot, gain, sample_time=scenario.sensors.sample_time),
         named_reference("square"),
         duration=_DURATION,
         seed=run.seed,
-        progress=simulating,
+        progress=run.progress,
     ).without_truth()
-    own = replace(run, checkpoint=None)
     options = IdentificationOptions(excluded_states=found.excluded_states)
     coordinates = scale_between(robot, free=FRICTION)
     predictor = replace(found.predictor, step=EVOLUTION_STEP, layout=coordinates.layout)
     try:
-        prepared = prepare(predictor, coordinates, [log], window=found.window, options=options, run=own)
+        prepared = prepare(predictor, coordinates, [log], window=found.window, options=options, run=run)
     except InputError:  # the twin fell, or hardly moved
-        return np.array([np.nan])
+        return np.nan
     begin = coordinates.scaled(
         np.clip(coordinates.layout.nominal(robot), coordinates.lower, coordinates.upper)
     )
-    stages = [one for one in stages_of(prepared, options) if one.name == "gauss_newton"]
-    reporter = ProgressReporter(refining, stages)
-    estimate = refine(prepared, begin, options=options, run=replace(own, progress=reporter))
-    reporter.end()
+    estimate = refine(prepared, begin, options=options, run=run)
     place = coordinates.labels.index("C_rr")
-    return np.array([estimate.values[place] - trial if not estimate.unknown[place] else np.nan])
+    return np.nan if estimate.unknown[place] else float(estimate.values[place] - trial)
