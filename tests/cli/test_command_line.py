@@ -146,7 +146,8 @@ def test_version_as_json(line: str, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize(
-    "command", ["compare", "design", "excite", "identify", "identify-axis", "record", "study"]
+    "command",
+    ["compare", "design", "excite", "identify", "identify-axis", "identify-upside-down", "record", "study"],
 )
 def test_resume_of_old_command_lines_is_answered_by_one_sentence(
     command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
