@@ -70,7 +70,12 @@ def campaign() -> Section:
         longest = 2.0 * (START + lasted / KILLS)
         moments = random.uniform(0.0, longest, KILLS)
         rows = [_row("processes", Sweep(folder=_made(Path(name) / "processes")), moments, undisturbed)]
-        with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        with LocalCluster(
+            n_workers=2,
+            threads_per_worker=1,
+            dashboard_address=None,
+            silence_logs=60,  # of clients that are killed
+        ) as cluster:
             on_dask = Sweep(
                 folder=_made(Path(name) / "dask"), options=("--cluster", str(cluster.scheduler_address))
             )

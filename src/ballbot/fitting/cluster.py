@@ -99,7 +99,7 @@ class Cluster:
         with self._connected():
             held = self._hold(make)
             places = {self._submit(_made, held, [piece]): place for place, piece in enumerate(pieces)}
-            for future in as_completed(list(places)):
+            for future in as_completed(list(places), loop=self._client.loop):
                 (result,) = cast("list[Result]", future.result())
                 place = places.pop(future)  # with the last hold on it, the cluster forgets the result
                 del future
