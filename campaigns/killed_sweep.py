@@ -73,17 +73,18 @@ def campaign() -> Section:
         with LocalCluster(
             n_workers=2,
             threads_per_worker=1,
-            dashboard_address=None,
+            dashboard_address=None,  # pyright: ignore[reportArgumentType]
             silence_logs=60,  # of clients that are killed
         ) as cluster:
             on_dask = Sweep(
-                folder=_made(Path(name) / "dask"), options=("--cluster", str(cluster.scheduler_address))
+                folder=_made(Path(name) / "dask"),
+                options=("--cluster", str(cluster.scheduler_address)),  # pyright: ignore[reportAttributeAccessIssue]
             )
             rows.append(_row("Dask LocalCluster, 2 workers", on_dask, moments, undisturbed))
     return Section(
         title="Sweeps killed and started again",
         before=f"`ballbot record --seeds 1-{RUNS}` of 0.2 s on the nominal twin, killed with SIGKILL {KILLS} times, "
-        f"each time after a delay drawn uniformly, of up to {longest:.0f} s and started again with the same "
+        f"each time after a delay drawn uniformly from 0 to {longest:.0f} s, and started again with the same "
         f"words; all its files ({len(undisturbed)}) against those of a sweep left alone, which takes {lasted:.0f} s.",
         columns=["made by", "finished runs after each kill", "same bytes in the end"],
         rows=rows,
