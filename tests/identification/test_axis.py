@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from ballbot.cli.identify_axis import stage_times
 from ballbot.cli.main import main
 from ballbot.errors import InputError
-from ballbot.identification.axis import AXIS_LAWS, AxisRecord, identify_axis
+from ballbot.identification.axis import AxisRecord, identify_axis
 from ballbot.identification.axis.file_columns import AxisColumns
 from ballbot.identification.axis.reading import read_axis_record
 from ballbot.log.formats.text import write_text_table
@@ -81,12 +80,6 @@ def test_the_command_leaves_a_report_and_results_or_nothing(tmp_path, mat_file, 
     page = (out / "report.html").read_text()
     assert figure_count(page) == 4
     assert "law coulomb" in capsys.readouterr().out
-
-
-def test_every_law_has_a_usual_time(noisy_record):
-    """A stage without one would stand still in the time left."""
-    of_laws = {f"{doing}law {name}" for name in AXIS_LAWS for doing in ("", "open loop, ")}
-    assert of_laws == {name for name in stage_times([noisy_record]) if "law " in name}
 
 
 def test_missing_mat_file_is_reported(tmp_path, capsys):
