@@ -29,18 +29,25 @@ from ballbot.control.presets import (
 )
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import EstimatorName
-from ballbot.fitting.checkpoint import open_checkpoint
-from ballbot.fitting.run import Run
+from ballbot.fitting.sweep import Processes, RunFolder, identity
 from ballbot.robot import Robot
 from ballbot.twin import Twin
-from ballbot.workflows.comparison import ComparedRun, Estimate, Paired, median_with_interval, run_comparison
+from ballbot.workflows.comparison import (
+    ComparedRun,
+    Comparison,
+    Estimate,
+    Paired,
+    median_with_interval,
+    read_result,
+    write_result,
+)
 from ballbot.workflows.controller_choice import SQUARE, compensated_robot
 from campaigns.compensation import identified
-from campaigns.section import Section, is_kept
+from campaigns.section import EARLIER, Section
 
 ALTEN = Robot.load("alten")
 SEEDS = tuple(range(600, 603))
-KEPT = Path(__file__).parents[1] / "build" / "controller_factors" / "checkpoint.jsonl"
+KEPT = Path(__file__).parents[1] / "build" / "controller_factors"
 #: weights of the integrals beside the soft gain's, as large beside its weights of x, y and psi as the stiff gain's are;
 #: the gain is then designed together with the integrals, up to 12 % other than the nominal one
 SOFT_INTEGRAL_WEIGHTS = (20.0, 20.0, 2.0)
@@ -126,10 +133,16 @@ def run_cells(seeds: Sequence[int], *, processes: int | None = None) -> Peaks:
         for seed in seeds
         for cell in CELLS
     ]
-    KEPT.parent.mkdir(parents=True, exist_ok=True)
-    belongs_to = {str(cell): controller_text(one) for cell, one in controllers.items()}
-    checkpoint = open_checkpoint(KEPT, belongs_to=belongs_to, resume=is_kept(KEPT))
-    compared = run_comparison(runs, processes=processes, run=Run(checkpoint=checkpoint))
+    made_from = identity({str(cell): [controller_text(one)] for cell, one in controllers.items()}, {})
+    kept = RunFolder(path=KEPT, made_from=made_from, write=write_result, read=read_result)
+    found, before = kept.complete(
+        ComparedRun.result,
+        {f"{one.candidate} {one.seed}": one for one in runs},
+        workers=Processes(count=processes),
+        stage="comparing controllers",
+    )
+    EARLIER.update(KEPT / name for name in before)
+    compared = Comparison(runs=tuple(runs), results=tuple(found.values()))
     return {
         cell: np.array(
             [

@@ -59,7 +59,7 @@ CAMPAIGNS = {
     "drivelines": "campaigns.identified_twin:drivelines",
     "driveline_coverage": "campaigns.driveline_coverage",
     "upside_down": "campaigns.upside_down_coverage",
-    "resume": "campaigns.resume",
+    "killed_sweep": "campaigns.killed_sweep",
     "identified_errors": "campaigns.identified_twin:identified_errors",
     "identified_friction": "campaigns.identified_twin:identified_friction",
     "spin": "campaigns.spin",

@@ -32,7 +32,7 @@ from random import Random
 
 from ballbot.errors import InputError
 from ballbot.files import write_text
-from ballbot.fitting.checkpoint import digest
+from ballbot.fitting.sweep import digest
 from campaigns.fuzz_mutations import mutated
 from campaigns.section import Section
 
@@ -219,7 +219,7 @@ def _source() -> str:
     """Return a hash of this code."""
     root = Path(__file__).parents[1]
     files = [*sorted((root / "src").rglob("*.py")), *sorted(Path(__file__).parent.glob("fuzz*.py"))]
-    return digest(*(path.read_bytes() for path in files)).hex()
+    return digest(*(path.read_bytes() for path in files))
 
 
 #: what an input may take [s], and what memory beside the process's own [bytes]

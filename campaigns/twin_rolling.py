@@ -26,7 +26,7 @@ from ballbot.robot import Friction, Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin import Twin
 from ballbot.workflows.metrics import score
-from ballbot.workflows.twin_rolling import TwinRolling, twin_rolling
+from ballbot.workflows.twin_confirmation import TwinRolling, twin_rolling
 from campaigns.between_logs import NOMINAL, ROBOT, fit_of, nominal_log
 from campaigns.section import Section
 

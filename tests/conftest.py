@@ -43,12 +43,6 @@ def _no_file_stays(  # pyright: ignore[reportUnusedFunction]
         yield
 
 
-@pytest.fixture(autouse=True)
-def _no_other_work(monkeypatch: pytest.MonkeyPatch) -> None:  # pyright: ignore[reportUnusedFunction]
-    """Let the time left be planned as on a machine that does nothing else, where tests run side by side, too."""
-    monkeypatch.setattr(os, "getloadavg", lambda: (0.0, 0.0, 0.0), raising=False)
-
-
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the fast tests first."""
     items.sort(key=place_of)

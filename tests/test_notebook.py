@@ -54,26 +54,22 @@ def test_long_work_is_one_line_that_ends_at_the_whole(monkeypatch):
     shown, clock = FakeNotebook(monkeypatch), Clock()
     work(NotebookProgress(clock), clock)
     (line,) = shown.lines
-    assert line[0].startswith("Gauss-Newton, 12 %, error x 1.2")
+    assert line[0].startswith("Gauss-Newton, 15 %, error x 1.2, about 0:07 left")
     assert any("about 0:05 left" in text for text in line)
     assert line[-1] == "Gauss-Newton, 100 %, error x 1.2"
 
 
-def test_each_work_has_its_own_line_even_after_one_that_failed(monkeypatch):
+def test_each_cell_has_a_line_of_its_own_which_shows_the_present_stage(monkeypatch):
     shown, clock = FakeNotebook(monkeypatch), Clock()
     progress = NotebookProgress(clock)
     work(progress, clock)
-    work(progress, clock)
-    for share in (0.2, 0.5):
+    for done in (1, 2):
         clock.now += 2.0
-        progress(Progress(stage="stopped", done=share, total=1.0))
+        progress(Progress(stage="intervals", done=done, total=4))
+    assert [line[-1] for line in shown.lines] == ["intervals, 50 %, about 0:04 left"]
+    shown.end_of_cell(SimpleNamespace(success=False))
     work(progress, clock)
-    assert [line[-1] for line in shown.lines] == [
-        "Gauss-Newton, 100 %, error x 1.2",
-        "Gauss-Newton, 100 %, error x 1.2",
-        "stopped, 50 %, about 0:03 left",
-        "Gauss-Newton, 100 %, error x 1.2",
-    ]
+    assert [line[-1] for line in shown.lines][1:] == ["Gauss-Newton, 100 %, error x 1.2"]
 
 
 @pytest.mark.parametrize(
@@ -94,9 +90,11 @@ def test_bar_of_work_that_never_says_its_end_is_full_when_its_cell_has_run(monke
 
 def test_short_work_shows_nothing_and_fast_steps_few_lines(monkeypatch):
     shown, clock = FakeNotebook(monkeypatch), Clock()
-    work(NotebookProgress(clock), clock, seconds=0.9)
+    progress = NotebookProgress(clock)
+    work(progress, clock, seconds=0.9)
+    shown.end_of_cell(SimpleNamespace(success=True))
     assert shown.lines == []
-    work(NotebookProgress(clock), clock, steps=100_000, seconds=2.0)
+    work(progress, clock, steps=100_000, seconds=2.0)
     assert len(shown.lines[0]) <= 8  # five a second
 
 

@@ -15,8 +15,8 @@ from ballbot.control.controller import Controller
 from ballbot.control.lqr import LqrDesign
 from ballbot.control.presets import IntegralDesign, nominal_controller
 from ballbot.findings import Finding, note, warning
-from ballbot.fitting.checkpoint import digest
 from ballbot.fitting.model_selection import Gain
+from ballbot.fitting.sweep import digest
 from ballbot.identification.driveline import DrivelineFit
 from ballbot.identification.upside_down import UpsideDown
 from ballbot.identification.verdict import Verdict
@@ -258,7 +258,7 @@ def test_summary_leaves_equality_hash_and_pickles_as_they_are():
 
 
 def test_robots_of_one_summary_have_different_digests():
-    """A checkpoint belongs to one robot; robots that differ beyond the digits of a summary are not the same."""
+    """Finished runs are of one robot; robots that differ beyond the digits of a summary are not the same."""
     robot = alten(FRICTION)
     other = robot.replace(gravity=float(np.nextafter(robot.gravity, 10.0))).annotated(sources=robot.sources)
     assert repr(robot) == repr(other)

@@ -14,12 +14,10 @@ from time import monotonic
 from typing import Any, Protocol
 
 from ballbot.printable import printable_line
-from ballbot.progress import EtaEstimator, Progress, progress_line, slowdown_now, time_left
+from ballbot.progress import Pace, Progress, progress_line
 
 #: [s] before the first line, and between two
 _BEFORE, _BETWEEN = 1.0, 0.2
-#: a share that falls by this much is that of other work
-_FALLS = 1e-6
 
 
 class ProgressLine:
@@ -47,7 +45,7 @@ class Handle(Protocol):
 class NotebookProgress:
     """A progress callback that shows work in a notebook, and does nothing elsewhere.
 
-    One is enough for all work of a process, one after the other: a share that falls begins a new line.
+    One is enough for all work of a process: all that a cell does is one line, which shows the present stage.
 
     Parameters
     ----------
@@ -57,50 +55,48 @@ class NotebookProgress:
 
     def __init__(self, clock: Callable[[], float] = monotonic) -> None:
         self._clock = clock
-        self._open: dict[int, tuple[Handle, Progress]] = {}  # lines that are not full, in their order
         self._shell: Any = None  # whose cells are waited for
         self._begin()
 
     def _begin(self) -> None:
         self._handle: Handle | None = None
-        self._pace = EtaEstimator(self._clock, slowdown=slowdown_now())
-        self._share, self._next = 0.0, self._clock() + _BEFORE
+        self._pace = Pace(self._clock)
+        self._next: float | None = None  # when a line is due [s]; None before the first report
+        self._last = Progress(stage="")
 
     def __call__(self, progress: Progress) -> None:
         """Show how far work has come, if it is time to."""
         shell = _notebook()
         if shell is None:
             return
-        if progress.share < self._share - _FALLS:
-            self._begin()
-        self._share = progress.share
-        line = progress_line(progress, time_left(progress, self._pace))
-        done = progress.share >= 1.0
-        if self._clock() >= self._next or (done and self._handle is not None):
+        self._wait_for_end_of_cell(shell)
+        self._pace.note(progress)
+        if self._next is None:
+            self._next = self._clock() + _BEFORE
+        due = self._clock() >= self._next or (self._handle is not None and progress.share >= 1.0)
+        self._last = progress
+        if due:
             self._next = self._clock() + _BETWEEN
-            self._show(ProgressLine(line, progress.share), shell)
-        if self._handle is not None:
-            self._open[id(self._handle)] = (self._handle, progress)
-        if done:
-            self._open.pop(id(self._handle), None)
-            self._begin()
+            self._show(ProgressLine(progress_line(progress, self._pace.left()), progress.share))
 
-    def _show(self, line: ProgressLine, shell: Any) -> None:
+    def _show(self, line: ProgressLine) -> None:
         if self._handle is not None:
             self._handle.update(line)
             return
         from IPython.display import display  # pyright: ignore[reportMissingImports]
 
         self._handle = display(line, display_id=True)
+
+    def _wait_for_end_of_cell(self, shell: Any) -> None:
         if self._shell is not shell and hasattr(shell, "events"):
             self._shell = shell
             shell.events.register("post_run_cell", self._end_of_cell)
 
     def _end_of_cell(self, result: Any) -> None:
-        """Fill the bars of a cell that has run; forget those of one that failed."""
-        for handle, progress in self._open.values() if result.success else ():
-            handle.update(ProgressLine(progress_line(replace(progress, share=1.0), ""), 1.0))
-        self._open.clear()
+        """Fill the bar of a cell that has run; that of one that failed stays where it was."""
+        if self._handle is not None and result.success:
+            whole = replace(self._last, done=1.0, total=1.0)
+            self._handle.update(ProgressLine(progress_line(whole, ""), 1.0))
         self._begin()
 
 

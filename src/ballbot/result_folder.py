@@ -101,7 +101,8 @@ def _take(descriptor: int) -> bool:
 MANIFEST = ".ballbot.json"
 STAGED = ".ballbot-staged"
 READY = ".ballbot-ready"
-CHECKPOINT = "checkpoint.jsonl"
+#: finished runs of a command that was not finished (`ballbot.fitting.sweep`)
+RUNS = ".ballbot-runs"
 
 _FORMAT = "ballbot result 1"
 
@@ -133,6 +134,11 @@ class ResultFolder:
     command: str
     names: frozenset[str]
 
+    @property
+    def runs(self) -> Path:
+        """The folder in it for the command's finished runs, until the result is there."""
+        return self.path / RUNS
+
     @contextmanager
     def replaced(self) -> Iterator[Path]:
         """Give a folder to write the new result into, which replaces the old one as a whole when the block ends well.
@@ -159,6 +165,7 @@ class ResultFolder:
             with uninterrupted():
                 _move(staged, self.path / READY)
                 _finish_move(self.path)
+                _delete(self.runs)
         except InputError as error:  # the user knows of no folder but the result's
             error.args = (str(error).replace(str(staged), str(self.path)),)
             raise
@@ -173,7 +180,7 @@ def result_folder(
     command: str,
     names: Collection[str],
     inputs: Sequence[Path] = (),
-    resumes: bool = False,
+    keeps_runs: bool = False,
 ) -> Iterator[ResultFolder]:
     """Hold a folder for the result of one command while the block runs.
 
@@ -187,8 +194,8 @@ def result_folder(
         The files that the command may write there, as "report.html" or "figures/one.svg".
     inputs : sequence of Path
         The files that the result is made from.
-    resumes : bool
-        Whether the command goes on with a checkpoint in the folder.
+    keeps_runs : bool
+        Whether the command goes on with finished runs in the folder, which a new result deletes.
 
     Raises
     ------
@@ -200,7 +207,7 @@ def result_folder(
     folder = check_folder(out)
     try:
         with hold_lock(folder):
-            _prepare(folder, command=command, names=names, inputs=inputs, resumes=resumes)
+            _prepare(folder, command=command, names=names, inputs=inputs, keeps_runs=keeps_runs)
             yield ResultFolder(path=folder, command=command, names=frozenset(names))
     finally:
         if not was_there:
@@ -209,15 +216,15 @@ def result_folder(
 
 
 def _prepare(
-    folder: Path, *, command: str, names: Collection[str], inputs: Sequence[Path], resumes: bool
+    folder: Path, *, command: str, names: Collection[str], inputs: Sequence[Path], keeps_runs: bool
 ) -> None:
     """Finish or clear what a killed process left, and raise InputError unless the folder may have a new result."""
     _finish_move(folder)
     _delete(folder / STAGED)
-    if not resumes and (folder / CHECKPOINT).exists():
+    if not keeps_runs and (folder / RUNS).exists():
         raise InputError(
-            f"{folder / CHECKPOINT} holds a run that was not finished. Resume it (--resume), delete it, or "
-            "choose another folder with --out."
+            f"{folder / RUNS} holds finished runs of a command that was not finished. Give that command again, delete "
+            "them, or choose another folder with --out."
         )
     _check_replaceable(folder, read_manifest(folder), command=command, names=names, inputs=inputs)
 

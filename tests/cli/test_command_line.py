@@ -91,7 +91,6 @@ def test_provenance_is_the_command_line_without_what_has_no_effect() -> None:
             "study",
             "alten",
             "a.csv",
-            "--resume",
             "--cluster",
             "tcp://a:1",
             "--cluster=b",
@@ -144,3 +143,19 @@ def test_bad_command_line_is_answered_in_one_sentence(
 def test_version_as_json(line: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(line.split()) == 0
     assert json.loads(capsys.readouterr().out) == {"version": version()}
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["compare", "design", "excite", "identify", "identify-axis", "identify-upside-down", "record", "study"],
+)
+def test_resume_of_old_command_lines_is_answered_by_one_sentence(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([command, "alten", "--resume", "--out", str(tmp_path / "out")]) == 2
+    printed = capsys.readouterr().err
+    assert printed.startswith(
+        f"ballbot: --resume is no longer an option of {command}: finished runs are kept"
+    )
+    assert printed.count("\n") == 1
+    assert not (tmp_path / "out").exists()

@@ -18,7 +18,7 @@ from ballbot.robot import Robot
 from tests.support.log_examples import smooth_log
 
 #: what gives a command's results to --json
-_GIVES_RESULTS = {"emit", "show_written", "open_result", "open_long_result", "record_run"}
+_GIVES_RESULTS = {"emit", "show_written", "open_result", "record_run"}
 
 
 def printed_json(capsys: pytest.CaptureFixture[str], *words: str, code: int = 0) -> dict[str, object]:

@@ -6,6 +6,7 @@ import signal
 import socket
 import time
 from collections.abc import Iterator
+from functools import partial
 from threading import Timer
 
 import numpy as np
@@ -87,6 +88,15 @@ def test_pieces_come_back_in_their_order(cluster, count):
     there = cluster(scaled_sine, shared, range(count))
     assert len(there) == count
     assert [one.tobytes() for one in there] == [one.tobytes() for one in here]
+
+
+@pytest.mark.slow
+def test_each_run_arrives_with_its_place(cluster):
+    make = partial(scaled_sine, np.linspace(0.0, 1.0, 5))
+    found = dict(cluster.each(make, range(7)))
+    assert [found[place].tobytes() for place in range(7)] == [make(piece).tobytes() for piece in range(7)]
+    with pytest.raises(InputError, match="piece 3 of all is no good"):
+        list(cluster.each(partial(refuse, "all"), [3]))
 
 
 @pytest.mark.slow

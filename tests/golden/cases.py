@@ -142,13 +142,6 @@ CASES: tuple[Case, ...] = (
         needs=("foreign",),
         code=2,  # its torques are taken for duties, and are late
     ),
-    _command(
-        "identify_old_checkpoint",
-        f"identify alten {_WALK} --resume --out old_checkpoint",
-        needs=("record_square", "old_checkpoint"),
-        code=2,
-        sampled=True,
-    ),
     _command("identify_driveline", "identify-driveline alten record_sweep/log.csv", needs=("record_sweep",)),
     _command(
         "identify_upside_down",
@@ -240,5 +233,4 @@ CASES: tuple[Case, ...] = (
         needs=("study", "simulate_study"),
     ),
     Case(name="reproduce_items", make=inputs.reproduced_items),
-    _input("old_checkpoint", inputs.old_checkpoint),
 )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import math
-import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -86,11 +85,6 @@ def video(folder: Path) -> None:
     motion = wandering(duration=1.0, peak=10.0, seed=3)
     frames = render(scene, motion, duration=1.0)
     write_video(folder / "ball.avi", frames, frame_rate=camera.frame_rate, codec="HFYU")
-
-
-def old_checkpoint(folder: Path) -> None:
-    """Copy the checkpoint of an interrupted run into the folder."""
-    shutil.copy(folder.parent / "files" / "checkpoint.jsonl", folder)
 
 
 def reproduced_items(folder: Path) -> None:

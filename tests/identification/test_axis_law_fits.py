@@ -7,7 +7,6 @@ import pytest
 
 from ballbot.errors import InputError
 from ballbot.fitting.model_selection import Gain
-from ballbot.fitting.run import DEFAULT_RUN
 from ballbot.identification.axis import (
     AXIS_LAWS,
     AxisIdentification,
@@ -254,9 +253,9 @@ def test_a_fit_goes_on_from_better_parameters_of_another_method() -> None:
     record = simulated_record(duration=6.0)
     blocks, seen = blocks_of([record]), [sighting(record, 20.0)]
     lost = fit_of("coulomb", **(TRUTH | {"mass": 5e3, "viscous": 0.1}))
-    found = improved(lost, [TRUTH], seen, blocks, 0.2, DEFAULT_RUN)
+    found = improved(lost, [TRUTH], seen, blocks, 0.2)
     assert found.values["mass"] == pytest.approx(95.0, rel=0.01)
-    assert improved(found, [lost.values], seen, blocks, 0.2, DEFAULT_RUN) is found
+    assert improved(found, [lost.values], seen, blocks, 0.2) is found
 
 
 def test_a_fit_no_better_than_a_constant_speed_is_refused() -> None:

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from ballbot import Controller, InputError, Log, Model, simulate, simulate_batch
 from ballbot.control.presets import nominal_controller, precise_controller

@@ -1,14 +1,11 @@
 """Logs with a known friction, for tests of identification."""
 
-from collections.abc import Callable, Sequence
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot import Controller, Log, Model, lqr, simulate
 from ballbot.control import references
-from ballbot.fitting.run import Arrays, Memory
 from ballbot.log import STATE_NAMES
 from ballbot.robot import Friction
 from tests.support.control_examples import FRICTION, alten
@@ -59,20 +56,3 @@ def late(log: Log, *, imu: float, velocity: float, friction: Friction = FRICTION
     return log.with_columns(
         {name: np.interp(log.t - delays[name], times, states[:, i]) for i, name in enumerate(STATE_NAMES)}
     )
-
-
-class Dying:
-    """A checkpoint's answers until a stage asks for the time after so many: then Ctrl-C."""
-
-    def __init__(self, checkpoint: Memory, *, stage: str, after: int) -> None:
-        self._checkpoint, self._stage, self._left = checkpoint, stage, after
-
-    def memoize(
-        self, stage: str, question: NDArray[np.float64], answer: Callable[[], Sequence[NDArray[np.float64]]]
-    ) -> Arrays:
-        """Answer, or die."""
-        if stage == self._stage:
-            if self._left == 0:
-                raise KeyboardInterrupt
-            self._left -= 1
-        return self._checkpoint.memoize(stage, question, answer)

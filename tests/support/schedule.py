@@ -27,7 +27,6 @@ ORDER: tuple[str | tuple[str, ...], ...] = (
     "tests/log/test_wrong_logs.py",
     ("tests/mechanics/test_equations.py", "tests/thesis/test_lagrangian.py", "tests/thesis/test_published"),
     "tests/identification/test_ladder.py",
-    "tests/cli/test_resume.py",
     "tests/workflows/test_excite.py",
     "tests/workflows/test_controller_prediction.py",
     "tests/log/test_mapping_inference.py",

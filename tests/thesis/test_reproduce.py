@@ -6,7 +6,6 @@ import json
 import math
 import re
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +21,8 @@ from ballbot.cli.main import main
 from ballbot.control.controller import Compensation
 from ballbot.control.presets import design_gain, nominal_controller
 from ballbot.control.references import hold
+from ballbot.errors import InputError
+from ballbot.fitting.sweep import Processes
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
 from ballbot.progress import ignore_progress
@@ -360,7 +361,7 @@ def test_recordings_are_made_once_and_read_back_bit_for_bit(
 ) -> None:
     # the robot's name is where the recording counts itself, for it is made in another process
     robot = Robot.load("alten").replace(name=str(tmp_path / "made"))
-    wanted = (Recording(name="small", make=counted, seconds=1.0),)
+    wanted = (Recording(name="small", make=counted),)
     told: list[float] = []
 
     def again(seed: int) -> Logs:
@@ -371,26 +372,27 @@ def test_recordings_are_made_once_and_read_back_bit_for_bit(
 
     first = again(3)
     # one process has shown that recordings come from others; threads begin at once
-    monkeypatch.setattr(recordings, "worker_pool", ThreadPoolExecutor)
-    second, other = again(3), again(4)
-    assert (tmp_path / "made").read_text(encoding="utf-8") == "xx"
-    assert told == [1.0, 1.0]
+    monkeypatch.setattr(recordings, "ALL_CORES", Processes(count=1))
+    second = again(3)
+    assert (tmp_path / "made").read_text(encoding="utf-8") == "x"
+    assert told == [0.0, 1.0, 1.0]
     for name in ("log", "film"):
         for column in first[name]:
             np.testing.assert_array_equal(first[name][column], second[name][column])
-    assert not np.array_equal(first["log"]["theta"], other["log"]["theta"])
+    with pytest.raises(InputError, match="differ from these in: seed;"):
+        again(4)
     # what a full disk or a stopped copy left is made again
-    for path in (tmp_path / "runs").glob("small-*.npz"):
+    for path in (tmp_path / "runs").glob("small.npz"):
         path.write_bytes(path.read_bytes()[:-20])
     np.testing.assert_array_equal(again(3)["log"]["theta"], first["log"]["theta"])
-    assert (tmp_path / "made").read_text(encoding="utf-8") == "xxx"
+    assert (tmp_path / "made").read_text(encoding="utf-8") == "xx"
     # and so is what was edited
-    for path in (tmp_path / "runs").glob("small-*.npz"):
+    for path in (tmp_path / "runs").glob("small.npz"):
         content = bytearray(path.read_bytes())
         content[len(content) // 2] ^= 1
         path.write_bytes(content)
     np.testing.assert_array_equal(again(3)["log"]["theta"], first["log"]["theta"])
-    assert (tmp_path / "made").read_text(encoding="utf-8") == "xxxx"
+    assert (tmp_path / "made").read_text(encoding="utf-8") == "xxx"
 
 
 def test_page_has_figures_beside_words(bench: Bench, tmp_path: Path) -> None:
@@ -430,7 +432,7 @@ def test_one_figure_alone_makes_only_the_recordings_it_needs(tmp_path: Path) -> 
     assert results["mistakes"] == []
     assert results["friction_identified"] is None
     assert [path.name for path in (out / "figures").iterdir()] == ["figure_5_2.svg"]
-    assert list(out.glob("runs/*.npz")) == []
+    assert list(out.glob("runs/**/*.npz")) == []
 
 
 def test_recordings_of_one_kind_are_made_together_when_needed() -> None:

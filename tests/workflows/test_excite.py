@@ -12,7 +12,6 @@ from ballbot.cli.main import main
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import sampled_reference, square
 from ballbot.errors import InputError
-from ballbot.fitting.checkpoint import open_checkpoint
 from ballbot.fitting.run import Run, Threads
 from ballbot.identification import identify
 from ballbot.identification.stages import IdentificationOptions
@@ -22,7 +21,7 @@ from ballbot.workflows.excitation_design import DesignEffort, criterion, design,
 from ballbot.workflows.excitation_task import Law, RunLimits, expected_errors, peaks_of, run_on_model, task
 from ballbot.workflows.excite import deviations_found
 from tests.support.control_examples import FRICTION, alten, four_wheeled
-from tests.support.identification_examples import NOISE, Dying, balancing_log, noisy
+from tests.support.identification_examples import NOISE, balancing_log, noisy
 
 #: deviations of the nominal twin's states, about
 DEVIATIONS = np.array([2e-3, 2e-3, 3.5e-3, 3.5e-3, 4.7e-3, 2e-2, 2e-2, 2.3e-2, 2.3e-2, 4e-2])
@@ -78,13 +77,8 @@ def test_designed_excitation_is_more_informative_than_a_square(designed):
 
 
 @pytest.mark.slow
-def test_a_design_that_was_killed_goes_on_to_the_same_on_other_threads(designed, tmp_path):
-    path = tmp_path / "checkpoint.jsonl"
-    dying = Dying(open_checkpoint(path, belongs_to={}, resume=False), stage="evolution", after=2)
-    with pytest.raises(KeyboardInterrupt):
-        design(asked(), effort=EFFORT, run=Run(checkpoint=dying))
-    resumed = Run(executor=Threads(count=1), checkpoint=open_checkpoint(path, belongs_to={}, resume=True))
-    again = design(asked(), effort=EFFORT, run=resumed)
+def test_a_design_is_the_same_on_other_threads(designed):
+    again = design(asked(), effort=EFFORT, run=Run(executor=Threads(count=1)))
     assert (again.poses == designed.poses).all()
     assert (again.errors == designed.errors).all()
 

@@ -14,12 +14,18 @@ from ballbot.report.comparison import league_report, standing_rows
 from ballbot.report.page import page_of
 from ballbot.report.provenance import provenance
 from ballbot.report.words import ratio_digits
+from ballbot.result_folder import RUNS
 from ballbot.results import as_json
 from ballbot.robot.file import write_robot
 from ballbot.twin.scenario import Scenario
-from ballbot.workflows import comparison
 from ballbot.workflows.candidates import parse_candidates
-from ballbot.workflows.comparison import Paired, fraction_with_interval, mean_with_interval
+from ballbot.workflows.comparison import (
+    ComparedRun,
+    Paired,
+    RunResult,
+    fraction_with_interval,
+    mean_with_interval,
+)
 from ballbot.workflows.courses import choose_courses
 from ballbot.workflows.excitation_task import RunLimits
 from ballbot.workflows.excite import excite
@@ -204,39 +210,40 @@ def test_a_league_in_which_all_fall_has_a_page(folder):
 
 
 @pytest.mark.slow
-def test_killed_league_resumes(folder, tmp_path, monkeypatch, capsys):
-    words = [str(folder / "robot.toml"), "none", f"own={folder}/own.py:Softer"]
+def test_stopped_league_on_the_twin_goes_on(folder, tmp_path, monkeypatch, capsys):
+    pytest.importorskip("mujoco")
+    words = [str(folder / "robot.toml"), "none", f"own={folder}/own.py:Softer", "--plant", "twin"]
     options = ["--scenarios", str(folder / "courses.toml"), "--seeds", "4,5", "--processes", "1"]
 
-    def run(name: str, *more: str) -> int:
+    def run(name: str) -> int:
         monkeypatch.chdir(tmp_path)
-        return main(["compare", *words, *options, *more, "--out", name])
+        return main(["compare", *words, *options, "--out", name])
 
     made: list[int] = []
-    whole = comparison._result
+    whole = ComparedRun.result
 
-    def until_third(run):
+    def until_third(run: ComparedRun) -> RunResult:
         if len(made) == 3:
             raise KeyboardInterrupt
         made.append(run.seed)
         return whole(run)
 
-    monkeypatch.setattr(comparison, "_result", until_third)
+    monkeypatch.setattr(ComparedRun, "result", until_third)
     assert run("league") == 130
-    assert "--resume" in capsys.readouterr().err
-    assert sorted(path.name for path in Path("league").iterdir()) == ["checkpoint.jsonl"]
-    assert run("league") == 2
-    assert "was not finished" in capsys.readouterr().err
+    assert "the same command goes on" in capsys.readouterr().err
+    assert [path.name for path in Path("league").iterdir()] == [RUNS]
+    assert main(["limits", "alten", "--out", "league"]) == 2
+    assert "finished runs of a command that was not finished" in capsys.readouterr().err
 
-    monkeypatch.setattr(comparison, "_result", lambda run: made.append(run.seed) or whole(run))
-    assert run("league", "--resume") == 0
+    monkeypatch.setattr(ComparedRun, "result", lambda run: made.append(run.seed) or whole(run))
+    assert run("league") == 0
     assert len(made) == 8  # two controllers, courses and seeds; none twice
     assert sorted(path.name for path in Path("league").glob("[!.]*")) == ["report.html", "results.json"]
+    assert not Path("league", RUNS).exists()
     Path("league").rename("killed")
     assert run("league") == 0
     for name in ("report.html", "results.json"):
         assert Path("league", name).read_bytes() == Path("killed", name).read_bytes()
-    assert "0 of 2" in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -12,11 +12,12 @@ import pytest
 
 from ballbot import InputError
 from ballbot.cli.main import main
-from ballbot.fitting import checkpoint
-from ballbot.fitting.checkpoint import machine
+from ballbot.fitting import sweep
+from ballbot.fitting.sweep import machine
+from ballbot.result_folder import RUNS
 from ballbot.robot.file import write_robot
-from ballbot.workflows import comparison
 from ballbot.workflows.candidates import UserController
+from ballbot.workflows.comparison import ComparedRun, RunResult
 from tests.support.control_examples import FRICTION, alten
 
 PLAIN = """
@@ -99,35 +100,17 @@ def test_the_modules_that_it_imports_belong_to_it(tmp_path):
     (tmp_path / "second.py").write_text("from package import third")
     (tmp_path / "package").mkdir()
     (tmp_path / "package" / "third.py").write_text("")
-    for name in ("later.py", "computed.py", "unused.py", "gains.txt"):
+    for name in ("later.py", "unused.py"):
         (tmp_path / name).write_text("")
-    head = (
-        "import first, numpy, importlib\n"
-        "importlib.import_module('com' + 'puted')\n"
-        f"open({str(tmp_path / 'gains.txt')!r}).read()\n"
-        f"open({str(tmp_path / 'written.txt')!r}, 'w').close()\n"
-    )
-    expected = {
-        "mine.py",
-        "first.py",
-        "second.py",
-        "package/third.py",
-        "later.py",
-        "computed.py",
-        "gains.txt",
-    }
-    for _ in range(2):
-        one = controller(tmp_path, head, updated="import later")
-        # modules of earlier tests in this process may count, too
-        own = (Path(path) for path in one.checksums if Path(path).is_relative_to(tmp_path))
-        assert {path.relative_to(tmp_path).as_posix() for path in own} == expected
+    one = controller(tmp_path, "import first, numpy", updated="import later")
+    names = {Path(path).relative_to(tmp_path).as_posix() for path in one.checksums}
+    assert names == {"mine.py", "first.py", "second.py", "package/third.py", "later.py"}
 
 
-@pytest.mark.parametrize("name", ["mine.py", "helper.py", "gains.txt"])
+@pytest.mark.parametrize("name", ["mine.py", "helper.py"])
 def test_a_file_that_is_changed_while_it_runs_is_noticed(tmp_path, name):
     (tmp_path / "helper.py").write_text("")
-    (tmp_path / "gains.txt").write_text("1 2 3")
-    one = controller(tmp_path, "import helper", made=f"open({str(tmp_path / 'gains.txt')!r}).read()")
+    one = controller(tmp_path, "import helper")
     copy.deepcopy(one)
     (tmp_path / name).write_text((tmp_path / name).read_text() + "# 4")
     with pytest.raises(InputError, match=rf"{name} was changed while .*mine\.py:Mine ran"):
@@ -161,73 +144,79 @@ def change_a_course(_: pytest.MonkeyPatch) -> None:
 
 
 def update_ballbot(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(checkpoint, "machine", lambda: machine() | {"ballbot": "99.0"})
+    monkeypatch.setattr(sweep, "machine", lambda: machine() | {"ballbot": "99.0"})
 
 
-def update_mujoco(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(checkpoint, "_mujoco", lambda: "99.0")
-
-
-@pytest.mark.parametrize(
-    ("change", "sentence"),
-    [
-        (change_an_imported_module, "belongs to another run, which differs in: gain.py;"),
-        (change_the_robot, "belongs to another run, which differs in: robot;"),
-        (change_a_course, "belongs to another run, which differs in: courses;"),
-        (update_mujoco, "belongs to another run, which differs in: mujoco;"),
-        (
-            update_ballbot,
-            f"was begun by Ballbot {machine()['ballbot']}, and this is Ballbot 99.0; resume it with",
-        ),
-    ],
-)
-def test_comparison_is_not_resumed_after_a_change(tmp_path, monkeypatch, capsys, change, sentence):
+@pytest.fixture
+def words(tmp_path, monkeypatch) -> list[str]:
+    """Return a comparison of two controllers on a course of a second, in a folder with what it needs."""
+    pytest.importorskip("mujoco")
     monkeypatch.chdir(tmp_path)
     Path("gain.py").write_text("value = 0.0")
     Path("courses.toml").write_text(COURSE)
     write_robot(alten(), "robot.toml")
     write(Path(), "import gain")
     words = ["compare", "robot.toml", "none", "mine.py:Mine", "--scenarios", "courses.toml", "--seeds", "1"]
-    words += ["--processes", "1", "--out", "league"]
-    made, whole = [], comparison._result
+    return [*words, "--plant", "twin", "--processes", "1", "--out", "league"]
 
-    def one_run(run):
+
+@pytest.mark.parametrize(
+    ("change", "differing"),
+    [
+        (change_an_imported_module, "gain.py"),
+        (change_the_robot, "robot"),
+        (change_a_course, "courses"),
+        (update_ballbot, "ballbot"),
+    ],
+)
+def test_comparison_does_not_go_on_after_a_change(words, monkeypatch, capsys, change, differing):
+    made, whole = [], ComparedRun.result
+
+    def one_run(run: ComparedRun) -> RunResult:
         if made:
             raise KeyboardInterrupt
         made.append(run)
         return whole(run)
 
-    monkeypatch.setattr(comparison, "_result", one_run)
+    monkeypatch.setattr(ComparedRun, "result", one_run)
     assert main(words) == 130
     capsys.readouterr()
     change(monkeypatch)
-    assert main([*words, "--resume"]) == 2
+    assert main(words) == 2
     printed = capsys.readouterr().err
-    assert sentence in printed
+    assert f"holds finished runs that differ from these in: {differing};" in printed
     assert printed.count("\n") == 1
     assert len(made) == 1
 
 
-def test_finished_runs_survive_a_killed_worker(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    Path("courses.toml").write_text(COURSE)
+def test_a_refused_controller_leaves_no_runs_in_the_way_of_the_mended_one(words, capsys):
+    Path("gain.py").write_text("value = 1.0 / 0.0")
+    write(Path(), updated="import gain")
+    assert main(words) == 2
+    assert "mine.py:Mine failed" in capsys.readouterr().err
+    assert not Path("league").exists()
+    Path("gain.py").write_text("value = 0.0")
+    assert main(words) == 0
 
+
+def test_finished_runs_survive_a_killed_worker(words, monkeypatch, capsys):
     class Killed(ThreadPoolExecutor):
         """A pool whose processes are killed after the first piece of work."""
 
         def submit(self, work, run):  # pyright: ignore[reportIncompatibleMethodOverride]
             if run.candidate == "none":
-                return super().submit(work, run)
+                found = super().submit(work, run)
+                found.result()
+                return found
             broken = Future()
             broken.set_exception(BrokenProcessPool())
             return broken
 
-    whole = comparison.worker_pool
-    monkeypatch.setattr(comparison, "worker_pool", Killed)
-    words = ["compare", "alten", "none", "full", "--scenarios", "courses.toml", "--seeds", "1"]
-    words += ["--processes", "2", "--out", "league"]
-    assert main(words) == 2
-    assert "continue with --resume" in capsys.readouterr().err
-    assert Path("league/checkpoint.jsonl").exists()
-    monkeypatch.setattr(comparison, "worker_pool", whole)
-    assert main([*words, "--resume"]) == 0
+    words[words.index("--processes") + 1] = "2"
+    with monkeypatch.context() as patch:
+        patch.setattr(sweep, "worker_pool", Killed)
+        patch.setattr(sweep, "as_completed", list)  # in their order
+        assert main(words) == 2
+    assert "Finished runs are kept; the same command goes on with them." in capsys.readouterr().err
+    assert [path.name for path in Path("league", RUNS).glob("[!.]*")] == ["000000"]
+    assert main(words) == 0

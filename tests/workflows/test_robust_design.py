@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import ballbot.cli.design
 from ballbot import InputError, Robot
 from ballbot.cli.main import main
 from ballbot.control.file import read_controller
@@ -25,7 +24,6 @@ from ballbot.workflows.perturbed_robots import (
 )
 from ballbot.workflows.robust_design import weights_of
 from tests.support.control_examples import FRICTION, alten
-from tests.support.identification_examples import Dying
 
 OPTIONS = ["--robots", "20", "--generations", "3", "--population", "6", "--fresh", "100"]
 
@@ -56,39 +54,6 @@ def test_the_worst_tenth_of_fresh_robots_is_better_than_with_nominal_and_plain_w
     assert robust["worst_tenth"] < 0.6 * nominal["worst_tenth"]
     assert robust["falls"] == 0
     assert np.all(np.diff(results["history"]) <= 0.0)
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
-def test_a_run_that_was_killed_goes_on_bit_for_bit(robot_file, written, tmp_path, monkeypatch):
-    command = [
-        "design",
-        str(robot_file),
-        "--robust",
-        "--compensation",
-        "full",
-        *OPTIONS,
-        "--out",
-        str(tmp_path),
-    ]
-    whole = ballbot.cli.design.robust_design
-
-    def killed(robot, *, compensation, spread, effort, run):
-        dying = replace(run, checkpoint=Dying(run.checkpoint, stage="evolution", after=2))
-        return whole(robot, compensation=compensation, spread=spread, effort=effort, run=dying)
-
-    monkeypatch.setattr(ballbot.cli.design, "robust_design", killed)
-    assert main(command) == 130
-    journal = (tmp_path / "checkpoint.jsonl").read_bytes()
-    assert journal.count(b"\n") == 3  # what it belongs to, and two generations
-    monkeypatch.undo()
-    assert main(command) == 2  # there is a run to go on with
-    assert main([*command, "--resume"]) == 0
-    ours, theirs = (json.loads((folder / "results.json").read_text()) for folder in (tmp_path, written))
-    for results in (ours, theirs):
-        del results["provenance"]  # names the folder
-    assert ours == theirs
-    assert not (tmp_path / "checkpoint.jsonl").exists()
 
 
 @pytest.mark.slow

@@ -19,12 +19,11 @@ from ballbot.cli.main import main
 from ballbot.control.file import read_controller
 from ballbot.control.overcompensation import certain_friction
 from ballbot.errors import InputError
-from ballbot.fitting.checkpoint import open_checkpoint
 from ballbot.fitting.run import Run
 from ballbot.identification import Bounds, identify
 from ballbot.identification.stages import IdentificationOptions, holdout_intervals
 from ballbot.log import STATE_NAMES, Log
-from ballbot.progress import Progress, ProgressCallback, ignore_progress
+from ballbot.progress import Progress, ProgressCallback
 from ballbot.report.page import page_of
 from ballbot.report.provenance import provenance
 from ballbot.report.study import controller_sentence
@@ -74,9 +73,8 @@ def walk() -> Log:
     return noisy_log().between(0.0, 16.0)
 
 
-def run(checkpoint: Path, *, resume: bool, progress: ProgressCallback = ignore_progress) -> Study:
-    kept = open_checkpoint(checkpoint, belongs_to={}, resume=resume)
-    watched = Run(seed=3, checkpoint=kept, progress=progress)
+def run(progress: ProgressCallback) -> Study:
+    watched = Run(seed=3, progress=progress)
     return study(Robot.load("alten"), {"walk": walk()}, plant="model", options=SMALL, run=watched)
 
 
@@ -93,18 +91,13 @@ def little_effort() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("kept") / "checkpoint.jsonl"
-
-
-@pytest.fixture(scope="module")
 def shown() -> list[Progress]:
     return []
 
 
 @pytest.fixture(scope="module")
-def small(checkpoint: Path, shown: list[Progress]) -> Study:
-    return run(checkpoint, resume=False, progress=shown.append)
+def small(shown: list[Progress]) -> Study:
+    return run(shown.append)
 
 
 @pytest.fixture(scope="module")
@@ -140,13 +133,10 @@ def test_study_and_what_it_holds_fit_a_screen_and_can_be_plotted(small: Study):
 
 
 @pytest.mark.usefixtures("small")
-def test_progress_names_each_stage_and_its_share_never_falls(shown: list[Progress]):
-    stages = ["identifying friction", "validating on walk", "comparing controllers", "done"]
+def test_progress_names_each_stage(shown: list[Progress]):
+    stages = ["identifying friction", "validating on walk", "comparing controllers"]
     assert list(dict.fromkeys(one.stage for one in shown)) == stages
-    shares = [one.share for one in shown]
-    assert shares == sorted(shares)
-    assert shares[-1] == 1.0
-    assert len({one.planned for one in shown[:-1]}) == 1
+    assert all(0.0 <= one.share <= 1.0 for one in shown)
 
 
 def test_windows_of_the_fit_lie_outside_the_holdout_intervals(small: Study):
@@ -341,25 +331,6 @@ def test_report_is_self_contained(folder: Path):
     for anchor in re.findall(r'href="#([^"]+)"', page):
         assert anchor in ids
     assert not re.search(r"\b(nan|None|inf)\b", shown_text(page))
-
-
-def test_a_study_killed_while_it_compares_goes_on_to_the_same(small: Study, checkpoint: Path, tmp_path: Path):
-    whole = checkpoint.read_bytes()
-    lines = whole.splitlines(keepends=True)
-    # the last of them: the runs, 2 plants by 5 candidates, and on 1 plant 3 more controllers and 2 by 4 slow runs
-    assert [json.loads(line).get("stage") == "run" for line in lines] == [False] * (len(lines) - 21) + [
-        True
-    ] * 21
-    killed = tmp_path / "checkpoint.jsonl"
-    killed.write_bytes(b"".join(lines[:-3]))  # written whole at every answer, so a kill leaves it like this
-    again = run(killed, resume=True)
-    assert killed.read_bytes() == whole
-    assert again.found.parameters == small.found.parameters
-    for name in CANDIDATES:
-        assert again.choice.trials[name].scores == small.choice.trials[name].scores
-    np.testing.assert_array_equal(
-        again.validation.open_loop.noise_floor, small.validation.open_loop.noise_floor
-    )
 
 
 @pytest.mark.sample

@@ -97,6 +97,10 @@ RENAMED_OPTIONS = {
     ("design", "--allow-pumping"): "--allow-overcompensation",
 }
 
+#: commands that once went on from checkpoints
+_RESUMED = (
+    "compare", "design", "excite", "identify", "identify-axis", "identify-upside-down", "record", "study"
+)  # fmt: skip
 #: options that are gone: command, name, and what to do instead
 REMOVED_OPTIONS = {
     (
@@ -107,6 +111,10 @@ REMOVED_OPTIONS = {
         "identify-axis",
         "--window",
     ): "the blocks that are held out are now chosen from the record; leave it out",
+    **dict.fromkeys(
+        ((command, "--resume") for command in _RESUMED),
+        "finished runs are kept where a command makes many, so give the command without it",
+    ),
 }
 
 

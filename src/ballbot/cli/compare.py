@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
-
-from ballbot.cli.context import PAGE, RunOptions, WholeNumber, input_files, open_long_result, parse_seeds
+from ballbot.cli.context import (
+    PAGE,
+    ClusterAddress,
+    WholeNumber,
+    input_files,
+    open_result,
+    parse_seeds,
+    workers,
+)
 from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.cli.output import standard_output
 from ballbot.control.references import is_reference_file
 from ballbot.errors import InputError
+from ballbot.fitting.run import Run
 from ballbot.report.comparison import league_parts, league_report
 from ballbot.robot import Robot
 from ballbot.summary import counted
 from ballbot.workflows.candidates import Candidate, parse_candidates
 from ballbot.workflows.courses import Course, PlantName, choose_courses
-from ballbot.workflows.league import league_identity, league_results, run_league, user_files
+from ballbot.workflows.league import kept_runs, league_identity, league_results, run_league, user_files
 
 _WRITTEN = (PAGE, "results.json")
-_WRITING = 2.3  #: processor time of the page [s]
 
 
 def compare(
@@ -32,7 +37,7 @@ def compare(
     scenarios: str = "motions",
     seeds: str = "1-3",
     processes: WholeNumber | None = None,
-    resume: Annotated[bool, Parameter(negative="")] = False,
+    cluster: ClusterAddress = None,
     out: Path,
 ) -> None:
     """Compare controllers in closed loop: the same courses and seeds for all, with intervals of the differences.
@@ -40,8 +45,8 @@ def compare(
     Example: ballbot compare found/robot.toml none partial mine=mine.py:Mine --plant twin --scenarios league --seeds
     1-20 --out league
 
-    Writes report.html (tables and figures) and results.json (every run's scores). --resume continues an interrupted
-    or killed run.
+    Writes report.html (tables and figures) and results.json (every run's scores). Finished runs on the twin are kept
+    until then: the same command goes on after it was stopped.
 
     Parameters
     ----------
@@ -62,8 +67,8 @@ def compare(
         Random seeds, such as 1-20 or 1,4,7-9. Each controller runs once per course and seed.
     processes
         Number of parallel processes; by default one per core. Results do not depend on it.
-    resume
-        Continue an interrupted comparison in the same folder.
+    cluster
+        The address of a Dask scheduler on which runs on the twin are made, such as tcp://10.0.0.5:8786.
     out
         The folder to write into.
     """
@@ -76,23 +81,16 @@ def compare(
     own = user_files(made.values())
     files = _files(robot, candidates, courses, scenarios)
     files += [path for path in own if path.resolve() not in {one.resolve() for one in files}]
-    belongs_to = league_identity(described, candidates, courses, numbers)
-    belongs_to |= {str(path): checksum for path, checksum in own.items()}
+    made_from = league_identity(described, candidates, courses, numbers)
+    made_from |= {str(path): checksum for path, checksum in own.items()}
     console = standard_output()
     warn_of_idle_compensation(made)
     with (
-        open_long_result(
-            out,
-            command="compare",
-            writes=_WRITTEN,
-            inputs=files,
-            belongs_to=belongs_to,
-            seed=seeds,
-            run=RunOptions(resume=resume),
+        open_result(
+            out, command="compare", writes=_WRITTEN, inputs=files, seed=seeds, keeps_runs=True
         ) as result,
-        result.progress(
-            f"{counted(len(made) * len(courses) * len(numbers), 'run')} on the {plant}", writing=_WRITING
-        ) as bar,
+        workers(cluster, processes=processes) as made_by,
+        result.progress(f"{counted(len(made) * len(courses) * len(numbers), 'run')} on the {plant}") as bar,
     ):
         league = run_league(
             described,
@@ -100,7 +98,9 @@ def compare(
             courses,
             seeds=numbers,
             processes=processes,
-            run=result.run_with(bar.report),
+            kept=kept_runs(result.folder.runs, made_from),
+            workers=made_by,
+            run=Run(progress=bar.report),
         )
         bar.begin_writing()
         with result.replaced() as new:

@@ -8,8 +8,7 @@
     result.show_file("report.html")
 
 The provenance of a result is the command line itself (`main` records it), without the options that do not change the
-result. A long run (`open_long_result`) has a checkpoint in the folder, an executor and a way back after Ctrl-C. Logs
-and lists of seeds are read here, too.
+result. Logs and lists of seeds are read here, too, and a Dask cluster is found.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ import math
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -32,21 +31,21 @@ from ballbot.errors import InputError, either
 from ballbot.file_formats import results_text
 from ballbot.files import write_text
 from ballbot.findings import Finding, finding_results
-from ballbot.fitting.run import Executor, ExecutorError, Run, Threads
+from ballbot.fitting.run import Executor, Threads
 from ballbot.log.collection import named_files
 from ballbot.log.formats import WRITTEN_FORMATS
 from ballbot.log.formats.bag import is_bag_folder
 from ballbot.printable import shell_line
-from ballbot.progress import ProgressCallback
 from ballbot.report.provenance import Provenance, provenance
 from ballbot.result_folder import ResultFolder, result_folder
 from ballbot.robot import Robot
 
 if TYPE_CHECKING:
+    from ballbot.fitting.cluster import Cluster
+    from ballbot.fitting.sweep import Workers
     from ballbot.log import Log
     from ballbot.report.blocks import Report
 
-CHECKPOINT = "checkpoint.jsonl"
 #: the robot file beside a log
 ROBOT_BESIDE = "robot.toml"
 #: the page that every result has
@@ -54,7 +53,7 @@ PAGE = "report.html"
 
 _MAX_SEEDS = 100_000
 #: options that do not change a result, with the number of tokens that follow each
-_WITHOUT_EFFECT = {"--resume": 0, "--cluster": 1} | dict.fromkeys(OUTPUT_OPTIONS, 0)
+_WITHOUT_EFFECT = {"--cluster": 1} | dict.fromkeys(OUTPUT_OPTIONS, 0)
 
 
 def _whole_number(_: type, tokens: Sequence[Token]) -> int:
@@ -92,20 +91,11 @@ LogFormatName = Annotated[
 ]
 
 
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class RunOptions:
-    """Options of a long run."""
-
-    resume: Annotated[bool, Parameter(negative="")] = False
-    """Continue an interrupted run in the same folder."""
-
-    cluster: str | None = None
-    """The address of a Dask scheduler on which the work runs, such as tcp://10.0.0.5:8786."""
-
-
-#: no --resume and no --cluster
-RUN_HERE = RunOptions()
+#: the option --cluster of the commands whose work or runs can be spread
+ClusterAddress = Annotated[
+    str | None,
+    Parameter(help="The address of a Dask scheduler on which the work runs, such as tcp://10.0.0.5:8786."),
+]
 
 
 def argv() -> list[str]:
@@ -142,9 +132,9 @@ class CommandResult:
     origin: Provenance
     console: Console
 
-    def progress(self, doing: str, *, writing: float = 0.0) -> AbstractContextManager[Bar]:
+    def progress(self, doing: str) -> AbstractContextManager[Bar]:
         """Show progress while a block runs; see `ballbot.cli.output.progress_bar`."""
-        return progress_bar(self.console, doing, writing=writing)
+        return progress_bar(self.console, doing)
 
     @contextmanager
     def replaced(self) -> Iterator[Path]:
@@ -183,17 +173,6 @@ class CommandResult:
             self.console.print(str(self.folder.path / name), markup=False, soft_wrap=True)
 
 
-@dataclass(frozen=True, kw_only=True)
-class LongResult(CommandResult):
-    """The result of a run that may take hours."""
-
-    run: Run  #: nobody watches its progress
-
-    def run_with(self, progress: ProgressCallback) -> Run:
-        """Return the run context whose progress is watched."""
-        return replace(self.run, progress=progress)
-
-
 @contextmanager
 def open_result(
     out: Path,
@@ -202,7 +181,7 @@ def open_result(
     writes: Collection[str],
     inputs: Sequence[Path] = (),
     seed: int | str = 0,
-    resumes: bool = False,
+    keeps_runs: bool = False,
 ) -> Iterator[CommandResult]:
     """Hold a command's folder while the block runs.
 
@@ -217,8 +196,8 @@ def open_result(
         The files that the result is made from.
     seed : int or str
         For the provenance.
-    resumes : bool
-        Whether the command goes on with a checkpoint in the folder.
+    keeps_runs : bool
+        Whether the command goes on with finished runs in the folder.
 
     Raises
     ------
@@ -226,94 +205,38 @@ def open_result(
         If the folder cannot be used (see `ballbot.result_folder.result_folder`) or an input cannot be read.
     """
     origin = provenance(command=shell_line(argv()), files=inputs, seed=seed)
-    with result_folder(out, command=command, names=writes, inputs=inputs, resumes=resumes) as folder:
+    with result_folder(out, command=command, names=writes, inputs=inputs, keeps_runs=keeps_runs) as folder:
         yield CommandResult(folder=folder, origin=origin, console=standard_output())
 
 
-@contextmanager
-def open_long_result(
-    out: Path,
-    *,
-    command: str,
-    writes: Collection[str],
-    inputs: Sequence[Path],
-    belongs_to: Mapping[str, str],
-    seed: int | str = 0,
-    run: RunOptions = RUN_HERE,
-) -> Iterator[LongResult]:
-    """Hold a command's folder and keep a checkpoint in it, which is deleted when the block ends well or is refused.
-
-    Parameters
-    ----------
-    out, command, writes, inputs, seed
-        As for `open_result`.
-    belongs_to : mapping of str to str
-        What the run depends on; see `ballbot.fitting.checkpoint.identity`.
-    run : RunOptions
-        Whether to continue from the folder's checkpoint, and where the work runs: in threads of this process if no
-        cluster is given.
+def executor(cluster: str | None) -> AbstractContextManager[Executor]:
+    """Return the workers of a Dask scheduler at an address, or the threads of this process.
 
     Raises
     ------
     InputError
-        As `open_result`; if the checkpoint is another run's or not to be resumed, or there is no such cluster.
-    KeyboardInterrupt
-        With a sentence that says how to continue.
+        If there is no such cluster.
     """
-    work_seed = seed if isinstance(seed, int) else 0
-    with (
-        open_result(out, command=command, writes=writes, inputs=inputs, seed=seed, resumes=True) as plain,
-        long_run(plain.folder.path, belongs_to=belongs_to, options=run, seed=work_seed) as work,
-    ):
-        yield LongResult(folder=plain.folder, origin=plain.origin, console=plain.console, run=work)
+    return nullcontext(Threads()) if cluster is None else _cluster(cluster)
 
 
-@contextmanager
-def long_run(
-    folder: Path, *, belongs_to: Mapping[str, str], options: RunOptions = RUN_HERE, seed: int = 0
-) -> Iterator[Run]:
-    """Keep a checkpoint in a folder while the block runs; it is deleted when the block ends well or is refused.
+def workers(cluster: str | None, *, processes: int | None = None) -> AbstractContextManager[Workers]:
+    """Return who make runs: the workers of a Dask scheduler at an address, or so many processes.
 
     Raises
     ------
     InputError
-        If the checkpoint is another run's or not to be resumed, or there is no such cluster.
-    KeyboardInterrupt
-        With a sentence that says how to continue.
+        If there is no such cluster.
     """
-    from ballbot.fitting.checkpoint import (
-        open_checkpoint,  # with compiled code, which short commands do without
-    )
+    from ballbot.fitting.sweep import Processes  # with compiled code, which short commands do without
 
-    checkpoint = open_checkpoint(folder / CHECKPOINT, belongs_to=belongs_to, resume=options.resume)
-    try:
-        with _executor(options.cluster) as executor:
-            yield Run(seed=seed, executor=executor, checkpoint=checkpoint)
-    except KeyboardInterrupt:
-        on_cluster = ["--cluster", options.cluster] if options.cluster else []
-        command = shell_line([*argv(), *on_cluster, "--resume"])
-        raise KeyboardInterrupt(f"interrupted; continue with: {command}") from None
-    except InputError as refusal:
-        if not _can_resume(refusal):
-            checkpoint.remove()
-        raise
-    checkpoint.remove()
+    return nullcontext(Processes(count=processes)) if cluster is None else _cluster(cluster)
 
 
-def _can_resume(refusal: InputError) -> bool:
-    """Return whether the checkpoint is of use after a refusal; an input that is refused would be refused again."""
-    from ballbot.fitting.checkpoint import CheckpointError
-
-    of_a_disk = isinstance(refusal.__context__, OSError)  # the inputs have been read, so that a write failed
-    return of_a_disk or isinstance(refusal, CheckpointError | ExecutorError)
-
-
-def _executor(cluster: str | None) -> AbstractContextManager[Executor]:
-    if cluster is None:
-        return nullcontext(Threads())
+def _cluster(address: str) -> Cluster:
     from ballbot.fitting.cluster import Cluster
 
-    return Cluster(cluster)
+    return Cluster(address)
 
 
 def parse_seeds(text: str) -> list[int]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import PAGE, RunOptions, WholeNumber, input_files, open_long_result, open_result
+from ballbot.cli.context import PAGE, WholeNumber, input_files, open_result
 from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.control.controller import Compensation
@@ -19,7 +19,7 @@ from ballbot.control.presets import NOMINAL_TORQUE_WEIGHT
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.findings import Finding
-from ballbot.fitting.checkpoint import identity
+from ballbot.fitting.run import Run
 from ballbot.report.design import (
     controller_design_parts,
     controller_design_report,
@@ -44,8 +44,6 @@ from ballbot.workflows.robust_design import Effort, robust_design
 
 #: of a design with and without a search
 DESIGN_FILES = (PAGE, "controller.toml", "results.json", "robust.svg")
-#: processor time [s] of a design without a search, and of the report
-_DESIGNING, _WRITING = 1.0, 2.2
 
 
 @Parameter(name="*")
@@ -92,9 +90,6 @@ class SearchOptions:
     seed: WholeNumber = 0
     """Random seed. The same seed gives the same result."""
 
-    resume: Annotated[bool, Parameter(negative="")] = False
-    """Continue an interrupted search in the same folder."""
-
 
 _WEIGHTS, _SEARCH = WeightOptions(), SearchOptions()
 
@@ -132,7 +127,7 @@ def design(
         A preset's name or a robot file. Its friction is compensated; the gain is designed without it.
     robust
         Search for the weights on perturbed simulated robots, to minimise the mean cost of the worst tenth of them.
-        Takes minutes; --resume continues an interrupted search.
+        Takes minutes.
     out
         The folder to write into.
     """
@@ -155,9 +150,8 @@ def design(
     )
     with (
         open_result(out, command="design", writes=DESIGN_FILES, inputs=inputs) as result,
-        result.progress("designing the controller", writing=_WRITING) as bar,
+        result.progress("designing the controller") as bar,
     ):
-        bar.show(0.0, planned=_DESIGNING)
         found = design_controller(described, gain=gain, parts=parts)
         bar.begin_writing()
         with result.replaced() as new:
@@ -186,25 +180,16 @@ def _search(
         population=search.population,
         fresh=search.fresh,
     )
-    depends_on = {"compensation": compensation, "seed": search.seed, **asdict(spread), **asdict(effort)}
     with (
-        open_long_result(
-            out,
-            command="design",
-            writes=DESIGN_FILES,
-            inputs=inputs,
-            belongs_to=identity(robot, [], depends_on),
-            seed=search.seed,
-            run=RunOptions(resume=search.resume),
-        ) as result,
-        result.progress("robust design", writing=_WRITING) as bar,
+        open_result(out, command="design", writes=DESIGN_FILES, inputs=inputs, seed=search.seed) as result,
+        result.progress("robust design") as bar,
     ):
         found = robust_design(
             robot,
             compensation=compensation,
             spread=spread,
             effort=effort,
-            run=result.run_with(bar.report),
+            run=Run(seed=search.seed, progress=bar.report),
         )
         bar.begin_writing()
         results = {

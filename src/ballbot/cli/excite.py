@@ -12,18 +12,16 @@ from cyclopts import Parameter
 from ballbot.cli.context import (
     PAGE,
     CommandResult,
-    RunOptions,
     WholeNumber,
     input_files,
-    open_long_result,
+    open_result,
 )
 from ballbot.control.controller import Controller
-from ballbot.control.file import controller_text, write_controller
+from ballbot.control.file import write_controller
 from ballbot.control.presets import named_controller
 from ballbot.control.references import write_reference
-from ballbot.file_formats import without_format
 from ballbot.files import write_text
-from ballbot.fitting.checkpoint import digest, identity
+from ballbot.fitting.run import Run
 from ballbot.identification import read_bounds
 from ballbot.report.excitation import (
     errors_picture,
@@ -34,7 +32,7 @@ from ballbot.report.excitation import (
 )
 from ballbot.report.style import drawn
 from ballbot.robot import Robot
-from ballbot.twin.scenario_file import load_scenario, scenario_text
+from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.excitation_design import DesignEffort
 from ballbot.workflows.excitation_task import Law, RunLimits
 from ballbot.workflows.excite import Excitation, ExcitationOptions, deviations_found
@@ -120,7 +118,6 @@ def excite(
     trial: TrialOptions = _TRIAL,
     identification: IdentificationOptions = _IDENTIFICATION,
     controller: str = "nominal",
-    resume: Annotated[bool, Parameter(negative="")] = False,
     out: Path,
 ) -> None:
     """Design an informative excitation within limits on lean, floor space and torque, and try it on the twin.
@@ -138,8 +135,6 @@ def excite(
         A preset's name or a robot file, with or without identified friction.
     controller
         The controller that the robot will use: nominal (without compensation), precise or a controller file.
-    resume
-        Continue an interrupted run in the same folder.
     out
         The folder to write into.
     """
@@ -154,28 +149,8 @@ def excite(
     scenario = load_scenario(trial.scenario, described)
     bounds = read_bounds(identification.bounds) if identification.bounds else None
     deviations = deviations_found(identification.found) if identification.found else None
-    depends_on = {
-        "limits": limits,
-        "duration": search.duration,
-        "try": trial.on_twin,
-        "law": identification.law,
-        "window": identification.window,
-        "effort": effort,
-        "seed": search.seed,
-        "controller": digest(without_format(controller_text(chosen))).hex(),
-        "scenario": digest(without_format(scenario_text(scenario))).hex(),
-        "deviations": digest(deviations).hex(),
-        "bounds": bounds,
-    }
-    with open_long_result(
-        out,
-        command="excite",
-        writes=_WRITTEN,
-        inputs=input_files(robot, trial.scenario, controller, identification.found, identification.bounds),
-        belongs_to=identity(described, [], depends_on),
-        seed=search.seed,
-        run=RunOptions(resume=resume),
-    ) as result:
+    inputs = input_files(robot, trial.scenario, controller, identification.found, identification.bounds)
+    with open_result(out, command="excite", writes=_WRITTEN, inputs=inputs, seed=search.seed) as result:
         with result.progress("excite") as bar:
             found = find(
                 described,
@@ -191,7 +166,7 @@ def excite(
                     window=identification.window,
                     effort=effort,
                 ),
-                run=result.run_with(bar.report),
+                run=Run(seed=search.seed, progress=bar.report),
             )
         with result.replaced() as new:
             _write(found, chosen, result, new)

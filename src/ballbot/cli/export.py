@@ -12,12 +12,11 @@ from ballbot.files import write_text
 from ballbot.firmware.export import check_belongs, export_controller, exported_names
 from ballbot.firmware.processor_load import check_clock, measure_load, what_to_install
 from ballbot.firmware.records import FIRMWARE
+from ballbot.progress import Progress
 from ballbot.report.export import export_parts, export_report, load_section
 from ballbot.robot import Robot
 
 _README = "README.md"
-#: processor time [s] of compiling and emulating the firmware, and of the report
-_COUNTING, _WRITING = 4.0, 1.0
 
 
 def export(
@@ -64,13 +63,12 @@ def export(
     writes = [*exported_names(), PAGE, "results.json"]
     with (
         open_result(out, command="export", writes=writes, inputs=inputs) as result,
-        result.progress("writing the firmware", writing=_WRITING) as bar,
+        result.progress("writing the firmware") as bar,
     ):
         exported = export_controller(read, lean=lean)
         to_install = what_to_install()
-        bar.show(
-            0.0, doing="writing the firmware" if to_install else "counting instructions", planned=_COUNTING
-        )
+        if not to_install:
+            bar.report(Progress(stage="counting instructions"))
         load = None if to_install else measure_load(read, exported, clock=clock)
         bar.begin_writing()
         section = load_section(load, to_install=to_install)

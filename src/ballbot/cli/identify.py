@@ -12,20 +12,20 @@ from cyclopts import Parameter
 from ballbot.arguments import names_listed
 from ballbot.cli.context import (
     PAGE,
-    RUN_HERE,
+    ClusterAddress,
     CommandResult,
     LogPath,
-    RunOptions,
     WholeNumber,
+    executor,
     input_files,
-    open_long_result,
+    open_result,
     read_balancing_log,
 )
 from ballbot.cli.findings import Accept, check_input
 from ballbot.errors import InputError
 from ballbot.files import write_text
-from ballbot.fitting.checkpoint import identity
 from ballbot.fitting.model_selection import ModelSelection
+from ballbot.fitting.run import Run
 from ballbot.identification import (
     Bounds,
     HoldoutResult,
@@ -50,7 +50,6 @@ from ballbot.robot.file import write_robot
 from ballbot.summary import counted
 
 _WRITTEN = (PAGE, "robot.toml", "results.json", "ladder.svg")
-_WRITING = 2.2  #: processor time of the page [s]
 
 
 @Parameter(name="*")
@@ -114,16 +113,13 @@ def identify(
     fit: FitOptions = _FIT,
     reading: LogOptions = _READING,
     accept: Accept = None,
-    run: RunOptions = RUN_HERE,
+    cluster: ClusterAddress = None,
 ) -> None:
     """Identify a robot's friction from its logs: b, c, s of each wheel, v_s, delta and C_rr. --estimate adds other
     parameters.
 
     Writes report.html, robot.toml (the robot with the identified values) and results.json; --law best also ladder.svg.
     The first sentence says whether the result is usable. If not, there is no robot.toml and the exit code is 2.
-
-    While it runs, checkpoint.jsonl in the same folder keeps the results so far. --resume continues an interrupted
-    or killed run from there and gives the same result, byte for byte.
 
     Example: ballbot identify alten square.csv hold.csv --out found
 
@@ -145,28 +141,11 @@ def identify(
     bounds = read_bounds(fit.bounds) if fit.bounds else Bounds()
     checked = _checked(robot, described, named, others, accept)
     back_emf = common_back_emf(mappings)
-    depends_on = {
-        "estimate": fit.estimate,
-        "law": fit.law,
-        "exclude-states": fit.exclude_states,
-        "back_emf": back_emf,
-        "search": fit.search,
-        "seed": fit.seed,
-        "window": fit.window,
-        "bounds": bounds,
-        "sweep": None if sweep is None else sweep.digest,
-    }
+    inputs = input_files(robot, logs, reading.holdout, mappings, fit.bounds, fit.sweep)
     with (
-        open_long_result(
-            out,
-            command="identify",
-            writes=_WRITTEN,
-            inputs=input_files(robot, logs, reading.holdout, mappings, fit.bounds, fit.sweep),
-            belongs_to=identity(described, [one.log for one in named.values()], depends_on),
-            seed=fit.seed,
-            run=run,
-        ) as result,
-        result.progress("identifying", writing=_WRITING) as bar,
+        open_result(out, command="identify", writes=_WRITTEN, inputs=inputs, seed=fit.seed) as result,
+        executor(cluster) as made_by,
+        result.progress("identifying") as bar,
     ):
         found, selection = identify_by_law(
             described,
@@ -181,7 +160,7 @@ def identify(
                 sweep=sweep,
                 search=fit.search,
             ),
-            run=result.run_with(bar.report),
+            run=Run(seed=fit.seed, executor=made_by, progress=bar.report),
         )
         bar.begin_writing()
         holdouts = [

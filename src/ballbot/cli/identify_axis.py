@@ -2,49 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import PAGE, RunOptions, WholeNumber, input_files, open_long_result
+from ballbot.cli.context import PAGE, WholeNumber, input_files, open_result
 from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.findings import Finding, by_severity, check_codes
-from ballbot.fitting.checkpoint import identity_of
+from ballbot.fitting.run import Run
 from ballbot.identification.axis import AxisOptions, AxisRecord
 from ballbot.identification.axis import identify_axis as identify_record
 from ballbot.identification.axis.checks import ERROR_CODES, record_findings
 from ballbot.identification.axis.file_columns import AxisColumns
 from ballbot.identification.axis.laws import PARAMETERS
 from ballbot.identification.axis.reading import read_axis_records
-from ballbot.progress import TimedStage, by_stage_times
 from ballbot.report.axis import axis_parts, axis_report
 
 _WRITTEN = (PAGE, "results.json")
-#: usual times of stages of records with `_USUAL_ROWS` rows [s], and the stage that each of them follows
-_STAGES = {
-    "inverse model": (2.0, ""),
-    "horizon": (1.0, ""),
-    "forces": (0.5, ""),
-    "open loop, law viscous": (0.3, "horizon"),
-    "open loop, law coulomb": (0.3, "horizon"),
-    "open loop, law stribeck": (1.6, "horizon"),
-    "open loop, law dahl": (0.8, "horizon"),
-    "open loop, law lugre": (1.7, "horizon"),
-    "open loop, law asymmetric": (0.6, "horizon"),
-    "law viscous": (0.3, "open loop, law viscous"),
-    "law coulomb": (0.3, "open loop, law coulomb"),
-    "law stribeck": (0.6, "open loop, law stribeck"),
-    "law dahl": (0.45, "open loop, law dahl"),
-    "law lugre": (0.6, "open loop, law lugre"),
-    "law asymmetric": (0.35, "open loop, law asymmetric"),
-    "closed loop": (0.4, "horizon"),
-    "whole records": (1.2, "horizon"),
-}
-_USUAL_ROWS, _POWER = 5000, 0.6
-_WRITING = 1.5  #: of the page [s]
 
 
 @Parameter(name="*")
@@ -97,7 +73,6 @@ def identify_axis(
     columns: Annotated[AxisColumns, Parameter(name="*")] = _COLUMNS,
     method: MethodOptions = _METHOD,
     accept: Accept = None,
-    resume: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
     """Find the mass (or inertia) and friction of one axis in records of its force and position.
 
@@ -118,8 +93,6 @@ def identify_axis(
         The folder to write into.
     also
         A further record that is fitted together with the first one; may be given several times.
-    resume
-        Continue an interrupted run in the same folder.
     """
     options = method.options()  # wrong ones are refused before anything is read
     check_codes(accept or (), listed=ERROR_CODES)
@@ -127,26 +100,16 @@ def identify_axis(
     paths = (*fitted, *against)
     read = read_axis_records(paths, columns)
     findings = _checked(dict(zip(paths, read, strict=True)), method.bandwidth, accept)
-    parts = [getattr(one, field.name) for one in read for field in fields(one)]
-    depends_on = {f"--{name.replace('_', '-')}": value for name, value in vars(columns).items()}
-    depends_on |= {f"--{name.replace('_', '-')}": value for name, value in vars(method).items()}
-    depends_on["--also"] = len(fitted)
+    inputs = input_files(record, (*fitted[1:], *against))
     with (
-        open_long_result(
-            out,
-            command="identify-axis",
-            writes=_WRITTEN,
-            inputs=input_files(record, (*fitted[1:], *against)),
-            belongs_to=identity_of({"records": parts}, depends_on),
-            run=RunOptions(resume=resume),
-        ) as result,
-        result.progress("inverse model", writing=_WRITING) as bar,
+        open_result(out, command="identify-axis", writes=_WRITTEN, inputs=inputs) as result,
+        result.progress("inverse model") as bar,
     ):
         found = identify_record(
             read[: len(fitted)],
             options=options,
             validation_records=read[len(fitted) :],
-            run=result.run_with(by_stage_times(bar.report, stage_times(read[: len(fitted)]))),
+            run=Run(progress=bar.report),
         )
         bar.begin_writing()
         with result.replaced() as new:
@@ -154,19 +117,6 @@ def identify_axis(
             result.write_page(axis_report(found, read[0], result.origin, findings), new)
     result.show(axis_parts(found, framed=result.console.is_terminal))
     result.show_file(PAGE)
-
-
-def stage_times(records: Sequence[AxisRecord]) -> dict[str, TimedStage]:
-    """Return the stages of the identification of records, with the times that they usually take."""
-    rows = sum(len(one) for one in records)
-    looped = all(one.loop is not None for one in records)
-    return {
-        name: TimedStage(
-            seconds=seconds * (rows / _USUAL_ROWS) ** _POWER, follows=follows, typical=name != "inverse model"
-        )
-        for name, (seconds, follows) in _STAGES.items()
-        if looped or name != "closed loop"
-    }
 
 
 def _checked(

@@ -12,7 +12,7 @@ from ballbot.control.controller import Controller
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.fitting.run import Run, check_seed
-from ballbot.progress import ProgressCallback, in_parts
+from ballbot.progress import Progress
 from ballbot.report.limits import (
     MOST_CONTROLLERS,
     limit_parts,
@@ -22,7 +22,7 @@ from ballbot.report.limits import (
 from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.workflows.candidates import parse_candidates
-from ballbot.workflows.limits import RobotLimits, TwinLimit, find_limits, limit_stages, twin_stage
+from ballbot.workflows.limits import RobotLimits, TwinLimit, find_limits
 from ballbot.workflows.recovery_region import Loop
 
 if TYPE_CHECKING:  # MuJoCo is an extra
@@ -32,7 +32,6 @@ if TYPE_CHECKING:  # MuJoCo is an extra
 _ON_TWIN = (0, 9, 18, 27)
 _WRITTEN = (PAGE, "results.json", "planes.svg", "directions.svg", "heights.svg")
 _MOST_REFINEMENTS = 6  # four million points a plane
-_WRITING = 0.9  # processor time of the page [s]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,22 +93,16 @@ def limits(
     inputs = input_files(robot, [one.file for one in candidates if one.file], scenario if twin else None)
     with (
         open_result(out, command="limits", writes=_WRITTEN, inputs=inputs, seed=seed) as result,
-        result.progress("limits", writing=_WRITING) as bar,
+        result.progress("limits") as bar,
     ):
-        seconds = [sum(one.seconds for one in limit_stages(refinements))]
-        seconds += [twin_stage(len(_ON_TWIN)).seconds] if truth else []
-        parts = iter(in_parts(bar.report, seconds * len(chosen)))
         for name, controller in chosen.items():
 
-            def of_controller(name: str = name) -> ProgressCallback:
-                part = next(parts)
-                return lambda now: part(replace(now, note=name))
+            def report(now: Progress, name: str = name) -> None:
+                bar.report(replace(now, note=name))
 
-            loop = Loop.of(described, controller, grip=grip)
-            run = Run(seed=seed, progress=of_controller())
+            loop, run = Loop.of(described, controller, grip=grip), Run(seed=seed, progress=report)
             found.model[name] = find_limits(loop, refinements=refinements, run=run)
             if truth is not None:
-                run = Run(seed=seed, progress=of_controller())
                 found.twin[name] = _on_twin(loop, truth, found.model[name], run)
         bar.begin_writing()
         with result.replaced() as new:

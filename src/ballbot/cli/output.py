@@ -7,7 +7,6 @@ error, and with --json the results (`emit`) are all that standard output gets.
 from __future__ import annotations
 
 import io
-import math
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -18,7 +17,7 @@ from time import monotonic
 from types import MappingProxyType
 
 from rich.console import Console, RenderableType
-from rich.progress import BarColumn, ProgressColumn, Task, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as RichProgress
 from rich.table import Table
 from rich.text import Text
@@ -26,16 +25,7 @@ from rich.text import Text
 from ballbot.cli import OUTPUT
 from ballbot.file_formats import results_text
 from ballbot.printable import printable_line
-from ballbot.progress import (
-    EtaEstimator,
-    Progress,
-    as_clock,
-    part_of,
-    progress_line,
-    slowdown_now,
-    stage_words,
-    time_left_now,
-)
+from ballbot.progress import Pace, Progress, as_clock, fraction, progress_line, stage_words
 from ballbot.report.console import PLAIN_WIDTH, PlainConsole
 
 _BEFORE_LINES = 3.0  #: [s] before the first line of progress, if no bar can be drawn
@@ -93,84 +83,37 @@ def print_verdict(verdict: Iterable[tuple[str, str]], console: Console) -> None:
 
 
 class Bar:
-    """Shows how far work has come; made by `progress_bar`. This one, of --quiet, shows nothing.
+    """Shows how far work has come; made by `progress_bar`. This one, of --quiet, shows nothing."""
 
-    Parameters
-    ----------
-    writing : float
-        How long writing the result after the work usually takes [s].
-    """
-
-    def __init__(self, writing: float = 0.0) -> None:
-        self._writing, self._planned = writing, math.nan  # [s], the latter of all
-        self._slowdown = slowdown_now()
-        self._work, self._share = 1.0, 0.0  # shares of the whole: of the work, and what is done
-
-    def show(self, share: float, *, doing: str = "", note: str = "", planned: float = math.nan) -> None:
-        """Show that a share of the work, 0 to 1, is done, what is being done now if that is new, and a short note.
-
-        `planned` is the time [s] that the whole work usually takes.
-        """
-        self.report(Progress(stage=doing, done=share, total=1.0, note=note, planned=planned))
-
-    def report(self, progress: Progress) -> None:
-        """Show the progress of work, its stage and its note; a `ballbot.progress.ProgressCallback`."""
-        if math.isnan(self._planned) and progress.planned > 0.0:
-            self._planned = progress.planned + self._writing
-            self._work = progress.planned / self._planned
-        writing = self._slowdown * self._writing
-        left = None if progress.seconds_left is None else progress.seconds_left + writing
-        part_of(
-            lambda one: self._show(replace(one, seconds_left=left)), 0.0, self._work, planned=self._planned
-        )(progress)
-        self._share = self._work * progress.share
+    def show(self, share: float, *, doing: str = "", note: str = "") -> None:
+        """Show that a share of the work, 0 to 1, is done, what is being done now if that is new, and a short note."""
+        self.report(Progress(stage=doing, done=share, total=1.0, note=note))
 
     def begin_writing(self) -> None:
         """Show that the work is done and its result is being written."""
-        done = self._share if math.isnan(self._planned) else self._work
-        skipped, self._share = done - self._share, done
-        self._show(
-            Progress(
-                stage="writing the report",
-                done=0.0,
-                total=1.0,
-                share=self._share,
-                skipped=skipped,
-                planned=self._planned,
-                seconds_left=self._slowdown * self._writing if self._writing else None,
-            )
-        )
+        self.report(Progress(stage="writing the report"))
 
-    def _show(self, progress: Progress) -> None:
-        """Show the progress of work and writing together."""
+    def report(self, progress: Progress) -> None:
+        """Show the progress of work, its stage and its note; a `ballbot.progress.ProgressCallback`."""
 
 
 class _DrawnBar(Bar):
     """A bar that moves, on a terminal."""
 
-    def __init__(self, progress: RichProgress, task: TaskID, writing: float) -> None:
-        super().__init__(writing)
-        self._progress, self._task = progress, task
-        self._pace = EtaEstimator(slowdown=self._slowdown)
+    def __init__(self, progress: RichProgress, task: TaskID) -> None:
+        self._progress, self._task, self._stage = progress, task, ""
 
-    def _show(self, progress: Progress) -> None:
-        self._pace.seconds_left(progress)
+    def report(self, progress: Progress) -> None:
+        if progress.stage != self._stage:  # another total forgets the pace of the stage before
+            self._stage = progress.stage
+            self._progress.update(self._task, total=None)
         self._progress.update(
             self._task,
             completed=progress.share,
+            total=1.0 if progress.total else None,
             description=stage_words(progress) or None,
-            note=printable_line(progress.note),
-            left=self._pace if progress.share < 1.0 else None,
+            note=" ".join(filter(None, (fraction(progress), printable_line(progress.note)))),
         )
-
-
-class _LeftColumn(ProgressColumn):
-    """The time left, which falls between two steps too."""
-
-    def render(self, task: Task) -> Text:
-        """Return the time left by the estimator in the task's field `left`, if there is one."""
-        pace: EtaEstimator | None = task.fields["left"]
-        return Text(time_left_now(pace) if pace else "")
 
 
 class _WrittenLines(Bar):
@@ -179,21 +122,19 @@ class _WrittenLines(Bar):
     Nothing is written in the first seconds, so that input that is refused is answered by one sentence alone.
     """
 
-    def __init__(self, doing: str, writing: float) -> None:
-        super().__init__(writing)
-        self._doing, self._pace = doing, EtaEstimator(slowdown=self._slowdown)
-        self._last: Progress | None = None  # reported
+    def __init__(self, doing: str) -> None:
+        self._pace, self._last = Pace(), Progress(stage=doing)
         self._written_of = ""  # the stage of the last line
         self._begun = monotonic()
         self._next = self._begun + _BEFORE_LINES
         self._ended, self._writing_line = Event(), Lock()
         Thread(target=self._write_now_and_then, daemon=True).start()
 
-    def _show(self, progress: Progress) -> None:
-        self._pace.seconds_left(progress)
+    def report(self, progress: Progress) -> None:
         with self._writing_line:
-            self._last, self._doing = progress, stage_words(progress) or self._doing
-            if self._written_of and self._doing != self._written_of:
+            self._last = replace(progress, stage=progress.stage or self._last.stage)
+            self._pace.note(self._last)
+            if self._written_of and self._last.stage != self._written_of:
                 self._write()
 
     def end(self) -> None:
@@ -209,20 +150,16 @@ class _WrittenLines(Bar):
                     self._write()
 
     def _write(self) -> None:
-        self._written_of = self._doing
+        self._written_of = self._last.stage
         self._next = monotonic() + _BETWEEN_LINES
-        left = "" if self._last is not None and self._last.share >= 1.0 else time_left_now(self._pace)
-        spent = monotonic() - self._begun
+        left, spent = self._pace.left(), monotonic() - self._begun
         if not left and spent > _LONG:
             left = f"{as_clock(spent)} so far"
-        line = ", ".join(filter(None, (self._doing, left)))
-        if self._last is not None:
-            line = progress_line(self._last, left, doing=self._doing)
-        print(f"ballbot: {printable_line(line)}", file=sys.stderr, flush=True)
+        print(f"ballbot: {printable_line(progress_line(self._last, left))}", file=sys.stderr, flush=True)
 
 
 @contextmanager
-def progress_bar(console: Console, doing: str, *, writing: float = 0.0) -> Iterator[Bar]:
+def progress_bar(console: Console, doing: str) -> Iterator[Bar]:
     """Show a bar with the elapsed and the remaining time while the block runs; lines on standard error if piped.
 
     Parameters
@@ -231,14 +168,12 @@ def progress_bar(console: Console, doing: str, *, writing: float = 0.0) -> Itera
         From `standard_output`.
     doing : str
         What is being done.
-    writing : float, optional
-        How long writing the result within the block usually takes [s], after `Bar.begin_writing`.
     """
     if OUTPUT.get().quiet:
-        yield Bar(writing)
+        yield Bar()
         return
     if not console.is_terminal:
-        lines = _WrittenLines(doing, writing)
+        lines = _WrittenLines(doing)
         try:
             yield lines
         finally:
@@ -247,11 +182,9 @@ def progress_bar(console: Console, doing: str, *, writing: float = 0.0) -> Itera
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),
-        TextColumn("{task.percentage:>3.0f} %"),
         TextColumn("{task.fields[note]}", markup=False),
         TimeElapsedColumn(),
-        _LeftColumn(),
+        TimeRemainingColumn(),  # of the stage
     )
     with RichProgress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task(printable_line(doing), total=1.0, note="", left=None)
-        yield _DrawnBar(progress, task, writing)
+        yield _DrawnBar(progress, progress.add_task(printable_line(doing), total=None, note=""))

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 from cyclopts import Parameter
 from rich.console import Console
 
 from ballbot.cli import OUTPUT
-from ballbot.cli.context import LogFormatName, WholeNumber, argv, parse_seeds
+from ballbot.cli.context import ClusterAddress, LogFormatName, WholeNumber, argv, parse_seeds, workers
 from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.cli.output import emit, print_verdict, progress_bar, standard_output
@@ -22,6 +21,7 @@ from ballbot.files import check_folder
 from ballbot.fitting.run import check_seed
 from ballbot.log.formats import check_format
 from ballbot.printable import shell_line
+from ballbot.progress import Progress, in_stage
 from ballbot.report.page import page_of
 from ballbot.report.provenance import Provenance, provenance
 from ballbot.report.twin import recording_report, seeds_report
@@ -35,13 +35,9 @@ from ballbot.viewer.foxglove import write_with_scene
 from ballbot.workflows.record import (
     RecordJob,
     RecordOutcome,
-    finished_outcome,
     record_run,
     record_runs,
 )
-
-#: share of a run's time until all is simulated; its files and its page take the rest
-_SIMULATED = 0.94
 
 
 @Parameter(name="*")
@@ -66,17 +62,16 @@ class ExperimentOptions:
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class SeedOptions:
-    """Random seeds, and existing runs."""
+    """Random seeds, and where the runs of several are made."""
 
     seed: WholeNumber = 1
     """Random seed. The same seed gives the same recording, bit for bit."""
 
     seeds: str | None = None
-    """Several seeds, such as 1-200 or 1,4,7-9: runs on all cores, each in its own folder. Complete runs are kept,
-    with or without --resume."""
+    """Several seeds, such as 1-200 or 1,4,7-9: runs on all cores, each in its own folder. Runs that are there are kept
+    if they have the same settings and their files are unchanged: the same command goes on after it was stopped."""
 
-    resume: Annotated[bool, Parameter(negative="")] = False
-    """Keep a complete run that is already in the folder, if it has the same settings and its files are unchanged."""
+    cluster: ClusterAddress = None
 
 
 _EXPERIMENT, _SEEDS, _CONTROLLER = ExperimentOptions(), SeedOptions(), ControllerOptions()
@@ -138,9 +133,9 @@ def record(
     sample_count(job.duration, job.controller.sample_time)
     check_folder(out)
     if all_seeds is None:
-        _one(job, random.seed, out, console, resume=random.resume)
+        _one(job, random.seed, out, console)
     else:
-        _many(job, all_seeds, out, console)
+        _many(job, all_seeds, out, console, cluster=random.cluster)
 
 
 def _emit(outcomes: Sequence[RecordOutcome]) -> None:
@@ -156,29 +151,24 @@ def _emit(outcomes: Sequence[RecordOutcome]) -> None:
         )
 
 
-def _one(job: RecordJob, seed: int, out: Path, console: Console, *, resume: bool) -> None:
-    outcome = finished_outcome(job, seed, out) if resume else None
+def _one(job: RecordJob, seed: int, out: Path, console: Console) -> None:
     verdict: list[tuple[str, str]] = []
+    with progress_bar(console, f"recording {job.duration:g} s") as bar:
 
-    def page(recording: Recording) -> str:
-        report = recording_report(job, seed, recording)
-        verdict.extend(report.verdict)
-        return page_of(report)
+        def page(recording: Recording) -> str:
+            bar.report(Progress(stage="writing the files"))
+            report = recording_report(job, seed, recording)
+            verdict.extend(report.verdict)
+            return page_of(report)
 
-    if outcome is None:
-        with progress_bar(console, f"recording {job.duration:g} s") as bar:
-            outcome = record_run(
-                job,
-                seed,
-                out,
-                write_log=write_with_scene,
-                page=page,
-                progress=lambda now: bar.show(
-                    _SIMULATED * now.share, doing="" if now.share < 1.0 else "writing the files"
-                ),
-            )
-    else:
-        console.print("The run is complete and was kept.")
+        outcome = record_run(
+            job,
+            seed,
+            out,
+            write_log=write_with_scene,
+            page=page,
+            progress=in_stage(bar.report, f"recording {job.duration:g} s"),
+        )
     _emit([outcome])
     print_verdict(verdict, console)
     for path in sorted(out.iterdir()):
@@ -188,15 +178,19 @@ def _one(job: RecordJob, seed: int, out: Path, console: Console, *, resume: bool
         console.print(f"The run ended early: {outcome.ended}.", soft_wrap=True)
 
 
-def _many(job: RecordJob, seeds: list[int], out: Path, console: Console) -> None:
-    with progress_bar(console, f"recording {counted(len(seeds), 'run')} of {job.duration:g} s") as bar:
+def _many(job: RecordJob, seeds: list[int], out: Path, console: Console, *, cluster: str | None) -> None:
+    with (
+        workers(cluster) as made_by,
+        progress_bar(console, f"recording {counted(len(seeds), 'run')} of {job.duration:g} s") as bar,
+    ):
         outcomes = record_runs(
             job,
             seeds,
             out,
+            workers=made_by,
             write_log=write_with_scene,
             page=lambda runs: page_of(seeds_report(job, runs, _made(seeds))),
-            progress=lambda now: bar.show(now.share),
+            progress=bar.report,
         )
     _emit(outcomes)
     console.print(_summary(outcomes, out), soft_wrap=True)

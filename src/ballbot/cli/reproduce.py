@@ -6,18 +6,14 @@ from pathlib import Path
 
 from ballbot.cli.context import WholeNumber, open_result
 from ballbot.fitting.run import check_seed
-from ballbot.progress import part_of
 from ballbot.report.console import table
-
-#: share of the work that is done when drawing begins
-_MEASURED = 0.9
 
 
 def reproduce(*, out: Path, only: str | None = None, seed: WholeNumber = 0) -> None:
     """Reproduce every figure and table of the thesis from the twin and the models, and show its mistakes.
 
-    Writes report.html, results.json, reproduce.md and figures/*.svg, and keeps its recordings in runs/. Run the
-    command again to continue an interrupted run. The same seed gives the same result.
+    Writes report.html, results.json, reproduce.md and figures/*.svg, and keeps its recordings in runs/: the same
+    command goes on after it was stopped. The same seed gives the same result.
 
     Example: ballbot reproduce --out thesis
 
@@ -47,14 +43,14 @@ def reproduce(*, out: Path, only: str | None = None, seed: WholeNumber = 0) -> N
             result.folder.path / "runs",
             seed=seed,
             only=only,
-            progress=part_of(bar.report, 0.0, _MEASURED),
+            progress=bar.report,
         )
         with result.replaced() as new:
             write_reproduction(
                 found,
                 new,
                 provenance=result.origin,
-                progress=part_of(bar.report, _MEASURED, 1.0),
+                progress=bar.report,
             )
     console = result.console
     rows = [[item.name, item.title, item.verdict] for item in found.items]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cyclopts import Parameter
@@ -122,7 +122,7 @@ def spin(
             found = measure_spin(
                 film,
                 setup,
-                progress=lambda now: bar.show(now.share, doing=now.stage, note=video.stem),
+                progress=lambda now: bar.report(replace(now, note=video.stem)),
             )
         comparison = None
         if run is not None and described is not None:

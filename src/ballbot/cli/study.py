@@ -10,18 +10,17 @@ from cyclopts import Parameter
 
 from ballbot.arguments import names_listed
 from ballbot.cli.context import (
-    RUN_HERE,
+    ClusterAddress,
     LogPath,
-    RunOptions,
     WholeNumber,
+    executor,
     input_files,
-    open_long_result,
+    open_result,
     read_balancing_logs,
 )
 from ballbot.cli.findings import Accept, check_input
 from ballbot.cli.output import notice_output, print_verdict
-from ballbot.file_formats import without_format
-from ballbot.fitting.checkpoint import identity
+from ballbot.fitting.run import Run
 from ballbot.identification import read_bounds
 from ballbot.identification.windows import back_emf_of
 from ballbot.log.checks import CheckedLogs
@@ -29,7 +28,7 @@ from ballbot.report.study import summary
 from ballbot.report.study_files import STUDY_FILES, write_study
 from ballbot.robot import Robot
 from ballbot.summary import counted
-from ballbot.twin.scenario_file import load_scenario, scenario_text
+from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.controller_prediction import MIN_RUNS
 from ballbot.workflows.study import StudyOptions
 from ballbot.workflows.study import study as run_study
@@ -67,7 +66,6 @@ class FitOptions:
     """A TOML file with lower and upper bounds of the friction parameters."""
 
 
-_WRITING = 6.8  #: processor time of the report [s]
 _TRIAL, _FIT = TrialOptions(), FitOptions()
 
 
@@ -81,7 +79,7 @@ def study(
     seed: WholeNumber = 0,
     accept: Accept = None,
     quick: Annotated[bool, Parameter(negative="")] = False,
-    run: RunOptions = RUN_HERE,
+    cluster: ClusterAddress = None,
 ) -> None:
     """Identify a robot's friction from its logs, validate the model, and choose the best controller for it.
 
@@ -124,24 +122,11 @@ def study(
             f"{counted(trial.draws, 'simulated robot')} will give no prediction of the next run and no 95 % intervals; "
             f"both need --draws {MIN_RUNS} or more."
         )
-    depends_on = {"bounds": within, "left_out": excluded, "back_emf": back_emf, "seed": seed}
-    depends_on |= {
-        "confirm": trial.confirm,
-        "quick": quick,
-        "scenario": without_format(scenario_text(scenario)),
-        "draws": trial.draws,
-    }
+    inputs = input_files(robot, logs, fit.mapping, fit.bounds, trial.scenario)
     with (
-        open_long_result(
-            out,
-            command="study",
-            writes=STUDY_FILES,
-            inputs=input_files(robot, logs, fit.mapping, fit.bounds, trial.scenario),
-            belongs_to=identity(described, list(named.values()), depends_on),
-            seed=seed,
-            run=run,
-        ) as result,
-        result.progress("reading", writing=_WRITING) as bar,
+        open_result(out, command="study", writes=STUDY_FILES, inputs=inputs, seed=seed) as result,
+        executor(cluster) as made_by,
+        result.progress("reading") as bar,
     ):
         found = run_study(
             described,
@@ -155,7 +140,7 @@ def study(
                 confirm=trial.confirm,
                 quick=quick,
             ),
-            run=result.run_with(bar.report),
+            run=Run(seed=seed, executor=made_by, progress=bar.report),
         )
         bar.begin_writing()
         with result.replaced() as new:

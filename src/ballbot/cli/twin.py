@@ -127,7 +127,7 @@ def recommendations(
                 seeds=numbers,
                 duration=duration,
                 threads=os.cpu_count() or 1,
-                progress=lambda now: bar.show(now.share),
+                progress=bar.report,
             )
         scores = {name: comparison.scores for name, comparison in found.items()}
         with result.replaced() as new:

@@ -11,17 +11,18 @@ import hashlib
 import pickle
 import warnings
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
 from itertools import pairwise
 from typing import cast
 
-from distributed import Client, Future
+from distributed import Client, Future, as_completed
 from distributed.client import FutureCancelledError
 from distributed.scheduler import KilledWorker
 
 from ballbot.errors import InputError
-from ballbot.fitting.checkpoint import machine
 from ballbot.fitting.run import ExecutorError, Piece, Result, Shared
+from ballbot.fitting.sweep import machine
 
 _KINDS = ("tcp", "tls", "ws", "wss", "ucx")  #: of addresses
 _PATIENCE = 30.0  #: how long a scheduler, and then a first worker, is waited for [s]
@@ -32,7 +33,7 @@ _KEPT = 8  #: so many different shared things are kept on the cluster
 
 
 class Cluster:
-    """The workers of a Dask scheduler, as an `Executor`; a context manager that ends the connection.
+    """The workers of a Dask scheduler, as an `Executor` and as `Workers`; a context manager that ends the connection.
 
     Parameters
     ----------
@@ -79,18 +80,45 @@ class Cluster:
             If a worker's packages or processor are others than here, or the cluster is lost.
         """
         lots = self._lots(pieces)
-        try:
+        with self._connected():
             held = self._hold(shared)
-            futures = [
-                self._client.submit(_run_lot, function, held, lot, machine(), pure=False, retries=0)
-                for lot in lots
-            ]
+            futures = [self._submit(function, held, lot) for lot in lots]
             done = cast("list[list[Result]]", self._client.gather(futures))
+        return [result for lot in done for result in lot]
+
+    def each(
+        self, make: Callable[[Piece], Result], pieces: Sequence[Piece]
+    ) -> Generator[tuple[int, Result], None, None]:
+        """Yield the place and the result of each piece, as they are finished; see `ballbot.fitting.sweep.Workers`.
+
+        Raises
+        ------
+        ExecutorError
+            As a call.
+        """
+        with self._connected():
+            held = self._hold(make)
+            places = {self._submit(_made, held, [piece]): place for place, piece in enumerate(pieces)}
+            for future in as_completed(list(places), loop=self._client.loop):
+                (result,) = cast("list[Result]", future.result())
+                place = places.pop(future)  # with the last hold on it, the cluster forgets the result
+                del future
+                yield place, result
+
+    def _submit(
+        self, function: Callable[[Shared, Piece], Result], held: Future, lot: Sequence[Piece]
+    ) -> Future:
+        return self._client.submit(_run_lot, function, held, lot, machine(), pure=False, retries=0)
+
+    @contextmanager
+    def _connected(self) -> Iterator[None]:
+        """Turn what Dask raises if the cluster is lost into one sentence."""
+        try:
+            yield
         except (KilledWorker, FutureCancelledError, OSError, TimeoutError) as error:
             raise ExecutorError(
                 f"The connection to the Dask cluster at {self._address!r} was lost: {error}."
             ) from None
-        return [result for lot in done for result in lot]
 
     def _lots(self, pieces: Sequence[Piece]) -> list[Sequence[Piece]]:
         threads = sum(cast("dict[str, int]", self._client.nthreads()).values()) or 1
@@ -110,6 +138,10 @@ class Cluster:
         while len(self._shared) > _KEPT:
             self._shared.popitem(last=False)
         return self._shared[key]
+
+
+def _made(make: Callable[[Piece], Result], piece: Piece) -> Result:
+    return make(piece)
 
 
 def check_address(address: str) -> None:

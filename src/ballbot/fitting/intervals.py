@@ -322,8 +322,7 @@ def assess(
     widen : float
         What all errors are multiplied by, as a discrepancy of the residuals asks for.
     run : Run, optional
-        Its seed is the bootstrap's; its checkpoint answers for each profile, and the stage "intervals" is reported
-        after each.
+        Its seed is the bootstrap's; the stage "intervals" is reported after each profile.
     """
     coordinates = fit.coordinates
     normal = fit.equations.normal
@@ -335,24 +334,17 @@ def assess(
         independent = others[np.flatnonzero(estimated) == place][0]
         rise = clustered[place, place] / independent * errors.quantile**2
 
-        def answer() -> list[NDArray[np.float64]]:
-            one = profile(
-                fit,
-                place,
-                free=estimated | at_bound,
-                error=float(errors.half_width[place]),
-                rise=float(rise),
-            )
-            return [np.array([one.lower, one.upper], dtype=float)]  # None becomes NaN
-
-        (limits,) = run.memoize("profile", np.array([float(place), float(rise)]), answer)
-        profiled.append(place)
-        left = min(len(errors.doubtful), most_profiles) - len(profiled)
-        run.progress(
-            Progress(stage="intervals", done=len(profiled), total=most_profiles, expected={"intervals": left})
+        one = profile(
+            fit,
+            place,
+            free=estimated | at_bound,
+            error=float(errors.half_width[place]),
+            rise=float(rise),
         )
-        lower, upper = (float(one) if np.isfinite(one) else None for one in limits)
-        return Profile(place=place, lower=lower, upper=upper)
+        profiled.append(place)
+        most = min(len(errors.doubtful), most_profiles)
+        run.progress(Progress(stage="intervals", done=len(profiled), total=most))
+        return one
 
     found = intervals(coordinates, errors, profile_of, most_profiles=most_profiles)
     slopes = coordinates.slopes(fit.point)

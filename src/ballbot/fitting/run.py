@@ -1,4 +1,4 @@
-"""The context of a run: its random seed, where its work is done, its checkpoint, and who watches its progress.
+"""The context of a run: its random seed, where its work is done, and who watches its progress.
 
 How work is cut into pieces is fixed by the problem, and the pieces' results are put together in their order. A result
 is therefore the same to the bit wherever, and by however many threads or workers, the pieces were done.
@@ -12,14 +12,10 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Protocol, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ballbot.errors import InputError
 from ballbot.notebook import in_notebook
 from ballbot.progress import ProgressCallback
 
-Arrays = tuple[NDArray[np.float64], ...]
 Shared = TypeVar("Shared")
 Piece = TypeVar("Piece")
 Result = TypeVar("Result")
@@ -64,16 +60,6 @@ class Threads:
             return list(pool.map(lambda piece: function(shared, piece), pieces))
 
 
-class Memory(Protocol):
-    """Keeps the answers to a run's expensive questions; `ballbot.fitting.checkpoint.Checkpoint` is one."""
-
-    def memoize(
-        self, stage: str, question: NDArray[np.float64], answer: Callable[[], Sequence[NDArray[np.float64]]]
-    ) -> Arrays:
-        """Return the answer on file, or compute it and keep it; see `Run.memoize`."""
-        ...
-
-
 @dataclass(frozen=True, kw_only=True)
 class Run:
     """What every long computation is given beside its inputs.
@@ -86,30 +72,11 @@ class Run:
 
     seed: int = 0  #: of all random numbers; the same seed gives the same result
     executor: Executor = field(default_factory=lambda: Threads())  #: where the work is done
-    checkpoint: Memory | None = None  #: keeps what a killed run has computed
     #: is called after each step; by default it shows a line in a notebook
     progress: ProgressCallback = in_notebook
 
     def __post_init__(self) -> None:
         check_seed(self.seed)
-
-    def memoize(
-        self, stage: str, question: NDArray[np.float64], answer: Callable[[], Sequence[NDArray[np.float64]]]
-    ) -> Arrays:
-        """Return the arrays that `answer` gives, from the checkpoint if it has them.
-
-        Parameters
-        ----------
-        stage : str
-            What part of the run asks.
-        question : ndarray
-            What the answer depends on.
-        answer : callable
-            Computes it; draws no random numbers.
-        """
-        return (
-            tuple(answer()) if self.checkpoint is None else self.checkpoint.memoize(stage, question, answer)
-        )
 
 
 def check_seed(seed: int) -> None:
@@ -118,5 +85,5 @@ def check_seed(seed: int) -> None:
         raise InputError(f"The seed is {seed}; it must be a whole number from 0 to {2**32 - 1}.")
 
 
-#: without a seed of its own or a checkpoint
+#: without a seed of its own
 DEFAULT_RUN = Run()

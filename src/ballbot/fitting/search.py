@@ -46,8 +46,7 @@ def evolve(
         Number of coordinates, p.
     generations, population : int
     run : Run
-        Its seed fixes the search bit for bit; its checkpoint answers for the costs of a generation, and the stage
-        "evolution" is reported after each.
+        Its seed fixes the search bit for bit; the stage "evolution" is reported after each generation.
     """
     from cmaes import CMA  # with scipy.stats, which takes half a second
 
@@ -59,13 +58,10 @@ def evolve(
         seed=run.seed,
     )
 
-    def costs_of(candidates: NDArray[np.float64]) -> NDArray[np.float64]:
-        return run.memoize("evolution", candidates, lambda: [cost_of(candidates)])[0]
-
     best, least, history = np.full(size, 0.5), np.inf, []
     for generation in range(1, generations + 1):
         candidates = np.array([strategy.ask() for _ in range(population)])
-        costs = costs_of(candidates)
+        costs = cost_of(candidates)
         strategy.tell([(candidate, float(cost)) for candidate, cost in zip(candidates, costs, strict=True)])
         if costs.min() < least:
             best, least = candidates[costs.argmin()], float(costs.min())

@@ -45,7 +45,7 @@ from ballbot.identification.quantities import BY_NAME, OF_WHEELS
 from ballbot.log import Log
 from ballbot.log.columns import wheel_angle_names
 from ballbot.mechanics.friction_laws.classical import Classical
-from ballbot.progress import Progress, part_of
+from ballbot.progress import Progress, in_stage
 from ballbot.robot import Robot
 from ballbot.simulation.driveline import Driveline, SpeedClamp, simulate_drivelines
 from ballbot.summary import Summary, estimated, plotted, summarized
@@ -492,9 +492,7 @@ def fit_drivelines(
         run.progress(replace(now, note=f"error {math.exp(now.cost):.4g}"))
 
     for i, sweep in enumerate(sweeps):
-        of_wheel = part_of(report, i / len(sweeps), (i + 1) / len(sweeps), stage=f"wheel {i + 1}")
-        of_pieces, of_printed = part_of(of_wheel, 0.0, 0.5), part_of(of_wheel, 0.5, 1.0)
-        fit = fit_driveline(sweep, space=space, run=replace(run, progress=of_pieces))
-        fits.append(fit)
-        printed.append(fit_as_printed(sweep, fit, space=space, run=replace(run, progress=of_printed)))
+        of_wheel = replace(run, progress=in_stage(report, f"wheel {i + 1}"))
+        fits.append(fit_driveline(sweep, space=space, run=of_wheel))
+        printed.append(fit_as_printed(sweep, fits[-1], space=space, run=of_wheel))
     return fits, printed

@@ -32,7 +32,7 @@ from ballbot.identification.alike import (
 )
 from ballbot.identification.coulomb import coulomb_equivalent
 from ballbot.identification.excitation import chatter, chatter_finding, heading_findings, share_shown
-from ballbot.identification.laws import LAWS, LawName, bounds_of, law_named, select_law
+from ballbot.identification.laws import LawName, bounds_of, law_named, select_law
 from ballbot.identification.parameters import Bounds, BoundsLike, Coordinates, as_bounds, scale_between
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import FRICTION, names_in
@@ -53,11 +53,9 @@ from ballbot.identification.stages import (
     Prepared,
     better_start,
     errors,
-    inputs_of,
     prepare,
     refine,
     search,
-    stages_of,
 )
 from ballbot.identification.stated_uncertainty import ends_without_error
 from ballbot.identification.sweep import Estimate, with_sweep
@@ -78,7 +76,7 @@ from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names
 from ballbot.log.fingerprints import fingerprint
 from ballbot.mechanics.model import Model
-from ballbot.progress import Progress, ProgressReporter, part_of
+from ballbot.progress import Progress
 from ballbot.robot import Robot, RobotLike, as_robot
 
 
@@ -115,11 +113,10 @@ def identify(
     window : float
         Length of the windows predicted [s].
     seed : int, optional
-        Replaces the seed of `run`. The result is the same to the bit for the same seed, wherever the work is done and
-        however often it was resumed.
+        Replaces the seed of `run`. The result is the same to the bit for the same seed, wherever the work is done.
     options : IdentificationOptions, optional
     run : Run, optional
-        Where the work is done, the checkpoint of a run that can be resumed, and who watches the progress.
+        Where the work is done, and who watches the progress.
 
     Returns
     -------
@@ -150,16 +147,13 @@ def identify(
         options=options,
         run=run,
     )
-    run.memoize("inputs", inputs_of(prepared, options=options, seed=run.seed), list)
-    reporter = ProgressReporter(run.progress, stages_of(prepared, options))
-    run = replace(run, progress=reporter)
     evolved = search(prepared.coarse, options=options, run=run)
     start = options.warm_start
     begin = evolved.best if start is None else better_start(prepared.problem, evolved.best, start)
     prepared, estimate = _alike(
         prepared, refine(prepared, begin, options=options, run=run), options=options, run=run
     )
-    found = _result(
+    return _result(
         prepared,
         evolved,
         estimate,
@@ -170,8 +164,6 @@ def identify(
         options=options,
         run=run,
     )
-    reporter.end()
-    return found
 
 
 def identify_by_law(
@@ -206,15 +198,11 @@ def identify_by_law(
     InputError
         As `identify`.
     """
-    laws = [one.name for one in LAWS] if law == "best" else [law]
 
     def fit(one: LawName, start: Identification | None) -> Identification:
-        place = laws.index(one)
-        callback = part_of(run.progress, place / len(laws), (place + 1) / len(laws))
-
         def report(now: Progress) -> None:
             error = "" if math.isnan(now.cost) else f", error x {math.exp(now.cost):.3f}"
-            callback(replace(now, note=f"{one}{error}"))
+            run.progress(replace(now, note=f"{one}{error}"))
 
         return identify(
             robot,

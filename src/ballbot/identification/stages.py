@@ -11,7 +11,7 @@ references often repeat, the intervals do not always hold the same piece of the 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Literal, get_args
 
@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError, suggest
-from ballbot.fitting.checkpoint import digest
 from ballbot.fitting.intervals import MOST_PROFILES
 from ballbot.fitting.model_selection import Dependence, unidentifiable
 from ballbot.fitting.run import DEFAULT_RUN, Executor, Run
@@ -34,7 +33,7 @@ from ballbot.identification.sweep import SweepFriction
 from ballbot.identification.windows import Span, Windows, ball_spin, cut_windows, samples_before
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.parameters import Formulation
-from ballbot.progress import Progress, Stage, on_all_cores
+from ballbot.progress import Progress
 
 #: inner step of the search's simulations [s], which find the basin only; the cost differs by 1e-4
 EVOLUTION_STEP = 2.5e-3
@@ -261,67 +260,6 @@ def _problem(
     return Problem(
         predictor=predictor, windows=windows, coordinates=coordinates, cost=cost, executor=executor
     )
-
-
-#: processor time [s] of an inner step of a predicted window; the times of stages need only be in proportion
-_INNER_STEP = 1.7e-7
-#: usual numbers of generations for each parameter, and of steps of Gauss-Newton
-_USUAL_GENERATIONS, _USUAL_STEPS = 8, 25
-
-
-def stages_of(prepared: Prepared, options: IdentificationOptions) -> tuple[Stage, ...]:
-    """Return the stages, with how often their steps usually repeat and how long one takes."""
-    free = int(prepared.problem.coordinates.free.sum())
-    searching = Stage(
-        name="search",
-        steps=_SEARCH_STEPS * len(_SHAPES) ** 2 * len(_AMOUNTS),
-        work=_predicted(prepared.coarse, free),
-    )
-    evolving = Stage(
-        name="evolution",
-        steps=options.generations,
-        work=_predicted(prepared.coarse, options.population),
-        usual=min(_USUAL_GENERATIONS * free, options.generations),
-    )
-    return (
-        searching if options.search == "multistart" else evolving,
-        Stage(
-            name="gauss_newton",
-            steps=options.gauss_newton_steps,
-            work=_predicted(prepared.problem, free),
-            usual=min(_USUAL_STEPS, options.gauss_newton_steps),
-        ),
-        Stage(
-            name="intervals",
-            steps=options.most_profiles,
-            work=_predicted(prepared.problem, 20 * free),
-            usual=min(1, options.most_profiles),
-        ),
-    )
-
-
-def _predicted(problem: Problem, sets: float) -> float:
-    """Return how long all cores take for predictions of every window by so many sets of parameters [s]."""
-    windows = problem.windows
-    duration = windows.samples * windows.sample_time
-    return on_all_cores(_INNER_STEP * sets * len(windows) * duration / problem.predictor.step)
-
-
-def inputs_of(prepared: Prepared, *, options: IdentificationOptions, seed: int) -> NDArray[np.float64]:
-    """Return a digest (32,) of all that evolution and Gauss-Newton depend on, as a checkpoint's first question."""
-    problem = prepared.problem
-    start = options.warm_start
-    counts = (options.generations, options.population, options.evolution_windows, options.gauss_newton_steps)
-    parts: list[object] = [
-        options.search,
-        counts,
-        seed,
-        None if start is None else (start.layout, start.values.tolist()),
-    ]
-    for one in (replace(problem.predictor, threads=None), problem.coordinates, prepared.fit):
-        parts += [getattr(one, field.name) for field in fields(one)]
-    parts += [prepared.coarse.windows.spans, prepared.coarse.predictor.step, problem.cost.counted]
-    return np.frombuffer(digest(*parts), dtype=np.uint8).astype(float)
 
 
 def search(problem: Problem, *, options: IdentificationOptions, run: Run) -> SearchResult:

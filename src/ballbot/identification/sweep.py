@@ -30,7 +30,6 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.file_formats import read_results
 from ballbot.findings import Finding, warning
-from ballbot.fitting.checkpoint import digest
 from ballbot.fitting.intervals import CONFIDENCE, Interval, Uncertainty
 from ballbot.identification.agreement import StageEstimate, agreement_findings
 from ballbot.identification.parameters import Coordinates
@@ -48,11 +47,6 @@ class SweepFriction:
 
     values: NDArray[np.float64]  #: (n, 2), b [N m s/rad] and c [N m] of each wheel
     covariances: NDArray[np.float64]  #: (n, 2, 2); NaN if a number has no standard error
-
-    @property
-    def digest(self) -> str:
-        """Its identity in a checkpoint."""
-        return digest(self.values, self.covariances).hex()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

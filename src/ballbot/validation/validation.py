@@ -22,7 +22,7 @@ from ballbot.log.columns import torque_names
 from ballbot.log.fingerprints import logs_among
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
-from ballbot.progress import Progress, part_of
+from ballbot.progress import Progress, in_stage
 from ballbot.robot import RobotLike, as_robot
 from ballbot.validation.closed_loop import (
     ClosedLoop,
@@ -255,9 +255,8 @@ def validate_logs(
     """
     parts: dict[str, Validation] = {}
     several = len(logs) > 1
-    for number, (name, log) in enumerate(logs.items()):
-        stage = f"validating {name}" if name else ""
-        of_log = part_of(run.progress, number / len(logs), (number + 1) / len(logs), stage=stage)
+    for name, log in logs.items():
+        of_log = in_stage(run.progress, f"validating {name}") if name else run.progress
         try:
             part = validate_pair(
                 models,

@@ -28,7 +28,7 @@ from ballbot.errors import InputError
 from ballbot.findings import Finding, note
 from ballbot.log import Log
 from ballbot.mechanics.geometry import transforms
-from ballbot.progress import Progress, ProgressCallback, ignore_progress, part_of
+from ballbot.progress import Progress, ProgressCallback, ignore_progress, in_stage
 from ballbot.robot import Robot
 from ballbot.validation.alignment import Clock, MotionFit
 from ballbot.validation.alignment.clock import Turning, candidate_clocks
@@ -135,7 +135,7 @@ def measure_spin(
     if setup.distance is not None:
         check_distance(setup.distance)
     seam = setup.seam or thesis_seam()
-    progress(Progress(stage="looking", done=0.0, total=1.0))
+    progress(Progress(stage="looking"))
     samples = video.samples()
     points = find_outline(samples) if setup.circle is None else circle_points(setup.circle, video.size)
     closeness = ASSUMED_CLOSENESS if setup.distance is None else 1.0 / setup.distance
@@ -147,7 +147,7 @@ def measure_spin(
     table = seam_table(seam)
     calibration = calibrated_view(
         video, points, closeness, samples, colour=colour, table=table, found=setup.circle is None,
-        distance=setup.distance, progress=part_of(progress, 0.0, 0.1, stage="calibrating"),
+        distance=setup.distance, progress=in_stage(progress, "calibrating"),
     )  # fmt: skip
     calibrated = calibration is not None
     if calibration is None:
@@ -156,7 +156,7 @@ def measure_spin(
     stated: list[float] = []
     track = follow(
         _pictures(video, stated), seam_finder(pixels, colour), orientation_search(table, pixels),
-        frame_count=video.stated_frames, progress=part_of(progress, 0.1, 1.0),
+        frame_count=video.stated_frames, progress=progress,
     )  # fmt: skip
     if not track.tracked.any():
         raise InputError(

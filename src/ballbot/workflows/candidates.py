@@ -17,8 +17,8 @@ class Mine:
     def reset(self) -> None: ...
     def update(self, t, state, reference): return torques
 
-What the file imports from its own folder and elsewhere, and what it reads while the controller is made, belongs to the
-controller: with `checksums`, a resumed run and a worker know that none of it was changed.
+The modules beside the file that it imports belong to the controller: by their checksums a worker, or a comparison that
+goes on, knows that none of them was changed.
 """
 
 from __future__ import annotations
@@ -44,14 +44,7 @@ from ballbot.errors import InputError, suggest
 from ballbot.estimation.interface import EstimatorName, checked_name
 from ballbot.printable import shell_line
 from ballbot.robot import Robot, RobotLike, as_robot
-from ballbot.workflows.user_files import (
-    Checksums,
-    changed_file,
-    checksums_of,
-    files_named,
-    files_opened,
-    modules_imported,
-)
+from ballbot.workflows.user_files import Checksums, changed_file, checksums_of, files_named
 
 _Result = TypeVar("_Result")
 
@@ -71,12 +64,9 @@ class UserController:
     def __init__(self, path: str, made_by: str, robot: Robot, estimator: EstimatorName | None = None) -> None:
         """Make it: `made_by(robot)` in the Python file at `path`; `estimator` replaces the one that it names."""
         self._path, self._made_by, self._robot = path, made_by, robot
-        make, read = _attribute(path, made_by)
-        with files_opened(Path(path).parent) as opened:
-            made = self._guarded("when it was made", lambda: make(robot))
-            read = read | opened()
-        self.checksums = checksums_of({*files_named(Path(path)), *modules_imported(), *read})
-        self._take(made)
+        make = _attribute(path, made_by)
+        self.checksums = checksums_of(Path(path))
+        self._take(self._guarded("when it was made", lambda: make(robot)))
         self.estimator = estimator or self._guarded("when it was looked at", lambda: estimator_of(self._made))
 
     def with_estimator(self, estimator: EstimatorName) -> UserController:
@@ -163,12 +153,8 @@ def _remake(
     return UserController(path, made_by, robot, estimator)
 
 
-#: files that a module read while it was run, by its name
-_read: dict[str, set[Path]] = {}
-
-
-def _attribute(path: str, name: str) -> tuple[Callable[[Robot], object], set[Path]]:
-    """Return what a Python file has under a name, and the files that it read when it was run.
+def _attribute(path: str, name: str) -> Callable[[Robot], object]:
+    """Return what a Python file has under a name.
 
     It is run once in each process, until it changes. Modules beside it can be imported, after Python's and installed
     ones.
@@ -187,9 +173,8 @@ def _attribute(path: str, name: str) -> tuple[Callable[[Robot], object], set[Pat
         if folder not in sys.path:
             sys.path.append(folder)
         try:
-            with files_opened(file.parent) as opened, _without_exit():
+            with _without_exit():
                 spec.loader.exec_module(module)
-                _read[module_name] = opened()
         except BaseException as error:
             del sys.modules[module_name]
             if isinstance(error, KeyboardInterrupt):
@@ -201,7 +186,7 @@ def _attribute(path: str, name: str) -> tuple[Callable[[Robot], object], set[Pat
         raise InputError(
             f"{path} has no {name!r} to call; it must be a class or a function that takes the robot."
         )
-    return make, _read[module_name]
+    return make
 
 
 def _check_names(path: str) -> None:

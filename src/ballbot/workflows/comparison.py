@@ -13,12 +13,13 @@ is narrower than that of two means.
 from __future__ import annotations
 
 import copy
+import json
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from contextlib import closing
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from types import MappingProxyType
 from typing import TypeVar
 
@@ -31,11 +32,12 @@ from ballbot.control.interface import Feedback, estimator_of
 from ballbot.control.references import Reference
 from ballbot.errors import InputError
 from ballbot.estimation.interface import EstimatorName
-from ballbot.fitting.run import DEFAULT_RUN, ExecutorError, Run
+from ballbot.files import read_sealed, write_sealed
+from ballbot.fitting.run import DEFAULT_RUN, Run
+from ballbot.fitting.sweep import Processes
 from ballbot.log import Log
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.model import Model
-from ballbot.processes import uninterrupted, worker_pool
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import Imperfections
@@ -254,7 +256,22 @@ class RunResult:
 
     score: Score
     measured: NDArray[np.float64]  #: by the run's `measure`; empty without one
-    log: Log | None  #: if it was to be kept
+    log: Log | None = None  #: if it was to be kept
+
+
+def write_result(path: Path, result: RunResult) -> None:
+    """Write the result of a run into a file, whole or not at all; a log is not kept."""
+    text = json.dumps({"score": asdict(result.score), "measured": result.measured.tolist()})
+    write_sealed(path, text.encode())
+
+
+def read_result(path: Path) -> RunResult | None:
+    """Return the result of a run from its file; None if that is not there or not whole."""
+    try:
+        kept = json.loads(read_sealed(path))
+    except InputError:
+        return None
+    return RunResult(score=Score(**kept["score"]), measured=np.array(kept["measured"], dtype=np.float64))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -352,14 +369,18 @@ def run_comparison(
         done += slower * sum(runs[place].duration for place in places)
         run.progress(Progress(stage="comparing controllers", done=done, total=work))
 
-    count = threads or processes or os.cpu_count() or 1
-    with _pool(count, len(blocks), in_threads=True) as each:
-        together = each(_run_block, [[runs[place] for place in block] for block in blocks])
-        for block, results in zip(blocks, together, strict=True):
-            keep(block, results, 1.0)
-    with _pool(count, len(alone), in_threads=threads is not None) as each:
-        for place, result in zip(alone, each(_result, [runs[place] for place in alone]), strict=True):
-            keep([place], [result], _SLOWER)
+    together = [[runs[place] for place in block] for block in blocks]
+    for block, results in _in_threads(_run_block, together, threads or processes):
+        keep(blocks[block], results, 1.0)
+    slow = [runs[place] for place in alone]
+    made_alone = (
+        _in_threads(ComparedRun.result, slow, threads)
+        if threads
+        else Processes(count=processes).each(ComparedRun.result, slow)
+    )
+    with closing(made_alone):
+        for place, result in made_alone:
+            keep([alone[place]], [result], _SLOWER)
     return Comparison(runs=tuple(runs), results=tuple(made[place] for place in range(len(runs))))
 
 
@@ -461,31 +482,18 @@ def compare(
     return run_comparison(runs, threads=threads, run=Run(progress=progress))
 
 
-def _result(run: ComparedRun) -> RunResult:
-    return run.result()
-
-
-@contextmanager
-def _pool(
-    workers: int, pieces: int, *, in_threads: bool
-) -> Iterator[Callable[[Callable[[Piece], Result], Sequence[Piece]], Iterator[Result]]]:
-    """Give a `map` over so many workers, which gives up what has not begun when the block is left early."""
-    workers = min(workers, pieces)
+def _in_threads(
+    make: Callable[[Piece], Result], pieces: Sequence[Piece], count: int | None
+) -> Generator[tuple[int, Result], None, None]:
+    """Yield the place and the result of each piece, in their order, which threads of this process make."""
+    workers = min(count or os.cpu_count() or 1, len(pieces))
     if workers < 2:
-        yield map
+        yield from ((place, make(piece)) for place, piece in enumerate(pieces))
         return
-    pool = ThreadPoolExecutor(workers) if in_threads else worker_pool(workers)
-    finished = False
+    pool, finished = ThreadPoolExecutor(workers), False
     try:
-
-        def each(function: Callable[[Piece], Result], pieces: Sequence[Piece]) -> Iterator[Result]:
-            with uninterrupted():  # begins the workers
-                return pool.map(function, pieces)
-
-        yield each
+        yield from enumerate(pool.map(make, pieces))
         finished = True
-    except BrokenProcessPool:
-        raise ExecutorError("A worker process was killed, perhaps because memory ran out.") from None
     finally:
         pool.shutdown(wait=finished, cancel_futures=True)
 

@@ -221,8 +221,7 @@ def design(
     task : Task
     effort : Effort, optional
     run : Run, optional
-        Its seed fixes the design bit for bit; its checkpoint answers for each generation. The cost of its progress is
-        the best `criterion` so far.
+        Its seed fixes the design bit for bit; the cost of its progress is the best `criterion` so far.
 
     Raises
     ------

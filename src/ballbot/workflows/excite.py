@@ -29,7 +29,7 @@ from ballbot.identification.prediction import Predictor
 from ballbot.identification.windows import cut_windows
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks import CheckedLogs
-from ballbot.progress import Progress, ProgressCallback, ignore_progress, part_of
+from ballbot.progress import Progress, ProgressCallback, ignore_progress, in_stage
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.simulation.run import simulate
 from ballbot.twin.scenario import Scenario
@@ -186,14 +186,6 @@ _SIDE, _PERIOD = 0.5, 32.0
 #: the twin's seed
 _SEED = 1
 
-#: stages, and when each begins and ends as a share of the whole work, by and large
-_STAGES = {
-    "square on the twin": (0.0, 0.06),
-    "design": (0.06, 0.66),
-    "design on the twin": (0.66, 0.72),
-    "identification": (0.72, 1.0),
-}
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlainSquare:
@@ -305,8 +297,7 @@ def excite(
         Of the twin.
     options : ExcitationOptions, optional
     run : Run, optional
-        Its seed is that of the design and of the identification. The twin's runs, seconds each, are made again when it
-        is resumed.
+        Its seed is that of the design and of the identification.
 
     Raises
     ------
@@ -316,12 +307,11 @@ def excite(
     robot, options = as_robot(robot), options or ExcitationOptions()
     law, bounds, window = options.law, options.bounds, options.window
     deviations, on_twin = options.deviations, options.on_twin
-    of_stage = {name: part_of(run.progress, *part, stage=name) for name, part in _STAGES.items()}
     plain = square(side=min(_SIDE, limits.floor / math.sqrt(2.0)), period=min(_PERIOD, duration))
     follow = partial(follow_on_twin, robot, scenario, controller, duration=duration, seed=_SEED)
     logs: dict[str, Log] = {}
     if on_twin or deviations is None:
-        logs["square"] = follow(plain, progress=of_stage["square on the twin"])
+        logs["square"] = follow(plain, progress=in_stage(run.progress, "square on the twin"))
     if deviations is None:
         true = robot.replace(friction=scenario.friction)
         deviations = deviations_in(logs["square"].without_truth(), true, window=window)
@@ -338,16 +328,14 @@ def excite(
 
     def of_design(now: Progress) -> None:
         note = f"errors about {100.0 * now.cost:.1f} %" if np.isfinite(now.cost) else ""
-        of_stage["design"](replace(now, note=note))
+        run.progress(replace(now, note=note))
 
     made = design(asked, effort=options.effort, run=replace(run, progress=of_design))
     if on_twin:
-        logs["designed"] = follow(made.reference, progress=of_stage["design on the twin"])
+        logs["designed"] = follow(made.reference, progress=in_stage(run.progress, "design on the twin"))
     trials: dict[str, Trial] = {}
-    for number, (name, log) in enumerate(logs.items() if on_twin else ()):
-        part = part_of(of_stage["identification"], number / len(logs), (number + 1) / len(logs))
-        identifying = replace(run, progress=part)
-        trials[name] = try_reference(robot, log, law=law, bounds=bounds, window=window, run=identifying)
+    for name, log in logs.items() if on_twin else ():
+        trials[name] = try_reference(robot, log, law=law, bounds=bounds, window=window, run=run)
     driven = run_on_model(asked, plain)
     return Excitation(
         task=asked,

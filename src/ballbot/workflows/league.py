@@ -7,7 +7,7 @@ outermost. The standings are means over the seeds, and every controller against 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from ballbot.control.interface import Feedback
 from ballbot.control.references import is_reference_file
-from ballbot.fitting.checkpoint import identity_of
 from ballbot.fitting.run import DEFAULT_RUN, Run
+from ballbot.fitting.sweep import Processes, RunFolder, Workers, identity
 from ballbot.log import Log
 from ballbot.results import left_out, to_results
 from ballbot.robot import Robot, RobotLike, as_robot
@@ -26,12 +26,15 @@ from ballbot.summary import Summary, counted, plotted, summarized
 from ballbot.workflows.candidates import Candidate, UserController
 from ballbot.workflows.comparison import (
     ComparedRun,
+    Comparison,
     Estimate,
     Paired,
     RunResult,
     fraction_with_interval,
     mean_with_interval,
+    read_result,
     run_comparison,
+    write_result,
 )
 from ballbot.workflows.courses import Course
 from ballbot.workflows.metrics import Score, score_results, true_place
@@ -108,6 +111,8 @@ def run_league(
     *,
     seeds: Sequence[int],
     processes: int | None = None,
+    kept: RunFolder[RunResult, RunResult] | None = None,
+    workers: Workers | None = None,
     run: Run = DEFAULT_RUN,
 ) -> League:
     """Run every controller on every course with every seed.
@@ -125,8 +130,12 @@ def run_league(
     seeds : sequence of int
     processes : int, optional
         One for each core where not given; with one, all is done in this process.
+    kept : RunFolder, optional
+        Where each finished run on the twin is kept, which takes seconds, as `kept_runs` returns it.
+    workers : Workers, optional
+        Who make these runs; by default so many processes.
     run : Run, optional
-        Its checkpoint keeps each run's result; its seed is not used.
+        Its seed is not used.
 
     Raises
     ------
@@ -151,7 +160,11 @@ def run_league(
         for course in courses
         for name, controller in controllers.items()
     ]
-    found = run_comparison(runs, processes=processes, run=run)
+    if kept is None:
+        found = run_comparison(runs, processes=processes, run=run)
+    else:
+        on_twin = {one.name for one in courses if one.on == "twin"}
+        found = _complete(runs, on_twin, kept, workers or Processes(count=processes), processes, run)
     return League(
         robot=robot.name,
         courses=tuple(courses),
@@ -160,6 +173,32 @@ def run_league(
         scores={(c.name, name): found.scores_of(name, c.name) for c in courses for name in controllers},
         tracks={(c.name, name): Track.of(found.of(name, c.name)[0]) for c in courses for name in controllers},
     )
+
+
+def kept_runs(folder: Path, made_from: Mapping[str, str]) -> RunFolder[RunResult, RunResult]:
+    """Return the folder in which finished runs are kept until the league is whole; see `league_identity`."""
+    return RunFolder(path=folder, made_from=made_from, write=write_result, read=read_result, temporary=True)
+
+
+def _complete(
+    runs: Sequence[ComparedRun],
+    on_twin: Collection[str],
+    kept: RunFolder[RunResult, RunResult],
+    workers: Workers,
+    processes: int | None,
+    run: Run,
+) -> Comparison:
+    """Make the runs on the twin that are not kept, and all others."""
+    named = {f"{place:06d}": one for place, one in enumerate(runs)}
+    slow = {name: one for name, one in named.items() if one.course in on_twin}
+    quick = {name: one for name, one in named.items() if name not in slow}
+    found, _ = kept.complete(
+        ComparedRun.result, slow, workers=workers, stage="comparing controllers", progress=run.progress
+    )
+    if quick:
+        results = run_comparison(tuple(quick.values()), processes=processes, run=run).results
+        found |= dict(zip(quick, results, strict=True))
+    return Comparison(runs=tuple(runs), results=tuple(found[name] for name in named))
 
 
 def _track(log: Log) -> NDArray[np.float64]:
@@ -329,4 +368,4 @@ def league_identity(
         "courses": [courses, *references],
         "seeds": [seeds],
     }
-    return identity_of(inputs, {"track": " ".join(_TRACKED)})
+    return identity(inputs, {})

@@ -24,7 +24,7 @@ from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.log import Log
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
-from ballbot.progress import Progress, ProgressReporter, Stage, on_all_cores
+from ballbot.progress import Progress
 from ballbot.results import left_out, reported
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.simulation.imperfections import Push
@@ -201,23 +201,8 @@ class TwinLimit:
         return 0.95 * self.lower <= self.twin <= 1.05 * self.upper
 
 
-#: processor time [s] of the tilts and the impulses, of each plane for each interval a side, and of a run on the twin;
-#: with the nominal gain of the preset alten, without friction
-_TILTS, _IMPULSES, _TWIN_RUN = 0.3, 1.7, 0.43
-_REGIONS = {"region without slip": 5e-4, "region with unlimited grip": 8.2e-3}
-
-
-def limit_stages(refinements: int) -> tuple[Stage, ...]:
-    """Return the stages of `find_limits`."""
-    intervals = COARSE << refinements
-    return (
-        Stage(name="tilts", steps=1, work=on_all_cores(_TILTS)),
-        Stage(name="impulses", steps=1, work=on_all_cores(_IMPULSES)),
-        *(
-            Stage(name=name, steps=intervals, work=on_all_cores(seconds))
-            for name, seconds in _REGIONS.items()
-        ),
-    )
+#: the stages of the planes
+_REGIONS = ("region without slip", "region with unlimited grip")
 
 
 def find_limits(loop: Loop, *, refinements: int = 5, run: Run = DEFAULT_RUN) -> RobotLimits:
@@ -232,16 +217,15 @@ def find_limits(loop: Loop, *, refinements: int = 5, run: Run = DEFAULT_RUN) -> 
     run : Run, optional
         Its progress is reported after each grid; nothing is random, and nothing is kept.
     """
-    reporter = ProgressReporter(run.progress, limit_stages(refinements))
+    run.progress(Progress(stage="tilts"))
     unlimited = replace(loop, grip=np.inf)
     directions = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False)
     lean = _bounds(_lean_reach(loop, directions), _lean_reach(unlimited, directions))
-    reporter(Progress(stage="tilts", done=1, total=1))
+    run.progress(Progress(stage="impulses"))
     heights = loop.robot.body.center_of_mass * np.array(HEIGHTS)
     impulse = _bounds(
         _impulse_reach(loop, directions, heights), _impulse_reach(unlimited, directions, heights)
     )
-    reporter(Progress(stage="impulses", done=1, total=1))
     worst = float(directions[lean.lower.argmin()])
     widest = float(lean.upper[lean.lower.argmin()])
     growth = float(loop.model.linearize().poles().real.max())
@@ -250,7 +234,7 @@ def find_limits(loop: Loop, *, refinements: int = 5, run: Run = DEFAULT_RUN) -> 
     for stage, one in zip(_REGIONS, (loop, unlimited), strict=True):
 
         def report(intervals: int, stage: str = stage) -> None:
-            reporter(Progress(stage=stage, done=intervals, total=COARSE << refinements))
+            run.progress(Progress(stage=stage, done=intervals, total=COARSE << refinements))
 
         planes.append(
             map_region(
@@ -293,11 +277,6 @@ def _impulse_reach(loop: Loop, directions: NDArray[np.float64], heights: NDArray
     )
 
 
-def twin_stage(directions: int) -> Stage:
-    """Return the stage of `twin_limits` in so many directions."""
-    return Stage(name="limits on the twin", steps=2 * _HALVINGS * directions, work=_TWIN_RUN)
-
-
 #: an impulse on the twin is a force of this duration [s], four samples of the nominal scenario
 PUSH_DURATION = 0.02
 _PUSH_TIME = 0.5  # when it begins [s]
@@ -332,10 +311,10 @@ def twin_limits(
     robot, lenient = as_robot(robot), replace(scenario, fallen_lean=LARGEST_LEAN)
     state = named_estimator(controller.estimator, robot, sample_time=scenario.sensors.sample_time)
     leaning = Twin(robot, lenient, estimator=state)
-    reporter, runs = ProgressReporter(run.progress, [twin_stage(len(directions))]), count(1)
+    total, runs = 2 * _HALVINGS * len(directions), count(1)
 
     def survived(log: Log) -> bool:
-        reporter(Progress(stage="limits on the twin", done=next(runs), total=1))
+        run.progress(Progress(stage="limits on the twin", done=next(runs), total=total))
         return log.ended is None
 
     limits = []

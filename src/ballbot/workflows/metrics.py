@@ -315,7 +315,7 @@ class Performance:
         )
 
     def to_array(self) -> NDArray[np.float64]:
-        """Return its numbers (5,)."""
+        """Return its numbers (5,), in the order of `QUANTITIES`."""
         return np.array(astuple(self), dtype=np.float64)
 
 

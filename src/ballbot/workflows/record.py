@@ -6,20 +6,19 @@ report.html                  the run to look at; of several seeds one page besid
 robot.toml, scenario.toml, controller.toml
 record.toml                  version of Ballbot, seed, experiment, the cameras' frame and clock
 
-The files appear together (`ballbot.result_folder`), so that a folder that has them is whole, and a batch that was
-stopped goes on where it was: what is there is held against its checksums.
+The files appear together (`ballbot.result_folder`), so that a folder that has them is whole. Several runs are a sweep
+(`ballbot.fitting.sweep`), which goes on where it was stopped: what is there is held against its checksums.
 """
 
 from __future__ import annotations
 
-import os
-import re
-from collections.abc import Callable, Sequence
-from concurrent.futures import as_completed
-from concurrent.futures.process import BrokenProcessPool
-from dataclasses import asdict, dataclass
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import cast
 
 import tomli_w
@@ -30,11 +29,11 @@ from ballbot.control.references import as_reference, is_reference_file, referenc
 from ballbot.errors import InputError
 from ballbot.estimation import named_estimator
 from ballbot.file_formats import read_results, results_text, without_format
-from ballbot.files import read_text, write_text
+from ballbot.files import write_bytes, write_text
+from ballbot.fitting.sweep import ALL_CORES, HEADER, RunFolder, Workers, identity
 from ballbot.log import Log
 from ballbot.log.formats import WRITTEN_SUFFIXES
-from ballbot.processes import uninterrupted, worker_pool
-from ballbot.progress import Progress, ProgressCallback, ignore_progress
+from ballbot.progress import ProgressCallback, ignore_progress
 from ballbot.result_folder import read_manifest, result_folder
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
@@ -56,8 +55,8 @@ _FILES = (
     *_SETTINGS,
 )
 
-#: of Ballbot, in record.toml
-_VERSION = re.compile(r'^ballbot = "([^"]*)"$', re.MULTILINE)
+#: what record.toml has of a balancing run beside what it has of any
+_OF_BALANCE = ("reference", "compensation", "estimator")
 
 _HEADER = (
     "# How this run of the twin was made. The command, run in this folder, repeats the run bit for bit.\n"
@@ -130,7 +129,7 @@ def record_run(
     InputError
         If the job cannot be run, a file not be written, or the folder is another result's.
     """
-    if _seed_folders(folder):
+    if (folder / HEADER).exists():
         raise InputError(f"{folder} holds runs of several seeds (--seeds); choose another folder with --out.")
     with result_folder(folder, command="record", names=_FILES, inputs=_inputs(job)) as held:
         recording = _record(job, seed, progress)
@@ -156,23 +155,22 @@ def record_runs(
     seeds: Sequence[int],
     folder: Path,
     *,
-    processes: int | None = None,
+    workers: Workers = ALL_CORES,
     write_log: LogWriter = write_plainly,
     page: Callable[[list[RecordOutcome]], str] | None = None,
     progress: ProgressCallback = ignore_progress,
 ) -> list[RecordOutcome]:
-    """Record a run for each seed into folders seed_0001, seed_0002 and so on, over all cores.
+    """Record a run for each seed into folders seed_0001, seed_0002 and so on; runs that are there are kept.
 
     Parameters
     ----------
     job : Job
     seeds : sequence of int
     folder : Path
-        Runs that are whole in it are kept.
-    processes : int, optional
-        One for each core if not given.
+    workers : Workers, optional
+        Who make the runs; by default a process for each core.
     write_log : callable, optional
-        Writes each log; a function of a module, for the processes.
+        Writes each log; a function of a module, for the workers.
     page : callable, optional
         Makes the page of all runs, which is written if this is given.
     progress : callable, optional
@@ -186,70 +184,65 @@ def record_runs(
     Raises
     ------
     InputError
-        If the folder holds a run of other settings, or a run cannot be made.
+        If the folder holds runs of other settings, or a run cannot be made.
     """
     # the folder has no file of its own but the page, and the seeds' folders
     with result_folder(folder, command="record --seeds", names=(PAGE,)) as held:
-        outcomes = _record_missing(
-            job, seeds, folder, processes=processes, write_log=write_log, progress=progress
+        runs = RunFolder(path=folder, made_from=_made_from(job), write=_write_run, read=_finished)
+        named = {f"seed_{seed:04d}": seed for seed in seeds}
+        found, before = runs.complete(
+            partial(_made, job, write_log), named, workers=workers, stage="recording", progress=progress
         )
+        outcomes = [replace(one, was_there=name in before) for name, one in found.items()]
         if page is not None:
             with held.replaced() as new:
                 write_text(new / PAGE, page(outcomes))
         return outcomes
 
 
-def _record_missing(
-    job: RecordJob,
-    seeds: Sequence[int],
-    folder: Path,
-    *,
-    processes: int | None,
-    write_log: LogWriter,
-    progress: ProgressCallback,
-) -> list[RecordOutcome]:
-    """Record the runs that are not whole in the folder."""
-    for seed, other in sorted(_seed_folders(folder).items()):
-        if seed not in seeds:  # those are held against their checksums, too
-            _check_settings(job, seed, other)
-    outcomes = {
-        seed: one for seed in seeds if (one := finished_outcome(job, seed, seed_folder(folder, seed)))
-    }
-    missing = [seed for seed in dict.fromkeys(seeds) if seed not in outcomes]
-    progress(Progress(stage="recording", done=len(outcomes), total=len(seeds)))
-    if missing:
-        workers = min(processes or os.cpu_count() or 1, len(missing))
-        with worker_pool(workers) as pool:
-            with uninterrupted():
-                runs = [
-                    pool.submit(record_run, job, seed, seed_folder(folder, seed), write_log=write_log)
-                    for seed in missing
-                ]
-            try:
-                for run in as_completed(runs):
-                    outcomes[run.result().seed] = run.result()
-                    progress(Progress(stage="recording", done=len(outcomes), total=len(seeds)))
-            except BrokenProcessPool:
-                raise InputError(
-                    "A worker process was killed, perhaps because memory ran out. Finished runs are kept; "
-                    "continue with --resume."
-                ) from None
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
-    return [outcomes[seed] for seed in seeds]
+def _made_from(job: RecordJob) -> dict[str, str]:
+    """Return what all runs of a job depend on, whatever their seeds."""
+    texts = settings(job, 0)
+    run = tomllib.loads(texts.pop("record.toml"))["run"]
+    options = {name: run[name] for name in ("experiment", "duration", "format", *_OF_BALANCE) if name in run}
+    return identity({name: [without_format(text)] for name, text in texts.items()}, options)
 
 
-def seed_folder(folder: Path, seed: int) -> Path:
-    """Return the folder of one seed's run."""
-    return folder / f"seed_{seed:04d}"
+def _made(job: RecordJob, write_log: LogWriter, seed: int) -> dict[str, bytes]:
+    """Return the files of a run; a worker need not see the folder that they are for."""
+    with TemporaryDirectory() as name:
+        record_run(job, seed, Path(name), write_log=write_log)
+        return {
+            path.name: path.read_bytes() for path in Path(name).iterdir() if not path.name.startswith(".")
+        }
 
 
-def _seed_folders(folder: Path) -> dict[int, Path]:
-    """Return the folders of runs that are in a folder, by their seeds."""
-    found = {path.parent for path in folder.glob("seed_*/record.toml")}
-    numbers = {path: path.name.removeprefix("seed_") for path in found}
-    return {int(number): path for path, number in numbers.items() if number.isdecimal()}
+def _write_run(folder: Path, files: Mapping[str, bytes]) -> None:
+    with result_folder(folder, command="record", names=_FILES) as held, held.replaced() as new:
+        for name, content in files.items():
+            write_bytes(new / name, content)
+
+
+def _finished(folder: Path) -> RecordOutcome | None:
+    """Return the outcome of a run that is whole in its folder, every file as it was written; None if it is not.
+
+    Raises
+    ------
+    InputError
+        If a file of it was changed.
+    """
+    manifest = read_manifest(folder)
+    if manifest is None or manifest.command != "record":
+        return None
+    changed = manifest.changed_file(folder)
+    if changed:
+        raise InputError(
+            f"{folder / changed} was changed since it was recorded; delete {folder} to record that run again."
+        )
+    if manifest.missing_file(folder):
+        return None
+    ended = cast("dict[str, str | None]", read_results(folder / "results.json"))["ended"]
+    return RecordOutcome(seed=int(folder.name.removeprefix("seed_")), folder=folder, ended=ended)
 
 
 def settings(job: RecordJob, seed: int) -> dict[str, str]:
@@ -295,46 +288,6 @@ def _record(job: RecordJob, seed: int, progress: ProgressCallback) -> Recording:
     return record_balance(
         twin, job.controller, reference, duration=job.duration, seed=seed, progress=progress
     )
-
-
-def finished_outcome(job: RecordJob, seed: int, folder: Path) -> RecordOutcome | None:
-    """Return the outcome of a run that is whole in its folder, every file as it was written; None otherwise.
-
-    Raises
-    ------
-    InputError
-        If the run has other settings, or a file of it was changed.
-    """
-    manifest = read_manifest(folder)
-    if manifest is None or manifest.command != "record":
-        return None
-    changed = manifest.changed_file(folder)
-    if changed:
-        raise InputError(
-            f"{folder / changed} was changed since it was recorded; delete {folder} to record that run again."
-        )
-    if manifest.missing_file(folder):
-        return None
-    _check_settings(job, seed, folder)
-    ended = cast("dict[str, str | None]", read_results(folder / "results.json"))["ended"]
-    return RecordOutcome(seed=seed, folder=folder, ended=ended, was_there=True)
-
-
-def _check_settings(job: RecordJob, seed: int, folder: Path) -> None:
-    """Raise InputError unless the run in the folder is made as this job's, by this version of Ballbot."""
-    record = folder / "record.toml"
-    stated = _VERSION.search(read_text(record)) if record.is_file() else None
-    if stated and stated[1] != version("ballbot"):
-        raise InputError(
-            f"{folder} holds a run that Ballbot {stated[1]} recorded, and this is Ballbot {version('ballbot')}; "
-            "choose another folder with --out."
-        )
-    for name, text in settings(job, seed).items():
-        path = folder / name
-        if not path.is_file() or without_format(read_text(path)) != without_format(text):
-            raise InputError(
-                f"{folder} holds a run of other settings ({name} differs); choose another folder with --out."
-            )
 
 
 def _inputs(job: RecordJob) -> list[Path]:

@@ -24,7 +24,7 @@ from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT
 from ballbot.errors import InputError
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import evolve
-from ballbot.progress import Progress, ProgressReporter, Stage, on_all_cores
+from ballbot.progress import Progress
 from ballbot.results import key, left_out
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.summary import Summary, listed, plotted, summarized
@@ -47,8 +47,6 @@ GROUPS = ((0, 1), (2, 3), (4,), (5, 6), (7, 8), (9,))
 DECADES = 2.0
 #: inner step of the search, one a sample of 5 ms, and of the comparison on fresh robots [s]
 SEARCH_STEP, TEST_STEP = 5e-3, 1e-3
-#: processor time of a run [s] by its inner step, and designs compared
-_RUN, _DESIGNS = {SEARCH_STEP: 0.9e-3, TEST_STEP: 1.75e-3}, 3
 _NO_GAIN = 100.0  # the cost of weights that have none
 
 
@@ -155,7 +153,7 @@ def robust_design(
     spread : PerturbationRanges
     effort : Effort
     run : Run, optional
-        Its seed fixes the result bit for bit; its checkpoint answers for a generation's costs.
+        Its seed fixes the result bit for bit.
     threads : int, optional
         All cores by default; the result does not depend on it.
 
@@ -189,10 +187,8 @@ def robust_design(
             costs[list(made)] = worst_tenth(units.costs(marks))
         return costs
 
-    reporter = ProgressReporter(run.progress, _stages(effort))
-
     def report(now: Progress) -> None:
-        reporter(replace(now, note=f"worst tenth {now.cost:.2f}"))
+        run.progress(replace(now, note=f"worst tenth {now.cost:.2f}"))
 
     found = evolve(
         cost_of,
@@ -207,8 +203,8 @@ def robust_design(
         "nominal": (NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT),
         "plain": ((1.0,) * 10, 1.0),
     }
+    run.progress(Progress(stage="comparison"))
     compared = _compare(robot, designs, controller_of, units, spread, effort.fresh, run.seed, threads)
-    reporter(Progress(stage="comparison", done=1, total=1, note="compared"))
     return RobustDesign(
         design=design_gain(robot, state_weights=weights),
         controller=controller_of(weights),
@@ -219,16 +215,6 @@ def robust_design(
         compared=compared,
         fresh=effort.fresh,
         spread=spread,
-    )
-
-
-def _stages(effort: Effort) -> tuple[Stage, ...]:
-    """Return the stages; the search usually takes all its generations."""
-    searching = _RUN[SEARCH_STEP] * effort.population * effort.robots
-    comparing = _RUN[TEST_STEP] * _DESIGNS * effort.fresh
-    return (
-        Stage(name="evolution", steps=effort.generations, work=on_all_cores(searching)),
-        Stage(name="comparison", steps=1, work=on_all_cores(comparing)),
     )
 
 

@@ -35,7 +35,7 @@ from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import CheckedLogs, checked_logs
 from ballbot.log.columns import torque_names
 from ballbot.mechanics.model import Model
-from ballbot.progress import Progress, in_parts, part_of
+from ballbot.progress import in_stage
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.summary import Summary, counted, first_texts, listed, plotted, summarized
 from ballbot.twin.imperfections import imperfections_of
@@ -210,32 +210,21 @@ def study(
     tried = sampled_at(given, sample_time)
     imperfections_of(tried)  # refused before the work begins
     confirmed = options.confirm and find_spec("mujoco") is not None
-    identifying, validating, choosing, confirming, measuring = (
-        replace(run, progress=part)
-        for part in in_parts(run.progress, (4.0, 2.0, 5.0, 10.0 * confirmed, 10.0 * (not options.quick)))
-    )
-    found = _identify(robot, checked, options, _named(identifying, "identifying friction"))
+    found = _identify(robot, checked, options, _named(run, "identifying friction"))
     if not found.verdict.usable:
         raise InputError(
             f"{found.verdict.sentence} A study compensates the friction that it finds, so it ends here; `ballbot "
             "identify` shows the fit."
         )
-    by_log = _validate(found.robot, studied, validating)
+    by_log = _validate(found.robot, studied, run)
     choice = choose_controller(
         candidates(found, sample_time=sample_time),
         draw_plants(found, scenario=tried, count=options.draws, seed=run.seed),
         course=NamedCourse(name=SQUARE.name, duration=options.duration),
-        run=_named(choosing, "comparing controllers"),
+        run=_named(run, "comparing controllers"),
     )
-    confirmation = (
-        confirm(found, choice, run=_named(confirming, "confirming on the twin")) if confirmed else None
-    )
-    steps = (
-        {}
-        if options.quick
-        else measure_steps(choice, run=_named(measuring, "measuring what brings the gain"))
-    )
-    run.progress(Progress(stage="done", done=1, total=1))
+    confirmation = confirm(found, choice, run=_named(run, "confirming on the twin")) if confirmed else None
+    steps = {} if options.quick else measure_steps(choice, run=_named(run, "measuring what brings the gain"))
     return Study(
         robot=robot,
         logs=studied,
@@ -255,7 +244,7 @@ def study(
 
 def _named(run: Run, stage: str) -> Run:
     """Return the run with a name for all its stages."""
-    return replace(run, progress=part_of(run.progress, 0.0, 1.0, stage=stage))
+    return replace(run, progress=in_stage(run.progress, stage))
 
 
 def sampled_at(scenario: Scenario, sample_time: float) -> Scenario:
@@ -308,10 +297,7 @@ def _identify(
 
 def _validate(robot: Robot, logs: Sequence[StudiedLog], run: Run) -> tuple[Validation, ...]:
     validations, models = [], ModelPair.by_friction(Model(robot))
-    for number, studied in enumerate(logs):
-        stage = f"validating on {studied.name}"
-        one = part_of(run.progress, number / len(logs), (number + 1) / len(logs), stage=stage)
-        validations.append(
-            validate_pair(models, studied.log, holdout=studied.held_out, run=replace(run, progress=one))
-        )
+    for studied in logs:
+        one = _named(run, f"validating on {studied.name}")
+        validations.append(validate_pair(models, studied.log, holdout=studied.held_out, run=one))
     return tuple(validations)

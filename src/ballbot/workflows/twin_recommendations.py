@@ -16,7 +16,7 @@ from ballbot.control.presets import nominal_controller
 from ballbot.control.references import square
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import EstimatorName
-from ballbot.progress import ProgressCallback, ignore_progress, part_of
+from ballbot.progress import ProgressCallback, ignore_progress, in_stage
 from ballbot.robot import Robot
 from ballbot.simulation.sensors import FixSource
 from ballbot.twin.scenario import Scenario
@@ -85,13 +85,13 @@ def try_recommendations(
     threads : int
         Runs at a time.
     progress : callable, optional
-        Called with the progress of all runs.
+        Called with the progress of each variant's runs.
     """
     with_true_friction = robot.replace(friction=Scenario.nominal(robot).friction)
     controllers = {kind: nominal_controller(with_true_friction, compensation=kind) for kind in COMPENSATIONS}
     every = variants(robot)
     found: dict[str, Comparison] = {}
-    for k, variant in enumerate(every):
+    for variant in every:
         found[variant.name] = compare(
             lambda variant=variant: variant.twin(robot),
             controllers,
@@ -99,7 +99,7 @@ def try_recommendations(
             duration=duration,
             seeds=seeds,
             threads=threads,
-            progress=part_of(progress, k / len(every), (k + 1) / len(every)),
+            progress=in_stage(progress, variant.name),
         )
     return found
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +22,7 @@ from ballbot.identification.axis.discrepancy import (
     with_discrepancy,
 )
 from ballbot.identification.axis.inverse import InverseFit, inverse_fit
-from ballbot.identification.axis.law_fits import check_determined, fit_laws, improved, memoized
+from ballbot.identification.axis.law_fits import check_determined, fit_laws, improved
 from ballbot.identification.axis.laws import AXIS_LAWS, AxisLaw, axis_law_named
 from ballbot.identification.axis.outliers import outlier_findings
 from ballbot.identification.axis.output_error import (
@@ -58,10 +57,7 @@ from ballbot.identification.axis.selection import (
     select_law,
 )
 from ballbot.identification.axis.structure import AxisModel, base_name
-from ballbot.progress import Progress, part_of
-
-#: shares of the work done when the horizon is chosen, when the laws are fitted, and when they are judged
-_HORIZON_TO, _FITS_TO, _LAWS_TO, _WHOLE_FROM = 0.3, 0.5, 0.9, 0.95
+from ballbot.progress import Progress
 
 
 def identify_axis(
@@ -81,7 +77,7 @@ def identify_axis(
     validation_records : sequence of AxisRecord
         Other records of the axis, which every estimate predicts and none is fitted to.
     run : Run, optional
-        Its checkpoint answers for each horizon, each law and each fit. Its seed is not used.
+        Who watches the progress. Its seed is not used.
 
     Raises
     ------
@@ -92,15 +88,12 @@ def identify_axis(
     _check(records, validation_records, options)
     wanted = None if options.law is None else axis_law_named(options.law)
     bench = Bench(records=records, others=tuple(validation_records), bandwidth=options.bandwidth)
-    choosing = replace(run, progress=part_of(run.progress, 0.0, _HORIZON_TO))
-    prepared, needed, blocks, horizon = prepared_with_windows(bench, options, choosing)
+    prepared, needed, blocks, horizon = prepared_with_windows(bench, options, run)
     bench, drifting = prepared.bench, prepared.drifting
     model, terms, starts = needed.model, needed.terms, needed.starts
     inverse = _inverse_fits(bench, model)
-    fitting = replace(run, progress=part_of(run.progress, _HORIZON_TO, _FITS_TO))
-    fits = fit_laws(model, starts, bench.sightings, blocks, horizon.chosen, fitting)
-    judging = replace(run, progress=part_of(run.progress, _FITS_TO, _LAWS_TO))
-    selection, squares = select_law(fits, bench.sightings, blocks, horizon=horizon.chosen, run=judging)
+    fits = fit_laws(model, starts, bench.sightings, blocks, horizon.chosen, run)
+    selection, squares = select_law(fits, bench.sightings, blocks, horizon=horizon.chosen, run=run)
     chosen = wanted or selection.best.model
     by_inverse = inverse_estimates(bench, inverse["complete"], model, horizon.chosen)
     simulated = _improving(
@@ -114,7 +107,6 @@ def identify_axis(
     by_law[chosen.name] = best
     tests = bench.residual_tests(model, fit.values, over_position=needed is prepared)
     expected = _expected(bench, drifting, fit, squares[chosen.name], blocks, horizon.chosen)
-    run.progress(Progress(stage="done", done=1.0, total=1.0))
     findings = (
         *prepared.findings(records),
         *outlier_findings(fit, bench.sightings, records, blocks, horizon.chosen),
@@ -194,7 +186,7 @@ def _improving(
     """
     simulated = _simulated(bench, fits[law], start, horizon, run)
     others = [one.values for one in (*simulated, *by_inverse) if one.values.keys() == fits[law].values.keys()]
-    best = improved(fits[law], others, bench.sightings, blocks, horizon, run)
+    best = improved(fits[law], others, bench.sightings, blocks, horizon)
     if best is not fits[law]:
         judged = [(horizon, False)]
         fits[law] = best
@@ -306,14 +298,12 @@ def _simulated(
     """Return the law of a fit by output error over whole records: in their loops, and in open loop from `start`."""
     found, sightings = [], bench.sightings
     if all(one.loop is not None for one in bench.records):
-        run.progress(Progress(stage="closed loop", done=_LAWS_TO, total=1.0))
+        run.progress(Progress(stage="closed loop"))
         loops = ClosedLoop(model=fit.model, sightings=sightings)
-        work = partial(fit_output_error, fit.model, fit.values, loops)
-        closed = memoized(run, "closed loop", fit.model, fit.values, work)
+        closed = fit_output_error(fit.model, fit.values, loops)
         found.append(bench.estimate("closed loop", closed, horizon))
     if all(len(one.segments) == 1 for one in bench.records):
-        run.progress(Progress(stage="whole records", done=_WHOLE_FROM, total=1.0))
-        work = partial(search_output_error, fit.model, start, whole_records(fit.model, sightings))
-        whole = memoized(run, "whole records", fit.model, start, work)
+        run.progress(Progress(stage="whole records"))
+        whole = search_output_error(fit.model, start, whole_records(fit.model, sightings))
         found.append(bench.estimate("whole record", whole, horizon))
     return found

@@ -9,12 +9,10 @@ step of the simulation, which does not resolve it. What other methods find may b
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from ballbot.errors import InputError
@@ -138,31 +136,10 @@ def fit_laws(
     for number, (name, law) in enumerate(AXIS_LAWS.items()):
         run.progress(Progress(stage=f"open loop, law {name}", done=number, total=len(AXIS_LAWS)))
         own, inner = model.with_law(law), fits.get(law.below or "")
-        fit = partial(fit_law, own, starts[name], inner, sightings, blocks, horizon)
-        fits[name] = memoized(run, "open loop", own, starts[name], fit)
+        fits[name] = fit_law(own, starts[name], inner, sightings, blocks, horizon)
     closest = min(fits.values(), key=lambda one: one.rms)
     check_determined(closest, starts["coulomb"], sightings, blocks, horizon)
     return fits
-
-
-def memoized(
-    run: Run, stage: str, model: AxisModel, start: Values, fit: Callable[[], OutputErrorFit]
-) -> OutputErrorFit:
-    """Return a model's fit from `start`, from a checkpoint if that has it."""
-
-    def answer() -> list[NDArray[np.float64]]:
-        found = fit()
-        numbers = np.array([found.rms, found.freedom], dtype=np.float64)
-        return [model.vector(found.values), model.vector(found.standard_errors), numbers]
-
-    values, errors, (rms, freedom) = run.memoize(f"{stage}, {model.law.name}", model.vector(start), answer)
-    return OutputErrorFit(
-        model=model,
-        values=model.by_label(values),
-        standard_errors=model.by_label(errors),
-        rms=float(rms),
-        freedom=int(freedom),
-    )
 
 
 def fit_law(
@@ -235,15 +212,13 @@ def improved(
     sightings: Sequence[Sighting],
     blocks: Blocks,
     horizon: float,
-    run: Run,
 ) -> OutputErrorFit:
     """Return a fit, or one from the best of other parameters of its law if their error is below the fit's."""
     problem = problem_of(fit.model, sightings, blocks, horizon)
     best = min((fit.values, *others), key=problem.rms)
     if not problem.rms(best) < (1.0 - SAME) * problem.rms(fit.values):
         return fit
-    descend = partial(fit_all, fit.model, best, sightings, blocks, horizon, restarts=1)
-    found = memoized(run, "open loop, improved", fit.model, best, descend)
+    found = fit_all(fit.model, best, sightings, blocks, horizon, restarts=1)
     # a descent keeps the starts of its windows, and may end above where it began
     return min(fit, found, key=lambda one: problem.rms(one.values))
 

@@ -363,12 +363,12 @@ def prepared_with_windows(
     bench: Bench, options: AxisOptions, run: Run = DEFAULT_RUN
 ) -> tuple[Prepared, Prepared, Blocks, HorizonChoice]:
     """Return what was prepared, the same without forces that the open loop refutes, blocks and horizon."""
-    run.progress(Progress(stage="inverse model", done=0.0, total=1.0))
+    run.progress(Progress(stage="inverse model"))
     prepared = prepared_records(bench, options, blocks_of(bench.records))
     dry = AXIS_LAWS["dahl" if prepared.model.bending else "coulomb"]
     model, start = prepared.model.with_law(dry), prepared.starts[dry.name]
     blocks, horizon = select_windows(model, start, prepared.bench.sightings, prepared.blocks, run)
-    run.progress(Progress(stage="forces", done=1.0, total=1.0))
+    run.progress(Progress(stage="forces"))
     prepared = with_best_load(prepared, dry, blocks, horizon.chosen)
     if options.load_friction is None:
         prepared = with_missed_load(prepared, dry, blocks, horizon.chosen)

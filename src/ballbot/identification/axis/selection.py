@@ -300,11 +300,7 @@ def select_windows(
     run: Run = DEFAULT_RUN,
 ) -> tuple[Blocks, HorizonChoice]:
     """Return blocks, fewer and longer ones if short windows show noise alone, and the length of windows in them."""
-
-    def answer() -> list[NDArray[np.float64]]:
-        return [np.array([show_noise_alone(model, start, sightings, blocks)], dtype=np.float64)]
-
-    if run.memoize("noise alone", model.vector(start), answer)[0][0]:
+    if show_noise_alone(model, start, sightings, blocks):
         with suppress(InputError):  # if gaps leave too few long ones
             blocks = blocks_of([one.record for one in sightings], longest=True)
     return blocks, select_horizon(model, start, sightings, blocks, run)
@@ -327,14 +323,10 @@ def select_horizon(
     rows = []
     for number, horizon in enumerate(horizons):
         run.progress(Progress(stage=f"horizon {horizon:g} s", done=number, total=len(horizons)))
-
-        def answer(horizon: float = horizon) -> list[NDArray[np.float64]]:
-            fit = fit_all(model, start, sightings, blocks, horizon)
-            judged = [(one, False) for one in horizons]
-            squares = held_out_errors(fit, sightings, blocks, horizon=horizon, judged=judged)
-            return [np.sqrt(squares.mean(axis=0))]
-
-        rows.append(run.memoize(f"horizon {horizon:g}", model.vector(start), answer)[0])
+        fit = fit_all(model, start, sightings, blocks, horizon)
+        judged = [(one, False) for one in horizons]
+        squares = held_out_errors(fit, sightings, blocks, horizon=horizon, judged=judged)
+        rows.append(np.sqrt(squares.mean(axis=0)))
     errors = np.array(rows)
     return HorizonChoice(horizons=horizons, errors=errors, chosen=horizons[least_errors(errors)])
 
@@ -383,12 +375,8 @@ def select_law(
     tables = {}
     for number, (name, fit) in enumerate(fits.items()):
         run.progress(Progress(stage=f"law {name}", done=number, total=len(fits)))
-
-        def answer(fit: OutputErrorFit = fit) -> list[NDArray[np.float64]]:
-            judged = [(horizon, False), (horizon, True)]
-            return [held_out_errors(fit, sightings, blocks, horizon=horizon, judged=judged)]
-
-        tables[name] = run.memoize(f"held out, {name}", fit.model.vector(fit.values), answer)[0]
+        judged = [(horizon, False), (horizon, True)]
+        tables[name] = held_out_errors(fit, sightings, blocks, horizon=horizon, judged=judged)
     squares = {name: table[:, 0] for name, table in tables.items()}
     going_on = at_constant_speed(len(sightings))
     useless = [

@@ -5,7 +5,7 @@ chapters_2_to_4.py, chapter5.py, appendices.py
                         what is measured for each figure and what the thesis shows
 mistakes.py, mistaken_equations.py
                         the thesis's misprints and mistakes, each with the number that shows it
-recordings.py           recordings of the twin, kept in a folder so that an interrupted run can be resumed
+recordings.py           recordings of the twin, kept in a folder so that the command goes on where it was stopped
 runs.py                 how runs are measured and compared with the models
 bench.py                what several figures share: recordings, the friction identified from them, runs of the models
 campaign.py             the command's work: record, identify, compare; all items in the thesis's order

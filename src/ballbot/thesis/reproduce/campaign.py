@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run
 from ballbot.identification.identify import identify
-from ballbot.log import Log
-from ballbot.progress import ProgressCallback, part_of
+from ballbot.progress import Progress, ProgressCallback, in_stage
 from ballbot.robot import Friction, Robot
-from ballbot.robot.file import write_robot
 from ballbot.thesis.reproduce import appendices, chapter5, chapters_2_to_4
 from ballbot.thesis.reproduce.bench import Bench, rounded_friction
 from ballbot.thesis.reproduce.item import VERDICTS, Item, Mistake, Verdict
@@ -23,11 +20,9 @@ from ballbot.thesis.reproduce.recordings import (
     FIRST,
     SECOND,
     Logs,
-    Progress,
     Recorded,
     Recording,
     record_all,
-    sources_of,
 )
 
 ITEMS: tuple[Callable[[Bench], Item], ...] = (
@@ -60,10 +55,6 @@ ITEMS: tuple[Callable[[Bench], Item], ...] = (
 )
 
 
-#: when each stage has ended, of the whole
-_RECORDED, _IDENTIFIED, _COMPENSATED = 0.4, 0.65, 0.7
-#: the packages that the friction identified depends on, beside the logs
-_IDENTIFIED_BY = ("robot", "log", "mechanics", "simulation", "fitting", "identification")
 #: the logs that friction is identified from
 _FITTED = ("fit_square", "fit_eight")
 
@@ -132,12 +123,11 @@ def reproduce(
     bench = make_bench(folder, seed=seed, at_once=only is None, progress=progress)
     total = len(chosen) + len(mistaken)
     items, mistakes = [], []
-    making = part_of(progress, _COMPENSATED, 1.0)
     for done, make in enumerate(chosen):
-        making(Progress(stage=make.__name__.replace("_", " "), done=done, total=total))
+        progress(Progress(stage=make.__name__.replace("_", " "), done=done, total=total))
         items.append(make(bench))
     for done, make in enumerate(mistaken, start=len(chosen)):
-        making(Progress(stage="mistakes", done=done, total=total))
+        progress(Progress(stage="mistakes", done=done, total=total))
         mistakes.append(make(bench))
     return Reproduction(bench=bench, items=tuple(items), mistakes=tuple(mistakes))
 
@@ -152,20 +142,18 @@ def make_bench(folder: Path, *, seed: int, at_once: bool, progress: ProgressCall
 
     def record(chosen: tuple[Recording, ...]) -> dict[str, Logs]:
         first = not set(chosen) & set(SECOND)
-        recorded = (0.0, _RECORDED) if first else (_IDENTIFIED, _COMPENSATED)
-        progress(Progress(stage="recording the twin", done=recorded[0], total=1.0))
         return record_all(
             chosen,
             robot if first else bench.identified,
             seed=seed,
-            folder=folder,
-            progress=part_of(progress, *recorded),
+            folder=folder / ("first" if first else "compensated"),
+            progress=progress,
         )
 
     recordings = Recorded(record)
     bench = Bench(
         robot=robot,
-        identify=lambda: _identified(robot, recordings, seed=seed, folder=folder, progress=progress),
+        identify=lambda: _identified(robot, recordings, seed=seed, progress=progress),
         recordings=recordings,
         seed=seed,
         folder=folder,
@@ -177,26 +165,9 @@ def make_bench(folder: Path, *, seed: int, at_once: bool, progress: ProgressCall
 
 
 def _identified(
-    robot: Robot, recordings: Mapping[str, Logs], *, seed: int, folder: Path, progress: ProgressCallback
+    robot: Robot, recordings: Mapping[str, Logs], *, seed: int, progress: ProgressCallback
 ) -> Robot:
-    """Return the robot with the friction identified from two recordings; from the folder if it was identified
-    before."""
+    """Return the robot with the friction identified from two recordings."""
     logs = [recordings[name]["log"].without_truth() for name in _FITTED]
-    path = folder / f"friction-{_stamp(logs, seed)}.toml"
-    if path.exists():
-        return Robot.load(path)
-
-    def report(now: Progress) -> None:
-        part_of(progress, _RECORDED, _IDENTIFIED, stage=f"identifying: {now.stage}")(now)
-
-    found = identify(robot, logs, run=Run(seed=seed, progress=report))
-    write_robot(rounded_friction(found.robot), path)
-    return Robot.load(path)
-
-
-def _stamp(logs: Sequence[Log], seed: int) -> str:
-    digest = hashlib.sha256(f"{sources_of(*_IDENTIFIED_BY)} {seed}".encode())
-    for log in logs:
-        for name in log:
-            digest.update(log[name].tobytes())
-    return digest.hexdigest()[:12]
+    found = identify(robot, logs, run=Run(seed=seed, progress=in_stage(progress, "identifying the friction")))
+    return rounded_friction(found.robot)

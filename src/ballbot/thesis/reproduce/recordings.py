@@ -1,4 +1,4 @@
-"""What is recorded on the nominal twin, and kept in a folder so that an interrupted run can be resumed.
+"""What is recorded on the nominal twin, and kept in a folder so that the command goes on where it was stopped.
 
 Two rounds: the logs from which friction is identified and on which it is validated, and then, with that friction, the
 compensated runs. Each recording is a function of the robot and the seed, so that it can be made in a process of its
@@ -15,10 +15,7 @@ from __future__ import annotations
 
 import hashlib
 import io
-import os
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -33,10 +30,10 @@ from ballbot.control.presets import nominal_controller
 from ballbot.control.references import Reference, change_pose, figure_eight, square
 from ballbot.errors import InputError
 from ballbot.files import read_sealed, write_sealed
+from ballbot.fitting.sweep import ALL_CORES, RunFolder, identity
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
-from ballbot.processes import uninterrupted, worker_pool
-from ballbot.progress import Progress, ProgressCallback
+from ballbot.progress import ProgressCallback
 from ballbot.robot import Robot
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement
@@ -124,7 +121,6 @@ class Recording:
 
     name: str
     make: Callable[[Robot, int], Logs]  #: of the robot, whose friction is compensated, and the seed
-    seconds: float  #: of the twin's time; about how long it takes beside the others
 
 
 def driveline_sweep(robot: Robot, seed: int) -> Logs:
@@ -169,22 +165,18 @@ def _changes(name: str, compensation: Compensation) -> tuple[Recording, ...]:
         Recording(
             name=f"{name}_{k}",
             make=partial(change, number=k, compensation=compensation),
-            seconds=CHANGE_RUN,
         )
         for k in range(RUNS)
     )
 
 
 FIRST = (
-    *(
-        Recording(name=f"drifting_{k}", make=partial(drifting, number=k), seconds=180.0)
-        for k in range(LONG_RUNS)
-    ),
-    Recording(name="fit_square", make=fit_square, seconds=48.0),
-    Recording(name="fit_eight", make=fit_eight, seconds=48.0),
+    *(Recording(name=f"drifting_{k}", make=partial(drifting, number=k)) for k in range(LONG_RUNS)),
+    Recording(name="fit_square", make=fit_square),
+    Recording(name="fit_eight", make=fit_eight),
     *_changes("without_compensation", "none"),
-    Recording(name="upside_down", make=upside_down, seconds=60.0),
-    Recording(name="driveline_sweep", make=driveline_sweep, seconds=40.0),
+    Recording(name="upside_down", make=upside_down),
+    Recording(name="driveline_sweep", make=driveline_sweep),
 )
 SECOND = _changes("with_compensation", "full")
 
@@ -239,35 +231,20 @@ def record_all(
     progress : callable
         Called after each recording.
     """
-    found = {
-        one.name: logs for one in recordings if (logs := _read(_path(folder, one, robot, seed))) is not None
-    }
-    missing = [one for one in recordings if one.name not in found]
-    total = sum(one.seconds for one in recordings)
-    done = sum(one.seconds for one in recordings if one.name in found)
-    if missing:
-        workers = min(os.cpu_count() or 1, len(missing))
-        with worker_pool(workers) as pool:
-            with uninterrupted():
-                made = {pool.submit(one.make, robot, seed): one for one in missing}
-            try:
-                for future in as_completed(made):
-                    one = made[future]
-                    found[one.name] = future.result()
-                    _write(_path(folder, one, robot, seed), found[one.name])
-                    done += one.seconds
-                    progress(
-                        Progress(stage=f"recorded: {one.name.replace('_', ' ')}", done=done, total=total)
-                    )
-            except BrokenProcessPool:
-                raise InputError(
-                    "A recording process was killed, perhaps because memory ran out. Finished recordings are kept; "
-                    "run the command again to continue."
-                ) from None
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
-    return found
+    made_from = identity({"robot": [robot]}, {"seed": seed, "code": sources_of(*_MADE_BY)})
+    kept = RunFolder(path=folder, made_from=made_from, write=_write, read=_read)
+    found, _ = kept.complete(
+        partial(_made, robot, seed),
+        {f"{one.name}.npz": one for one in recordings},
+        workers=ALL_CORES,
+        stage="recording the twin",
+        progress=progress,
+    )
+    return {name.removesuffix(".npz"): logs for name, logs in found.items()}
+
+
+def _made(robot: Robot, seed: int, one: Recording) -> Logs:
+    return one.make(robot, seed)
 
 
 def balance(
@@ -289,12 +266,6 @@ def balance(
     controller = nominal_controller(robot, compensation=compensation)
     plant = TwinOnGrid(Twin(robot, Scenario.nominal(robot)))
     return simulate(plant, controller, reference, duration=duration, initial_state=np.zeros(10), seed=seed)
-
-
-def _path(folder: Path, one: Recording, robot: Robot, seed: int) -> Path:
-    """Return the file of a recording; another seed, friction or version of the code has another name."""
-    stamp = hashlib.sha256(f"{sources_of(*_MADE_BY)} {seed} {robot.friction}".encode()).hexdigest()[:12]
-    return folder / f"{one.name}-{stamp}.npz"
 
 
 @cache
