@@ -13,11 +13,12 @@ and eliminating dx_w = -A_w^-1 (a_w + B_w dp) leaves, for the parameters alone, 
 
     H_w - B_w^T A_w^-1 B_w   and   g_w - B_w^T A_w^-1 a_w.
 
-A step is damped as Levenberg and Marquardt do, and tried once; more only if it does not lower the cost. A wheel that
-begins to stick bends the cost sharply, so derivatives are differences to one side and then to the other, of changing
-width, with a long inner step: they only show the way. The cost itself and the equations of the result are exact.
-A start that has settled on one side of a wheel's sticking does not find the other: where the descent has become slow,
-each window settles from its measured start as well, and keeps the better of both.
+A step is damped as Levenberg and Marquardt do, and tried once; more only if it does not lower the cost. Derivatives are
+differences to one side and then to the other, with a long inner step: they only show the way. The cost itself and the
+equations of the result are exact.
+A start that has settled on one side of a wheel's sticking does not find the other: a few such windows were what kept
+descents from one optimum (1 to 4 of 256, which cost up to 3e-4 of 2.2 and held the parameters with them). So where the
+descent has become slow, each window settles from its measured start and from random ones as well, and keeps the best.
 """
 
 from __future__ import annotations
@@ -36,9 +37,9 @@ from ballbot.identification.prediction import DIFFERENCE, Problem, Work
 from ballbot.progress import Progress
 
 #: inner step [s] of the simulations that show the way, and not how far it goes
-DERIVATIVE_STEP = 2.5e-3
-#: widths of differences, one step after another: a step that the kinks of one width lead astray is free with the next
-_WIDER = (1.0, 3.0, 9.0)
+DERIVATIVE_STEP = 5e-3
+#: half the difference in a scaled parameter, for those that show the way; wheels that begin to stick bend wider ones
+_NARROW = 2e-4
 #: of the parameters' diagonal at first, and at least and at most; a step that gains nothing takes ten times as much
 _DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-8, 1e3
 _TRIALS = 4
@@ -51,10 +52,12 @@ _PATIENCE, _SLOW = 2, 1e-4
 #: little: b, c, s and v_s form a bent and nearly level valley, in which one short step does not mean its floor
 _LITTLE = 4e-6
 _SETTLES = 2
-#: steps of each window's start by itself, each with these shares of the full one
-_SETTLING, _LENGTHS = 4, (1.0, 0.3)
-#: a window whose two ends differ by more, in squares of a residual's deviation, settles from so many random starts too
-_SAME, _DRAWS = 0.01, 8
+#: a window settles from so many starts with so many steps, one after the other; the best of them go on
+_SETTLING = ((8, 2), (2, 4))
+#: all but two of them random, with so many times the deviations that its residuals leave; two miss few of the basins
+_SPREAD = 2.5
+#: steps of each window's start by itself are tried with these shares of the full one
+_LENGTHS = (1.0, 0.3)
 #: half the central difference of a start, in standard deviations of its state's residuals
 _START_DIFFERENCE = 0.5
 _STATES = 10
@@ -161,7 +164,7 @@ def costs(problem: Problem, points: NDArray[np.float64], starts: NDArray[np.floa
 
 def linearize(problem: Problem, point: NDArray[np.float64], starts: NDArray[np.float64]) -> Linearized:
     """Return each window's equations about scaled parameters (p,) and starts (w, 10)."""
-    return _linearized(problem, _at(problem, point, starts), side=0, wider=1.0)
+    return _linearized(problem, _at(problem, point, starts), side=0)
 
 
 def compared(problem: Problem) -> int:
@@ -200,7 +203,7 @@ def descend(
         if settling:
             at = _settled(problem, at)
         else:
-            about = _linearized(problem, at, side=1 if step % 2 else -1, wider=_WIDER[step % len(_WIDER)])
+            about = _linearized(problem, at, side=1 if step % 2 else -1)
             at, damping = _best_trial(problem, at, about, free=free, fixed=fixed, damping=damping)
         history.append(at.cost)
         run.progress(Progress(stage="gauss_newton", done=step, total=most_steps, cost=at.cost))
@@ -289,28 +292,20 @@ def _squares(residuals: NDArray[np.float64], weights: NDArray[np.float64]) -> ND
 
 
 def _settled(problem: Problem, at: _At) -> _At:
-    """Return the same point with each window's best start, from where it is and from where it was measured."""
+    """Return the same point with each window's best start: from where it is, as measured, and from random ones."""
     values, work = problem.coordinates.physical(at.point), _work(problem)
-    offered = np.stack([at.starts, problem.windows.initial])
-    step = _derivative_step(problem)
-    pieces = [
-        (_Settling(values=values, starts=offered[:, rows], weights=at.weights, step=step), rows)
-        for rows in work.rows
-    ]
-    parts = problem.executor(_settled_piece, work, pieces)
+    about = _Settling(values=values, weights=at.weights, step=_derivative_step(problem))
+    parts = problem.executor(_settled_piece, work, [(about, at.starts[rows], rows) for rows in work.rows])
     starts, residuals = (np.concatenate(one) for one in zip(*parts, strict=True))
     after = _at(problem, at.point, starts, residuals)
     return after if after.cost < at.cost else at
 
 
-def _linearized(problem: Problem, at: _At, *, side: int, wider: float) -> Linearized:
-    """Return the equations by differences to one side, 1 or -1, with a long inner step, or exact central ones, 0.
-
-    `wider` multiplies the differences in the parameters.
-    """
+def _linearized(problem: Problem, at: _At, *, side: int) -> Linearized:
+    """Return the equations by differences to one side, 1 or -1, with a long inner step, or exact central ones, 0."""
     places = np.flatnonzero(problem.coordinates.free)
     m, size, towards = len(places), len(at.point), side or 1
-    width = towards * wider * DIFFERENCE * np.eye(size)[places]
+    width = towards * (_NARROW if side else DIFFERENCE) * np.eye(size)[places]
     ahead, behind = at.point + width, np.clip(at.point - width, 0.0, 1.0)
     if side:
         outside = ((ahead < 0.0) | (ahead > 1.0)).any(axis=1, keepdims=True)
@@ -404,55 +399,63 @@ def _products(work: Work, piece: Piece) -> tuple[NDArray[np.float64], ...]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Settling:
-    """Inputs of a piece whose starts settle."""
+    """What starts settle with."""
 
     values: NDArray[np.float64]  #: (p,), SI units
-    starts: NDArray[np.float64]  #: (sets, rows, 10), to begin with
     weights: NDArray[np.float64]  #: (1 + k, 10)
     step: float  #: of the derivatives [s]
 
 
 def _settled_piece(
-    work: Work, piece: tuple[_Settling, NDArray[np.int64]]
+    work: Work, piece: tuple[_Settling, NDArray[np.float64], NDArray[np.int64]]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return each window's best start (rows, 10) and residuals (rows, 1 + k, 10)."""
-    about, rows = piece
-    starts, residuals, A = _settled_from(work, about, about.starts, rows)
-    settled = _squares(residuals, about.weights)
-    starts, residuals = _better(starts, residuals, about.weights)
-    apart = np.flatnonzero(~(np.ptp(settled, axis=0) <= _SAME))
-    if len(apart):
-        drawn = np.random.default_rng(0).standard_normal((_DRAWS, len(apart), _STATES, 1))
-        spread = np.linalg.inv(np.linalg.cholesky(A[0, apart])).transpose(0, 2, 1)
-        begin = np.concatenate([starts[None, apart], starts[apart] + (spread @ drawn)[..., 0]])
-        starts[apart], residuals[apart] = _better(
-            *_settled_from(work, about, begin, rows[apart])[:2], about.weights
-        )
-    return starts, residuals
+    """Return each window's best start (rows, 10) and residuals (rows, 1 + k, 10), from its start (rows, 10)."""
+    about, at, rows = piece
+    S = _by_starts(work, about, at, rows, side=1)
+    spread = np.linalg.inv(np.linalg.cholesky(S @ S.transpose(0, 2, 1))).transpose(0, 2, 1)
+    drawn = np.random.default_rng(0).standard_normal((_SETTLING[0][0] - 2, len(rows), _STATES, 1))
+    begin = np.stack([at, work.windows.initial[rows]])
+    starts = np.concatenate([begin, at + _SPREAD * (spread @ drawn)[..., 0]])
+    residuals = _predicted(work, np.tile(about.values, (len(starts), 1)), starts, rows)
+    for sets, steps in _SETTLING:
+        order = np.argsort(_squares(residuals, about.weights), axis=0, kind="stable")[:sets]
+        best = order, np.arange(len(rows))
+        starts, residuals = _settled_from(work, about, starts[best], residuals[best], rows, steps)
+    return _better(starts, residuals, about.weights)
+
+
+def _by_starts(
+    work: Work, about: _Settling, starts: NDArray[np.float64], rows: NDArray[np.int64], *, side: int
+) -> NDArray[np.float64]:
+    """Return S (rows, 10, (1 + k) 10), by differences to one side, 1 or -1."""
+    moves = _moves(about.weights)
+    to_one_side = _About(
+        values=np.tile(about.values, (len(moves) + 1, 1)),
+        shifts=side * np.concatenate([moves, np.zeros((1, _STATES))]),
+        distance=side * moves.sum(axis=1),
+        weights=about.weights,
+        step=about.step,
+    )
+    return _with_floor(_derivatives(work, to_one_side, starts, rows), about.weights)
 
 
 def _settled_from(
-    work: Work, about: _Settling, starts: NDArray[np.float64], rows: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return starts (sets, rows, 10) after some damped steps of each by itself, their residuals, and A at the last."""
-    sets, diagonal, moves = len(starts), np.arange(_STATES), _moves(about.weights)
-    starts, rows = starts.reshape(-1, _STATES), np.tile(rows, sets)
-    damping, A = np.full(len(rows), _DAMPING), np.empty(0)
-    residuals = _predicted(work, about.values[None], starts[None], rows)[0]
-    for step in range(_SETTLING):
-        shifts = np.concatenate([moves, np.zeros((1, _STATES))]) * (1 if step % 2 else -1)
-        to_one_side = _About(
-            values=np.tile(about.values, (len(shifts), 1)),
-            shifts=shifts,
-            distance=shifts[:-1].sum(axis=1),
-            weights=about.weights,
-            step=about.step,
-        )
-        S = _with_floor(_derivatives(work, to_one_side, starts, rows), about.weights)
+    work: Work,
+    about: _Settling,
+    starts: NDArray[np.float64],
+    residuals: NDArray[np.float64],
+    rows: NDArray[np.int64],
+    steps: int,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return starts (sets, rows, 10) and residuals (sets, rows, 1 + k, 10) after damped steps of each by itself."""
+    shape, diagonal = residuals.shape, np.arange(_STATES)
+    starts, residuals = starts.reshape(-1, _STATES), residuals.reshape(-1, *shape[2:])
+    rows, damping = np.tile(rows, shape[0]), np.full(len(starts), _DAMPING)
+    for step in range(steps):
+        S = _by_starts(work, about, starts, rows, side=1 if step % 2 else -1)
         A, a = S @ S.transpose(0, 2, 1), S @ (residuals * about.weights).reshape(len(rows), -1, 1)
-        damped = A.copy()
-        damped[:, diagonal, diagonal] *= 1.0 + damping[:, None]
-        shift = -np.linalg.solve(damped, a)[..., 0]
+        A[:, diagonal, diagonal] *= 1.0 + damping[:, None]
+        shift = -np.linalg.solve(A, a)[..., 0]
         offered = np.stack([starts, *(starts + length * shift for length in _LENGTHS)])
         values = np.tile(about.values, (len(_LENGTHS), 1))
         later = np.concatenate([residuals[None], _predicted(work, values, offered[1:], rows)])
@@ -460,8 +463,7 @@ def _settled_from(
         starts, residuals = _better(offered, later, about.weights)
         moved = (starts != before).any(axis=1)
         damping = np.where(moved, 0.1 * damping, np.maximum(10.0 * damping, 0.1))
-    starts, residuals, A = (one.reshape(sets, -1, *one.shape[1:]) for one in (starts, residuals, A))
-    return starts, residuals, A
+    return starts.reshape(*shape[:2], _STATES), residuals.reshape(shape)
 
 
 def _predicted(

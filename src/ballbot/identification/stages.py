@@ -94,7 +94,8 @@ class IdentificationOptions:
     gauss_newton_steps: int = 75  #: Gauss-Newton steps, at most
     #: parameters with doubtful errors whose intervals are profiled, at most
     most_profiles: int = MOST_PROFILES
-    step: float = 1e-3  #: longest inner step of the final simulations [s]
+    #: longest inner step of simulations [s]; 1 ms moves an estimate by a tenth of its standard error at most
+    step: float = 2.5e-3
 
     def __post_init__(self) -> None:
         if not 0.0 < self.held_out < 1.0:
