@@ -17,8 +17,9 @@ A step is damped as Levenberg and Marquardt do, and tried once; more only if it 
 differences to one side and then to the other, with a long inner step: they only show the way. The cost itself and the
 equations of the result are exact.
 A start that has settled on one side of a wheel's sticking does not find the other: a few such windows were what kept
-descents from one optimum (1 to 4 of 256, which cost up to 3e-4 of 2.2 and held the parameters with them). So where the
-descent has become slow, each window settles from its measured start and from random ones as well, and keeps the best.
+descents from one optimum (1 to 4 of 256, which cost up to 3e-4 of 2.2 and held the parameters with them). So windows
+that a step makes worse, and all windows where the descent has become slow, settle from their measured starts and from
+random ones as well, and keep the best.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import leaving
 from ballbot.fitting.uncertainty import WindowEquations
 from ballbot.identification.parameters import Coordinates
-from ballbot.identification.prediction import DIFFERENCE, Problem, Work
+from ballbot.identification.prediction import DIFFERENCE, WINDOWS, Problem, Work
 from ballbot.progress import Progress
 
 #: inner step [s] of the simulations that show the way, and not how far it goes
@@ -53,9 +54,12 @@ _PATIENCE, _SLOW = 2, 1e-4
 _LITTLE = 4e-6
 _SETTLES = 2
 #: a window settles from so many starts with so many steps, one after the other; the best of them go on
-_SETTLING = ((8, 2), (2, 4))
-#: all but two of them random, with so many times the deviations that its residuals leave; two miss few of the basins
-_SPREAD = 2.5
+_SETTLING = ((10, 1), (3, 2), (1, 3))
+#: and where a step has made a window worse by more, in squares of a residual's deviation, it settles briefly there;
+#: a step that makes more than this share of the windows worse is too long
+_WORSE, _BRIEFLY, _MOST_WORSE = 1.0, ((6, 1), (1, 2)), 0.25
+#: all but two of them random, with from so many times to so many the deviations that its residuals leave
+_SPREADS = 1.0, 4.0
 #: steps of each window's start by itself are tried with these shares of the full one
 _LENGTHS = (1.0, 0.3)
 #: half the central difference of a start, in standard deviations of its state's residuals
@@ -201,7 +205,10 @@ def descend(
     for step in range(1, most_steps + 1):
         before, settling = at.cost, short_steps == _PATIENCE
         if settling:
-            at = _settled(problem, at)
+            settled = _settled(
+                problem, at, np.arange(len(at.starts)), _SETTLING, weights=at.weights, seed=settles
+            )
+            at = settled if settled.cost < at.cost else at
         else:
             about = _linearized(problem, at, side=1 if step % 2 else -1)
             at, damping = _best_trial(problem, at, about, free=free, fixed=fixed, damping=damping)
@@ -271,7 +278,10 @@ def _best_trial(
         offered = np.stack([at.starts + own * about.shift + share * follow for own, share in _SHARES])
         residuals = _residuals(problem, np.tile(point, (len(offered), 1)), offered)
         starts, residuals = _better(offered, residuals, at.weights)
+        worse = _squares(residuals, at.weights) - _squares(at.residuals, at.weights) > _WORSE
         after = _at(problem, point, starts, residuals)
+        if worse.mean() < _MOST_WORSE:
+            after = _settled(problem, after, np.flatnonzero(worse), _BRIEFLY, weights=at.weights)
         if after.cost < (np.inf if fixed.any() else at.cost):
             return after, damping if trial else max(0.1 * damping, _LEAST_DAMPING)
         damping = min(10.0 * damping, _MOST_DAMPING)
@@ -287,18 +297,29 @@ def _better(
 
 
 def _squares(residuals: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the weighted sums (sets, w) of squares of residuals (sets, w, 1 + k, 10), infinite without a value."""
-    return np.nan_to_num(((residuals * weights) ** 2).sum(axis=(2, 3)), nan=np.inf)
+    """Return the weighted sums (...) of squares of residuals (..., 1 + k, 10), infinite without a value."""
+    return np.nan_to_num(((residuals * weights) ** 2).sum(axis=(-2, -1)), nan=np.inf)
 
 
-def _settled(problem: Problem, at: _At) -> _At:
-    """Return the same point with each window's best start: from where it is, as measured, and from random ones."""
-    values, work = problem.coordinates.physical(at.point), _work(problem)
-    about = _Settling(values=values, weights=at.weights, step=_derivative_step(problem))
-    parts = problem.executor(_settled_piece, work, [(about, at.starts[rows], rows) for rows in work.rows])
-    starts, residuals = (np.concatenate(one) for one in zip(*parts, strict=True))
-    after = _at(problem, at.point, starts, residuals)
-    return after if after.cost < at.cost else at
+def _settled(
+    problem: Problem,
+    at: _At,
+    rows: NDArray[np.int64],
+    plan: Plan,
+    *,
+    weights: NDArray[np.float64],
+    seed: int = 0,
+) -> _At:
+    """Return the same point with the best start of each of these windows, after settling by a plan."""
+    if not len(rows):
+        return at
+    values, work = problem.coordinates.physical(at.point), problem.work
+    about = _Settling(values=values, weights=weights, step=_derivative_step(problem), plan=plan, seed=seed)
+    parts = np.array_split(rows, -(-len(rows) // WINDOWS))
+    found = problem.executor(_settled_piece, work, [(about, at.starts[part], part) for part in parts])
+    starts, residuals = at.starts.copy(), at.residuals.copy()
+    starts[rows], residuals[rows] = (np.concatenate(one) for one in zip(*found, strict=True))
+    return _at(problem, at.point, starts, residuals)
 
 
 def _linearized(problem: Problem, at: _At, *, side: int) -> Linearized:
@@ -322,7 +343,7 @@ def _linearized(problem: Problem, at: _At, *, side: int) -> Linearized:
         weights=at.weights,
         step=_derivative_step(problem) if side else problem.predictor.step,
     )
-    work = _work(problem)
+    work = problem.work
     pieces = [(about, at.starts[rows], at.residuals[rows], rows) for rows in work.rows]
     parts = problem.executor(_products, work, pieces)
     H, B, A, g, a = (np.concatenate(one) for one in zip(*parts, strict=True))
@@ -345,10 +366,6 @@ def _moves(weights: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _derivative_step(problem: Problem) -> float:
     return max(problem.predictor.step, DERIVATIVE_STEP)
-
-
-def _work(problem: Problem) -> Work:
-    return Work(predictor=replace(problem.predictor, threads=1), windows=problem.windows)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -382,6 +399,8 @@ def _with_floor(by_starts: NDArray[np.float64], weights: NDArray[np.float64]) ->
     return np.concatenate([on_floor.reshape(len(by_starts), _ON_FLOOR, -1), by_starts], axis=1)
 
 
+#: numbers of starts that settle together, and of their steps; see `_SETTLING`
+Plan = tuple[tuple[int, int], ...]
 Piece = tuple[_About, NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]
 
 
@@ -404,6 +423,8 @@ class _Settling:
     values: NDArray[np.float64]  #: (p,), SI units
     weights: NDArray[np.float64]  #: (1 + k, 10)
     step: float  #: of the derivatives [s]
+    plan: Plan
+    seed: int  #: of the random starts
 
 
 def _settled_piece(
@@ -413,11 +434,13 @@ def _settled_piece(
     about, at, rows = piece
     S = _by_starts(work, about, at, rows, side=1)
     spread = np.linalg.inv(np.linalg.cholesky(S @ S.transpose(0, 2, 1))).transpose(0, 2, 1)
-    drawn = np.random.default_rng(0).standard_normal((_SETTLING[0][0] - 2, len(rows), _STATES, 1))
+    count = about.plan[0][0] - 2
+    drawn = np.random.default_rng(about.seed).standard_normal((count, len(rows), _STATES, 1))
+    drawn *= np.linspace(*_SPREADS, count)[:, None, None, None]
     begin = np.stack([at, work.windows.initial[rows]])
-    starts = np.concatenate([begin, at + _SPREAD * (spread @ drawn)[..., 0]])
+    starts = np.concatenate([begin, at + (spread @ drawn)[..., 0]])
     residuals = _predicted(work, np.tile(about.values, (len(starts), 1)), starts, rows)
-    for sets, steps in _SETTLING:
+    for sets, steps in about.plan:
         order = np.argsort(_squares(residuals, about.weights), axis=0, kind="stable")[:sets]
         best = order, np.arange(len(rows))
         starts, residuals = _settled_from(work, about, starts[best], residuals[best], rows, steps)
@@ -476,8 +499,7 @@ def _predicted(
 ) -> NDArray[np.float64]:
     """Return residuals (sets, rows, 1 + k, 10) in SI units, those of the starts (sets, rows, 10) first."""
     windows, every = work.windows.take(rows), work.windows.comparison_interval
-    predictor = work.predictor if step is None else replace(work.predictor, step=step)
-    later = predictor.residuals(values, windows, every=every, starts=starts)
+    later = work.predictor.residuals(values, windows, every=every, starts=starts, step=step)
     return np.concatenate([(starts - windows.initial)[:, :, None], later], axis=2)
 
 
@@ -491,6 +513,6 @@ def _residuals(
     problem: Problem, points: NDArray[np.float64], starts: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return residuals (sets, w, 1 + k, 10) of scaled parameters (sets, p) and starts (sets, w, 10)."""
-    work, values = _work(problem), problem.coordinates.physical(points)
+    work, values = problem.work, problem.coordinates.physical(points)
     parts = problem.executor(_predicted_piece, work, [(values, starts[:, rows], rows) for rows in work.rows])
     return np.concatenate(parts, axis=1)

@@ -46,8 +46,8 @@ DEPENDENCES = (Dependence(through="stribeck", dependent=("stribeck_speed", "stri
 Search = Literal["multistart", "genetic"]
 #: the fixed starts of friction, scaled: every amount's, and v_s and delta
 _AMOUNTS, _SHAPES = (0.05, 0.2), (0.3, 0.6)
-#: steps of the descent from each
-_SEARCH_STEPS = 8
+#: from so many of them so many steps, one after the other; the best go on
+_SEARCH = ((8, 4), (2, 4))
 
 
 def states_counted(excluded: Sequence[str]) -> NDArray[np.bool_]:
@@ -275,7 +275,7 @@ def stages_of(prepared: Prepared, options: IdentificationOptions) -> tuple[Stage
     free = int(prepared.problem.coordinates.free.sum())
     searching = Stage(
         name="search",
-        steps=_SEARCH_STEPS * len(_SHAPES) ** 2 * len(_AMOUNTS),
+        steps=sum(count * steps for count, steps in _SEARCH),
         work=_predicted(prepared.coarse, free),
     )
     evolving = Stage(
@@ -331,27 +331,28 @@ def search(problem: Problem, *, options: IdentificationOptions, run: Run) -> Sea
 
 
 def _multistart(problem: Problem, *, options: IdentificationOptions, run: Run) -> SearchResult:
-    """Descend from each of the fixed starts, and return the best end."""
-    coordinates, best, least = problem.coordinates, np.empty(0), np.inf
-    begins = _fixed_starts(coordinates)
-    most = min(_SEARCH_STEPS, options.gauss_newton_steps)
-    for number, begin in enumerate(begins):
+    """Descend from each of the fixed starts, from the best ones farther, and return the best end."""
+    total, done = sum(count * steps for count, steps in _SEARCH), 0
+    ends = [(point, problem.windows.initial, np.inf) for point in _fixed_starts(problem.coordinates)]
+    for count, most in _SEARCH:
+        descents = []
+        for begin, starts, _ in ends[:count]:
 
-        def report(step: Progress, before: int = number * most, least: float = least) -> None:
-            done, total = before + step.done, len(begins) * most
-            run.progress(Progress(stage="search", done=done, total=total, cost=min(least, step.cost)))
+            def report(step: Progress, before: int = done) -> None:
+                run.progress(replace(step, stage="search", done=before + step.done, total=total))
 
-        point, _, history = descend(
-            problem,
-            begin,
-            problem.windows.initial,
-            free=coordinates.free,
-            most_steps=most,
-            run=replace(run, progress=report),
-        )
-        if history[-1] < least or not best.size:
-            best, least = point, history[-1]
-    return SearchResult(best=best, history=())
+            point, starts, history = descend(
+                problem,
+                begin,
+                starts,
+                free=problem.coordinates.free,
+                most_steps=min(most, options.gauss_newton_steps),
+                run=replace(run, progress=report),
+            )
+            descents.append((point, starts, history[-1]))
+            done += most
+        ends = sorted(descents, key=lambda one: one[2])
+    return SearchResult(best=ends[0][0], history=())
 
 
 def _fixed_starts(coordinates: Coordinates) -> list[NDArray[np.float64]]:
