@@ -275,7 +275,7 @@ def stages_of(prepared: Prepared, options: IdentificationOptions) -> tuple[Stage
     free = int(prepared.problem.coordinates.free.sum())
     searching = Stage(
         name="search",
-        steps=sum(count * steps for count, steps in _SEARCH),
+        steps=sum(count * steps for count, steps in _rounds(options)),
         work=_predicted(prepared.coarse, free),
     )
     evolving = Stage(
@@ -332,27 +332,34 @@ def search(problem: Problem, *, options: IdentificationOptions, run: Run) -> Sea
 
 def _multistart(problem: Problem, *, options: IdentificationOptions, run: Run) -> SearchResult:
     """Descend from each of the fixed starts, from the best ones farther, and return the best end."""
-    total, done = sum(count * steps for count, steps in _SEARCH), 0
+    rounds = _rounds(options)
+    total, done, least = sum(count * steps for count, steps in rounds), 0, np.inf
     ends = [(point, problem.windows.initial, np.inf) for point in _fixed_starts(problem.coordinates)]
-    for count, most in _SEARCH:
+    for count, steps in rounds:
         descents = []
         for begin, starts, _ in ends[:count]:
 
-            def report(step: Progress, before: int = done) -> None:
-                run.progress(replace(step, stage="search", done=before + step.done, total=total))
+            def report(step: Progress, before: int = done, least: float = least) -> None:
+                cost = min(least, step.cost)
+                run.progress(Progress(stage="search", done=before + step.done, total=total, cost=cost))
 
             point, starts, history = descend(
                 problem,
                 begin,
                 starts,
                 free=problem.coordinates.free,
-                most_steps=min(most, options.gauss_newton_steps),
+                most_steps=steps,
                 run=replace(run, progress=report),
             )
             descents.append((point, starts, history[-1]))
-            done += most
+            done, least = done + steps, min(least, history[-1])
         ends = sorted(descents, key=lambda one: one[2])
     return SearchResult(best=ends[0][0], history=())
+
+
+def _rounds(options: IdentificationOptions) -> list[tuple[int, int]]:
+    """Return how many descents go on in each round of the search, and with how many steps."""
+    return [(count, min(steps, options.gauss_newton_steps)) for count, steps in _SEARCH]
 
 
 def _fixed_starts(coordinates: Coordinates) -> list[NDArray[np.float64]]:
