@@ -320,10 +320,6 @@ class Problem:
         parts = [self.predictor.residuals(values, chunk, every=every) for chunk in chunks(self.windows)]
         return np.concatenate(parts, axis=1)
 
-    def resampled(self, rows: NDArray[np.int64]) -> Problem:
-        """Return the problem of the windows of those numbers, some of them more than once, at the same cost's scale."""
-        return replace(self, windows=self.windows.take(rows))
-
     @cached_property
     def work(self) -> Work:
         """Inputs of all pieces."""

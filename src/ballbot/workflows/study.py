@@ -91,7 +91,6 @@ class StudyOptions:
     excluded_states: Sequence[str] = ()
     #: b_e of a motor driven by voltage [N m s/rad], if the logs' torques contain its back-EMF
     back_emf: float = 0.0
-    generations: int = 150  #: of the identification's evolution, at most
     duration: float = SQUARE.duration  #: of each run of a candidate [s]
     draws: int = 20  #: plants on which the candidates are compared; a prediction needs 6
     step_draws: int = 6  #: of them, plants on which what brings the gain is measured
@@ -319,7 +318,6 @@ def _identify(
         options=IdentificationOptions(
             excluded_states=tuple(options.excluded_states),
             back_emf=options.back_emf,
-            generations=options.generations,
         ),
         run=run,
     )
