@@ -62,7 +62,6 @@ BRIEF = partial(IdentificationOptions, evolution_windows=32, most_profiles=0)
 class Brief(StudyOptions):
     """The effort of a study of whose candidates nothing is asked."""
 
-    generations: int = 30
     duration: float = 8.0
     step_draws: int = 0
 
