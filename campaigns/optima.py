@@ -168,6 +168,8 @@ def campaign() -> Section:
         "the columns on the right count those that end near the lowest cost of all.",
         columns=COLUMNS,
         rows=[row(name, ends_of(task, starts=STARTS, processes=processes)) for name, task in tasks().items()],
-        after="A start that reaches s = 0 stays there, as v_s and delta then change nothing: this is the second "
-        "optimum, some 1e-2 higher, and the reason for several starts.",
+        after="Most random starts end in one valley, along which v_s and delta make up for b, c and s; its floor is "
+        "level to 1e-5 or 1e-2 of the cost, by log. There are other optima: a start that reaches s = 0 stays there, as "
+        "v_s and delta then change nothing (some 1e-2 higher), and from some logs delta ends at its upper bound. A "
+        "negative value in the column of the lowest says that the fit has not found the best one.",
     )
