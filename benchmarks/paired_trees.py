@@ -1,6 +1,7 @@
 """Two trees of the source, paired: steps a second of the batched engine, and its compilation from nothing.
 
     python benchmarks/paired_trees.py OLD NEW [--rounds 7] [--cold 2]
+    python benchmarks/paired_trees.py OLD NEW --logs square1.csv square2.csv     an identification from these logs
 
 Each round runs both trees one after the other, each in a process of its own, so that what else the machine does meets
 both alike. The ratio of each round is new over old (of speeds: above 1 is faster; of times: below 1 is faster); the
@@ -16,6 +17,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 WORKER = """
@@ -62,14 +64,38 @@ for name, initial, u in (("smooth", moving, 0.0 * torques), ("stick-slip", stick
 print(json.dumps(found))
 """
 
+#: an identification of friction from the logs, in one thread, once more after the one that compiles
+FIT = """
+import json, sys, time
+import ballbot
+from ballbot.fitting.run import Run, Threads
+from ballbot.identification import identify
+from ballbot.identification.stages import IdentificationOptions
 
-def measured(tree: Path, cache: str | None = None) -> dict[str, float]:
+run = Run(seed=0, executor=Threads(count=1), progress=lambda _: None)
+logs = [ballbot.Log.read(path) for path in sys.argv[1:]]
+identify("alten", logs[:1], options=IdentificationOptions(gauss_newton_steps=3, generations=3), run=run)
+clock, processor = time.perf_counter(), time.process_time()
+found = identify("alten", logs, run=run)
+print(json.dumps({"clock": time.perf_counter() - clock, "processor": time.process_time() - processor,
+                  "cost": found.gauss_newton_cost[-1]}))
+"""
+
+
+def measured(
+    tree: Path, cache: str | None = None, *, worker: str = WORKER, logs: Sequence[Path] = ()
+) -> dict[str, float]:
     """Return what the worker prints in a tree, its compiled code kept in `cache`."""
     environment = {**os.environ, "PYTHONPATH": str(tree / "src")}
     if cache:
         environment["NUMBA_CACHE_DIR"] = cache
     done = subprocess.run(
-        [sys.executable, "-c", WORKER], env=environment, capture_output=True, text=True, check=True, cwd=tree
+        [sys.executable, "-c", worker, *(str(path.resolve()) for path in logs)],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=tree,
     )
     return json.loads(done.stdout.splitlines()[-1])
 
@@ -81,8 +107,17 @@ def main() -> None:
     parser.add_argument("new", type=Path)
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--cold", type=int, default=2)
+    parser.add_argument("--logs", type=Path, nargs="+")
     asked = parser.parse_args()
     trees = (asked.old.resolve(), asked.new.resolve())
+    if asked.logs:
+        for name, tree in zip(("old", "new"), trees, strict=True):
+            found = measured(tree, worker=FIT, logs=asked.logs)
+            print(
+                f"identification, {name}: {found['processor']:.1f} s of processor time, {found['clock']:.1f} s by the "
+                f"clock, cost {found['cost']:.5f}"
+            )
+        return
     for tree in trees:
         measured(tree)  # compiled once
     speeds: dict[str, list[tuple[float, float]]] = {"smooth": [], "stick-slip": []}

@@ -28,6 +28,7 @@ from ballbot.identification.identify import identify
 from ballbot.identification.result import Identification
 from ballbot.identification.stages import IdentificationOptions
 from ballbot.identification.windows import common_back_emf
+from ballbot.log import Log
 from ballbot.robot import Robot
 from campaigns.between_logs import COLUMNS, Judged, coverage_row
 from campaigns.section import DataMissingError, Section, data_folder, print_section
@@ -55,7 +56,6 @@ SOURCES = {
         sha256="3d971b3a835faf3808785890b803e0a7a3baef621c8eb96d7d8d1012c7b74d03", dead_band=0.0314
     ),
 }
-_STEP = 2.5e-3  # [s], inner step of the fits; a cost differs by 1e-4
 _GROUPS = ("b", "c", "C_rr")
 
 
@@ -92,8 +92,8 @@ def filled_in(mapping: str) -> str:
     return f"{before}[input]\n{re.sub(r'^#   ', '', duties[1], flags=re.MULTILINE)}{kept}"
 
 
-def found_in(name: str, folder: Path) -> Identification:
-    """Map a log and identify it by itself, as docs/real_robots.md does."""
+def mapped(name: str, folder: Path) -> tuple[Log, float]:
+    """Return a log by the mapping that `check-log` proposes, as docs/real_robots.md does, and its motors' back-EMF."""
     path, robot = log_file(name), Robot.load("rob311")
     out = folder / name
     words = ["check-log", str(path), "--robot", "rob311", "--out", str(out)]
@@ -101,14 +101,18 @@ def found_in(name: str, folder: Path) -> Identification:
     mapping = out / "mapping.toml"
     if undetermined:
         write_text(mapping, filled_in(mapping.read_text(encoding="utf-8")))
+    return read_balancing_log(path, mapping, robot), common_back_emf([mapping])
+
+
+def found_in(name: str, folder: Path) -> Identification:
+    """Map a log and identify it by itself."""
+    log, back_emf = mapped(name, folder)
     return identify(
-        robot,
-        read_balancing_log(path, mapping, robot),
+        Robot.load("rob311"),
+        log,
         law="coulomb",
         seed=0,
-        options=IdentificationOptions(
-            excluded_states=("psi", "psi_dot"), back_emf=common_back_emf([mapping]), step=_STEP
-        ),
+        options=IdentificationOptions(excluded_states=("psi", "psi_dot"), back_emf=back_emf),
         run=Run(seed=0, executor=Threads(count=1)),
     )
 

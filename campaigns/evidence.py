@@ -48,6 +48,7 @@ CAMPAIGNS = {
     "adaptation_courses": "campaigns.adaptation:courses",
     "delay": "campaigns.delay",
     "feedback_options": "campaigns.feedback_options",
+    "optima": "campaigns.optima",
     "coverage": "campaigns.coverage",
     "between_logs": "campaigns.between_logs",
     "course_robot": "campaigns.course_robot",

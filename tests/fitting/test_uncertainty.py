@@ -10,6 +10,7 @@ from ballbot.fitting.uncertainty import (
     WindowEquations,
     block_length,
     bootstrap,
+    correlation,
     covariance,
     discrepancy,
     resampled_means,
@@ -130,3 +131,11 @@ def test_nothing_estimated_and_few_windows_show_no_discrepancy():
     equations = WindowEquations(matrices=np.zeros((3, 4, 4)), scores=np.eye(3, 4))
     for estimated in (np.zeros(4, dtype=bool), np.ones(4, dtype=bool)):
         assert discrepancy(equations, np.arange(3), estimated, seed=0).factor == 1.0
+
+
+def test_correlation_of_a_covariance_that_rounding_made_indefinite_is_one():
+    indefinite = np.array([[4.0, np.nan, 2.2], [np.nan, np.nan, np.nan], [2.2, np.nan, 1.0]])
+    found = correlation(indefinite)[np.ix_([0, 2], [0, 2])]
+    # the nearest that is a covariance has both in proportion
+    np.testing.assert_allclose(found, 1.0)
+    assert np.linalg.eigvalsh(found)[0] > -1e-12

@@ -48,22 +48,19 @@ from tests.support.validation_examples import noisy_log
 
 #: v_s and delta are held: the search follows their long valley in half of its steps
 SMALL = StudyOptions(
-    generations=8,
     duration=8.0,
     draws=2,
     step_draws=1,
     bounds=Bounds({"stribeck_speed": (0.6, 0.6), "stribeck_exponent": (1.1, 1.1)}),
 )
-#: an inner step of 2.5 ms: a cost differs by 1e-4, and the work by 2.5; profiles have tests of their own
-#: (tests/fitting/test_intervals.py)
-BRIEF = partial(IdentificationOptions, population=16, evolution_windows=32, step=2.5e-3, most_profiles=0)
+#: profiles have tests of their own (tests/fitting/test_intervals.py)
+BRIEF = partial(IdentificationOptions, evolution_windows=32, most_profiles=0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Brief(StudyOptions):
     """The effort of a study of whose candidates nothing is asked."""
 
-    generations: int = 30
     duration: float = 8.0
     step_draws: int = 0
 
@@ -153,7 +150,7 @@ def test_study_and_identify_report_the_same_numbers_and_doubts(small: Study):
         studied.log,
         seed=small.seed,
         bounds=small.options.bounds,
-        options=BRIEF(generations=small.options.generations),
+        options=BRIEF(),
     )
     # the findings of the log have its name in the study alone
     ours, theirs = (replace(one, log_findings=()).to_dict() for one in (found, small.found))

@@ -34,7 +34,7 @@ from scipy.optimize import minimize
 from scipy.special import logsumexp
 from scipy.stats import chi2
 
-from ballbot.fitting.intervals import CONFIDENCE, HALF_WIDTH
+from ballbot.fitting.intervals import HALF_WIDTH
 
 #: values of tau, in even steps of its logarithm
 _TAU = np.geomspace(0.05, 50.0, 121)
@@ -166,13 +166,3 @@ def _given(
     squares = np.einsum("gki,gkij,gkj->g", apart, W, apart)
     determinants = np.linalg.slogdet(V)[1] - np.linalg.slogdet(total)[1].sum(axis=1)
     return _Given(covariances=V, squares=squares, log_likelihoods=0.5 * (determinants - squares))
-
-
-def interval_score(lower: float, upper: float, value: float) -> float:
-    """Return the width of an interval, and 2 / 0.05 times the distance by which it misses a value; small is good.
-
-    T. Gneiting and A. Raftery, Strictly proper scoring rules, Journal of the American Statistical Association 102
-    (2007) 359-378, equation (43).
-    """
-    missed = max(lower - value, 0.0) + max(value - upper, 0.0)
-    return upper - lower + 2.0 / (1.0 - CONFIDENCE) * missed

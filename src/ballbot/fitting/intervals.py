@@ -77,9 +77,9 @@ class RepeatableFit(Repeated, Protocol):
 
 
 #: fits of the other parameters on one side, and steps of each
-_MOST_FITS, _STEPS = 6, 3
-#: a limit is found if the rise is this near to lambda t^2, as a share of it
-_NEAR = 0.1
+_MOST_FITS, _STEPS = 4, 3
+#: a limit is found if the rise is this near to lambda t^2, as a share of it: lambda is not known better
+_NEAR = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,18 +127,19 @@ def _limit(
     origin, least = fit.point[place], fit.cost
     others = free & (np.arange(len(free)) != place)
     scale = 2.0 * fit.residual_count
-    at: Repeated = fit
+    # each fit begins from the farthest one below the limit: windows that have come to stick do not find back
+    nearest: Repeated = fit
     # where and the root of the rise there: the farthest below the limit, and the nearest above it
     inside, outside = (origin, 0.0), None
     target = origin + step
     for _ in range(_MOST_FITS):
         target = float(np.clip(target, 0.0, 1.0))
         moved = np.zeros(len(free))
-        moved[place] = target - at.point[place]
-        at = at.repeated(moved=moved, free=others, most_steps=_STEPS)
+        moved[place] = target - nearest.point[place]
+        at = nearest.repeated(moved=moved, free=others, most_steps=_STEPS)
         root = float(np.sqrt(max(scale * (at.cost - least), 0.0)))
         if root**2 < rise:
-            inside = (target, root)
+            inside, nearest = (target, root), at
             if target in (0.0, 1.0):
                 return None
         else:

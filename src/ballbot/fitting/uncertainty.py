@@ -116,7 +116,18 @@ def correlation(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     variance = covariance.diagonal()
     deviation = np.sqrt(np.where(variance > 0.0, variance, np.nan))
     with np.errstate(divide="ignore", invalid="ignore"):
-        return covariance / np.outer(deviation, deviation)
+        result = covariance / np.outer(deviation, deviation)
+    places = np.ix_(*2 * (np.flatnonzero(np.isfinite(deviation)),))
+    known = result[places]
+    if (np.abs(known) > 1.0 + 1e-9).any():
+        # errors of a thousand times the bounds' width: rounding leaves a covariance with negative eigenvalues
+        values, vectors = np.linalg.eigh(known)
+        known = (vectors * np.maximum(values, 0.0)) @ vectors.T
+        length = np.sqrt(known.diagonal())
+        known = np.clip(known / np.outer(length, length), -1.0, 1.0)
+        np.fill_diagonal(known, 1.0)
+        result[places] = known
+    return result
 
 
 def _inverse(H: NDArray[np.float64]) -> NDArray[np.float64]:

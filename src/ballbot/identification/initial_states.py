@@ -13,11 +13,13 @@ and eliminating dx_w = -A_w^-1 (a_w + B_w dp) leaves, for the parameters alone, 
 
     H_w - B_w^T A_w^-1 B_w   and   g_w - B_w^T A_w^-1 a_w.
 
-A step is damped as Levenberg and Marquardt do, and tried once; more only if it does not lower the cost. A wheel that
-begins to stick bends the cost sharply, so derivatives are differences to one side and then to the other, of changing
-width, with a long inner step: they only show the way. The cost itself and the equations of the result are exact.
-A start that has settled on one side of a wheel's sticking does not find the other: where the descent has become slow,
-each window settles from its measured start as well, and keeps the better of both.
+A step is damped as Levenberg and Marquardt do, and tried once; more only if it does not lower the cost. Derivatives are
+differences to one side and then to the other, with a long inner step: they only show the way. The cost itself and the
+equations of the result are exact.
+A start that has settled on one side of a wheel's sticking does not find the other: a few such windows were what kept
+descents from one optimum (1 to 4 of 256, which cost up to 3e-4 of 2.2 and held the parameters with them). So windows
+that a step makes worse, and all windows where the descent has become slow, settle from their measured starts and from
+random ones as well, and keep the best.
 """
 
 from __future__ import annotations
@@ -32,13 +34,13 @@ from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import leaving
 from ballbot.fitting.uncertainty import WindowEquations
 from ballbot.identification.parameters import Coordinates
-from ballbot.identification.prediction import DIFFERENCE, Problem, Work
+from ballbot.identification.prediction import DIFFERENCE, WINDOWS, Problem, Work
 from ballbot.progress import Progress
 
 #: inner step [s] of the simulations that show the way, and not how far it goes
-DERIVATIVE_STEP = 2.5e-3
-#: widths of differences, one step after another: a step that the kinks of one width lead astray is free with the next
-_WIDER = (1.0, 3.0, 9.0)
+DERIVATIVE_STEP = 5e-3
+#: half the difference in a scaled parameter, for those that show the way; wheels that begin to stick bend wider ones
+_NARROW = 2e-4
 #: of the parameters' diagonal at first, and at least and at most; a step that gains nothing takes ten times as much
 _DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-8, 1e3
 _TRIALS = 4
@@ -51,10 +53,15 @@ _PATIENCE, _SLOW = 2, 1e-4
 #: little: b, c, s and v_s form a bent and nearly level valley, in which one short step does not mean its floor
 _LITTLE = 4e-6
 _SETTLES = 2
-#: steps of each window's start by itself, each with these shares of the full one
-_SETTLING, _LENGTHS = 4, (1.0, 0.3)
-#: a window whose two ends differ by more, in squares of a residual's deviation, settles from so many random starts too
-_SAME, _DRAWS = 0.01, 8
+#: a window settles from so many starts with so many steps, one after the other; the best of them go on
+_SETTLING = ((10, 1), (3, 2), (1, 3))
+#: and where a step has made a window worse by more, in squares of a residual's deviation, it settles briefly there;
+#: a step that makes more than this share of the windows worse is too long
+_WORSE, _BRIEFLY, _MOST_WORSE = 1.0, ((6, 1), (1, 2)), 0.25
+#: all but two of them random, with from so many times to so many the deviations that its residuals leave
+_SPREADS = 1.0, 4.0
+#: steps of each window's start by itself are tried with these shares of the full one
+_LENGTHS = (1.0, 0.3)
 #: half the central difference of a start, in standard deviations of its state's residuals
 _START_DIFFERENCE = 0.5
 _STATES = 10
@@ -161,7 +168,7 @@ def costs(problem: Problem, points: NDArray[np.float64], starts: NDArray[np.floa
 
 def linearize(problem: Problem, point: NDArray[np.float64], starts: NDArray[np.float64]) -> Linearized:
     """Return each window's equations about scaled parameters (p,) and starts (w, 10)."""
-    return _linearized(problem, _at(problem, point, starts), side=0, wider=1.0)
+    return _linearized(problem, _at(problem, point, starts), side=0)
 
 
 def compared(problem: Problem) -> int:
@@ -198,9 +205,12 @@ def descend(
     for step in range(1, most_steps + 1):
         before, settling = at.cost, short_steps == _PATIENCE
         if settling:
-            at = _settled(problem, at)
+            settled = _settled(
+                problem, at, np.arange(len(at.starts)), _SETTLING, weights=at.weights, seed=settles
+            )
+            at = settled if settled.cost < at.cost else at
         else:
-            about = _linearized(problem, at, side=1 if step % 2 else -1, wider=_WIDER[step % len(_WIDER)])
+            about = _linearized(problem, at, side=1 if step % 2 else -1)
             at, damping = _best_trial(problem, at, about, free=free, fixed=fixed, damping=damping)
         history.append(at.cost)
         run.progress(Progress(stage="gauss_newton", done=step, total=most_steps, cost=at.cost))
@@ -268,7 +278,10 @@ def _best_trial(
         offered = np.stack([at.starts + own * about.shift + share * follow for own, share in _SHARES])
         residuals = _residuals(problem, np.tile(point, (len(offered), 1)), offered)
         starts, residuals = _better(offered, residuals, at.weights)
+        worse = _squares(residuals, at.weights) - _squares(at.residuals, at.weights) > _WORSE
         after = _at(problem, point, starts, residuals)
+        if worse.mean() < _MOST_WORSE:
+            after = _settled(problem, after, np.flatnonzero(worse), _BRIEFLY, weights=at.weights)
         if after.cost < (np.inf if fixed.any() else at.cost):
             return after, damping if trial else max(0.1 * damping, _LEAST_DAMPING)
         damping = min(10.0 * damping, _MOST_DAMPING)
@@ -284,33 +297,36 @@ def _better(
 
 
 def _squares(residuals: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the weighted sums (sets, w) of squares of residuals (sets, w, 1 + k, 10), infinite without a value."""
-    return np.nan_to_num(((residuals * weights) ** 2).sum(axis=(2, 3)), nan=np.inf)
+    """Return the weighted sums (...) of squares of residuals (..., 1 + k, 10), infinite without a value."""
+    return np.nan_to_num(((residuals * weights) ** 2).sum(axis=(-2, -1)), nan=np.inf)
 
 
-def _settled(problem: Problem, at: _At) -> _At:
-    """Return the same point with each window's best start, from where it is and from where it was measured."""
-    values, work = problem.coordinates.physical(at.point), _work(problem)
-    offered = np.stack([at.starts, problem.windows.initial])
-    step = _derivative_step(problem)
-    pieces = [
-        (_Settling(values=values, starts=offered[:, rows], weights=at.weights, step=step), rows)
-        for rows in work.rows
-    ]
-    parts = problem.executor(_settled_piece, work, pieces)
-    starts, residuals = (np.concatenate(one) for one in zip(*parts, strict=True))
-    after = _at(problem, at.point, starts, residuals)
-    return after if after.cost < at.cost else at
+def _settled(
+    problem: Problem,
+    at: _At,
+    rows: NDArray[np.int64],
+    plan: Plan,
+    *,
+    weights: NDArray[np.float64],
+    seed: int = 0,
+) -> _At:
+    """Return the same point with the best start of each of these windows, after settling by a plan."""
+    if not len(rows):
+        return at
+    values, work = problem.coordinates.physical(at.point), problem.work
+    about = _Settling(values=values, weights=weights, step=_derivative_step(problem), plan=plan, seed=seed)
+    parts = np.array_split(rows, -(-len(rows) // WINDOWS))
+    found = problem.executor(_settled_piece, work, [(about, at.starts[part], part) for part in parts])
+    starts, residuals = at.starts.copy(), at.residuals.copy()
+    starts[rows], residuals[rows] = (np.concatenate(one) for one in zip(*found, strict=True))
+    return _at(problem, at.point, starts, residuals)
 
 
-def _linearized(problem: Problem, at: _At, *, side: int, wider: float) -> Linearized:
-    """Return the equations by differences to one side, 1 or -1, with a long inner step, or exact central ones, 0.
-
-    `wider` multiplies the differences in the parameters.
-    """
+def _linearized(problem: Problem, at: _At, *, side: int) -> Linearized:
+    """Return the equations by differences to one side, 1 or -1, with a long inner step, or exact central ones, 0."""
     places = np.flatnonzero(problem.coordinates.free)
     m, size, towards = len(places), len(at.point), side or 1
-    width = towards * wider * DIFFERENCE * np.eye(size)[places]
+    width = towards * (_NARROW if side else DIFFERENCE) * np.eye(size)[places]
     ahead, behind = at.point + width, np.clip(at.point - width, 0.0, 1.0)
     if side:
         outside = ((ahead < 0.0) | (ahead > 1.0)).any(axis=1, keepdims=True)
@@ -327,7 +343,7 @@ def _linearized(problem: Problem, at: _At, *, side: int, wider: float) -> Linear
         weights=at.weights,
         step=_derivative_step(problem) if side else problem.predictor.step,
     )
-    work = _work(problem)
+    work = problem.work
     pieces = [(about, at.starts[rows], at.residuals[rows], rows) for rows in work.rows]
     parts = problem.executor(_products, work, pieces)
     H, B, A, g, a = (np.concatenate(one) for one in zip(*parts, strict=True))
@@ -350,10 +366,6 @@ def _moves(weights: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _derivative_step(problem: Problem) -> float:
     return max(problem.predictor.step, DERIVATIVE_STEP)
-
-
-def _work(problem: Problem) -> Work:
-    return Work(predictor=replace(problem.predictor, threads=1), windows=problem.windows)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -387,6 +399,8 @@ def _with_floor(by_starts: NDArray[np.float64], weights: NDArray[np.float64]) ->
     return np.concatenate([on_floor.reshape(len(by_starts), _ON_FLOOR, -1), by_starts], axis=1)
 
 
+#: numbers of starts that settle together, and of their steps; see `_SETTLING`
+Plan = tuple[tuple[int, int], ...]
 Piece = tuple[_About, NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]
 
 
@@ -404,55 +418,67 @@ def _products(work: Work, piece: Piece) -> tuple[NDArray[np.float64], ...]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Settling:
-    """Inputs of a piece whose starts settle."""
+    """What starts settle with."""
 
     values: NDArray[np.float64]  #: (p,), SI units
-    starts: NDArray[np.float64]  #: (sets, rows, 10), to begin with
     weights: NDArray[np.float64]  #: (1 + k, 10)
     step: float  #: of the derivatives [s]
+    plan: Plan
+    seed: int  #: of the random starts
 
 
 def _settled_piece(
-    work: Work, piece: tuple[_Settling, NDArray[np.int64]]
+    work: Work, piece: tuple[_Settling, NDArray[np.float64], NDArray[np.int64]]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return each window's best start (rows, 10) and residuals (rows, 1 + k, 10)."""
-    about, rows = piece
-    starts, residuals, A = _settled_from(work, about, about.starts, rows)
-    settled = _squares(residuals, about.weights)
-    starts, residuals = _better(starts, residuals, about.weights)
-    apart = np.flatnonzero(~(np.ptp(settled, axis=0) <= _SAME))
-    if len(apart):
-        drawn = np.random.default_rng(0).standard_normal((_DRAWS, len(apart), _STATES, 1))
-        spread = np.linalg.inv(np.linalg.cholesky(A[0, apart])).transpose(0, 2, 1)
-        begin = np.concatenate([starts[None, apart], starts[apart] + (spread @ drawn)[..., 0]])
-        starts[apart], residuals[apart] = _better(
-            *_settled_from(work, about, begin, rows[apart])[:2], about.weights
-        )
-    return starts, residuals
+    """Return each window's best start (rows, 10) and residuals (rows, 1 + k, 10), from its start (rows, 10)."""
+    about, at, rows = piece
+    S = _by_starts(work, about, at, rows, side=1)
+    spread = np.linalg.inv(np.linalg.cholesky(S @ S.transpose(0, 2, 1))).transpose(0, 2, 1)
+    count = about.plan[0][0] - 2
+    drawn = np.random.default_rng(about.seed).standard_normal((count, len(rows), _STATES, 1))
+    drawn *= np.linspace(*_SPREADS, count)[:, None, None, None]
+    begin = np.stack([at, work.windows.initial[rows]])
+    starts = np.concatenate([begin, at + (spread @ drawn)[..., 0]])
+    residuals = _predicted(work, np.tile(about.values, (len(starts), 1)), starts, rows)
+    for sets, steps in about.plan:
+        order = np.argsort(_squares(residuals, about.weights), axis=0, kind="stable")[:sets]
+        best = order, np.arange(len(rows))
+        starts, residuals = _settled_from(work, about, starts[best], residuals[best], rows, steps)
+    return _better(starts, residuals, about.weights)
+
+
+def _by_starts(
+    work: Work, about: _Settling, starts: NDArray[np.float64], rows: NDArray[np.int64], *, side: int
+) -> NDArray[np.float64]:
+    """Return S (rows, 10, (1 + k) 10), by differences to one side, 1 or -1."""
+    moves = _moves(about.weights)
+    to_one_side = _About(
+        values=np.tile(about.values, (len(moves) + 1, 1)),
+        shifts=side * np.concatenate([moves, np.zeros((1, _STATES))]),
+        distance=side * moves.sum(axis=1),
+        weights=about.weights,
+        step=about.step,
+    )
+    return _with_floor(_derivatives(work, to_one_side, starts, rows), about.weights)
 
 
 def _settled_from(
-    work: Work, about: _Settling, starts: NDArray[np.float64], rows: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return starts (sets, rows, 10) after some damped steps of each by itself, their residuals, and A at the last."""
-    sets, diagonal, moves = len(starts), np.arange(_STATES), _moves(about.weights)
-    starts, rows = starts.reshape(-1, _STATES), np.tile(rows, sets)
-    damping, A = np.full(len(rows), _DAMPING), np.empty(0)
-    residuals = _predicted(work, about.values[None], starts[None], rows)[0]
-    for step in range(_SETTLING):
-        shifts = np.concatenate([moves, np.zeros((1, _STATES))]) * (1 if step % 2 else -1)
-        to_one_side = _About(
-            values=np.tile(about.values, (len(shifts), 1)),
-            shifts=shifts,
-            distance=shifts[:-1].sum(axis=1),
-            weights=about.weights,
-            step=about.step,
-        )
-        S = _with_floor(_derivatives(work, to_one_side, starts, rows), about.weights)
+    work: Work,
+    about: _Settling,
+    starts: NDArray[np.float64],
+    residuals: NDArray[np.float64],
+    rows: NDArray[np.int64],
+    steps: int,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return starts (sets, rows, 10) and residuals (sets, rows, 1 + k, 10) after damped steps of each by itself."""
+    shape, diagonal = residuals.shape, np.arange(_STATES)
+    starts, residuals = starts.reshape(-1, _STATES), residuals.reshape(-1, *shape[2:])
+    rows, damping = np.tile(rows, shape[0]), np.full(len(starts), _DAMPING)
+    for step in range(steps):
+        S = _by_starts(work, about, starts, rows, side=1 if step % 2 else -1)
         A, a = S @ S.transpose(0, 2, 1), S @ (residuals * about.weights).reshape(len(rows), -1, 1)
-        damped = A.copy()
-        damped[:, diagonal, diagonal] *= 1.0 + damping[:, None]
-        shift = -np.linalg.solve(damped, a)[..., 0]
+        A[:, diagonal, diagonal] *= 1.0 + damping[:, None]
+        shift = -np.linalg.solve(A, a)[..., 0]
         offered = np.stack([starts, *(starts + length * shift for length in _LENGTHS)])
         values = np.tile(about.values, (len(_LENGTHS), 1))
         later = np.concatenate([residuals[None], _predicted(work, values, offered[1:], rows)])
@@ -460,8 +486,7 @@ def _settled_from(
         starts, residuals = _better(offered, later, about.weights)
         moved = (starts != before).any(axis=1)
         damping = np.where(moved, 0.1 * damping, np.maximum(10.0 * damping, 0.1))
-    starts, residuals, A = (one.reshape(sets, -1, *one.shape[1:]) for one in (starts, residuals, A))
-    return starts, residuals, A
+    return starts.reshape(*shape[:2], _STATES), residuals.reshape(shape)
 
 
 def _predicted(
@@ -474,8 +499,7 @@ def _predicted(
 ) -> NDArray[np.float64]:
     """Return residuals (sets, rows, 1 + k, 10) in SI units, those of the starts (sets, rows, 10) first."""
     windows, every = work.windows.take(rows), work.windows.comparison_interval
-    predictor = work.predictor if step is None else replace(work.predictor, step=step)
-    later = predictor.residuals(values, windows, every=every, starts=starts)
+    later = work.predictor.residuals(values, windows, every=every, starts=starts, step=step)
     return np.concatenate([(starts - windows.initial)[:, :, None], later], axis=2)
 
 
@@ -489,6 +513,6 @@ def _residuals(
     problem: Problem, points: NDArray[np.float64], starts: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return residuals (sets, w, 1 + k, 10) of scaled parameters (sets, p) and starts (sets, w, 10)."""
-    work, values = _work(problem), problem.coordinates.physical(points)
+    work, values = problem.work, problem.coordinates.physical(points)
     parts = problem.executor(_predicted_piece, work, [(values, starts[:, rows], rows) for rows in work.rows])
     return np.concatenate(parts, axis=1)

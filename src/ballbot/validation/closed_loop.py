@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from ballbot.control.interface import Feedback
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.mechanics.engine.run import Lanes, simulate_lanes
-from ballbot.mechanics.model import Model
+from ballbot.mechanics.engine.run import simulate_one
 from ballbot.validation.models import (
     ErrorPair,
     ModelPair,
@@ -256,7 +255,8 @@ def _run_models(
     """Return the states (2, starts, samples, 10) of both models, every start of both stepped side by side."""
     measured, torques, references, t = log.states, log.torques, log.reference, log.t
     sample_time = log.sample_time
-    begins = np.tile(starts, 2)
+    begins, lanes_of = np.tile(starts, 2), [one for one in models.both for _ in starts]
+    steps = [one.steps_in(sample_time) for one in lanes_of]
     controllers = [copy.deepcopy(controller) for _ in begins]
     for one in controllers:
         one.reset()
@@ -268,21 +268,14 @@ def _run_models(
             asked[k, lane] = one.update(float(t[row]), states[lane], references[row])
         # until the first late torque arrives, those measured act
         held = asked[k - delay] if k >= delay else torques[begins + k]
-        halves = zip(models.both, np.split(states, 2), np.split(held, 2), strict=True)
-        states = np.concatenate([_step(model, x, u, sample_time) for model, x, u in halves])
-        out[:, k] = states
+        for lane, model in enumerate(lanes_of):  # a call for all of them checks what is known already
+            out[lane, k] = simulate_one(
+                model.selected,
+                model.packed,
+                states[lane],
+                held[lane],
+                sample_time=sample_time,
+                steps=steps[lane],
+            )
+        states = out[:, k]
     return out.reshape(2, len(starts), samples, -1)
-
-
-def _step(
-    model: Model, states: NDArray[np.float64], torques: NDArray[np.float64], sample_time: float
-) -> NDArray[np.float64]:
-    """Advance all `states` (lanes, 10) of a model by one sample."""
-    batch = simulate_lanes(
-        model.selected,
-        Lanes(parameters=model.packed[None], initial=states, torques=torques[:, None]),
-        sample_time=sample_time,
-        steps=model.steps_in(sample_time),
-        lost_lanes=True,  # those of the sample before
-    )
-    return batch.states[:, 0]

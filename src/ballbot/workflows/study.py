@@ -88,7 +88,6 @@ class StudyOptions:
     excluded_states: Sequence[str] = ()
     #: b_e of a motor driven by voltage [N m s/rad], if the logs' torques contain its back-EMF
     back_emf: float = 0.0
-    generations: int = 150  #: of the identification's evolution, at most
     duration: float = SQUARE.duration  #: of each run of a candidate [s]
     draws: int = 100  #: robots on which the candidates are compared; a prediction needs 6
     confirm: bool = True  #: whether the twin confirms the choice, if its engine is installed
@@ -289,7 +288,6 @@ def _identify(
         options=IdentificationOptions(
             excluded_states=tuple(options.excluded_states),
             back_emf=options.back_emf,
-            generations=options.generations,
         ),
         run=run,
     )

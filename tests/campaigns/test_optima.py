@@ -1,0 +1,16 @@
+"""A small sample of the campaign in campaigns/optima.py; `make evidence` runs the whole."""
+
+import pytest
+
+from ballbot.identification.stages import IdentificationOptions
+from campaigns.optima import Task, ends_of, twin_log
+
+pytest.importorskip("mujoco")
+
+
+@pytest.mark.sample
+def test_fit_ends_no_higher_than_from_the_genetic_search():
+    log = twin_log("square", duration=24.0, seed=1)
+    ends = ends_of(Task(robot="alten", log=log, options=IdentificationOptions()), starts=0, processes=1)
+    # windows that settle from random starts leave 1e-4 of chance in either cost
+    assert ends.searched.cost < ends.genetic.cost + 2e-4
