@@ -18,8 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.arrays import index_array, positive_number, real_array, whole_number
-from ballbot.mechanics.accelerations import solve
-from ballbot.mechanics.contacts import finished, free_motion
+from ballbot.mechanics.contacts import (
+    corrected_ahead,
+    finished,
+    first_ahead,
+    free_motion,
+    step_start,
+)
 from ballbot.mechanics.engine.arrays import box_rows, in_order, mass_matrix
 from ballbot.mechanics.engine.compiled import by_types_of, called, compiled, inlined, shared
 from ballbot.mechanics.engine.convex import convex_block
@@ -47,12 +52,11 @@ from ballbot.mechanics.engine.vector import each, each_with
 from ballbot.mechanics.equations import (
     LARGEST_LEAN,
     attitude,
-    balancing_attitude,
     rates_from_angles,
     rates_of_angles,
 )
 from ballbot.mechanics.parameters import Exact, Pivoting, Thesis, row_size
-from ballbot.mechanics.stick_slip import minimiser
+from ballbot.mechanics.stick_slip import contact_rows, minimiser, mobility, rest_is_held
 
 
 @inlined
@@ -73,17 +77,26 @@ def robust_lane(selected, work, lane):
     P = load(selected, work, lane)
     state, u = load_state(selected, work, lane), load_torques(selected, work, lane)
     h = entry(work, STEP, lane)
-    a = balancing_attitude((state[2], state[3], state[4]))
-    free = free_motion(selected, P, a, state, u)
-    v_dot, w_dot = solve(free.system, free.f_v, free.f_w)
-    start = in_order(free.v, free.w)
-    C, limits = box_rows(selected, P, a), np.array(free.limits)
-    end = minimiser(
-        mass_matrix(free.system), start + h * in_order(v_dot, w_dot), C, limits, P.rolling_force, h, start
-    )
-    stored(
-        work, TRIAL, lane, finished(selected, state, a, velocity_in(free.v, end), (end[2], end[3], end[4]), h)
-    )
+    start = step_start(selected, state, h)
+    free = free_motion(selected, P, start.middle, start.v, start.w, u)
+    M, C = mass_matrix(free.system), box_rows(selected, P, start.middle)
+    Y, G = mobility(M, contact_rows(C))
+    ahead = first_ahead(selected, P, start, free, h)
+    nu, guess, limits = in_order(ahead.v, ahead.w), in_order(start.v, start.w), np.array(ahead.limits)
+    if rest_is_held(M, nu, C, limits, P.rolling_force, h):
+        nu[:] = 0.0
+    else:
+        speeds, probe, rates = np.array(ahead.speeds), np.empty(len(C)), np.empty(len(C))
+        nu = minimiser(M, nu, C, Y, G, speeds, limits, P.rolling_force, h, guess, probe)
+        for i in range(len(C)):
+            rates[i] = 1.0 / (h * G[i, i])
+        end = velocity_in(start.v, nu) + (nu[2], nu[3], nu[4])
+        ahead = corrected_ahead(selected, P, start, end, probe, rates, u, h)
+        guess, nu, limits = nu, in_order(ahead.v, ahead.w), np.array(ahead.limits)
+        speeds = np.array(ahead.speeds)
+        nu = minimiser(M, nu, C, Y, G, speeds, limits, ahead.rolling_force, h, guess, probe)
+    v = velocity_in(start.v, nu)
+    stored(work, TRIAL, lane, finished(selected, state, start.middle, v, (nu[2], nu[3], nu[4]), h))
 
 
 def velocity_in(like, nu) -> tuple:  # pragma: no cover (compiled form below)
