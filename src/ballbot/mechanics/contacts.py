@@ -1,12 +1,12 @@
 """Where friction acts: at the wheels, at the spin where the ball pivots, and at the ball's x and y, in this order.
 
 C nu are the speeds there, C^T lambda the generalised forces of friction forces there, and G = C M^-1 C^T. A step in
-which friction may stick is found in two passes: with the forces at its start (`first_ahead`), and with those half way to
-where these lead (`corrected_ahead`), all at the attitude half way. It ends with `finished`.
+which friction may stick is found in two passes: with the forces at its start (`first_ahead`), and with those half way
+to where these lead (`corrected_ahead`), all at the attitude half way. It ends with `finished`.
 
 So it has order two, also where a contact changes its sign. A contact that comes to rest and stays has no speed at the
 end, whenever it stopped. One that turns about has its friction one way up to the instant of its stop, and the other way
-after it: the second pass gives it the mean (`turn_about`).
+after it: the second pass gives it the mean (`turns_about`).
 """
 
 import math
@@ -15,7 +15,7 @@ from typing import NamedTuple
 from ballbot.mechanics.accelerations import forces_in, solve
 from ballbot.mechanics.engine.compiled import by_types_of, inlined
 from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, in_state_order
-from ballbot.mechanics.engine.vector import add, advanced, each, scale, subtract, written
+from ballbot.mechanics.engine.vector import add, advanced, each, scale, solve_dense, subtract, written
 from ballbot.mechanics.equations import (
     Attitude,
     balancing_attitude,
@@ -206,12 +206,22 @@ def first_ahead(selected, P, start, free, h):
     return Ahead(v, w, speeds, free.limits, P.rolling_force)
 
 
+class Found(NamedTuple):
+    """What the first forces of a step were found to be, in the units of forces: kappa_i = 1/(h G_ii) times speeds."""
+
+    forces: tuple  #: lambda of the contacts
+    probes: tuple  #: s = lambda + kappa C nu
+    G: tuple  #: kappa h G, by rows
+    rates: tuple  #: kappa
+    limits: tuple  #: of the boxes
+
+
 @inlined
-def corrected_ahead(selected, P, start, end, probes, rates, u, h):
+def corrected_ahead(selected, P, start, end, found, u, h):
     """Return the `Ahead` of a step under the forces half way to the velocities `end` that the first ones led to.
 
     The speeds at the step's end are those at its attitude: C_end nu = C nu + (C - C_before) nu to second order, with C
-    half way. `probes` are the contacts' of the first forces, s = lambda + kappa C nu, and `rates` their kappa.
+    half way.
     """
     v_end, w_end = parted(end)
     v, w = each(_mean, start.v, v_end), each(_mean, start.w, w_end)
@@ -219,7 +229,7 @@ def corrected_ahead(selected, P, start, end, probes, rates, u, h):
     later = contact_speeds(selected, P, start.middle, v_end, w_end)
     turning = each(_difference, later, contact_speeds(selected, P, start.before, v_end, w_end))
     first = contact_speeds(selected, P, start.before, start.v, start.w)
-    turns = turns_about(free.limits, first, probes, turning, rates)
+    turns = turns_about(free.limits, P.rolling_force, found, first, turning)
     on = start.v[0] * v_end[0] + start.v[1] * v_end[1] > REST * REST
     brake = rolling_brake(P.rolling_force, math.sqrt(v[0] * v[0] + v[1] * v[1])) if on else 0.0
     known = each(_known, turns) + (brake * v[0], brake * v[1])
@@ -230,32 +240,80 @@ def corrected_ahead(selected, P, start, end, probes, rates, u, h):
     return Ahead(v, w, speeds, each(_left, turns, free.limits), 0.0 if on else P.rolling_force)
 
 
-def turns_about(limits, first, probes, turning, rates) -> tuple:  # pragma: no cover (compiled form below)
-    """Return `turn_about` of each box."""
+def turns_about(
+    limits, rolling_force, found, first, turning
+) -> tuple:  # pragma: no cover (compiled form below)
+    """Return `turn_about` of each box.
+
+    What a force does to a contact's speed depends on which others stick: theirs follow, and leave them at rest.
+    """
     raise NotImplementedError("compiled code only")
 
 
 @by_types_of(turns_about)
-def _turns_about(limits, first, probes, turning, rates):
-    boxes = (
-        f"turn_about(first[{i}] * rates[{i}], probes[{i}] + turning[{i}] * rates[{i}], limits[{i}]), "
-        for i in range(len(limits))
+def _turns_about(limits, rolling_force, found, first, turning):
+    k, m = len(limits), len(limits) + 2
+    lines = ["forces, probes, G, rates, held = found"]
+    for i in range(k):
+        lines += [
+            f"start{i} = first[{i}] * rates[{i}]",
+            f"change{i} = probes[{i}] + turning[{i}] * rates[{i}] - forces[{i}] - start{i}",
+            f"stops{i} = stops(start{i}, forces[{i}] + change{i}, held[{i}])",
+            f"holds{i} = 1.0 - stops{i} if abs(probes[{i}]) < held[{i}] else 0.0",
+        ]
+    lines += [
+        f"size2 = probes[{k}] * probes[{k}] + probes[{k + 1}] * probes[{k + 1}]",
+        f"holds{k} = holds{k + 1} = 1.0 if size2 < rolling_force * rolling_force else 0.0",
+    ]
+    rows, right = [], []
+    for i in range(m):
+        row = [f"holds{i} * G[{i}][{j}]" + (f" + 1.0 - holds{i}" if i == j else "") for j in range(m)]
+        rows.append(f"({', '.join(row)},)")
+        right.append(f"stops{i}" if i < k else "0.0")
+    lines.append(f"x = solve_dense(({', '.join(rows)},), ({', '.join(right)},))")
+    turns = []
+    for i in range(k):
+        easing = " + ".join(f"G[{i}][{j}] * x[{j}]" for j in range(m))
+        lines.append(f"easing{i} = max({easing}, {_LEAST_EASING}) if stops{i} > 0.0 else 1.0")
+        turns.append(
+            f"turn_about(start{i} / easing{i}, forces[{i}] + change{i} / easing{i}, limits[{i}], stops{i}), "
+        )
+    return written(
+        "limits, rolling_force, found, first, turning",
+        f"({''.join(turns)})",
+        *lines,
+        stops=_stops,
+        solve_dense=solve_dense,
+        turn_about=_turn_about,
     )
-    return written("limits, first, probes, turning, rates", f"({''.join(boxes)})", turn_about=turn_about)
+
+
+#: of G_ii, what a force does to a contact's speed at least where others stick: none if four wheels hold each other
+_LEAST_EASING = 1e-3
+
+
+#: of its friction, what takes a contact's speed away within the step if it is at rest but for the method's error
+_RESTING = 1e-3
 
 
 @inlined
-def turn_about(start, probe, limit):
-    """Return whether a contact turns about within the step, and its mean friction then.
+def _stops(start, free, limit):
+    """Return 1 where a contact that moves at the step's start comes to rest in it, else 0; see `_turn_about`."""
+    moves = abs(start) > _RESTING * limit
+    return 1.0 if moves and abs(start) < limit - sign(start) * free else 0.0
 
-    Speeds are forces here, s / (h G_ii): it begins with `start`, zero at rest, and `probe` is what its friction would
-    have to be to leave it at rest. Without friction it would change by A = probe - start within the step. So
-    it stops after the share start / (limit - A) of the step, for a positive start, and turns back if A < -limit.
+
+@inlined
+def _turn_about(start, free, limit, stops):
+    """Return whether a contact that stops within the step turns about, and its mean friction then.
+
+    Its speed at the step's start is that which the force `start` would take away within the step. Without friction it
+    would change by that of the force `free`. So, for a positive start, it stops after the share start / (limit - free)
+    of the step, and turns back if free < -limit.
     """
-    free, forward = probe - start, sign(start)
-    braking = limit - forward * free
-    share = abs(start) / braking
-    turns = forward * free < -limit and share < 1.0 and start != 0.0 and limit > 0.0
+    forward = sign(start)
+    turns = stops > 0.0 and forward * free < -limit and limit > 0.0
+    share = abs(start) / (limit - forward * free) if turns else 0.0
     return (turns, forward * limit * (2.0 * share - 1.0) if turns else 0.0)
 
 

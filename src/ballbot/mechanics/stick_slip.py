@@ -385,6 +385,12 @@ def minimise(
 
 @compiled
 def _minimise(M, free, C, limits, rolling_force, h, start):
+    return minimiser(M, free, C, limits, rolling_force, h, start)
+
+
+@shared
+def minimiser(M, free, C, limits, rolling_force, h, start):
+    """Return the velocities of `minimise`, to compiled code."""
     n, m = C.shape
     if rest_is_held(M, free, C, limits, rolling_force, h):
         return np.zeros(m)
@@ -394,15 +400,15 @@ def _minimise(M, free, C, limits, rolling_force, h, start):
     for i in range(m):
         for j in range(n):
             ahead[j] += C[j, i] * free[i]
-    return minimiser(M, free, C, Y, G, ahead, limits, rolling_force, h, start, np.empty(n))
+    return moving_minimiser(M, free, C, Y, G, ahead, limits, rolling_force, h, start, np.empty((2, n + 2)))
 
 
-@shared
-def minimiser(M, free, C, Y, G, ahead, limits, rolling_force, h, start, probe):
+@called
+def moving_minimiser(M, free, C, Y, G, ahead, limits, rolling_force, h, start, best):
     """Return the velocities of `minimise` for a robot that does not rest, to compiled code.
 
-    Y and G are those of `mobility`, and `ahead` the contacts' speeds at the velocities `free`. `probe` (n,) is filled
-    with the friction that would leave each box's contact at rest.
+    Y and G are those of `mobility`, and `ahead` the contacts' speeds at the velocities `free`. `best` (2, n + 2) is
+    filled with the contacts' friction forces and speeds.
     """
     m = len(free)
     energy = 0.0
@@ -410,13 +416,13 @@ def minimiser(M, free, C, Y, G, ahead, limits, rolling_force, h, start, probe):
         for j in range(m):
             energy += free[i] * M[i, j] * free[j]
     if not energy < np.inf:
-        probe[:] = np.nan
+        best[:] = np.nan
         return free.copy()  # no number, and it stays to be seen
     enough = _ACCURATE * math.sqrt(energy)
 
     n = len(limits)
     signs, forces, speeds = np.empty(n), np.zeros(n + 2), np.empty(n + 2)
-    best, best_distance = np.zeros((2, n + 2)), np.inf
+    best_distance = np.inf
     _first_guess(signs, C, limits, start)
     for _ in range(_GUESSES):
         if not _forces_of_guess(signs, C, G, ahead, limits, rolling_force, h, forces, speeds):
@@ -431,8 +437,6 @@ def minimiser(M, free, C, Y, G, ahead, limits, rolling_force, h, start, probe):
         _correct(signs, limits, forces, speeds)
     if best_distance > enough:
         _try_all(best, best_distance, enough, C, G, ahead, limits, rolling_force, h)
-    for i in range(n):
-        probe[i] = best[0, i] + best[1, i] / (h * G[i, i])
     return _velocities(free, Y, best[0], best[1], h)
 
 

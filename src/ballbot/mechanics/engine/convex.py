@@ -19,6 +19,7 @@ import math
 from typing import NamedTuple
 
 from ballbot.mechanics.contacts import (
+    Found,
     StepStart,
     contact_matrix,
     contact_speeds,
@@ -290,11 +291,13 @@ def convex_problem(selected, P, state, u, h):
 
 
 @inlined
-def second_pass(selected, P, state, u, problem, end, s, h):
-    """Return the second `ConvexPass` of a step whose first, with probe s, led to velocities `end`."""
+def second_pass(selected, P, state, u, problem, one, forces, s, h):
+    """Return the second `ConvexPass` of a step of whose first these are the forces and their probe s."""
+    end = less_response(one.free, problem.Y, forces, h)
     before, middle = attitude_of(problem.before), attitude_of(problem.middle)
     start = StepStart(ball_velocity(state), body_velocity(state), before, middle)
-    ahead = corrected_ahead(selected, P, start, end, s, problem.rates, u, h)
+    found = Found(forces, s, problem.G, problem.rates, one.limits)
+    ahead = corrected_ahead(selected, P, start, end, found, u, h)
     b = each(_product, problem.rates, ahead.speeds)
     return ConvexPass(ahead.v + ahead.w, b, ahead.limits, ahead.rolling_force)
 
@@ -383,8 +386,7 @@ def _second_passes(selected, work, first, last):
         one = restored(_pass_like(selected), work, _PASS, lane)
         s = restored(_contacts_like(selected), work, _PROBE, lane)
         forces = restored(_contacts_like(selected), work, _FORCES, lane)
-        end = less_response(one.free, problem.Y, forces, h)
-        stored(work, _PASS, lane, second_pass(selected, P, state, u, problem, end, s, h))
+        stored(work, _PASS, lane, second_pass(selected, P, state, u, problem, one, forces, s, h))
         settled = entry(work, _SETTLED, lane)
         put(work, _SETTLED_FIRST, lane, settled)
         still = entry(work, MARGIN, lane) > 0.0 or problem.rests > 0.0 or not h > 0.0

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ballbot.arrays import index_array, positive_number, real_array, whole_number
 from ballbot.mechanics.contacts import (
+    Found,
     corrected_ahead,
     finished,
     first_ahead,
@@ -48,7 +49,7 @@ from ballbot.mechanics.engine.lanes import (
 )
 from ballbot.mechanics.engine.loading import load, row_count, state_like
 from ballbot.mechanics.engine.smooth import SINES, SPEEDS, begin_steps, smooth_block
-from ballbot.mechanics.engine.vector import each, each_with
+from ballbot.mechanics.engine.vector import each, each_with, written
 from ballbot.mechanics.equations import (
     LARGEST_LEAN,
     attitude,
@@ -56,7 +57,7 @@ from ballbot.mechanics.equations import (
     rates_of_angles,
 )
 from ballbot.mechanics.parameters import Exact, Pivoting, Thesis, row_size
-from ballbot.mechanics.stick_slip import contact_rows, minimiser, mobility, rest_is_held
+from ballbot.mechanics.stick_slip import contact_rows, mobility, moving_minimiser, rest_is_held
 
 
 @inlined
@@ -86,17 +87,38 @@ def robust_lane(selected, work, lane):
     if rest_is_held(M, nu, C, limits, P.rolling_force, h):
         nu[:] = 0.0
     else:
-        speeds, probe, rates = np.array(ahead.speeds), np.empty(len(C)), np.empty(len(C))
-        nu = minimiser(M, nu, C, Y, G, speeds, limits, P.rolling_force, h, guess, probe)
-        for i in range(len(C)):
-            rates[i] = 1.0 / (h * G[i, i])
+        best, speeds = np.zeros((2, len(G))), np.array(ahead.speeds)
+        nu = moving_minimiser(M, nu, C, Y, G, speeds, limits, P.rolling_force, h, guess, best)
+        found = found_of(ahead.speeds, best, G, h, ahead.limits)
         end = velocity_in(start.v, nu) + (nu[2], nu[3], nu[4])
-        ahead = corrected_ahead(selected, P, start, end, probe, rates, u, h)
+        ahead = corrected_ahead(selected, P, start, end, found, u, h)
         guess, nu, limits = nu, in_order(ahead.v, ahead.w), np.array(ahead.limits)
         speeds = np.array(ahead.speeds)
-        nu = minimiser(M, nu, C, Y, G, speeds, limits, ahead.rolling_force, h, guess, probe)
+        nu = moving_minimiser(M, nu, C, Y, G, speeds, limits, ahead.rolling_force, h, guess, best)
     v = velocity_in(start.v, nu)
     stored(work, TRIAL, lane, finished(selected, state, start.middle, v, (nu[2], nu[3], nu[4]), h))
+
+
+def found_of(like, best, G, h, limits) -> Found:  # pragma: no cover (compiled form below)
+    """Return the `Found` of forces and speeds (2, contacts) and the mobility G; it has as many contacts as `like`."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(found_of)
+def _found_of(like, best, G, h, limits):
+    m = len(like)
+    disc = f"max(G[{m - 2}, {m - 2}], G[{m - 1}, {m - 1}])"
+    lines = [f"c{i} = 1.0 / (h * {f'G[{i}, {i}]' if i < m - 2 else disc})" for i in range(m)]
+    forces = "".join(f"best[0, {i}], " for i in range(m))
+    probes = "".join(f"best[0, {i}] + c{i} * best[1, {i}], " for i in range(m))
+    rows = "".join("(" + "".join(f"c{i} * h * G[{i}, {j}], " for j in range(m)) + "), " for i in range(m))
+    rates = "".join(f"c{i}, " for i in range(m))
+    return written(
+        "like, best, G, h, limits",
+        f"Found(({forces}), ({probes}), ({rows}), ({rates}), limits)",
+        *lines,
+        Found=Found,
+    )
 
 
 def velocity_in(like, nu) -> tuple:  # pragma: no cover (compiled form below)
