@@ -229,7 +229,7 @@ def corrected_ahead(selected, P, start, end, found, u, h):
     later = contact_speeds(selected, P, start.middle, v_end, w_end)
     turning = each(_difference, later, contact_speeds(selected, P, start.before, v_end, w_end))
     first = contact_speeds(selected, P, start.before, start.v, start.w)
-    turns = turns_about(free.limits, P.rolling_force, found, first, turning)
+    turns = turns_about(selected, free.limits, P.rolling_force, found, first, turning)
     on = start.v[0] * v_end[0] + start.v[1] * v_end[1] > REST * REST
     brake = rolling_brake(P.rolling_force, math.sqrt(v[0] * v[0] + v[1] * v[1])) if on else 0.0
     known = each(_known, turns) + (brake * v[0], brake * v[1])
@@ -241,17 +241,18 @@ def corrected_ahead(selected, P, start, end, found, u, h):
 
 
 def turns_about(
-    limits, rolling_force, found, first, turning
+    selected, limits, rolling_force, found, first, turning
 ) -> tuple:  # pragma: no cover (compiled form below)
     """Return `turn_about` of each box.
 
-    What a force does to a contact's speed depends on which others stick: theirs follow, and leave them at rest.
+    What a force does to a contact's speed depends on which others stick: theirs follow, and leave them at rest. Of
+    four wheels that all stick the forces are not unique; then none turns about.
     """
     raise NotImplementedError("compiled code only")
 
 
 @by_types_of(turns_about)
-def _turns_about(limits, rolling_force, found, first, turning):
+def _turns_about(selected, limits, rolling_force, found, first, turning):
     k, m = len(limits), len(limits) + 2
     lines = ["forces, probes, G, rates, held = found"]
     for i in range(k):
@@ -265,6 +266,9 @@ def _turns_about(limits, rolling_force, found, first, turning):
         f"size2 = probes[{k}] * probes[{k}] + probes[{k + 1}] * probes[{k + 1}]",
         f"holds{k} = holds{k + 1} = 1.0 if size2 < rolling_force * rolling_force else 0.0",
     ]
+    if len(selected.types[0]) == 4:
+        slides = " or ".join(f"abs(probes[{i}]) >= held[{i}]" for i in range(4))
+        lines += ["slides = 1.0 if " + slides + " else 0.0", *(f"stops{i} *= slides" for i in range(4))]
     rows, right = [], []
     for i in range(m):
         row = [f"holds{i} * G[{i}][{j}]" + (f" + 1.0 - holds{i}" if i == j else "") for j in range(m)]
@@ -274,12 +278,15 @@ def _turns_about(limits, rolling_force, found, first, turning):
     turns = []
     for i in range(k):
         easing = " + ".join(f"G[{i}][{j}] * x[{j}]" for j in range(m))
-        lines.append(f"easing{i} = max({easing}, {_LEAST_EASING}) if stops{i} > 0.0 else 1.0")
+        lines.append(f"easing{i} = {easing} if stops{i} > 0.0 else 1.0")
+        lines.append(
+            f"stops{i}, easing{i} = (stops{i}, easing{i}) if easing{i} > {_LEAST_EASING} else (0.0, 1.0)"
+        )
         turns.append(
             f"turn_about(start{i} / easing{i}, forces[{i}] + change{i} / easing{i}, limits[{i}], stops{i}), "
         )
     return written(
-        "limits, rolling_force, found, first, turning",
+        "selected, limits, rolling_force, found, first, turning",
         f"({''.join(turns)})",
         *lines,
         stops=_stops,
@@ -288,7 +295,7 @@ def _turns_about(limits, rolling_force, found, first, turning):
     )
 
 
-#: of G_ii, what a force does to a contact's speed at least where others stick: none if four wheels hold each other
+#: of G_ii, what a force does to a contact's speed at least where others stick; less if these hold it themselves
 _LEAST_EASING = 1e-3
 
 
