@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arguments import checked_arguments
 from ballbot.arrays import real_array, whole_number
 from ballbot.control.controller import Controller, refusal
+from ballbot.control.law import LAW_TYPE
 from ballbot.control.presets import ControllerLike, as_controller
 from ballbot.control.records import fill_record
 from ballbot.control.references import Reference, ReferenceLike, as_reference
@@ -176,8 +177,8 @@ def simulate_batch(
     inputs = Inputs(
         parameters=_rows(lambda one: one.packed_under(law), models),
         lift_offs=_rows(lift_off, robots),
-        laws=np.stack([one.packed for one in controllers]),
-        loops=loops,
+        laws=np.stack([one.packed for one in controllers]).view(LAW_TYPE)[:, 0],
+        loops=loops.view(LOOP.dtype())[:, 0],
         filters=filters,
         contacts=_rows(pack_contacts, robots),
         initial=initial,

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.law import MEMORY_SIZE, control_law
+from ballbot.control.law import MEMORY_TYPE, record_law
 from ballbot.estimation.kalman_model import (
     BALL_RATE,
     BIAS,
@@ -64,10 +64,8 @@ from ballbot.mechanics.engine.run import load_state, load_torques, start_lane, t
 from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, in_state_order, pose
 from ballbot.mechanics.engine.vector import add, dot, each, rotate_back
 from ballbot.mechanics.equations import LARGEST_LEAN, angle_rates, attitude, body_rates, terms
-from ballbot.simulation.imperfections import FALLING_PART, LOOP
+from ballbot.simulation.imperfections import FALLING_PART
 from ballbot.simulation.model_plant import friction_needed, sinking
-
-_LOOP_TYPE = LOOP.dtype()
 
 
 class Inputs(NamedTuple):
@@ -75,8 +73,8 @@ class Inputs(NamedTuple):
 
     parameters: NDArray[np.float64]  #: rows of `pack`
     lift_offs: NDArray[np.float64]
-    laws: NDArray[np.float64]  #: rows of `Controller.packed`
-    loops: NDArray[np.float64]  #: rows of `loop_record`
+    laws: NDArray[np.void]  #: records of `ballbot.control.law.LAW`
+    loops: NDArray[np.void]  #: records of `ballbot.simulation.imperfections.LOOP`
     filters: NDArray[np.float64]  #: rows of `filter_row`; no rows without a Kalman filter
     contacts: NDArray[np.float64]  #: rows of `pack_contacts`
     initial: NDArray[np.float64]
@@ -123,7 +121,8 @@ class Outcome(NamedTuple):
 class _Block(NamedTuple):
     """What the loop remembers of each robot of a block from sample to sample."""
 
-    memories: NDArray[np.float64]  #: of the laws
+    memories: NDArray[np.void]  #: of the laws, records of `ballbot.control.law.MEMORY`
+    lags: bool  #: whether a motor of any robot does
     late: NDArray[np.float64]  #: (1 + longest delay, robots, n) torques on their way
     acting: NDArray[np.float64]  #: (robots, n) torques that act, or that the motors go towards
     given: NDArray[np.float64]  #: (robots, n) torques that the motors give, behind their lag
@@ -142,6 +141,11 @@ class _Block(NamedTuple):
     pivoting: NDArray[np.float64]  #: (robots,) of the Kalman filters
     states: NDArray[np.float64]  #: (robots, 10) that the controllers are given
     filters: NDArray[np.float64]  #: the Kalman filters' work array, a robot a column
+    # scratch of one robot
+    true: NDArray[np.float64]  #: (10,) state
+    encoders: NDArray[np.float64]  #: (n,) angles
+    wheels: NDArray[np.float64]  #: (n,) speeds
+    attitude: NDArray[np.float64]  #: (3,) angles
 
 
 @inlined
@@ -152,15 +156,14 @@ def _row_of(rows, robot):
 
 @inlined
 def _loop_of(inputs, robot):
-    return inputs.loops[_row_of(inputs.loops, robot)].view(_LOOP_TYPE)[0]
+    return inputs.loops[_row_of(inputs.loops, robot)]
 
 
 @called
 def _longest(loops):
     """Return the longest delay, latency and window in samples, and whether a motor lags."""
     delay, latency, window, lags = 0, 0, 1, False
-    for row in range(len(loops)):
-        one = loops[row].view(_LOOP_TYPE)[0]
+    for one in loops:
         delay, latency = max(delay, one.delay), max(latency, one.latency)
         window, lags = max(window, one.speed_window), lags or one.lag > 0.0
     return delay, latency, window, lags
@@ -330,22 +333,24 @@ def _show_filter(own, block, robot, limit, turned, gyro, angles):
 def _filtered(filters, robot, gyro, state):
     """Fill the state (10,) of a Kalman filter, and keep the gyro for the next sample."""
     x = FILTER_STATE
-    w = np.empty(3)
+    w = (
+        gyro[0] - filters[_slot(x + BIAS, robot)],
+        gyro[1] - filters[_slot(x + BIAS + 1, robot)],
+        gyro[2] - filters[_slot(x + BIAS + 2, robot)],
+    )
     for i in range(3):
-        w[i] = gyro[i] - filters[_slot(x + BIAS + i, robot)]
         filters[_slot(GYRO_BEFORE + i, robot)] = gyro[i]
-    v = np.empty(2)
     for i in range(2):
-        v[i] = filters[_slot(x + S + i, robot)]
+        velocity = filters[_slot(x + S + i, robot)]
         for k in range(3):
-            v[i] -= filters[_slot(2 + 3 * i + k, robot)] * w[k]
-        state[i] = filters[_slot(x + X + i, robot)]
+            velocity -= filters[_slot(2 + 3 * i + k, robot)] * w[k]
+        state[i], state[5 + i] = filters[_slot(x + X + i, robot)], velocity
     heading = filters[_slot(x + PSI, robot)]
     s3, c3 = math.sin(heading), math.cos(heading)
-    state[5], state[6] = c3 * v[0] - s3 * v[1], s3 * v[0] + c3 * v[1]
+    state[5], state[6] = c3 * state[5] - s3 * state[6], s3 * state[5] + c3 * state[6]
     g = (filters[_slot(x + G, robot)], filters[_slot(x + G + 1, robot)])
     angles = _angles_of(g, heading)
-    rates = angle_rates(attitude(angles), (w[0], w[1], w[2]))
+    rates = angle_rates(attitude(angles), w)
     for i in range(3):
         state[2 + i], state[7 + i] = angles[i], rates[i]
 
@@ -462,7 +467,7 @@ def _measure(selected, work, lane, inputs, draws, block, first, sample):
     _truth(selected, work, lane, own, state)
     if own.estimator == 0:
         return
-    gyro, angles, encoders, speeds = block.gyros[robot], np.empty(3), np.empty(n), np.empty(n)
+    gyro, angles, encoders, speeds = block.gyros[robot], block.attitude, block.encoders, block.wheels
     noise = draws.noise[robot, (n + 6) * sample : (n + 6) * sample + 6]
     _read_ahrs(own, block, robot, sample, noise, draws.faults[robot], state, gyro, angles)
     for i in range(n):
@@ -500,9 +505,8 @@ def _command(work, lane, inputs, draws, block, first, sample, reference, out):
     if own.missing_from <= sample < own.missing_until:
         state[0] = np.nan
     fill(block.last[robot], held)
-    control_law(
-        inputs.laws[_row_of(inputs.laws, first + robot)], block.memories[robot], state, reference, held
-    )
+    law = inputs.laws[_row_of(inputs.laws, first + robot)]
+    record_law(law, block.memories[robot], state, reference, held)
     psi, late = work[(STATE + 4) * LANES + lane], block.late
     c, s = math.cos(psi), math.sin(psi)
     fill(late[sample % len(late), robot], held)
@@ -543,7 +547,7 @@ def _end_where_due(selected, work, lane, inputs, sampling, block, first, sample,
     own, number = _loop_of(inputs, first + robot), first + robot
     state, whole = load_state(selected, work, lane), load(selected, work, lane)
     lean = max(abs(state[2]), abs(state[3]))
-    truth = np.empty(10)
+    truth = block.true
     _truth(selected, work, lane, own, truth)
     fallen = work[STEP * LANES + lane] == 0.0 or not lean <= LARGEST_LEAN
     fallen = fallen or math.cos(truth[2]) * math.cos(truth[3]) < own.fallen_cosine
@@ -604,9 +608,10 @@ def _runs(work, lane, out, first, samples):
 @called
 def _new_block(loops, width, n, filtering):
     """Return the memory of a block whose robots all begin."""
-    delay, latency, window, _ = _longest(loops)
+    delay, latency, window, lags = _longest(loops)
     return _Block(
-        np.zeros((width, MEMORY_SIZE)),
+        np.zeros(width, MEMORY_TYPE),
+        lags,
         np.zeros((1 + delay, width, n)),
         np.zeros((width, n)),
         np.zeros((width, n)),
@@ -625,6 +630,10 @@ def _new_block(loops, width, n, filtering):
         np.zeros(width),
         np.zeros((width, 10)),
         np.zeros(FILTER_ROWS * LANES if filtering else LANES),
+        np.zeros(10),
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros(3),
     )
 
 
@@ -632,9 +641,8 @@ def _new_block(loops, width, n, filtering):
 def _move(selected, work, width, inputs, block, sampling, first):
     """Move a block's robots on by a sample."""
     plays = _loop_of(inputs, first).play > 0.0  # all robots of a block, or none
-    lags = _longest(inputs.loops)[3]
     h = sampling.sample_time / sampling.steps
-    if not (plays or lags):
+    if not (plays or block.lags):
         _put_torques(work, width, inputs, block, first, h)
         take_steps(selected, work, width, sampling.steps)
         return
