@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ballbot import Controller, InputError, Model, simulate_batch
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import circle
-from ballbot.simulation.imperfections import Imperfections, Push
+from ballbot.simulation.imperfections import Imperfections, Push, Supply
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.simulation.sensors import SensorFaults
@@ -50,6 +50,17 @@ def one_by_one(
             Imperfections(sensors=SENSORS, delay=1, slope=(0.02, -0.01)), "kalman", id="delay and slope"
         ),
         pytest.param(Imperfections(sensors=SENSORS, sensor_faults=FAULTS), "kalman", id="faults of the AHRS"),
+        pytest.param(
+            Imperfections(
+                sensors=SENSORS,
+                # so weak that it limits the torques
+                supply=Supply(winding_resistance=20.0, internal_resistance=5.0),
+                imbalance=(0.05, -0.02),
+                slope=(0.0, 0.01),
+            ),
+            "onboard",
+            id="battery and a body off its axis",
+        ),
         pytest.param(
             Imperfections(
                 sensors=SENSORS,

@@ -171,9 +171,17 @@ def _longest(loops):
 
 @inlined
 def _floored(out, own, sign):
-    """Add or subtract the lean at which the floor's slope has the robot rest."""
+    """Add or subtract the lean at which the robot rests: for the floor's slope, and for a body off its axis."""
     out[2] += sign * own.rest_lean[0]
     out[3] += sign * own.rest_lean[1]
+    x, y = sign * own.off_axis[0], sign * own.off_axis[1]
+    if x != 0.0 or y != 0.0:
+        s, c = math.sin(out[4]), math.cos(out[4])
+        theta, phi = s * x + c * y, s * y - c * x
+        out[2] += theta
+        out[3] += phi
+        out[7] -= out[9] * phi
+        out[8] += out[9] * theta
 
 
 @inlined
@@ -367,6 +375,20 @@ def _within_drive(own, torque, speed):
     return min(max(torque, -left), left)
 
 
+@inlined
+def _within_supply(own, torques, speeds):
+    """Limit torques (n,) to what a battery and the windings leave; see `Supply`."""
+    power = 0.0
+    for i in range(len(torques)):
+        torques[i] = min(max(torques[i], -own.torque_limit), own.torque_limit)
+        current = torques[i] / own.ampere
+        power += torques[i] * speeds[i] + own.winding * current * current
+    most = own.ampere * max(own.voltage - own.sag * power, 0.0) / own.winding
+    for i in range(len(torques)):
+        back = own.ampere * own.back / own.winding * speeds[i]
+        torques[i] = min(max(torques[i], -most - back), most - back)
+
+
 @called
 def _push(selected, work, lane, own, push, duration):
     """Change a lane's velocities by the impulse of a push over a sample."""
@@ -517,13 +539,17 @@ def _command(work, lane, inputs, draws, block, first, sample, reference, out):
         torque = due[i]
         if own.torque_noise > 0.0:
             torque += own.torque_noise * draws.noise[robot, (n + 6) * sample + 6 + i]
+        speed = work[(MOTOR + i) * LANES + lane] if own.play > 0.0 else block.speeds[robot, i]
         if own.limited == 1:
-            speed = work[(MOTOR + i) * LANES + lane] if own.play > 0.0 else block.speeds[robot, i]
             torque = _within_drive(own, torque, speed)
+        block.wheels[i] = speed
         block.acting[robot, i] = torque
         block.loads[robot, i] = c * own.slope_load[i, 0] + s * own.slope_load[i, 1]
-        if own.lag == 0.0:
-            block.given[robot, i] = torque
+    if own.limited == 2:
+        _within_supply(own, block.acting[robot], block.wheels)
+    if own.lag == 0.0:
+        for i in range(n):
+            block.given[robot, i] = block.acting[robot, i]
 
 
 @called
