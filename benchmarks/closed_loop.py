@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from time import perf_counter
 
 from ballbot.control.presets import precise_controller
@@ -63,7 +64,8 @@ def periods_one_at_a_time(*, duration: float) -> float:
     """Return the control periods a second of the same robot and controller, called from Python sample by sample."""
     robot = nominal_robot()
     controller = precise_controller(robot).with_estimator("kalman")
-    plant = SensedPlant(Model(robot), imperfections(robot), estimator="kalman")
+    without_lag = replace(imperfections(robot), lag=0.0)  # which the plant does not have
+    plant = SensedPlant(Model(robot), without_lag, estimator="kalman")
 
     def run(seconds: float) -> None:
         simulate(plant, controller, square(), duration=seconds)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
@@ -199,7 +199,7 @@ def simulate_batch(
     def run(first: int) -> None:
         width = min(LANES, lanes - first)
         runs = range(first, first + width) if borne else ()
-        which = [replace(borne[0], seed=borne[0].seed + k) if alone else borne[k] for k in runs]
+        which = [(borne[0], borne[0].seed + k) if alone else (borne[k], borne[k].seed) for k in runs]
         draws = _draws(which, width, n=n, samples=samples, sample_time=sample_time)
         run_block(selected, inputs, draws, sampling, first, width, out)
 
@@ -319,23 +319,26 @@ def _pushes(borne: Sequence[Imperfections], sample_time: float) -> NDArray[np.fl
     return table
 
 
-def _draws(borne: Sequence[Imperfections], width: int, *, n: int, samples: int, sample_time: float) -> Draws:
-    """Return what is random in the runs of a block, as `SensedPlant` draws it."""
+def _draws(
+    runs: Sequence[tuple[Imperfections, int]], width: int, *, n: int, samples: int, sample_time: float
+) -> Draws:
+    """Return what is random in the runs of a block, each with its seed, as `SensedPlant` draws it."""
+    borne = {id(one): one for one, _ in runs}.values()
     noisy, faulty = any(one.random for one in borne), any(one.sensor_faults is not None for one in borne)
     jitters, plays = any(one.jitter > 0.0 for one in borne), any(one.backlash > 0.0 for one in borne)
     noise = np.empty((width, (6 + n) * samples if noisy else 0))
     faults = np.empty((width, 5 * (samples + 1) if faulty else 0))
     places, durations = np.zeros((width, n)), np.zeros((width, samples if jitters else 0))
-    for k, one in enumerate(borne):
-        random = np.random.default_rng(one.seed)
+    for k, (one, seed) in enumerate(runs):
+        random = np.random.default_rng(seed)
         if faulty:
             random.spawn(1)[0].standard_normal(out=faults[k])
         if noisy:
             random.standard_normal(out=noise[k])
         if plays:
-            places[k] = places_in_play(1.0, n, one.seed)
+            places[k] = places_in_play(1.0, n, seed)
         if jitters:
-            late = one.jitter * np.random.default_rng([one.seed, 5]).uniform(-1.0, 1.0, samples)
+            late = one.jitter * np.random.default_rng([seed, 5]).uniform(-1.0, 1.0, samples)
             durations[k] = sample_time + np.diff(late, prepend=0.0)
     return Draws(noise=noise, faults=faults, places=places, durations=durations)
 
