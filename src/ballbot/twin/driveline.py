@@ -142,7 +142,7 @@ class Motors:
 
 
 class Battery:
-    """A battery with an internal resistance and the motors' windings; see `ballbot.twin.faults.Supply`."""
+    """A battery with an internal resistance and the motors' windings; see `ballbot.simulation.imperfections.Supply`."""
 
     def __init__(self, robot: Robot, supply: Supply) -> None:
         drive = robot.drive
