@@ -395,28 +395,30 @@ def minimiser(M, free, C, limits, rolling_force, h, start):
     if rest_is_held(M, free, C, limits, rolling_force, h):
         return np.zeros(m)
     Y, G = mobility(M, contact_rows(C))
+    contacts = (C, Y, G)
     ahead = np.zeros(n + 2)
     ahead[n], ahead[n + 1] = free[0], free[1]
     for i in range(m):
         for j in range(n):
             ahead[j] += C[j, i] * free[i]
-    return moving_minimiser(M, free, C, Y, G, ahead, limits, rolling_force, h, start, np.empty((2, n + 2)))
+    return moving_minimiser(M, free, contacts, ahead, limits, rolling_force, h, start, np.empty((2, n + 2)))
 
 
 @called
-def moving_minimiser(M, free, C, Y, G, ahead, limits, rolling_force, h, start, best):
+def moving_minimiser(M, free, contacts, ahead, limits, rolling_force, h, start, best):
     """Return the velocities of `minimise` for a robot that does not rest, to compiled code.
 
-    Y and G are those of `mobility`, and `ahead` the contacts' speeds at the velocities `free`. `best` (2, n + 2) is
-    filled with the contacts' friction forces and speeds.
+    `contacts` are C, and Y and G of `mobility`; `ahead` the contacts' speeds at the velocities `free`. `best`
+    (2, n + 2) is filled with the contacts' friction forces and speeds.
     """
-    m = len(free)
+    m, (C, Y, G) = len(free), contacts
     energy = 0.0
     for i in range(m):
         for j in range(m):
             energy += free[i] * M[i, j] * free[j]
     if not energy < np.inf:
-        best[:] = np.nan
+        for i in range(len(ahead)):
+            best[0, i] = best[1, i] = np.nan
         return free.copy()  # no number, and it stays to be seen
     enough = _ACCURATE * math.sqrt(energy)
 

@@ -26,7 +26,7 @@ from ballbot.mechanics.contacts import (
     free_motion,
     step_start,
 )
-from ballbot.mechanics.engine.arrays import box_rows, in_order, mass_matrix
+from ballbot.mechanics.engine.arrays import box_rows, fill, in_order, mass_matrix
 from ballbot.mechanics.engine.compiled import by_types_of, called, compiled, inlined, shared
 from ballbot.mechanics.engine.convex import convex_block
 from ballbot.mechanics.engine.lanes import (
@@ -82,19 +82,20 @@ def robust_lane(selected, work, lane):
     free = free_motion(selected, P, start.middle, start.v, start.w, u)
     M, C = mass_matrix(free.system), box_rows(selected, P, start.middle)
     Y, G = mobility(M, contact_rows(C))
+    contacts = (C, Y, G)
     ahead = first_ahead(selected, P, start, free, h)
     nu, guess, limits = in_order(ahead.v, ahead.w), in_order(start.v, start.w), np.array(ahead.limits)
     if rest_is_held(M, nu, C, limits, P.rolling_force, h):
-        nu[:] = 0.0
+        fill(nu, np.zeros(len(nu)))
     else:
-        best, speeds = np.zeros((2, len(G))), np.array(ahead.speeds)
-        nu = moving_minimiser(M, nu, C, Y, G, speeds, limits, P.rolling_force, h, guess, best)
-        found = found_of(ahead.speeds, best, G, h, ahead.limits)
+        best, speeds = np.zeros((2, len(C) + 2)), np.array(ahead.speeds)
+        nu = moving_minimiser(M, nu, contacts, speeds, limits, P.rolling_force, h, guess, best)
+        found = found_of(ahead.speeds, best, contacts[2], h, ahead.limits)
         end = velocity_in(start.v, nu) + (nu[2], nu[3], nu[4])
         ahead = corrected_ahead(selected, P, start, end, found, u, h)
         guess, nu, limits = nu, in_order(ahead.v, ahead.w), np.array(ahead.limits)
         speeds = np.array(ahead.speeds)
-        nu = moving_minimiser(M, nu, C, Y, G, speeds, limits, ahead.rolling_force, h, guess, best)
+        nu = moving_minimiser(M, nu, contacts, speeds, limits, ahead.rolling_force, h, guess, best)
     v = velocity_in(start.v, nu)
     stored(work, TRIAL, lane, finished(selected, state, start.middle, v, (nu[2], nu[3], nu[4]), h))
 
