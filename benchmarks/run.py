@@ -28,7 +28,7 @@ from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.simulation.batch import simulate_batch
-from benchmarks import identification, jax_peer, peers
+from benchmarks import closed_loop, identification, jax_peer, peers
 from benchmarks.accuracy import accelerations
 from benchmarks.numpy_form import rate_of_change
 from benchmarks.operations import operations_of_a_step, peak_rate
@@ -198,6 +198,7 @@ def main() -> None:
         ("first call in a fresh process, compiled code on disk", f"{cached:.2f} s", "3"),
         ("first call in a fresh process, nothing on disk", f"{cold:.1f} s", "15"),
         ("largest relative error against the NumPy form", f"{largest_error(model):.1e}", "1e-12"),
+        *closed_loop.rows(),
         *identification.rows(),
     ]
     others = [

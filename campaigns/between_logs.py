@@ -55,6 +55,7 @@ from ballbot.mechanics.friction import wheel_friction
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
 from ballbot.robot.components import scaled_friction
+from ballbot.simulation.imperfections import Supply
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensors import SensorFaults
 from ballbot.twin import Scenario, Twin
@@ -65,7 +66,6 @@ from ballbot.twin.faults import (
     Payload,
     Roughness,
     Softness,
-    Supply,
     Timing,
 )
 from campaigns.coverage import BEGIN

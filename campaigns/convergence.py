@@ -326,6 +326,7 @@ def campaign() -> Section:
         "each. In brackets, how often a wheel reverses, sticks or breaks away in a motion.",
         columns=columns,
         rows=rows,
-        after="If no sign changes, the method has RK4's order four. A step in which a wheel reverses or sticks uses "
-        "the friction at its end for the whole step, which causes an error of order h, also in the motion.",
+        after="If no sign changes, the method has RK4's order four. A step in which a wheel reverses or sticks has "
+        "order two: the convex step is taken twice, the second time with the forces half way and the friction of a "
+        "wheel that turns about changed at the instant at which it stops.",
     )

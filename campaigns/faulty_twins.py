@@ -28,6 +28,7 @@ from ballbot.log import Log
 from ballbot.processes import worker_pool
 from ballbot.robot import Robot
 from ballbot.robot.components import scaled_body, scaled_friction
+from ballbot.simulation.imperfections import Supply
 from ballbot.simulation.plant import Measurement, Plant
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensors import SensorFaults
@@ -39,7 +40,6 @@ from ballbot.twin.faults import (
     Payload,
     Roughness,
     Softness,
-    Supply,
     Timing,
 )
 from ballbot.workflows.controller_choice import (

@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from ballbot import Model
+from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from campaigns.convergence import (
     SAMPLE_TIME,
     EventDriven,
@@ -21,6 +22,7 @@ from campaigns.convergence import (
     sticking_cases,
     sticks,
 )
+from tests.support.control_examples import FRICTION, alten, four_wheeled
 
 STEPS = (4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4)
 
@@ -34,22 +36,54 @@ def test_smooth_motion_has_order_four() -> None:
 
 
 @pytest.mark.sample
-def test_stick_slip_has_order_one_and_small_errors() -> None:
+def test_stick_slip_has_order_two_and_small_errors() -> None:
     """Root mean square over motions, because where in a step a sign changes is random."""
     cases = sticking_cases(np.random.default_rng(62), 10)
     known = follow(cases)
     assert all(sticks(one) and changes(one) >= 3 for one in known)
     found = errors(cases, known, STEPS)
-    assert observed_order(STEPS, found) == pytest.approx(1.0, abs=0.25)
-    assert found[2] < 2e-3  # at 1 ms; rad/s, after 0.4 s of an unstable robot
+    # few motions: one in which two wheels change in one step moves the mean by as much
+    assert observed_order(STEPS, found) == pytest.approx(2.1, abs=0.35)
+    assert found[2] < 2e-5  # at 1 ms; rad/s, after 0.4 s of an unstable robot
 
 
-def test_reversals_have_order_one() -> None:
+def test_reversals_have_order_two() -> None:
     cases = reversing_cases(np.random.default_rng(63), 10)
     known = follow(cases)
     assert not any(sticks(one) for one in known)
     assert sum(changes(one) for one in known) >= 5
-    assert observed_order(STEPS, errors(cases, known, STEPS)) == pytest.approx(1.0, abs=0.25)
+    assert observed_order(STEPS, errors(cases, known, STEPS)) == pytest.approx(2.0, abs=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "model",
+    [
+        Model(four_wheeled(friction=True)),
+        Model(alten(FRICTION), "thesis"),
+    ],
+    ids=["four wheels", "thesis"],
+)
+def test_other_models_have_order_two_against_steps_of_two_microseconds(model: Model) -> None:
+    """Torques swing so that wheels stick, break away and turn about; the same motions from 20 starts."""
+    rng, n = np.random.default_rng(64), model.robot.wheel_count
+    k = np.arange(8)
+    torques = np.stack([0.3 * np.sin(0.9 * k + 2.0 * i) for i in range(n)], axis=1)
+    starts = np.zeros((20, 5 + model.velocity_count))
+    starts[:, 2:10] = [0.01, 0.005, 0, 0.07, -0.05, 0, 0, 0.1] + 0.02 * rng.uniform(-1, 1, (20, 8))
+
+    def ends(step: float) -> NDArray[np.float64]:
+        lanes = Lanes(parameters=model.packed[None], initial=starts, torques=torques[None])
+        steps = round(SAMPLE_TIME / step)
+        run = simulate_lanes(model.selected, lanes, sample_time=SAMPLE_TIME, steps=steps)
+        return run.states[:, -1]
+
+    known = ends(2e-6)
+    # the median: a ball that passes close by rest turns its friction about in a step, and its motion leads any mean
+    found = np.array([np.median(np.abs(ends(step) - known).max(axis=1)) for step in STEPS])
+    # 1.6 and 1.7: at 4 ms several contacts change in one step
+    assert observed_order(STEPS, found) > 1.5
+    assert found[2] < 1e-5
 
 
 def test_event_driven_reference_comes_to_rest_with_the_robot() -> None:
@@ -63,8 +97,7 @@ def test_event_driven_reference_comes_to_rest_with_the_robot() -> None:
     assert_allclose(known.state[5:], 0.0, atol=1e-8)
     end = at_step(start, torques, 1e-4)
     assert_allclose(end[5:], 0.0, atol=0)
-    # of order one: at 1 ms the places differ by 3e-7
-    assert_allclose(end[:5], known.state[:5], atol=1e-7)
+    assert_allclose(end[:5], known.state[:5], atol=1e-9)
 
 
 def at_step(start: NDArray[np.float64], torques: NDArray[np.float64], step: float) -> NDArray[np.float64]:

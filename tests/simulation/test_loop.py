@@ -8,7 +8,7 @@ import pytest
 from ballbot import Controller, InputError, Log, Model, simulate, simulate_batch
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import circle
-from ballbot.simulation.imperfections import Imperfections, Push
+from ballbot.simulation.imperfections import Imperfections, Push, Supply
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.simulation.sensors import SensorFaults
@@ -62,6 +62,17 @@ def assert_same(one: Log, other: Log, *, atol: float) -> None:
         pytest.param(
             Imperfections(
                 sensors=SENSORS,
+                # so weak that it limits the torques
+                supply=Supply(winding_resistance=20.0, internal_resistance=5.0),
+                imbalance=(0.05, -0.02),
+                slope=(0.0, 0.01),
+            ),
+            "onboard",
+            id="battery and a body off its axis",
+        ),
+        pytest.param(
+            Imperfections(
+                sensors=SENSORS,
                 torque_noise=0.01,
                 delay=1,
                 backlash=PLAY,
@@ -108,13 +119,14 @@ def test_lanes_do_not_notice_each_other():
     """Seeds, robots and controllers of one lane, whatever runs beside it: a robot that falls, or a state of NaN."""
     precise, none = precise_controller(ROBOT), Controller(ROBOT, np.zeros((3, 10)), estimator="kalman")
     imperfections = Imperfections(sensors=SENSORS, torque_noise=0.01, backlash=PLAY, fallen_lean=0.6)
-    alone = simulate_batch(
+    # in the same places: vector code and what is left of a width for scalar code round differently
+    alike = simulate_batch(
         Model(ROBOT),
         precise,
         circle(),
         duration=0.5,
         initial_states=START,
-        imperfections=replace(imperfections, seed=7),
+        imperfections=[replace(imperfections, seed=7)] * 12,
     )
     beside = simulate_batch(
         Model(ROBOT),
@@ -124,9 +136,9 @@ def test_lanes_do_not_notice_each_other():
         initial_states=START,
         imperfections=[replace(imperfections, seed=seed) for seed in (1, 7, 2) * 4],
     )
-    np.testing.assert_array_equal(beside.states[1], alone.states[0])
-    np.testing.assert_array_equal(beside.states[10], alone.states[0])
-    assert not np.array_equal(beside.states[2], alone.states[0])
+    np.testing.assert_array_equal(beside.states[1], alike.states[1])
+    np.testing.assert_array_equal(beside.states[10], alike.states[10])
+    assert not np.array_equal(beside.states[2], alike.states[2])
 
 
 def test_a_push_changes_the_velocities_by_its_impulse():

@@ -13,16 +13,18 @@ from ballbot.cli.main import main
 from ballbot.control.file import read_controller, write_controller
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import hold, square
+from ballbot.mechanics.friction import dry_friction_size
 from ballbot.robot.derived import encoder_step, reflected_rotor_inertia, wheel_speed_limit
 from ballbot.robot.file import write_robot
 from ballbot.simulation.gear_play import GearPlayPlant
-from ballbot.simulation.imperfections import MAX_DELAY, Imperfections, rest_on_slope
+from ballbot.simulation.imperfections import MAX_DELAY, Imperfections, Push, Supply, rest_on_slope
 from ballbot.simulation.model_plant import ModelPlant
-from ballbot.simulation.sensed_plant import SensedPlant
+from ballbot.simulation.sensed_plant import DriveLimits, SensedPlant
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.faults import Payload, Timing
-from ballbot.twin.imperfections import imperfections_of, true_model
+from ballbot.twin.driveline import Battery
+from ballbot.twin.faults import CurrentLoop, Payload, Timing
+from ballbot.twin.imperfections import imperfections_of, left_out, true_model
 from ballbot.workflows.metrics import rms_torque_change
 from tests.support.control_examples import FRICTION, alten, leaning
 
@@ -382,17 +384,74 @@ def test_a_named_scenarios_imperfections(name):
     assert true_model(robot, scenario).robot.friction == scenario.friction
 
 
-def test_faults_that_the_equations_do_not_have_are_refused_by_name():
+def test_faults_that_the_equations_do_not_have_are_named():
     robot = Robot.load("alten")
     nominal = Scenario.nominal(robot)
-    for name, fault in (("resonant", "compliance"), ("soft_ball", "softness")):
-        with pytest.raises(InputError, match=fault):
-            imperfections_of(Scenario.named(name, robot))
-    with pytest.raises(InputError, match="payload"):
-        imperfections_of(replace(nominal, payload=Payload(mass=1.0, position=(0.0, 0.0, 0.6))))
-    with pytest.raises(InputError, match="jitter"):
-        imperfections_of(replace(nominal, timing=Timing(delay=1, jitter=0.001)))
-    assert imperfections_of(replace(nominal, timing=Timing(delay=2))).delay == 2
+    slips = "slip of wheels and ball"
+    assert left_out(Scenario.single_point(robot)) == (slips,)
+    assert left_out(nominal) == ("the rollers' passing", slips)
+    assert left_out(Scenario.resonant(robot))[0] == "the drivelines' resonance"
+    assert left_out(Scenario.soft_ball(robot))[0] == "the ball's softness"
+    assert imperfections_of(Scenario.resonant(robot)) == imperfections_of(nominal)
+
+
+def test_a_scenarios_drive_pushes_and_timing_are_the_loops():
+    push = Push(time=1.0, duration=0.1, force=(5.0, 0.0, 0.0), height=0.3)
+    scenario = replace(
+        Scenario.nominal(Robot.load("alten")),
+        timing=Timing(delay=2, jitter=0.001),
+        current_loop=CurrentLoop(bandwidth=80.0),
+        supply=Supply(winding_resistance=0.6, internal_resistance=0.15),
+        payload=Payload(mass=2.0, position=(0.05, -0.02, 0.6)),
+        pushes=(push,),
+    )
+    found = imperfections_of(scenario)
+    assert (found.delay, found.jitter, found.pushes, found.supply) == (2, 0.001, (push,), scenario.supply)
+    # a first-order lag of 1/(2 pi f) has 71 % left at f
+    assert abs(1.0 / (1.0 + 2j * np.pi * 80.0 * found.lag)) == pytest.approx(np.sqrt(0.5))
+    assert found.imbalance == pytest.approx((0.1, -0.04))
+    with pytest.raises(InputError, match="no pushes, lag, jitter"):
+        SensedPlant(Model(Robot.load("alten")), found)
+
+
+def test_asymmetry_is_dry_friction_larger_forward_than_backward():
+    robot = Robot.load("alten")
+    scenario = replace(Scenario.nominal(robot), asymmetry=0.2)
+    speeds = np.array([[0.7, 0.7, 0.7], [-0.7, -0.7, -0.7]])
+    plain = dry_friction_size(speeds, scenario.friction)
+    found = dry_friction_size(speeds, true_model(robot, scenario).robot.friction)
+    np.testing.assert_allclose(found, plain * np.array([[1.2], [0.8]]), rtol=1e-12)
+
+
+def test_a_battery_limits_torques_as_the_twins_does():
+    robot, supply = Robot.load("alten"), Supply(winding_resistance=2.0, internal_resistance=0.8)
+    twins, ours = Battery(robot, supply), DriveLimits(robot, supply)
+    rng = np.random.default_rng(4)
+    cut = 0
+    for _ in range(200):
+        torques = rng.uniform(-1, 1, 3) * robot.drive.torque_limit
+        speeds = rng.uniform(-30, 30, 3)
+        expected = twins.within(torques, speeds)
+        cut += not np.array_equal(expected, torques)
+        np.testing.assert_allclose(ours.within_limits(torques, speeds), expected, rtol=1e-12)
+    assert cut > 50
+
+
+def test_a_payload_off_the_axis_leans_the_robot_as_the_twin():
+    """Held on a spot at two headings, on point contacts without friction or noise: mass, inertia, offset."""
+    robot = Robot.load("alten")
+    payload = Payload(mass=2.0, position=(0.06, -0.03, 0.5))
+    scenario = replace(Scenario.ideal(robot), wheel_contact="point", payload=payload)
+    model, controller = true_model(robot, scenario), nominal_controller(robot)
+    for psi in (0.0, 1.2):
+        start, leans = np.zeros(10), []
+        start[4] = psi
+        for plant in (Twin(robot, scenario), SensedPlant(model, imperfections_of(scenario))):
+            log = simulate(plant, controller, hold(psi=psi), duration=6.0, initial_state=start)
+            leans.append(log.truth().states[-200:, 2:4].mean(axis=0))
+        assert np.hypot(*leans[0]) > 0.01
+        # the wheels' own tilt by the offset is neglected
+        np.testing.assert_allclose(leans[1], leans[0], atol=0.03 * np.hypot(*leans[0]))
 
 
 def test_the_twin_with_point_contacts_errs_as_much():

@@ -10,10 +10,11 @@ from ballbot.mechanics.friction_laws import Dahl, LuGre
 from ballbot.robot import Friction
 from ballbot.simulation.driveline import Driveline as PlainDriveline
 from ballbot.simulation.driveline import simulate_drivelines
+from ballbot.simulation.imperfections import Supply
 from ballbot.twin import Twin, twin_mjcf
 from ballbot.twin.driveline import Driveline
 from ballbot.twin.engine import Engine
-from ballbot.twin.faults import Compliance, CurrentLoop, LoadDependence, Supply
+from ballbot.twin.faults import Compliance, CurrentLoop, LoadDependence
 from tests.support.twin_examples import ALTEN, INERTIA, ROTOR, ideal, turn, wheels_in_the_air
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from ballbot.errors import InputError, OldFileFormat
 from ballbot.mechanics.friction_laws import Armstrong, Dahl, LuGre, Smoothed
 from ballbot.robot import Friction, Robot
-from ballbot.simulation.imperfections import Push
+from ballbot.simulation.imperfections import Push, Supply
 from ballbot.twin import Scenario, Twin, mjcf
 from ballbot.twin.faults import (
     Compliance,
@@ -20,7 +20,6 @@ from ballbot.twin.faults import (
     Payload,
     Roughness,
     Softness,
-    Supply,
     Timing,
 )
 from ballbot.twin.scenario_file import EXAMPLES, load_scenario, scenario_text, write_scenario

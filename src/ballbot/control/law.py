@@ -81,10 +81,10 @@ MEMORY = Schema(
         **{name: schema_of(kind.state) for name, kind in KINDS.items()},
     },
 )
-_LAW_TYPE, _MEMORY_TYPE = LAW.dtype(), MEMORY.dtype()
+LAW_TYPE, MEMORY_TYPE = LAW.dtype(), MEMORY.dtype()
 
 #: length of the memory as an array of float64
-MEMORY_SIZE = _MEMORY_TYPE.itemsize // 8
+MEMORY_SIZE = MEMORY_TYPE.itemsize // 8
 
 
 def law_record(settings: LawSettings, *, torque_limit: float, parts: Parts) -> NDArray[np.void]:
@@ -283,6 +283,18 @@ def _decide(law, memory, measured, reference, torques):
     _learn_stage(law, memory, now, torque_limited or error_limited)
 
 
+@called
+def record_law(law, memory, measured, reference, torques):
+    """Do as `control_law`, whose arrays of numbers are records here."""
+    refused = _forbidden(reference)
+    if refused != ALLOWED or not _is_state(measured):
+        for i in range(len(torques)):
+            torques[i] = 0.0
+        return refused
+    _decide(law, memory, measured, reference, torques)
+    return ALLOWED
+
+
 @compiled
 def control_law(law, memory, measured, reference, torques):
     """Fill `torques` (n,) and return `ALLOWED`, or the place in the reference at which A r is not 0.
@@ -299,10 +311,4 @@ def control_law(law, memory, measured, reference, torques):
     torques : ndarray (n,)
         [N m]
     """
-    refused = _forbidden(reference)
-    if refused != ALLOWED or not _is_state(measured):
-        for i in range(len(torques)):
-            torques[i] = 0.0
-        return refused
-    _decide(law.view(_LAW_TYPE)[0], memory.view(_MEMORY_TYPE)[0], measured, reference, torques)
-    return ALLOWED
+    return record_law(law.view(LAW_TYPE)[0], memory.view(MEMORY_TYPE)[0], measured, reference, torques)

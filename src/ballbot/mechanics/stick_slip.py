@@ -6,8 +6,9 @@ with C_i the row that gives wheel i's speed, g_i its dry friction at the step's 
 differs with direction, g+ and g-, is the symmetric one of (g+ + g-)/2 about the force (g+ - g-)/2, which belongs to
 nu_free: g+ max(v, 0) + g- max(-v, 0) = (g+ + g-)/2 |v| + (g+ - g-)/2 v. Where the
 ball may pivot, its spin is a sixth velocity and pivoting friction one more box (a row of C and its limit, after the
-wheels'). It is the implicit Euler step of set-valued friction (J. J. Moreau, Unilateral contact and dry friction in
-finite freedom dynamics, 1988). It dissipates always and needs no smoothing.
+wheels'). It is the implicit step of set-valued friction (J. J. Moreau, Unilateral contact and dry friction in
+finite freedom dynamics, 1988). It dissipates always and needs no smoothing. The engine takes it twice, the second time
+with the forces half way through the step (`ballbot.mechanics.contacts`), which makes it one of order two.
 
 The holding forces of full stick are tried first, and then rest is exactly zero. Otherwise the unknowns are the friction
 forces, lambda in the boxes and r in the disc, with the speeds at the contacts C nu_free - h G lambda, G = C M^-1 C^T
@@ -394,20 +395,36 @@ def minimiser(M, free, C, limits, rolling_force, h, start):
     if rest_is_held(M, free, C, limits, rolling_force, h):
         return np.zeros(m)
     Y, G = mobility(M, contact_rows(C))
+    contacts = (C, Y, G)
     ahead = np.zeros(n + 2)
     ahead[n], ahead[n + 1] = free[0], free[1]
-    energy = 0.0
     for i in range(m):
         for j in range(n):
             ahead[j] += C[j, i] * free[i]
+    return moving_minimiser(M, free, contacts, ahead, limits, rolling_force, h, start, np.empty((2, n + 2)))
+
+
+@called
+def moving_minimiser(M, free, contacts, ahead, limits, rolling_force, h, start, best):
+    """Return the velocities of `minimise` for a robot that does not rest, to compiled code.
+
+    `contacts` are C, and Y and G of `mobility`; `ahead` the contacts' speeds at the velocities `free`. `best`
+    (2, n + 2) is filled with the contacts' friction forces and speeds.
+    """
+    m, (C, Y, G) = len(free), contacts
+    energy = 0.0
+    for i in range(m):
         for j in range(m):
             energy += free[i] * M[i, j] * free[j]
     if not energy < np.inf:
+        for i in range(len(ahead)):
+            best[0, i] = best[1, i] = np.nan
         return free.copy()  # no number, and it stays to be seen
     enough = _ACCURATE * math.sqrt(energy)
 
+    n = len(limits)
     signs, forces, speeds = np.empty(n), np.zeros(n + 2), np.empty(n + 2)
-    best, best_distance = np.zeros((2, n + 2)), np.inf
+    best_distance = np.inf
     _first_guess(signs, C, limits, start)
     for _ in range(_GUESSES):
         if not _forces_of_guess(signs, C, G, ahead, limits, rolling_force, h, forces, speeds):

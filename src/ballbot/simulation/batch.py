@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arguments import checked_arguments
 from ballbot.arrays import real_array, whole_number
 from ballbot.control.controller import Controller, refusal
+from ballbot.control.law import LAW_TYPE
 from ballbot.control.presets import ControllerLike, as_controller
 from ballbot.control.records import fill_record
 from ballbot.control.references import Reference, ReferenceLike, as_reference
@@ -177,8 +178,8 @@ def simulate_batch(
     inputs = Inputs(
         parameters=_rows(lambda one: one.packed_under(law), models),
         lift_offs=_rows(lift_off, robots),
-        laws=np.stack([one.packed for one in controllers]),
-        loops=loops,
+        laws=np.stack([one.packed for one in controllers]).view(LAW_TYPE)[:, 0],
+        loops=loops.view(LOOP.dtype())[:, 0],
         filters=filters,
         contacts=_rows(pack_contacts, robots),
         initial=initial,
@@ -199,7 +200,7 @@ def simulate_batch(
     def run(first: int) -> None:
         width = min(LANES, lanes - first)
         runs = range(first, first + width) if borne else ()
-        which = [replace(borne[0], seed=borne[0].seed + k) if alone else borne[k] for k in runs]
+        which = [(borne[0], borne[0].seed + k) if alone else (borne[k], borne[k].seed) for k in runs]
         draws = _draws(which, width, n=n, samples=samples, sample_time=sample_time)
         run_block(selected, inputs, draws, sampling, first, width, out)
 
@@ -325,23 +326,26 @@ def _pushes(borne: Sequence[Imperfections], sample_time: float) -> NDArray[np.fl
     return table
 
 
-def _draws(borne: Sequence[Imperfections], width: int, *, n: int, samples: int, sample_time: float) -> Draws:
-    """Return what is random in the runs of a block, as `SensedPlant` draws it."""
+def _draws(
+    runs: Sequence[tuple[Imperfections, int]], width: int, *, n: int, samples: int, sample_time: float
+) -> Draws:
+    """Return what is random in the runs of a block, each with its seed, as `SensedPlant` draws it."""
+    borne = {id(one): one for one, _ in runs}.values()
     noisy, faulty = any(one.random for one in borne), any(one.sensor_faults is not None for one in borne)
     jitters, plays = any(one.jitter > 0.0 for one in borne), any(one.backlash > 0.0 for one in borne)
     noise = np.empty((width, (6 + n) * samples if noisy else 0))
     faults = np.empty((width, 5 * (samples + 1) if faulty else 0))
     places, durations = np.zeros((width, n)), np.zeros((width, samples if jitters else 0))
-    for k, one in enumerate(borne):
-        random = np.random.default_rng(one.seed)
+    for k, (one, seed) in enumerate(runs):
+        random = np.random.default_rng(seed)
         if faulty:
             random.spawn(1)[0].standard_normal(out=faults[k])
         if noisy:
             random.standard_normal(out=noise[k])
         if plays:
-            places[k] = places_in_play(1.0, n, one.seed)
+            places[k] = places_in_play(1.0, n, seed)
         if jitters:
-            late = one.jitter * np.random.default_rng([one.seed, 5]).uniform(-1.0, 1.0, samples)
+            late = one.jitter * np.random.default_rng([seed, 5]).uniform(-1.0, 1.0, samples)
             durations[k] = sample_time + np.diff(late, prepend=0.0)
     return Draws(noise=noise, faults=faults, places=places, durations=durations)
 

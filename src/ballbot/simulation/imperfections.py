@@ -7,6 +7,13 @@ itself by wheel torques u_0 with A^T u_0 = T,
 
 About that rest the robot moves as it does about upright on level ground, to first order in the slope: so it is stepped
 on level ground, the lean that is measured is theta_0, phi_0 larger, and of the wheels' torques u - u_0 acts.
+
+A body whose centre of mass is off its axis by (d_x, d_y), forward and to the left, rests upright but for a lean that
+brings it above the ball, and needs no torques for it. At the heading psi
+
+    (theta_0, phi_0) = (s d_x + c d_y, -c d_x + s d_y) / l          s, c = sin psi, cos psi
+
+The robot is stepped as one whose axis goes through the centre of mass; the wheels' own tilt by that angle is neglected.
 """
 
 from __future__ import annotations
@@ -55,6 +62,18 @@ class Push:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Supply:
+    """A battery and the motors' windings: the voltage left after the back-EMF drives the current.
+
+    T_max = n k_t (V - k_e n w) / R, T_min = -n k_t (V + k_e n w) / R, with V = V_0 - R_i I and the battery's
+    current I = sum (T w + R i^2) / V_0. Without it the supply sets a fixed speed limit.
+    """
+
+    winding_resistance: float = field(metadata=parameter("of a motor", unit="ohm"))
+    internal_resistance: float = field(metadata=parameter("of the battery", unit="ohm", least=0.0))
+
+
+@dataclass(frozen=True, kw_only=True)
 class Imperfections:
     """A robot's sensors, drive and floor, beyond what its model has; all is off by default but the drive's limits.
 
@@ -75,7 +94,10 @@ class Imperfections:
     torque_noise: float = 0.0  #: standard deviation of each sample's torque [N m]
     lag: float = 0.0  #: time constant with which a motor's torque follows its command [s]
     backlash: float = 0.0  #: gearbox play at the wheel, from stop to stop [rad]
+    supply: Supply | None = None  #: a battery in place of the fixed limit of the motors' speed
     slope: tuple[float, float] = (0.0, 0.0)  #: rise of the floor along x and along y [-]
+    #: mass times distance of the body's centre of mass from its axis, forward and to the left [kg m]
+    imbalance: tuple[float, float] = (0.0, 0.0)
     pushes: tuple[Push, ...] = ()
     #: samples without a measurement, in a row from sample `missing_from` on; the law gives no torque in them
     missing: int = 0
@@ -134,6 +156,11 @@ def rest_on_slope(
     return lean, np.linalg.pinv(transforms(robot).T_owb.T) @ torque
 
 
+def off_axis(robot: Robot, imbalance: tuple[float, float]) -> NDArray[np.float64]:
+    """Return the angles (2,) [rad] by which a body's centre of mass is off its axis, forward and to the left."""
+    return np.array(imbalance) / (robot.body.mass * robot.body.center_of_mass)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopRecord:
     """The numbers of one robot's sensors, drive, floor and estimator, as the compiled loop reads them."""
@@ -141,10 +168,16 @@ class LoopRecord:
     delay: int = field(default=0, metadata=whole())
     missing_from: int = field(default=0, metadata=whole())
     missing_until: int = field(default=0, metadata=whole())
-    #: 1 if the drive limits the torque
+    #: 1 if the drive limits the torque, 2 if a battery does
     limited: int = field(default=0, metadata=whole())
     torque_limit: float = field(default=0.0, metadata=number("N m"))
     top_speed: float = field(default=1.0, metadata=number("rad/s"))
+    #: of a battery without load, its resistance over that, a motor's, and at the wheel k_t and k_e
+    voltage: float = field(default=0.0, metadata=number("V"))
+    sag: float = field(default=0.0, metadata=number("V/W"))
+    winding: float = field(default=1.0, metadata=number("ohm"))
+    ampere: float = field(default=1.0, metadata=number("N m/A"))
+    back: float = field(default=0.0, metadata=number("V s/rad"))
     torque_noise: float = field(default=0.0, metadata=number("N m"))
     #: time constant of the motors
     lag: float = field(default=0.0, metadata=number("s"))
@@ -153,6 +186,8 @@ class LoopRecord:
     fallen_cosine: float = field(default=-1.0, metadata=number("1"))
     #: lean at rest on the floor's slope
     rest_lean: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2), metadata=number("rad", 2))
+    #: of the body's centre of mass off its axis, lean at rest at psi = 0 is (y, -x) of it
+    off_axis: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2), metadata=number("rad", 2))
     #: torques u_0 = a cos(psi) + b sin(psi) of each wheel
     slope_load: NDArray[np.float64] = field(
         default_factory=lambda: np.zeros((1, 2)), metadata=number("N m", MAX_WHEELS, 2)
@@ -228,7 +263,17 @@ def loop_record(
         "fallen_cosine": math.cos(one.fallen_lean) if one.fallen_lean < LARGEST_LEAN else -1.0,
         "rest_lean": lean,
         "slope_load": np.column_stack([along, across]),
+        "off_axis": off_axis(robot, one.imbalance),
     }
+    if one.supply is not None:
+        values |= {
+            "limited": 2,
+            "voltage": drive.supply_voltage,
+            "sag": one.supply.internal_resistance / drive.supply_voltage,
+            "winding": one.supply.winding_resistance,
+            "ampere": drive.gear_ratio * drive.torque_constant,
+            "back": drive.gear_ratio / drive.speed_constant,
+        }
     if one.sensors is not None:
         values |= _of_sensors(one, one.sensors, robot, estimator, sample_time)
     record = LOOP.zeros()

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.law import MEMORY_SIZE, control_law
+from ballbot.control.law import MEMORY_TYPE, record_law
 from ballbot.estimation.kalman_model import (
     BALL_RATE,
     BIAS,
@@ -64,10 +64,8 @@ from ballbot.mechanics.engine.run import load_state, load_torques, start_lane, t
 from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, in_state_order, pose
 from ballbot.mechanics.engine.vector import add, dot, each, rotate_back
 from ballbot.mechanics.equations import LARGEST_LEAN, angle_rates, attitude, body_rates, terms
-from ballbot.simulation.imperfections import FALLING_PART, LOOP
+from ballbot.simulation.imperfections import FALLING_PART
 from ballbot.simulation.model_plant import friction_needed, sinking
-
-_LOOP_TYPE = LOOP.dtype()
 
 
 class Inputs(NamedTuple):
@@ -75,8 +73,8 @@ class Inputs(NamedTuple):
 
     parameters: NDArray[np.float64]  #: rows of `pack`
     lift_offs: NDArray[np.float64]
-    laws: NDArray[np.float64]  #: rows of `Controller.packed`
-    loops: NDArray[np.float64]  #: rows of `loop_record`
+    laws: NDArray[np.void]  #: records of `ballbot.control.law.LAW`
+    loops: NDArray[np.void]  #: records of `ballbot.simulation.imperfections.LOOP`
     filters: NDArray[np.float64]  #: rows of `filter_row`; no rows without a Kalman filter
     contacts: NDArray[np.float64]  #: rows of `pack_contacts`
     initial: NDArray[np.float64]
@@ -128,7 +126,8 @@ class Outcome(NamedTuple):
 class _Block(NamedTuple):
     """What the loop remembers of each robot of a block from sample to sample."""
 
-    memories: NDArray[np.float64]  #: of the laws
+    memories: NDArray[np.void]  #: of the laws, records of `ballbot.control.law.MEMORY`
+    lags: bool  #: whether a motor of any robot does
     late: NDArray[np.float64]  #: (1 + longest delay, robots, n) torques on their way
     acting: NDArray[np.float64]  #: (robots, n) torques that act, or that the motors go towards
     given: NDArray[np.float64]  #: (robots, n) torques that the motors give, behind their lag
@@ -148,6 +147,10 @@ class _Block(NamedTuple):
     pivoting: NDArray[np.float64]  #: (robots,) of the Kalman filters
     states: NDArray[np.float64]  #: (robots, 10) that the controllers are given
     filters: NDArray[np.float64]  #: the Kalman filters' work array, a robot a column
+    # scratch of one robot
+    true: NDArray[np.float64]  #: (10,) state
+    wheels: NDArray[np.float64]  #: (n,) speeds
+    attitude: NDArray[np.float64]  #: (3,) angles
 
 
 @inlined
@@ -158,15 +161,14 @@ def _row_of(rows, robot):
 
 @inlined
 def _loop_of(inputs, robot):
-    return inputs.loops[_row_of(inputs.loops, robot)].view(_LOOP_TYPE)[0]
+    return inputs.loops[_row_of(inputs.loops, robot)]
 
 
 @called
 def _longest(loops):
     """Return the longest delay, latency and window in samples, and whether a motor lags."""
     delay, latency, window, lags = 0, 0, 1, False
-    for row in range(len(loops)):
-        one = loops[row].view(_LOOP_TYPE)[0]
+    for one in loops:
         delay, latency = max(delay, one.delay), max(latency, one.latency)
         window, lags = max(window, one.speed_window), lags or one.lag > 0.0
     return delay, latency, window, lags
@@ -174,9 +176,17 @@ def _longest(loops):
 
 @inlined
 def _floored(out, own, sign):
-    """Add or subtract the lean at which the floor's slope has the robot rest."""
+    """Add or subtract the lean at which the robot rests: for the floor's slope, and for a body off its axis."""
     out[2] += sign * own.rest_lean[0]
     out[3] += sign * own.rest_lean[1]
+    x, y = sign * own.off_axis[0], sign * own.off_axis[1]
+    if x != 0.0 or y != 0.0:
+        s, c = math.sin(out[4]), math.cos(out[4])
+        theta, phi = s * x + c * y, s * y - c * x
+        out[2] += theta
+        out[3] += phi
+        out[7] -= out[9] * phi
+        out[8] += out[9] * theta
 
 
 @inlined
@@ -336,22 +346,24 @@ def _show_filter(own, block, robot, limit, turned, gyro, angles):
 def _filtered(filters, robot, gyro, state):
     """Fill the state (10,) of a Kalman filter, and keep the gyro for the next sample."""
     x = FILTER_STATE
-    w = np.empty(3)
+    w = (
+        gyro[0] - filters[_slot(x + BIAS, robot)],
+        gyro[1] - filters[_slot(x + BIAS + 1, robot)],
+        gyro[2] - filters[_slot(x + BIAS + 2, robot)],
+    )
     for i in range(3):
-        w[i] = gyro[i] - filters[_slot(x + BIAS + i, robot)]
         filters[_slot(GYRO_BEFORE + i, robot)] = gyro[i]
-    v = np.empty(2)
     for i in range(2):
-        v[i] = filters[_slot(x + S + i, robot)]
+        velocity = filters[_slot(x + S + i, robot)]
         for k in range(3):
-            v[i] -= filters[_slot(2 + 3 * i + k, robot)] * w[k]
-        state[i] = filters[_slot(x + X + i, robot)]
+            velocity -= filters[_slot(2 + 3 * i + k, robot)] * w[k]
+        state[i], state[5 + i] = filters[_slot(x + X + i, robot)], velocity
     heading = filters[_slot(x + PSI, robot)]
     s3, c3 = math.sin(heading), math.cos(heading)
-    state[5], state[6] = c3 * v[0] - s3 * v[1], s3 * v[0] + c3 * v[1]
+    state[5], state[6] = c3 * state[5] - s3 * state[6], s3 * state[5] + c3 * state[6]
     g = (filters[_slot(x + G, robot)], filters[_slot(x + G + 1, robot)])
     angles = _angles_of(g, heading)
-    rates = angle_rates(attitude(angles), (w[0], w[1], w[2]))
+    rates = angle_rates(attitude(angles), w)
     for i in range(3):
         state[2 + i], state[7 + i] = angles[i], rates[i]
 
@@ -366,6 +378,20 @@ def _within_drive(own, torque, speed):
     share = (own.top_speed - math.copysign(speed, speed * torque)) / (FALLING_PART * own.top_speed)
     left = own.torque_limit * min(max(share, 0.0), 1.0)
     return min(max(torque, -left), left)
+
+
+@inlined
+def _within_supply(own, torques, speeds):
+    """Limit torques (n,) to what a battery and the windings leave; see `Supply`."""
+    power = 0.0
+    for i in range(len(torques)):
+        torques[i] = min(max(torques[i], -own.torque_limit), own.torque_limit)
+        current = torques[i] / own.ampere
+        power += torques[i] * speeds[i] + own.winding * current * current
+    most = own.ampere * max(own.voltage - own.sag * power, 0.0) / own.winding
+    for i in range(len(torques)):
+        back = own.ampere * own.back / own.winding * speeds[i]
+        torques[i] = min(max(torques[i], -most - back), most - back)
 
 
 @called
@@ -479,7 +505,7 @@ def _measure(selected, work, lane, inputs, draws, block, first, sample):
         for i in range(3):
             gyro[i] = rate[i]
         return
-    angles, noise = np.empty(3), draws.noise[robot, (n + 6) * sample : (n + 6) * sample + 6]
+    angles, noise = block.attitude, draws.noise[robot, (n + 6) * sample : (n + 6) * sample + 6]
     _read_ahrs(own, block, robot, sample, noise, draws.faults[robot], state, gyro, angles)
     _read_encoders(own, block, robot, sample, encoders, speeds)
     if own.estimator == 1:
@@ -489,7 +515,7 @@ def _measure(selected, work, lane, inputs, draws, block, first, sample):
     if sample == 0:
         _begin_filter(block.filters, robot, row, state, gyro, angles)
     else:
-        turned = np.empty(n)
+        turned = block.wheels
         for i in range(n):
             turned[i] = (encoders[i] - block.before[robot, i]) / own.sample_time
         _show_filter(own, block, robot, row[len(row) - 1], turned, gyro, angles)
@@ -511,9 +537,8 @@ def _command(work, lane, inputs, draws, block, first, sample, reference, out):
     if own.missing_from <= sample < own.missing_until:
         state[0] = np.nan
     fill(block.last[robot], held)
-    control_law(
-        inputs.laws[_row_of(inputs.laws, first + robot)], block.memories[robot], state, reference, held
-    )
+    law = inputs.laws[_row_of(inputs.laws, first + robot)]
+    record_law(law, block.memories[robot], state, reference, held)
     psi, late = work[(STATE + 4) * LANES + lane], block.late
     c, s = math.cos(psi), math.sin(psi)
     fill(late[sample % len(late), robot], held)
@@ -524,13 +549,17 @@ def _command(work, lane, inputs, draws, block, first, sample, reference, out):
         torque = due[i]
         if own.torque_noise > 0.0:
             torque += own.torque_noise * draws.noise[robot, (n + 6) * sample + 6 + i]
+        speed = work[(MOTOR + i) * LANES + lane] if own.play > 0.0 else block.speeds[robot, i]
         if own.limited == 1:
-            speed = work[(MOTOR + i) * LANES + lane] if own.play > 0.0 else block.speeds[robot, i]
             torque = _within_drive(own, torque, speed)
+        block.wheels[i] = speed
         block.acting[robot, i] = torque
         block.loads[robot, i] = c * own.slope_load[i, 0] + s * own.slope_load[i, 1]
-        if own.lag == 0.0:
-            block.given[robot, i] = torque
+    if own.limited == 2:
+        _within_supply(own, block.acting[robot], block.wheels)
+    if own.lag == 0.0:
+        for i in range(n):
+            block.given[robot, i] = block.acting[robot, i]
 
 
 @called
@@ -554,7 +583,7 @@ def _end_where_due(selected, work, lane, inputs, sampling, block, first, sample,
     own, number = _loop_of(inputs, first + robot), first + robot
     state, whole = load_state(selected, work, lane), load(selected, work, lane)
     lean = max(abs(state[2]), abs(state[3]))
-    truth = np.empty(10)
+    truth = block.true
     _truth(selected, work, lane, own, truth)
     fallen = work[STEP * LANES + lane] == 0.0 or not lean <= LARGEST_LEAN
     fallen = fallen or math.cos(truth[2]) * math.cos(truth[3]) < own.fallen_cosine
@@ -615,9 +644,10 @@ def _runs(work, lane, out, first, samples):
 @called
 def _new_block(loops, width, n, filtering):
     """Return the memory of a block whose robots all begin."""
-    delay, latency, window, _ = _longest(loops)
+    delay, latency, window, lags = _longest(loops)
     return _Block(
-        np.zeros((width, MEMORY_SIZE)),
+        np.zeros(width, MEMORY_TYPE),
+        lags,
         np.zeros((1 + delay, width, n)),
         np.zeros((width, n)),
         np.zeros((width, n)),
@@ -637,6 +667,9 @@ def _new_block(loops, width, n, filtering):
         np.zeros(width),
         np.zeros((width, 10)),
         np.zeros(FILTER_ROWS * LANES if filtering else LANES),
+        np.zeros(10),
+        np.zeros(n),
+        np.zeros(3),
     )
 
 
@@ -644,9 +677,8 @@ def _new_block(loops, width, n, filtering):
 def _move(selected, work, width, inputs, block, sampling, first):
     """Move a block's robots on by a sample."""
     plays = _loop_of(inputs, first).play > 0.0  # all robots of a block, or none
-    lags = _longest(inputs.loops)[3]
     h = sampling.sample_time / sampling.steps
-    if not (plays or lags):
+    if not (plays or block.lags):
         _put_torques(work, width, inputs, block, first, h)
         take_steps(selected, work, width, sampling.steps)
         return

@@ -35,7 +35,7 @@ from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.derived import wheel_speed_limit
 from ballbot.simulation.gear_play import GearPlayPlant
-from ballbot.simulation.imperfections import FALLING_PART, Imperfections, rest_on_slope
+from ballbot.simulation.imperfections import FALLING_PART, Imperfections, Supply, off_axis, rest_on_slope
 from ballbot.simulation.model_plant import ModelPlant, checked_states
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.sensors import SensorSuite, sensor_samples
@@ -80,6 +80,11 @@ class SensedPlant:
                 f"The known robot has {assumed.wheel_count} wheels and the model's {robot.wheel_count}; they must have "
                 "the same number."
             )
+        apart = [name for name in ("pushes", "lag", "jitter", "missing") if getattr(imperfections, name)]
+        if apart:
+            raise InputError(
+                f"A plant called sample by sample has no {', '.join(apart)}; run the robot with `simulate_batch`."
+            )
         self.model, self.imperfections = model, imperfections
         sensors = imperfections.sensors or robot.sensors
         self._sample_time = sensors.sample_time
@@ -101,8 +106,8 @@ class SensedPlant:
             if isinstance(estimator, str)
             else estimator
         )
-        self._drive = DriveLimits(robot)
-        self._slope = _Slope(robot, imperfections.slope)
+        self._drive = DriveLimits(robot, imperfections.supply)
+        self._slope = _Rest(robot, imperfections.slope, imperfections.imbalance)
         self._upright_cosine = math.cos(imperfections.fallen_lean)
         self.reset()
 
@@ -221,8 +226,13 @@ class SensedPlant:
 class DriveLimits:
     """Torque limit of the drivers and speed limit of the supply, as on the twin."""
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, supply: Supply | None = None) -> None:
         drive = robot.drive
+        self._supply, self._voltage = supply, drive.supply_voltage
+        self._ampere, self._back = (
+            drive.gear_ratio * drive.torque_constant,
+            drive.gear_ratio / drive.speed_constant,
+        )
         self._limit = drive.torque_limit
         self._top = wheel_speed_limit(
             supply_voltage=drive.supply_voltage,
@@ -234,20 +244,34 @@ class DriveLimits:
         """Return the torques (n,) [N m] that the motors can give of those commanded at motor speeds (n,) [rad/s]."""
         limit, top = self._limit, self._top
         clipped = np.minimum(np.maximum(torques, -limit), limit)
+        if self._supply is not None:
+            return self._within_supply(clipped, speeds, self._supply)
         if np.abs(speeds).max() <= (1.0 - FALLING_PART) * top:
             return clipped
         # one-sided: a motor at its highest speed can still brake with full torque
         share = np.clip((top - speeds * np.sign(clipped)) / (FALLING_PART * top), 0.0, 1.0)
         return np.sign(clipped) * np.minimum(np.abs(clipped), share * limit)
 
+    def _within_supply(
+        self, torques: NDArray[np.float64], speeds: NDArray[np.float64], supply: Supply
+    ) -> NDArray[np.float64]:
+        current = torques / self._ampere
+        power = torques @ speeds + supply.winding_resistance * (current @ current)
+        voltage = max(self._voltage - supply.internal_resistance * power / self._voltage, 0.0)
+        most, back = self._ampere * voltage, self._ampere * self._back * speeds
+        return np.clip(
+            torques, (-most - back) / supply.winding_resistance, (most - back) / supply.winding_resistance
+        )
 
-class _Slope:
-    """A floor that rises, as lean and wheel torques that the robot on level ground lacks."""
 
-    def __init__(self, robot: Robot, slope: tuple[float, float]) -> None:
+class _Rest:
+    """A floor that rises and a body off its axis, as lean and wheel torques that the robot on level ground lacks."""
+
+    def __init__(self, robot: Robot, slope: tuple[float, float], imbalance: tuple[float, float]) -> None:
+        self._off_axis = off_axis(robot, imbalance)
         self._lean, self._along = rest_on_slope(robot, slope)
         _, self._across = rest_on_slope(robot, (slope[1], -slope[0]))
-        self._level = slope[0] == slope[1] == 0.0
+        self._level = slope[0] == slope[1] == imbalance[0] == imbalance[1] == 0.0
         self._none = np.zeros(robot.wheel_count)
 
     def on_level(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -266,5 +290,9 @@ class _Slope:
 
     def _leaning(self, state: NDArray[np.float64], sign: float) -> NDArray[np.float64]:
         moved = state.copy()
-        moved[2:4] += sign * self._lean
+        x, y = self._off_axis
+        s, c = math.sin(state[4]), math.cos(state[4])
+        theta, phi = s * x + c * y, s * y - c * x
+        moved[2:4] += sign * (self._lean + np.array([theta, phi]))
+        moved[7:9] += sign * state[9] * np.array([-phi, theta])
         return moved

@@ -29,8 +29,8 @@ from ballbot.mechanics.friction import dry_friction_size, stribeck_decay
 from ballbot.mechanics.friction_laws import BristleLaw, advance, friction_at
 from ballbot.robot import Friction, Robot
 from ballbot.robot.derived import wheel_speed_limit
+from ballbot.simulation.imperfections import Supply
 from ballbot.twin.engine import Engine
-from ballbot.twin.faults import Supply
 from ballbot.twin.scenario import Scenario
 
 
@@ -142,7 +142,7 @@ class Motors:
 
 
 class Battery:
-    """A battery with an internal resistance and the motors' windings; see `ballbot.twin.faults.Supply`."""
+    """A battery with an internal resistance and the motors' windings; see `ballbot.simulation.imperfections.Supply`."""
 
     def __init__(self, robot: Robot, supply: Supply) -> None:
         drive = robot.drive

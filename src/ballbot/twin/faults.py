@@ -41,18 +41,6 @@ class CurrentLoop:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Supply:
-    """A battery and the motors' windings: the voltage left after the back-EMF drives the current.
-
-    T_max = n k_t (V - k_e n w) / R, T_min = -n k_t (V + k_e n w) / R, with V = V_0 - R_i I and the battery's
-    current I = sum (T w + R i^2) / V_0. The nominal twin has a fixed speed limit instead.
-    """
-
-    winding_resistance: float = field(metadata=parameter("of a motor", unit="ohm"))
-    internal_resistance: float = field(metadata=parameter("of the battery", unit="ohm", least=0.0))
-
-
-@dataclass(frozen=True, kw_only=True)
 class LoadDependence:
     """Dry driveline friction that grows with the force N between wheel and ball.
 

@@ -1,70 +1,116 @@
-"""A twin's scenario on the equations of motion: its sensors, delay, play, torque noise and floor.
+"""A twin's scenario on the equations of motion: the same file drives the compiled loop and the twin.
 
-    plant = SensedPlant(Model(robot), imperfections_of(scenario), known=robot)
+    model, imperfections = true_model(robot, scenario), imperfections_of(scenario)
+    simulate_batch(model, controller, reference, duration=20.0, imperfections=imperfections)
 
-Not used, because the equations have their own or none: rollers and wheel contact, grip, `contact_time`, `timestep`,
-and friction, which is the model's (`true_model` returns the model with the scenario's friction). A fault that the
-equations cannot have is refused.
+`true_model` has what belongs to the robot, friction and payload; `imperfections_of` its sensors, drive, floor and
+pushes. What the equations of motion do not have is left out, and `left_out` names it, for a report to say so.
 """
 
 from __future__ import annotations
 
-from ballbot.errors import InputError
+import math
+from dataclasses import replace
+
+import numpy as np
+
 from ballbot.mechanics.model import Model
-from ballbot.robot import Robot
+from ballbot.robot import Body, Friction, Robot
 from ballbot.simulation.imperfections import Imperfections
+from ballbot.twin.faults import Payload
 from ballbot.twin.mjcf import floor_normal
 from ballbot.twin.scenario import Scenario
 
-#: faults of a scenario that the equations of motion do not have
-_BEYOND = (
-    "asymmetry",
-    "driveline_laws",
-    "load_dependence",
-    "softness",
-    "compliance",
-    "current_loop",
-    "supply",
-    "payload",
-    "roughness",
-    "pushes",
-)
+#: what a scenario may have and the equations of motion do not, and how it is called in a report
+_BEYOND = {
+    "driveline_laws": "other friction laws of the drivelines",
+    "load_dependence": "driveline friction that follows the contact force",
+    "softness": "the ball's softness",
+    "compliance": "the drivelines' resonance",
+    "roughness": "the floor's bumps",
+}
+_ALUMINIUM = 2700.0  # [kg/m^3], of a payload
+
+
+def left_out(scenario: Scenario) -> tuple[str, ...]:
+    """Return what the equations of motion leave out of a scenario, in words for a report.
+
+    Slip of the contacts is named always: `roller_grip` and `floor_grip` of a scenario are finite.
+    """
+    beyond = [words for name, words in _BEYOND.items() if getattr(scenario, name)]
+    if scenario.wheel_contact == "rollers":
+        beyond.append("the rollers' passing")
+    return (*beyond, "slip of wheels and ball")
 
 
 def imperfections_of(scenario: Scenario) -> Imperfections:
-    """Return a scenario's sensors, delay, play, torque noise, floor and fallen lean, for a `SensedPlant`.
-
-    Raises
-    ------
-    InputError
-        If the scenario has a fault that the equations of motion cannot have: one of those above, or a jitter.
-    """
-    beyond = [name for name in _BEYOND if getattr(scenario, name)]
-    if scenario.timing is not None and scenario.timing.jitter > 0:
-        beyond.append("timing.jitter")
-    if beyond:
-        raise InputError(
-            f"scenario {scenario.name!r} has {', '.join(beyond)}, which the equations of motion do not have; switch it "
-            "off, or run the scenario on the twin (ballbot record)."
-        )
+    """Return a scenario's sensors, drive, floor and pushes; `left_out` names what is not among them."""
     normal = floor_normal(scenario)
+    timing, loop, payload = scenario.timing, scenario.current_loop, scenario.payload
     return Imperfections(
         sensors=scenario.sensors,
         speed_window=scenario.speed_window,
         sensor_faults=scenario.sensor_faults,
         accelerometer=scenario.accelerometer,
         fix=scenario.fix,
-        delay=scenario.timing.delay if scenario.timing else 0,
+        delay=timing.delay if timing else 0,
+        jitter=timing.jitter if timing else 0.0,
         torque_noise=scenario.torque_noise,
+        lag=1.0 / (2.0 * math.pi * loop.bandwidth) if loop else 0.0,
+        supply=scenario.supply,
         backlash=scenario.backlash,
         slope=(float(-normal[0] / normal[2]), float(-normal[1] / normal[2])),
+        imbalance=(payload.mass * payload.position[0], payload.mass * payload.position[1])
+        if payload
+        else (0.0, 0.0),
+        pushes=scenario.pushes,
         fallen_lean=scenario.fallen_lean,
     )
 
 
 def true_model(robot: Robot, scenario: Scenario) -> Model:
-    """Return the model of a twin: the robot with the scenario's friction of drivelines and rolling.
+    """Return the model of a twin: the robot with the scenario's friction of drivelines and rolling, and its payload.
 
-    The ball does not pivot; on the twin it pivots little. Other faults of the scenario are not in the model.
+    The ball does not pivot; on the twin it pivots little.
     """
-    return Model(robot.replace(friction=scenario.friction))
+    body = loaded_body(robot.body, scenario.payload) if scenario.payload else robot.body
+    return Model(robot.replace(friction=_friction(scenario), body=body))
+
+
+def _friction(scenario: Scenario) -> Friction:
+    """Return the friction of a scenario, with its asymmetry as terms of each wheel."""
+    friction, share = scenario.friction, scenario.asymmetry
+    if not share:
+        return friction
+    none = (0.0,) * len(friction.coulomb)
+    return replace(
+        friction,
+        coulomb_asymmetry=_shifted(friction.coulomb_asymmetry or none, friction.coulomb, share),
+        stribeck_asymmetry=_shifted(friction.stribeck_asymmetry or none, friction.stribeck, share),
+    )
+
+
+def _shifted(own: tuple[float, ...], sizes: tuple[float, ...], share: float) -> tuple[float, ...]:
+    return tuple(d + share * c for d, c in zip(own, sizes, strict=True))
+
+
+def loaded_body(body: Body, payload: Payload) -> Body:
+    """Return a body with a payload, about the axis through their common centre of mass."""
+    place = np.array(payload.position)
+    mass = body.mass + payload.mass
+    moment = payload.mass * place + [0.0, 0.0, body.mass * body.center_of_mass]
+    radius = (0.75 * payload.mass / (math.pi * _ALUMINIUM)) ** (1.0 / 3.0)
+    inertia = body.inertia_about_ball_center() + payload.mass * (
+        (place @ place + 0.4 * radius**2) * np.eye(3) - np.outer(place, place)
+    )
+    up = moment / np.linalg.norm(moment)
+    turn = np.array([[0.0, 0.0, up[0]], [0.0, 0.0, up[1]], [-up[0], -up[1], 0.0]])
+    turn = np.eye(3) + turn + turn @ turn / (1.0 + up[2])  # e_z to `up`
+    J = turn.T @ inertia @ turn
+    return replace(
+        body,
+        mass=mass,
+        center_of_mass=float(np.linalg.norm(moment) / mass),
+        inertia=(J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2]),
+        inertia_about="ball_center",
+    )

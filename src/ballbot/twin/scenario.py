@@ -23,7 +23,7 @@ from ballbot.robot import Friction, Robot, RobotLike, Rollers, Sensors, as_robot
 from ballbot.robot.checks import check_number
 from ballbot.robot.parameters import DIMENSIONLESS, parameter, parameters_of, table
 from ballbot.robot.robot import friction_rows
-from ballbot.simulation.imperfections import Push
+from ballbot.simulation.imperfections import Push, Supply
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
 from ballbot.summary import Summary, listed, summarized
 from ballbot.twin.faults import (
@@ -33,7 +33,6 @@ from ballbot.twin.faults import (
     Payload,
     Roughness,
     Softness,
-    Supply,
     Timing,
 )
 from ballbot.twin.parts import check_rollers

@@ -11,21 +11,26 @@ then rest is exactly zero. At most five rounds follow, none with a branch, so th
 They do not suffice in some steps of a thousand, nor with four wheels, where G is singular: `stick_slip.minimiser` takes
 these.
 
-`convex_block` takes the step for the robots of a block, in three loops: the problem, Newton rounds, the end.
+`convex_block` takes the step for the robots of a block, in loops over lanes: the problem, Newton rounds, the problem
+with the forces half way (`contacts.corrected_ahead`), Newton rounds, the end.
 """
 
 import math
 from typing import NamedTuple
 
-from ballbot.mechanics.accelerations import solve
 from ballbot.mechanics.contacts import (
+    Found,
+    StepStart,
     contact_matrix,
     contact_speeds,
+    corrected_ahead,
     finished,
+    first_ahead,
     free_motion,
     of_boxes,
     parted,
     responses,
+    step_start,
 )
 from ballbot.mechanics.engine.compiled import by_types_of, called, inlined
 from ballbot.mechanics.engine.lanes import (
@@ -42,9 +47,9 @@ from ballbot.mechanics.engine.lanes import (
     stored,
 )
 from ballbot.mechanics.engine.loading import load, state_like
-from ballbot.mechanics.engine.smooth import rest_speeds
-from ballbot.mechanics.engine.vector import advanced, each, each_with, second, solve_dense, written
-from ballbot.mechanics.equations import balancing_attitude
+from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, rest_speeds
+from ballbot.mechanics.engine.vector import each, each_with, second, solve_dense, written
+from ballbot.mechanics.equations import attitude_of, sines
 from ballbot.mechanics.floor import REST, rolling_brake
 from ballbot.mechanics.friction import sign
 
@@ -194,14 +199,14 @@ def _disc_agrees(s_x, s_y, after_x, after_y, r_x, r_y, limit):
     return 1.0 if same and error <= _DISC_TOLERANCE * limit else 0.0
 
 
-def scaled_problem(G, b, h) -> tuple:  # pragma: no cover
-    """Return (kappa h G, kappa b) with kappa = 1/(h G_ii) in each box, and one for both of the disc."""
+def scaled_matrix(G, h) -> tuple:  # pragma: no cover
+    """Return (kappa h G, kappa) with kappa = 1/(h G_ii) in each box, and one for both of the disc."""
     raise NotImplementedError("compiled code only")
 
 
-@by_types_of(scaled_problem)
-def _scaled_problem(G, b, h):
-    m = len(b)
+@by_types_of(scaled_matrix)
+def _scaled_matrix(G, h):
+    m = len(G)
     disc = f"1.0 / max(G[{m - 2}][{m - 2}], G[{m - 1}][{m - 1}])"
     lines = [f"c{i} = 1.0 / G[{i}][{i}]" for i in range(m - 2)] + [
         f"c{m - 2} = {disc}",
@@ -209,8 +214,8 @@ def _scaled_problem(G, b, h):
         "rate = 1.0 / h",
     ]
     rows = ", ".join("(" + ", ".join(f"c{i} * G[{i}][{j}]" for j in range(m)) + ",)" for i in range(m))
-    right = ", ".join(f"c{i} * b[{i}] * rate" for i in range(m))
-    return written("G, b, h", f"({rows},), ({right},)", *lines)
+    rates = ", ".join(f"c{i} * rate" for i in range(m))
+    return written("G, h", f"({rows},), ({rates},)", *lines)
 
 
 def all_stick(forces, limits, rolling_force) -> float:  # pragma: no cover
@@ -248,41 +253,53 @@ def _still_where_held(v, s, limits, rolling_force):
 
 
 class ConvexProblem(NamedTuple):
-    """The problem that a step's Newton rounds solve, and the rows that turn its forces into the next velocities."""
+    """What both passes of a step's Newton rounds share."""
 
-    free: tuple  #: velocities v + w at the step's end without dry friction
     Y: tuple  #: M^-1 C^T, a row for each contact
     G: tuple  #: kappa h C M^-1 C^T, by rows
-    b: tuple  #: kappa C nu_free
-    limits: tuple  #: of the boxes
+    rates: tuple  #: kappa of each contact
+    before: tuple  #: sines of the attitude before the step, and half way through it
+    middle: tuple
     rests: float  #: 1 where friction holds the whole robot
 
 
+class ConvexPass(NamedTuple):
+    """What differs between the passes."""
+
+    free: tuple  #: velocities v + w at the step's end without the friction that is to be found
+    b: tuple  #: kappa C nu_free
+    limits: tuple  #: of the boxes
+    rolling_force: float  #: of the disc
+
+
 @inlined
-def convex_problem(selected, P, a, state, u, h):
-    """Return the `ConvexProblem` of a step from a state with that attitude, and the first probe."""
-    free = free_motion(selected, P, a, state, u)
-    v_dot, w_dot = solve(free.system, free.f_v, free.f_w)
-    v, w = advanced(free.v, v_dot, h), advanced(free.w, w_dot, h)
-    ahead = contact_speeds(selected, P, a, v, w)
-    Y = responses(selected, P, a, free.system, ahead)
-    G, b = scaled_problem(contact_matrix(selected, P, a, Y), ahead, h)
+def convex_problem(selected, P, state, u, h):
+    """Return the `ConvexProblem` of a step from a state, its first `ConvexPass`, and the first probe."""
+    start = step_start(selected, state, h)
+    a, free = start.middle, free_motion(selected, P, start.middle, start.v, start.w, u)
+    ahead = first_ahead(selected, P, start, free, h)
+    Y = responses(selected, P, a, free.system, ahead.speeds)
+    G, rates = scaled_matrix(contact_matrix(selected, P, a, Y), h)
+    b = each(_product, rates, ahead.speeds)
     held = solve_dense(G, b)
     rests = all_stick(held, free.limits, P.rolling_force)
     rests_below = of_boxes(selected, rest_speeds(P, h), REST)
-    s = first_probe(
-        contact_speeds(selected, P, a, free.v, free.w), held, rests_below, free.limits, P.rolling_force
-    )
-    return ConvexProblem(v + w, Y, G, b, free.limits, rests), s
+    speeds = contact_speeds(selected, P, start.before, start.v, start.w)
+    s = first_probe(speeds, held, rests_below, free.limits, P.rolling_force)
+    problem = ConvexProblem(Y, G, rates, sines(start.before), sines(a), rests)
+    return problem, ConvexPass(ahead.v + ahead.w, b, ahead.limits, ahead.rolling_force), s
 
 
 @inlined
-def convex_end(selected, P, a, state, problem, forces, s, h):
-    """Return the state after a step with these forces and their probe s; rest is exactly zero."""
-    moves = 1.0 - problem.rests
-    v, w = parted(each_with(_product, less_response(problem.free, problem.Y, forces, h), moves))
-    v = still_where_held(v, s, problem.limits, P.rolling_force)
-    return finished(selected, state, a, v, w, h)
+def second_pass(selected, P, state, u, problem, one, forces, s, h):
+    """Return the second `ConvexPass` of a step of whose first these are the forces and their probe s."""
+    end = less_response(one.free, problem.Y, forces, h)
+    before, middle = attitude_of(problem.before), attitude_of(problem.middle)
+    start = StepStart(ball_velocity(state), body_velocity(state), before, middle)
+    found = Found(forces, s, problem.G, problem.rates, one.limits)
+    ahead = corrected_ahead(selected, P, start, end, found, u, h)
+    b = each(_product, problem.rates, ahead.speeds)
+    return ConvexPass(ahead.v + ahead.w, b, ahead.limits, ahead.rolling_force)
 
 
 def less_response(free, Y, forces, h) -> tuple:  # pragma: no cover (compiled form below)
@@ -299,47 +316,20 @@ def _less_response(free, Y, forces, h):
     )
 
 
-def convex_step(selected, P, state, u, h) -> tuple:  # pragma: no cover (compiled form below)
-    """Take one step in which friction may stick.
-
-    Returns
-    -------
-    state : tuple of 10 or 11
-    settled : float
-        Positive where the minimiser was found.
-    """
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(convex_step)
-def _convex_step(selected, P, state, u, h):
-    if len(selected.types[0]) == 4:  # four wheels can strain against each other: G is singular
-        return lambda selected, P, state, u, h: (state, 0.0)
-    return lambda selected, P, state, u, h: _three_wheeled_step(selected, P, state, u, h)
-
-
-@inlined
-def _three_wheeled_step(selected, P, state, u, h):
-    a = balancing_attitude((state[2], state[3], state[4]))
-    problem, s = convex_problem(selected, P, a, state, u, h)
-    forces, settled = problem.b, 0.0
-    for _ in range(ROUNDS):
-        forces, s, settled = newton_round(s, problem.G, problem.b, problem.limits, P.rolling_force)
-    end = convex_end(selected, P, a, state, problem, forces, s, h)
-    return end, max(settled, problem.rests)
-
-
 @inlined
 def _product(a, factor):
     return a * factor
 
 
-# Scratch rows: the problem, the forces and their probe, and which lanes have settled
+# Scratch rows: the problem, a pass, its forces and their probe, whether the lane has settled, and did in both passes
 _PROBLEM = SCRATCH
-_PROBE = _PROBLEM + 89
+_PASS = _PROBLEM + 6 * 6 + 6 * 6 + 6 + 6 + 6 + 1
+_PROBE = _PASS + 6 + 6 + 4 + 1
 _FORCES = _PROBE + 6
 _SETTLED = _FORCES + 6
-assert _SETTLED < ROWS  # compiled code does not look whether a row is in the array
+_SETTLED_FIRST = _SETTLED + 1
+assert _SETTLED_FIRST < ROWS  # compiled code does not look whether a row is in the array
+_SIX = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @inlined
@@ -361,9 +351,15 @@ def _zero(wheel):
 
 @inlined
 def _problem_like(selected):
-    boxes, contacts = _boxes_like(selected), _contacts_like(selected)
+    contacts = _contacts_like(selected)
     matrix = each_with(second, contacts, contacts)
-    return ConvexProblem(contacts, matrix, matrix, contacts, boxes, 0.0)
+    return ConvexProblem(matrix, matrix, contacts, _SIX, _SIX, 0.0)
+
+
+@inlined
+def _pass_like(selected):
+    contacts = _contacts_like(selected)
+    return ConvexPass(contacts, contacts, _boxes_like(selected), 0.0)
 
 
 @called
@@ -371,9 +367,9 @@ def _problems(selected, work, first, last):
     for lane in range(first, last):
         P, state = load(selected, work, lane), restored(state_like(selected), work, STATE, lane)
         u, h = restored(selected.wheels, work, TORQUE, lane), entry(work, STEP, lane)
-        a = balancing_attitude((state[2], state[3], state[4]))
-        problem, s = convex_problem(selected, P, a, state, u, h)
+        problem, first_pass, s = convex_problem(selected, P, state, u, h)
         stored(work, _PROBLEM, lane, problem)
+        stored(work, _PASS, lane, first_pass)
         stored(work, _PROBE, lane, s)
         stored(work, _FORCES, lane, _contacts_like(selected))  # zero if the lane takes no round
         # a lane whose trial counts, or that does not move, asks for no rounds
@@ -382,14 +378,31 @@ def _problems(selected, work, first, last):
 
 
 @called
+def _second_passes(selected, work, first, last):
+    for lane in range(first, last):
+        P, state = load(selected, work, lane), restored(state_like(selected), work, STATE, lane)
+        u, h = restored(selected.wheels, work, TORQUE, lane), entry(work, STEP, lane)
+        problem = restored(_problem_like(selected), work, _PROBLEM, lane)
+        one = restored(_pass_like(selected), work, _PASS, lane)
+        s = restored(_contacts_like(selected), work, _PROBE, lane)
+        forces = restored(_contacts_like(selected), work, _FORCES, lane)
+        stored(work, _PASS, lane, second_pass(selected, P, state, u, problem, one, forces, s, h))
+        settled = entry(work, _SETTLED, lane)
+        put(work, _SETTLED_FIRST, lane, settled)
+        still = entry(work, MARGIN, lane) > 0.0 or problem.rests > 0.0 or not h > 0.0
+        put(work, _SETTLED, lane, 1.0 if still or settled == 0.0 else 0.0)
+
+
+@called
 def _round(selected, work, first, last):
     """Take one Newton round; lanes that have settled stay as they are."""
     for lane in range(first, last):
-        P, settled = load(selected, work, lane), entry(work, _SETTLED, lane)
-        problem = restored(_problem_like(selected), work, _PROBLEM, lane)
+        settled = entry(work, _SETTLED, lane)
+        G = restored(_problem_like(selected), work, _PROBLEM, lane).G
+        one = restored(_pass_like(selected), work, _PASS, lane)
         s = restored(_contacts_like(selected), work, _PROBE, lane)
         forces = restored(_contacts_like(selected), work, _FORCES, lane)
-        new_forces, new_s, agrees = newton_round(s, problem.G, problem.b, problem.limits, P.rolling_force)
+        new_forces, new_s, agrees = newton_round(s, G, one.b, one.limits, one.rolling_force)
         stored(work, _FORCES, lane, each_with(_chosen, each(_pair, forces, new_forces), settled > 0.0))
         stored(work, _PROBE, lane, each_with(_chosen, each(_pair, s, new_s), settled > 0.0))
         put(work, _SETTLED, lane, max(settled, agrees))
@@ -406,16 +419,20 @@ def _all_settled(work, first, last):
 @called
 def _ends(selected, work, first, last):
     for lane in range(first, last):
-        P, state = load(selected, work, lane), restored(state_like(selected), work, STATE, lane)
-        a = balancing_attitude((state[2], state[3], state[4]))
+        state = restored(state_like(selected), work, STATE, lane)
         problem = restored(_problem_like(selected), work, _PROBLEM, lane)
+        one = restored(_pass_like(selected), work, _PASS, lane)
         s = restored(_contacts_like(selected), work, _PROBE, lane)
         forces = restored(_contacts_like(selected), work, _FORCES, lane)
-        end = convex_end(selected, P, a, state, problem, forces, s, entry(work, STEP, lane))
+        h, moves = entry(work, STEP, lane), 1.0 - problem.rests
+        v, w = parted(each_with(_product, less_response(one.free, problem.Y, forces, h), moves))
+        v = still_where_held(v, s, one.limits, one.rolling_force)
+        end = finished(selected, state, attitude_of(problem.middle), v, w, h)
         counts = entry(work, MARGIN, lane) > 0.0
         trial = restored(state_like(selected), work, TRIAL, lane)
         stored(work, TRIAL, lane, each_with(_chosen, each(_pair, trial, end), counts))
-        put(work, MARGIN, lane, 1.0 if counts else entry(work, _SETTLED, lane))
+        settled = min(entry(work, _SETTLED, lane), entry(work, _SETTLED_FIRST, lane))
+        put(work, MARGIN, lane, 1.0 if counts else settled)
 
 
 @inlined
@@ -448,8 +465,15 @@ def _block_by_wheels(selected, work, first, last):
 @inlined
 def _three_wheeled_block(selected, work, first, last):
     _problems(selected, work, first, last)
+    _rounds(selected, work, first, last)
+    _second_passes(selected, work, first, last)
+    _rounds(selected, work, first, last)
+    _ends(selected, work, first, last)
+
+
+@called
+def _rounds(selected, work, first, last):
     for _ in range(ROUNDS):
         if _all_settled(work, first, last):
             break
         _round(selected, work, first, last)
-    _ends(selected, work, first, last)

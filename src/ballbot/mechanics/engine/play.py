@@ -25,6 +25,7 @@ from ballbot.mechanics.contacts import (
     contact_speeds,
     finished,
     free_motion,
+    half_turned,
     of_boxes,
     parted,
     responses,
@@ -51,7 +52,8 @@ from ballbot.mechanics.engine.lanes import (
     stored,
 )
 from ballbot.mechanics.engine.loading import load, state_like
-from ballbot.mechanics.engine.vector import advanced, each, each_with, second, written
+from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity
+from ballbot.mechanics.engine.vector import add, advanced, each, each_with, scale, second, written
 from ballbot.mechanics.equations import LARGEST_LEAN, balancing_attitude
 from ballbot.mechanics.friction import dry_friction, friction_shift
 from ballbot.mechanics.parameters import MAX_WHEELS, Parameters, Pivoting, Wheel
@@ -156,14 +158,15 @@ def _problems(selected, work, first, last):
         h, P = entry(work, STEP, lane), wheel_side(whole, entry(work, ROTOR, lane))
         a = balancing_attitude((state[2], state[3], state[4]))
         burden = each(_negative, restored(selected.wheels, work, LOAD, lane))
-        free = free_motion(selected, P, a, state, burden)
+        v_before, w_before = ball_velocity(state), body_velocity(state)
+        free = free_motion(selected, P, a, v_before, w_before, burden)
         v_dot, w_dot = solve(free.system, free.f_v, free.f_w)
-        v, w = advanced(free.v, v_dot, h), advanced(free.w, w_dot, h)
+        v, w = advanced(v_before, v_dot, h), advanced(w_before, w_dot, h)
         Y = responses(selected, P, a, free.system, _contacts_like(selected))
         stored(work, _FREE, lane, v + w)
         stored(work, _Y, lane, Y)
         stored(work, _G, lane, contact_matrix(selected, P, a, Y))
-        stored(work, _BEFORE, lane, contact_speeds(selected, P, a, free.v, free.w))
+        stored(work, _BEFORE, lane, contact_speeds(selected, P, a, v_before, w_before))
         stored(work, _SPEEDS, lane, contact_speeds(selected, P, a, v, w))
         put(work, _MOVED, lane, 1.0 if h > 0.0 else 0.0)
 
@@ -357,7 +360,8 @@ def _ends(selected, work, first, last):
         Y = restored(each_with(second, contacts, velocities), work, _Y, lane)
         v, w = parted(less_response(restored(velocities, work, _FREE, lane), Y, forces, -h))
         a = balancing_attitude((state[2], state[3], state[4]))
-        end = finished(selected, state, a, v, w, h)
+        middle = half_turned(selected, state, a, scale(add(body_velocity(state), w), 0.5), h)
+        end = finished(selected, state, middle, v, w, h)
         moves = h > 0.0
         stored(work, STATE, lane, each_with(_chosen, each(_pair, end, state), moves))
         upright = abs(end[2]) <= LARGEST_LEAN and abs(end[3]) <= LARGEST_LEAN

@@ -18,9 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.arrays import index_array, positive_number, real_array, whole_number
-from ballbot.mechanics.accelerations import solve
-from ballbot.mechanics.contacts import finished, free_motion
-from ballbot.mechanics.engine.arrays import box_rows, in_order, mass_matrix
+from ballbot.mechanics.contacts import (
+    Found,
+    corrected_ahead,
+    finished,
+    first_ahead,
+    free_motion,
+    step_start,
+)
+from ballbot.mechanics.engine.arrays import box_rows, fill, in_order, mass_matrix
 from ballbot.mechanics.engine.compiled import by_types_of, called, compiled, inlined, shared
 from ballbot.mechanics.engine.convex import convex_block
 from ballbot.mechanics.engine.lanes import (
@@ -43,16 +49,15 @@ from ballbot.mechanics.engine.lanes import (
 )
 from ballbot.mechanics.engine.loading import load, row_count, state_like
 from ballbot.mechanics.engine.smooth import SINES, SPEEDS, begin_steps, smooth_block
-from ballbot.mechanics.engine.vector import each, each_with
+from ballbot.mechanics.engine.vector import each, each_with, written
 from ballbot.mechanics.equations import (
     LARGEST_LEAN,
     attitude,
-    balancing_attitude,
     rates_from_angles,
     rates_of_angles,
 )
 from ballbot.mechanics.parameters import Exact, Pivoting, Thesis, row_size
-from ballbot.mechanics.stick_slip import minimiser
+from ballbot.mechanics.stick_slip import contact_rows, mobility, moving_minimiser, rest_is_held
 
 
 @inlined
@@ -73,16 +78,47 @@ def robust_lane(selected, work, lane):
     P = load(selected, work, lane)
     state, u = load_state(selected, work, lane), load_torques(selected, work, lane)
     h = entry(work, STEP, lane)
-    a = balancing_attitude((state[2], state[3], state[4]))
-    free = free_motion(selected, P, a, state, u)
-    v_dot, w_dot = solve(free.system, free.f_v, free.f_w)
-    start = in_order(free.v, free.w)
-    C, limits = box_rows(selected, P, a), np.array(free.limits)
-    end = minimiser(
-        mass_matrix(free.system), start + h * in_order(v_dot, w_dot), C, limits, P.rolling_force, h, start
-    )
-    stored(
-        work, TRIAL, lane, finished(selected, state, a, velocity_in(free.v, end), (end[2], end[3], end[4]), h)
+    start = step_start(selected, state, h)
+    free = free_motion(selected, P, start.middle, start.v, start.w, u)
+    M, C = mass_matrix(free.system), box_rows(selected, P, start.middle)
+    Y, G = mobility(M, contact_rows(C))
+    contacts = (C, Y, G)
+    ahead = first_ahead(selected, P, start, free, h)
+    nu, guess, limits = in_order(ahead.v, ahead.w), in_order(start.v, start.w), np.array(ahead.limits)
+    if rest_is_held(M, nu, C, limits, P.rolling_force, h):
+        fill(nu, np.zeros(len(nu)))
+    else:
+        best, speeds = np.zeros((2, len(C) + 2)), np.array(ahead.speeds)
+        nu = moving_minimiser(M, nu, contacts, speeds, limits, P.rolling_force, h, guess, best)
+        found = found_of(ahead.speeds, best, contacts[2], h, ahead.limits)
+        end = velocity_in(start.v, nu) + (nu[2], nu[3], nu[4])
+        ahead = corrected_ahead(selected, P, start, end, found, u, h)
+        guess, nu, limits = nu, in_order(ahead.v, ahead.w), np.array(ahead.limits)
+        speeds = np.array(ahead.speeds)
+        nu = moving_minimiser(M, nu, contacts, speeds, limits, ahead.rolling_force, h, guess, best)
+    v = velocity_in(start.v, nu)
+    stored(work, TRIAL, lane, finished(selected, state, start.middle, v, (nu[2], nu[3], nu[4]), h))
+
+
+def found_of(like, best, G, h, limits) -> Found:  # pragma: no cover (compiled form below)
+    """Return the `Found` of forces and speeds (2, contacts) and the mobility G; it has as many contacts as `like`."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(found_of)
+def _found_of(like, best, G, h, limits):
+    m = len(like)
+    disc = f"max(G[{m - 2}, {m - 2}], G[{m - 1}, {m - 1}])"
+    lines = [f"c{i} = 1.0 / (h * {f'G[{i}, {i}]' if i < m - 2 else disc})" for i in range(m)]
+    forces = "".join(f"best[0, {i}], " for i in range(m))
+    probes = "".join(f"best[0, {i}] + c{i} * best[1, {i}], " for i in range(m))
+    rows = "".join("(" + "".join(f"c{i} * h * G[{i}, {j}], " for j in range(m)) + "), " for i in range(m))
+    rates = "".join(f"c{i}, " for i in range(m))
+    return written(
+        "like, best, G, h, limits",
+        f"Found(({forces}), ({probes}), ({rows}), ({rates}), limits)",
+        *lines,
+        Found=Found,
     )
 
 
