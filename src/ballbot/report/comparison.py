@@ -454,9 +454,7 @@ def _open_sentence(name: str, league: League) -> str:
     return f"Whether {name} differs from {league.controllers[0]} in {', '.join(open_ones)}: no interval leaves one out."
 
 
-_BEYOND = (
-    "How the controllers compare on a real robot: these are simulated runs of the robot as its file describes it."
-)
+_BEYOND = "How the controllers compare on a real robot: these are simulated runs of the robot as its file describes it."
 
 
 def _title(name: str) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Controller, torque_limit_words
 from ballbot.control.lqr import frictionless_model
 from ballbot.control.presets import design_integral_gain
-from ballbot.errors import InputError
+from ballbot.errors import InputError, every
 from ballbot.findings import texts
 from ballbot.identification.coulomb import coulomb_sentence
 from ballbot.identification.result import represents_sentence
@@ -45,6 +45,7 @@ from ballbot.report.words import logs_words, millimetres, state_mark, with_symbo
 from ballbot.robot import Robot
 from ballbot.robot.figure import robot_figure
 from ballbot.rounding import digits
+from ballbot.twin.imperfections import left_out
 from ballbot.validation.result import model_findings
 from ballbot.viewer import replay_part
 from ballbot.workflows.controller_prediction import MIN_RUNS
@@ -365,7 +366,8 @@ def _comparison_words(study: Study) -> str:
         f"{study.choice.course.duration:.0f} s, all with the same seeds. Full compensation adds each wheel's whole "
         "friction; partial adds it only while it works against the intended motion. A candidate that falls on any "
         "robot is excluded; of those whose intervals overlap the best one's, the smoothest is chosen. Errors are "
-        f"those of the true position from {SETTLE:.0f} s after a step on."
+        f"those of the true position from {SETTLE:.0f} s after a step on. The loop leaves "
+        f"out: {every(left_out(study.scenario))}."
     )
 
 

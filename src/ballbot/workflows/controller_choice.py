@@ -39,9 +39,8 @@ from ballbot.identification import Identification
 from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import estimated_robot
 from ballbot.log import Log
-from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
-from ballbot.twin.imperfections import imperfections_of
+from ballbot.twin.imperfections import imperfections_of, true_model
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.comparison import (
     ComparedRun,
@@ -70,7 +69,8 @@ class PlantDraw:
     def on_loop(self) -> LoopRobot:
         """The robot on the compiled loop."""
         return LoopRobot(
-            model=Model(self.robot), imperfections=replace(imperfections_of(self.scenario), known=self.known)
+            model=true_model(self.robot, replace(self.scenario, friction=self.robot.friction)),
+            imperfections=replace(imperfections_of(self.scenario), known=self.known),
         )
 
 

@@ -22,12 +22,11 @@ from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import EstimatorName
 from ballbot.file_formats import take_format
 from ballbot.files import parse_toml, read_toml
-from ballbot.mechanics.model import Model
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.schema import renamed_keys, validate_table
 from ballbot.simulation.plant import Plant
-from ballbot.twin.imperfections import imperfections_of
+from ballbot.twin.imperfections import imperfections_of, true_model
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import scenario_of
 from ballbot.twin.twin import Twin
@@ -118,7 +117,8 @@ class Course:
             true = robot.replace(body=body, friction=scaled_friction(robot.friction, other.friction))
         if self.on == "model":
             return LoopRobot(
-                model=Model(true), imperfections=replace(imperfections_of(self.scenario), known=robot)
+                model=true_model(true, replace(self.scenario, friction=true.friction)),
+                imperfections=replace(imperfections_of(self.scenario), known=robot),
             )
         friction = scaled_friction(self.scenario.friction, other.friction)
         return partial(_twin, true, replace(self.scenario, friction=friction), robot)
@@ -258,8 +258,6 @@ def _course(
         spec = _reference_spec(given.reference, beside)
         spec.reference()  # refused before anything is run
         scenario = scenario_of(given.scenario, robot, default_name=name)
-        if plant == "model":
-            imperfections_of(scenario)  # refused before anything is run
     except InputError as error:
         raise InputError(f"{place}: {error}") from None
     return Course(

@@ -38,7 +38,6 @@ from ballbot.mechanics.model import Model
 from ballbot.progress import in_stage
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.summary import Summary, counted, first_texts, listed, plotted, summarized
-from ballbot.twin.imperfections import imperfections_of
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.validation import ModelPair, Validation, join_validations, validate_pair
@@ -207,7 +206,6 @@ def study(
     sample_time = round(studied[0].log.sample_time, 9)
     given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario or "nominal", robot)
     tried = sampled_at(given, sample_time)
-    imperfections_of(tried)  # refused before the work begins
     confirmed = options.confirm and find_spec("mujoco") is not None
     found = _identify(robot, checked, options, _named(run, "identifying friction"))
     if not found.verdict.usable:

@@ -6,7 +6,7 @@ import pytest
 
 from ballbot import Robot
 from ballbot.robot import Friction
-from ballbot.workflows.twin_rolling import TwinRolling
+from ballbot.workflows.twin_confirmation import TwinRolling
 from campaigns.between_logs import NOMINAL
 from campaigns.twin_rolling import rolling_from
 
