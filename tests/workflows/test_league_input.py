@@ -15,6 +15,7 @@ from ballbot.control.presets import precise_controller
 from ballbot.robot import Robot
 from ballbot.twin import Twin
 from ballbot.workflows.candidates import parse_candidates
+from ballbot.workflows.comparison import LoopRobot
 from ballbot.workflows.courses import ModelMismatch, choose_courses
 from ballbot.workflows.league import run_league
 from tests.support.control_examples import FRICTION, alten
@@ -52,7 +53,9 @@ def test_mismatch_changes_the_true_robot_on_either_plant(tmp_path):
     robot = alten(FRICTION)
     (tmp_path / "courses.toml").write_text(COURSE + "mismatch = { mass = 1.2, height = 0.8, friction = 0.5 }")
     (course,) = choose_courses(str(tmp_path / "courses.toml"), robot, "model")
-    true = course.plant(robot).robot
+    on_loop = course.plant(robot)
+    assert isinstance(on_loop, LoopRobot)
+    true = on_loop.model.robot
     assert true.body.mass == pytest.approx(1.2 * robot.body.mass)
     assert true.body.center_of_mass == pytest.approx(0.8 * robot.body.center_of_mass)
     # J_0 = J_c + m l^2 about either lying axis
@@ -63,7 +66,9 @@ def test_mismatch_changes_the_true_robot_on_either_plant(tmp_path):
     assert true.friction.stribeck_speed == FRICTION.stribeck_speed
     pytest.importorskip("mujoco")
     (course,) = choose_courses(str(tmp_path / "courses.toml"), robot, "twin")
-    twin = course.plant(robot)
+    make = course.plant(robot)
+    assert not isinstance(make, LoopRobot)
+    twin = make("onboard")
     assert isinstance(twin, Twin)
     assert twin.robot.body == true.body
     assert twin.scenario.friction.rolling == pytest.approx(0.5 * 0.007)
@@ -193,7 +198,6 @@ def test_the_examples_in_the_documents_are_ones(tmp_path):
     [
         (["alten", "none", "none"], "Two controllers are called 'none'"),
         (["alten", "none", "--seeds", "0-"], "The seeds are '0-'"),
-        (["alten", "none", "--scenarios", "push"], "choose --plant twin"),
         (
             ["alten", "none", "--scenarios", "moon"],
             "There is no set or course 'moon'; did you mean 'motions'?",

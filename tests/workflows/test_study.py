@@ -33,7 +33,14 @@ from ballbot.results import as_json
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
 from ballbot.workflows import study as study_workflow
-from ballbot.workflows.controller_choice import CANDIDATES, STEPS, compensated_robot, draw_plants
+from ballbot.workflows import twin_confirmation
+from ballbot.workflows.controller_choice import (
+    CANDIDATES,
+    STEPS,
+    NamedCourse,
+    compensated_robot,
+    draw_plants,
+)
 from ballbot.workflows.controller_prediction import (
     DISCREPANCY,
     Prediction,
@@ -41,6 +48,7 @@ from ballbot.workflows.controller_prediction import (
     performance_intervals,
 )
 from ballbot.workflows.study import Study, StudyOptions, study
+from ballbot.workflows.twin_confirmation import confirm
 from tests.support.control_examples import FRICTION
 from tests.support.report_pages import LARGEST_PAGE, figure_count, plain_markup, shown_text
 from tests.support.screen import assert_fits_a_screen
@@ -50,7 +58,7 @@ from tests.support.validation_examples import noisy_log
 SMALL = StudyOptions(
     duration=8.0,
     draws=2,
-    step_draws=1,
+    confirm=False,
     bounds=Bounds({"stribeck_speed": (0.6, 0.6), "stribeck_exponent": (1.1, 1.1)}),
 )
 #: profiles have tests of their own (tests/fitting/test_intervals.py)
@@ -62,7 +70,6 @@ class Brief(StudyOptions):
     """The effort of a study of whose candidates nothing is asked."""
 
     duration: float = 8.0
-    step_draws: int = 0
 
 
 def walk() -> Log:
@@ -72,7 +79,7 @@ def walk() -> Log:
 
 def run(progress: ProgressCallback) -> Study:
     watched = Run(seed=3, progress=progress)
-    return study(Robot.load("alten"), {"walk": walk()}, plant="model", options=SMALL, run=watched)
+    return study(Robot.load("alten"), {"walk": walk()}, options=SMALL, run=watched)
 
 
 pytestmark = pytest.mark.slow
@@ -132,6 +139,7 @@ def test_study_and_what_it_holds_fit_a_screen_and_can_be_plotted(small: Study):
 @pytest.mark.usefixtures("small")
 def test_progress_names_each_stage(shown: list[Progress]):
     stages = ["identifying friction", "validating on walk", "comparing controllers"]
+    stages += ["measuring what brings the gain"]
     assert list(dict.fromkeys(one.stage for one in shown)) == stages
     assert all(0.0 <= one.share <= 1.0 for one in shown)
 
@@ -184,9 +192,8 @@ def test_the_friction_found_is_near_the_truth(small: Study):
 
 def test_plants_are_drawn_from_the_identified_uncertainty(small: Study):
     count = 2000
-    plants = draw_plants(small.found, plant="model", scenario=small.scenario, count=count, seed=1)
+    plants = draw_plants(small.found, scenario=small.scenario, count=count, seed=1)
     frictions = [plant.robot.friction for plant in plants]
-    assert all(plant.scenario.friction == one for plant, one in zip(plants, frictions, strict=True))
     assert min(min(one.viscous + one.coulomb + one.stribeck) for one in frictions) >= 0.0
     # C_rr lies far from its bounds, so that nothing is clipped: 4 sigma of a sampled mean and standard deviation
     rolling = np.array([one.rolling for one in frictions])
@@ -299,7 +306,6 @@ def test_report_shows_the_predicted_performance(small: Study):
         controller="precise",
         checksum=checksum_of(controller),
         torque_limit=controller.torque_limit,
-        plant="model",
         scenario="nominal",
         draws=6,
         chosen=intervals,
@@ -330,6 +336,32 @@ def test_report_is_self_contained(folder: Path):
     assert not re.search(r"\b(nan|None|inf)\b", shown_text(page))
 
 
+def test_the_twin_confirms_the_choice_beside_the_loop(small: Study, tmp_path: Path, monkeypatch):
+    pytest.importorskip("mujoco")
+    monkeypatch.setattr(twin_confirmation, "CONFIRMED_ON", NamedCourse(name="square", duration=8.0))
+    found = confirm(small.found, small.choice)
+    assert found is not None
+    assert list(found.on_twin) == ["none", small.choice.chosen]
+    assert found.contradiction is None
+    # the friction is the robot's on both, the twin's rollers come on top: within a factor of three
+    for name, twin in found.on_twin.items():
+        assert 1.0 / 3.0 < twin.peak.median / found.on_loop[name].peak.median < 3.0
+    confirmed = replace(small, confirmation=found)
+    write_study(confirmed, tmp_path, made=provenance(command="", files=[], seed=3))
+    results = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
+    assert results["comparison"]["confirmation"]["none"]["twin"]["runs"] == 2
+    assert "A second opinion: the physics-engine twin" in (tmp_path / "report.html").read_text(
+        encoding="utf-8"
+    )
+
+
+def test_a_quick_study_has_no_report(small: Study, tmp_path: Path):
+    quick = replace(small, options=replace(small.options, quick=True), steps={})
+    written = write_study(quick, tmp_path, made=provenance(command="", files=[], seed=3))
+    assert written == tmp_path / "results.json"
+    assert not (tmp_path / "report.html").exists()
+
+
 @pytest.mark.sample
 def test_measured_logs_are_predicted_better_with_friction(
     shared_data: Path, tmp_path: Path, monkeypatch, capsys
@@ -341,7 +373,7 @@ def test_measured_logs_are_predicted_better_with_friction(
     log = tmp_path / "square_soft.csv"
     # once and a half around the square: 72 windows for ten parameters, and a quarter held out
     Log.read(shared_data / "bbr" / "square_soft.csv").between(0.0, 24.0).write(log)
-    options = ["--plant", "model", "--draws", "2", "--bounds", str(bounds), "--out", str(tmp_path / "out")]
+    options = ["--no-confirm", "--draws", "2", "--bounds", str(bounds), "--out", str(tmp_path / "out")]
     assert main(["study", "alten", str(log), *options]) == 0
     assert capsys.readouterr().out.rstrip().endswith(str(tmp_path / "out" / "report.html"))
     results = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
@@ -410,7 +442,7 @@ def test_few_draws_are_said_before_the_work(tmp_path: Path, capsys, monkeypatch)
     log = tmp_path / "walk.csv"
     walk().write(log)
     monkeypatch.setattr(study_command, "run_study", stop)
-    words = ["study", "alten", str(log), "--plant", "model", "--out", str(tmp_path / "out")]
+    words = ["study", "alten", str(log), "--out", str(tmp_path / "out")]
     assert main([*words, "--draws", "4"]) == 2
     said = " ".join(capsys.readouterr().out.split())
     assert "4 simulated robots will give no prediction" in said
@@ -427,8 +459,6 @@ def test_a_study_refuses_before_it_works():
         study(robot, {"walk": Log({name: v for name, v in log.columns.items() if name != "u3"})})
     with pytest.raises(InputError, match=r"walk: .*u4"):
         study(robot, {"walk": log.with_columns({"u4": log["u3"]})})
-    for draws in (1, 1001):
-        with pytest.raises(InputError, match="must be 2 to 1000"):
+    for draws in (1, 10_001):
+        with pytest.raises(InputError, match="must be 2 to 10000"):
             study(robot, {"walk": log}, options=StudyOptions(draws=draws))
-    with pytest.raises(InputError, match=r"model.*twin"):
-        study(robot, {"walk": log}, plant="moon")  # pyright: ignore[reportArgumentType]

@@ -174,27 +174,7 @@ def _comparison_sections(study: Study) -> Iterator[Section]:
         position_error_series(runs, over_time),
     )
     if study.confirmation:
-        yield section(
-            "A second opinion: the physics-engine twin",
-            Paragraph(text=confirmation_sentence(study.confirmation)),
-            Sheet(
-                headings=(
-                    "controller",
-                    "on the",
-                    "runs",
-                    "peak [mm]",
-                    "rms [mm]",
-                    "roughness [N m]",
-                    "falls",
-                ),
-                rows=list(_confirmation_rows(study.confirmation)),
-                caption=(
-                    "The twin has rollers, contacts and slip, which the loop lacks. Medians, in brackets the smallest "
-                    "and the largest."
-                ),
-            ),
-            Paragraph(text=_rolling_words(study.confirmation.rolling)),
-        )
+        yield _confirmation_section(study.confirmation)
     if study.steps:
         course = study.choice.course.name
         yield section(
@@ -202,6 +182,20 @@ def _comparison_sections(study: Study) -> Iterator[Section]:
             Paragraph(text=steps_sentence(study.steps, course)),
             Sheet(headings=STEP_HEADINGS, rows=step_rows(study.steps, course), caption=_STEPS_CAPTION),
         )
+
+
+def _confirmation_section(confirmation: Confirmation) -> Section:
+    headings = ("controller", "on the", "runs", "peak [mm]", "rms [mm]", "roughness [N m]", "falls")
+    caption = (
+        "The twin has rollers, contacts and slip, which the loop lacks. Medians, in brackets the smallest and the "
+        "largest."
+    )
+    return section(
+        "A second opinion: the physics-engine twin",
+        Paragraph(text=confirmation_sentence(confirmation)),
+        Sheet(headings=headings, rows=list(_confirmation_rows(confirmation)), caption=caption),
+        Paragraph(text=_rolling_words(confirmation.rolling)),
+    )
 
 
 def _confirmation_rows(confirmation: Confirmation) -> Iterator[tuple[str, ...]]:

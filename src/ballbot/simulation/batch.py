@@ -205,10 +205,19 @@ def simulate_batch(
         run_block(selected, inputs, draws, sampling, first, width, out)
 
     over_threads(run, lanes, threads)
+    leans = np.array([one.fallen_lean for one in borne] or [LARGEST_LEAN])
+    return _result(out, inputs.initial, sampling, leans)
+
+
+def _result(
+    out: Outcome, initial: NDArray[np.float64], sampling: Sampling, fallen_leans: NDArray[np.float64]
+) -> ClosedLoopBatch:
+    """Return an outcome as the batch that users see."""
     _, records, n = out.torques.shape
+    samples, sample_time = len(sampling.references), sampling.sample_time
     decided = np.minimum(out.ended, out.settled)
     return ClosedLoopBatch(
-        t=np.arange(1.0, records + 1.0) * (every * sample_time),
+        t=np.arange(1.0, records + 1.0) * (sampling.every * sample_time),
         states=out.states,
         torques=out.torques,
         seen=out.seen,
@@ -216,10 +225,10 @@ def simulate_batch(
         wheel_angles=out.encoders[:, :, :n],
         wheel_speeds=out.encoders[:, :, n:],
         gyro=out.gyro,
-        initial=inputs.initial,
+        initial=initial,
         references=sampling.references,
         sample_time=sample_time,
-        fallen_leans=np.array([one.fallen_lean for one in borne] or [LARGEST_LEAN]),
+        fallen_leans=fallen_leans,
         ended=np.where(out.ended < samples, out.ended * sample_time, np.inf),
         settled=np.where(out.settled < samples, out.settled * sample_time, np.inf),
         lifted=out.lifted,
