@@ -5,12 +5,11 @@ BIN := .venv/bin
 .PHONY: demo test fast browser board samples site wheel lowest bench evidence format types clean
 
 demo: .venv/.demo  ## record a balancing robot on the twin, study its logs, name the report
-	@echo "1 of 3: record 48 s around a square on the physics-engine twin"
-	@$(BIN)/ballbot record nominal --reference square --duration 48 --seed 1 --out demo/square
-	@echo "2 of 3: record 48 s along a figure of eight"
-	@$(BIN)/ballbot record nominal --reference figure_eight --duration 48 --seed 2 --out demo/figure_eight
-	@echo "3 of 3: identify the friction, validate the model, choose a controller on 20 twins"
-	@$(BIN)/ballbot study alten demo/square/log.csv demo/figure_eight/log.csv --plant twin --out demo
+	@echo "1 of 2: record 48 s around a square and 48 s along a figure of eight on the physics-engine twin, side by side"
+	@$(BIN)/ballbot record nominal --reference figure_eight --duration 48 --seed 2 --out demo/figure_eight --quiet & \
+	  $(BIN)/ballbot record nominal --reference square --duration 48 --seed 1 --out demo/square && wait $$!
+	@echo "2 of 2: identify the friction, validate the model, choose a controller on 100 simulated robots"
+	@$(BIN)/ballbot study alten demo/square/log.csv demo/figure_eight/log.csv --out demo
 
 test: .venv/.test  ## all tests, the fast ones first
 	$(BIN)/python -m pytest -m "not sample and not board and not browser" -n auto --dist loadfile

@@ -310,8 +310,8 @@ def _study() -> Studied:
     found = identify(ROBOT, study_logs(), seed=0)
     made = candidates(found, sample_time=SAMPLE_TIME)
     controllers = {name: made[name] for name in CONTROLLERS}
-    plants = draw_plants(found, plant="twin", scenario=Scenario.nominal(ROBOT), count=DRAWS, seed=SEED)
-    choice = choose_controller(controllers, plants, step_plants=0, processes=PROCESSES)
+    plants = draw_plants(found, scenario=Scenario.nominal(ROBOT), count=DRAWS, seed=SEED)
+    choice = choose_controller(controllers, plants)
     return Studied(found=found, controllers=controllers, choice=choice)
 
 

@@ -93,7 +93,7 @@ if __name__ == "__main__":
     parser.add_argument("--out", type=Path, default=Path("trip"), help="folder of all results")
     parser.add_argument("--duration", type=float, default=48.0, help="of each log [s]")
     parser.add_argument(
-        "--draws", type=int, default=20, help="simulated robots that a study tries controllers on"
+        "--draws", type=int, default=100, help="simulated robots that a study tries controllers on"
     )
     parser.add_argument("--study-options", default="", help="more options of `ballbot study`")
     given = parser.parse_args()

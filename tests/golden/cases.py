@@ -219,7 +219,7 @@ CASES: tuple[Case, ...] = (
     ),
     _command(
         "study",
-        f"study alten {_WALK} --plant model --draws 6 --bounds files/bounds.toml",
+        f"study alten {_WALK} --no-confirm --draws 6 --bounds files/bounds.toml",
         needs=("record_square",),
     ),
     _command(

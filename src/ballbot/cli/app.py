@@ -104,6 +104,10 @@ _RESUMED = (
 #: options that are gone: command, name, and what to do instead
 REMOVED_OPTIONS = {
     (
+        "study",
+        "--plant",
+    ): "candidates run on the compiled loop and the twin confirms the choice; --no-confirm leaves that out",
+    (
         "identify-axis",
         "--horizon",
     ): "the length of the windows is now chosen by held-out errors; leave it out",

@@ -51,7 +51,7 @@ def compare(
     Parameters
     ----------
     robot
-        A preset's name or a robot file. Its friction acts in the model and is what the controllers compensate.
+        A preset's name or a robot file. Its friction acts on the loop and is what the controllers compensate.
     controllers
         none, full and partial (the nominal gain with that compensation), precise, controller files, or your own in
         Python as FILE.py:NAME, where NAME(robot) returns the controller. LABEL=... renames one. On the twin, each
@@ -59,7 +59,8 @@ def compare(
         otherwise onboard; a trailing @kalman or @onboard overrides this. All others are compared with the
         first.
     plant
-        model (perfect sensors), or twin: a MuJoCo robot with the faults of each course.
+        model: the compiled loop, with the sensors, drive and floor of each course. twin: a MuJoCo robot, also with
+        rollers and slip.
     scenarios
         Separated by commas: sets (motions, disturbances, league: both, mismatch: robots 20 % off), courses (hold,
         square, circle, figure_eight, change_pose, push, ramp, payload, floor, heading) and course files.
