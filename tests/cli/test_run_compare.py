@@ -61,7 +61,6 @@ def study(tmp_path_factory):
         controller="precise",
         checksum=checksum_of(controller),
         torque_limit=controller.torque_limit,
-        plant="model",
         scenario="nominal",
         draws=20,
         chosen=performance_intervals(similar, discrepancy=factor),

@@ -11,6 +11,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Self
 
 #: longest wait [s]; a computer that is busy with other tests takes a small part of it
@@ -29,6 +30,7 @@ class Child:
         with _ctrl_c_is_heard():
             self.process = subprocess.Popen(
                 [sys.executable, *arguments],
+                env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},  # where it finds the tests
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=self._errors,

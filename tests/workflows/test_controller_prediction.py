@@ -92,7 +92,6 @@ def prediction(controller: Controller, log: Log) -> Prediction:
         controller="precise",
         checksum=checksum_of(controller),
         torque_limit=controller.torque_limit,
-        plant="model",
         scenario="nominal",
         draws=20,
         chosen=performance_intervals(similar, discrepancy=factor),

@@ -53,7 +53,7 @@ from ballbot.workflows.comparison import (
 )
 from ballbot.workflows.controller_design import Kind
 from ballbot.workflows.courses import ReferenceSpec
-from ballbot.workflows.metrics import QUANTITIES, Performance, Score, performance_of
+from ballbot.workflows.metrics import Performance, Score, performance_of
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -222,9 +222,7 @@ class Trial:
         return Trial(
             controller=controller,
             scores=tuple(one.score for one in results),
-            performances=tuple(
-                Performance(**dict(zip(QUANTITIES, one.measured.tolist(), strict=True))) for one in results
-            ),
+            performances=tuple(Performance.from_array(one.measured) for one in results),
         )
 
     @property

@@ -318,6 +318,11 @@ class Performance:
         """Return its numbers (5,), in the order of `QUANTITIES`."""
         return np.array(astuple(self), dtype=np.float64)
 
+    @staticmethod
+    def from_array(numbers: NDArray[np.float64]) -> Performance:
+        """Return the performance of numbers (5,)."""
+        return Performance(**dict(zip(QUANTITIES, numbers.tolist(), strict=True)))
+
 
 #: names of the quantities, in their order
 QUANTITIES = tuple(field.name for field in fields(Performance))
