@@ -400,12 +400,11 @@ def test_prediction_from_perturbed_plants_holds_on_the_twin(controller: Controll
             robot=ALTEN.replace(friction=scaled_friction(SCENARIO.friction, 0.8 + 0.08 * k)),
             known=KNOWN,
             scenario=SCENARIO,
-            plant="model",
             seed=k,
         )
         for k in range(6)
     ]
-    choice = choose_controller(controllers, plants, course=COURSE, step_plants=0, processes=1)
+    choice = choose_controller(controllers, plants, course=COURSE)
     found = predict(choice)
     assert found is not None
     assert found.controller == "precise"
