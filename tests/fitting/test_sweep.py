@@ -68,7 +68,7 @@ def test_runs_made_from_something_else_are_refused(tmp_path):
     with pytest.raises(InputError, match="is damaged"):
         complete(run_folder(tmp_path), bytes)
     (tmp_path / HEADER).unlink()
-    with pytest.raises(InputError, match="00 is none of this command's finished runs"):
+    with pytest.raises(InputError, match="00 was not written by this command"):
         complete(run_folder(tmp_path), bytes)
 
 

@@ -154,7 +154,7 @@ def test_active_bounds_are_kept_and_reported():
     ("search", "stage", "steps"), [("genetic", "evolution", 5), ("multistart", "search", 20)]
 )
 def test_progress_rises_and_the_cost_falls(search, stage, steps):
-    told: list[Progress] = []
+    reported: list[Progress] = []
     identify(
         alten(),
         noisy(balancing_log(), seed=4).between(6.0, 12.0),
@@ -168,12 +168,12 @@ def test_progress_rises_and_the_cost_falls(search, stage, steps):
             step=2.5e-3,
             most_profiles=1,
         ),
-        run=Run(progress=told.append),
+        run=Run(progress=reported.append),
     )
-    assert [(one.stage, one.done) for one in told[:steps]] == [(stage, step + 1) for step in range(steps)]
-    assert told[steps].stage == "gauss_newton"
-    assert all(one.done <= one.total for one in told)
-    assert all(later.cost <= earlier.cost for earlier, later in pairwise(told[:steps]))
+    assert [(one.stage, one.done) for one in reported[:steps]] == [(stage, step + 1) for step in range(steps)]
+    assert reported[steps].stage == "gauss_newton"
+    assert all(one.done <= one.total for one in reported)
+    assert all(later.cost <= earlier.cost for earlier, later in pairwise(reported[:steps]))
 
 
 def test_a_robot_at_rest_is_refused():

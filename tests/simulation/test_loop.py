@@ -119,7 +119,7 @@ def test_lanes_do_not_notice_each_other():
     """Seeds, robots and controllers of one lane, whatever runs beside it: a robot that falls, or a state of NaN."""
     precise, none = precise_controller(ROBOT), Controller(ROBOT, np.zeros((3, 10)), estimator="kalman")
     imperfections = Imperfections(sensors=SENSORS, torque_noise=0.01, backlash=PLAY, fallen_lean=0.6)
-    # in the same places: vector code and what is left of a width for scalar code round differently
+    # in the same lanes: vector code and the scalar code for the remaining lanes round differently
     alike = simulate_batch(
         Model(ROBOT),
         precise,

@@ -362,11 +362,15 @@ def test_recordings_are_made_once_and_read_back_bit_for_bit(
     # the robot's name is where the recording counts itself, for it is made in another process
     robot = Robot.load("alten").replace(name=str(tmp_path / "made"))
     wanted = (Recording(name="small", make=counted),)
-    told: list[float] = []
+    reported: list[float] = []
 
     def again(seed: int) -> Logs:
         made = record_all(
-            wanted, robot, seed=seed, folder=tmp_path / "runs", progress=lambda now: told.append(now.share)
+            wanted,
+            robot,
+            seed=seed,
+            folder=tmp_path / "runs",
+            progress=lambda now: reported.append(now.share),
         )
         return made["small"]
 
@@ -375,7 +379,7 @@ def test_recordings_are_made_once_and_read_back_bit_for_bit(
     monkeypatch.setattr(recordings, "ALL_CORES", Processes(count=1))
     second = again(3)
     assert (tmp_path / "made").read_text(encoding="utf-8") == "x"
-    assert told == [0.0, 1.0, 1.0]
+    assert reported == [0.0, 1.0, 1.0]
     for name in ("log", "film"):
         for column in first[name]:
             np.testing.assert_array_equal(first[name][column], second[name][column])

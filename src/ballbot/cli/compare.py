@@ -54,8 +54,8 @@ def compare(
         A preset's name or a robot file. Its friction acts on the loop and is what the controllers compensate.
     controllers
         none, full and partial (the nominal gain with that compensation), precise, controller files, or your own in
-        Python as FILE.py:NAME, where NAME(robot) returns the controller. LABEL=... renames one. On the twin, each
-        uses the estimator that it names (estimator = "kalman" in its file, or an attribute of your class),
+        Python as FILE.py:NAME, where NAME(robot) returns the controller. LABEL=... renames one. Each uses
+        the estimator that it names (estimator = "kalman" in its file, or an attribute of your class),
         otherwise onboard; a trailing @kalman or @onboard overrides this. All others are compared with the
         first.
     plant

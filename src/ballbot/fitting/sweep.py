@@ -91,10 +91,7 @@ class Processes:
                 yield places[one], one.result()
             finished = True
         except BrokenProcessPool:
-            raise ExecutorError(
-                "A worker process was killed, perhaps because memory ran out. Finished runs are kept; the same command "
-                "goes on with them."
-            ) from None
+            raise ExecutorError("A worker process was killed, perhaps because memory ran out.") from None
         finally:
             pool.shutdown(wait=finished, cancel_futures=True)
 
@@ -111,7 +108,7 @@ class RunFolder(Generic[Made, Finished]):
     write: Callable[[Path, Made], object]  #: writes what a run has made, whole or not at all
     #: returns a finished run, None if it is not there or not whole; InputError if it may not be replaced
     read: Callable[[Path], Finished | None]
-    temporary: bool = False  #: whether the folder is deleted if a run is refused, which no other run can mend
+    temporary: bool = False  #: whether the folder is deleted if a run is refused: the rest is then of no use
 
     def complete(
         self,
@@ -168,8 +165,10 @@ class RunFolder(Generic[Made, Finished]):
         """Yield what runs have made; if one is refused, their folder is forgotten where it is of no other use."""
         try:
             yield from making
-        except ExecutorError:  # nothing is wrong with the run
-            raise
+        except ExecutorError as error:  # nothing is wrong with the run
+            raise ExecutorError(
+                f"{error} Finished runs are kept; the same command goes on with them."
+            ) from None
         except InputError:
             if self.temporary:
                 shutil.rmtree(self.path, ignore_errors=True)
@@ -192,7 +191,7 @@ class RunFolder(Generic[Made, Finished]):
             there = next((name for name in names if (self.path / name).exists()), None)
             if there:
                 raise InputError(
-                    f"{self.path / there} is none of this command's finished runs; choose another folder with --out."
+                    f"{self.path / there} was not written by this command; choose another folder with --out."
                 )
             return
         try:

@@ -53,7 +53,7 @@ def confirmation_sentence(confirmation: Confirmation | None) -> str:
     words = []
     for name, twin in confirmation.on_twin.items():
         loop = confirmation.on_loop[name]
-        words.append(f"{CANDIDATE_NAMES[name]} {_outcome(twin)} ({_outcome(loop)} on the compiled loop)")
+        words.append(f"{CANDIDATE_NAMES[name]} {_reached(twin)} ({_reached(loop)} on the compiled loop)")
     runs = counted(len(next(iter(confirmation.on_twin.values())).scores), "run")
     return (
         f"On the physics-engine twin, {course.duration:g} s of the {course.name}, median peak error over {runs} each: "
@@ -257,6 +257,11 @@ def _effect_words(before: Trial, after: Trial) -> str:
         return f"not clearly different ({start} and {end} mm) and the torques {_rougher(before, after)}"
     times = ratio.median if effect == "smaller" else 1.0 / ratio.median
     return f"{digits(times, 2)} times {effect} ({start} to {end} mm)"
+
+
+def _reached(trial: Trial) -> str:
+    """Return the peak error, and the falls if there are any."""
+    return _outcome(trial) if trial.falls else f"{millimetres(trial.peak.median)} mm"
 
 
 def _outcome(trial: Trial) -> str:

@@ -34,6 +34,7 @@ from ballbot.report.study import (
 )
 from ballbot.report.style import drawn_picture
 from ballbot.report.tables import (
+    CANDIDATE_NAMES,
     STATE_WORDS,
     STEP_HEADINGS,
     candidate_rows,
@@ -204,7 +205,7 @@ def _confirmation_rows(confirmation: Confirmation) -> Iterator[tuple[str, ...]]:
             peaks = trial.peaks[np.isfinite(trial.peaks)]
             spread = f" ({millimetres(peaks.min())} – {millimetres(peaks.max())})" if len(peaks) else ""
             yield (
-                *(name, on, str(len(trial.scores))),
+                *(CANDIDATE_NAMES[name], on, str(len(trial.scores))),
                 f"{millimetres(trial.peak.median)}{spread}" if len(peaks) else "–",
                 millimetres(trial.rms.median) if len(peaks) else "–",
                 *(digits(trial.roughness.median), str(trial.falls)),

@@ -73,6 +73,29 @@ class Supply:
     internal_resistance: float = field(metadata=parameter("of the battery", unit="ohm", least=0.0))
 
 
+class Battery:
+    """A battery with an internal resistance and the motors' windings; see `Supply`."""
+
+    def __init__(self, robot: Robot, supply: Supply) -> None:
+        drive = robot.drive
+        self._full = drive.supply_voltage
+        self._inner = supply.internal_resistance
+        self._winding = supply.winding_resistance
+        self._ampere = drive.gear_ratio * drive.torque_constant  # [N m/A] at the wheel
+        self._back = drive.gear_ratio / drive.speed_constant  # [V s/rad] at the wheel
+        self.voltage = self._full  #: [V] at the last step
+
+    def within(self, torques: NDArray[np.float64], speeds: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the requested torques (n,) [N m] within the limits at motor speeds (n,) [rad/s]."""
+        current = torques / self._ampere
+        power = float(torques @ speeds + self._winding * (current @ current))
+        # a loaded battery has V = V_0 - R_i P / V_0; braking motors charge it
+        self.voltage = max(self._full - self._inner * power / self._full, 0.0)
+        most = self._ampere * self.voltage / self._winding
+        back_emf = self._ampere * self._back / self._winding * speeds
+        return np.clip(torques, -most - back_emf, most - back_emf)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Imperfections:
     """A robot's sensors, drive and floor, beyond what its model has; all is off by default but the drive's limits.

@@ -35,7 +35,14 @@ from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.derived import wheel_speed_limit
 from ballbot.simulation.gear_play import GearPlayPlant
-from ballbot.simulation.imperfections import FALLING_PART, Imperfections, Supply, off_axis, rest_on_slope
+from ballbot.simulation.imperfections import (
+    FALLING_PART,
+    Battery,
+    Imperfections,
+    Supply,
+    off_axis,
+    rest_on_slope,
+)
 from ballbot.simulation.model_plant import ModelPlant, checked_states
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.sensors import SensorSuite, sensor_samples
@@ -83,7 +90,8 @@ class SensedPlant:
         apart = [name for name in ("pushes", "lag", "jitter", "missing") if getattr(imperfections, name)]
         if apart:
             raise InputError(
-                f"A plant called sample by sample has no {', '.join(apart)}; run the robot with `simulate_batch`."
+                f"A plant called sample by sample has no {', '.join(apart)}; run the robot with `simulate_batch`, or "
+                "on the twin."
             )
         self.model, self.imperfections = model, imperfections
         sensors = imperfections.sensors or robot.sensors
@@ -228,11 +236,7 @@ class DriveLimits:
 
     def __init__(self, robot: Robot, supply: Supply | None = None) -> None:
         drive = robot.drive
-        self._supply, self._voltage = supply, drive.supply_voltage
-        self._ampere, self._back = (
-            drive.gear_ratio * drive.torque_constant,
-            drive.gear_ratio / drive.speed_constant,
-        )
+        self._battery = Battery(robot, supply) if supply else None
         self._limit = drive.torque_limit
         self._top = wheel_speed_limit(
             supply_voltage=drive.supply_voltage,
@@ -244,24 +248,13 @@ class DriveLimits:
         """Return the torques (n,) [N m] that the motors can give of those commanded at motor speeds (n,) [rad/s]."""
         limit, top = self._limit, self._top
         clipped = np.minimum(np.maximum(torques, -limit), limit)
-        if self._supply is not None:
-            return self._within_supply(clipped, speeds, self._supply)
+        if self._battery is not None:
+            return self._battery.within(clipped, speeds)
         if np.abs(speeds).max() <= (1.0 - FALLING_PART) * top:
             return clipped
         # one-sided: a motor at its highest speed can still brake with full torque
         share = np.clip((top - speeds * np.sign(clipped)) / (FALLING_PART * top), 0.0, 1.0)
         return np.sign(clipped) * np.minimum(np.abs(clipped), share * limit)
-
-    def _within_supply(
-        self, torques: NDArray[np.float64], speeds: NDArray[np.float64], supply: Supply
-    ) -> NDArray[np.float64]:
-        current = torques / self._ampere
-        power = torques @ speeds + supply.winding_resistance * (current @ current)
-        voltage = max(self._voltage - supply.internal_resistance * power / self._voltage, 0.0)
-        most, back = self._ampere * voltage, self._ampere * self._back * speeds
-        return np.clip(
-            torques, (-most - back) / supply.winding_resistance, (most - back) / supply.winding_resistance
-        )
 
 
 class _Rest:

@@ -29,7 +29,7 @@ from ballbot.mechanics.friction import dry_friction_size, stribeck_decay
 from ballbot.mechanics.friction_laws import BristleLaw, advance, friction_at
 from ballbot.robot import Friction, Robot
 from ballbot.robot.derived import wheel_speed_limit
-from ballbot.simulation.imperfections import Supply
+from ballbot.simulation.imperfections import Battery
 from ballbot.twin.engine import Engine
 from ballbot.twin.scenario import Scenario
 
@@ -139,29 +139,6 @@ class Motors:
         forward = speeds * np.sign(torques)
         available = np.clip((self._top - forward) / (_FALLING_PART * self._top), 0.0, 1.0)
         return np.sign(torques) * np.minimum(np.abs(torques), available * self._limit)
-
-
-class Battery:
-    """A battery with an internal resistance and the motors' windings; see `ballbot.simulation.imperfections.Supply`."""
-
-    def __init__(self, robot: Robot, supply: Supply) -> None:
-        drive = robot.drive
-        self._full = drive.supply_voltage
-        self._inner = supply.internal_resistance
-        self._winding = supply.winding_resistance
-        self._ampere = drive.gear_ratio * drive.torque_constant  # [N m/A] at the wheel
-        self._back = drive.gear_ratio / drive.speed_constant  # [V s/rad] at the wheel
-        self.voltage = self._full  #: [V] at the last step
-
-    def within(self, torques: NDArray[np.float64], speeds: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the requested torques (n,) [N m] within the limits at motor speeds (n,) [rad/s]."""
-        current = torques / self._ampere
-        power = float(torques @ speeds + self._winding * (current @ current))
-        # a loaded battery has V = V_0 - R_i P / V_0; braking motors charge it
-        self.voltage = max(self._full - self._inner * power / self._full, 0.0)
-        most = self._ampere * self.voltage / self._winding
-        back_emf = self._ampere * self._back / self._winding * speeds
-        return np.clip(torques, -most - back_emf, most - back_emf)
 
 
 class Shafts:

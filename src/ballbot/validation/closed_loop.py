@@ -268,7 +268,7 @@ def _run_models(
             asked[k, lane] = one.update(float(t[row]), states[lane], references[row])
         # until the first late torque arrives, those measured act
         held = asked[k - delay] if k >= delay else torques[begins + k]
-        for lane, model in enumerate(lanes_of):  # a call for all of them checks what is known already
+        for lane, model in enumerate(lanes_of):  # simulate_lanes would check its inputs anew at each sample
             out[lane, k] = simulate_one(
                 model.selected,
                 model.packed,

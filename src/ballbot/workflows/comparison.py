@@ -360,18 +360,14 @@ def run_comparison(
     on_loop = {place for block in blocks for place in block}
     alone = [place for place in range(len(runs)) if place not in on_loop]
     made: dict[int, RunResult] = {}
-    work = sum(runs[place].duration * (1.0 if place in on_loop else _SLOWER) for place in range(len(runs)))
-    done = 0.0
 
-    def keep(places: Sequence[int], results: Sequence[RunResult], slower: float) -> None:
-        nonlocal done
+    def keep(places: Sequence[int], results: Sequence[RunResult]) -> None:
         made.update(zip(places, results, strict=True))
-        done += slower * sum(runs[place].duration for place in places)
-        run.progress(Progress(stage="comparing controllers", done=done, total=work))
+        run.progress(Progress(stage="comparing controllers", done=len(made), total=len(runs)))
 
     together = [[runs[place] for place in block] for block in blocks]
     for block, results in _in_threads(_run_block, together, threads or processes):
-        keep(blocks[block], results, 1.0)
+        keep(blocks[block], results)
     slow = [runs[place] for place in alone]
     made_alone = (
         _in_threads(ComparedRun.result, slow, threads)
@@ -380,12 +376,8 @@ def run_comparison(
     )
     with closing(made_alone):
         for place, result in made_alone:
-            keep([alone[place]], [result], _SLOWER)
+            keep([alone[place]], [result])
     return Comparison(runs=tuple(runs), results=tuple(made[place] for place in range(len(runs))))
-
-
-#: how much longer a run takes one period at a time, about
-_SLOWER = 30.0
 
 
 def _loop_blocks(runs: Sequence[ComparedRun]) -> list[list[int]]:

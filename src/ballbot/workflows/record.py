@@ -7,7 +7,7 @@ robot.toml, scenario.toml, controller.toml
 record.toml                  version of Ballbot, seed, experiment, the cameras' frame and clock
 
 The files appear together (`ballbot.result_folder`), so that a folder that has them is whole. Several runs are a sweep
-(`ballbot.fitting.sweep`), which goes on where it was stopped: what is there is held against its checksums.
+(`ballbot.fitting.sweep`), which goes on where it was stopped; the checksums of the runs that are there are checked.
 """
 
 from __future__ import annotations

@@ -46,6 +46,7 @@ from ballbot.workflows.controller_choice import (
     SQUARE,
     ControllerChoice,
     NamedCourse,
+    PlantDraw,
     Step,
     Trial,
     candidates,
@@ -201,11 +202,12 @@ def study(
     needed = (*torque_names(robot.wheel_count), *STATE_NAMES)
     studied = tuple(replace(one, log=one.log.complete(*needed)) for one in studied)
     if not 2 <= options.draws <= MAX_DRAWS:
-        raise InputError(f"The number of draws is {options.draws}; it must be 2 to {MAX_DRAWS}, such as 20.")
+        raise InputError(f"The number of draws is {options.draws}; it must be 2 to {MAX_DRAWS}, such as 100.")
     # whole nanoseconds: the rounding of a log's time stamps does not belong into a controller file
     sample_time = round(studied[0].log.sample_time, 9)
     given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario or "nominal", robot)
     tried = sampled_at(given, sample_time)
+    _ = PlantDraw(robot=robot, known=robot, scenario=tried, seed=0).on_loop  # refused before the work begins
     confirmed = options.confirm and find_spec("mujoco") is not None
     found = _identify(robot, checked, options, _named(run, "identifying friction"))
     if not found.verdict.usable:

@@ -182,15 +182,11 @@ def confirm(
         for name in names
         for plant in few
     ]
-    on_loop, on_twin = (
-        run_comparison(runs, run=replace(run, progress=ignore_progress)),
-        run_comparison(twins, run=run),
-    )
     return Confirmation(
         course=CONFIRMED_ON,
         rolling=rolling,
-        on_loop=_trials(choice, names, on_loop),
-        on_twin=_trials(choice, names, on_twin),
+        on_loop=_trials(choice, names, run_comparison(runs, run=replace(run, progress=ignore_progress))),
+        on_twin=_trials(choice, names, run_comparison(twins, run=run)),
     )
 
 
