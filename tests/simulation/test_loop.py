@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from ballbot import Controller, InputError, Log, Model, simulate, simulate_batch
 from ballbot.control.presets import nominal_controller, precise_controller
@@ -93,6 +94,19 @@ def test_a_lane_with_perfect_sensors_is_the_model_one_sample_at_a_time():
     controller = nominal_controller(ROBOT)
     batch = simulate_batch(ROBOT, controller, circle(), duration=1.0, initial_states=START)
     log = simulate(ROBOT, controller, circle(), duration=1.0, initial_state=START)
+    assert_same(batch.log(0), log, atol=1e-9)
+
+
+def test_a_heading_that_begins_again_after_a_turn_is_unwrapped_as_by_simulate():
+    def turning(t: float) -> NDArray[np.float64]:
+        wanted = np.zeros(10)
+        wanted[4] = (2.0 + 4.0 * t + np.pi) % (2.0 * np.pi) - np.pi  # jumps from pi to -pi at 0.29 s
+        return wanted
+
+    controller = nominal_controller(ROBOT)
+    batch = simulate_batch(ROBOT, controller, turning, duration=0.6, initial_states=START)
+    log = simulate(ROBOT, controller, turning, duration=0.6, initial_state=START)
+    assert np.diff(batch.references[:, 4]) == pytest.approx(0.02)
     assert_same(batch.log(0), log, atol=1e-9)
 
 

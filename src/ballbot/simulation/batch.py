@@ -23,7 +23,7 @@ from ballbot.control.presets import ControllerLike, as_controller
 from ballbot.control.records import fill_record
 from ballbot.control.references import Reference, ReferenceLike, as_reference
 from ballbot.errors import InputError
-from ballbot.estimation.heading import Heading
+from ballbot.estimation.heading import JUMP, Heading
 from ballbot.estimation.kalman import filter_row
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.engine.run import over_threads
@@ -386,14 +386,16 @@ def _common_wheel_count(robots: Sequence[Robot], controllers: Sequence[Controlle
 
 def _sampled(reference: Reference, samples: int, sample_time: float) -> NDArray[np.float64]:
     """Return the reference at every sample (samples, 10)."""
-    references, heading = np.empty((samples, 10)), Heading()
+    references = np.empty((samples, 10))
     for k in range(samples):
         wanted = reference(round(k * sample_time, 9))  # whole nanoseconds, as `simulate` asks
         # a check of each sample would take longer than its simulation
         plain = type(wanted) is np.ndarray and wanted.dtype == np.float64 and wanted.shape == (10,)
         references[k] = wanted if plain else real_array(wanted, (10,), "The reference")
-        references[k, 4] = heading.unwrapped(float(references[k, 4]))
     real_array(references, (samples, 10), "The reference")
+    if np.abs(np.diff(references[:, 4])).max(initial=0.0) > JUMP:
+        heading = Heading()
+        references[:, 4] = [heading.unwrapped(psi) for psi in references[:, 4].tolist()]
     forbidden = np.argwhere(references[:, [2, 3, 5, 6, 7, 8, 9]] != 0.0)
     if len(forbidden):
         row, column = forbidden[0]
