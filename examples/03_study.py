@@ -2,7 +2,7 @@
 
     python examples/03_study.py demo/square/log.csv demo/figure_eight/log.csv
 
-`make demo` records these logs on the twin. The script takes some three minutes.
+`make demo` records these logs on the twin. The script takes some ten seconds.
 """
 
 import sys
