@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow
 import pytest
-import scipy.io
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pyarrow import parquet
 
@@ -33,8 +32,6 @@ from ballbot.identification.sweep import read_sweep
 from ballbot.log import Log
 from ballbot.log.columns import LARGEST_CELL
 from ballbot.log.formats import inference as text_tables
-from ballbot.log.formats import mat as mat_file
-from ballbot.log.formats.mat import parse_mat, read_mat
 from ballbot.log.log import LONGEST, SHORTEST
 from ballbot.log.mapping_file import parse_mapping, read_mapping
 from ballbot.log.signals import local_fit
@@ -284,64 +281,7 @@ def test_oversized_parquet_is_refused_by_its_header(tmp_path, capsys):
     assert time.process_time() - began < 1.0
 
 
-def test_a_packed_file_is_not_unpacked_beyond_the_limit(tmp_path, monkeypatch):
-    path = tmp_path / "a.mat"
-    scipy.io.savemat(path, {"t": np.zeros(1_000_000)}, do_compression=True)
-    assert path.stat().st_size < 100_000
-    assert len(read_mat(path)["t"]) == 1_000_000
-    monkeypatch.setattr(mat_file, "LARGEST_TABLE", 7_000_000)
-    with pytest.raises(InputError, match="unpacks to more than 7 MB"):
-        read_mat(path)
-
-
-# larger numbers than 1e30 count as missing (`ballbot.log.columns.measured`), which is another test's
 NUMBERS = st.lists(st.floats(-(2.0**99), 2.0**99, width=32) | st.integers(-100, 100), min_size=1, max_size=12)
-
-
-@given(
-    NUMBERS,
-    st.sampled_from(["f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8"]),
-    st.sampled_from(["5", "4"]),
-    st.booleans(),
-)
-@settings(max_examples=40, deadline=None)
-def test_what_scipy_writes_is_read_as_scipy_reads_it(tmp_path_factory, numbers, kind, version, packed):
-    path = tmp_path_factory.mktemp("mat") / "a.mat"
-    with np.errstate(all="ignore"):
-        values = np.nan_to_num(np.array(numbers, float)).astype(kind)
-    if version == "4" and kind[1:] == "8" and kind[0] != "f":
-        values = values.astype("f8")
-    known = {"row": values, "table": np.stack([values, values[::-1]]), "one": values[0], "words": "text"}
-    scipy.io.savemat(path, known, format=version, do_compression=packed and version == "5")
-    read = read_mat(path)
-    theirs = scipy.io.loadmat(path)
-    assert list(read) == ["row", "table", "one"]
-    for name, ours in read.items():
-        np.testing.assert_array_equal(ours, np.asarray(theirs[name], float).ravel())
-
-
-@pytest.mark.parametrize("version", ["5", "4"])
-def test_a_matlab_file_cut_or_changed_anywhere_is_read_or_refused(tmp_path, version):
-    path = tmp_path / "a.mat"
-    scipy.io.savemat(path, {"t": 0.1 * np.arange(5.0), "words": "text", "g": 3.0}, format=version)
-    content = path.read_bytes()
-    for size in range(len(content)):
-        assert set(_read_or_refused(content[:size])) <= {"t", "g"}
-    random = np.random.default_rng(0)
-    for _ in range(2000):
-        changed = bytearray(content)
-        for place in random.integers(0, len(content), 3):
-            changed[place] = random.integers(256)
-        _read_or_refused(bytes(changed))
-
-
-def _read_or_refused(content: bytes) -> dict[str, np.ndarray]:
-    try:
-        return parse_mat(memoryview(content), source="a.mat")
-    except InputError as error:
-        if "a.mat is not a complete MATLAB file" not in str(error):
-            raise
-        return {}
 
 
 @pytest.mark.parametrize("address", ["10.0.0.5", "tcp://localhost", "", "foo://x:1", "localhost:99999"])
@@ -409,7 +349,7 @@ def test_the_documents_have_the_limits():
     text = (ROOT / "docs" / "logs.md").read_text(encoding="utf-8")
     limits = " ".join(text.partition("## Limits")[2].split())
     for words in (
-        f"{files.LARGEST_TABLE // 10**6} MB, packed or unpacked ({text_tables._LARGEST // 10**6} MB if",
+        f"{files.LARGEST_TABLE // 10**6} MB ({text_tables._LARGEST // 10**6} MB if",
         f"settings of {files.LARGEST_SETTINGS // 10**6} MB",
         f"{MOST_ROWS // 10**6} million rows, {MOST_COLUMNS} columns, {MOST_CELLS // 10**6} million cells",
         f"or {LONGEST / 86400.0:g} days",

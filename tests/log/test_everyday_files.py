@@ -146,14 +146,6 @@ def test_text_in_another_encoding_is_refused_with_advice(tmp_path):
         Log.read(path)
 
 
-def test_a_ros_1_bag_is_named(tmp_path):
-    path = tmp_path / "run.bag"
-    path.write_bytes(b"#ROSBAG V2.0\nE\0\0\0\n1 2 3\n4 5 6\n")
-    for read in (read_foreign_table, read_columns):
-        with pytest.raises(InputError, match="is a ROS 1 bag; convert it"):
-            read(path)
-
-
 def test_a_log_of_an_imu_alone_is_usable_for_align(tmp_path):
     t = 0.01 * np.arange(300)
     lines = [[f"{one:.3f}", *(f"{0.02 * np.sin(one + i):.4f}" for i in range(3))] for one in t]

@@ -33,8 +33,7 @@ from ballbot.files import write_text
 from ballbot.findings import Finding, finding_results
 from ballbot.fitting.run import Executor, Threads
 from ballbot.log.collection import named_files
-from ballbot.log.formats import WRITTEN_FORMATS
-from ballbot.log.formats.bag import is_bag_folder
+from ballbot.log.formats import WRITTEN_FORMATS, is_bag_folder
 from ballbot.printable import shell_line
 from ballbot.report.provenance import Provenance, provenance
 from ballbot.result_folder import ResultFolder, result_folder

@@ -13,7 +13,6 @@ from importlib.metadata import version
 from pathlib import Path
 
 from ballbot.errors import InputError
-from ballbot.log.formats.bag import bag_files
 
 _PACKAGES = ("ballbot", "numpy", "scipy", "numba", "cmaes")
 
@@ -55,7 +54,7 @@ def provenance(*, command: str, files: Sequence[Path], seed: int | str) -> Prove
 def _single_files(paths: Sequence[Path]) -> Iterator[Path]:
     """Yield the files, and in place of a ROS 2 bag's folder those that it consists of."""
     for path in paths:
-        yield from bag_files(path) if path.is_dir() else (path,)
+        yield from sorted(path.iterdir()) if path.is_dir() else (path,)
 
 
 def _sha256(path: Path) -> str:

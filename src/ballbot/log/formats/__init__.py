@@ -8,9 +8,8 @@ parquet   Parquet, by pyarrow
 npz       NumPy archives
 mat       MATLAB files of version 4 to 7, their numeric variables
 mcap      MCAP: JSON messages for Foxglove and PlotJuggler, with units and a scene
-ros       ROS 2 bags in one file
-bag       ROS 2 bags as folders, of one file or several
-messages  topics with times of their own as one table, for the last three
+ros       bags of ROS 1 and ROS 2, in one file or as folders
+messages  topics with times of their own as one table, for the last two
 """
 
 from __future__ import annotations
@@ -24,9 +23,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.arrays import check_table
+from ballbot.arrays import check_table, format_bytes
 from ballbot.errors import InputError, either, nearest, suggest
-from ballbot.files import check_regular
+from ballbot.files import LARGEST_TABLE, check_regular, folder_refusal
 from ballbot.log.columns import (
     KNOWN_NAMES,
     Columns,
@@ -35,7 +34,6 @@ from ballbot.log.columns import (
     mark_missing,
     native_columns,
 )
-from ballbot.log.formats.bag import is_bag_folder, read_bag_folder
 from ballbot.log.formats.inference import (
     ForeignTable,
     infer_text_table,
@@ -48,7 +46,7 @@ from ballbot.log.formats.mat import read_mat, write_mat
 from ballbot.log.formats.mcap import read_mcap, write_mcap
 from ballbot.log.formats.npz import read_npz, write_npz
 from ballbot.log.formats.parquet import read_parquet_table, write_parquet_table
-from ballbot.log.formats.ros import read_ros_bag, write_ros_bag
+from ballbot.log.formats.ros import read_bag, write_ros_bag
 from ballbot.log.formats.text import (
     OWN_LAYOUT,
     SEMICOLON_LAYOUT,
@@ -67,13 +65,11 @@ class LogFormat:
     """How files of one kind are read and written.
 
     `read` takes a path and returns every numeric variable of the file by name, as one row of numbers (N,), float64.
-    - It reads the file with `ballbot.files.read_bytes` or `read_text`. It refuses a file that unpacks to more than
-      `ballbot.files.LARGEST_TABLE` bytes before it unpacks it.
-    - A missing value is NaN. Of two variables with the same name, neither is preferred: the file is refused.
+    - A missing value is NaN.
     - What is not a real number, such as a column of text, is skipped, or the file is refused with the column's name.
-    - A damaged or incomplete file raises InputError and no other exception. The sentence begins with the path.
-    - Whether names can be printed, whether there are numbers, how many, and which of them are too large to be values
-      is checked here, after `read`, for every format.
+    - Whatever a library raises on a damaged file becomes InputError here. So are the file's size, whether names can be
+      printed, whether there are numbers, how many, and which of them are too large to be values checked here, for
+      every format.
 
     `write` takes a path and columns (N,) of equal length, whose names can be printed. It writes with
     `ballbot.files.write_bytes` or `write_text`, so that the file is whole or not there. `read` then returns the same
@@ -108,7 +104,8 @@ FORMATS: tuple[LogFormat, ...] = (
     LogFormat(name="NumPy", suffixes=(".npz",), read=read_npz, write=write_npz),
     LogFormat(name="MATLAB", suffixes=(".mat",), read=read_mat, write=write_mat),
     LogFormat(name="MCAP", suffixes=(".mcap",), read=read_mcap, write=write_mcap, extra="formats"),
-    LogFormat(name="ROS 2 bag", suffixes=(".db3",), read=read_ros_bag, write=write_ros_bag, extra="formats"),
+    LogFormat(name="ROS 2 bag", suffixes=(".db3",), read=read_bag, write=write_ros_bag, extra="formats"),
+    LogFormat(name="ROS 1 bag", suffixes=(".bag",), read=read_bag, extra="formats"),
 )
 #: what unpacks a compressed file and keeps it, by its suffix
 _COMPRESSED = {
@@ -119,11 +116,16 @@ _COMPRESSED = {
     ".zip": ("unzip",),
 }
 #: how a folder is read, whatever its name
-_FOLDER = LogFormat(name="ROS 2 bag", suffixes=(), read=read_bag_folder, extra="formats")
+_FOLDER = LogFormat(name="ROS 2 bag", suffixes=(), read=read_bag, extra="formats")
 #: suffixes of the files that are written, the default first
 WRITTEN_SUFFIXES = tuple(one.suffixes[0] for one in FORMATS if one.write)
 #: what `--format` may be: these suffixes without their dots
 WRITTEN_FORMATS = tuple(suffix.removeprefix(".") for suffix in WRITTEN_SUFFIXES)
+
+
+def is_bag_folder(path: str | Path) -> bool:
+    """Return whether a path is a folder with the metadata of a ROS 2 bag."""
+    return (Path(path) / "metadata.yaml").is_file()
 
 
 def is_log_file(path: str | Path) -> bool:
@@ -301,20 +303,9 @@ def _known_format(path: str | Path) -> LogFormat:
     raise InputError(f"{path} is not a log that Ballbot reads; {hint} in {either(_suffixes())}.")
 
 
-#: what a ROS 1 bag begins with
-_ROS_1 = b"#ROSBAG V"
-
-
 def _check_unpacked(path: Path) -> None:
-    """Raise InputError if the suffix of a file is that of a compressed one, or it is a ROS 1 bag."""
+    """Raise InputError if the suffix of a file is that of a compressed one."""
     check_regular(path)
-    with path.open("rb") as stream:
-        if stream.read(len(_ROS_1)) == _ROS_1:
-            converting = shell_line(["rosbags-convert", "--src", path, "--dst", path.with_suffix("")])
-            raise InputError(
-                f"{path} is a ROS 1 bag; convert it to a ROS 2 bag, which Ballbot reads: pip install rosbags, then "
-                f"`{converting}`."
-            )
     command = _COMPRESSED.get(path.suffix.lower())
     if command:
         raise InputError(f"{path} is compressed; unpack it first, as with `{shell_line([*command, path])}`.")
@@ -322,8 +313,26 @@ def _check_unpacked(path: Path) -> None:
 
 def _read(one: LogFormat, path: Path) -> Columns:
     """Return a file's variables, checked as `LogFormat` promises."""
-    with _needing(one):
-        variables = one.read(path)
+    if one is _FOLDER and not is_bag_folder(path):
+        parts = sorted(path.glob("*.db3")) + sorted(path.glob("*.mcap"))
+        if not parts:
+            raise folder_refusal(path)
+        raise InputError(
+            f"{path} is a folder without metadata.yaml, which names the files of a ROS 2 bag; write it with: ros2 bag "
+            f"reindex {path}. Or give a file in the folder: {parts[0]}."
+        )
+    size = 0 if one is _FOLDER else check_regular(path)
+    if size > LARGEST_TABLE:
+        raise InputError(f"{path} has {format_bytes(size)}; at most {format_bytes(LARGEST_TABLE)} are read.")
+    try:
+        with _needing(one):
+            variables = one.read(path)
+    except InputError:
+        raise
+    except Exception as error:  # whatever a library raises on a damaged file
+        raise InputError(
+            f"{path} cannot be read: it is not a complete {one.name} file ({type(error).__name__}: {error})."
+        ) from None
     if not any(len(values) for values in variables.values()):
         raise InputError(f"{path} is empty; a log needs columns and rows of numbers.")
     check_column_names(variables, source=str(path))

@@ -6,35 +6,28 @@ the file's metadata "ballbot" has the columns' names in their order. `replay` to
 `ballbot.viewer.foxglove`.
 
 Files of others are read by the times and names of their messages (`ballbot.log.formats.messages`): JSON, and ROS 2
-messages of standard types (`ballbot.log.formats.ros`). Messages in other encodings are skipped. A chunk is unpacked
-only as far as `ballbot.files` allows.
+messages (`ballbot.log.formats.ros`). Messages in other encodings are skipped.
 """
 
 from __future__ import annotations
 
 import io
 import json
-import struct
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.arrays import format_bytes
 from ballbot.errors import InputError
-from ballbot.files import LARGEST_TABLE, read_bytes, write_bytes
+from ballbot.files import write_bytes
 from ballbot.log.columns import Columns, unit_of
 from ballbot.log.formats.json import flattened
-from ballbot.log.formats.messages import Topic, first_time, nanoseconds
-from ballbot.log.formats.ros import RosMessage, ros_columns
-
-if TYPE_CHECKING:
-    from mcap.records import Chunk, McapRecord
+from ballbot.log.formats.messages import Topic, first_time, joined, nanoseconds
+from ballbot.log.formats.ros import read_bag
 
 _METADATA = "ballbot"
 #: topics by the unit of their columns
@@ -60,25 +53,32 @@ class Channel:
     messages: Sequence[Mapping[str, object]]  #: N
 
 
-def read_mcap(path: str | Path) -> Columns:
-    """Return the columns of a log, or the joined topics of another file.
+def read_mcap(path: Path) -> Columns:
+    """Return the columns of a log, or the joined topics of another file in JSON; of one in ROS's encoding, of a bag."""
+    from mcap.reader import make_reader
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is damaged, unpacks to too much, or has no messages that can be read.
-    """
-    content = read_bytes(path)
-    try:
-        return mcap_columns(mcap_messages(content))
-    except (struct.error, ArithmeticError, LookupError, MemoryError, RecursionError, RuntimeError, TypeError,
-            ValueError, AttributeError) as error:  # fmt: skip
-        reason = f": {error}" if isinstance(error, InputError) else ""
-        raise InputError(f"{path} cannot be read: it is not a complete MCAP file{reason}.") from None
+    topics: dict[str, Topic] = {}
+    with path.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        summary = reader.get_summary()
+        encodings = {one.message_encoding for one in summary.channels.values()} if summary else set[str]()
+        if "cdr" in encodings:
+            return read_bag(path)
+        if encodings and "json" not in encodings:
+            named = " and ".join(sorted(encodings))
+            raise InputError(f"{path} cannot be read: its messages are in {named}, and JSON or cdr is read.")
+        own = [one.metadata["columns"] for one in reader.iter_metadata() if one.name == _METADATA]
+        for _, channel, message in reader.iter_messages(log_time_order=False):
+            if channel.message_encoding == "json":
+                fields = json.loads(message.data)
+                topic = topics.setdefault(channel.topic, Topic(name=channel.topic))
+                topic.times.append(message.log_time)
+                topic.messages.append(flattened(fields) if isinstance(fields, dict) else {})
+    return _own_columns(json.loads(own[0]), topics) if own else joined(topics.values())
 
 
 def write_mcap(
-    path: str | Path, columns: Mapping[str, NDArray[np.float64]], replay: Sequence[Channel] = ()
+    path: Path, columns: Mapping[str, NDArray[np.float64]], replay: Sequence[Channel] = ()
 ) -> None:
     """Write columns (N,) to an MCAP file, whole or not at all.
 
@@ -155,116 +155,12 @@ def _rows(fields: Mapping[str, NDArray[np.float64]]) -> list[dict[str, object]]:
     ]
 
 
-class McapContent(NamedTuple):
-    """The messages of a file, or of several that are read as one."""
-
-    own: list[str] | None  #: the columns of a log that `write_mcap` wrote
-    topics: dict[str, Topic]  #: messages in JSON
-    ros: list[RosMessage]  #: messages in ROS's encoding
-    others: set[str]  #: other encodings, whose messages are left out
-    size: int  #: of all messages, unpacked [bytes]
-
-
-def mcap_messages(content: bytes) -> McapContent:
-    """Return the messages of a file; ValueError or another of Python's own exceptions if it is damaged."""
-    from mcap.exceptions import McapError
-
-    try:
-        return _messages(content)
-    except McapError as error:
-        raise ValueError(str(error)) from None
-
-
-def _messages(content: bytes) -> McapContent:
-    topics: dict[str, Topic] = {}
-    ros: list[RosMessage] = []
-    own: list[str] | None = None
-    others: set[str] = set()
-    size = 0
-    schemas: dict[int, str] = {}
-    channels: dict[int, tuple[str, str, int]] = {}
-    from mcap.records import Channel as ChannelRecord
-    from mcap.records import Message, Metadata, Schema
-
-    for record in _records(content):
-        if isinstance(record, Schema):
-            schemas[record.id] = record.name
-        elif isinstance(record, ChannelRecord):
-            channels[record.id] = (record.topic, record.message_encoding, record.schema_id)
-        elif isinstance(record, Metadata) and record.name == _METADATA:
-            own = [str(name) for name in json.loads(record.metadata["columns"])]
-        elif isinstance(record, Message):
-            topic, encoding, schema = channels[record.channel_id]
-            size += len(record.data)
-            if encoding == "json":
-                fields = json.loads(record.data)
-                here = topics.setdefault(topic, Topic(name=topic))
-                here.times.append(record.log_time)
-                here.messages.append(flattened(fields) if isinstance(fields, dict) else {})
-            elif encoding == "cdr":
-                ros.append(RosMessage(topic, schemas.get(schema, ""), record.log_time, record.data))
-            else:
-                others.add(encoding)
-    return McapContent(own, topics, ros, others, size)
-
-
-def mcap_columns(found: McapContent) -> Columns:
-    """Return the columns of a log, or the joined topics of other messages; raise as `mcap_messages` if damaged."""
-    if found.own is not None:
-        return _own_columns(found.own, found.topics.values())
-    columns = ros_columns(found.ros, [one for one in found.topics.values() if one.messages])
-    if not columns and found.others:
-        raise InputError(f"its messages are in {' and '.join(sorted(found.others))}, and JSON or cdr is read")
-    return columns
-
-
-def _own_columns(names: Sequence[str], topics: Iterable[Topic]) -> Columns:
+def _own_columns(names: Sequence[str], topics: Mapping[str, Topic]) -> Columns:
     """Return the columns of a file that `write_mcap` wrote."""
-    by_topic = {one.name: one.messages for one in topics}
+    by_topic = {name: one.messages for name, one in topics.items()}
     clock = next((by_topic[topic] for topic in _TOPICS.values() if topic in by_topic), [])
     columns: Columns = {}
     for name in names:
         messages = clock if name == "t" else by_topic.get(_TOPICS[unit_of(name)], [])
         columns[name] = np.array([message.get(name, np.nan) for message in messages], dtype=np.float64)
     return columns
-
-
-def _records(content: bytes) -> Iterator[McapRecord]:
-    """Yield the records of a file, those in chunks among them."""
-    from dataclasses import replace
-
-    from mcap.records import Chunk
-    from mcap.stream_reader import StreamReader, breakup_chunk
-
-    left = LARGEST_TABLE
-    reader = StreamReader(
-        io.BytesIO(content), emit_chunks=True, validate_crcs=True, record_size_limit=LARGEST_TABLE
-    )
-    for record in reader.records:
-        if not isinstance(record, Chunk):
-            yield record
-            continue
-        unpacked = _unpacked(record, left)
-        left -= len(unpacked)
-        if left < 0:
-            raise InputError(f"it unpacks to more than {format_bytes(LARGEST_TABLE)}")
-        yield from breakup_chunk(replace(record, compression="", data=unpacked), validate_crc=True)
-
-
-def _unpacked(chunk: Chunk, most: int) -> bytes:
-    """Return the content of a chunk, or one byte more than `most` of it; what it claims of its size is not trusted."""
-    if chunk.compression == "zstd":
-        import zstandard
-
-        reader = zstandard.ZstdDecompressor().stream_reader(chunk.data)
-        try:
-            return reader.read(most + 1)
-        except zstandard.ZstdError as error:
-            raise ValueError(str(error)) from None
-    if chunk.compression == "lz4":
-        import lz4.frame
-
-        return lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=most + 1)
-    if chunk.compression:
-        raise InputError(f"its compression {chunk.compression[:20]!r} is not zstd or lz4")
-    return chunk.data

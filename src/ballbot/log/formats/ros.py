@@ -1,4 +1,4 @@
-"""ROS 2 bags in one file (.db3, SQLite), written and their messages decoded by the library rosbags.
+"""ROS bags, read and written by the library rosbags: of ROS 1 (.bag), of ROS 2 as a folder or one file (.db3, .mcap).
 
 A log is written as standard messages, and once more without loss:
 
@@ -12,9 +12,8 @@ A log is written as standard messages, and once more without loss:
 
 A topic is left out if the log has no column for it. `ros2 bag play FILE.db3` plays such a file.
 
-A bag of others is read by the times and names of its messages (`ballbot.log.formats.messages`), those of types that
-come with ROS 2. The definitions of messages that a file carries are not used: rosbags would make code from them. A
-quaternion is given as its roll, pitch and yaw.
+A bag of others is read by the times and names of its messages (`ballbot.log.formats.messages`), by the definitions
+that it carries, or those of ROS 2 if it has none. A quaternion is given as its roll, pitch and yaw.
 """
 
 from __future__ import annotations
@@ -22,20 +21,18 @@ from __future__ import annotations
 import json
 import math
 import sqlite3
-import struct
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.files import read_bytes, write_bytes
+from ballbot.files import write_bytes
 from ballbot.log.columns import Columns
 from ballbot.log.formats.json import flattened
 from ballbot.log.formats.messages import Topic, first_time, joined, nanoseconds
@@ -45,75 +42,44 @@ if TYPE_CHECKING:
 
 _NAMES, _VALUES = "/ballbot/names", "/ballbot/values"
 _WORLD, _BODY = "odom", "base_link"
-#: steps of SQLite's machine between looks at how many there were, and most of them for each byte of a file
-_STEPS, _STEPS_EACH_BYTE = 10_000, 100
 _ANGLES = ("theta", "phi", "psi")
 #: first element of the covariance of a quantity that an IMU does not measure
 _NOT_MEASURED = -1.0
 
 
-class RosMessage(NamedTuple):
-    """A message as a file holds it."""
-
-    topic: str
-    type: str  #: such as sensor_msgs/msg/Imu
-    time: int  #: at which it was recorded [ns]
-    data: bytes  #: CDR
-
-
-def read_ros_bag(path: str | Path) -> Columns:
+def read_bag(path: Path) -> Columns:
     """Return the columns of a log, or the joined topics of another bag.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is damaged, or has no messages of known types.
+    Parameters
+    ----------
+    path : Path
+        A bag in one file (.bag of ROS 1, .db3, .mcap), or the folder of a ROS 2 bag.
     """
-    content = read_bytes(path)
-    _store()  # whose absence has its own sentence
-    try:
-        return ros_columns(list(stored_messages(content)), [])
-    except (sqlite3.Error, struct.error, ArithmeticError, AssertionError, AttributeError, LookupError, MemoryError,
-            RecursionError, TypeError, ValueError) as error:  # fmt: skip
-        reason = f": {error}" if isinstance(error, InputError) else ""
-        raise InputError(f"{path} cannot be read: it is not a complete ROS 2 bag{reason}.") from None
+    from rosbags.highlevel import AnyReader
 
-
-def ros_columns(messages: Sequence[RosMessage], others: Iterable[Topic]) -> Columns:
-    """Return the columns of messages in ROS's encoding, joined with other topics.
-
-    Raises
-    ------
-    ValueError
-        Or another of Python's own exceptions, if a message is damaged.
-    """
-    if not messages:
-        return joined(others)
-    from rosbags.serde import SerdeError
-
-    try:
-        return _ros_columns(_store(), messages, others)
-    except SerdeError as error:
-        raise ValueError(str(error)) from None
-
-
-def _ros_columns(store: Typestore, messages: Sequence[RosMessage], others: Iterable[Topic]) -> Columns:
-    rows = [one.data for one in messages if one.topic == _VALUES]
-    lists = [one for one in messages if one.topic == _NAMES]
-    if lists:
-        names = json.loads(_data_of(store, lists[0].data, "std_msgs/msg/String"))
-        values = [_data_of(store, row, "std_msgs/msg/Float64MultiArray") for row in rows]
-        table = np.array(values, dtype=np.float64).reshape(len(rows), len(names))
-        return {str(name): np.ascontiguousarray(column) for name, column in zip(names, table.T, strict=True)}
+    names: list[str] = []
+    rows: list[NDArray[np.float64]] = []
     topics: dict[str, Topic] = {}
-    for one in messages:
-        if one.type in store.types:
-            message = _fields_of(store.deserialize_cdr(one.data, one.type))
-            stamp = _stamp(message.pop("header", None))
-            topic = topics.setdefault(one.topic, Topic(name=one.topic))
-            topic.times.append(stamp or one.time)
-            topic.messages.append(flattened(message))
-    return joined([*others, *topics.values()])
+    with AnyReader([path], default_typestore=_store()) as reader:
+        known = [one for one in reader.connections if one.msgtype in reader.typestore.types]
+        for connection, time, data in reader.messages(known) if known else ():
+            message = reader.deserialize(data, connection.msgtype)
+            if connection.topic in (_NAMES, _VALUES):
+                content = getattr(message, "data")  # noqa: B009 - the class is made by rosbags
+                if connection.topic == _NAMES:
+                    names = names or [str(one) for one in json.loads(content)]
+                else:
+                    rows.append(content)
+                continue
+            fields_ = _fields_of(message)
+            stamp = _stamp(fields_.pop("header", None))
+            topic = topics.setdefault(connection.topic, Topic(name=connection.topic))
+            topic.times.append(stamp or time)
+            topic.messages.append(flattened(fields_))
+    if names:
+        table = np.array(rows, dtype=np.float64).reshape(len(rows), len(names))
+        return {name: np.ascontiguousarray(column) for name, column in zip(names, table.T, strict=True)}
+    return joined(topics.values())
 
 
 @cache
@@ -121,46 +87,6 @@ def _store() -> Typestore:
     from rosbags.typesys import Stores, get_typestore
 
     return get_typestore(Stores.ROS2_HUMBLE)
-
-
-def _data_of(store: Typestore, message: bytes, kind: str):  # the class of a message is made by rosbags
-    return getattr(store.deserialize_cdr(message, kind), "data")  # noqa: B009
-
-
-def stored_messages(content: bytes) -> Iterator[RosMessage]:
-    """Yield the messages of a SQLite file, which is neither trusted nor written to."""
-    if not content.startswith(b"SQLite format 3\0"):
-        raise InputError("it is not a SQLite file")
-    # a file in SQLite's write-ahead mode is read as it is without its journal
-    content = content[:18] + b"\1\1" + content[20:]
-    left = _STEPS_EACH_BYTE * len(content) // _STEPS + 1
-
-    def too_long() -> bool:
-        nonlocal left
-        left -= 1
-        return left < 0
-
-    with closing(sqlite3.connect(":memory:")) as base:
-        base.deserialize(content)
-        base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, len(content))
-        for pragma in ("trusted_schema = OFF", "cell_size_check = ON", "query_only = ON"):
-            base.execute(f"PRAGMA {pragma}")
-        base.set_progress_handler(too_long, _STEPS)
-        found = {name for (name,) in base.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
-        if not {"topics", "messages"} <= found:
-            raise InputError("it has no tables of topics and messages")
-        rows = base.execute(
-            "SELECT topics.name, topics.type, messages.timestamp, messages.data FROM messages "
-            "JOIN topics ON messages.topic_id = topics.id ORDER BY messages.id"
-        )
-        unpacked = 0
-        for name, kind, time, data in rows:
-            if not (isinstance(name, str) and isinstance(kind, str) and isinstance(time, int)):
-                raise InputError("a message has no topic or no time")
-            unpacked += len(data)
-            if unpacked > len(content):  # columns that SQLite computes
-                raise InputError("its messages are larger than the file")
-            yield RosMessage(name, kind, time, bytes(data))
 
 
 def _fields_of(message: object) -> dict[str, object]:
@@ -213,7 +139,7 @@ def _stamp(header: object) -> int:
     return int(stamp["sec"]) * 1_000_000_000 + int(stamp["nanosec"])
 
 
-def write_ros_bag(path: str | Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
+def write_ros_bag(path: Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
     """Write columns (N,) to a bag in one file, whole or not at all.
 
     Raises
