@@ -208,62 +208,6 @@ def test_completion_script_is_valid_and_names_every_command(
     if shutil.which(shell):
         checked = subprocess.run([shell, "-n"], input=script, capture_output=True, text=True, check=False)
         assert (checked.returncode, checked.stderr) == (0, "")
-    if shell == "bash" and shutil.which("bash"):
-        lines = {
-            "ballbot stu": "study",
-            "ballbot design alten --ki": "--kind",
-            "ballbot run wir": "wiring",
-            **NAMED,
-        }
-        assert {line: completed(script, line) for line in lines} == lines
-        assert "complete -o default -F" in script  # a robot file stands where a preset may
-    if shell == "fish" and shutil.which("fish"):
-        for line, name in NAMED.items():
-            words = f"{script}\ncomplete -C '{line}'"
-            done = subprocess.run(["fish"], input=words, capture_output=True, text=True, check=True)
-            assert done.stdout.split() == name.split()
-
-
-#: lines that end in the beginning of a name, which no file here has, and the name
-NAMED = {
-    "ballbot check alte": "alten",
-    "ballbot help stu": "study",
-    "ballbot twin export alte": "alten",
-    "ballbot check-log log.csv --robot alte": "alten",
-    "ballbot simulate alten --reference figu": "figure_eight",
-    "ballbot identify-axis axis.csv --reference figu": "",
-    "ballbot record wide": "wide_rows",
-    "ballbot compare alte": "alten",
-    "ballbot compare alten none prec": "precise",
-    "ballbot limits alten pre": "precise",
-    "ballbot compare alten --out prec": "",
-    "ballbot study alten log.csv --scenario wide": "wide_rows",
-}
-
-
-def test_zsh_completes_a_script_in_its_path_at_the_first_call(capsys: pytest.CaptureFixture[str]) -> None:
-    """A file of functions alone would only define them then."""
-    script = printed_json(capsys, "completion", "zsh")["script"]
-    assert isinstance(script, str)
-    function, first_call = script.split("\n")[-3].strip(), script.split("\n")[-2]
-    assert function == "}"
-    assert first_call == (
-        'if [[ "${funcstack[1]}" == _ballbot ]]; then _ballbot "$@"; else compdef _ballbot ballbot; fi'
-    )
-    assert "'check check'" in script
-    assert "_files ;;" in script
-    assert "compadd -- alten" in script
-    assert "    'compare -'*) ;;\n    'compare '*) compadd -- none full partial precise ;;" in script
-
-
-def completed(script: str, line: str) -> str:
-    """Return what bash offers at the end of a line."""
-    words = (
-        f"{script}\nCOMP_WORDS=({line})\nCOMP_CWORD={len(line.split()) - 1}\nCOMP_LINE='{line}'\n"
-        f'COMP_POINT={len(line)}\n_ballbot_with_names\nprintf "%s\\n" "${{COMPREPLY[@]}}"'
-    )
-    done = subprocess.run(["bash"], input=words, capture_output=True, text=True, check=True)
-    return done.stdout.strip()
 
 
 def test_completion_works_without_the_packages_of_extras(
