@@ -15,10 +15,10 @@ from ballbot.mechanics.parameters import Formulation
 from ballbot.robot import Robot
 from ballbot.robot.components import PARAMETERS
 from ballbot.thesis.lagrangian import equations
-from ballbot.thesis.published import alten, page
-from ballbot.thesis.published.page import main, published_page
-from ballbot.thesis.published.printed import Entry, entry_table, mixture_model, track, unstable_poles
 from ballbot.thesis.symbols import Corrections, corrections_of
+from campaigns.published import alten, page
+from campaigns.published.page import published_page
+from campaigns.published.printed import Entry, entry_table, mixture_model, track, unstable_poles
 from tests.support.paths import ROOT
 from tests.support.symbolic_oracle import force_along_speeds, random_state, relative_difference
 
@@ -174,15 +174,6 @@ def test_each_correction_alone_is_consistent_and_matters(name: str) -> None:
 # --- the page -------------------------------------------------------------------------------------
 
 NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?")
-
-
-def test_unwritable_page_ends_in_one_sentence(tmp_path, capsys, monkeypatch) -> None:
-    monkeypatch.setattr("ballbot.thesis.published.page.published_page", lambda **_: "a page")
-    (tmp_path / "file").touch()
-    assert main(out=tmp_path / "file" / "page.md") == 2
-    assert capsys.readouterr().err.startswith("ballbot: ")
-    assert main(out=tmp_path / "page.md") == 0
-    assert (tmp_path / "page.md").read_text(encoding="utf-8") == "a page"
 
 
 @pytest.mark.sample

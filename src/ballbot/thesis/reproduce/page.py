@@ -21,7 +21,6 @@ from ballbot.report.style import drawn_picture
 from ballbot.report.words import with_powers, with_symbols
 from ballbot.results import to_results
 from ballbot.robot import Friction
-from ballbot.thesis.published.printed import markdown_table
 from ballbot.thesis.reproduce import figures
 from ballbot.thesis.reproduce.bench import Bench
 from ballbot.thesis.reproduce.campaign import ITEMS, Reproduction
@@ -112,6 +111,12 @@ def friction_line(friction: Friction) -> str:
         f"v_s = {friction.stribeck_speed:g} rad/s; delta = {friction.stribeck_exponent:g}; "
         f"C_rr = {friction.rolling:g}."
     )
+
+
+def markdown_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a Markdown table; the columns after the first are set flush right."""
+    marks = [":--", *("--:" for _ in headings[1:])]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in [list(headings), marks, *rows])
 
 
 def item_markdown(item: Item) -> str:

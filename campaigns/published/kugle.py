@@ -21,12 +21,12 @@ from ballbot.control.lqr import LqrDesign, lqr
 from ballbot.mechanics.model import LinearModel, Model
 from ballbot.robot import Robot
 from ballbot.robot.derived import reflected_rotor_inertia
-from ballbot.thesis.published.printed import (
+from ballbot.thesis.reproduce.page import markdown_table
+from campaigns.published.printed import (
     Entry,
     SourceModel,
     entry_table,
     in_state,
-    markdown_table,
     unstable_poles,
 )
 

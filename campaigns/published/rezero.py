@@ -21,16 +21,16 @@ from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import LinearModel, Model
 from ballbot.robot import Robot
 from ballbot.robot.derived import reflected_rotor_inertia
-from ballbot.thesis.published.printed import (
+from ballbot.thesis.reproduce.page import markdown_table
+from ballbot.thesis.symbols import corrections_of
+from campaigns.published.printed import (
     Entry,
     SourceModel,
     entry_table,
     in_state,
-    markdown_table,
     mixture_model,
     unstable_poles,
 )
-from ballbot.thesis.symbols import corrections_of
 
 #: the exact equations, but for rotors of their own and for the locked wheels in the body's inertia
 ABSOLUTE_WHEELS = replace(corrections_of("exact"), locked_wheels_once=False, reflected_rotors=False)

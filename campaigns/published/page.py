@@ -6,22 +6,19 @@ below); with massless wheels they must be ours.
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from cyclopts import run
-from rich.progress import Progress as RichProgress
 
-from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.mechanics.model import Model
 from ballbot.progress import ProgressCallback, ignore_progress
 from ballbot.robot import Friction, Robot
 from ballbot.robot.derived import reflected_rotor_inertia, solid_sphere_inertia, thin_shell_inertia
-from ballbot.thesis.published import alten, kugle, rezero
-from ballbot.thesis.published.printed import markdown_table, unstable_poles
+from ballbot.thesis.reproduce.page import markdown_table
+from campaigns.published import alten, kugle, rezero
+from campaigns.published.printed import unstable_poles
 
 
 def planar_pole(robot: Robot) -> float:
@@ -109,7 +106,7 @@ def presets_section() -> str:
     return "## All presets, by the exact equations\n\n" + markdown_table(headings, rows) + "\n"
 
 
-COMMAND = "python -m ballbot.thesis.published.page --out docs/generated/published_models.md"
+COMMAND = "python -m campaigns.published.page"
 
 _HEAD = f"""\
 # Published models: what they print, what they should print, and why
@@ -143,37 +140,5 @@ def published_page(*, progress: ProgressCallback = ignore_progress) -> str:
     return "\n".join(parts)
 
 
-def write_published_page(path: Path, *, progress: ProgressCallback = ignore_progress) -> None:
-    """Compute the page and write it.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
-    write_text(path, published_page(progress=progress))
-
-
-def main(*, out: Path = Path("docs/generated/published_models.md")) -> int:
-    """Compute the page on published models.
-
-    Example: python -m ballbot.thesis.published.page --out docs/generated/published_models.md
-
-    Parameters
-    ----------
-    out
-        The Markdown file to write.
-    """
-    try:
-        with RichProgress(transient=True) as bar:
-            task = bar.add_task("published models", total=1.0)
-            write_published_page(out, progress=lambda now: bar.update(task, completed=now.share))
-    except InputError as error:
-        print(f"ballbot: {error}", file=sys.stderr)
-        return 2
-    print(out)
-    return 0
-
-
 if __name__ == "__main__":
-    run(main)
+    write_text(Path(__file__).parents[2] / "docs" / "generated" / "published_models.md", published_page())

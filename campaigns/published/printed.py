@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +17,8 @@ from ballbot.control.references import square
 from ballbot.mechanics.model import LinearModel, Model
 from ballbot.robot import Robot
 from ballbot.simulation.batch import simulate_batch
-
-if TYPE_CHECKING:
-    from ballbot.thesis.symbols import Corrections
+from ballbot.thesis.reproduce.page import markdown_table
+from ballbot.thesis.symbols import Corrections
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,12 +59,6 @@ def entry_table(entries: Sequence[Entry]) -> str:
         for entry in entries
     ]
     return markdown_table(["", "printed", "reproduced", "comes out", "right"], rows)
-
-
-def markdown_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a Markdown table; the columns after the first are set flush right."""
-    marks = [":--", *("--:" for _ in headings[1:])]
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in [list(headings), marks, *rows])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -3,5 +3,5 @@
 One file a source. Each takes the robot's preset, switches on the source's own convention or mistake (by data: a
 robot with other inertias, or a mixture of the thesis's corrections), and sets printed, reproduced and right numbers
 side by side. The page needs SymPy (`pip install ballbot[symbolic]`):
-`python -m ballbot.thesis.published.page --out docs/generated/published_models.md`
+`python -m campaigns.published.page`
 """

@@ -25,18 +25,18 @@ from ballbot.mechanics.parameters import Formulation
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.robot import Friction, Robot
 from ballbot.thesis.lagrangian import equations
-from ballbot.thesis.published.printed import (
+from ballbot.thesis.reproduce.page import markdown_table
+from ballbot.thesis.symbols import Corrections
+from ballbot.twin.scenario import Scenario
+from campaigns.published.printed import (
     PERIOD,
     SETTLED,
     SIDE,
     Track,
-    markdown_table,
     mixture_model,
     track,
     unstable_poles,
 )
-from ballbot.thesis.symbols import Corrections
-from ballbot.twin.scenario import Scenario
 
 #: each correction, by its name in `Corrections`, as the page calls what it mends
 APPROXIMATIONS: Mapping[str, str] = {
