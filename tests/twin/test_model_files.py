@@ -15,9 +15,8 @@ from ballbot.robot import Robot
 from ballbot.robot.components import BY_NAME
 from ballbot.robot.parameters import value_of
 from ballbot.robot.robot import with_values
-from ballbot.twin.model_files import read_model, write_model
+from ballbot.twin.model_files import LARGEST_MODEL, read_model, write_model
 from ballbot.twin.parts import wheel_frames
-from ballbot.twin.xml_input import LARGEST_MODEL
 
 ALTEN = Robot.load("alten")
 both = pytest.mark.parametrize("suffix", [".xml", ".urdf"])
@@ -224,21 +223,16 @@ def test_a_model_of_others_becomes_a_robot(tmp_path):
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("", "is not valid XML, line 1"),
-        ("<mujoco><worldbody>", "is not valid XML, line 1"),
-        ("<html/>", "is no model in MJCF or URDF: it begins with <html>"),
+        ("", "is not a model that MuJoCo reads"),
+        ("<mujoco><worldbody>", "is not a model that MuJoCo reads: .* Line number=1"),
+        ("<html/>", "is not a model that MuJoCo reads: .* 'html'"),
         ("<mujoco/>", "It has no ball"),
         ("<robot name='a'><link name='b'/></robot>", "It has no ball|is not a model that MuJoCo reads"),
-        ('<!DOCTYPE a [<!ENTITY b "c">]><mujoco model="&b;"/>', "has a document type"),
-        ('<!DOCTYPE a SYSTEM "file:///etc/passwd"><robot name="a"/>', "has a document type"),
-        ('<mujoco><include file="b.xml"/></mujoco>', "includes another file, which is not read"),
-        ("<mujoco>" * 200 + "</mujoco>" * 200, "is too large a model"),
-        ("<mujoco>" + "<a/>" * 60_000 + "</mujoco>", "is too large a model"),
-        (foreign(extra="<replicate count='999999999'><geom/></replicate>"), "an element <replicate> in a body"),
+        ('<mujoco><include file="b.xml"/></mujoco>', "is not a model that MuJoCo reads"),
         (foreign(inertial=""), "the mass of the body 'base' comes from a mesh"),
         (foreign().replace('size="0.12"', 'size="0.1"'), "has a radius of 49.71 mm by its shape, but 69.71 mm lie"),
         (foreign().replace('axis="1 0 0"', 'axis="0 1 0"'), "It has 0 wheels on the ball, .* w0, w1, w2"),
-        (foreign().replace('mass="4"', 'mass="nan"'), "has a number that is not finite: mass of <inertial>"),
+        (foreign().replace('mass="4"', 'mass="nan"'), "is not a model that MuJoCo reads|a mass, an inertia"),
         (foreign().replace('mass="4"', 'mass="4e9"'), "It has a mass, an inertia or a place of 1e\\+09 or more"),
         (foreign().replace('mass="4"', 'mass="4e30"'), "is not a model that MuJoCo reads: Inertia matrix is too close"),
         (foreign().replace('mass="0.3"', 'mass="-1"'), "is not a model that MuJoCo reads"),

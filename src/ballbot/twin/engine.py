@@ -6,6 +6,7 @@ This is the only module that imports MuJoCo, whose bindings have no types.
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -156,22 +157,24 @@ _HINGE, _OF_JOINT = 3, 0  # MuJoCo's numbers of a hinge, and of an actuator on a
 def mechanism_of(document: str, *, source: str) -> Mechanism:
     """Return what a document in MJCF or URDF describes; a refusal names `source`.
 
+    Meshes and what they need are left out, so that no file beside the document is needed.
+
     Raises
     ------
     InputError
-        If MuJoCo is not installed, or refuses the document.
+        If MuJoCo is not installed, or refuses the document, or a mass comes from a mesh.
     """
     mujoco = _mujoco()
     refusal = f"{source} is not a model that MuJoCo reads"
-    warnings: list[str] = []
-    # else MuJoCo writes warnings into a file in the user's folder
-    mujoco.set_mju_user_warning(warnings.append)  # pyright: ignore[reportAttributeAccessIssue]
     try:
-        model = _compiled(mujoco, document, refusal=refusal)
-    finally:
-        mujoco.set_mju_user_warning(None)  # pyright: ignore[reportAttributeAccessIssue]
-    if warnings:
-        raise InputError(f"{refusal}: {' '.join(warnings[0].split())}")
+        with warnings.catch_warnings(action="error"):  # MuJoCo warns of numbers that are not finite
+            spec = mujoco.MjSpec.from_string(document)  # pyright: ignore[reportAttributeAccessIssue]
+            _leave_out_files(spec, source=source)
+            model = spec.compile()
+    except InputError:
+        raise
+    except (ValueError, UserWarning) as error:
+        raise InputError(f"{refusal}: {' '.join(str(error).split())}.") from None
     data = mujoco.MjData(model)  # pyright: ignore[reportAttributeAccessIssue]
     mujoco.mj_kinematics(model, data)  # pyright: ignore[reportAttributeAccessIssue]
     mujoco.mj_comPos(model, data)  # pyright: ignore[reportAttributeAccessIssue]
@@ -197,6 +200,22 @@ def mechanism_of(document: str, *, source: str) -> Mechanism:
         shape_sizes=model.geom_size.copy(),
         gravity=float(np.linalg.norm(model.opt.gravity)),
     )
+
+
+def _leave_out_files(spec, *, source: str) -> None:  # MjSpec
+    """Take meshes, height fields and textures, which are files of their own, out of a model."""
+    for geom in list(spec.geoms):
+        if geom.meshname or geom.hfieldname:
+            weighed = not geom.parent.explicitinertial and geom.mass != 0.0 and geom.density != 0.0
+            if weighed:
+                raise InputError(
+                    f"{source}: the mass of the body {geom.parent.name[:80]!r} comes from a mesh, and meshes are not "
+                    "read; give it an <inertial>, or the mesh mass 0."
+                )
+            spec.delete(geom)
+        geom.material = ""
+    for part in (*spec.meshes, *spec.hfields, *spec.skins, *spec.materials, *spec.textures):
+        spec.delete(part)
 
 
 def _torque_limits(model) -> NDArray[np.float64]:  # MjModel

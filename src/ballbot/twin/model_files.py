@@ -4,8 +4,7 @@ A model that is written has the twin's parts: each roller is a body of its own w
 and a cylinder in URDF, and a comment in the file says so. It also holds the robot file, since a model has no place for
 gears, motors, sensors and sources.
 
-A model that is read gives the parameters that it states (`ballbot.twin.recognition`), reduced before it is read as
-`ballbot.twin.xml_input` says. Of a file that Ballbot wrote, a parameter that still has its value keeps its source and
+A model that is read by MuJoCo gives the parameters that it states (`ballbot.twin.recognition`). Of a file that Ballbot wrote, a parameter that still has its value keeps its source and
 its last digit. What a model does not state is taken from another robot and marked as assumed.
 """
 
@@ -33,8 +32,9 @@ from ballbot.twin.mjcf import twin_mjcf
 from ballbot.twin.recognition import Recognized, recognize
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.urdf import robot_urdf
-from ballbot.twin.xml_input import LARGEST_MODEL, reduced_model
 
+#: bytes of a document
+LARGEST_MODEL = 10_000_000
 _URDF = ".urdf"
 #: relative difference below which a number of a model is the one that was written: sums over a hundred parts
 _SAME = 1e-7
@@ -125,12 +125,15 @@ def read_model(path: str | Path, *, like: Robot) -> ReadModel:
         If the file cannot be read, is refused, or is not that of a ball-balancing robot.
     """
     source = str(path)
-    document = reduced_model(read_text(path, largest=LARGEST_MODEL), source=source)
-    mechanism = mechanism_of(document.text, source=source)
+    text = read_text(path, largest=LARGEST_MODEL)
+    mechanism = mechanism_of(text, source=source)
+    root = ET.fromstring(text)
+    texts = {one.get("name"): one.get("data") for one in root.iterfind("custom/text")}
     try:
         found = recognize(mechanism)
-        values = found.values | ({"gravity": mechanism.gravity} if document.states_gravity else {})
-        written = _written_robot(document.robot_file, values, source=source)
+        states_gravity = any(one.get("gravity") for one in root.iterfind("option"))
+        values = found.values | ({"gravity": mechanism.gravity} if states_gravity else {})
+        written = _written_robot(texts.get("ballbot", root.findtext("ballbot")), values, source=source)
         if written is not None:
             return _changed(written, replace(found, values=values), source)
         return _assumed_like(like, replace(found, values=values), source)
