@@ -4,8 +4,9 @@ A model that is written has the twin's parts: each roller is a body of its own w
 and a cylinder in URDF, and a comment in the file says so. It also holds the robot file, since a model has no place for
 gears, motors, sensors and sources.
 
-A model that is read by MuJoCo gives the parameters that it states (`ballbot.twin.recognition`). Of a file that Ballbot wrote, a parameter that still has its value keeps its source and
-its last digit. What a model does not state is taken from another robot and marked as assumed.
+A model that MuJoCo reads gives the parameters that it states (`ballbot.twin.recognition`). Of a file that Ballbot
+wrote, a parameter that still has its value keeps its source and its last digit. What a model does not state is taken
+from another robot and marked as assumed.
 """
 
 from __future__ import annotations
