@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arrays import real_array, real_number
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.arrays import fill
-from ballbot.mechanics.engine.compiled import called, compiled, shared
+from ballbot.mechanics.engine.compiled import called, compiled
 from ballbot.mechanics.friction import sign
 
 _GUESSES = 12
@@ -388,7 +388,7 @@ def _minimise(M, free, C, limits, rolling_force, h, start):
     return minimiser(M, free, C, limits, rolling_force, h, start)
 
 
-@shared
+@called
 def minimiser(M, free, C, limits, rolling_force, h, start):
     """Return the velocities of `minimise`, to compiled code."""
     n, m = C.shape
