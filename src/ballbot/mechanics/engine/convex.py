@@ -251,7 +251,8 @@ def _problem_in(selected, work, lane):
     return tuple(restored(shape, work, row, lane) for row, shape in shapes)
 
 
-def _robot_in(selected, work, lane):
+@traced
+def robot_in_lane(selected, work, lane):
     """Return a lane's parameters, state, torques and step."""
     state, u = restored(state_like(selected), work, STATE, lane), restored(selected.wheels, work, TORQUE, lane)
     return load(selected, work, lane), state, u, entry(work, STEP, lane)
@@ -265,7 +266,7 @@ def _lanes(selected, first, last):
 @traced
 def _problems(selected, work, first, last):
     for lane in _lanes(selected, first, last):
-        P, state, u, h = _robot_in(selected, work, lane)
+        P, state, u, h = robot_in_lane(selected, work, lane)
         problem, first_pass, s = convex_problem(selected, P, state, u, h)
         stored(work, _PROBLEM, lane, problem)
         stored(work, _PASS, lane, first_pass)
@@ -280,7 +281,7 @@ def _problems(selected, work, first, last):
 @traced
 def _second_passes(selected, work, first, last):
     for lane in _lanes(selected, first, last):
-        P, state, u, h = _robot_in(selected, work, lane)
+        P, state, u, h = robot_in_lane(selected, work, lane)
         problem, one, s, forces = _problem_in(selected, work, lane)
         settled = entry(work, _SETTLED, lane)
         stored(work, _PASS, lane, second_pass(selected, P, state, u, problem, one, forces, s, h))

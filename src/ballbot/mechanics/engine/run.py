@@ -26,11 +26,12 @@ from ballbot.mechanics.contacts import (
     finished,
     first_ahead,
     free_motion,
+    parted,
     step_start,
 )
-from ballbot.mechanics.engine.arrays import box_rows, fill, in_order, mass_rows
+from ballbot.mechanics.engine.arrays import box_rows, in_order, mass_rows
 from ballbot.mechanics.engine.compiled import c_code, called, compiled, inlined
-from ballbot.mechanics.engine.convex import convex_block
+from ballbot.mechanics.engine.convex import convex_block, robot_in_lane
 from ballbot.mechanics.engine.lanes import (
     GROUP,
     LANES,
@@ -52,14 +53,14 @@ from ballbot.mechanics.engine.lanes import (
 from ballbot.mechanics.engine.loading import load, row_count, state_like
 from ballbot.mechanics.engine.smooth import SINES, SPEEDS, begin_steps, is_upright, smooth_block
 from ballbot.mechanics.engine.tracing import both, greatest, lanes, outside, traced, where
-from ballbot.mechanics.engine.vector import from_array
+from ballbot.mechanics.engine.vector import scale
 from ballbot.mechanics.equations import (
     attitude,
     rates_from_angles,
     rates_of_angles,
 )
 from ballbot.mechanics.parameters import Exact, Pivoting, Thesis, row_size
-from ballbot.mechanics.stick_slip import contact_rows, mobility, moving_minimiser, rest_is_held
+from ballbot.mechanics.stick_slip import mobility, moving_minimiser, rest_is_held
 
 
 @traced
@@ -76,49 +77,53 @@ def load_torques(selected, work, lane):
 
 @inlined
 def robust_lane(selected, work, lane):
-    """Take the convex step of one lane by `stick_slip.minimiser`, which always finds the minimiser."""
-    P = load(selected, work, lane)
-    state, u = load_state(selected, work, lane), load_torques(selected, work, lane)
-    h = entry(work, STEP, lane)
+    """Take the convex step of one lane by `stick_slip`, which always finds the minimiser."""
+    P, state, u, h = robot_in_lane(selected, work, lane)
     start = step_start(selected, state, h)
-    free = free_motion(selected, P, start.middle, start.v, start.w, u)
-    M, C = np.array(mass_rows(free.system)), np.array(box_rows(selected, P, start.middle))
-    Y, G = mobility(M, contact_rows(C))
-    contacts = (C, Y, G)
-    ahead = first_ahead(selected, P, start, free, h)
-    nu, guess = np.array(in_order(ahead.v, ahead.w)), np.array(in_order(start.v, start.w))
-    limits = np.array(ahead.limits)
-    if rest_is_held(M, nu, C, limits, P.rolling_force, h):
-        fill(nu, np.zeros(len(nu)))
+    ahead, M, contacts = _problem_of(selected, P, start, u, h)
+    nu, guess = in_order(ahead.v, ahead.w), in_order(start.v, start.w)
+    if rest_is_held(M, nu, contacts[0], ahead.limits, P.rolling_force, h):
+        nu = scale(nu, 0.0)
     else:
-        best, speeds = np.zeros((2, len(C) + 2)), np.array(ahead.speeds)
-        nu = moving_minimiser(M, nu, contacts, speeds, limits, P.rolling_force, h, guess, best)
-        found = found_of(ahead.speeds, best.ravel(), contacts[2].ravel(), h, ahead.limits)
-        end = velocity_in(start.v, nu) + (nu[2], nu[3], nu[4])
-        ahead = corrected_ahead(selected, P, start, end, found, u, h)
-        guess, nu, limits = nu, np.array(in_order(ahead.v, ahead.w)), np.array(ahead.limits)
-        speeds = np.array(ahead.speeds)
-        nu = moving_minimiser(M, nu, contacts, speeds, limits, ahead.rolling_force, h, guess, best)
-    v = velocity_in(start.v, nu)
-    stored(work, TRIAL, lane, finished(selected, state, start.middle, v, (nu[2], nu[3], nu[4]), h))
+        nu, forces, speeds = moving_minimiser(
+            M, nu, contacts, ahead.speeds, ahead.limits, P.rolling_force, h, guess
+        )
+        found = found_of(forces, speeds, contacts[2], h, ahead.limits)
+        ahead = corrected_ahead(selected, P, start, _in_parts(nu), found, u, h)
+        free = in_order(ahead.v, ahead.w)
+        nu, _, _ = moving_minimiser(M, free, contacts, ahead.speeds, ahead.limits, ahead.rolling_force, h, nu)
+    _put_trial(selected, work, lane, state, start, nu, h)
 
 
 @traced
-def found_of(like, best, G, h, limits):
-    """Return the `Found` of forces and speeds (2 contacts) and the mobility G, both flat, with as many contacts as `like`."""
-    m = len(like)
-    forces, speeds = from_array(like, best), tuple(best[m + i] for i in range(m))
-    stiffest = greatest(G[m * m - 1], G[(m - 1) * m - 2])
-    rates = tuple(1.0 / (h * (G[i * (m + 1)] if i < m - 2 else stiffest)) for i in range(m))
-    rows = tuple(tuple(rates[i] * h * G[i * m + j] for j in range(m)) for i in range(m))
-    probes = tuple(forces[i] + rates[i] * speeds[i] for i in range(m))
+def _problem_of(selected, P, start, u, h):
+    """Return the first `Ahead` of a step, the mass matrix and the contacts."""
+    free = free_motion(selected, P, start.middle, start.v, start.w, u)
+    M, C = mass_rows(free.system), box_rows(selected, P, start.middle)
+    return first_ahead(selected, P, start, free, h), M, (C, *mobility(M, C))
+
+
+@traced
+def _put_trial(selected, work, lane, state, start, nu, h):
+    v, w = parted(_in_parts(nu))
+    stored(work, TRIAL, lane, finished(selected, state, start.middle, v, w, h))
+
+
+@traced
+def _in_parts(nu):
+    """Return velocities v + w out of those in the order of `rows`."""
+    return nu[:2] + nu[5:] + nu[2:5]
+
+
+@traced
+def found_of(forces, speeds, G, h, limits):
+    """Return the `Found` of forces and speeds of the contacts and their mobility G."""
+    m = len(forces)
+    stiffest = greatest(G[-1][-1], G[-2][-2])
+    rates = tuple(1.0 / (h * (G[i][i] if i < m - 2 else stiffest)) for i in range(m))
+    rows = tuple(scale(row, rate * h) for row, rate in zip(G, rates, strict=True))
+    probes = tuple(force + rate * speed for force, rate, speed in zip(forces, rates, speeds, strict=True))
     return Found(forces, probes, rows, rates, limits)
-
-
-@traced
-def velocity_in(like, nu):
-    """Return v out of velocities in the order of `rows`."""
-    return (nu[0], nu[1]) if len(like) == 2 else (nu[0], nu[1], nu[5])
 
 
 class Code(NamedTuple):
