@@ -120,9 +120,9 @@ def angle_rates(a, w):
 
 
 @traced
-def ball_rate(P, v):
+def ball_rate(inv_rb, v):
     """Return Omega = E v / r_b (+ sigma e_z): the ball's angular velocity in the world; it rolls without slip."""
-    return (-v[1] * P.inv_rb, v[0] * P.inv_rb, v[2] if len(v) == 3 else 0.0)
+    return (-v[1] * inv_rb, v[0] * inv_rb, v[2] if len(v) == 3 else 0.0)
 
 
 def ground_force(P, T):
@@ -153,7 +153,7 @@ def terms_exact(P, a, v, w):
     Products with the zeros of e are left out by hand: the compiler may not, since 0 times infinity is no 0.
     """
     R = a.R
-    z = _rotate_back_rate(R, ball_rate(P, v), v)
+    z = _rotate_back_rate(R, ball_rate(P.inv_rb, v), v)
     D_zxw = symmetric_times(P.D, cross(z, w))
     # d3 - d2 = j_w r_w / r_b: a wheel turns about -a_i, relative to the body
     H = add(symmetric_times(P.J, w), scale(symmetric_times(P.D, subtract(w, z)), P.d3 - P.d2))
@@ -188,7 +188,7 @@ def terms_pivoting(P, a, v, w):
     To T comes 1/2 j_b sigma^2, and z = R^T Omega has sigma in it; the rest is the exact formulation's.
     """
     R = a.R
-    z = _rotate_back_rate(R, ball_rate(P, v), v)
+    z = _rotate_back_rate(R, ball_rate(P.inv_rb, v), v)
     D_z = symmetric_times(P.D, R[2])
     factor = P.d1 * P.inv_rb
     return SpinTerms(
@@ -217,7 +217,7 @@ def terms_thesis(P, a, v, rates):
     st, ct, sp, cp = a.sin_theta, a.cos_theta, a.sin_phi, a.cos_phi
     t_dot, p_dot = rates[0], rates[1]
     w = body_rates(a, rates)  # the true rate, with which R turns
-    zeta = rotate_back(R, subtract(ball_rate(P, v), scale(rates, P.k)))  # Omega_wheels = A zeta
+    zeta = rotate_back(R, subtract(ball_rate(P.inv_rb, v), scale(rates, P.k)))  # Omega_wheels = A zeta
     y = scale(symmetric_times(P.D, zeta), P.d1)
     wheel_momentum_rate = rotate(R, subtract(cross(w, y), scale(symmetric_times(P.D, cross(w, zeta)), P.d1)))
 
@@ -270,8 +270,8 @@ def terms(selected, P, a, v, w):
 def _relative_rate(selected, P, a, v, w):
     """Return the 3-vector whose product with A is the wheel speeds: z - w, or R^T (Omega - k Phi_dot)."""
     if isinstance(selected, Thesis):
-        return rotate_back(a.R, subtract(ball_rate(P, v), scale(w, P.k)))
-    return subtract(_rotate_back_rate(a.R, ball_rate(P, v), v), w)
+        return rotate_back(a.R, subtract(ball_rate(P.inv_rb, v), scale(w, P.k)))
+    return subtract(_rotate_back_rate(a.R, ball_rate(P.inv_rb, v), v), w)
 
 
 @traced

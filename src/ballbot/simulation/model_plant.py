@@ -110,7 +110,7 @@ def friction_needed(selected, P, state, u, row):
     dry = each(directed_friction, P.wheels, speeds, signs)
     net = net_torques(P, u, speeds, signs, dry)
     v_dot, w_dot = acceleration(selected, P, a, v, w, net, floor_friction(P, v))
-    z_dot = rotate_back(a.R, ball_rate(P, v_dot))
+    z_dot = rotate_back(a.R, ball_rate(P.inv_rb, v_dot))
     pushes = [
         torque - P.d1 * dot(wheel.axle, z_dot) + P.d2 * dot(wheel.axle, w_dot)
         for wheel, torque in zip(P.wheels, net, strict=True)

@@ -110,7 +110,7 @@ class Number:
 
 
 class Rows:
-    """Stands for a flat array of float64, or for C's pointer to its numbers."""
+    """Stands for an array of float64 whose numbers lie one after another, or for C's pointer to them."""
 
     def __init__(self, data: ir.Value) -> None:
         self.data = data
@@ -241,7 +241,7 @@ def outside(address, *arguments) -> None:
 
 
 def traced(function: F) -> F:
-    """Let Numba's code call a function of numbers, tuples and flat arrays; it is inlined."""
+    """Let Numba's code call a function of numbers, tuples and arrays; it is inlined."""
     parameters = signature(function)
 
     @type_callable(function)
