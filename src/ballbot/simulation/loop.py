@@ -664,24 +664,24 @@ def _new_block(loops, width, n, filtering):
 
 
 @called
-def _move(selected, work, width, inputs, block, sampling, first):
+def _move(code, selected, work, width, inputs, block, sampling, first):
     """Move a block's robots on by a sample."""
     plays = _loop_of(inputs, first).play > 0.0  # all robots of a block, or none
     h = sampling.sample_time / sampling.steps
     if not (plays or block.lags):
         _put_torques(work, width, inputs, block, first, h)
-        take_steps(selected, work, width, sampling.steps)
+        take_steps(code, work, width, sampling.steps)
         return
     for _ in range(sampling.steps):
         _put_torques(work, width, inputs, block, first, h)
         if plays:
             play_block(selected, work, width)
         else:
-            take_steps(selected, work, width, 1)
+            take_steps(code, work, width, 1)
 
 
 @compiled
-def run_block(selected, inputs, draws, sampling, first, width, out):
+def run_block(code, selected, inputs, draws, sampling, first, width, out):
     """Run robots first .. first + width - 1; `draws` are of these alone."""
     samples, n = len(sampling.references), out.torques.shape[2]
     filtering = len(inputs.filters) > 0
@@ -704,7 +704,7 @@ def run_block(selected, inputs, draws, sampling, first, width, out):
                         robot = robot_in(work, lane)
                         work[STEP * LANES + lane] = draws.durations[robot, sample] / sampling.steps
             _take_pushes(selected, work, width, inputs, sampling, first, sample)
-            _move(selected, work, width, inputs, block, sampling, first)
+            _move(code, selected, work, width, inputs, block, sampling, first)
             _turn_motors(selected, work, width, inputs, block, first, draws.durations, sample)
         for lane in range(width):
             robot = first + robot_in(work, lane)
