@@ -47,7 +47,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import called, compiled, inlined
 from ballbot.mechanics.engine.elementary import sine_cosine
-from ballbot.mechanics.engine.lanes import LANES, entry, put, restored, stored
+from ballbot.mechanics.engine.lanes import entry, put, restored, stored
 from ballbot.mechanics.engine.tracing import greatest, lanes, root, traced, where
 from ballbot.mechanics.engine.vector import add, dot, scale, summed
 from ballbot.robot import Robot

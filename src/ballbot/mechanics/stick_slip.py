@@ -29,7 +29,7 @@ from ballbot.arrays import real_array, real_number
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import called, compiled
 from ballbot.mechanics.engine.tracing import both, either, greatest, least, root, traced, where
-from ballbot.mechanics.engine.vector import advanced, inner, scale, solve_dense, subtract, summed
+from ballbot.mechanics.engine.vector import advanced, inner, scale, solve_dense, summed
 from ballbot.mechanics.friction import sign
 
 _GUESSES = 12

@@ -28,6 +28,7 @@ called = njit(fastmath=FAST, **_INSIDE)
 #: a function that is inlined where it is used
 inlined = njit(fastmath=FAST, forceinline=True, **_INSIDE)
 
+
 def by_types_of(stub: Callable) -> Callable:
     """Return a decorator: the function it is given chooses `stub`'s compiled form from its arguments' types."""
     options = {"fastmath": FAST, "forceinline": True, **_INSIDE}

@@ -254,7 +254,10 @@ def _problem_in(selected, work, lane):
 @traced
 def robot_in_lane(selected, work, lane):
     """Return a lane's parameters, state, torques and step."""
-    state, u = restored(state_like(selected), work, STATE, lane), restored(selected.wheels, work, TORQUE, lane)
+    state, u = (
+        restored(state_like(selected), work, STATE, lane),
+        restored(selected.wheels, work, TORQUE, lane),
+    )
     return load(selected, work, lane), state, u, entry(work, STEP, lane)
 
 

@@ -8,7 +8,16 @@ that wait for each other, and these polynomials are most of it. Accuracy is meas
 tests/mechanics/test_elementary.py.
 """
 
-from ballbot.mechanics.engine.tracing import bits_of, float_of, greatest, in_order, least, traced, where, whole
+from ballbot.mechanics.engine.tracing import (
+    bits_of,
+    float_of,
+    greatest,
+    in_order,
+    least,
+    traced,
+    where,
+    whole,
+)
 
 # pi/2 in three parts, so that k * part is exact while |k| < 2^20 (angles to a million radians)
 _HALF_PI_1 = 1.5707963267341256

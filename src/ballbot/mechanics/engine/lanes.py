@@ -1,8 +1,8 @@
 """Robots side by side: the work array of a block, its rows, and how compiled code reads and writes them.
 
-Row i of a block's flat array begins at i * LANES, and a robot is a column. A step is a chain of operations that wait for each other; it is
-therefore taken in short loops over all lanes, one for each part, that leave their results in the scratch rows: while
-one lane's numbers wait, the next lane's are on their way.
+Row i of a block's flat array begins at i * LANES, and a robot is a column. A step is a chain of operations that wait
+for each other; it is therefore taken in short loops over all lanes, one for each part, that leave their results in the
+scratch rows: while one lane's numbers wait, the next lane's are on their way.
 """
 
 from collections.abc import Iterator
@@ -84,7 +84,7 @@ def swap(work, row, first, second):
 
 @traced
 def restored(like, work, row, lane):
-    """Return the numbers of a lane from `row` on as a tuple, named or not, or tuples in tuples, of the shape of `like`."""
+    """Return the numbers of a lane from `row` on in the shape of `like`, a tuple or tuples in tuples."""
     return shaped(like, (entry(work, row + i, lane) for i in count()))
 
 

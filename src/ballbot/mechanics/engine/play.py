@@ -91,7 +91,9 @@ def wheel_side(P, rotor):
 @traced
 def passed_torques(selected, work, lane):
     """Return the torques (n) that drive a lane's wheels: what their gears pass on, less their loads."""
-    return subtract(restored(selected.wheels, work, PASSED, lane), restored(selected.wheels, work, LOAD, lane))
+    return subtract(
+        restored(selected.wheels, work, PASSED, lane), restored(selected.wheels, work, LOAD, lane)
+    )
 
 
 def _contacts_like(selected):

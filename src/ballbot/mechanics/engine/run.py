@@ -50,7 +50,7 @@ from ballbot.mechanics.engine.lanes import (
     stored,
     swap,
 )
-from ballbot.mechanics.engine.loading import load, row_count, state_like
+from ballbot.mechanics.engine.loading import row_count, state_like
 from ballbot.mechanics.engine.smooth import SINES, SPEEDS, begin_steps, is_upright, smooth_block
 from ballbot.mechanics.engine.tracing import both, greatest, lanes, outside, traced, where
 from ballbot.mechanics.engine.vector import scale
@@ -127,12 +127,14 @@ def found_of(forces, speeds, G, h, limits):
 
 
 class Code(NamedTuple):
-    """Addresses of what a step is made of, compiled by itself for each kind of robot, to be called by `tracing.outside`.
+    """Addresses of what a step is made of, compiled by itself for each kind of robot, for `tracing.outside`.
 
     Within the loops that call it, each would be optimised and assembled again with every one of them.
     """
 
-    take_steps: int  #: (work, width, steps, robust_lane): advances every lane by so many steps with torques held
+    take_steps: (
+        int  #: (work, width, steps, robust_lane): advances every lane by so many steps with torques held
+    )
     robust_lane: int  #: (work, lane)
 
 

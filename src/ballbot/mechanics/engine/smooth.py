@@ -92,7 +92,10 @@ def rest_speeds(P, h):
 
 def moving_margin(P, v, speeds, h):
     """Return a number that is positive if no contact with dry friction is at rest: its sign is then known."""
-    faster = (where(rest > 0.0, abs(speed) - rest, 1.0) for speed, rest in zip(speeds, rest_speeds(P, h), strict=True))
+    faster = (
+        where(rest > 0.0, abs(speed) - rest, 1.0)
+        for speed, rest in zip(speeds, rest_speeds(P, h), strict=True)
+    )
     return least(rolling_margin(P, v), smallest(tuple(faster)))
 
 
