@@ -69,11 +69,6 @@ def ran(run: Run, noise: FilterNoise = NOISE) -> tuple[KalmanFilter, NDArray[np.
 # the parts
 
 
-@compiled
-def _tilted(lean):
-    return _tilt(lean)
-
-
 @settings(deadline=None)  # the first example compiles
 @given(st.floats(-1.2, 1.2), st.floats(-1.2, 1.2), st.floats(-9, 9), st.floats(-3, 3))
 def test_heading_and_lean_are_the_attitude_and_know_nothing_of_each_other(theta, phi, psi, turn) -> None:
@@ -82,7 +77,7 @@ def test_heading_and_lean_are_the_attitude_and_know_nothing_of_each_other(theta,
     s, c = np.sin(heading), np.cos(heading)
     about_vertical = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
     np.testing.assert_allclose(
-        about_vertical @ np.array(_tilted(tuple(lean))), rotation(theta, phi, psi), atol=1e-12
+        about_vertical @ np.array(_tilt(tuple(lean))), rotation(theta, phi, psi), atol=1e-12
     )
     turned = attitude_of_swing(lean, heading + turn)
     np.testing.assert_allclose(lean_of(*turned), lean, atol=1e-9)
@@ -129,21 +124,6 @@ def test_only_gravity_changes_the_momentum_whatever_the_driveline_does() -> None
 
 
 @compiled
-def _moved(model, x, gyro):
-    return advanced_state(model, x, gyro, gyro)[0]
-
-
-@compiled
-def _transition(model, x, gyro):
-    return transition(model, x, gyro)
-
-
-@compiled
-def _wheels(model, x, ball_rate, gyro, velocity):
-    return wheels_seen(model, x, ball_rate, gyro, velocity)
-
-
-@compiled
 def _propagate_and_absorb(work):
     _propagate(work, 1)
     _absorb(work, 1, 0, 6)
@@ -167,13 +147,13 @@ def test_derivatives_are_those_of_the_functions(seed: int) -> None:
         return tuple(x[S : S + 2] - arrays.lever @ (np.array(gyro) - x[BIAS : BIAS + 3]))
 
     def moved(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.array(_moved(model, tuple(x), gyro))
+        return np.array(advanced_state(model, tuple(x), gyro, gyro)[0])
 
     def wheels(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        return -np.array(_wheels(model, tuple(x), ball_rate, gyro, velocity(x))[0])
+        return -np.array(wheels_seen(model, tuple(x), ball_rate, gyro, velocity(x))[0])
 
     F = np.eye(STATES)
-    for (i, j), value in zip(_ENTRIES, _transition(model, tuple(x), gyro), strict=True):
+    for (i, j), value in zip(_ENTRIES, transition(model, tuple(x), gyro), strict=True):
         F[i, j] = value
     # F is to first order in h: h^2/2 times gravity's 7 m/s^2 and rates of some 1 rad/s
     np.testing.assert_allclose(F, numerical(moved, x), atol=5e-4)
@@ -182,7 +162,7 @@ def test_derivatives_are_those_of_the_functions(seed: int) -> None:
         (0.1, 0.1 * 2 * 3.0),
     ):  # rows are to first order: lean times ball's rate
         x[G : G + 2] = lean
-        entries = iter(_wheels(model, tuple(x), ball_rate, gyro, velocity(x))[1])
+        entries = iter(wheels_seen(model, tuple(x), ball_rate, gyro, velocity(x))[1])
         rows = np.zeros((3, STATES))
         for row, states in zip(rows, _SEEN, strict=False):
             row[list(states)] = [next(entries) for _ in states]

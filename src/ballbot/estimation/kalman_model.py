@@ -47,8 +47,9 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import called, compiled, inlined
 from ballbot.mechanics.engine.elementary import sine_cosine
-from ballbot.mechanics.engine.lanes import LANES, entry, put, restored, stored
-from ballbot.mechanics.engine.vector import add, dot, scale, written
+from ballbot.mechanics.engine.lanes import entry, put, restored, stored
+from ballbot.mechanics.engine.tracing import greatest, lanes, root, traced, where
+from ballbot.mechanics.engine.vector import add, dot, scale, summed
 from ballbot.robot import Robot
 
 
@@ -203,26 +204,23 @@ _VARIANCES = _WALK + STATES
 _STATE_SHAPE = (0.0,) * STATES
 
 
-@inlined
+@traced
 def upright_part(lean):
     """Return g_z; a lean that noise has taken past level counts as nearly level."""
-    return math.sqrt(max(1.0 - lean[0] * lean[0] - lean[1] * lean[1], 1e-6))
+    return root(greatest(1.0 - lean[0] * lean[0] - lean[1] * lean[1], 1e-6))
 
 
-@inlined
 def lean_rate(lean, w):
     """Return x and y of g x w."""
     g_z = upright_part(lean)
     return (lean[1] * w[2] - g_z * w[1], g_z * w[0] - lean[0] * w[2])
 
 
-@inlined
 def heading_rate(lean, w):
     """Return psi_dot = w . (g + e_z) / (1 + g_z) [rad/s]."""
     return w[2] + (w[0] * lean[0] + w[1] * lean[1]) / (1.0 + upright_part(lean))
 
 
-@inlined
 def _momentum_rate(momentum, lean, turning, pull):
     """Return s_dot."""
     return (
@@ -231,27 +229,22 @@ def _momentum_rate(momentum, lean, turning, pull):
     )
 
 
-@inlined
 def _less(a, b):
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
-@inlined
 def _mean(a, b):
     return (0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2]))
 
 
-@inlined
 def _ahead(a, rate, h):
     return (a[0] + h * rate[0], a[1] + h * rate[1])
 
 
-@inlined
 def _turned(rows, first, second):
     return add(scale(rows[0], first), scale(rows[1], second))
 
 
-@inlined
 def _tilt(g):
     """Return M(g), the shortest turn that takes the direction g, given by x and y, upright, by its rows."""
     g_z = upright_part(g)
@@ -263,7 +256,6 @@ def _tilt(g):
     )
 
 
-@inlined
 def advanced_state(model, x, gyro_before, gyro):
     """Return the state a sample later, and the mean of v (2) [m/s] over the sample."""
     h, lever, b = model.sample_time, model.lever, (x[7], x[8], x[9])
@@ -285,7 +277,6 @@ def advanced_state(model, x, gyro_before, gyro):
     return x_y + (x[2] + h * turning,) + g + after + b + errors, v
 
 
-@inlined
 def transition(model, x, gyro):
     """Return the `_ENTRIES` of F: `advanced_state` derived by the state, to first order in h."""
     h, lever, pull = model.sample_time, model.lever, model.pull
@@ -307,7 +298,6 @@ def transition(model, x, gyro):
     )
 
 
-@inlined
 def wheels_seen(model, x, ball_rate, gyro, velocity):
     """Return residuals (3) and entries of h (15) of v_x - r_b Omega_y = 0, v_y + r_b Omega_x = 0, -Omega_z = 0.
 
@@ -334,20 +324,10 @@ def wheels_seen(model, x, ball_rate, gyro, velocity):
     return residuals, forward + left + (M[2][0], M[2][1], M[2][2], -z[0], -z[1])
 
 
-@inlined
-def _none_if(missing, a):
-    return (0.0 if missing else a[0], 0.0 if missing else a[1], 0.0 if missing else a[2])
-
-
-@inlined
-def _missing_if(missing, a):
-    return (math.nan if missing else a[0], math.nan if missing else a[1], math.nan if missing else a[2])
-
-
-@called
+@traced
 def _motion(work, width):
     """Move the states on by a sample; leave F, and what the wheels show."""
-    for lane in range(width):
+    for lane in lanes(0, width):
         model, x = restored(_MODEL_SHAPE, work, 0, lane), restored(_STATE_SHAPE, work, STATE, lane)
         before, gyro = restored(_THREE, work, GYRO_BEFORE, lane), restored(_THREE, work, GYRO, lane)
         middle = _mean(before, gyro)
@@ -355,59 +335,47 @@ def _motion(work, width):
         x, velocity = advanced_state(model, x, before, gyro)
         stored(work, STATE, lane, x)
         rate = restored(_THREE, work, BALL_RATE, lane)
-        missing = not rate[0] + rate[1] + rate[2] < math.inf
-        residuals, entries = wheels_seen(model, x, _none_if(missing, rate), middle, velocity)
-        residuals = _missing_if(missing, residuals)
+        known = rate[0] + rate[1] + rate[2] < math.inf
+        residuals, entries = wheels_seen(model, x, where(known, rate, _THREE), middle, velocity)
+        residuals = where(known, residuals, (math.nan,) * 3)
         stored(work, _RESIDUAL, lane, residuals)
         stored(work, _ROWS_SEEN, lane, entries + (1.0, 1.0, 1.0, 1.0, 1.0, 1.0))
         put(work, PIVOTING, lane, residuals[2])
 
 
-def _row(first: str | int, number: int) -> str:
-    """Return how compiled code writes a number of a lane."""
-    return f"work[unsigned(({first} + {number}) * {LANES} + lane)]"
-
-
-def _propagation():
-    """Return a function that overwrites a lane's covariance by F P F^T + Q, written out.
+@traced
+def _propagate(work, width):
+    """Overwrite the covariances by F P F^T + Q.
 
     A sample's gyro noise does what a bias of one sample would, hence Q's part F_b F_b^T.
     """
-    lines = [f"f{i} = {_row(_F, i)}" for i in range(len(_ENTRIES))]
-    lines += [f"p{k} = {_row(COVARIANCE, k)}" for k in range(_TRIANGLE_SIZE)]
-    lines += [f"noise = work[unsigned({_GYRO_VARIANCE * LANES} + lane)]"]
-    in_row = {i: [(k, f"f{n}") for n, (r, k) in enumerate(_ENTRIES) if r == i] for i in range(STATES)}
+    for lane in lanes(0, width):
+        f = restored((0.0,) * len(_ENTRIES), work, _F, lane)
+        p = restored((0.0,) * _TRIANGLE_SIZE, work, COVARIANCE, lane)
+        noise = entry(work, _GYRO_VARIANCE, lane)
+        rows = [{k: f[n] for n, (r, k) in enumerate(_ENTRIES) if r == i} for i in range(STATES)]
+        m = [
+            [_product_of(i, rows[i], [p[_triangle(k, j)] for k in range(STATES)]) for j in range(STATES)]
+            for i in range(STATES)
+        ]
+        for i in range(STATES):
+            for j in range(i + 1):
+                found = _product_of(j, rows[j], m[i])
+                for b in range(BIAS, BIAS + 3):
+                    if i < BIAS and b in rows[i] and b in rows[j]:  # rows below have no gyro in them
+                        found = found + noise * (rows[i][b] * rows[j][b])
+                if i == j:
+                    found = found + entry(work, _WALK + i, lane)
+                put(work, COVARIANCE + _triangle(i, j), lane, found)
 
-    def product(i: int, of) -> str:
-        own = [] if any(k == i for k, _ in in_row[i]) else [of(i)]
-        return " + ".join([*own, *(f"{f} * {of(k)}" for k, f in in_row[i])])
 
-    for i in range(STATES):
-        for j in range(STATES):
-            lines.append(f"m{i}_{j} = {product(i, lambda k, j=j: f'p{_triangle(k, j)}')}")
-    biased = {i: dict(in_row[i]) for i in range(BIAS)}  # rows below have no gyro in them
-    for i in range(STATES):
-        for j in range(i + 1):
-            terms = [product(j, lambda k, i=i: f"m{i}_{k}")]
-            if i < BIAS:
-                shared = [b for b in range(BIAS, BIAS + 3) if b in biased[i] and b in biased[j]]
-                terms += [
-                    f"noise * ({' + '.join(f'{biased[i][b]} * {biased[j][b]}' for b in shared)})"
-                ] * bool(shared)
-            if i == j:
-                terms.append(_row(_WALK, i))
-            lines.append(f"{_row(COVARIANCE, _triangle(i, j))} = {' + '.join(terms)}")
-    return inlined(written("work, lane", "None", *lines, unsigned=np.uint64))
+def _product_of(place: int, row: dict, column: list):
+    """Return the product of a row of F, one on the diagonal but for the entries given, with a column."""
+    own = [] if place in row else [column[place]]
+    return summed([*own, *(number * column[k] for k, number in row.items())])
 
 
 _GYRO_VARIANCE = 13
-_propagate_lane = _propagation()
-
-
-@called
-def _propagate(work, width):
-    for lane in range(width):
-        _propagate_lane(work, lane)
 
 
 @called
@@ -447,26 +415,18 @@ def _weigh(work, width, number, counts):
             )
 
 
-def _correction():
-    """Return a function that takes a seen number into a lane's covariance, written out."""
-    lines = [f"q{i} = {_row(_Q, i)}" for i in range(STATES)]
-    lines += [f"s, inverse = {_row(_VARIANCE, 0)}, {_row(_INVERSE, 0)}"]
-    for i in range(STATES):
-        lines += [f"k{i} = inverse * q{i}", f"rest{i} = q{i} - s * k{i}"]
-    for i in range(STATES):
-        for j in range(i + 1):
-            place = _row(COVARIANCE, _triangle(i, j))
-            lines.append(f"{place} = {place} - k{i} * q{j} - rest{i} * k{j}")
-    return inlined(written("work, lane", "None", *lines, unsigned=np.uint64))
-
-
-_correct_lane = _correction()
-
-
-@called
+@traced
 def _correct(work, width):
-    for lane in range(width):
-        _correct_lane(work, lane)
+    """Take a seen number into the covariances."""
+    for lane in lanes(0, width):
+        q = restored(_STATE_SHAPE, work, _Q, lane)
+        s, inverse = entry(work, _VARIANCE, lane), entry(work, _INVERSE, lane)
+        k = scale(q, inverse)
+        rest = [one - s * gain for one, gain in zip(q, k, strict=True)]
+        for i in range(STATES):
+            for j in range(i + 1):
+                place = COVARIANCE + _triangle(i, j)
+                put(work, place, lane, entry(work, place, lane) - k[i] * q[j] - rest[i] * k[j])
 
 
 @called

@@ -1,6 +1,6 @@
 """From generalised forces to accelerations: M nu_dot = f solved by blocks, and by the ball's spin where it pivots."""
 
-from ballbot.mechanics.engine.compiled import by_types_of, inlined
+from ballbot.mechanics.engine.tracing import greatest, least, traced
 from ballbot.mechanics.engine.vector import add, dot, scale, subtract, symmetric_times
 from ballbot.mechanics.equations import SpinTerms, Terms
 from ballbot.mechanics.parameters import Pivoting
@@ -10,8 +10,7 @@ _TERMS = Terms(_THREE, (_THREE, _THREE), _SIX, _TWO, _THREE)
 _SPIN_TERMS = SpinTerms(_TERMS, 0.0, _TWO, _THREE, 0.0)
 
 
-@inlined
-def solve_rolling(system, force_v, force_w):
+def _solve_rolling(system, force_v, force_w):
     """Return M^-1 (force_v, force_w), of the five velocities by blocks: v is eliminated first."""
     a, c, b = system.M_vv
     inverse = 1.0 / (a * c - b * b)
@@ -30,13 +29,12 @@ def solve_rolling(system, force_v, force_w):
         yz - X[1] * U[2] - Y[1] * V[2],
     )
     rest = subtract(force_w, add(scale(U, force_v[0]), scale(V, force_v[1])))
-    w = solve_symmetric(S, rest)
+    w = _solve_symmetric(S, rest)
     f_x, f_y = force_v[0] - dot(X, w), force_v[1] - dot(Y, w)
     return (i_xx * f_x + i_xy * f_y, i_xy * f_x + i_yy * f_y), w
 
 
-@inlined
-def solve_symmetric(S, right):
+def _solve_symmetric(S, right):
     """Return S^-1 right for a symmetric 3 x 3 matrix, by cofactors."""
     xx, yy, zz, xy, xz, yz = S
     c_xx, c_xy, c_xz = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
@@ -45,87 +43,50 @@ def solve_symmetric(S, right):
     return scale(symmetric_times((c_xx, c_yy, c_zz, c_xy, c_xz, c_yz), right), inverse)
 
 
-def solve(system, force_v, force_w, holding=0.0) -> tuple:  # pragma: no cover (compiled form below)
+@traced
+def solve(system, force_v, force_w, holding=0.0):
     """Return M^-1 (force_v, force_w) as (v_dot, w_dot), where at most `holding` [N m] holds a spin that there is."""
-    raise NotImplementedError("compiled code only")
+    if isinstance(system, SpinTerms):
+        return _solve_with_spin(system, force_v, force_w, holding)
+    return _solve_rolling(system, force_v, force_w)
 
 
-@by_types_of(solve)
-def _solve(system, force_v, force_w, holding=0.0):
-    if system.instance_class is SpinTerms:
-        return lambda system, force_v, force_w, holding=0.0: solve_with_spin(
-            system, force_v, force_w, holding
-        )
-    return lambda system, force_v, force_w, holding=0.0: solve_rolling(system, force_v, force_w)
-
-
-@inlined
-def solve_with_spin(system, force_v, force_w, holding):
+def _solve_with_spin(system, force_v, force_w, holding):
     """Return M^-1 (force_v, force_w) of six velocities: the spin is eliminated last.
 
     A torque of at most `holding` opposes the spin's acceleration; where it suffices, that is exactly zero.
     """
-    v, w = solve_rolling(system.rolling, (force_v[0], force_v[1]), force_w)
-    dv, dw = solve_rolling(system.rolling, system.M_sv, system.M_sw)
+    v, w = _solve_rolling(system.rolling, (force_v[0], force_v[1]), force_w)
+    dv, dw = _solve_rolling(system.rolling, system.M_sv, system.M_sw)
     coupling = system.M_sv[0] * v[0] + system.M_sv[1] * v[1] + dot(system.M_sw, w)
     stiffness = system.M_ss - system.M_sv[0] * dv[0] - system.M_sv[1] * dv[1] - dot(system.M_sw, dw)
     torque = force_v[2] - coupling
-    spin = (torque - min(max(torque, -holding), holding)) / stiffness
+    spin = (torque - least(greatest(torque, -holding), holding)) / stiffness
     return (v[0] - spin * dv[0], v[1] - spin * dv[1], spin), subtract(w, scale(dw, spin))
 
 
-@inlined
+@traced
 def accelerated(system, holding):
     """Return (v_dot, w_dot) under the forces in the system."""
     force_v, force_w = forces_in(system)
     return solve(system, force_v, force_w, holding)
 
 
-def forces_in(system) -> tuple:  # pragma: no cover (compiled form below)
+def forces_in(system):
     """Return the generalised forces in `Terms` or `SpinTerms`, (on v, on w)."""
-    raise NotImplementedError("compiled code only")
+    if isinstance(system, SpinTerms):
+        return (*system.rolling.f_v, system.f_s), system.rolling.f_w
+    return system.f_v, system.f_w
 
 
-@by_types_of(forces_in)
-def _forces_in(system):
-    if system.instance_class is SpinTerms:
-        return lambda system: (
-            (system.rolling.f_v[0], system.rolling.f_v[1], system.f_s),
-            system.rolling.f_w,
-        )
-    return lambda system: (system.f_v, system.f_w)
-
-
-def with_forces(system, force_v, force_w) -> tuple:  # pragma: no cover (compiled form below)
+def with_forces(system, force_v, force_w):
     """Return the system with these forces in it."""
-    raise NotImplementedError("compiled code only")
+    if isinstance(system, SpinTerms):
+        rolling = with_forces(system.rolling, force_v[:2], force_w)
+        return system._replace(rolling=rolling, f_s=force_v[2])
+    return system._replace(f_v=force_v, f_w=force_w)
 
 
-@by_types_of(with_forces)
-def _with_forces(system, force_v, force_w):
-    if system.instance_class is SpinTerms:
-        return lambda system, force_v, force_w: SpinTerms(
-            _rolling_with_forces(system.rolling, (force_v[0], force_v[1]), force_w),
-            system.M_ss,
-            system.M_sv,
-            system.M_sw,
-            force_v[2],
-        )
-    return lambda system, force_v, force_w: _rolling_with_forces(system, force_v, force_w)
-
-
-@inlined
-def _rolling_with_forces(system, force_v, force_w):
-    return Terms(system.M_vv, system.M_vw, system.M_ww, force_v, force_w)
-
-
-def system_like(selected) -> tuple:  # pragma: no cover (compiled form below)
+def system_like(selected):
     """Return `Terms` or `SpinTerms` of zeros, of the kind that the selected equations have."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(system_like)
-def _system_like(selected):
-    if selected.instance_class is Pivoting:
-        return lambda selected: _SPIN_TERMS
-    return lambda selected: _TERMS
+    return _SPIN_TERMS if isinstance(selected, Pivoting) else _TERMS

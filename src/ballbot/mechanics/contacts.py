@@ -9,13 +9,12 @@ end, whenever it stopped. One that turns about has its friction one way up to th
 after it: the second pass gives it the mean (`turns_about`).
 """
 
-import math
 from typing import NamedTuple
 
 from ballbot.mechanics.accelerations import forces_in, solve
-from ballbot.mechanics.engine.compiled import by_types_of, inlined
 from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, in_state_order
-from ballbot.mechanics.engine.vector import add, advanced, each, scale, solve_dense, subtract, written
+from ballbot.mechanics.engine.tracing import both, either, root, traced, where
+from ballbot.mechanics.engine.vector import add, advanced, each, inner, scale, solve_dense, subtract
 from ballbot.mechanics.equations import (
     Attitude,
     balancing_attitude,
@@ -26,102 +25,46 @@ from ballbot.mechanics.equations import (
     wheel_speeds,
 )
 from ballbot.mechanics.floor import REST, rolling_brake
-from ballbot.mechanics.friction import dry_friction, friction_shift, has_directions, sign
+from ballbot.mechanics.friction import dry_friction, friction_shift, sign
 from ballbot.mechanics.parameters import Pivoting
 
 
-def contact_speeds(selected, P, a, v, w) -> tuple:  # pragma: no cover (compiled form below)
+def contact_speeds(selected, P, a, v, w):
     """Return C nu: the speed at each contact."""
-    raise NotImplementedError("compiled code only")
+    return of_boxes(selected, wheel_speeds(selected, P, a, v, w), v[-1]) + (v[0], v[1])
 
 
-@by_types_of(contact_speeds)
-def _contact_speeds(selected, P, a, v, w):
-    if selected.instance_class is Pivoting:
-        return lambda selected, P, a, v, w: wheel_speeds(selected, P, a, v, w) + (v[2], v[0], v[1])
-    return lambda selected, P, a, v, w: wheel_speeds(selected, P, a, v, w) + (v[0], v[1])
-
-
-def of_boxes(selected, of_wheels, of_spin) -> tuple:  # pragma: no cover
+def of_boxes(selected, of_wheels, of_spin):
     """Return the boxes' numbers: those of the wheels, and that of the spin where the ball pivots."""
-    raise NotImplementedError("compiled code only")
+    return (*of_wheels, of_spin) if isinstance(selected, Pivoting) else of_wheels
 
 
-@by_types_of(of_boxes)
-def _of_boxes(selected, of_wheels, of_spin):
-    if selected.instance_class is Pivoting:
-        return lambda selected, of_wheels, of_spin: of_wheels + (of_spin,)
-    return lambda selected, of_wheels, of_spin: of_wheels
-
-
-def contact_forces(selected, P, a, forces) -> tuple:  # pragma: no cover
+def contact_forces(selected, P, a, forces):
     """Return C^T lambda as (force on v, force on w)."""
-    raise NotImplementedError("compiled code only")
+    n = len(selected.wheels)
+    F, L = wheel_force(selected, P, a, ball_torque(P, forces[:n]))
+    on_floor = (F[0] + forces[-2], F[1] + forces[-1])
+    return (*on_floor, F[2] + forces[n]) if isinstance(selected, Pivoting) else on_floor, L
 
 
-@by_types_of(contact_forces)
-def _contact_forces(selected, P, a, forces):
-    n = len(selected.types[0])
-    torques = "(" + ", ".join(f"forces[{i}]" for i in range(n)) + ",)"
-    last = len(forces) - 2
-    pivots = selected.instance_class is Pivoting
-    spin = f", F[2] + forces[{n}]" if pivots else ""
-    return written(
-        "selected, P, a, forces",
-        f"(F[0] + forces[{last}], F[1] + forces[{last + 1}]{spin}), L",
-        f"F, L = wheel_force(selected, P, a, ball_torque(P, {torques}))",
-        wheel_force=wheel_force,
-        ball_torque=ball_torque,
-    )
+def responses(selected, P, a, system, count):
+    """Return M^-1 C^T by rows: accelerations v_dot + w_dot under a unit force at each of so many contacts."""
+    rows = []
+    for i in range(count):
+        unit = tuple(1.0 if i == j else 0.0 for j in range(count))
+        v_dot, w_dot = solve(system, *contact_forces(selected, P, a, unit))
+        rows.append(v_dot + w_dot)
+    return tuple(rows)
 
 
-def responses(selected, P, a, system, like) -> tuple:  # pragma: no cover
-    """Return M^-1 C^T by rows, one for each of `like`: accelerations v_dot + w_dot under a unit force at a contact."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(responses)
-def _responses(selected, P, a, system, like):
-    m = len(like)
-    units = ["(" + ", ".join("1.0" if i == j else "0.0" for j in range(m)) + ",)" for i in range(m)]
-    rows = "(" + ", ".join(f"response(selected, P, a, system, {unit})" for unit in units) + ",)"
-    return written("selected, P, a, system, like", rows, response=_response)
-
-
-@inlined
-def _response(selected, P, a, system, forces):
-    f_v, f_w = contact_forces(selected, P, a, forces)
-    v_dot, w_dot = solve(system, f_v, f_w)
-    return v_dot + w_dot
-
-
-def contact_matrix(selected, P, a, Y) -> tuple:  # pragma: no cover
+def contact_matrix(selected, P, a, Y):
     """Return G = C M^-1 C^T by rows, from Y = M^-1 C^T as `responses` returns it."""
-    raise NotImplementedError("compiled code only")
+    return tuple(contact_speeds(selected, P, a, *parted(row)) for row in Y)
 
 
-@by_types_of(contact_matrix)
-def _contact_matrix(selected, P, a, Y):
-    rows = "".join(f"speeds(selected, P, a, Y[{i}]), " for i in range(len(Y)))
-    return written("selected, P, a, Y", f"({rows})", speeds=_speeds_of_response)
-
-
-@inlined
-def _speeds_of_response(selected, P, a, response):
-    v, w = parted(response)
-    return contact_speeds(selected, P, a, v, w)
-
-
-def parted(nu) -> tuple:  # pragma: no cover
+def parted(nu):
     """Return (v, w) of velocities or accelerations v + w."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(parted)
-def _parted(nu):
-    if len(nu) == 5:
-        return lambda nu: ((nu[0], nu[1]), (nu[2], nu[3], nu[4]))
-    return lambda nu: ((nu[0], nu[1], nu[2]), (nu[3], nu[4], nu[5]))
+    return nu[:-3], nu[-3:]
 
 
 class FreeMotion(NamedTuple):
@@ -133,24 +76,13 @@ class FreeMotion(NamedTuple):
     limits: tuple  #: of the boxes: the wheels' c + s exp(..), and pivoting [N m]
 
 
-def free_torque(wheel, u, speed) -> float:  # pragma: no cover (compiled form below)
+@traced
+def free_torque(wheel, u, speed):
     """Return a motor's torque less all friction that is a function of speed; the rest is in the symmetric box."""
-    raise NotImplementedError("compiled code only")
+    return u - wheel.b * speed - friction_shift(wheel, speed)
 
 
-@by_types_of(free_torque)
-def _free_torque(wheel, u, speed):
-    if not has_directions(wheel):  # not "- 0.0", which rounds otherwise
-        return lambda wheel, u, speed: u - wheel.b * speed
-    return lambda wheel, u, speed: u - wheel.b * speed - friction_shift(wheel, speed)
-
-
-@inlined
-def _sum(a, b):
-    return a + b
-
-
-@inlined
+@traced
 def free_motion(selected, P, a, v, w, u):
     """Return the `FreeMotion` at an attitude and velocities under wheel torques u; viscous friction is in it."""
     system = terms(selected, P, a, v, w)
@@ -158,7 +90,7 @@ def free_motion(selected, P, a, v, w, u):
     F, L = wheel_force(selected, P, a, ball_torque(P, each(free_torque, P.wheels, u, speeds)))
     f_v, f_w = forces_in(system)
     limits = of_boxes(selected, each(dry_friction, P.wheels, speeds), P.pivoting)
-    return FreeMotion(system, each(_sum, f_v, F), add(f_w, L), limits)
+    return FreeMotion(system, add(f_v, F), add(f_w, L), limits)
 
 
 class StepStart(NamedTuple):
@@ -170,7 +102,7 @@ class StepStart(NamedTuple):
     middle: Attitude  #: at the velocities of the start
 
 
-@inlined
+@traced
 def step_start(selected, state, h):
     """Return the `StepStart` of a state."""
     v, w = ball_velocity(state), body_velocity(state)
@@ -178,7 +110,6 @@ def step_start(selected, state, h):
     return StepStart(v, w, before, half_turned(selected, state, before, w, h))
 
 
-@inlined
 def half_turned(selected, state, a, w, h):
     """Return the attitude half a step after that of a state, `a`, at body velocity w."""
     rates, half = rates_of_angles(selected, a, w), 0.5 * h
@@ -197,7 +128,7 @@ class Ahead(NamedTuple):
     rolling_force: float  #: of the disc; zero where the ball rolls on and its friction is known
 
 
-@inlined
+@traced
 def first_ahead(selected, P, start, free, h):
     """Return the `Ahead` of a step under the forces of its start, `free`."""
     v_dot, w_dot = solve(free.system, free.f_v, free.f_w)
@@ -216,7 +147,7 @@ class Found(NamedTuple):
     limits: tuple  #: of the boxes
 
 
-@inlined
+@traced
 def corrected_ahead(selected, P, start, end, found, u, h):
     """Return the `Ahead` of a step under the forces half way to the velocities `end` that the first ones led to.
 
@@ -227,90 +158,63 @@ def corrected_ahead(selected, P, start, end, found, u, h):
     v, w = each(_mean, start.v, v_end), each(_mean, start.w, w_end)
     free = free_motion(selected, P, start.middle, v, w, u)
     later = contact_speeds(selected, P, start.middle, v_end, w_end)
-    turning = each(_difference, later, contact_speeds(selected, P, start.before, v_end, w_end))
+    turning = subtract(later, contact_speeds(selected, P, start.before, v_end, w_end))
     first = contact_speeds(selected, P, start.before, start.v, start.w)
-    turns = turns_about(selected, free.limits, P.rolling_force, found, first, turning)
+    turns, known = turns_about(selected, free.limits, P.rolling_force, found, first, turning)
     on = start.v[0] * v_end[0] + start.v[1] * v_end[1] > REST * REST
-    brake = rolling_brake(P.rolling_force, math.sqrt(v[0] * v[0] + v[1] * v[1])) if on else 0.0
-    known = each(_known, turns) + (brake * v[0], brake * v[1])
-    F, L = contact_forces(selected, P, start.middle, known)
-    v_dot, w_dot = solve(free.system, each(_difference, free.f_v, F), subtract(free.f_w, L))
+    brake = where(on, rolling_brake(P.rolling_force, root(v[0] * v[0] + v[1] * v[1])), 0.0)
+    F, L = contact_forces(selected, P, start.middle, (*known, brake * v[0], brake * v[1]))
+    v_dot, w_dot = solve(free.system, subtract(free.f_v, F), subtract(free.f_w, L))
     v, w = advanced(start.v, v_dot, h), advanced(start.w, w_dot, h)
-    speeds = each(_sum, contact_speeds(selected, P, start.middle, v, w), turning)
-    return Ahead(v, w, speeds, each(_left, turns, free.limits), 0.0 if on else P.rolling_force)
-
-
-def turns_about(
-    selected, limits, rolling_force, found, first, turning
-) -> tuple:  # pragma: no cover (compiled form below)
-    """Return `turn_about` of each box.
-
-    What a force does to a contact's speed depends on which others stick: theirs follow, and leave them at rest. Of
-    four wheels that all stick the forces are not unique; then none turns about.
-    """
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(turns_about)
-def _turns_about(selected, limits, rolling_force, found, first, turning):
-    k, m = len(limits), len(limits) + 2
-    lines = ["forces, probes, G, rates, held = found"]
-    for i in range(k):
-        lines += [
-            f"start{i} = first[{i}] * rates[{i}]",
-            f"change{i} = probes[{i}] + turning[{i}] * rates[{i}] - forces[{i}] - start{i}",
-            f"stops{i} = stops(start{i}, forces[{i}] + change{i}, held[{i}])",
-            f"holds{i} = 1.0 - stops{i} if abs(probes[{i}]) < held[{i}] else 0.0",
-        ]
-    lines += [
-        f"size2 = probes[{k}] * probes[{k}] + probes[{k + 1}] * probes[{k + 1}]",
-        f"holds{k} = holds{k + 1} = 1.0 if size2 < rolling_force * rolling_force else 0.0",
-    ]
-    if len(selected.types[0]) == 4:
-        slides = " or ".join(f"abs(probes[{i}]) >= held[{i}]" for i in range(4))
-        lines += ["slides = 1.0 if " + slides + " else 0.0", *(f"stops{i} *= slides" for i in range(4))]
-    rows, right = [], []
-    for i in range(m):
-        row = [f"holds{i} * G[{i}][{j}]" + (f" + 1.0 - holds{i}" if i == j else "") for j in range(m)]
-        rows.append(f"({', '.join(row)},)")
-        right.append(f"stops{i}" if i < k else "0.0")
-    lines.append(f"x = solve_dense(({', '.join(rows)},), ({', '.join(right)},))")
-    turns = []
-    for i in range(k):
-        easing = " + ".join(f"G[{i}][{j}] * x[{j}]" for j in range(m))
-        lines.append(f"easing{i} = {easing} if stops{i} > 0.0 else 1.0")
-        lines.append(
-            f"stops{i}, easing{i} = (stops{i}, easing{i}) if easing{i} > {_LEAST_EASING} else (0.0, 1.0)"
-        )
-        turns.append(
-            f"turn_about(start{i} / easing{i}, forces[{i}] + change{i} / easing{i}, limits[{i}], stops{i}), "
-        )
-    return written(
-        "selected, limits, rolling_force, found, first, turning",
-        f"({''.join(turns)})",
-        *lines,
-        stops=_stops,
-        solve_dense=solve_dense,
-        turn_about=_turn_about,
-    )
+    speeds = add(contact_speeds(selected, P, start.middle, v, w), turning)
+    limits = tuple(where(one, 0.0, limit) for one, limit in zip(turns, free.limits, strict=True))
+    return Ahead(v, w, speeds, limits, where(on, 0.0, P.rolling_force))
 
 
 #: of G_ii, what a force does to a contact's speed at least where others stick; less if these hold it themselves
 _LEAST_EASING = 1e-3
 
-
 #: of its friction, what takes a contact's speed away within the step if it is at rest but for the method's error
 _RESTING = 1e-3
 
 
-@inlined
+def turns_about(selected, limits, rolling_force, found, first, turning):
+    """Return whether each box turns about, and its mean friction then, as `_turn_about` does.
+
+    What a force does to a contact's speed depends on which others stick: theirs follow, and leave them at rest. Of
+    four wheels that all stick the forces are not unique; then none turns about.
+    """
+    forces, probes, G, rates, held = found
+    k, m = len(limits), len(limits) + 2
+    starts = [first[i] * rates[i] for i in range(k)]
+    changes = [probes[i] + turning[i] * rates[i] - forces[i] - starts[i] for i in range(k)]
+    stops = [_stops(starts[i], forces[i] + changes[i], held[i]) for i in range(k)]
+    holds = [where(abs(probes[i]) < held[i], 1.0 - stops[i], 0.0) for i in range(k)]
+    on_floor = probes[k] * probes[k] + probes[k + 1] * probes[k + 1] < rolling_force * rolling_force
+    holds += [where(on_floor, 1.0, 0.0)] * 2
+    if len(selected.wheels) == 4:
+        slides = where(either(*(abs(probes[i]) >= held[i] for i in range(4))), 1.0, 0.0)
+        stops = [one * slides for one in stops[:4]] + stops[4:]
+    rows = [
+        [holds[i] * G[i][j] + (1.0 - holds[i]) if i == j else holds[i] * G[i][j] for j in range(m)]
+        for i in range(m)
+    ]
+    x = solve_dense(rows, (*stops, 0.0, 0.0))
+    turns = []
+    for i in range(k):
+        easing = where(stops[i] > 0.0, inner(G[i], x), 1.0)
+        counts = easing > _LEAST_EASING
+        stop, easing = where(counts, stops[i], 0.0), where(counts, easing, 1.0)
+        turns.append(_turn_about(starts[i] / easing, forces[i] + changes[i] / easing, limits[i], stop))
+    return zip(*turns, strict=True)
+
+
 def _stops(start, free, limit):
     """Return 1 where a contact that moves at the step's start comes to rest in it, else 0; see `_turn_about`."""
     moves = abs(start) > _RESTING * limit
-    return 1.0 if moves and abs(start) < limit - sign(start) * free else 0.0
+    return where(both(moves, abs(start) < limit - sign(start) * free), 1.0, 0.0)
 
 
-@inlined
 def _turn_about(start, free, limit, stops):
     """Return whether a contact that stops within the step turns about, and its mean friction then.
 
@@ -319,32 +223,16 @@ def _turn_about(start, free, limit, stops):
     of the step, and turns back if free < -limit.
     """
     forward = sign(start)
-    turns = stops > 0.0 and forward * free < -limit and limit > 0.0
-    share = abs(start) / (limit - forward * free) if turns else 0.0
-    return (turns, forward * limit * (2.0 * share - 1.0) if turns else 0.0)
+    turns = both(stops > 0.0, forward * free < -limit, limit > 0.0)
+    share = where(turns, abs(start) / (limit - forward * free), 0.0)
+    return turns, where(turns, forward * limit * (2.0 * share - 1.0), 0.0)
 
 
-@inlined
-def _known(turn):
-    return turn[1]
-
-
-@inlined
-def _left(turn, limit):
-    return 0.0 if turn[0] else limit
-
-
-@inlined
 def _mean(a, b):
     return 0.5 * (a + b)
 
 
-@inlined
-def _difference(a, b):
-    return a - b
-
-
-@inlined
+@traced
 def finished(selected, state, middle, v_after, w_after, h):
     """Return the state after a step, half way through which the attitude is `middle`; rest stays rest."""
     v, w = ball_velocity(state), scale(add(body_velocity(state), w_after), 0.5)

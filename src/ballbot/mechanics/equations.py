@@ -17,19 +17,17 @@ mistakes 4 to 7, docs/generated/reproduce.md) are the differences between the tw
 
 from typing import NamedTuple
 
-from ballbot.mechanics.engine.compiled import by_types_of, inlined
 from ballbot.mechanics.engine.elementary import sine_cosine, sine_cosine_of_lean
+from ballbot.mechanics.engine.tracing import traced
 from ballbot.mechanics.engine.vector import (
     add,
+    advanced,
     cross,
     dot,
-    each,
-    each_with,
     rotate,
     rotate_back,
     scale,
     subtract,
-    symmetric_sum,
     symmetric_times,
     total,
 )
@@ -71,27 +69,27 @@ class SpinTerms(NamedTuple):
     f_s: float
 
 
-@inlined
+@traced
 def attitude(angles):
     """Return R = Rx(theta) Ry(phi) Rz(psi) and its sines and cosines."""
     theta, phi, psi = sine_cosine(angles[0]), sine_cosine(angles[1]), sine_cosine(angles[2])
     return attitude_of(theta + phi + psi)
 
 
-@inlined
+@traced
 def balancing_attitude(angles):
     """Return the `Attitude` of a robot that leans by less than 1.3 rad; past `LARGEST_LEAN` its simulation ends."""
     theta, phi, psi = sine_cosine_of_lean(angles[0]), sine_cosine_of_lean(angles[1]), sine_cosine(angles[2])
     return attitude_of(theta + phi + psi)
 
 
-@inlined
+@traced
 def sines(a):
     """Return sine and cosine of theta, phi and psi."""
     return (a.sin_theta, a.cos_theta, a.sin_phi, a.cos_phi, a.sin_psi, a.cos_psi)
 
 
-@inlined
+@traced
 def attitude_of(sines):
     """Return the `Attitude` from sine and cosine of theta, phi and psi."""
     st, ct, sp, cp, ss, cs = sines
@@ -103,7 +101,7 @@ def attitude_of(sines):
     return Attitude(R, st, ct, sp, cp, ss, cs)
 
 
-@inlined
+@traced
 def body_rates(a, angle_rates):
     """Return w = B(Phi) Phi_dot."""
     t, p, s = angle_rates
@@ -114,32 +112,24 @@ def body_rates(a, angle_rates):
     )
 
 
-@inlined
+@traced
 def angle_rates(a, w):
     """Return Phi_dot = B(Phi)^-1 w; singular where cos(phi) = 0."""
     theta_dot = (a.cos_psi * w[0] - a.sin_psi * w[1]) / a.cos_phi
     return (theta_dot, a.sin_psi * w[0] + a.cos_psi * w[1], w[2] - a.sin_phi * theta_dot)
 
 
-def ball_rate(P, v) -> tuple:  # pragma: no cover (compiled form below)
+@traced
+def ball_rate(inv_rb, v):
     """Return Omega = E v / r_b (+ sigma e_z): the ball's angular velocity in the world; it rolls without slip."""
-    raise NotImplementedError("compiled code only")
+    return (-v[1] * inv_rb, v[0] * inv_rb, v[2] if len(v) == 3 else 0.0)
 
 
-@by_types_of(ball_rate)
-def _ball_rate(P, v):
-    if len(v) == 2:
-        return lambda P, v: (-v[1] * P.inv_rb, v[0] * P.inv_rb, 0.0)
-    return lambda P, v: (-v[1] * P.inv_rb, v[0] * P.inv_rb, v[2])
-
-
-@inlined
 def ground_force(P, T):
     """Return E^T T / r_b: the force on the ball's path that a torque T on it, in the world, amounts to."""
     return (T[1] * P.inv_rb, -T[0] * P.inv_rb)
 
 
-@inlined
 def _mass_vv(P, a, spin_inertia):
     """M_vv = m_t I + E^T R D1 R^T E / r_b^2, D1 = spin_inertia D, and the rows x, y of R D."""
     D_x, D_y = symmetric_times(P.D, a.R[0]), symmetric_times(P.D, a.R[1])
@@ -152,7 +142,6 @@ def _mass_vv(P, a, spin_inertia):
     return M_vv, D_x, D_y
 
 
-@inlined
 def terms_exact(P, a, v, w):
     """Return the `Terms` of the exact formulation (docs/mechanics.md), e = (0, 0, 1).
 
@@ -164,7 +153,7 @@ def terms_exact(P, a, v, w):
     Products with the zeros of e are left out by hand: the compiler may not, since 0 times infinity is no 0.
     """
     R = a.R
-    z = rotate_back_rate(R, ball_rate(P, v), v)
+    z = _rotate_back_rate(R, ball_rate(P.inv_rb, v), v)
     D_zxw = symmetric_times(P.D, cross(z, w))
     # d3 - d2 = j_w r_w / r_b: a wheel turns about -a_i, relative to the body
     H = add(symmetric_times(P.J, w), scale(symmetric_times(P.D, subtract(w, z)), P.d3 - P.d2))
@@ -176,7 +165,7 @@ def terms_exact(P, a, v, w):
         (-P.ml * R[0][1] - k2 * D_y[0], P.ml * R[0][0] - k2 * D_y[1], -k2 * D_y[2]),
         (-P.ml * R[1][1] + k2 * D_x[0], P.ml * R[1][0] + k2 * D_x[1], k2 * D_x[2]),
     )
-    M_ww = symmetric_sum(P.J, P.D, P.d3)
+    M_ww = advanced(P.J, P.D, P.d3)
 
     # force on v: - m_r l R (w x (w x e)) - E^T R D1 (z x w) / r_b
     c = scale((w[0] * w[2], w[1] * w[2], -w[0] * w[0] - w[1] * w[1]), P.ml)
@@ -193,14 +182,13 @@ def terms_exact(P, a, v, w):
     return Terms(M_vv, M_vw, M_ww, f_v, f_w)
 
 
-@inlined
 def terms_pivoting(P, a, v, w):
     """Return the `SpinTerms` of the exact formulation with a ball that pivots.
 
     To T comes 1/2 j_b sigma^2, and z = R^T Omega has sigma in it; the rest is the exact formulation's.
     """
     R = a.R
-    z = rotate_back_rate(R, ball_rate(P, v), v)
+    z = _rotate_back_rate(R, ball_rate(P.inv_rb, v), v)
     D_z = symmetric_times(P.D, R[2])
     factor = P.d1 * P.inv_rb
     return SpinTerms(
@@ -212,23 +200,13 @@ def terms_pivoting(P, a, v, w):
     )
 
 
-def rotate_back_rate(R, Omega, v) -> tuple:  # pragma: no cover (compiled form below)
-    """Return z = R^T Omega, without the products with Omega_z = 0 where the ball does not pivot."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(rotate_back_rate)
 def _rotate_back_rate(R, Omega, v):
-    if len(v) == 2:
-        return lambda R, Omega, v: (
-            R[0][0] * Omega[0] + R[1][0] * Omega[1],
-            R[0][1] * Omega[0] + R[1][1] * Omega[1],
-            R[0][2] * Omega[0] + R[1][2] * Omega[1],
-        )
-    return lambda R, Omega, v: rotate_back(R, Omega)
+    """Return z = R^T Omega, without the products with Omega_z = 0 where the ball does not pivot."""
+    if len(v) == 3:
+        return rotate_back(R, Omega)
+    return tuple(R[0][i] * Omega[0] + R[1][i] * Omega[1] for i in range(3))
 
 
-@inlined
 def terms_thesis(P, a, v, rates):
     """Return the `Terms` of the thesis's Appendix II as printed (Lagrange's equation for II.28).
 
@@ -239,7 +217,7 @@ def terms_thesis(P, a, v, rates):
     st, ct, sp, cp = a.sin_theta, a.cos_theta, a.sin_phi, a.cos_phi
     t_dot, p_dot = rates[0], rates[1]
     w = body_rates(a, rates)  # the true rate, with which R turns
-    zeta = rotate_back(R, subtract(ball_rate(P, v), scale(rates, P.k)))  # Omega_wheels = A zeta
+    zeta = rotate_back(R, subtract(ball_rate(P.inv_rb, v), scale(rates, P.k)))  # Omega_wheels = A zeta
     y = scale(symmetric_times(P.D, zeta), P.d1)
     wheel_momentum_rate = rotate(R, subtract(cross(w, y), scale(symmetric_times(P.D, cross(w, zeta)), P.d1)))
 
@@ -263,7 +241,7 @@ def terms_thesis(P, a, v, rates):
         k2 * D_y_world[2],
     )
     translation = (P.ml2 * cp * cp, P.ml2, 0.0, 0.0, 0.0, 0.0)
-    M_ww = symmetric_sum(symmetric_sum(P.J, spin, 1.0), translation, 1.0)
+    M_ww = add(add(P.J, spin), translation)
 
     lean_x = -sp * p_dot * p_dot
     lean_y = st * cp * (t_dot * t_dot + p_dot * p_dot) + 2.0 * ct * sp * t_dot * p_dot
@@ -281,102 +259,51 @@ def terms_thesis(P, a, v, rates):
     return Terms(M_vv, M_vw, M_ww, f_v, add(f_w, scale(wheel_momentum_rate, P.k)))
 
 
-def terms(selected, P, a, v, w) -> Terms:  # pragma: no cover (compiled form below)
+@traced
+def terms(selected, P, a, v, w):
     """Return the `Terms` of the selected formulation."""
-    raise NotImplementedError("compiled code only")
+    if isinstance(selected, Thesis):
+        return terms_thesis(P, a, v, w)
+    return terms_pivoting(P, a, v, w) if isinstance(selected, Pivoting) else terms_exact(P, a, v, w)
 
 
-@by_types_of(terms)
-def _terms(selected, P, a, v, w):
-    if selected.instance_class is Thesis:
-        return lambda selected, P, a, v, w: terms_thesis(P, a, v, w)
-    if selected.instance_class is Pivoting:
-        return lambda selected, P, a, v, w: terms_pivoting(P, a, v, w)
-    return lambda selected, P, a, v, w: terms_exact(P, a, v, w)
-
-
-def relative_rate(selected, P, a, v, w) -> tuple:  # pragma: no cover
-    """Return the 3-vector whose product with A is the wheel speeds: z - w, or R^T (Omega - k Phi_dot)."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(relative_rate)
 def _relative_rate(selected, P, a, v, w):
-    if selected.instance_class is Thesis:
-        return lambda selected, P, a, v, w: rotate_back(a.R, subtract(ball_rate(P, v), scale(w, P.k)))
-    return lambda selected, P, a, v, w: subtract(rotate_back_rate(a.R, ball_rate(P, v), v), w)
+    """Return the 3-vector whose product with A is the wheel speeds: z - w, or R^T (Omega - k Phi_dot)."""
+    if isinstance(selected, Thesis):
+        return rotate_back(a.R, subtract(ball_rate(P.inv_rb, v), scale(w, P.k)))
+    return subtract(_rotate_back_rate(a.R, ball_rate(P.inv_rb, v), v), w)
 
 
-def wheel_force(selected, P, a, T) -> tuple:  # pragma: no cover
+@traced
+def wheel_force(selected, P, a, T):
     """Return W^T tau as (force on v, force on w), for T = A^T tau in the body's frame."""
-    raise NotImplementedError("compiled code only")
+    T_world = rotate(a.R, T)
+    force = ground_force(P, T_world)
+    if isinstance(selected, Thesis):
+        return force, scale(T_world, -P.k)
+    return (*force, T_world[2]) if isinstance(selected, Pivoting) else force, scale(T, -1.0)
 
 
-@by_types_of(wheel_force)
-def _wheel_force(selected, P, a, T):
-    if selected.instance_class is Thesis:
-
-        def thesis(selected, P, a, T):
-            T_world = rotate(a.R, T)
-            return ground_force(P, T_world), scale(T_world, -P.k)
-
-        return thesis
-    if selected.instance_class is Pivoting:
-
-        def pivoting(selected, P, a, T):
-            T_world = rotate(a.R, T)
-            F = ground_force(P, T_world)
-            return (F[0], F[1], T_world[2]), scale(T, -1.0)
-
-        return pivoting
-
-    def exact(selected, P, a, T):
-        return ground_force(P, rotate(a.R, T)), scale(T, -1.0)
-
-    return exact
-
-
-def rates_of_angles(selected, a, w) -> tuple:  # pragma: no cover
+@traced
+def rates_of_angles(selected, a, w):
     """Return Phi_dot from the formulation's body rates."""
-    raise NotImplementedError("compiled code only")
+    return w if isinstance(selected, Thesis) else angle_rates(a, w)
 
 
-@by_types_of(rates_of_angles)
-def _rates_of_angles(selected, a, w):
-    if selected.instance_class is Thesis:
-        return lambda selected, a, w: w
-    return lambda selected, a, w: angle_rates(a, w)
-
-
-def rates_from_angles(selected, a, rates) -> tuple:  # pragma: no cover
+@traced
+def rates_from_angles(selected, a, rates):
     """Return the formulation's body rates from Phi_dot."""
-    raise NotImplementedError("compiled code only")
+    return rates if isinstance(selected, Thesis) else body_rates(a, rates)
 
 
-@by_types_of(rates_from_angles)
-def _rates_from_angles(selected, a, rates):
-    if selected.instance_class is Thesis:
-        return lambda selected, a, rates: rates
-    return lambda selected, a, rates: body_rates(a, rates)
-
-
-@inlined
-def _wheel_speed(wheel, relative):
-    return dot(wheel.axle, relative)
-
-
-@inlined
+@traced
 def wheel_speeds(selected, P, a, v, w):
     """Return the formulation's wheel speeds W nu, one for each wheel [rad/s]."""
-    return each_with(_wheel_speed, P.wheels, relative_rate(selected, P, a, v, w))
+    relative = _relative_rate(selected, P, a, v, w)
+    return tuple(dot(wheel.axle, relative) for wheel in P.wheels)
 
 
-@inlined
-def _axle_torque(wheel, torque):
-    return scale(wheel.axle, torque)
-
-
-@inlined
+@traced
 def ball_torque(P, torques):
     """Return A^T tau: the wheels' torque on the ball, in the body's frame."""
-    return total(each(_axle_torque, P.wheels, torques))
+    return total(scale(wheel.axle, torque) for wheel, torque in zip(P.wheels, torques, strict=True))

@@ -10,13 +10,12 @@ NumPy's form is `rolling_friction`. The compiled one is `floor_friction`; `floor
 it may change its direction.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.mechanics.engine.compiled import by_types_of, inlined
+from ballbot.mechanics.engine.tracing import both, greatest, least, root, traced, where
 from ballbot.mechanics.friction import sign
 
 #: a ball slower than this [m/s, rad/s] is at rest
@@ -57,62 +56,32 @@ class FloorFriction(NamedTuple):
     holding: float  #: largest torque that keeps a ball without spin so [N m]; zero where it spins
 
 
-def floor_friction(P, v) -> FloorFriction:  # pragma: no cover (compiled form below)
+@traced
+def floor_friction(P, v):
     """Return the floor's friction at a velocity v."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(floor_friction)
-def _floor_friction(P, v):
+    brake = rolling_brake(P.rolling_force, root(v[0] * v[0] + v[1] * v[1]))
+    F = (-brake * v[0], -brake * v[1])
     if len(v) == 2:
-        return lambda P, v: FloorFriction(_rolling_friction(P, v), 0.0)
-
-    def with_pivoting(P, v):
-        F = _rolling_friction(P, v)
-        holding = P.pivoting if v[2] == 0.0 else 0.0
-        return FloorFriction((F[0], F[1], -P.pivoting * sign(v[2])), holding)
-
-    return with_pivoting
+        return FloorFriction(F, 0.0)
+    return FloorFriction((*F, -P.pivoting * sign(v[2])), where(v[2] == 0.0, P.pivoting, 0.0))
 
 
-@inlined
-def _rolling_friction(P, v):
-    brake = rolling_brake(P.rolling_force, math.sqrt(v[0] * v[0] + v[1] * v[1]))
-    return (-brake * v[0], -brake * v[1])
-
-
-@inlined
+@traced
 def rolling_brake(rolling_force, speed):
     """Return N C_rr/|v|, the factor of the velocity in the force; finite at rest."""
-    return rolling_force / max(speed, _NO_SPEED)
+    return rolling_force / greatest(speed, _NO_SPEED)
 
 
-@inlined
 def rolling_margin(P, v):
     """Return a number that is positive if the ball rolls, or has no rolling friction."""
-    return v[0] * v[0] + v[1] * v[1] - REST * REST if P.rolling_force > 0.0 else 1.0
+    return where(P.rolling_force > 0.0, v[0] * v[0] + v[1] * v[1] - REST * REST, 1.0)
 
 
-def floor_margin(P, start, state) -> float:  # pragma: no cover (compiled form below)
+def floor_margin(P, start, state):
     """Return a number that stays positive while the ball rolls on forward and spins the same way."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(floor_margin)
-def _floor_margin(P, start, state):
+    forward = where(P.rolling_force > 0.0, start[5] * state[5] + start[6] * state[6], 1.0)
     if len(start) == 10:
-        return lambda P, start, state: _forward_margin(P, start, state)
-    return lambda P, start, state: min(
-        _forward_margin(P, start, state), _spin_margin(start[10], state[10]) if P.pivoting > 0.0 else 1.0
-    )
-
-
-@inlined
-def _spin_margin(start, spin):
-    """Return a number that is positive while the spin keeps its sign, or stays zero."""
-    return start * spin if start != 0.0 or spin != 0.0 else 1.0
-
-
-@inlined
-def _forward_margin(P, start, state):
-    return start[5] * state[5] + start[6] * state[6] if P.rolling_force > 0.0 else 1.0
+        return forward
+    before, spin = start[10], state[10]
+    keeps = where(both(before == 0.0, spin == 0.0), 1.0, before * spin)  # or stays zero
+    return least(forward, where(P.pivoting > 0.0, keeps, 1.0))

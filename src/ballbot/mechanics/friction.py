@@ -22,8 +22,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.mechanics.engine.compiled import by_types_of, inlined
+from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.elementary import binary_logarithm, power_of_two
+from ballbot.mechanics.engine.tracing import greatest, least, traced, where
 from ballbot.robot import Friction
 
 
@@ -185,80 +186,60 @@ _LOG2_OF_LOG2_E = 0.5287663729448977  # e^-p = 2^-(p log2 e)
 _LARGEST_EXPONENT = 9.5
 
 
-@inlined
+@traced
 def dry_friction(wheel, speed):
     """Return c + s exp(-|w/v_s|^delta): the size of the friction, the mean of both directions."""
-    return _with_decay(wheel, power_of_two(decay_exponent(wheel, speed)))
+    return wheel.c + wheel.s * power_of_two(-power_of_two(decay_exponent(wheel, speed)))
 
 
-@inlined
 def decay_exponent(wheel, speed):
     """Return e with exp(-|w/v_s|^delta) = 2^-2^e, kept where both powers can be raised."""
     exponent = wheel.delta * binary_logarithm(abs(speed) * wheel.inv_vs) + _LOG2_OF_LOG2_E
-    return min(max(exponent, -1000.0), _LARGEST_EXPONENT)
+    return least(greatest(exponent, -1000.0), _LARGEST_EXPONENT)
 
 
-@inlined
-def _with_decay(wheel, power):
-    """Return c + s 2^-power."""
-    return wheel.c + wheel.s * power_of_two(-power)
-
-
-def with_decay(wheel, power, direction) -> float:  # pragma: no cover (compiled form below)
+def with_decay(wheel, power, direction):
     """Return the size of the friction in a direction (1, -1; 0 for the mean of both), E being 2^-power."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(with_decay)
-def _with_decay_in_direction(wheel, power, direction):
+    E = power_of_two(-power)
     if not has_directions(wheel):
-        return lambda wheel, power, direction: _with_decay(wheel, power)
-    return lambda wheel, power, direction: (
-        wheel.c
-        + direction * wheel.terms.coulomb_asymmetry
-        + (wheel.s + direction * wheel.terms.stribeck_asymmetry) * power_of_two(-power)
-    )
+        return wheel.c + wheel.s * E
+    d, e = wheel.terms.coulomb_asymmetry, wheel.terms.stribeck_asymmetry
+    return wheel.c + direction * d + (wheel.s + direction * e) * E
 
 
-@inlined
+@traced
 def directed_friction(wheel, speed, direction):
     """Return the size of the dry friction of a wheel that turns in a direction (1, -1; 0 for the mean of both)."""
     return with_decay(wheel, power_of_two(decay_exponent(wheel, speed)), direction)
 
 
-def friction_shift(wheel, speed) -> float:  # pragma: no cover (compiled form below)
+@traced
+def friction_shift(wheel, speed):
     """Return d + e E: the torque about which the dry friction is the same in both directions."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(friction_shift)
-def _friction_shift(wheel, speed):
     if not has_directions(wheel):
-        return lambda wheel, speed: 0.0
-    return lambda wheel, speed: (
-        wheel.terms.coulomb_asymmetry
-        + wheel.terms.stribeck_asymmetry * power_of_two(-power_of_two(decay_exponent(wheel, speed)))
-    )
+        return 0.0
+    E = power_of_two(-power_of_two(decay_exponent(wheel, speed)))
+    return wheel.terms.coulomb_asymmetry + wheel.terms.stribeck_asymmetry * E
 
 
 def has_directions(wheel) -> bool:
-    """Return whether a type of wheel has the optional terms."""
-    return "terms" in wheel.instance_class._fields
+    """Return whether a wheel has the optional terms."""
+    return "terms" in wheel._fields
+
+
+@traced
+def loaded_coulomb(c, terms, torque):
+    """Return c + mu |u| of a wheel whose motor gives the torque u."""
+    return c + terms.load * abs(torque)
+
+
+@traced
+def sign(value):
+    """Return -1, 0 or 1."""
+    return where(value > 0.0, 1.0, 0.0) - where(value < 0.0, 1.0, 0.0)
 
 
 @inlined
 def terms_of_wheel(columns, wheel):
     """Return the `WheelTerms` of one wheel out of `FrictionTerms.columns`."""
     return WheelTerms(columns[wheel, 0], columns[wheel, 1], columns[wheel, 2])
-
-
-@inlined
-def loaded_coulomb(c, terms, torque):
-    """Return c + mu |u| of a wheel whose motor gives the torque u."""
-    return c + terms.load * abs(torque)
-
-
-@inlined
-def sign(value):
-    """Return -1, 0 or 1."""
-    return (1.0 if value > 0.0 else 0.0) - (1.0 if value < 0.0 else 0.0)

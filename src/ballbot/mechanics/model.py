@@ -21,17 +21,17 @@ from ballbot.arguments import checked_arguments
 from ballbot.arrays import positive_number, real_array
 from ballbot.errors import InputError, missing_package
 from ballbot.mechanics.engine.arrays import (
-    evaluate_acceleration,
-    evaluate_energy,
-    evaluate_mass_matrix,
-    evaluate_upright,
-    evaluate_wheel_rows,
-    evaluate_wheel_speeds,
+    accelerations,
+    energies,
+    mass_matrices,
+    wheel_jacobians,
+    wheel_speeds_at,
 )
+from ballbot.mechanics.engine.loading import unpacked
 from ballbot.mechanics.engine.run import simulate_one
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.friction import WheelLaw, wheel_law
-from ballbot.mechanics.parameters import Exact, Formulation, Pivoting, Thesis, pack, selector
+from ballbot.mechanics.parameters import Exact, Formulation, Parameters, Pivoting, Thesis, pack, selector
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.state import STATE_NAMES, torque_names
 from ballbot.summary import Summary, pole_words, summarized
@@ -175,6 +175,10 @@ class Model:
         """The robot's numbers as compiled code reads them; see `ballbot.mechanics.parameters.pack`."""
         return self._row  # pyright: ignore[reportAttributeAccessIssue]
 
+    @property
+    def _parameters(self) -> Parameters:
+        return unpacked(self.selected, self.packed.item)
+
     def packed_under(self, law: WheelLaw) -> NDArray[np.float64]:
         """Return `packed` for compiled equations with that law, which robots with and without further terms share."""
         return self.packed if type(law) is type(self.selected.law) else self._pack(law)
@@ -194,11 +198,7 @@ class Model:
 
     def mass_matrix(self, q: ArrayLike) -> NDArray[np.float64]:
         """Return M(q) (..., m, m) for q (..., 5), m = 5; symmetric and positive definite."""
-        (q,), shape = _rows([(q, 5, "q")])
-        m = self.velocity_count
-        out = np.empty((len(q), m, m))
-        evaluate_mass_matrix(self.selected, self.packed, q, out)
-        return out.reshape(*shape, m, m)
+        return mass_matrices(self.selected, self._parameters, real_array(q, ("...", 5), "q"))
 
     def acceleration(self, q: ArrayLike, q_dot: ArrayLike, u: ArrayLike) -> NDArray[np.float64]:
         """Return q_ddot (..., 5): rigid body and viscous friction b, without the set-valued friction.
@@ -210,33 +210,23 @@ class Model:
         u : array_like (..., n)
             Wheel torques [N m].
         """
-        (q, q_dot, u), shape = _rows(
-            [(q, 5, "q"), (q_dot, self.velocity_count, "q_dot"), (u, self.robot.wheel_count, "u")]
-        )
-        out = np.empty((len(q), self.velocity_count))
-        evaluate_acceleration(self.selected, self.packed, q, q_dot, u, out)
-        return out.reshape(*shape, self.velocity_count)
+        n, m = self.robot.wheel_count, self.velocity_count
+        q, q_dot, u = _alike((q, 5, "q"), (q_dot, m, "q_dot"), (u, n, "u"))
+        return accelerations(self.selected, self._parameters, q, q_dot, u)
 
     def wheel_speed(self, q: ArrayLike, q_dot: ArrayLike) -> NDArray[np.float64]:
         """Return the wheel speeds (..., n) [rad/s]: the encoders' ("exact"), or Omega_wheels (II.16) ("thesis")."""
-        (q, q_dot), shape = _rows([(q, 5, "q"), (q_dot, self.velocity_count, "q_dot")])
-        out = np.empty((len(q), self.robot.wheel_count))
-        evaluate_wheel_speeds(self.selected, self.packed, q, q_dot, out)
-        return out.reshape(*shape, self.robot.wheel_count)
+        q, q_dot = _alike((q, 5, "q"), (q_dot, self.velocity_count, "q_dot"))
+        return wheel_speeds_at(self.selected, self._parameters, q, q_dot)
 
     def wheel_jacobian(self, q: ArrayLike) -> NDArray[np.float64]:
         """Return W(q) (..., n, m): wheel speeds are W q_dot, and torques u do the generalised force W^T u."""
-        (q,), shape = _rows([(q, 5, "q")])
-        out = np.empty((len(q), self.robot.wheel_count, self.velocity_count))
-        evaluate_wheel_rows(self.selected, self.packed, q, out)
-        return out.reshape(*shape, self.robot.wheel_count, self.velocity_count)
+        return wheel_jacobians(self.selected, self._parameters, real_array(q, ("...", 5), "q"))
 
     def energy(self, q: ArrayLike, q_dot: ArrayLike) -> NDArray[np.float64]:
         """Return kinetic plus potential energy (...) [J]; the potential is zero at the ball's centre's height."""
-        (q, q_dot), shape = _rows([(q, 5, "q"), (q_dot, self.velocity_count, "q_dot")])
-        out = np.empty((len(q), 2))
-        evaluate_energy(self.selected, self.packed, q, q_dot, out)
-        return out.sum(axis=1).reshape(shape)
+        q, q_dot = _alike((q, 5, "q"), (q_dot, self.velocity_count, "q_dot"))
+        return energies(self.selected, self._parameters, q, q_dot)
 
     def linearize(self) -> LinearModel:
         """Return the linear model about upright at psi = 0, with viscous friction and without dry friction.
@@ -251,11 +241,7 @@ class Model:
                 "without pivoting friction."
             )
         robot, origin = self.robot, np.zeros(5)
-        if self.formulation == "exact":  # this form, which a first command needs, compiles in half the time
-            M, W = np.empty((5, 5)), np.empty((robot.wheel_count, 5))
-            evaluate_upright(self.selected, self.packed, origin[2:], M, W)
-        else:
-            M, W = self.mass_matrix(origin), self.wheel_jacobian(origin)
+        M, W = self.mass_matrix(origin), self.wheel_jacobian(origin)
         tipping = robot.body.mass * robot.gravity * robot.body.center_of_mass
         stiffness = np.diag([0.0, 0.0, tipping, tipping, 0.0])
         damping = W.T @ np.diag(robot.friction.viscous) @ W
@@ -347,12 +333,9 @@ def as_model(source: ModelLike) -> Model:
     return source if isinstance(source, Model) else Model(source)
 
 
-def _rows(arguments: list[tuple[ArrayLike, int, str]]) -> tuple[list[NDArray[np.float64]], tuple[int, ...]]:
-    """Return the arguments as rows of one common count, and the shape that they are rows of."""
+def _alike(*arguments: tuple[ArrayLike, int, str]) -> list[NDArray[np.float64]]:
+    """Return arguments (..., size) as arrays of one shape but for their last axes."""
     arrays = [real_array(value, ("...", size), name) for value, size, name in arguments]
-    shape = arrays[0].shape[:-1]
-    if all(array.shape[:-1] == shape for array in arrays):
-        return [array.reshape(-1, array.shape[-1]) for array in arrays], shape
     try:
         shape = np.broadcast_shapes(*(array.shape[:-1] for array in arrays))
     except ValueError:
@@ -360,12 +343,7 @@ def _rows(arguments: list[tuple[ArrayLike, int, str]]) -> tuple[list[NDArray[np.
             f"{name} {array.shape}" for (*_, name), array in zip(arguments, arrays, strict=True)
         )
         raise InputError(f"The shapes do not match: {shapes}.") from None
-    rows = [
-        # broadcast views can be read-only, which would be compiled for anew
-        np.require(np.broadcast_to(a, (*shape, a.shape[-1])).reshape(-1, a.shape[-1]), None, ["C", "W"])
-        for a in arrays
-    ]
-    return rows, shape
+    return [np.broadcast_to(array, (*shape, array.shape[-1])) for array in arrays]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

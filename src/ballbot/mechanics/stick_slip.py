@@ -27,8 +27,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import real_array, real_number
 from ballbot.errors import InputError
-from ballbot.mechanics.engine.arrays import fill
-from ballbot.mechanics.engine.compiled import called, compiled, shared
+from ballbot.mechanics.engine.compiled import called, compiled
+from ballbot.mechanics.engine.tracing import both, either, greatest, least, root, traced, where
+from ballbot.mechanics.engine.vector import advanced, inner, scale, solve_dense, summed
 from ballbot.mechanics.friction import sign
 
 _GUESSES = 12
@@ -36,37 +37,10 @@ _ACCURATE = 1e-14  # distance to the minimiser, over |nu_free|, at which the sea
 _AT_REST = 1e-12  # of a speed's terms, below which the speed is rounding
 _DISC_STEPS = 60
 
-
-@called
-def solve_in_place(K, right, size):
-    """Solve K x = right by Gaussian elimination with partial pivoting; both are overwritten, x is in `right`.
-
-    Returns False where K is singular.
-    """
-    for column in range(size):
-        pivot = column
-        for row in range(column + 1, size):
-            if abs(K[row, column]) > abs(K[pivot, column]):
-                pivot = row
-        if not abs(K[pivot, column]) > 0.0:
-            return False
-        if pivot != column:
-            for j in range(column, size):
-                K[column, j], K[pivot, j] = K[pivot, j], K[column, j]
-            right[column], right[pivot] = right[pivot], right[column]
-        for row in range(column + 1, size):
-            factor = K[row, column] / K[column, column]
-            for j in range(column + 1, size):
-                K[row, j] -= factor * K[column, j]
-            right[row] -= factor * right[column]
-    for row in range(size - 1, -1, -1):
-        for j in range(row + 1, size):
-            right[row] -= K[row, j] * right[j]
-        right[row] /= K[row, row]
-    return True
+# Matrices are tuples of rows. The contacts are (C, Y, G): the boxes' rows, and `mobility` of all.
 
 
-@called
+@traced
 def rest_is_held(M, free, C, limits, rolling_force, h):
     """Return True where friction can hold the whole robot at rest.
 
@@ -74,82 +48,65 @@ def rest_is_held(M, free, C, limits, rolling_force, h):
     within `rolling_force`: C_w^T lambda = f_w, then r = f_v - C_v^T lambda, and pivoting likewise. Four wheels leave
     one freedom in lambda.
     """
-    size = len(free)
-    n = _wheel_count(C)
-    needed = np.zeros(6)
-    for i in range(size):
-        for j in range(size):
-            needed[i] += M[i, j] * free[j] / h
-    held = needed[2:5].copy()
-    K = np.zeros((3, 3))
-    for i in range(3):
-        for j in range(3):
-            for wheel in range(n):
-                K[i, j] += C[wheel, 2 + i] * C[wheel, 2 + j]
-    if not solve_in_place(K, held, len(held)):
-        return False
-    r_x, r_y, pivot = needed[0], needed[1], needed[5]
-    low, high = -np.inf, np.inf
-    for wheel in range(n):
-        force = C[wheel, 2] * held[0] + C[wheel, 3] * held[1] + C[wheel, 4] * held[2]
-        r_x -= C[wheel, 0] * force
-        r_y -= C[wheel, 1] * force
-        if size == 6:
-            pivot -= C[wheel, 5] * force
-        idle = _idle_force(C, wheel) if n == 4 else 0.0
-        if idle == 0.0:
-            if not abs(force) <= limits[wheel]:
-                return False
-        else:
-            ends = (-limits[wheel] - force) / idle, (limits[wheel] - force) / idle
-            low, high = max(low, min(ends)), min(high, max(ends))
-    pivots = size == 6 and not abs(pivot) <= limits[n]
-    return low <= high and r_x * r_x + r_y * r_y <= rolling_force * rolling_force and not pivots
+    needed = [inner(row, free) / h for row in M]
+    wheels = C[: _wheel_count(C)]
+    K = [[summed(row[2 + i] * row[2 + j] for row in wheels) for j in range(3)] for i in range(3)]
+    x = solve_dense(K, needed[2:5])
+    forces = [inner(row[2:5], x) for row in wheels]
+    r_x, r_y = (needed[i] - summed(row[i] * f for row, f in zip(wheels, forces, strict=True)) for i in (0, 1))
+    held = r_x * r_x + r_y * r_y <= rolling_force * rolling_force
+    if len(wheels) == 4:
+        low, high = _idle_range(C, limits, forces)
+        held = both(held, low <= high)
+    else:
+        held = both(held, *(abs(force) <= limit for force, limit in zip(forces, limits, strict=False)))
+    if len(C[0]) == 5:
+        return held
+    pivot = needed[5] - summed(row[5] * f for row, f in zip(wheels, forces, strict=True))
+    return both(held, abs(pivot) <= limits[-1])
 
 
-@called
 def _wheel_count(C):
     """Return the number of wheels: all rows of C, but for the spin's where there is a sixth velocity."""
-    return C.shape[0] - (1 if C.shape[1] == 6 else 0)
+    return len(C) - (len(C[0]) == 6)
 
 
-@called
 def _idle_force(C, wheel):
     """Return the wheel's part in the forces of four wheels that add up to no torque."""
-    a, b, c = (wheel + 1) % 4, (wheel + 2) % 4, (wheel + 3) % 4
+    a, b, c = (C[(wheel + i) % 4] for i in (1, 2, 3))
     volume = (
-        C[a, 2] * (C[b, 3] * C[c, 4] - C[b, 4] * C[c, 3])
-        - C[a, 3] * (C[b, 2] * C[c, 4] - C[b, 4] * C[c, 2])
-        + C[a, 4] * (C[b, 2] * C[c, 3] - C[b, 3] * C[c, 2])
+        a[2] * (b[3] * c[4] - b[4] * c[3])
+        - a[3] * (b[2] * c[4] - b[4] * c[2])
+        + a[4] * (b[2] * c[3] - b[3] * c[2])
     )
     return volume if wheel % 2 == 0 else -volume
 
 
-@called
-def contact_rows(C):
-    """Return the rows (n + 2, m) that give the speeds at all contacts: those of the boxes, then the ball's x and y."""
-    n, m = C.shape
-    rows = np.zeros((n + 2, m))
-    for box in range(n):
-        fill(rows[box], C[box])
-    rows[n, 0] = rows[n + 1, 1] = 1.0
-    return rows
+def _idle_range(C, limits, forces):
+    """Return how much of the idle forces may be added to those of four wheels: from low to high, if low <= high."""
+    low, high = -_WIDE, _WIDE
+    for wheel in range(4):
+        idle, force, limit = _idle_force(C, wheel), forces[wheel], limits[wheel]
+        one, other = (-limit - force) / idle, (limit - force) / idle
+        allowed = where(abs(force) <= limit, _WIDE, -_WIDE)  # by a wheel that has no part in them
+        low = greatest(low, where(idle == 0.0, -allowed, least(one, other)))
+        high = least(high, where(idle == 0.0, allowed, greatest(one, other)))
+    return low, high
 
 
-@called
-def mobility(M, rows):
-    """Return Y (contacts, m) and G (contacts, contacts): velocities and contact speeds per unit force at each."""
-    count, m = rows.shape
-    Y, G = np.empty((count, m)), np.zeros((count, count))
-    for contact in range(count):
-        K = M.copy()
-        fill(Y[contact], rows[contact])
-        solve_in_place(K, Y[contact], m)
-    for i in range(count):
-        for j in range(count):
-            for velocity in range(m):
-                G[i, j] += rows[i, velocity] * Y[j, velocity]
-    return Y, G
+_WIDE = 1e300
+
+
+@traced
+def mobility(M, C):
+    """Return Y (contacts, m) and G (contacts, contacts): velocities and contact speeds per unit force at each.
+
+    The contacts are the boxes, of rows C, then the ball's x and y.
+    """
+    m = len(M)
+    rows = (*C, *(tuple(1.0 if i == j else 0.0 for j in range(m)) for i in (0, 1)))
+    Y = tuple(solve_dense(M, row) for row in rows)
+    return Y, tuple(tuple(inner(row, one) for one in Y) for row in rows)
 
 
 @called
@@ -184,87 +141,54 @@ def _disc_force(v_x, v_y, a, c, b, rolling_force, h):
     return rolling_force * n_x, rolling_force * n_y, speed * n_x, speed * n_y
 
 
-@called
-def _sticking(signs, C, limits, stuck):
-    """Fill `stuck` with the boxes that stick; return their number, and whether four wheels do.
+@traced
+def _eliminated(signs, C, G, ahead, limits, h):
+    """Return what follows from a guess but for the disc's force r: signs[i] is 0 where a box sticks.
 
-    Four sticking wheels can strain against each other: then the last is left out, and has no force of its own.
+    The sticking boxes' forces are X_0 - X_1 r_x - X_2 r_y. Of four sticking wheels, which can strain against each
+    other, the last is left out, and has no force of its own.
+
+    Returns
+    -------
+    X, forces, speeds, disc
+        `forces` of the boxes that slide, `speeds` at all contacts under them, `disc` the velocity and mobility there.
     """
-    count = 0
-    four = False
-    for i in range(len(limits)):
-        if signs[i] == 0.0 and limits[i] > 0.0:
-            if i == 3 and count == 3 and _wheel_count(C) == 4:
-                four = True
-            else:
-                stuck[count] = i
-                count += 1
-    return count, four
+    k = len(limits)
+    sticks = [both(one == 0.0, limit > 0.0) for one, limit in zip(signs, limits, strict=True)]
+    if _wheel_count(C) == 4:
+        sticks[3] = both(sticks[3], ~both(*sticks[:3]))
+    stuck = [where(one, 1.0, 0.0) for one in sticks]
+    forces = tuple(limit * one for limit, one in zip(limits, signs, strict=True))
+    speeds = tuple(ahead[i] - h * inner(G[i][:k], forces) for i in range(k + 2))
+    K = [[stuck[i] * stuck[j] * G[i][j] for j in range(k)] for i in range(k)]
+    for i in range(k):
+        K[i][i] = K[i][i] + (1.0 - stuck[i])
+    right = ([speeds[i] / h for i in range(k)], [G[i][k] for i in range(k)], [G[i][k + 1] for i in range(k)])
+    X = tuple(solve_dense(K, [one * x for one, x in zip(stuck, side, strict=True)]) for side in right)
+    v = [speeds[k + i] - h * inner(G[k + i][:k], X[0]) for i in (0, 1)]
+    a, c = (G[k + i][k + i] - inner(G[k + i][:k], X[1 + i]) for i in (0, 1))
+    b = G[k][k + 1] - inner(G[k][:k], X[2])
+    return X, forces, speeds, (v[0], v[1], a, c, b)
 
 
-@called
-def _speeds_under(forces, G, ahead, h, count, speeds):
-    """Fill the speeds at all contacts under the first `count` contacts' forces."""
-    for i in range(len(ahead)):
-        speeds[i] = ahead[i]
-        for j in range(count):
-            speeds[i] -= h * G[i, j] * forces[j]
+@traced
+def _completed(signs, C, G, ahead, limits, h, X, forces, disc):
+    """Return the forces and speeds at all contacts; `disc` are its force and the velocity left."""
+    k = len(limits)
+    r_x, r_y, v_x, v_y = disc
+    sticks = [both(one == 0.0, limit > 0.0) for one, limit in zip(signs, limits, strict=True)]
+    stuck = [X[0][i] - X[1][i] * r_x - X[2][i] * r_y for i in range(k)]
+    found = [where(sticks[i], stuck[i], forces[i]) for i in range(k)]
+    speeds = [ahead[i] - h * inner(G[i], (*found, r_x, r_y)) for i in range(k)]
+    speeds = [where(one, 0.0, speed) for one, speed in zip(sticks, speeds, strict=True)]
+    if _wheel_count(C) == 4:  # without effect: to the middle of the range that the limits allow
+        low, high = _idle_range(C, limits, found)
+        share = where(both(*sticks[:4]), 0.5 * (low + high), 0.0)
+        found = [found[i] + share * _idle_force(C, i) for i in range(4)] + found[4:]
+    return (*found, r_x, r_y), (*speeds, v_x, v_y)
 
 
-@called
-def _forces_of_guess(signs, C, G, ahead, limits, rolling_force, h, forces, speeds):
-    """Fill the forces and speeds that follow from a guess: signs[i] is 0 where a box sticks. Returns False if none do.
-
-    The sticking boxes' forces are X_0 - X_1 r_x - X_2 r_y, with r the disc's.
-    """
-    n = len(limits)
-    stuck = np.empty(n, np.int64)
-    count, four = _sticking(signs, C, limits, stuck)
-    for i in range(n):
-        forces[i] = limits[i] * signs[i]
-    _speeds_under(forces, G, ahead, h, n, speeds)
-    X, K = np.zeros((3, n)), np.empty((n, n))
-    for column in range(3):
-        for i in range(count):
-            X[column, i] = speeds[stuck[i]] / h if column == 0 else G[stuck[i], n + column - 1]
-            for j in range(count):
-                K[i, j] = G[stuck[i], stuck[j]]
-        if not solve_in_place(K, X[column], count):
-            return False
-    v_x, v_y, a, c, b = speeds[n], speeds[n + 1], G[n, n], G[n + 1, n + 1], G[n, n + 1]
-    for i in range(count):
-        v_x -= h * G[n, stuck[i]] * X[0, i]
-        v_y -= h * G[n + 1, stuck[i]] * X[0, i]
-        a -= G[n, stuck[i]] * X[1, i]
-        c -= G[n + 1, stuck[i]] * X[2, i]
-        b -= G[n, stuck[i]] * X[2, i]
-    forces[n], forces[n + 1], v_x, v_y = _disc_force(v_x, v_y, a, c, b, rolling_force, h)
-    for i in range(count):
-        forces[stuck[i]] = X[0, i] - X[1, i] * forces[n] - X[2, i] * forces[n + 1]
-    _speeds_under(forces, G, ahead, h, n + 2, speeds)
-    for i in range(count):
-        speeds[stuck[i]] = 0.0
-    speeds[n], speeds[n + 1] = v_x, v_y
-    if four:
-        speeds[3] = 0.0
-        _share_idle_force(C, limits, forces)
-    return True
-
-
-@called
-def _share_idle_force(C, limits, forces):
-    """Add forces without effect to those of four sticking wheels, to the middle of the range that the limits allow."""
-    low, high = -np.inf, np.inf
-    for wheel in range(4):
-        idle = _idle_force(C, wheel)
-        if idle != 0.0 and limits[wheel] > 0.0:
-            ends = (-limits[wheel] - forces[wheel]) / idle, (limits[wheel] - forces[wheel]) / idle
-            low, high = max(low, min(ends)), min(high, max(ends))
-    for wheel in range(4):
-        forces[wheel] += 0.5 * (low + high) * _idle_force(C, wheel)
-
-
-@called
+@traced
 def _distance_at_most(signs, G, limits, forces, speeds, h):
     """Return how far a guess can be from the minimiser, in the norm of the kinetic energy.
 
@@ -272,57 +196,45 @@ def _distance_at_most(signs, G, limits, forces, speeds, h):
     stopped, which moves nu, and the residual with it.
     """
     distance = 0.0
-    for i in range(len(limits)):
-        if limits[i] > 0.0:
-            if signs[i] == 0.0:
-                distance += h * max(abs(forces[i]) - limits[i], 0.0) * math.sqrt(G[i, i])
-            else:
-                distance += 2.0 * max(-signs[i] * speeds[i], 0.0) / math.sqrt(G[i, i])
+    for i, limit in enumerate(limits):
+        size = root(G[i][i])
+        sticking = h * greatest(abs(forces[i]) - limit, 0.0) * size
+        sliding = 2.0 * greatest(-signs[i] * speeds[i], 0.0) / size
+        distance = distance + where(limit > 0.0, where(signs[i] == 0.0, sticking, sliding), 0.0)
     return distance
 
 
-@called
-def _correct(signs, limits, forces, speeds):
-    """Make the next guess: overloaded boxes slide, boxes that slide against their friction stick."""
-    for i in range(len(limits)):
-        if limits[i] > 0.0:
-            if signs[i] == 0.0:
-                if abs(forces[i]) > limits[i]:
-                    signs[i] = sign(forces[i])
-            elif signs[i] * speeds[i] < 0.0:
-                signs[i] = 0.0
+@traced
+def _corrected(signs, limits, forces, speeds):
+    """Return the next guess: overloaded boxes slide, boxes that slide against their friction stick."""
+    found = []
+    for i, limit in enumerate(limits):
+        stuck = where(abs(forces[i]) > limit, sign(forces[i]), 0.0)
+        slides = where(signs[i] * speeds[i] < 0.0, 0.0, signs[i])
+        found.append(where(limit > 0.0, where(signs[i] == 0.0, stuck, slides), signs[i]))
+    return tuple(found)
 
 
-@called
-def _try_all(best, best_distance, enough, C, G, ahead, limits, rolling_force, h):
-    """Put forces and speeds of the best guess of all into the rows of `best`."""
-    n = len(limits)
-    signs, forces, speeds = np.empty(n), np.empty(n + 2), np.empty(n + 2)
-    for code in range(3**n):
-        rest = code
-        for i in range(n):
-            signs[i] = rest % 3 - 1.0
-            rest //= 3
-        if _forces_of_guess(signs, C, G, ahead, limits, rolling_force, h, forces, speeds):
-            distance = _distance_at_most(signs, G, limits, forces, speeds, h)
-            if distance < best_distance:
-                fill(best[0], forces)
-                fill(best[1], speeds)
-                best_distance = distance
-            if best_distance <= enough:
-                return
+@traced
+def _first_guess(C, limits, start):
+    """Return the boxes' signs if they slide as they do at the step's start."""
+    found = []
+    for row, limit in zip(C, limits, strict=True):
+        terms = [one * rate for one, rate in zip(row, start, strict=True)]
+        speed, size = summed(terms), summed(abs(one) for one in terms)
+        found.append(where(both(abs(speed) > _AT_REST * size, limit > 0.0), sign(speed), 0.0))
+    return tuple(found)
 
 
-@called
-def _first_guess(signs, C, limits, start):
-    """Let boxes slide as they do at the step's start."""
-    n, m = C.shape
-    for i in range(n):
-        speed = terms = 0.0
-        for j in range(m):
-            speed += C[i, j] * start[j]
-            terms += abs(C[i, j] * start[j])
-        signs[i] = sign(speed) if abs(speed) > _AT_REST * terms and limits[i] > 0.0 else 0.0
+@traced
+def _guess_of(code, limits):
+    """Return one of all guesses, by its number."""
+    return tuple(1.0 * (code // 3**i % 3) - 1.0 for i in range(len(limits)))
+
+
+@traced
+def _guess_count(limits):
+    return 3 ** len(limits)
 
 
 def minimise(
@@ -380,7 +292,9 @@ def minimise(
     if by_direction:  # an asymmetric box is a symmetric one about a force of its own
         end = end - step * np.linalg.solve(mass, rows.T @ (0.5 * (sizes[:, 0] - sizes[:, 1])))
         sizes = 0.5 * sizes.sum(axis=1)
-    return _minimise(mass, end, rows, sizes, rolls, step, first)
+    mass_rows, box_rows = tuple(map(tuple, mass.tolist())), tuple(map(tuple, rows.tolist()))
+    ends = (tuple(end.tolist()), tuple(sizes.tolist()), tuple(first.tolist()))
+    return np.array(_minimise(mass_rows, ends[0], box_rows, ends[1], rolls, step, ends[2]))
 
 
 @compiled
@@ -388,73 +302,65 @@ def _minimise(M, free, C, limits, rolling_force, h, start):
     return minimiser(M, free, C, limits, rolling_force, h, start)
 
 
-@shared
+@called
 def minimiser(M, free, C, limits, rolling_force, h, start):
     """Return the velocities of `minimise`, to compiled code."""
-    n, m = C.shape
     if rest_is_held(M, free, C, limits, rolling_force, h):
-        return np.zeros(m)
-    Y, G = mobility(M, contact_rows(C))
+        return scale(free, 0.0)
+    Y, G = mobility(M, C)
     contacts = (C, Y, G)
-    ahead = np.zeros(n + 2)
-    ahead[n], ahead[n + 1] = free[0], free[1]
-    for i in range(m):
-        for j in range(n):
-            ahead[j] += C[j, i] * free[i]
-    return moving_minimiser(M, free, contacts, ahead, limits, rolling_force, h, start, np.empty((2, n + 2)))
+    return moving_minimiser(M, free, contacts, _speeds_at(C, free), limits, rolling_force, h, start)[0]
+
+
+@traced
+def _speeds_at(C, nu):
+    return (*(inner(row, nu) for row in C), nu[0], nu[1])
+
+
+@traced
+def _energy(M, nu):
+    return inner(nu, [inner(row, nu) for row in M])
 
 
 @called
-def moving_minimiser(M, free, contacts, ahead, limits, rolling_force, h, start, best):
-    """Return the velocities of `minimise` for a robot that does not rest, to compiled code.
+def moving_minimiser(M, free, contacts, ahead, limits, rolling_force, h, start):
+    """Return the velocities of `minimise` for a robot that does not rest, and the contacts' forces and speeds.
 
-    `contacts` are C, and Y and G of `mobility`; `ahead` the contacts' speeds at the velocities `free`. `best`
-    (2, n + 2) is filled with the contacts' friction forces and speeds.
+    To compiled code; `ahead` are the contacts' speeds at the velocities `free`.
     """
-    m, (C, Y, G) = len(free), contacts
-    energy = 0.0
-    for i in range(m):
-        for j in range(m):
-            energy += free[i] * M[i, j] * free[j]
+    C, Y, G = contacts
+    energy = _energy(M, free)
+    forces, speeds = scale(ahead, np.nan), scale(ahead, np.nan)
     if not energy < np.inf:
-        for i in range(len(ahead)):
-            best[0, i] = best[1, i] = np.nan
-        return free.copy()  # no number, and it stays to be seen
+        return free, forces, speeds  # no number, and it stays to be seen
     enough = _ACCURATE * math.sqrt(energy)
 
-    n = len(limits)
-    signs, forces, speeds = np.empty(n), np.zeros(n + 2), np.empty(n + 2)
     best_distance = np.inf
-    _first_guess(signs, C, limits, start)
-    for _ in range(_GUESSES):
-        if not _forces_of_guess(signs, C, G, ahead, limits, rolling_force, h, forces, speeds):
-            break
-        distance = _distance_at_most(signs, G, limits, forces, speeds, h)
+    signs = _first_guess(C, limits, start)
+    for attempt in range(_GUESSES + _guess_count(limits)):
+        if attempt >= _GUESSES:  # the guesses go round in circles: try all
+            signs = _guess_of(attempt - _GUESSES, limits)
+        X, sliding, _, disc = _eliminated(signs, C, G, ahead, limits, h)
+        v_x, v_y, a, c, b = disc
+        on_floor = _disc_force(v_x, v_y, a, c, b, rolling_force, h)
+        these, those = _completed(signs, C, G, ahead, limits, h, X, sliding, on_floor)
+        distance = _distance_at_most(signs, G, limits, these, those, h)
         if distance < best_distance:
-            fill(best[0], forces)
-            fill(best[1], speeds)
-            best_distance = distance
+            forces, speeds, best_distance = these, those, distance
         if best_distance <= enough:
             break
-        _correct(signs, limits, forces, speeds)
-    if best_distance > enough:
-        _try_all(best, best_distance, enough, C, G, ahead, limits, rolling_force, h)
-    return _velocities(free, Y, best[0], best[1], h)
+        signs = _corrected(signs, limits, these, those)
+    return _velocities(free, Y, forces, speeds, h), forces, speeds
 
 
-@called
+@traced
 def _velocities(free, Y, forces, speeds, h):
     """Return nu_free - h M^-1 C^T lambda; zero, to the bit, where the ball's path or its spin sticks, or everything."""
-    contacts, m = Y.shape
-    nu = free.copy()
-    for i in range(contacts):
-        for j in range(m):
-            nu[j] -= h * forces[i] * Y[i, j]
-    if speeds[contacts - 2] == 0.0 and speeds[contacts - 1] == 0.0:
-        nu[0] = nu[1] = 0.0
-    if m == 6 and speeds[contacts - 3] == 0.0:
-        nu[5] = 0.0
-    moves = False
-    for i in range(contacts):
-        moves = moves or speeds[i] != 0.0
-    return nu if moves else np.zeros(m)
+    nu = list(free)
+    for force, row in zip(forces, Y, strict=True):
+        nu = advanced(nu, row, -h * force)
+    rests = both(speeds[-2] == 0.0, speeds[-1] == 0.0)
+    turns = (where(speeds[-3] == 0.0, 0.0, nu[5]),) if len(nu) == 6 else ()
+    nu = (where(rests, 0.0, nu[0]), where(rests, 0.0, nu[1]), *nu[2:5], *turns)
+    moves = either(*(speed != 0.0 for speed in speeds))
+    return where(moves, nu, (0.0,) * len(nu))

@@ -26,7 +26,7 @@ from ballbot.errors import InputError
 from ballbot.estimation.heading import JUMP, Heading
 from ballbot.estimation.kalman import filter_row
 from ballbot.mechanics.engine.lanes import LANES
-from ballbot.mechanics.engine.run import over_threads
+from ballbot.mechanics.engine.run import code_of, over_threads
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.friction import wheel_law
 from ballbot.mechanics.model import Model, ModelLike, as_model
@@ -195,14 +195,14 @@ def simulate_batch(
         lost=min(ends.lost, LARGEST_LEAN),
         grip=ends.grip,
     )
-    alone = len(borne) == 1
+    alone, code = len(borne) == 1, code_of(selected)
 
     def run(first: int) -> None:
         width = min(LANES, lanes - first)
         runs = range(first, first + width) if borne else ()
         which = [(borne[0], borne[0].seed + k) if alone else (borne[k], borne[k].seed) for k in runs]
         draws = _draws(which, width, n=n, samples=samples, sample_time=sample_time)
-        run_block(selected, inputs, draws, sampling, first, width, out)
+        run_block(code, selected, inputs, draws, sampling, first, width, out)
 
     over_threads(run, lanes, threads)
     leans = np.array([one.fallen_lean for one in borne] or [LARGEST_LEAN])

@@ -41,7 +41,7 @@ from ballbot.estimation.kalman_model import ROWS as FILTER_ROWS
 from ballbot.estimation.kalman_model import STATE as FILTER_STATE
 from ballbot.mechanics.accelerations import solve
 from ballbot.mechanics.engine.arrays import fill
-from ballbot.mechanics.engine.compiled import by_types_of, called, compiled, inlined
+from ballbot.mechanics.engine.compiled import called, compiled, inlined
 from ballbot.mechanics.engine.lanes import (
     AHEAD,
     ANGLE,
@@ -62,7 +62,8 @@ from ballbot.mechanics.engine.loading import load
 from ballbot.mechanics.engine.play import passed_torques, play_block, wheel_side
 from ballbot.mechanics.engine.run import load_state, load_torques, start_lane, take_steps, write_state
 from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, in_state_order, pose
-from ballbot.mechanics.engine.vector import add, dot, each, rotate_back
+from ballbot.mechanics.engine.tracing import traced
+from ballbot.mechanics.engine.vector import add, dot, rotate_back
 from ballbot.mechanics.equations import LARGEST_LEAN, angle_rates, attitude, body_rates, terms
 from ballbot.simulation.imperfections import FALLING_PART
 from ballbot.simulation.model_plant import friction_needed, sinking
@@ -407,26 +408,15 @@ def _push(selected, work, lane, own, push, duration):
     system = terms(selected, P, a, v, w)
     v_change, w_change = solve(system, _along(v, p), rotate_back(a.R, turning))
     after = in_state_order(
-        (state[0], state[1]), (state[2], state[3], state[4]), each(_sum, v, v_change), add(w, w_change)
+        (state[0], state[1]), (state[2], state[3], state[4]), add(v, v_change), add(w, w_change)
     )
     stored(work, STATE, lane, after)
 
 
-def _along(v, p) -> tuple:  # pragma: no cover (compiled form below)
+@traced
+def _along(v, p):
     """Return an impulse p of the world as one on v."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(_along)
-def _along_of(v, p):
-    if len(v) == 2:
-        return lambda v, p: (p[0], p[1])
-    return lambda v, p: (p[0], p[1], 0.0)
-
-
-@inlined
-def _sum(a, b):
-    return a + b
+    return (p[0], p[1]) if len(v) == 2 else (p[0], p[1], 0.0)
 
 
 @called
@@ -594,8 +584,8 @@ def _end_where_due(selected, work, lane, inputs, sampling, block, first, sample,
         if not sinking(selected, P, state, u) < inputs.lift_offs[_row_of(inputs.lift_offs, number)]:
             fallen = out.lifted[number] = True
         elif sampling.grip < math.inf:
-            touching, room = inputs.contacts[_row_of(inputs.contacts, number)], np.zeros(len(block.acting[0]))
-            if not friction_needed(selected, P, state, u, touching, room) <= sampling.grip:
+            touching = inputs.contacts[_row_of(inputs.contacts, number)]
+            if not friction_needed(selected, P, state, u, touching) <= sampling.grip:
                 fallen = out.slipped[number] = True
     if fallen:
         out.ended[number] = sample
@@ -674,24 +664,24 @@ def _new_block(loops, width, n, filtering):
 
 
 @called
-def _move(selected, work, width, inputs, block, sampling, first):
+def _move(code, selected, work, width, inputs, block, sampling, first):
     """Move a block's robots on by a sample."""
     plays = _loop_of(inputs, first).play > 0.0  # all robots of a block, or none
     h = sampling.sample_time / sampling.steps
     if not (plays or block.lags):
         _put_torques(work, width, inputs, block, first, h)
-        take_steps(selected, work, width, sampling.steps)
+        take_steps(code, work, width, sampling.steps)
         return
     for _ in range(sampling.steps):
         _put_torques(work, width, inputs, block, first, h)
         if plays:
             play_block(selected, work, width)
         else:
-            take_steps(selected, work, width, 1)
+            take_steps(code, work, width, 1)
 
 
 @compiled
-def run_block(selected, inputs, draws, sampling, first, width, out):
+def run_block(code, selected, inputs, draws, sampling, first, width, out):
     """Run robots first .. first + width - 1; `draws` are of these alone."""
     samples, n = len(sampling.references), out.torques.shape[2]
     filtering = len(inputs.filters) > 0
@@ -714,7 +704,7 @@ def run_block(selected, inputs, draws, sampling, first, width, out):
                         robot = robot_in(work, lane)
                         work[STEP * LANES + lane] = draws.durations[robot, sample] / sampling.steps
             _take_pushes(selected, work, width, inputs, sampling, first, sample)
-            _move(selected, work, width, inputs, block, sampling, first)
+            _move(code, selected, work, width, inputs, block, sampling, first)
             _turn_motors(selected, work, width, inputs, block, first, draws.durations, sample)
         for lane in range(width):
             robot = first + robot_in(work, lane)

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arrays import positive_number, real_array
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.arrays import angle_accelerations
-from ballbot.mechanics.engine.compiled import compiled, inlined
+from ballbot.mechanics.engine.compiled import compiled
 from ballbot.mechanics.engine.lanes import LANES, ROWS, put_robot
 from ballbot.mechanics.engine.loading import load_parameters, under_torque
 from ballbot.mechanics.engine.run import load_state, simulate_one, start_lane
@@ -35,7 +35,8 @@ from ballbot.mechanics.engine.smooth import (
     net_torques,
     pose,
 )
-from ballbot.mechanics.engine.vector import add, cross, dot, each, each_with, element, rotate_back, scale
+from ballbot.mechanics.engine.tracing import greatest, least, traced, where
+from ballbot.mechanics.engine.vector import add, cross, dot, each, from_array, rotate_back, scale
 from ballbot.mechanics.equations import LARGEST_LEAN, ball_rate, rates_of_angles
 from ballbot.mechanics.floor import floor_friction
 from ballbot.mechanics.friction import directed_friction, sign
@@ -52,7 +53,7 @@ def lift_off(robot: Robot) -> float:
     return robot.weight / (body.mass * body.center_of_mass)
 
 
-@inlined
+@traced
 def sinking(selected, P, state, u):
     """Return -d^2/dt^2 (cos theta cos phi) [1/s^2] under wheel torques u and all friction of moving parts.
 
@@ -81,8 +82,8 @@ def sinking_of(selected, row, state, u):
     work = np.zeros(ROWS * LANES)
     put_robot(work, 0, row)
     start_lane(selected, work, 0, state, 0.0)
-    moving, torques = load_state(selected, work, 0), each_with(element, selected.wheels, u)
-    P = under_torque(selected, load_parameters(selected, work, 0), torques)
+    moving, torques = load_state(selected, work, 0), from_array(selected.wheels, u)
+    P = under_torque(load_parameters(selected, work, 0), torques)
     return sinking(selected, P, moving, torques)
 
 
@@ -97,9 +98,9 @@ def pack_contacts(robot: Robot) -> NDArray[np.float64]:
     return np.concatenate([scalars, pressing.ravel(), (pressing @ t.T).ravel() / robot.wheels.radius])
 
 
-@inlined
-def friction_needed(selected, P, state, u, row, pushes):
-    """Return the largest |f_i| / N_i under wheel torques u; `pushes` (n,) is room to work in.
+@traced
+def friction_needed(selected, P, state, u, row):
+    """Return the largest |f_i| / N_i under wheel torques u, of a robot with the `row` of `pack_contacts`.
 
     `state` has the formulation's body rates; a wheel at rest counts as one without dry friction.
     """
@@ -109,41 +110,36 @@ def friction_needed(selected, P, state, u, row, pushes):
     dry = each(directed_friction, P.wheels, speeds, signs)
     net = net_torques(P, u, speeds, signs, dry)
     v_dot, w_dot = acceleration(selected, P, a, v, w, net, floor_friction(P, v))
-    z_dot = rotate_back(a.R, ball_rate(P, v_dot))
-    for i, wheel in enumerate(P.wheels):
-        speed = speeds[i]
-        lost = wheel.b * speed + signs[i] * dry[i]
-        pushes[i] = u[i] - lost - P.d1 * dot(wheel.axle, z_dot) + P.d2 * dot(wheel.axle, w_dot)
+    z_dot = rotate_back(a.R, ball_rate(P.inv_rb, v_dot))
+    pushes = [
+        torque - P.d1 * dot(wheel.axle, z_dot) + P.d2 * dot(wheel.axle, w_dot)
+        for wheel, torque in zip(P.wheels, net, strict=True)
+    ]
     e = (0.0, 0.0, 1.0)
     turning = add(cross(w_dot, e), cross(w, cross(w, e)))
     straight = rotate_back(a.R, (v_dot[0], v_dot[1], P.g))
     force = add(scale(straight, row[0]), scale(turning, P.ml))
-    return _largest_share(row, force, pushes)
-
-
-@inlined
-def _largest_share(row, force, pushes):
     n, largest = len(pushes), 0.0
     for i in range(n):
         pressing = dot((row[2 + 3 * i], row[3 + 3 * i], row[4 + 3 * i]), force)
         for j in range(n):
-            pressing += row[2 + 3 * n + n * i + j] * pushes[j]
-        share = abs(pushes[i]) * row[1] / pressing if pressing > 0.0 else _LIFTED
-        largest = max(largest, min(share, _LIFTED))
+            pressing = pressing + row[2 + 3 * n + n * i + j] * pushes[j]
+        share = where(pressing > 0.0, abs(pushes[i]) * row[1] / pressing, _LIFTED)
+        largest = greatest(largest, least(share, _LIFTED))
     return largest
 
 
 @compiled
 def friction_needed_along(selected, parameters, contacts, states, torques, out):
     """Fill `out` (N,) with the friction needed at states (N, 10), of Euler angles' rates, under torques (N, n)."""
-    work, pushes = np.zeros(ROWS * LANES), np.zeros(torques.shape[1])
+    work = np.zeros(ROWS * LANES)
     put_robot(work, 0, parameters)
     bare = load_parameters(selected, work, 0)
     for k in range(len(states)):
         start_lane(selected, work, 0, states[k], 0.0)
-        u = each_with(element, selected.wheels, torques[k])
-        P = under_torque(selected, bare, u)
-        out[k] = friction_needed(selected, P, load_state(selected, work, 0), u, contacts, pushes)
+        u = from_array(selected.wheels, torques[k])
+        P = under_torque(bare, u)
+        out[k] = friction_needed(selected, P, load_state(selected, work, 0), u, contacts)
 
 
 #: why a run on the model ends

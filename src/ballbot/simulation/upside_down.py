@@ -29,6 +29,8 @@ from ballbot.mechanics.engine.arrays import fill
 from ballbot.mechanics.engine.compiled import by_types_of, called, compiled, inlined
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.engine.run import over_threads
+from ballbot.mechanics.engine.tracing import traced
+from ballbot.mechanics.engine.vector import from_array
 from ballbot.mechanics.friction import (
     FrictionTerms,
     directed_friction,
@@ -55,6 +57,7 @@ class BallNumbers(NamedTuple):
     M: NDArray[np.float64]  #: (3, 3) [kg m^2]
     push: NDArray[np.float64]  #: M^-1 A^T (3, n)
     friction: NDArray[np.float64]  #: b, c, s of each wheel, v_s and delta (3 n + 2,)
+    wheels: tuple[int, ...]  #: as many as there are wheels
 
 
 class DirectedBallNumbers(NamedTuple):
@@ -64,6 +67,7 @@ class DirectedBallNumbers(NamedTuple):
     M: NDArray[np.float64]
     push: NDArray[np.float64]
     friction: NDArray[np.float64]
+    wheels: tuple[int, ...]
     terms: NDArray[np.float64]  #: `FrictionTerms.columns` (n, k)
 
 
@@ -133,21 +137,25 @@ def _slide(ball, u, omega, signs, h, end, rates, middle):
 @inlined
 def _convex(ball, u, omega, h, end):
     """Fill `end` (3,) with the minimiser of docs/mechanics.md, its first two unknowns, x and y, idle."""
-    n = len(u)
-    mass, rows = np.zeros((5, 5)), np.zeros((n, 5))
-    start, free, limits = np.zeros(5), np.zeros(5), np.zeros(n)
-    mass[0, 0] = mass[1, 1] = 1.0
-    for axis in range(3):
-        fill(mass[2 + axis, 2:], ball.M[axis])
-    fill(start[2:], omega)
-    fill(free[2:], omega)
-    for i in range(n):
-        fill(rows[i, 2:], ball.A[i])
+    limits = np.zeros(len(u))
+    fill(end, omega)
+    for i in range(len(u)):
         speed, wheel = _speed(ball, i, omega), _wheel(ball, i, u[i])
         limits[i] = dry_friction(wheel, speed) if speed != 0.0 else wheel.c + wheel.s
         for axis in range(3):
-            free[2 + axis] += h * ball.push[axis, i] * free_torque(wheel, u[i], speed)
-    fill(end, minimiser(mass, free, rows, limits, 0.0, h, start)[2:])
+            end[axis] += h * ball.push[axis, i] * free_torque(wheel, u[i], speed)
+    M, free, C, most, start = _problem(ball.wheels, ball.M, end, ball.A, limits, omega)
+    fill(end, minimiser(M, free, C, most, 0.0, h, start)[2:])
+
+
+@traced
+def _problem(wheels, M, free, A, limits, omega):
+    """Return the numbers of `minimiser`'s arrays, as tuples."""
+    mass = [(1.0, 0.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0, 0.0)]
+    mass += [(0.0, 0.0, M[3 * i], M[3 * i + 1], M[3 * i + 2]) for i in range(3)]
+    rows = tuple((0.0, 0.0, A[3 * i], A[3 * i + 1], A[3 * i + 2]) for i in range(len(wheels)))
+    ends = [(0.0, 0.0, one[0], one[1], one[2]) for one in (free, omega)]
+    return tuple(mass), ends[0], rows, from_array(wheels, limits), ends[1]
 
 
 @called
@@ -304,7 +312,7 @@ def simulate_balls(
     def run(first: int) -> None:
         for lane in range(first, min(first + LANES, len(sets) * count)):
             chosen, window = divmod(lane, count)
-            numbers = BallNumbers(ball.A, ball.inertia, push, sets[chosen])
+            numbers = BallNumbers(ball.A, ball.inertia, push, sets[chosen], tuple(range(len(ball.A))))
             if columns is not None:
                 numbers = DirectedBallNumbers(*numbers, columns)
             omega = starts[window].copy()

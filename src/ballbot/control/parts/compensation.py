@@ -119,7 +119,7 @@ def compensate(law, memory, now, torques):
 def _relative_rate(own, a, rates):
     """Return the ball's angular velocity relative to the body, body frame, for rates (x_dot .. psi_dot)."""
     w = body_rates(a, (rates[2], rates[3], rates[4]))
-    return subtract(rotate_back(a.R, ball_rate(own, (rates[0], rates[1]))), w)
+    return subtract(rotate_back(a.R, ball_rate(own.inv_rb, (rates[0], rates[1]))), w)
 
 
 @inlined

@@ -15,7 +15,6 @@ these.
 with the forces half way (`contacts.corrected_ahead`), Newton rounds, the end.
 """
 
-import math
 from typing import NamedTuple
 
 from ballbot.mechanics.contacts import (
@@ -32,7 +31,7 @@ from ballbot.mechanics.contacts import (
     responses,
     step_start,
 )
-from ballbot.mechanics.engine.compiled import by_types_of, called, inlined
+from ballbot.mechanics.engine.compiled import called
 from ballbot.mechanics.engine.lanes import (
     MARGIN,
     ROWS,
@@ -48,7 +47,8 @@ from ballbot.mechanics.engine.lanes import (
 )
 from ballbot.mechanics.engine.loading import load, state_like
 from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, rest_speeds
-from ballbot.mechanics.engine.vector import each, each_with, second, solve_dense, written
+from ballbot.mechanics.engine.tracing import both, either, greatest, lanes, least, root, traced, where
+from ballbot.mechanics.engine.vector import each, inner, scale, solve_dense
 from ballbot.mechanics.equations import attitude_of, sines
 from ballbot.mechanics.floor import REST, rolling_brake
 from ballbot.mechanics.friction import sign
@@ -59,197 +59,109 @@ ROUNDS = 5
 _DISC_TOLERANCE = 1e-13  # of the disc's force, change in the last round
 
 
-@inlined
-def _box_derivative(s, limit):
-    """Return T of a box: 1 inside, where the contact sticks."""
-    return 1.0 if abs(s) < limit else 0.0
-
-
-@inlined
-def _box_projection(s, limit):
-    return min(max(s, -limit), limit)
-
-
-@inlined
 def _disc_derivative(s_x, s_y, limit):
     """Return T of the disc (xx, yy, xy): the unit matrix inside, else limit/|s| (1 - s s^T/|s|^2)."""
     size2 = s_x * s_x + s_y * s_y
     inside = size2 < limit * limit
-    inverse = 1.0 / max(size2, 1e-300)
-    share = limit * math.sqrt(inverse)
+    inverse = 1.0 / greatest(size2, 1e-300)
+    share = limit * root(inverse)
     n_xx, n_yy, n_xy = s_x * s_x * inverse, s_y * s_y * inverse, s_x * s_y * inverse
-    return (
-        1.0 if inside else share * (1.0 - n_xx),
-        1.0 if inside else share * (1.0 - n_yy),
-        0.0 if inside else -share * n_xy,
-    )
+    return where(inside, (1.0, 1.0, 0.0), (share * (1.0 - n_xx), share * (1.0 - n_yy), -share * n_xy))
 
 
-@inlined
 def _disc_projection(s_x, s_y, limit):
     size2 = s_x * s_x + s_y * s_y
-    share = 1.0 if size2 < limit * limit else limit / math.sqrt(max(size2, 1e-300))
+    share = where(size2 < limit * limit, 1.0, limit / root(greatest(size2, 1e-300)))
     return s_x * share, s_y * share
 
 
-def newton_round(s, G, b, limits, rolling_force) -> tuple:  # pragma: no cover
+def newton_round(s, G, b, limits, rolling_force):
     """Return (forces, their probe s, settled): one round from a probe, and 1 where it left every contact's state.
 
     G and b are those of the module's head, each row multiplied by kappa h and kappa.
     """
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(newton_round)
-def _newton_round(s, G, b, limits, rolling_force):
     k, m = len(limits), len(s)
     x, y = k, k + 1
-    lines = [f"t{i} = box_derivative(s[{i}], limits[{i}])" for i in range(k)]
-    lines += [f"p{i} = box_projection(s[{i}], limits[{i}])" for i in range(k)]
-    lines += [f"t_xx, t_yy, t_xy = disc_derivative(s[{x}], s[{y}], rolling_force)"]
-    lines += [f"p{x}, p{y} = disc_projection(s[{x}], s[{y}], rolling_force)"]
+    T = [[0.0] * m for _ in range(m)]
+    P = []
+    for i, limit in enumerate(limits):
+        T[i][i] = where(abs(s[i]) < limit, 1.0, 0.0)  # 1 inside, where the contact sticks
+        P.append(least(greatest(s[i], -limit), limit))
+    T[x][x], T[y][y], T[x][y] = _disc_derivative(s[x], s[y], rolling_force)
+    T[y][x] = T[x][y]
+    P += _disc_projection(s[x], s[y], rolling_force)
     rows, right = [], []
-    for i in range(k):
-        row = [f"t{i} * G[{i}][{j}]" + (f" + 1.0 - t{i}" if i == j else "") for j in range(m)]
-        rows.append(f"({', '.join(row)},)")
-        right.append(f"t{i} * (b[{i}] - s[{i}]) + p{i}")
-    for i, own, other_i, other in ((x, "t_xx", y, "t_xy"), (y, "t_yy", x, "t_xy")):
-        row = [f"{own} * G[{i}][{j}] + {other} * G[{other_i}][{j}]" for j in range(m)]
-        row[i] += f" + 1.0 - {own}"
-        row[other_i] += f" - {other}"
-        rows.append(f"({', '.join(row)},)")
-        right.append(f"{own} * (b[{i}] - s[{i}]) + {other} * (b[{other_i}] - s[{other_i}]) + p{i}")
-    lines.append(f"found = solve_dense(({', '.join(rows)},), ({', '.join(right)},))")
-    lines.append("after = probe(found, G, b)")
-    same = " * ".join(f"agrees(s[{i}], after[{i}], limits[{i}])" for i in range(k))
-    disc = f"disc_agrees(s[{x}], s[{y}], after[{x}], after[{y}], found[{x}], found[{y}], rolling_force)"
-    return written(
-        "s, G, b, limits, rolling_force",
-        f"found, after, {same} * {disc}",
-        *lines,
-        box_derivative=_box_derivative,
-        box_projection=_box_projection,
-        disc_derivative=_disc_derivative,
-        disc_projection=_disc_projection,
-        solve_dense=solve_dense,
-        probe=probe,
-        agrees=_agrees,
-        disc_agrees=_disc_agrees,
-    )
+    for i in range(m):
+        coupled = (i,) if i < k else (i, x + y - i)
+        row = [inner([T[i][j] for j in coupled], [G[j][column] for j in coupled]) for column in range(m)]
+        for j in coupled:
+            row[j] = row[j] + (1.0 - T[i][j] if i == j else -T[i][j])
+        rows.append(row)
+        right.append(inner([T[i][j] for j in coupled], [b[j] - s[j] for j in coupled]) + P[i])
+    found = solve_dense(rows, right)
+    after = tuple(found[i] + b[i] - inner(G[i], found) for i in range(m))
+    same = _disc_agrees(s[x], s[y], after[x], after[y], found[x], found[y], rolling_force)
+    for i, limit in enumerate(limits):
+        same = both(same, _agrees(s[i], after[i], limit))
+    return found, after, where(same, 1.0, 0.0)
 
 
-def probe(forces, G, b) -> tuple:  # pragma: no cover (compiled form below)
-    """Return s = lambda + kappa (b - h G lambda)."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(probe)
-def _probe(forces, G, b):
-    m = len(b)
-    rows = (
-        f"forces[{i}] + b[{i}] - ({' + '.join(f'G[{i}][{j}] * forces[{j}]' for j in range(m))})"
-        for i in range(m)
-    )
-    return written("forces, G, b", f"({', '.join(rows)},)")
-
-
-def first_probe(speeds, held, rests, limits, rolling_force) -> tuple:  # pragma: no cover
+def first_probe(speeds, held, rests, limits, rolling_force):
     """Return where to begin: contacts that move are taken to slide on, the others to stick with the forces `held`.
 
     `speeds` are those of the contacts at the step's start, `rests` those of the boxes below which they are at rest.
     """
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(first_probe)
-def _first_probe(speeds, held, rests, limits, rolling_force):
-    k = len(limits)
     slides = [
-        f"(limits[{i}] + 1.0) * sign(speeds[{i}]) if abs(speeds[{i}]) > rests[{i}] else held[{i}]"
-        for i in range(k)
+        where(abs(speeds[i]) > rests[i], (limits[i] + 1.0) * sign(speeds[i]), held[i])
+        for i in range(len(limits))
     ]
-    lines = [
-        f"speed = sqrt(speeds[{k}] * speeds[{k}] + speeds[{k + 1}] * speeds[{k + 1}])",
-        "size = brake(rolling_force + 1.0, speed)",
-    ]
-    disc = [f"size * speeds[{k + i}] if speed > {REST} else held[{k + i}]" for i in range(2)]
-    return written(
-        "speeds, held, rests, limits, rolling_force",
-        f"({', '.join(slides + disc)},)",
-        *lines,
-        brake=rolling_brake,
-        sign=sign,
-        sqrt=math.sqrt,
-    )
+    v_x, v_y = speeds[-2:]
+    speed = root(v_x * v_x + v_y * v_y)
+    size = rolling_brake(rolling_force + 1.0, speed)
+    return (*slides, *where(speed > REST, (size * v_x, size * v_y), held[-2:]))
 
 
-@inlined
 def _agrees(s, after, limit):
-    """Return 1 where a box's contact is in the same state before and after a round, else 0."""
+    """Return whether a box's contact is in the same state before and after a round."""
     inside = abs(s) < limit
-    return 1.0 if (abs(after) < limit) == inside and (inside or s * after > 0.0 or limit == 0.0) else 0.0
+    stays = either(inside, s * after > 0.0, limit == 0.0)
+    return both((abs(after) < limit) == inside, stays)
 
 
-@inlined
 def _disc_agrees(s_x, s_y, after_x, after_y, r_x, r_y, limit):
-    """Return 1 where the disc's state is the same and its force is the projection to rounding, else 0."""
+    """Return whether the disc's state is the same and its force is the projection to rounding."""
     p_x, p_y = _disc_projection(after_x, after_y, limit)
     error = abs(p_x - r_x) + abs(p_y - r_y)
     same = (s_x * s_x + s_y * s_y < limit * limit) == (after_x * after_x + after_y * after_y < limit * limit)
-    return 1.0 if same and error <= _DISC_TOLERANCE * limit else 0.0
+    return both(same, error <= _DISC_TOLERANCE * limit)
 
 
-def scaled_matrix(G, h) -> tuple:  # pragma: no cover
+def scaled_matrix(G, h):
     """Return (kappa h G, kappa) with kappa = 1/(h G_ii) in each box, and one for both of the disc."""
-    raise NotImplementedError("compiled code only")
+    stiffest = greatest(G[-2][-2], G[-1][-1])
+    inverses = [1.0 / G[i][i] for i in range(len(G) - 2)] + [1.0 / stiffest] * 2
+    rate = 1.0 / h
+    return tuple(scale(row, one) for row, one in zip(G, inverses, strict=True)), scale(inverses, rate)
 
 
-@by_types_of(scaled_matrix)
-def _scaled_matrix(G, h):
-    m = len(G)
-    disc = f"1.0 / max(G[{m - 2}][{m - 2}], G[{m - 1}][{m - 1}])"
-    lines = [f"c{i} = 1.0 / G[{i}][{i}]" for i in range(m - 2)] + [
-        f"c{m - 2} = {disc}",
-        f"c{m - 1} = c{m - 2}",
-        "rate = 1.0 / h",
-    ]
-    rows = ", ".join("(" + ", ".join(f"c{i} * G[{i}][{j}]" for j in range(m)) + ",)" for i in range(m))
-    rates = ", ".join(f"c{i} * rate" for i in range(m))
-    return written("G, h", f"({rows},), ({rates},)", *lines)
-
-
-def all_stick(forces, limits, rolling_force) -> float:  # pragma: no cover
+def all_stick(forces, limits, rolling_force):
     """Return 1 where the forces are inside every limit: the whole robot is held, else 0."""
-    raise NotImplementedError("compiled code only")
+    r_x, r_y = forces[-2:]
+    held = r_x * r_x + r_y * r_y <= rolling_force * rolling_force
+    for force, limit in zip(forces[:-2], limits, strict=True):
+        held = both(held, abs(force) <= limit)
+    return where(held, 1.0, 0.0)
 
 
-@by_types_of(all_stick)
-def _all_stick(forces, limits, rolling_force):
-    k = len(limits)
-    boxes = " and ".join(f"abs(forces[{i}]) <= limits[{i}]" for i in range(k))
-    disc = f"forces[{k}] * forces[{k}] + forces[{k + 1}] * forces[{k + 1}] <= rolling_force * rolling_force"
-    return written("forces, limits, rolling_force", f"1.0 if {boxes} and {disc} else 0.0")
-
-
-def still_where_held(v, s, limits, rolling_force) -> tuple:  # pragma: no cover (compiled form below)
+def still_where_held(v, s, limits, rolling_force):
     """Return v with zero, to the bit, where the floor holds the ball's path or its spin.
 
     The probe decides, not the force: a sliding contact's force is at its limit but for rounding, its probe beyond.
     """
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(still_where_held)
-def _still_where_held(v, s, limits, rolling_force):
-    x = len(limits)
-    lines = [
-        f"path = 0.0 if s[{x}] * s[{x}] + s[{x + 1}] * s[{x + 1}] < rolling_force * rolling_force else 1.0"
-    ]
-    values = ["v[0] * path", "v[1] * path"]
-    if len(v) == 3:
-        lines.append(f"turns = 0.0 if abs(s[{x - 1}]) < limits[{x - 1}] else 1.0")
-        values.append("v[2] * turns")
-    return written("v, s, limits, rolling_force", f"({', '.join(values)},)", *lines)
+    path = where(s[-2] * s[-2] + s[-1] * s[-1] < rolling_force * rolling_force, 0.0, 1.0)
+    if len(v) == 2:
+        return v[0] * path, v[1] * path
+    return v[0] * path, v[1] * path, v[2] * where(abs(s[-3]) < limits[-1], 0.0, 1.0)
 
 
 class ConvexProblem(NamedTuple):
@@ -272,13 +184,12 @@ class ConvexPass(NamedTuple):
     rolling_force: float  #: of the disc
 
 
-@inlined
 def convex_problem(selected, P, state, u, h):
     """Return the `ConvexProblem` of a step from a state, its first `ConvexPass`, and the first probe."""
     start = step_start(selected, state, h)
     a, free = start.middle, free_motion(selected, P, start.middle, start.v, start.w, u)
     ahead = first_ahead(selected, P, start, free, h)
-    Y = responses(selected, P, a, free.system, ahead.speeds)
+    Y = responses(selected, P, a, free.system, len(ahead.speeds))
     G, rates = scaled_matrix(contact_matrix(selected, P, a, Y), h)
     b = each(_product, rates, ahead.speeds)
     held = solve_dense(G, b)
@@ -290,7 +201,6 @@ def convex_problem(selected, P, state, u, h):
     return problem, ConvexPass(ahead.v + ahead.w, b, ahead.limits, ahead.rolling_force), s
 
 
-@inlined
 def second_pass(selected, P, state, u, problem, one, forces, s, h):
     """Return the second `ConvexPass` of a step of whose first these are the forces and their probe s."""
     end = less_response(one.free, problem.Y, forces, h)
@@ -302,21 +212,11 @@ def second_pass(selected, P, state, u, problem, one, forces, s, h):
     return ConvexPass(ahead.v + ahead.w, b, ahead.limits, ahead.rolling_force)
 
 
-def less_response(free, Y, forces, h) -> tuple:  # pragma: no cover (compiled form below)
+def less_response(free, Y, forces, h):
     """Return nu_free - h Y^T lambda."""
-    raise NotImplementedError("compiled code only")
+    return tuple(free[j] - h * inner([row[j] for row in Y], forces) for j in range(len(free)))
 
 
-@by_types_of(less_response)
-def _less_response(free, Y, forces, h):
-    m, contacts = len(free), len(forces)
-    sums = (" + ".join(f"Y[{i}][{j}] * forces[{i}]" for i in range(contacts)) for j in range(m))
-    return written(
-        "free, Y, forces, h", "(" + "".join(f"free[{j}] - h * ({one}), " for j, one in enumerate(sums)) + ")"
-    )
-
-
-@inlined
 def _product(a, factor):
     return a * factor
 
@@ -329,151 +229,114 @@ _FORCES = _PROBE + 6
 _SETTLED = _FORCES + 6
 _SETTLED_FIRST = _SETTLED + 1
 assert _SETTLED_FIRST < ROWS  # compiled code does not look whether a row is in the array
-_SIX = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_SIX = (0.0,) * 6
 
 
-@inlined
-def _boxes_like(selected):
-    """Return zeros, one for each box."""
-    return of_boxes(selected, each(_zero, selected.wheels), 0.0)
+def _zeros(selected):
+    """Return zeros, one for each box and one for each contact; with three wheels those are as many as velocities."""
+    boxes = of_boxes(selected, (0.0,) * len(selected.wheels), 0.0)
+    return boxes, (*boxes, 0.0, 0.0)
 
 
-@inlined
-def _contacts_like(selected):
-    """Return zeros, one for each contact; three wheels have as many contacts as the robot has velocities."""
-    return _boxes_like(selected) + (0.0, 0.0)
+def _problem_in(selected, work, lane):
+    """Return a lane's problem, pass, probe and forces."""
+    boxes, contacts = _zeros(selected)
+    matrix = (contacts,) * len(contacts)
+    shapes = (
+        (_PROBLEM, ConvexProblem(matrix, matrix, contacts, _SIX, _SIX, 0.0)),
+        (_PASS, ConvexPass(contacts, contacts, boxes, 0.0)),
+        (_PROBE, contacts),
+        (_FORCES, contacts),
+    )
+    return tuple(restored(shape, work, row, lane) for row, shape in shapes)
 
 
-@inlined
-def _zero(wheel):
-    return 0.0
+@traced
+def robot_in_lane(selected, work, lane):
+    """Return a lane's parameters, state, torques and step."""
+    state, u = (
+        restored(state_like(selected), work, STATE, lane),
+        restored(selected.wheels, work, TORQUE, lane),
+    )
+    return load(selected, work, lane), state, u, entry(work, STEP, lane)
 
 
-@inlined
-def _problem_like(selected):
-    contacts = _contacts_like(selected)
-    matrix = each_with(second, contacts, contacts)
-    return ConvexProblem(matrix, matrix, contacts, _SIX, _SIX, 0.0)
+def _lanes(selected, first, last):
+    """Return `lanes`, but none with four wheels: they can strain against each other, and G is singular."""
+    return () if len(selected.wheels) == 4 else lanes(first, last)
 
 
-@inlined
-def _pass_like(selected):
-    contacts = _contacts_like(selected)
-    return ConvexPass(contacts, contacts, _boxes_like(selected), 0.0)
-
-
-@called
+@traced
 def _problems(selected, work, first, last):
-    for lane in range(first, last):
-        P, state = load(selected, work, lane), restored(state_like(selected), work, STATE, lane)
-        u, h = restored(selected.wheels, work, TORQUE, lane), entry(work, STEP, lane)
+    for lane in _lanes(selected, first, last):
+        P, state, u, h = robot_in_lane(selected, work, lane)
         problem, first_pass, s = convex_problem(selected, P, state, u, h)
         stored(work, _PROBLEM, lane, problem)
         stored(work, _PASS, lane, first_pass)
         stored(work, _PROBE, lane, s)
-        stored(work, _FORCES, lane, _contacts_like(selected))  # zero if the lane takes no round
+        stored(work, _FORCES, lane, _zeros(selected)[1])  # zero if the lane takes no round
         # a lane whose trial counts, or that does not move, asks for no rounds
         counts = entry(work, MARGIN, lane) > 0.0
-        put(work, _SETTLED, lane, 1.0 if counts or problem.rests > 0.0 or not h > 0.0 else 0.0)
+        none = either(counts, problem.rests > 0.0, ~(h > 0.0))
+        put(work, _SETTLED, lane, where(none, 1.0, 0.0))
 
 
-@called
+@traced
 def _second_passes(selected, work, first, last):
-    for lane in range(first, last):
-        P, state = load(selected, work, lane), restored(state_like(selected), work, STATE, lane)
-        u, h = restored(selected.wheels, work, TORQUE, lane), entry(work, STEP, lane)
-        problem = restored(_problem_like(selected), work, _PROBLEM, lane)
-        one = restored(_pass_like(selected), work, _PASS, lane)
-        s = restored(_contacts_like(selected), work, _PROBE, lane)
-        forces = restored(_contacts_like(selected), work, _FORCES, lane)
-        stored(work, _PASS, lane, second_pass(selected, P, state, u, problem, one, forces, s, h))
+    for lane in _lanes(selected, first, last):
+        P, state, u, h = robot_in_lane(selected, work, lane)
+        problem, one, s, forces = _problem_in(selected, work, lane)
         settled = entry(work, _SETTLED, lane)
+        stored(work, _PASS, lane, second_pass(selected, P, state, u, problem, one, forces, s, h))
         put(work, _SETTLED_FIRST, lane, settled)
-        still = entry(work, MARGIN, lane) > 0.0 or problem.rests > 0.0 or not h > 0.0
-        put(work, _SETTLED, lane, 1.0 if still or settled == 0.0 else 0.0)
+        still = either(entry(work, MARGIN, lane) > 0.0, problem.rests > 0.0, ~(h > 0.0))
+        put(work, _SETTLED, lane, where(either(still, settled == 0.0), 1.0, 0.0))
 
 
-@called
+@traced
 def _round(selected, work, first, last):
     """Take one Newton round; lanes that have settled stay as they are."""
-    for lane in range(first, last):
+    for lane in _lanes(selected, first, last):
         settled = entry(work, _SETTLED, lane)
-        G = restored(_problem_like(selected), work, _PROBLEM, lane).G
-        one = restored(_pass_like(selected), work, _PASS, lane)
-        s = restored(_contacts_like(selected), work, _PROBE, lane)
-        forces = restored(_contacts_like(selected), work, _FORCES, lane)
-        new_forces, new_s, agrees = newton_round(s, G, one.b, one.limits, one.rolling_force)
-        stored(work, _FORCES, lane, each_with(_chosen, each(_pair, forces, new_forces), settled > 0.0))
-        stored(work, _PROBE, lane, each_with(_chosen, each(_pair, s, new_s), settled > 0.0))
-        put(work, _SETTLED, lane, max(settled, agrees))
-
-
-@inlined
-def _all_settled(work, first, last):
-    least = 1.0
-    for lane in range(first, last):
-        least = min(least, entry(work, _SETTLED, lane))
-    return least > 0.0
-
-
-@called
-def _ends(selected, work, first, last):
-    for lane in range(first, last):
-        state = restored(state_like(selected), work, STATE, lane)
-        problem = restored(_problem_like(selected), work, _PROBLEM, lane)
-        one = restored(_pass_like(selected), work, _PASS, lane)
-        s = restored(_contacts_like(selected), work, _PROBE, lane)
-        forces = restored(_contacts_like(selected), work, _FORCES, lane)
-        h, moves = entry(work, STEP, lane), 1.0 - problem.rests
-        v, w = parted(each_with(_product, less_response(one.free, problem.Y, forces, h), moves))
-        v = still_where_held(v, s, one.limits, one.rolling_force)
-        end = finished(selected, state, attitude_of(problem.middle), v, w, h)
-        counts = entry(work, MARGIN, lane) > 0.0
-        trial = restored(state_like(selected), work, TRIAL, lane)
-        stored(work, TRIAL, lane, each_with(_chosen, each(_pair, trial, end), counts))
-        settled = min(entry(work, _SETTLED, lane), entry(work, _SETTLED_FIRST, lane))
-        put(work, MARGIN, lane, 1.0 if counts else settled)
-
-
-@inlined
-def _pair(a, b):
-    return (a, b)
-
-
-@inlined
-def _chosen(pair, first):
-    return pair[0] if first else pair[1]
-
-
-@called
-def convex_block(selected, work, first, last):
-    """Take the convex step of lanes first .. last - 1 whose trial does not count; margins then say which settled."""
-    _convex_block(selected, work, first, last)
-
-
-def _convex_block(selected, work, first, last) -> None:  # pragma: no cover (compiled form below)
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(_convex_block)
-def _block_by_wheels(selected, work, first, last):
-    if len(selected.types[0]) == 4:  # four wheels can strain against each other: G is singular
-        return lambda selected, work, first, last: None
-    return lambda selected, work, first, last: _three_wheeled_block(selected, work, first, last)
-
-
-@inlined
-def _three_wheeled_block(selected, work, first, last):
-    _problems(selected, work, first, last)
-    _rounds(selected, work, first, last)
-    _second_passes(selected, work, first, last)
-    _rounds(selected, work, first, last)
-    _ends(selected, work, first, last)
+        problem, one, s, forces = _problem_in(selected, work, lane)
+        new_forces, new_s, agrees = newton_round(s, problem.G, one.b, one.limits, one.rolling_force)
+        stored(work, _FORCES, lane, where(settled > 0.0, forces, new_forces))
+        stored(work, _PROBE, lane, where(settled > 0.0, s, new_s))
+        put(work, _SETTLED, lane, greatest(settled, agrees))
 
 
 @called
 def _rounds(selected, work, first, last):
     for _ in range(ROUNDS):
-        if _all_settled(work, first, last):
+        least_settled = 1.0
+        for lane in range(first, last):
+            least_settled = min(least_settled, entry(work, _SETTLED, lane))
+        if least_settled > 0.0:
             break
         _round(selected, work, first, last)
+
+
+@traced
+def _ends(selected, work, first, last):
+    for lane in _lanes(selected, first, last):
+        state, h = restored(state_like(selected), work, STATE, lane), entry(work, STEP, lane)
+        problem, one, s, forces = _problem_in(selected, work, lane)
+        moves = 1.0 - problem.rests
+        v, w = parted(scale(less_response(one.free, problem.Y, forces, h), moves))
+        v = still_where_held(v, s, one.limits, one.rolling_force)
+        end = finished(selected, state, attitude_of(problem.middle), v, w, h)
+        counts = entry(work, MARGIN, lane) > 0.0
+        trial = restored(state_like(selected), work, TRIAL, lane)
+        stored(work, TRIAL, lane, where(counts, trial, end))
+        settled = least(entry(work, _SETTLED, lane), entry(work, _SETTLED_FIRST, lane))
+        put(work, MARGIN, lane, where(counts, 1.0, settled))
+
+
+@called
+def convex_block(selected, work, first, last):
+    """Take the convex step of lanes first .. last - 1 whose trial does not count; margins then say which settled."""
+    _problems(selected, work, first, last)
+    _rounds(selected, work, first, last)
+    _second_passes(selected, work, first, last)
+    _rounds(selected, work, first, last)
+    _ends(selected, work, first, last)

@@ -8,13 +8,16 @@ that wait for each other, and these polynomials are most of it. Accuracy is meas
 tests/mechanics/test_elementary.py.
 """
 
-import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
-
-from ballbot.mechanics.engine.compiled import by_types_of_in_order, inlined_in_order
-from ballbot.mechanics.engine.vector import written
+from ballbot.mechanics.engine.tracing import (
+    bits_of,
+    float_of,
+    greatest,
+    in_order,
+    least,
+    traced,
+    where,
+    whole,
+)
 
 # pi/2 in three parts, so that k * part is exact while |k| < 2^20 (angles to a million radians)
 _HALF_PI_1 = 1.5707963267341256
@@ -90,50 +93,24 @@ _LOGARITHM = (
 )
 
 
-@intrinsic
-def bits_of(typing_context, value):
-    """Return the 64 bits of a float64 as int64."""
-
-    def generate(context, builder, signature, arguments):
-        return builder.bitcast(arguments[0], ir.IntType(64))
-
-    return types.int64(types.float64), generate
-
-
-@intrinsic
-def float_of(typing_context, value):
-    """Return the float64 that has these 64 bits."""
-
-    def generate(context, builder, signature, arguments):
-        return builder.bitcast(arguments[0], ir.DoubleType())
-
-    return types.float64(types.int64), generate
-
-
-def polynomial(x, coefficients) -> float:  # pragma: no cover (compiled form below)
+def polynomial(x, coefficients):
     """Return sum_i coefficients[i] x^i, summed in pairs."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of_in_order(polynomial)
-def _polynomial(x, coefficients):
-    terms = [f"coefficients[{i}]" for i in range(len(coefficients))]
-    lines, power = [], "x"
+    terms, power = list(coefficients), x
     while len(terms) > 1:
-        pairs = [f"({a} + {power} * {b})" for a, b in zip(terms[::2], terms[1::2], strict=False)]
+        pairs = [a + power * b for a, b in zip(terms[::2], terms[1::2], strict=False)]
         terms = pairs + terms[2 * len(pairs) :]
-        lines.append(f"{power}x = {power} * {power}")
-        power += "x"
-    return written("x, coefficients", terms[0], *lines)
+        power = power * power
+    return terms[0]
 
 
-@inlined_in_order
+@in_order
 def nearest_integer(x):
     """Return x rounded to an integer, as a float, for |x| < 2^51."""
     return (x + _SHIFT) - _SHIFT
 
 
-@inlined_in_order
+@traced
+@in_order
 def sine_cosine(angle):
     """Return sin and cos of an angle [rad] up to a million."""
     k = nearest_integer(angle * 0.6366197723675814)
@@ -141,17 +118,17 @@ def sine_cosine(angle):
     r2 = r * r
     sine = r + (r * r2) * polynomial(r2, _SINE)
     cosine = 1.0 + r2 * polynomial(r2, _COSINE)
-    quadrant = np.int64(k)
+    quadrant = whole(k)
     odd = (quadrant & 1) != 0
-    sine_size = cosine if odd else sine
-    cosine_size = sine if odd else cosine
+    sine_size, cosine_size = where(odd, cosine, sine), where(odd, sine, cosine)
     return (
-        -sine_size if (quadrant & 2) != 0 else sine_size,
-        -cosine_size if ((quadrant + 1) & 2) != 0 else cosine_size,
+        where((quadrant & 2) != 0, -sine_size, sine_size),
+        where(((quadrant + 1) & 2) != 0, -cosine_size, cosine_size),
     )
 
 
-@inlined_in_order
+@traced
+@in_order
 def sine_cosine_of_lean(angle):
     """Return sin and cos of an angle of at most 1.3 rad to either side; of a larger one, a number without meaning."""
     square = angle * angle
@@ -159,49 +136,53 @@ def sine_cosine_of_lean(angle):
     return sine, 1.0 + square * polynomial(square, _COSINE_OF_LEAN)
 
 
-@inlined_in_order
+@in_order
 def _scaled_power(shifted, r):
     """Return 2^(k + r) for |r| < 1/2 and `shifted` = k + _SHIFT."""
-    scale = float_of((bits_of(shifted) << 52) + _BITS_OF_ONE)  # pyright: ignore[reportCallIssue] (Numba passes the context)
+    scale = float_of((bits_of(shifted) << 52) + _BITS_OF_ONE)
     return scale + (scale * r) * polynomial(r, _POWER)
 
 
-@inlined_in_order
+@traced
+@in_order
 def power_of_two(x):
     """Return 2^x for |x| < 1022."""
     shifted = x + _SHIFT
     return _scaled_power(shifted, x - (shifted - _SHIFT))
 
 
-@inlined_in_order
+@traced
+@in_order
 def exponential(x):
     """Return e^x; arguments beyond +-708 are taken as +-708."""
-    x = min(max(x, -708.0), 708.0)
+    x = least(greatest(x, -708.0), 708.0)
     shifted = x * _LOG2_E + _SHIFT
     k = shifted - _SHIFT
     return _scaled_power(shifted, ((x - k * _LN2_HIGH) - k * _LN2_LOW) * _LOG2_E)
 
 
-@inlined_in_order
+@in_order
 def _exponent_and_rest(x) -> tuple[float, float]:
     """Return k and log2(x / 2^k) with x / 2^k from sqrt(1/2) to sqrt(2)."""
-    bits = bits_of(x)  # pyright: ignore[reportCallIssue] (Numba passes the context)
+    bits = bits_of(x)
     k = (bits - _BITS_OF_SQRT_HALF) >> 52
-    m = float_of(bits - (k << 52))  # pyright: ignore[reportCallIssue]
+    m = float_of(bits - (k << 52))
     f = (m - 1.0) / (m + 1.0)
     # k as a float, which few processors can do to eight integers at once
-    exponent = float_of(k + _BITS_OF_SHIFT) - _SHIFT  # pyright: ignore[reportCallIssue]
+    exponent = float_of(k + _BITS_OF_SHIFT) - _SHIFT
     return exponent, f * polynomial(f * f, _LOGARITHM)
 
 
-@inlined_in_order
+@traced
+@in_order
 def binary_logarithm(x):
     """Return log2 x for a normal positive x; of zero, infinity and NaN it makes -1023, 1024 and 1024.6."""
     k, rest = _exponent_and_rest(x)
     return k + rest
 
 
-@inlined_in_order
+@traced
+@in_order
 def logarithm(x):
     """Return ln x for a normal positive x; zero gives about -709 instead of minus infinity."""
     k, rest = _exponent_and_rest(x)

@@ -1,27 +1,24 @@
 """Robots side by side: the work array of a block, its rows, and how compiled code reads and writes them.
 
-Row i of a block's flat array begins at i * LANES, and a robot is a column. Loops over lanes become vector code where
-indices are unsigned and no array is put into a tuple. A step is a chain of operations that wait for each other; it is
-therefore taken in short loops over all lanes, one for each part, that leave their results in the scratch rows: while
-one lane's numbers wait, the next lane's are on their way.
+Row i of a block's flat array begins at i * LANES, and a robot is a column. A step is a chain of operations that wait
+for each other; it is therefore taken in short loops over all lanes, one for each part, that leave their results in the
+scratch rows: while one lane's numbers wait, the next lane's are on their way.
 """
 
 from collections.abc import Iterator
 from itertools import count
-from typing import TypeVar
 
 import numpy as np
-from numba import types
 
-from ballbot.mechanics.engine.compiled import by_types_of, inlined
-from ballbot.mechanics.engine.vector import written
+from ballbot.mechanics.engine.compiled import inlined
+from ballbot.mechanics.engine.tracing import traced
 from ballbot.mechanics.parameters import LARGEST_ROW
 
 #: robots that one vectorised loop steps side by side; a constant, so that strides are known when compiling
 LANES = 32
 
 #: rows kept for a robot's numbers; the state and the rest follow
-MAX_PARAMETERS = np.int64(LARGEST_ROW)  # with a plain integer, each row would be a function to compile
+MAX_PARAMETERS = LARGEST_ROW
 STATE = MAX_PARAMETERS
 TRIAL = STATE + 11  #: where a step would end
 TORQUE = TRIAL + 11
@@ -43,8 +40,6 @@ ROWS = SCRATCH + 160  # as many as `play_block` needs with four wheels and a bal
 #: lanes that one vector instruction of the widest processors takes; ranges of lanes begin at multiples
 GROUP = 8
 
-Like = TypeVar("Like")
-
 
 @inlined
 def new_work():
@@ -54,17 +49,16 @@ def new_work():
     return numbers[first : first + ROWS * LANES]
 
 
-@inlined
+@traced
 def entry(work, row, lane):
     """Return the number of that row and lane."""
-    # unsigned: no test for an index from the end, which keeps a loop scalar
-    return work[np.uint64(row * LANES + lane)]
+    return work[row * LANES + lane]
 
 
-@inlined
+@traced
 def put(work, row, lane, value):
     """Store a number at that row and lane."""
-    work[np.uint64(row * LANES + lane)] = value
+    work[row * LANES + lane] = value
 
 
 @inlined
@@ -80,73 +74,38 @@ def robot_in(work, lane):
     return int(entry(work, ROBOT, lane))
 
 
-@inlined
+@traced
 def swap(work, row, first, second):
     """Exchange two lanes' numbers of a row."""
-    number = entry(work, row, first)
-    put(work, row, first, entry(work, row, second))
-    put(work, row, second, number)
+    one, other = entry(work, row, first), entry(work, row, second)
+    put(work, row, first, other)
+    put(work, row, second, one)
 
 
-def restored(like: Like, work, row, lane) -> Like:  # pragma: no cover (compiled form below)
-    """Return the numbers of a lane from `row` on as a tuple, named or not, or tuples in tuples, of the shape of `like`.
-
-    The array is an argument of its own: in a tuple of arguments its reference would be counted in the loop over
-    lanes, which would then not become vector code.
-    """
-    raise NotImplementedError("compiled code only")
+@traced
+def restored(like, work, row, lane):
+    """Return the numbers of a lane from `row` on in the shape of `like`, a tuple or tuples in tuples."""
+    return shaped(like, (entry(work, row + i, lane) for i in count()))
 
 
-@by_types_of(restored)
-def _restored(like, work, row, lane):
-    names = {one.__name__: one for one in _classes(like)}
-    return written("like, work, row, lane", _entries(like, count()), unsigned=np.uint64, **names)
+def shaped(like: float | tuple, numbers: Iterator):
+    """Return the next numbers in the shape of `like`."""
+    if not isinstance(like, tuple):
+        return next(numbers)
+    items = [shaped(one, numbers) for one in like]
+    return type(like)(*items) if hasattr(like, "_fields") else tuple(items)
 
 
-def _entries(shape: types.Type, rows: Iterator[int]) -> str:
-    if isinstance(shape, types.BaseTuple):
-        entries = "(" + "".join(f"{_entries(item, rows)}, " for item in _items(shape)) + ")"
-        return _class_of(shape).__name__ + entries if isinstance(shape, types.BaseNamedTuple) else entries
-    # written out: as a call, each row would be a function to compile
-    return f"work[unsigned((row + {next(rows)}) * {LANES} + lane)]"
-
-
-def _classes(shape: types.Type) -> Iterator[type]:
-    """Yield the classes of named tuples in a tuple, its own included."""
-    if isinstance(shape, types.BaseNamedTuple):
-        yield _class_of(shape)
-    if isinstance(shape, types.BaseTuple):
-        for item in _items(shape):
-            yield from _classes(item)
-
-
-def stored(work, row, lane, value) -> None:  # pragma: no cover (compiled form below)
+@traced
+def stored(work, row, lane, value):
     """Store the numbers of a tuple, or of tuples in tuples, in the rows from `row` on."""
-    raise NotImplementedError("compiled code only")
+    for i, number in enumerate(_flat(value)):
+        put(work, row + i, lane, number)
 
 
-@by_types_of(stored)
-def _stored(work, row, lane, value):
-    # statements, not calls, likewise
-    puts = (
-        f"work[unsigned((row + {i}) * {LANES} + lane)] = {name}"
-        for i, name in enumerate(_numbers(value, "value"))
-    )
-    return written("work, row, lane, value", "None", *puts, unsigned=np.uint64)
-
-
-def _numbers(shape: types.Type, name: str) -> Iterator[str]:
-    """Yield how each number of a tuple is written in code."""
-    if isinstance(shape, types.BaseTuple):
-        for i, item in enumerate(_items(shape)):
-            yield from _numbers(item, f"{name}[{i}]")
+def _flat(value: float | tuple) -> Iterator:
+    if isinstance(value, tuple):
+        for one in value:
+            yield from _flat(one)
     else:
-        yield name
-
-
-def _class_of(shape: types.BaseNamedTuple) -> type:
-    return shape.instance_class  # pyright: ignore[reportAttributeAccessIssue] (each kind has it, their base does not)
-
-
-def _items(shape: types.BaseTuple) -> tuple[types.Type, ...]:
-    return tuple(shape)  # pyright: ignore[reportArgumentType] (each kind of tuple is iterable, their base is not)
+        yield value

@@ -4,14 +4,12 @@
 followed here. The wheels' further terms are loaded only for a `DirectedLaw`, and are absent otherwise.
 """
 
-import numpy as np
+from itertools import count
 
-from ballbot.mechanics.engine.compiled import by_types_of, inlined
-from ballbot.mechanics.engine.lanes import TORQUE, entry, restored
-from ballbot.mechanics.engine.vector import each, each_with, second, written
-from ballbot.mechanics.friction import NO_TERMS, DirectedLaw, loaded_coulomb
+from ballbot.mechanics.engine.lanes import TORQUE, entry, restored, shaped
+from ballbot.mechanics.engine.tracing import traced
+from ballbot.mechanics.friction import NO_TERMS, DirectedLaw, has_directions, loaded_coulomb
 from ballbot.mechanics.parameters import (
-    PLACE_SPEED_SCALE,
     RIGID_SHAPE,
     RIGID_SIZE,
     TERMS_SIZE,
@@ -24,139 +22,48 @@ from ballbot.mechanics.parameters import (
 )
 
 _DECAY = Parameters._fields.index("decay")
-_DECAY_SHAPE = RIGID_SHAPE[_DECAY]
 
 
-def row_count(selected) -> int:  # pragma: no cover (compiled form below)
+@traced
+def row_count(selected):
     """Return `row_size` in compiled code."""
-    raise NotImplementedError("compiled code only")
+    own = WHEEL_SIZE + TERMS_SIZE * isinstance(selected.law, DirectedLaw)
+    return RIGID_SIZE + len(selected.wheels) * own
 
 
-@by_types_of(row_count)
-def _row_count(selected):
-    size = np.int64(RIGID_SIZE + len(selected.types[0]) * (WHEEL_SIZE + TERMS_SIZE * _is_directed(selected)))
-    return lambda selected: size
+def unpacked(selected, at):
+    """Return the `Parameters` of a robot whose numbers are at(0), at(1), .., without a motor's load."""
+    n, places = len(selected.wheels), count()
+    rigid = shaped(RIGID_SHAPE, map(at, places))
+    wheels = [Wheel(*shaped(WHEEL_SHAPE, map(at, places)), *rigid[_DECAY]) for _ in range(n)]
+    if isinstance(selected.law, DirectedLaw):
+        wheels = [DirectedWheel(*wheel, shaped(NO_TERMS, map(at, places))) for wheel in wheels]
+    return Parameters(*rigid, tuple(wheels))
 
 
-@inlined
-def _wheel_of(own, decay):
-    return Wheel(own[0], own[1], own[2], own[3], decay[0], decay[1])
-
-
-@inlined
-def _directed_wheel_of(wheel, terms):
-    return DirectedWheel(wheel.axle, wheel.b, wheel.c, wheel.s, wheel.inv_vs, wheel.delta, terms)
-
-
-@inlined
-def _loaded_wheel(wheel, torque):
-    c = loaded_coulomb(wheel.c, wheel.terms, torque)
-    return DirectedWheel(wheel.axle, wheel.b, c, wheel.s, wheel.inv_vs, wheel.delta, wheel.terms)
-
-
-@inlined
-def _load_plain_wheel(work, wheel, lane):
-    own = restored(WHEEL_SHAPE, work, RIGID_SIZE + WHEEL_SIZE * wheel, lane)
-    return _wheel_of(own, restored(_DECAY_SHAPE, work, PLACE_SPEED_SCALE, lane))
-
-
-def load_wheel(selected, work, wheel, lane) -> Wheel:  # pragma: no cover (compiled form below)
-    """Return the `Wheel` or `DirectedWheel` of that number of one lane, under the torque in the lane."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(load_wheel)
-def _load_wheel(selected, work, wheel, lane):
-    if not _is_directed(selected):
-        return lambda selected, work, wheel, lane: _load_plain_wheel(work, wheel, lane)
-
-    def directed(selected, work, wheel, lane):
-        first = RIGID_SIZE + WHEEL_SIZE * len(selected.wheels)
-        terms = restored(NO_TERMS, work, first + TERMS_SIZE * wheel, lane)
-        return _loaded_wheel(
-            _directed_wheel_of(_load_plain_wheel(work, wheel, lane), terms),
-            entry(work, TORQUE + wheel, lane),
-        )
-
-    return directed
-
-
-def _is_directed(selected) -> bool:
-    """Return whether the type of a selector selects a `DirectedLaw`."""
-    return selected.types[1].instance_class is DirectedLaw
-
-
-def load_parameters(selected, work, lane) -> Parameters:  # pragma: no cover (compiled form below)
+@traced
+def load_parameters(selected, work, lane):
     """Return the `Parameters` of one lane without a motor's load."""
-    raise NotImplementedError("compiled code only")
+    return unpacked(selected, lambda place: entry(work, place, lane))
 
 
-@by_types_of(load_parameters)
-def _load_parameters(selected, work, lane):
-    if not _is_directed(selected):
-        return lambda selected, work, lane: _load_plain(selected, work, lane)
-
-    def directed(selected, work, lane):
-        first = RIGID_SIZE + WHEEL_SIZE * len(selected.wheels)
-        terms = restored(each_with(second, selected.wheels, NO_TERMS), work, first, lane)
-        P = _load_plain(selected, work, lane)
-        return _with_wheels(P, each(_directed_wheel_of, P.wheels, terms))
-
-    return directed
-
-
-def under_torque(selected, P, u) -> Parameters:  # pragma: no cover (compiled form below)
+@traced
+def under_torque(P, u):
     """Return the `Parameters` with the friction that the drives have under the motors' torques u."""
-    raise NotImplementedError("compiled code only")
+    wheels = [
+        wheel._replace(c=loaded_coulomb(wheel.c, wheel.terms, torque)) if has_directions(wheel) else wheel
+        for wheel, torque in zip(P.wheels, u, strict=True)
+    ]
+    return P._replace(wheels=tuple(wheels))
 
 
-@by_types_of(under_torque)
-def _under_torque(selected, P, u):
-    if not _is_directed(selected):
-        return lambda selected, P, u: P
-    return lambda selected, P, u: _with_wheels(P, each(_loaded_wheel, P.wheels, u))
-
-
-def load(selected, work, lane) -> Parameters:  # pragma: no cover (compiled form below)
+@traced
+def load(selected, work, lane):
     """Return the `Parameters` of one lane of a whole block's work array, under the torques in the lane."""
-    raise NotImplementedError("compiled code only")
+    P = load_parameters(selected, work, lane)
+    return under_torque(P, restored(selected.wheels, work, TORQUE, lane))
 
 
-@by_types_of(load)
-def _load(selected, work, lane):
-    if not _is_directed(selected):
-        return lambda selected, work, lane: _load_plain(selected, work, lane)
-    return lambda selected, work, lane: under_torque(
-        selected,
-        load_parameters(selected, work, lane),
-        restored(selected.wheels, work, TORQUE, lane),
-    )
-
-
-def _with_wheels(P, wheels) -> Parameters:  # pragma: no cover (compiled form below)
-    """Return `Parameters` from others, or from their numbers before the wheels, with these wheels."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(_with_wheels)
-def _with_these_wheels(P, wheels):
-    numbers = "".join(f"P[{i}], " for i in range(len(RIGID_SHAPE)))
-    return written("P, wheels", f"Parameters({numbers}wheels)", Parameters=Parameters)
-
-
-@inlined
-def _load_plain(selected, work, lane):
-    rigid = restored(RIGID_SHAPE, work, 0, lane)
-    own = restored(each_with(second, selected.wheels, WHEEL_SHAPE), work, RIGID_SIZE, lane)
-    return _with_wheels(rigid, each_with(_wheel_of, own, rigid[_DECAY]))
-
-
-def state_like(selected) -> tuple:  # pragma: no cover (compiled form below)
+def state_like(selected):
     """Return zeros, as many as a state has numbers: ten, and the spin where the ball pivots."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(state_like)
-def _state_like(selected):
-    size = 11 if selected.instance_class is Pivoting else 10
-    return written("selected", "(" + "0.0, " * size + ")")
+    return (0.0,) * (11 if isinstance(selected, Pivoting) else 10)

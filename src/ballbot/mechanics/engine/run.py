@@ -13,6 +13,8 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,11 +26,12 @@ from ballbot.mechanics.contacts import (
     finished,
     first_ahead,
     free_motion,
+    parted,
     step_start,
 )
-from ballbot.mechanics.engine.arrays import box_rows, fill, in_order, mass_matrix
-from ballbot.mechanics.engine.compiled import by_types_of, called, compiled, inlined, shared
-from ballbot.mechanics.engine.convex import convex_block
+from ballbot.mechanics.engine.arrays import box_rows, in_order, mass_rows
+from ballbot.mechanics.engine.compiled import c_code, called, compiled, inlined
+from ballbot.mechanics.engine.convex import convex_block, robot_in_lane
 from ballbot.mechanics.engine.lanes import (
     GROUP,
     LANES,
@@ -47,105 +50,132 @@ from ballbot.mechanics.engine.lanes import (
     stored,
     swap,
 )
-from ballbot.mechanics.engine.loading import load, row_count, state_like
-from ballbot.mechanics.engine.smooth import SINES, SPEEDS, begin_steps, smooth_block
-from ballbot.mechanics.engine.vector import each, each_with, written
+from ballbot.mechanics.engine.loading import row_count, state_like
+from ballbot.mechanics.engine.smooth import SINES, SPEEDS, begin_steps, is_upright, smooth_block
+from ballbot.mechanics.engine.tracing import both, greatest, lanes, outside, traced, where
+from ballbot.mechanics.engine.vector import scale
 from ballbot.mechanics.equations import (
-    LARGEST_LEAN,
     attitude,
     rates_from_angles,
     rates_of_angles,
 )
 from ballbot.mechanics.parameters import Exact, Pivoting, Thesis, row_size
-from ballbot.mechanics.stick_slip import contact_rows, mobility, moving_minimiser, rest_is_held
+from ballbot.mechanics.stick_slip import mobility, moving_minimiser, rest_is_held
 
 
-@inlined
+@traced
 def load_state(selected, work, lane):
     """Return a lane's state: ten numbers, and the spin where the ball pivots."""
     return restored(state_like(selected), work, STATE, lane)
 
 
-@inlined
+@traced
 def load_torques(selected, work, lane):
     """Return the wheel torques of one lane."""
     return restored(selected.wheels, work, TORQUE, lane)
 
 
-@called
+@inlined
 def robust_lane(selected, work, lane):
-    """Take the convex step of one lane by `stick_slip.minimiser`, which always finds the minimiser."""
-    P = load(selected, work, lane)
-    state, u = load_state(selected, work, lane), load_torques(selected, work, lane)
-    h = entry(work, STEP, lane)
+    """Take the convex step of one lane by `stick_slip`, which always finds the minimiser."""
+    P, state, u, h = robot_in_lane(selected, work, lane)
     start = step_start(selected, state, h)
-    free = free_motion(selected, P, start.middle, start.v, start.w, u)
-    M, C = mass_matrix(free.system), box_rows(selected, P, start.middle)
-    Y, G = mobility(M, contact_rows(C))
-    contacts = (C, Y, G)
-    ahead = first_ahead(selected, P, start, free, h)
-    nu, guess, limits = in_order(ahead.v, ahead.w), in_order(start.v, start.w), np.array(ahead.limits)
-    if rest_is_held(M, nu, C, limits, P.rolling_force, h):
-        fill(nu, np.zeros(len(nu)))
+    ahead, M, contacts = _problem_of(selected, P, start, u, h)
+    nu, guess = in_order(ahead.v, ahead.w), in_order(start.v, start.w)
+    if rest_is_held(M, nu, contacts[0], ahead.limits, P.rolling_force, h):
+        nu = scale(nu, 0.0)
     else:
-        best, speeds = np.zeros((2, len(C) + 2)), np.array(ahead.speeds)
-        nu = moving_minimiser(M, nu, contacts, speeds, limits, P.rolling_force, h, guess, best)
-        found = found_of(ahead.speeds, best, contacts[2], h, ahead.limits)
-        end = velocity_in(start.v, nu) + (nu[2], nu[3], nu[4])
-        ahead = corrected_ahead(selected, P, start, end, found, u, h)
-        guess, nu, limits = nu, in_order(ahead.v, ahead.w), np.array(ahead.limits)
-        speeds = np.array(ahead.speeds)
-        nu = moving_minimiser(M, nu, contacts, speeds, limits, ahead.rolling_force, h, guess, best)
-    v = velocity_in(start.v, nu)
-    stored(work, TRIAL, lane, finished(selected, state, start.middle, v, (nu[2], nu[3], nu[4]), h))
+        nu, forces, speeds = moving_minimiser(
+            M, nu, contacts, ahead.speeds, ahead.limits, P.rolling_force, h, guess
+        )
+        found = found_of(forces, speeds, contacts[2], h, ahead.limits)
+        ahead = corrected_ahead(selected, P, start, _in_parts(nu), found, u, h)
+        free = in_order(ahead.v, ahead.w)
+        nu, _, _ = moving_minimiser(M, free, contacts, ahead.speeds, ahead.limits, ahead.rolling_force, h, nu)
+    _put_trial(selected, work, lane, state, start, nu, h)
 
 
-def found_of(like, best, G, h, limits) -> Found:  # pragma: no cover (compiled form below)
-    """Return the `Found` of forces and speeds (2, contacts) and the mobility G; it has as many contacts as `like`."""
-    raise NotImplementedError("compiled code only")
+@traced
+def _problem_of(selected, P, start, u, h):
+    """Return the first `Ahead` of a step, the mass matrix and the contacts."""
+    free = free_motion(selected, P, start.middle, start.v, start.w, u)
+    M, C = mass_rows(free.system), box_rows(selected, P, start.middle)
+    return first_ahead(selected, P, start, free, h), M, (C, *mobility(M, C))
 
 
-@by_types_of(found_of)
-def _found_of(like, best, G, h, limits):
-    m = len(like)
-    disc = f"max(G[{m - 2}, {m - 2}], G[{m - 1}, {m - 1}])"
-    lines = [f"c{i} = 1.0 / (h * {f'G[{i}, {i}]' if i < m - 2 else disc})" for i in range(m)]
-    forces = "".join(f"best[0, {i}], " for i in range(m))
-    probes = "".join(f"best[0, {i}] + c{i} * best[1, {i}], " for i in range(m))
-    rows = "".join("(" + "".join(f"c{i} * h * G[{i}, {j}], " for j in range(m)) + "), " for i in range(m))
-    rates = "".join(f"c{i}, " for i in range(m))
-    return written(
-        "like, best, G, h, limits",
-        f"Found(({forces}), ({probes}), ({rows}), ({rates}), limits)",
-        *lines,
-        Found=Found,
+@traced
+def _put_trial(selected, work, lane, state, start, nu, h):
+    v, w = parted(_in_parts(nu))
+    stored(work, TRIAL, lane, finished(selected, state, start.middle, v, w, h))
+
+
+@traced
+def _in_parts(nu):
+    """Return velocities v + w out of those in the order of `rows`."""
+    return nu[:2] + nu[5:] + nu[2:5]
+
+
+@traced
+def found_of(forces, speeds, G, h, limits):
+    """Return the `Found` of forces and speeds of the contacts and their mobility G."""
+    m = len(forces)
+    stiffest = greatest(G[-1][-1], G[-2][-2])
+    rates = tuple(1.0 / (h * (G[i][i] if i < m - 2 else stiffest)) for i in range(m))
+    rows = tuple(scale(row, rate * h) for row, rate in zip(G, rates, strict=True))
+    probes = tuple(force + rate * speed for force, rate, speed in zip(forces, rates, speeds, strict=True))
+    return Found(forces, probes, rows, rates, limits)
+
+
+class Code(NamedTuple):
+    """Addresses of what a step is made of, compiled by itself for each kind of robot, for `tracing.outside`.
+
+    Within the loops that call it, each would be optimised and assembled again with every one of them.
+    """
+
+    take_steps: (
+        int  #: (work, width, steps, robust_lane): advances every lane by so many steps with torques held
     )
+    robust_lane: int  #: (work, lane)
 
 
-def velocity_in(like, nu) -> tuple:  # pragma: no cover (compiled form below)
-    """Return v out of velocities in the order of `rows`."""
-    raise NotImplementedError("compiled code only")
+@cache
+def code_of(selected: Exact | Thesis | Pivoting) -> Code:
+    """Return the code for a kind of robot; the first call compiles, or reads what an earlier process has compiled."""
+
+    @c_code("void(CPointer(float64), int64)")
+    def robust(work, lane):
+        robust_lane(selected, work, lane)
+
+    @c_code("void(CPointer(float64), int64, int64, int64)")
+    def take(work, width, steps, robust_lane):
+        for _ in range(steps):
+            begin_steps(selected, work, width)
+            resting = _count_open(work, 0, width)
+            if resting > 0:
+                _sort(selected, work, width)
+            if resting < width:
+                smooth_block(selected, work, _whole_groups(width - resting, width))
+            for first in range(0, width, GROUP):
+                last = min(first + GROUP, width)
+                if _count_open(work, first, last) > 0:
+                    convex_block(selected, work, first, last)
+                    for lane in range(first, last):
+                        if _is_open(work, lane):  # it has not settled
+                            _call_robust_lane(robust_lane, work, lane)
+            _accept(selected, work, width)
+
+    return Code(take, robust)  # pyright: ignore[reportArgumentType] (addresses)
 
 
-@by_types_of(velocity_in)
-def _velocity_in(like, nu):
-    if len(like) == 2:
-        return lambda like, nu: (nu[0], nu[1])
-    return lambda like, nu: (nu[0], nu[1], nu[5])
-
-
-@shared
-def take_steps(selected, work, width, steps):
+@traced
+def take_steps(code, work, width, steps):
     """Advance every lane of a block by `steps` steps with torques held."""
-    for _ in range(steps):
-        begin_steps(selected, work, width)
-        resting = _count_open(work, 0, width)
-        if resting > 0:
-            _sort(selected, work, width)
-        if resting < width:
-            smooth_block(selected, work, _whole_groups(width - resting, width))
-        _take_open_steps(selected, work, width)
-        _accept(selected, work, width)
+    outside(code.take_steps, work, width, steps, code.robust_lane)
+
+
+@traced
+def _call_robust_lane(address, work, lane):
+    outside(address, work, lane)
 
 
 @inlined
@@ -156,12 +186,10 @@ def _count_open(work, first, last):
     return int(count)
 
 
-@inlined
+@traced
 def _open(work, lane):
-    """Return 1 where a lane's step still has to be taken, in a form that vector code has."""
-    counts = 1.0 if entry(work, MARGIN, lane) > 0.0 else 0.0
-    moves = 0.0 if entry(work, STEP, lane) == 0.0 else 1.0
-    return moves - moves * counts
+    """Return 1 where a lane's step still has to be taken, else 0."""
+    return where(both(entry(work, STEP, lane) != 0.0, ~(entry(work, MARGIN, lane) > 0.0)), 1.0, 0.0)
 
 
 @inlined
@@ -199,40 +227,14 @@ def _whole_groups(lanes, width):
     return min((lanes + GROUP - 1) // GROUP * GROUP, width)
 
 
-@inlined
-def _take_open_steps(selected, work, width):
-    """Take the convex step of open lanes, group by group; lanes that do not settle take it by the robust method."""
-    for first in range(0, width, GROUP):
-        last = min(first + GROUP, width)
-        if _count_open(work, first, last) > 0:
-            convex_block(selected, work, first, last)
-            for lane in range(first, last):
-                if _is_open(work, lane):
-                    robust_lane(selected, work, lane)
-
-
-@inlined
+@traced
 def _accept(selected, work, width):
     """Make the trials the states; past the largest lean a lane takes steps of zero: it stays where it is."""
-    for lane in range(width):
-        h = entry(work, STEP, lane)
-        both = each(
-            _pair, load_state(selected, work, lane), restored(state_like(selected), work, TRIAL, lane)
-        )
-        end = each_with(_later, both, h)
+    for lane in lanes(0, width):
+        h, trial = entry(work, STEP, lane), restored(state_like(selected), work, TRIAL, lane)
+        end = where(h == 0.0, load_state(selected, work, lane), trial)
         stored(work, STATE, lane, end)
-        upright = abs(end[2]) <= LARGEST_LEAN and abs(end[3]) <= LARGEST_LEAN
-        put(work, STEP, lane, h if upright else 0.0)
-
-
-@inlined
-def _pair(a, b):
-    return (a, b)
-
-
-@inlined
-def _later(states, h):
-    return states[0] if h == 0.0 else states[1]
+        put(work, STEP, lane, where(is_upright(end), h, 0.0))
 
 
 @inlined
@@ -258,7 +260,7 @@ def write_state(selected, work, lane, out):
 
 
 @compiled
-def run_block(selected, tables, row_of, h, steps, every, out, ended):
+def run_block(code, selected, tables, row_of, h, steps, every, out, ended):
     """Simulate a block of at most `LANES` lanes, and fill `out` and `ended` as the `states` and `ended` of a `Batch`.
 
     `tables` are the parameters, initial states and torques of `Lanes`, and row_of (lanes, 3) its rows of the block's
@@ -276,7 +278,7 @@ def run_block(selected, tables, row_of, h, steps, every, out, ended):
             held = torques[row_of[robot_in(work, lane), 2], sample]
             for i in range(n):
                 work[(TORQUE + i) * LANES + lane] = held[i]
-        take_steps(selected, work, width, steps)
+        take_steps(code, work, width, steps)
         for lane in range(width):
             robot = robot_in(work, lane)
             if work[STEP * LANES + lane] == 0.0 and ended[robot] == samples:
@@ -387,9 +389,11 @@ def simulate_lanes(
     out = np.empty((len(row_of), tables[2].shape[1] // every, size))
     ended = np.empty(len(row_of), np.int64)
 
+    code = code_of(selected)
+
     def run(first: int) -> None:
         block = slice(first, first + LANES)
-        run_block(selected, tables, row_of[block], h, steps, every, out[block], ended[block])
+        run_block(code, selected, tables, row_of[block], h, steps, every, out[block], ended[block])
 
     over_threads(run, len(row_of), threads)
     return Batch(states=out, ended=ended)
@@ -418,7 +422,7 @@ def simulate_one(
     """
     out, ended = np.empty((1, 1, len(state))), np.empty(1, np.int64)
     tables = (parameters[None], state[None], torques[None, None])
-    run_block(selected, tables, _FIRST_ROWS, sample_time / steps, steps, 1, out, ended)
+    run_block(code_of(selected), selected, tables, _FIRST_ROWS, sample_time / steps, steps, 1, out, ended)
     return out[0, 0]
 
 

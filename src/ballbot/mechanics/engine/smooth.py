@@ -12,7 +12,7 @@ long one a single turn, and it stands still. So a part is a loop of its own wher
 """
 
 from ballbot.mechanics.accelerations import accelerated, forces_in, system_like, with_forces
-from ballbot.mechanics.engine.compiled import by_types_of, called, inlined
+from ballbot.mechanics.engine.compiled import called
 from ballbot.mechanics.engine.elementary import power_of_two, sine_cosine, sine_cosine_of_lean
 from ballbot.mechanics.engine.lanes import (
     MARGIN,
@@ -27,9 +27,11 @@ from ballbot.mechanics.engine.lanes import (
     restored,
     stored,
 )
-from ballbot.mechanics.engine.loading import load, load_wheel, state_like
-from ballbot.mechanics.engine.vector import add, advanced, each, each_with, smallest
+from ballbot.mechanics.engine.loading import load, state_like
+from ballbot.mechanics.engine.tracing import both, greatest, lanes, least, traced, where
+from ballbot.mechanics.engine.vector import add, advanced, each, smallest
 from ballbot.mechanics.equations import (
+    LARGEST_LEAN,
     attitude_of,
     balancing_attitude,
     ball_torque,
@@ -46,106 +48,81 @@ _MOMENT = 0.01  # of a step: a wheel that friction stops in so short a time is a
 # A state here is the tuple (x, y, theta, phi, psi, v_x, v_y, w_1, w_2, w_3), and the ball's spin where it pivots.
 
 
-def ball_velocity(state) -> tuple:  # pragma: no cover (compiled form below)
+@traced
+def ball_velocity(state):
     """Return v of a state: (v_x, v_y), and the spin where the ball pivots."""
-    raise NotImplementedError("compiled code only")
+    return state[5:7] + state[10:]
 
 
-@by_types_of(ball_velocity)
-def _ball_velocity(state):
-    if len(state) == 10:
-        return lambda state: (state[5], state[6])
-    return lambda state: (state[5], state[6], state[10])
-
-
-@inlined
+@traced
 def body_velocity(state):
     """Return w of a state."""
     return (state[7], state[8], state[9])
 
 
-def in_state_order(position, angles, v, w) -> tuple:  # pragma: no cover (compiled form below)
+def is_upright(state):
+    """Return whether a state leans by no more than the largest lean."""
+    return both(abs(state[2]) <= LARGEST_LEAN, abs(state[3]) <= LARGEST_LEAN)
+
+
+@traced
+def in_state_order(position, angles, v, w):
     """Return a state from its parts, or its rate of change from theirs."""
-    raise NotImplementedError("compiled code only")
+    return position + angles + v[:2] + w + v[2:]
 
 
-@by_types_of(in_state_order)
-def _in_state_order(position, angles, v, w):
-    if len(v) == 2:
-        return lambda position, angles, v, w: position + angles + v + w
-    return lambda position, angles, v, w: position + angles + (v[0], v[1]) + w + (v[2],)
-
-
-@inlined
 def speed_margin(wheel, sign_at_start, speed):
     """Return a number that stays positive while a wheel's speed keeps its sign, or has no dry friction."""
-    return max(sign_at_start * speed, 1.0 if wheel.c + wheel.s == 0.0 else -1.0)
+    return greatest(sign_at_start * speed, where(wheel.c + wheel.s == 0.0, 1.0, -1.0))
 
 
-@inlined
 def smallest_margin(P, signs, speeds):
     """Return a number that is positive while every wheel's speed has its sign of the start."""
     return smallest(each(speed_margin, P.wheels, signs, speeds))
 
 
-@inlined
-def _rest_speed(wheel, per_torque):
-    return per_torque * (wheel.c + wheel.s)
-
-
-@inlined
 def rest_speeds(P, h):
     """Return the speed of each wheel below which it is at rest [rad/s]: its step is taken by the convex method.
 
     A wheel that sticks does not stay at a speed of zero to the last digit, since the robot turns within the step.
     """
-    return each_with(_rest_speed, P.wheels, _MOMENT * h / P.d1)
+    per_torque = _MOMENT * h / P.d1
+    return tuple(per_torque * (wheel.c + wheel.s) for wheel in P.wheels)
 
 
-@inlined
-def _faster(speed, rest):
-    return abs(speed) - rest if rest > 0.0 else 1.0
-
-
-@inlined
 def moving_margin(P, v, speeds, h):
     """Return a number that is positive if no contact with dry friction is at rest: its sign is then known."""
-    return min(rolling_margin(P, v), smallest(each(_faster, speeds, rest_speeds(P, h))))
+    faster = (
+        where(rest > 0.0, abs(speed) - rest, 1.0)
+        for speed, rest in zip(speeds, rest_speeds(P, h), strict=True)
+    )
+    return least(rolling_margin(P, v), smallest(tuple(faster)))
 
 
-@inlined
-def _net_torque(wheel, u, speed, sign_at_start, dry):
-    """Return u - tau(w) of one wheel."""
-    return u - wheel.b * speed - sign_at_start * dry
-
-
-@inlined
-def _sum(a, b, c):
-    return a + b + c
-
-
-@inlined
+@traced
 def net_torques(P, u, speeds, signs, dry):
-    """Return u - tau(w) of the wheels, with the sizes and signs of their dry friction given."""
-    return each(_net_torque, P.wheels, u, speeds, signs, dry)
+    """Return u - tau(w) of each wheel, for the dry friction's sizes and signs."""
+    return tuple(
+        torque - wheel.b * speed - sign_at_start * size
+        for wheel, torque, speed, sign_at_start, size in zip(P.wheels, u, speeds, signs, dry, strict=True)
+    )
 
 
-@inlined
 def loaded(selected, P, a, v, w, torques, floor_force):
     """Return the `Terms` or `SpinTerms` with all forces in them: the wheels' net torques and the floor's force."""
     system = terms(selected, P, a, v, w)
     F, L = wheel_force(selected, P, a, ball_torque(P, torques))
     f_v, f_w = forces_in(system)
-    return with_forces(system, each(_sum, f_v, F, floor_force), add(f_w, L))
+    return with_forces(system, add(add(f_v, F), floor_force), add(f_w, L))
 
 
-@inlined
+@traced
 def acceleration(selected, P, a, v, w, torques, floor):
     """Return (v_dot, w_dot) under the wheels' net torques and the floor's friction."""
     return accelerated(loaded(selected, P, a, v, w, torques, floor.force), floor.holding)
 
 
-@inlined
+@traced
 def rate_of_change(selected, P, a, state, torques):
     """Return the state's rate of change under the wheels' net torques."""
     v, w = ball_velocity(state), body_velocity(state)
@@ -153,7 +130,7 @@ def rate_of_change(selected, P, a, state, torques):
     return in_state_order((v[0], v[1]), rates_of_angles(selected, a, w), v_dot, w_dot)
 
 
-@inlined
+@traced
 def derivative(selected, P, state, u, signs):
     """Return the state's rate of change, and the wheel speeds."""
     a, speeds = pose(selected, P, state)
@@ -161,19 +138,14 @@ def derivative(selected, P, state, u, signs):
     return rate_of_change(selected, P, a, state, net_torques(P, u, speeds, signs, dry)), speeds
 
 
-@inlined
+@traced
 def pose(selected, P, state):
     """Return the attitude and the wheel speeds of a state."""
     a = balancing_attitude((state[2], state[3], state[4]))
     return a, wheel_speeds(selected, P, a, ball_velocity(state), body_velocity(state))
 
 
-@inlined
-def _weighted(k1, k2, k3, k4):
-    return (k1 + 2.0 * (k2 + k3) + k4) * (1.0 / 6.0)
-
-
-@inlined
+@traced
 def runge_kutta_step(selected, P, state, u, h):
     """Take one RK4 step with the friction's signs of its start, in one piece.
 
@@ -193,18 +165,12 @@ def runge_kutta_step(selected, P, state, u, h):
     k3, speeds3 = derivative(selected, P, third, u, signs)
     fourth = advanced(state, k3, h)
     k4, speeds4 = derivative(selected, P, fourth, u, signs)
-    end = advanced(state, each(_weighted, k1, k2, k3, k4), h)
+    end = advanced(advanced(state, add(k1, k4), h / 6.0), add(k2, k3), h / 3.0)
 
-    wheels = min(
-        min(smallest_margin(P, signs, speeds1), smallest_margin(P, signs, speeds2)),
-        min(smallest_margin(P, signs, speeds3), smallest_margin(P, signs, speeds4)),
-    )
-    floor = min(
-        min(floor_margin(P, state, state), floor_margin(P, state, second)),
-        min(floor_margin(P, state, third), floor_margin(P, state, fourth)),
-    )
-    margin = min(wheels, min(floor, floor_margin(P, state, end)))
-    return end, min(margin, moving_margin(P, ball_velocity(state), speeds1, h))
+    wheels = [smallest_margin(P, signs, one) for one in (speeds1, speeds2, speeds3, speeds4)]
+    floor = [floor_margin(P, state, one) for one in (state, second, third, fourth, end)]
+    margins = (*wheels, *floor, moving_margin(P, ball_velocity(state), speeds1, h))
+    return end, smallest(margins)
 
 
 # Scratch rows: results of a stage's loops, the stage's state, and the weighted mean of the slopes
@@ -216,71 +182,61 @@ _STAGE = _SIGNS + 4
 _SLOPE = _STAGE + 11
 _SYSTEM = _SLOPE + 11
 assert _SYSTEM + 27 <= ROWS  # compiled code does not look whether a row is in the array
-_SIX = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_SIX = (0.0,) * 6
 
 
-@called
+@traced
 def begin_steps(selected, work, width):
     """Leave each lane's attitude and wheel speeds, and a margin that says whether all its contacts move."""
     _attitudes(selected, work, width, STATE)
-    for lane in range(width):
+    for lane in lanes(0, width):
         P, state = load(selected, work, lane), restored(state_like(selected), work, STATE, lane)
         speeds = restored(selected.wheels, work, SPEEDS, lane)
         put(work, MARGIN, lane, moving_margin(P, ball_velocity(state), speeds, entry(work, STEP, lane)))
 
 
-@inlined
+@traced
 def _attitudes(selected, work, width, states):
     """Leave the sines and wheel speeds of the states in the rows from `states` on."""
-    for lane in range(width):
-        stored(work, SINES, lane, sine_cosine_of_lean(entry(work, states + 2, lane)))
-    for lane in range(width):
-        stored(work, SINES + 2, lane, sine_cosine_of_lean(entry(work, states + 3, lane)))
-    for lane in range(width):
-        stored(work, SINES + 4, lane, sine_cosine(entry(work, states + 4, lane)))
-    for lane in range(width):
+    for row, function in ((2, sine_cosine_of_lean), (3, sine_cosine_of_lean), (4, sine_cosine)):
+        for lane in lanes(0, width):
+            stored(work, SINES + 2 * (row - 2), lane, function(entry(work, states + row, lane)))
+    for lane in lanes(0, width):
         P, state = load(selected, work, lane), restored(state_like(selected), work, states, lane)
         a = attitude_of(restored(_SIX, work, SINES, lane))
         stored(work, SPEEDS, lane, wheel_speeds(selected, P, a, ball_velocity(state), body_velocity(state)))
 
 
-@inlined
+@traced
 def _begin(selected, work, width):
-    for lane in range(width):
+    for lane in lanes(0, width):
         state = restored(state_like(selected), work, STATE, lane)
         stored(work, _STAGE, lane, state)
         stored(work, _SLOPE, lane, state_like(selected))
         stored(work, _SIGNS, lane, each(sign, restored(selected.wheels, work, SPEEDS, lane)))
 
 
-@inlined
 def _dry_friction(selected, work, width):
     for wheel in range(len(selected.wheels)):
-        for lane in range(width):
-            one = load_wheel(selected, work, wheel, lane)
+        for lane in lanes(0, width):
+            one = load(selected, work, lane).wheels[wheel]
             put(work, _DRY + wheel, lane, decay_exponent(one, entry(work, SPEEDS + wheel, lane)))
     for wheel in range(len(selected.wheels)):
-        for lane in range(width):
+        for lane in lanes(0, width):
             put(work, _DRY + wheel, lane, power_of_two(entry(work, _DRY + wheel, lane)))
     for wheel in range(len(selected.wheels)):
-        for lane in range(width):
-            one = load_wheel(selected, work, wheel, lane)
+        for lane in lanes(0, width):
+            one = load(selected, work, lane).wheels[wheel]
             power, direction = entry(work, _DRY + wheel, lane), entry(work, _SIGNS + wheel, lane)
             put(work, _DRY + wheel, lane, with_decay(one, power, direction))
 
 
-@inlined
 def _forces(selected, work, width):
     """Leave the equations to solve."""
-    for lane in range(width):
+    for lane in lanes(0, width):
         P, state = load(selected, work, lane), restored(state_like(selected), work, _STAGE, lane)
-        u, speeds = (
-            restored(selected.wheels, work, TORQUE, lane),
-            restored(selected.wheels, work, SPEEDS, lane),
-        )
-        signs, dry = (
-            restored(selected.wheels, work, _SIGNS, lane),
-            restored(selected.wheels, work, _DRY, lane),
+        u, speeds, signs, dry = (
+            restored(selected.wheels, work, row, lane) for row in (TORQUE, SPEEDS, _SIGNS, _DRY)
         )
         a = attitude_of(restored(_SIX, work, SINES, lane))
         v, w = ball_velocity(state), body_velocity(state)
@@ -288,57 +244,47 @@ def _forces(selected, work, width):
         stored(work, _SYSTEM, lane, loaded(selected, P, a, v, w, torques, floor_friction(P, v).force))
 
 
-@inlined
 def _accelerations(selected, work, width, ahead, weight):
     """Add a stage's slope with its weight, and put the next stage's state `ahead` steps from the start."""
-    for lane in range(width):
+    for lane in lanes(0, width):
         P, state = load(selected, work, lane), restored(state_like(selected), work, _STAGE, lane)
         a, v, w = attitude_of(restored(_SIX, work, SINES, lane)), ball_velocity(state), body_velocity(state)
         system = restored(system_like(selected), work, _SYSTEM, lane)
         v_dot, w_dot = accelerated(system, floor_friction(P, v).holding)
         slope = in_state_order((v[0], v[1]), rates_of_angles(selected, a, w), v_dot, w_dot)
 
-        start = restored(state_like(selected), work, STATE, lane)
-        mean = restored(state_like(selected), work, _SLOPE, lane)
-        signs, speeds = (
-            restored(selected.wheels, work, _SIGNS, lane),
-            restored(selected.wheels, work, SPEEDS, lane),
-        )
-        margin = min(smallest_margin(P, signs, speeds), floor_margin(P, start, state))
-        put(work, MARGIN, lane, min(entry(work, MARGIN, lane), margin))
+        start, mean = (restored(state_like(selected), work, row, lane) for row in (STATE, _SLOPE))
+        signs, speeds = (restored(selected.wheels, work, row, lane) for row in (_SIGNS, SPEEDS))
+        margin = least(smallest_margin(P, signs, speeds), floor_margin(P, start, state))
+        put(work, MARGIN, lane, least(entry(work, MARGIN, lane), margin))
         stored(work, _SLOPE, lane, advanced(mean, slope, weight))
         stored(work, _STAGE, lane, advanced(start, slope, ahead * entry(work, STEP, lane)))
 
 
-@called
+@traced
 def _stage(selected, work, width, ahead, weight):
     _dry_friction(selected, work, width)
     _forces(selected, work, width)
     _accelerations(selected, work, width, ahead, weight)
 
 
-@called
-def _next_stage(selected, work, width, ahead, weight):
-    _attitudes(selected, work, width, _STAGE)
-    _stage(selected, work, width, ahead, weight)
-
-
-@inlined
+@traced
 def _end(selected, work, width):
-    for lane in range(width):
+    for lane in lanes(0, width):
         P = load(selected, work, lane)
-        start = restored(state_like(selected), work, STATE, lane)
-        end = advanced(start, restored(state_like(selected), work, _SLOPE, lane), entry(work, STEP, lane))
+        start, slope = (restored(state_like(selected), work, row, lane) for row in (STATE, _SLOPE))
+        end = advanced(start, slope, entry(work, STEP, lane))
         stored(work, TRIAL, lane, end)
-        put(work, MARGIN, lane, min(entry(work, MARGIN, lane), floor_margin(P, start, end)))
+        put(work, MARGIN, lane, least(entry(work, MARGIN, lane), floor_margin(P, start, end)))
 
 
 @called
 def smooth_block(selected, work, width):
     """Try an RK4 step of the first lanes, after `begin_steps`; states go to the trial rows, margins to theirs."""
     _begin(selected, work, width)
-    _stage(selected, work, width, 0.5, 1.0 / 6.0)
-    _next_stage(selected, work, width, 0.5, 1.0 / 3.0)
-    _next_stage(selected, work, width, 1.0, 1.0 / 3.0)
-    _next_stage(selected, work, width, 0.0, 1.0 / 6.0)
+    for stage in range(4):
+        if stage > 0:
+            _attitudes(selected, work, width, _STAGE)
+        ahead = 1.0 if stage == 2 else 0.5
+        _stage(selected, work, width, ahead, 1.0 / 6.0 if stage in (0, 3) else 1.0 / 3.0)
     _end(selected, work, width)
