@@ -149,7 +149,7 @@ def _delay(log: Log, rows: Rows, robot: Robot) -> float:
     before, here, after = left[
         best - 1 : best + 2
     ].tolist()  # the vertex of the parabola through the three best
-    return log.sample_time * (_LAGS[best] + 0.5 * (before - after) / (before - 2.0 * here + after))
+    return log.sample_time * (_LAGS[int(best)] + 0.5 * (before - after) / (before - 2.0 * here + after))
 
 
 def _fits(log: Log, rows: Rows, robot: Robot) -> tuple[NDArray[np.float64], Sequence[NDArray[np.float64]]]:
