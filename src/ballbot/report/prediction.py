@@ -119,7 +119,10 @@ _DIFFERENCE_HEADINGS = ("what differs", "measured", "predicted", "times its usua
 
 
 def _difference_section(verdict: Verdict) -> Section:
-    caption = "From the predicted run, and of friction from the study's logs; the last column is on a robot without faults."
+    caption = (
+        "Predicted: by a simulated run, the friction's numbers by the study's logs. The usual difference is one of "
+        "robots without faults."
+    )
     return section(
         "What differs from the logs",
         Sheet(headings=_DIFFERENCE_HEADINGS, rows=difference_rows(verdict), caption=caption),

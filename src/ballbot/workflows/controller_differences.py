@@ -129,7 +129,7 @@ def _torque_law(log: Log, rows: Rows, robot: Robot) -> dict[str, float]:
     if left.min() > _UNCLEAR or len(log) * log.sample_time < _SEPARABLE:
         return {}
     n = robot.wheel_count
-    gains, constants, friction = np.split(fits[left.argmin()], [n, 2 * n])
+    gains, constants, friction = np.split(fits[int(np.argmin(left))], [n, 2 * n])
     common = float(constants.mean())
     return {
         "torque_gain": float(gains.mean()),
@@ -146,10 +146,9 @@ def _delay(log: Log, rows: Rows, robot: Robot) -> float:
     best = int(np.argmin(left))
     if not 0 < best < len(left) - 1:
         return np.nan
-    before, here, after = left[
-        best - 1 : best + 2
-    ].tolist()  # the vertex of the parabola through the three best
-    return log.sample_time * (_LAGS[int(best)] + 0.5 * (before - after) / (before - 2.0 * here + after))
+    # the vertex of the parabola through the three best
+    before, here, after = left[best - 1 : best + 2].tolist()
+    return log.sample_time * (_LAGS[best] + 0.5 * (before - after) / (before - 2.0 * here + after))
 
 
 def _fits(log: Log, rows: Rows, robot: Robot) -> tuple[NDArray[np.float64], Sequence[NDArray[np.float64]]]:
