@@ -1,6 +1,6 @@
 """Whether a robot can follow a reference, before it is tried: the torque, speed, power, lean and grip that it needs.
 
-They are computed twice: in closed loop, and for the path followed exactly, by the exact equations of motion backwards.
+They are computed twice: in closed loop with sensors, and for the path followed exactly, by the exact equations of motion backwards.
 Given x(t), y(t), psi(t), the five equations M q_ddot + bias = W^T u + rolling friction have two leans and n torques as
 unknowns. Velocities Z (5, 2) that turn no wheel, W Z = 0 (the body turning with the ball), eliminate the torques:
 
@@ -31,10 +31,11 @@ from ballbot.results import key, left_out, reported, to_results
 from ballbot.robot import Robot
 from ballbot.rounding import percent, unit_heading
 from ballbot.simulation.batch import simulate_batch
-from ballbot.simulation.imperfections import FALLING_PART, Imperfections
+from ballbot.simulation.imperfections import FALLING_PART
 from ballbot.simulation.model_plant import friction_needed_along, pack_contacts
-from ballbot.simulation.run import sample_count
-from ballbot.workflows.recovery_region import lost_lean, top_speed
+from ballbot.simulation.run import initial_state_of, sample_count
+from ballbot.twin.scenario import Scenario
+from ballbot.workflows.recovery_region import Loop, lost_lean, top_speed
 
 #: corners of a path are rounded by a Gaussian of this deviation [s]: a robot cannot change its speed at once
 ROUNDING = 0.05
@@ -180,6 +181,7 @@ JUMP = 0.02
 #: share of a limit from which a margin is thin
 THIN = 0.8
 _STEP = 1e-3  # inner step of the closed loop [s]
+_RUNS = 5  # of the closed loop
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -234,7 +236,9 @@ class ReferenceMargins:
 def check_reference(
     robot: Robot, controller: Controller, reference: Reference, *, duration: float, grip: float = 1.0
 ) -> ReferenceMargins:
-    """Return which share of a robot's limits a reference uses on level ground, followed exactly and in closed loop.
+    """Return which share of a robot's limits a reference uses, followed exactly and in closed loop.
+
+    The closed loop is the compiled one, with the nominal scenario's sensors, delay and noise.
 
     Parameters
     ----------
@@ -253,8 +257,9 @@ def check_reference(
         If the duration is invalid, the reference has a lean or a rate, or no lean can follow it.
     """
     model, sample_time = Model(robot, step=_STEP), controller.sample_time
+    loop = Loop(robot=robot, controller=controller, scenario=Scenario.nominal(robot), grip=grip, step=_STEP)
     wanted = np.array([reference(k * sample_time) for k in range(sample_count(duration, sample_time))])
-    closed = _followed(model, controller, reference, wanted, duration, grip)
+    closed = _followed(loop, reference, wanted, duration)
     poses = wanted[:, [0, 1, 4]]
     changes = np.abs(np.diff(poses, axis=0)).max(axis=1, initial=0.0)
     jumps = np.flatnonzero(changes > JUMP)
@@ -285,31 +290,25 @@ def available_torque(
     return limit * np.clip((top - forward) / (FALLING_PART * top), 0.0, 1.0)
 
 
-def _followed(
-    model: Model,
-    controller: Controller,
-    reference: Reference,
-    wanted: NDArray[np.float64],
-    duration: float,
-    grip: float,
-) -> Followed:
+def _followed(loop: Loop, reference: Reference, wanted: NDArray[np.float64], duration: float) -> Followed:
+    """Run the loop a few times, each with noise of its own; the worst of each quantity counts."""
     run = simulate_batch(
-        model,
-        controller,
+        loop.model,
+        loop.controller,
         reference,
         duration=duration,
-        imperfections=Imperfections(),
+        initial_states=np.array([initial_state_of(seed) for seed in range(_RUNS)]),
+        imperfections=loop.imperfections,
     )
-    going = run.t <= run.ended[0] + 1e-9
-    t, states, torques = run.t[going], run.states[0, going], run.torques[0, going]
-    speeds = model.wheel_speed(states[:, :5], states[:, 5:])
-    error = np.hypot(*(states[:, :2] - wanted[going, :2]).T)
+    going = run.t <= run.ended[:, None] + 1e-9
+    t, states, torques = np.broadcast_to(run.t, going.shape)[going], run.states[going], run.torques[going]
+    speeds = loop.model.wheel_speed(states[:, :5], states[:, 5:])
+    error = np.hypot(*(states[:, :2] - np.broadcast_to(wanted, (_RUNS, *wanted.shape))[going][:, :2]).T)
+    limit = loop.controller.torque_limit
     return Followed(
-        uses=_uses(model, controller, t, states, torques, grip),
-        share_at_torque_limit=float(
-            np.mean(np.abs(torques).max(axis=1) >= controller.torque_limit * (1.0 - 1e-9))
-        ),
-        ended=float(run.ended[0]),
+        uses=_uses(loop.model, loop.controller, t, states, torques, loop.grip),
+        share_at_torque_limit=float(np.mean(np.abs(torques).max(axis=1) >= limit * (1.0 - 1e-9))),
+        ended=float(run.ended.min()),
         peak_error=float(error.max()),
         peak_power=float((torques * speeds).sum(axis=1).max()),
     )
