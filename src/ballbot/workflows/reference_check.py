@@ -1,6 +1,7 @@
 """Whether a robot can follow a reference, before it is tried: the torque, speed, power, lean and grip that it needs.
 
-They are computed twice: in closed loop with sensors, and for the path followed exactly, by the exact equations of motion backwards.
+They are computed twice: in closed loop with sensors, and for the path followed exactly, by the exact equations of
+motion backwards.
 Given x(t), y(t), psi(t), the five equations M q_ddot + bias = W^T u + rolling friction have two leans and n torques as
 unknowns. Velocities Z (5, 2) that turn no wheel, W Z = 0 (the body turning with the ball), eliminate the torques:
 
