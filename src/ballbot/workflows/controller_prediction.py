@@ -316,8 +316,4 @@ def _check_table(table: _PredictionTable, path: str | Path) -> None:
 
 
 def _intervals(table: _QuantitiesTable) -> dict[str, PredictionInterval]:
-    found: dict[str, PredictionInterval] = {}
-    for name in QUANTITIES:
-        one: _IntervalTable = getattr(table, name)
-        found[name] = PredictionInterval(median=one.median, low=one.low, high=one.high)
-    return found
+    return {name: PredictionInterval(**getattr(table, name).model_dump()) for name in QUANTITIES}
