@@ -17,7 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import solve_banded
 from scipy.ndimage import gaussian_filter1d
 
@@ -326,43 +326,30 @@ def _uses(
     """Return the largest use of each limit along states (N, 10) under torques (N, n)."""
     robot, limit = model.robot, controller.torque_limit
     speeds = model.wheel_speed(states[:, :5], states[:, 5:])
-    left = available_torque(robot, limit, torques, speeds)
-    short = np.abs(torques) / np.maximum(left, 1e-3 * limit)
+    left = np.maximum(available_torque(robot, limit, torques, speeds), 1e-3 * limit)
     needed = np.empty(len(t))
     seen = real_array(states, (len(t), 10), "The array of states")
     given = real_array(torques, (len(t), robot.wheel_count), "The array of torques")
     friction_needed_along(model.selected, model.packed, pack_contacts(robot), seen, given, needed)
-    k, wheel = np.unravel_index(short.argmax(), short.shape)
-    f, fast = np.unravel_index(np.abs(speeds).argmax(), speeds.shape)
-    g = int(needed.argmax())
-    leans = lean_of(states)
-    o = int(leans.argmax())
+
+    def most(quantity: str, values: NDArray[np.float64], limits: ArrayLike, unit: str) -> Use:
+        """Return the largest share of a limit, of values (N,) or (N, n)."""
+        limits = np.broadcast_to(limits, values.shape)
+        place = np.unravel_index(int((values / limits).argmax()), values.shape)
+        return Use(
+            quantity=quantity,
+            value=float(values[place]),
+            limit=float(limits[place]),
+            unit=unit,
+            t=float(t[place[0]]),
+            wheel=int(place[1]) + 1 if values.ndim == 2 else None,
+        )
+
     return (
-        Use(
-            quantity="torque",
-            value=float(abs(torques[k, wheel])),
-            limit=float(max(left[k, wheel], 1e-3 * limit)),
-            unit="N m",
-            t=float(t[k]),
-            wheel=int(wheel) + 1,
-        ),
-        Use(
-            quantity="wheel speed",
-            value=float(abs(speeds[f, fast])),
-            limit=top_speed(robot),
-            unit="rad/s",
-            t=float(t[f]),
-            wheel=int(fast) + 1,
-        ),
-        Use(
-            quantity="lean",
-            value=float(leans[o]),
-            limit=lost_lean(model),
-            unit="rad",
-            t=float(t[o]),
-            wheel=None,
-        ),
-        Use(quantity="grip", value=float(needed[g]), limit=grip, unit="", t=float(t[g]), wheel=None),
+        most("torque", np.abs(torques), left, "N m"),
+        most("wheel speed", np.abs(speeds), top_speed(robot), "rad/s"),
+        most("lean", lean_of(states), lost_lean(model), "rad"),
+        most("grip", needed, grip, ""),
     )
 
 
@@ -436,30 +423,25 @@ def _reasons(margins: ReferenceMargins) -> list[str]:
     return reasons
 
 
+_REASONS = {
+    "torque": "wheel {wheel} needs {value:.3g} N m at t = {t:.2f} s, and its motor gives {limit:.3g} N m",
+    "wheel speed": (
+        "wheel {wheel} has to turn at {value:.3g} rad/s at t = {t:.2f} s, and the supply allows {limit:.3g} rad/s"
+    ),
+    "lean": (
+        "the robot has to lean by {value:.3g} degrees at t = {t:.2f} s, and beyond {limit:.3g} degrees full torque "
+        "does not bring it back"
+    ),
+    "grip": "a wheel needs a friction coefficient of {value:.3g} on the ball at t = {t:.2f} s, and has {limit:.3g}",
+}
+
+
 def _reason(use: Use) -> str:
-    match use.quantity:
-        case "torque":
-            return (
-                f"wheel {use.wheel} needs {use.value:.3g} N m at t = {use.t:.2f} s, and its motor gives "
-                f"{use.limit:.3g} N m"
-            )
-        case "wheel speed":
-            return (
-                f"wheel {use.wheel} has to turn at {use.value:.3g} rad/s at t = {use.t:.2f} s, and the supply "
-                f"allows {use.limit:.3g} rad/s"
-            )
-        case "lean":
-            return (
-                f"the robot has to lean by {np.degrees(use.value):.3g} degrees at t = {use.t:.2f} s, and beyond "
-                f"{np.degrees(use.limit):.3g} degrees full torque does not bring it back"
-            )
-        case _:
-            if use.value > _NO_LOAD:
-                return f"a wheel lifts off the ball at t = {use.t:.2f} s"
-            return (
-                f"a wheel needs a friction coefficient of {use.value:.3g} on the ball at t = {use.t:.2f} s, and "
-                f"has {use.limit:.3g}"
-            )
+    if use.quantity == "grip" and use.value > _NO_LOAD:
+        return f"a wheel lifts off the ball at t = {use.t:.2f} s"
+    scale = 180.0 / np.pi if use.unit == "rad" else 1.0
+    numbers = {"value": scale * use.value, "limit": scale * use.limit, "t": use.t, "wheel": use.wheel}
+    return _REASONS[use.quantity].format(**numbers)
 
 
 #: friction coefficients above this are of a wheel without load
