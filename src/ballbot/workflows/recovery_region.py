@@ -13,8 +13,8 @@ tenth of the lean remain as a margin for what is neglected. Tests compare a samp
 
 A ray is first tried in `LOOKS` places, so that a loss between two sizes from which the robot recovers is not
 overlooked. The first loss is then bisected, all rays in one batch. A plane is tried on a coarse grid; from then on
-only cells are halved whose corners, or whose neighbours' corners, differ. So a map of a quarter million points takes
-the runs along its edge.
+only cells are halved whose corners, or whose neighbours' corners, differ. So a map of 66,000 points takes the runs
+along its edge.
 """
 
 from __future__ import annotations
@@ -205,7 +205,7 @@ LOOKS = 24
 #: of each ray, each to half the interval left: 1/24 of the ray becomes 1/12288
 _HALVINGS = 9
 #: a map's intervals a side: `COARSE` at first, then halved so many times
-COARSE, REFINEMENTS = 32, 4
+COARSE, REFINEMENTS = 32, 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -288,7 +288,7 @@ def map_region(
     ends : tuple of float
         The rectangle reaches from minus to plus this in each coordinate.
     refinements : int
-        Times that the coarse grid of 33 x 33 is halved; 4 make 513 x 513 points.
+        Times that the coarse grid of 33 x 33 is halved; 3 make 257 x 257 points.
     progress : callable, optional
         Called with the grid's intervals a side after each grid.
     """
