@@ -42,7 +42,7 @@ _SEPARABLE = 23.9
 _QUICK = 0.02
 #: ball speed below which the direction of rolling friction is unknown [m/s]
 _ROLLING = 0.01
-#: usual sizes from which a difference is listed: no twin without faults reaches it
+#: usual differences from which one is listed: three standard deviations
 LISTED = 3.0
 
 
