@@ -29,7 +29,7 @@ from ballbot.identification.prediction import Predictor
 from ballbot.identification.windows import cut_windows
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks import CheckedLogs
-from ballbot.progress import Progress
+from ballbot.progress import Progress, in_stage
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_friction
 from ballbot.twin.scenario import Scenario
@@ -52,7 +52,7 @@ from ballbot.workflows.excitation_task import (
 def deviations_in(log: Log, robot: Robot, *, window: float) -> NDArray[np.float64]:
     """Return the deviation of each state's prediction (10,) over the windows of a log.
 
-    What a perfect identification would be left with: sensors, rollers, play and torque noise together.
+    What a perfect identification would be left with: sensors, play and torque noise together.
 
     Parameters
     ----------
@@ -120,7 +120,6 @@ def _on_loop(
     reference: Reference,
     *,
     duration: float,
-    frictions: Sequence[float] = FRICTIONS,
     run: Run,
 ) -> tuple[Log, RunPeaks, str | None]:
     """Return the first log, the largest peaks and why a run ended, of each friction (factors) with each seed."""
@@ -137,12 +136,12 @@ def _on_loop(
                 seed=seed,
                 settle=0.0,
                 measure=_peaks,
-                logged=(factor, seed) == (frictions[0], _SEEDS[0]),
+                logged=(factor, seed) == (FRICTIONS[0], _SEEDS[0]),
             )
-            for factor in frictions
+            for factor in FRICTIONS
             for seed in _SEEDS
         ],
-        run=run,
+        run=replace(run, progress=in_stage(run.progress, "runs with sensors")),
     ).results
     log = made[0].log
     assert log is not None
@@ -285,9 +284,10 @@ def excite(
         return _on_loop(robot, scenario, controller, reference, duration=duration, run=run)
 
     deviations = options.deviations
+    runs = {"square": follow(plain)} if options.tried or deviations is None else {}
     if deviations is None:
         true = robot.replace(friction=scenario.friction)
-        deviations = deviations_in(follow(plain)[0].without_truth(), true, window=window)
+        deviations = deviations_in(runs["square"][0].without_truth(), true, window=window)
     asked = task(
         robot,
         controller,
@@ -305,9 +305,10 @@ def excite(
 
     made = design(asked, effort=options.effort, run=replace(run, progress=of_design))
     coordinates = estimated_parameters(robot, free=("friction",), law=law, bounds=bounds)
+    if options.tried:
+        runs["designed"] = follow(made.reference)
     trials: dict[str, Trial] = {}
-    for name, reference in {"square": plain, "designed": made.reference}.items() if options.tried else ():
-        log, peaks, ended = follow(reference)
+    for name, (log, peaks, ended) in runs.items() if options.tried else ():
         logs = CheckedLogs.simulated(log.without_truth())
         found = identify(robot, logs, law=law, bounds=bounds, window=window, run=run)
         errors = np.concatenate([np.atleast_1d(one) for one in found.standard_errors.values()])
