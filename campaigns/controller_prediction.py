@@ -5,29 +5,23 @@
 
 The study is of the nominal twin. Each faulty twin (`campaigns.faulty_twins`) runs the square once with the precise
 controller, whose log is evaluated, and once without compensation, for the true verdict. The constants of
-`ballbot.workflows.controller_prediction` and `controller_causes` come from the development set, which has other
+`ballbot.workflows.controller_prediction` and `controller_differences` come from the development set, which has other
 seeds. Logs are kept in build/controller_prediction: an interrupted campaign continues.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.log import Log
 from ballbot.workflows.comparison import fraction_with_interval
-from ballbot.workflows.controller_causes import SYMPTOMS, Cause, signature_of, strength
+from ballbot.workflows.controller_differences import NUMBERS, Difference, signature_of
 from ballbot.workflows.controller_prediction import Prediction, lognormal_interval, predict
-from ballbot.workflows.controller_verdict import (
-    QUANTITY_NAMES,
-    QuantityResult,
-    Verdict,
-    causes_in,
-    evaluate_log,
-)
+from ballbot.workflows.controller_verdict import SHOWN, QuantityResult, Verdict, evaluate_log
 from ballbot.workflows.metrics import QUANTITIES, Performance, performance_of
 from campaigns.faulty_twins import (
     CONTROLLERS,
@@ -44,8 +38,6 @@ from campaigns.section import Section
 
 #: seeds of twins without faults, of those that the constants are made from, and of those that are judged
 HEALTHY, DEVELOPMENT, JUDGED = range(900, 910), range(1000, 1076), range(2000, 2050)
-#: causes of a fault that a verdict names
-NAMED = ("delay", "grip", "friction", "sensor", "mapping")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,19 +50,11 @@ class Outcome:
     fell: bool
     without: Performance  #: without compensation
     without_fell: bool
-    causes: tuple[Cause, ...]  #: whether or not a quantity lies outside
 
     @property
     def good(self) -> bool:
         """Whether the controller is better than none on this twin, and does not fall."""
         return not self.fell and (self.without_fell or self.seen.peak_error < self.without.peak_error)
-
-    @property
-    def rank(self) -> int | None:
-        """Place of the true cause, from 1; None if it is not named."""
-        names = [cause.name for cause in self.causes]
-        cause = KINDS[self.twin.kind][1]
-        return names.index(cause) + 1 if cause in names else None
 
 
 def prediction_of(study: Studied) -> Prediction:
@@ -100,21 +84,20 @@ def _outcome(study: Studied, prediction: Prediction, twin: FaultyTwin, logs: dic
         fell=log.ended is not None,
         without=performance_of(without, study.controllers["none"]),
         without_fell=without.ended is not None,
-        causes=causes_in(log, robot, prediction, ended=log.ended is not None),
     )
 
 
 def campaign() -> Section:
     """Judge the fifty twins and return the section of docs/generated/evidence.md."""
-    return section(outcomes(JUDGED, of="judged"), outcomes(DEVELOPMENT, of="development"))
+    return section(outcomes(JUDGED, of="judged"))
 
 
-def section(found: Sequence[Outcome], development: Sequence[Outcome]) -> Section:
-    """Return the section of the page that the judged twins and those of the development set make."""
+def section(found: Sequence[Outcome]) -> Section:
+    """Return the section of the page that the judged twins make."""
     stood = [one for one in found if not one.fell]
     inside = [sum(_quantity(one, name).place == "inside" for one in stood) for name in QUANTITIES]
     rows = [
-        _row(QUANTITY_NAMES[name], count, len(stood), _outside(stood, name), _ratios(stood, name))
+        _row(SHOWN[name].words, count, len(stood), _outside(stood, name), _ratios(stood, name))
         for name, count in zip(QUANTITIES, inside, strict=True)
     ]
     every = sum(one.place == "inside" for each in found for one in each.verdict.quantities)
@@ -128,7 +111,7 @@ def section(found: Sequence[Outcome], development: Sequence[Outcome]) -> Section
         f" plants; {len(found)} twins with faults that the study did not contain ({len(KINDS)} kinds, mild to severe, "
         f"half"
         " of them with a second, mild fault) run it once each. The model discrepancy and the usual sizes of symptoms"
-        f" were chosen on {len(development)} other faulty twins and {len(HEALTHY)} without faults. The interval of "
+        f" were chosen on {len(DEVELOPMENT)} other faulty twins and {len(HEALTHY)} without faults. The interval of "
         f"the fraction of all quantities treats them as independent, which those of one run are not. Errors are those "
         f"of the logged state, as measured by the robot itself.",
         columns=[
@@ -139,8 +122,7 @@ def section(found: Sequence[Outcome], development: Sequence[Outcome]) -> Section
             "measured over predicted",
         ],
         rows=rows,
-        after=f"{_verdict_words(found)}\n\n{_cause_words('the judged twins', found)}"
-        f" {_cause_words('the development set', development)}",
+        after=f"{_verdict_words(found)} {_difference_words(found)}",
     )
 
 
@@ -182,18 +164,12 @@ def _named(wrong: Sequence[Outcome]) -> str:
     return f": {'; '.join(words)}" if words else ""
 
 
-def _cause_words(of: str, found: Sequence[Outcome]) -> str:
-    named = [one for one in found if KINDS[one.twin.kind][1] in NAMED]
-    first = sum(one.rank == 1 for one in named)
-    second = sum(one.rank == 2 for one in named)
-    later = sum((one.rank or 0) > 2 for one in named)
-    outside = [one for one in named if one.verdict.outside or one.fell]
-    clear = sum(one.rank in (1, 2) for one in outside)
+def _difference_words(found: Sequence[Outcome]) -> str:
+    refuted = [one for one in found if not one.verdict.confirmed]
+    listed = sum(bool(one.verdict.differences) for one in refuted)
     return (
-        f"Of {of}, {len(named)} have a fault of delay, grip, friction, sensor or mapping. The true cause is ranked"
-        f" first {first} times, second {second} times, later {later} times, and"
-        f" {len(named) - first - second - later} times nothing in the log shows it. Where a quantity lies outside it"
-        f" is first or second {clear} of {len(outside)} times."
+        f"{len(refuted)} predictions are refuted; of {listed} of these runs a number of the motion or the torques"
+        " differs from the study's and is listed."
     )
 
 
@@ -227,13 +203,11 @@ def calibrate() -> None:
     expected = prediction_of(study).signature
     print("usual differences of a robot without faults:")
     runs = [one["precise"] for one in recorded([healthy(seed) for seed in HEALTHY], of="healthy")]
-    numbers = [asdict(one) for log in runs if (one := signature_of(log, study.found.robot))]
-    for symptom in SYMPTOMS:
-        away = [
-            symptom.usual * strength(symptom, one[symptom.number], expected[symptom.number])
-            for one in numbers
-        ]
-        print(f"    {symptom.number}: RMS {np.sqrt(np.mean(np.square(away))):.3g}, now {symptom.usual:g}")
+    numbers = [signature_of(log, study.found.robot) for log in runs]
+    for name, number in NUMBERS.items():
+        pairs = [Difference(name=name, measured=one[name], predicted=expected[name]) for one in numbers]
+        away = number.usual * np.sqrt(np.mean([one.usual_sizes**2 for one in pairs]))
+        print(f"    {name}: RMS {away:.3g}, now {number.usual:g}")
 
 
 def _print_discrepancy(study: Studied, controller: str, logs: Sequence[Log]) -> None:

@@ -18,14 +18,11 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import binom
 
 from ballbot.control.controller import Controller
 from ballbot.control.presets import design_gain
 from ballbot.control.references import square
-from ballbot.estimation.interface import Reading
-from ballbot.estimation.onboard import OnboardState
 from ballbot.files import read_sealed, write_sealed
 from ballbot.fitting.intervals import Interval, assess
 from ballbot.fitting.run import Run, Threads
@@ -37,9 +34,8 @@ from ballbot.log import Log
 from ballbot.mechanics.model import Model
 from ballbot.processes import worker_pool
 from ballbot.robot import Friction, Robot
-from ballbot.simulation.model_plant import ModelPlant
-from ballbot.simulation.plant import Measurement
-from ballbot.simulation.run import simulate
+from ballbot.simulation.batch import simulate_batch
+from ballbot.simulation.imperfections import Imperfections
 from ballbot.thesis.reproduce.recordings import sources_of
 from benchmarks.workloads import nominal_robot
 from campaigns.section import Section, is_kept
@@ -47,12 +43,7 @@ from campaigns.section import Section, is_kept
 KEPT = Path(__file__).parents[1] / "build" / "coverage.json"
 DURATION = 32.0  # [s] of each log, twice around the square
 STEP = 2.5e-3  # [s], inner step of the truth and of the fits
-SAMPLE_TIME = 5e-3
-ATTITUDE_NOISE, GYRO_NOISE, WHEEL_NOISE = (
-    6e-4,
-    4e-3,
-    9e-3,
-)  # [rad], [rad/s], [rad/s]: those of a robot with an AHRS, a gyro and encoders
+ATTITUDE_NOISE, GYRO_NOISE = 6e-4, 4e-3  # [rad], [rad/s]: those of a robot with an AHRS and a gyro
 
 #: all of it at work; and without break-away friction, where v_s and delta have no influence
 TRUTHS = {
@@ -73,43 +64,6 @@ class Repeat:
     intervals: Mapping[str, Interval]  #: of those that have one
 
 
-class NoisyPlant:
-    """The exact model seen through white noise of attitude, gyro and wheel speeds, by the thesis's on-board state."""
-
-    def __init__(self, model: Model) -> None:
-        self._plant = ModelPlant(model)
-        self._random = np.random.default_rng(0)
-        self._onboard = OnboardState(model.robot, sample_time=SAMPLE_TIME)
-
-    @property
-    def robot(self) -> Robot:
-        """The model's robot."""
-        return self._plant.robot
-
-    def reset(self, initial_state: NDArray[np.float64] | None = None, *, seed: int = 0) -> Measurement:
-        """Start; all noise follows from the seed."""
-        self._random = np.random.default_rng(seed)
-        self._onboard.reset()
-        return self._seen(self._plant.reset(initial_state))
-
-    def step(self, torques: NDArray[np.float64], duration: float) -> Measurement:
-        """Hold the torques (n,) [N m] for a duration [s]."""
-        return self._seen(self._plant.step(torques, duration))
-
-    def _seen(self, true: Measurement) -> Measurement:
-        def noise(size: float, count: int) -> NDArray[np.float64]:
-            return size * self._random.standard_normal(count)
-
-        reading = Reading(
-            wheel_angles=true.wheel_angles,
-            wheel_speeds=true.wheel_speeds + noise(WHEEL_NOISE, len(true.wheel_speeds)),
-            gyro=true.gyro + noise(GYRO_NOISE, 3),
-            attitude=true.truth[2:5] + noise(ATTITUDE_NOISE, 3),
-        )
-        state = self._onboard.update(reading)
-        return replace(true, state=state, wheel_speeds=reading.wheel_speeds, gyro=reading.gyro)
-
-
 def noisy_log(truth: Friction, *, seed: int) -> Log:
     """Return a log of a robot with that friction, balanced around a square on its sensors' readings."""
     robot = Robot.load("alten")
@@ -117,11 +71,17 @@ def noisy_log(truth: Friction, *, seed: int) -> Log:
     start = np.zeros(10)
     start[2:4] = 0.01 * random.standard_normal(2)  # lean: N(0, 0.01 rad)
     start[5:7] = 0.05 * random.standard_normal(2)  # velocity: N(0, 0.05 m/s)
-    plant = NoisyPlant(Model(robot.replace(friction=truth), step=STEP))
-    controller = Controller(robot, design_gain(robot).gain)
-    reference = square(side=0.5, period=DURATION / 2)
-    log = simulate(plant, controller, reference, duration=DURATION, initial_state=start, seed=seed)
-    return log.without_truth()
+    sensors = replace(robot.sensors, attitude_noise=ATTITUDE_NOISE, gyro_noise=GYRO_NOISE, heading_drift=0.0)
+    batch = simulate_batch(
+        Model(robot.replace(friction=truth), step=STEP),
+        Controller(robot, design_gain(robot).gain),
+        square(side=0.5, period=DURATION / 2),
+        duration=DURATION,
+        initial_states=start,
+        imperfections=Imperfections(sensors=sensors, known=robot, seed=seed),
+        threads=1,
+    )
+    return batch.log(0).without_truth()
 
 
 def repeat(truth: Friction, *, seed: int) -> Repeat:
@@ -196,8 +156,8 @@ def campaign() -> Section:
     return Section(
         title="Coverage of identification's intervals",
         before=f"{len(everything)} logs of {DURATION:g} s of the exact model around a square, balanced with noisy "
-        f"sensors (attitude {ATTITUDE_NOISE:g} rad, gyro {GYRO_NOISE:g} rad/s, wheel speeds {WHEEL_NOISE:g} rad/s, "
-        "white, on-board state), each identified from a start far from the truth. Correct 95 % intervals contain the "
+        f"sensors (attitude {ATTITUDE_NOISE:g} rad and gyro {GYRO_NOISE:g} rad/s, white; encoder counts; on-board "
+        "state), each identified from a start far from the truth. Correct 95 % intervals contain the "
         f"truth in {least:.0f} to {most:.0f} of {len(everything)}.",
         columns=["", "truth", "bias / deviation", "deviation / half width x 1.96", "truth held", "from"],
         rows=rows,

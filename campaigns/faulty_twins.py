@@ -207,27 +207,27 @@ def _torque_scale(twin: FaultyTwin, random: np.random.Generator, size: float) ->
     return replace(twin, torque_scale=tuple(scale))
 
 
-#: kinds of faults in the order in which they take turns, each with its cause among `ballbot`'s
-KINDS: dict[str, tuple[Fault, str]] = {
-    "delay": (_delay, "delay"),
-    "other friction": (_friction, "friction"),
-    "grip": (_grip, "grip"),
-    "gyro bias": (_gyro_bias, "sensor"),
-    "torque scale": (_torque_scale, "mapping"),
-    "mass and height": (_body, "body"),
-    "asymmetric friction": (_asymmetry, "friction"),
-    "lean error": (_lean_error, "sensor"),
-    "late sensors": (_late_sensors, "delay"),
-    "payload": (_payload, "body"),
-    "tilted floor": (_tilt, "floor"),
-    "carpet": (_carpet, "friction"),
-    "sensor noise": (_noise, "sensor"),
-    "slow current": (_slow_current, "delay"),
-    "wheels": (_wheels, "wheels"),
-    "load-dependent friction": (_load_dependence, "friction"),
-    "soft ball": (_soft_ball, "wheels"),
-    "compliance": (_compliance, "wheels"),
-    "supply sag": (_supply, "drive"),
+#: kinds of faults in the order in which they take turns
+KINDS: dict[str, Fault] = {
+    "delay": _delay,
+    "other friction": _friction,
+    "grip": _grip,
+    "gyro bias": _gyro_bias,
+    "torque scale": _torque_scale,
+    "mass and height": _body,
+    "asymmetric friction": _asymmetry,
+    "lean error": _lean_error,
+    "late sensors": _late_sensors,
+    "payload": _payload,
+    "tilted floor": _tilt,
+    "carpet": _carpet,
+    "sensor noise": _noise,
+    "slow current": _slow_current,
+    "wheels": _wheels,
+    "load-dependent friction": _load_dependence,
+    "soft ball": _soft_ball,
+    "compliance": _compliance,
+    "supply sag": _supply,
 }
 
 
@@ -244,9 +244,9 @@ def drawn(seed: int) -> FaultyTwin:
     twin = FaultyTwin(seed=seed, kind=kind)
     if random.random() < 0.5:  # a second fault first, so that the main one wins where both set a thing
         second = names[random.integers(len(names))]
-        twin = KINDS[second][0](twin, random, random.uniform(0.05, 0.3))
+        twin = KINDS[second](twin, random, random.uniform(0.05, 0.3))
     size = random.uniform(0.1, 1.0)
-    return KINDS[kind][0](twin, random, chance.uniform(1.0, 3.0) if is_severe(seed) else size)
+    return KINDS[kind](twin, random, chance.uniform(1.0, 3.0) if is_severe(seed) else size)
 
 
 def is_severe(seed: int) -> bool:

@@ -1,7 +1,7 @@
 """Find the largest tilts and impulses from which the robot recovers, on the model and the twin, and the cost of a map.
 
-Model and twin have the same friction here, so that they differ only in what the model leaves out: slipping and lifting
-wheels, play, rollers, sensors.
+Loop and twin have the same friction and sensors here, so that they differ only in what the loop leaves out: slipping
+and lifting wheels, play, rollers.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ def campaign() -> Section:
     return Section(
         title="The largest tilts and impulses from which the robot recovers",
         before="The smallest over four directions of the largest tilt at rest, and of the largest impulse at the height"
-        " of the centre of mass, from which the nominal gain recovers: on the model if no wheel may slip (grip 1), on"
-        " the nominal twin, and on the model with wheels that never slip. A push on the twin lasts 20 ms.",
+        " of the centre of mass, from which the nominal gain recovers: on the loop if no wheel may slip (grip 1), on"
+        " the nominal twin, and on the loop with wheels that never slip. A push on the twin lasts 20 ms.",
         columns=[
             "compensation, torque limit",
             *(f"{kind}: {which}" for kind in ("tilt [deg]", "impulse [N s]") for which in _BOUNDS),
@@ -87,12 +87,10 @@ _ALTS = (
 def _case(robot: Robot, compensation: Compensation, limit: float) -> Case:
     nominal = nominal_controller(robot, compensation=compensation)
     controller = Controller(robot, nominal.gain, compensation=compensation, torque_limit=limit)
-    loop = Loop(robot=robot, controller=controller)
+    loop = Loop(robot=robot, controller=controller, scenario=Scenario.nominal(robot))
     drawn = limit == robot.drive.torque_limit
     model = find_limits(loop, refinements=5 if drawn else 0)
-    edges = twin_limits(
-        robot, controller, Scenario.nominal(robot), model, directions=ON_TWIN, run=Run(seed=1)
-    )
+    edges = twin_limits(loop, model, directions=ON_TWIN, run=Run(seed=1))
     return Case(name=f"{compensation}, {limit:g} N m", loop=loop, model=model, twin=edges)
 
 

@@ -71,6 +71,7 @@ def robust() -> RobustDesign:
         compared=compared,
         fresh=20,
         spread=PerturbationRanges(),
+        scenario="nominal",
     )
 
 

@@ -22,8 +22,8 @@ from ballbot.simulation.run import simulate
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Scenario
 from ballbot.twin.imperfections import imperfections_of
-from ballbot.workflows.controller_causes import signature_of
 from ballbot.workflows.controller_choice import NamedCourse
+from ballbot.workflows.controller_differences import signature_of
 from ballbot.workflows.controller_prediction import Prediction, checksum_of, performance_intervals
 from ballbot.workflows.metrics import Performance, performance_of
 
@@ -47,7 +47,6 @@ def study(tmp_path_factory):
     reference = COURSE.reference_spec.reference()
     log = simulate(plant, controller, reference, duration=COURSE.duration, seed=1).without_truth()
     seen, signature = performance_of(log, controller), signature_of(log, KNOWN)
-    assert signature is not None
     random = np.random.default_rng(0)
     similar = [
         Performance.from_array(seen.to_array() * np.exp(0.1 * random.standard_normal(5))) for _ in range(20)
@@ -65,7 +64,7 @@ def study(tmp_path_factory):
         draws=20,
         chosen=performance_intervals(similar, discrepancy=factor),
         none=performance_intervals(without, discrepancy=factor),
-        signature=asdict(signature),
+        signature=signature,
     )
     write_text(folder / "results.json", as_json({"prediction": prediction}))
     write_robot(KNOWN, folder / "robot.toml")
@@ -92,7 +91,7 @@ def test_better_controller_is_kept_and_its_gain_has_an_interval(study, tmp_path,
     assert "After over before, the drift removed" in shown
     # a log of the comparison is one that the prediction's own command takes
     assert main(["validate", "--prediction", prediction, str(out / "2_after.csv")]) == 0
-    assert capsys.readouterr().out.startswith("Keep this controller.")
+    assert capsys.readouterr().out.startswith("Confirmed: ")
     assert len(Log.read(out / "4_after.csv")) == COURSE.duration / 0.005
 
 

@@ -32,7 +32,6 @@ from ballbot.workflows.excitation_task import RunLimits
 from ballbot.workflows.excite import excite
 from ballbot.workflows.league import METRICS, League, league_results, overall, run_league, standing
 from ballbot.workflows.metrics import score_results
-from ballbot.workflows.recovery_region import Loop
 from campaigns.league import section
 from tests.support.control_examples import FRICTION, alten
 from tests.support.league_examples import OWN
@@ -61,7 +60,6 @@ def test_robot_is_taken_by_its_name() -> None:
     (candidate,) = parse_candidates(["none"])
     controller = candidate.controller("alten")
     np.testing.assert_array_equal(controller.gain, candidate.controller(robot).gain)
-    assert Loop.of("alten", controller).robot == robot
     with pytest.raises(InputError, match="alten"):
         run_league("altn", {"none": controller}, (), seeds=(1,))
     with pytest.raises(InputError, match="alten"):

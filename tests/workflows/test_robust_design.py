@@ -11,6 +11,7 @@ from ballbot.cli.main import main
 from ballbot.control.file import read_controller
 from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, design_gain, nominal_controller
 from ballbot.robot.file import write_robot
+from ballbot.twin import Scenario
 from ballbot.workflows.perturbed_robots import (
     CostUnits,
     PerturbationRanges,
@@ -18,13 +19,12 @@ from ballbot.workflows.perturbed_robots import (
     cost_units,
     draw_perturbed,
     measure_runs,
-    measurement_noise,
-    noise_roughness,
     worst_tenth,
 )
 from ballbot.workflows.robust_design import weights_of
 from tests.support.control_examples import FRICTION, alten
 
+SCENARIO = Scenario.nominal(alten(FRICTION))
 OPTIONS = ["--robots", "20", "--generations", "3", "--population", "6", "--fresh", "100"]
 
 
@@ -48,10 +48,10 @@ def written(robot_file, tmp_path_factory):
 def test_the_worst_tenth_of_fresh_robots_is_better_than_with_nominal_and_plain_weights(written):
     results = json.loads((written / "results.json").read_text())
     robust, nominal, plain = (results["on_fresh_robots"][name] for name in ("robust", "nominal", "plain"))
-    # a search with fifteen generations of ten over 100 robots finds 1.5 where the nominal gain has 3.6 and the plain
-    # one 2.3 on 300 fresh ones: a short search need not be as good to beat both by a margin
-    assert robust["worst_tenth"] < 0.85 * plain["worst_tenth"]
-    assert robust["worst_tenth"] < 0.6 * nominal["worst_tenth"]
+    # this short search finds 1.70 where the nominal gain has 2.64 and the plain one 2.43; 100 robots know a worst tenth
+    # to some 5 %
+    assert robust["worst_tenth"] < 0.8 * plain["worst_tenth"]
+    assert robust["worst_tenth"] < 0.75 * nominal["worst_tenth"]
     assert robust["falls"] == 0
     assert np.all(np.diff(results["history"]) <= 0.0)
 
@@ -79,39 +79,43 @@ def test_perturbed_robots_follow_the_standard_deviations_of_the_file():
     assert (spread.height, spread.tilt) == (0.2, 2.0)
     assert PerturbationRanges.parse("mass=0.1,friction=0", robot).stated == ()
     assert PerturbationRanges.parse("", alten(FRICTION)) == PerturbationRanges()
-    drawn = draw_perturbed(robot, 400, spread=spread, seed=4)
-    masses = np.array([one.body.mass for one in drawn.robots])
-    second = np.array([one.friction.coulomb[1] for one in drawn.robots])
+    drawn = draw_perturbed(robot, 400, spread=spread, scenario=SCENARIO, seed=4)
+    masses = np.array([one.model.robot.body.mass for one in drawn.robots])
+    second = np.array([one.model.robot.friction.coulomb[1] for one in drawn.robots])
     # 400 draws show a deviation to 4 %
     assert masses.std() == pytest.approx(0.2, rel=0.15)
     assert second.std() == pytest.approx(0.004, rel=0.15)
-    heights = np.array([one.body.center_of_mass for one in drawn.robots]) / robot.body.center_of_mass
+    heights = (
+        np.array([one.model.robot.body.center_of_mass for one in drawn.robots]) / robot.body.center_of_mass
+    )
     assert 0.15 < np.abs(heights - 1.0).max() <= 0.2
     # what has no range and no deviation stays
-    assert {one.friction.viscous for one in drawn.robots} == {robot.friction.viscous}
+    assert {one.model.robot.friction.viscous for one in drawn.robots} == {robot.friction.viscous}
 
 
 def test_perturbed_robots_follow_the_given_ranges():
     robot = alten(FRICTION)
     spread = PerturbationRanges(mass=0.1, height=0.05, friction=0.3, delay=3, tilt=2.0)
-    drawn = draw_perturbed(robot, 400, spread=spread, seed=4)
-    masses = np.array([one.body.mass for one in drawn.robots]) / robot.body.mass
-    heights = np.array([one.body.center_of_mass for one in drawn.robots]) / robot.body.center_of_mass
-    coulomb = np.array([one.friction.coulomb for one in drawn.robots]) / robot.friction.coulomb
+    drawn = draw_perturbed(robot, 400, spread=spread, scenario=SCENARIO, seed=4)
+    masses = np.array([one.model.robot.body.mass for one in drawn.robots]) / robot.body.mass
+    heights = (
+        np.array([one.model.robot.body.center_of_mass for one in drawn.robots]) / robot.body.center_of_mass
+    )
+    coulomb = np.array([one.model.robot.friction.coulomb for one in drawn.robots]) / robot.friction.coulomb
     for shares, width in ((masses, 0.1), (heights, 0.05), (coulomb.ravel(), 0.3)):
         assert np.abs(shares - 1.0).max() <= width
         # the deviation of U(-width, width); 400 draws estimate it to 4 %
         assert shares.std() == pytest.approx(width / np.sqrt(3.0), rel=0.15)
-    assert {one.delay for one in drawn.imperfections} == {0, 1, 2, 3}
-    slopes = np.array([np.hypot(*one.slope) for one in drawn.imperfections])
+    assert {one.imperfections.delay for one in drawn.robots} == {0, 1, 2, 3}
+    slopes = np.array([np.hypot(*one.imperfections.slope) for one in drawn.robots])
     assert slopes.max() <= np.tan(np.radians(2.0))
     # a heavier body of the same shape has an inertia as much larger, about its own centre of mass
-    one = drawn.robots[0]
+    one = drawn.robots[0].model.robot
     np.testing.assert_allclose(
         one.body.inertia_about_center_of_mass(), masses[0] * robot.body.inertia_about_center_of_mass()
     )
-    again = draw_perturbed(robot, 400, spread=spread, seed=4)
-    assert again.robots == drawn.robots
+    again = draw_perturbed(robot, 400, spread=spread, scenario=SCENARIO, seed=4)
+    assert [one.model.robot for one in again.robots] == [one.model.robot for one in drawn.robots]
     np.testing.assert_array_equal(again.starts, drawn.starts)
 
 
@@ -120,11 +124,15 @@ def test_a_tilted_floor_costs():
     controller = nominal_controller(robot, compensation="full")
     level, tilted = (
         draw_perturbed(
-            robot, 32, spread=PerturbationRanges(mass=0, height=0, friction=0, delay=0, tilt=tilt), seed=0
+            robot,
+            32,
+            spread=PerturbationRanges(mass=0, height=0, friction=0, delay=0, tilt=tilt),
+            scenario=SCENARIO,
+            seed=0,
         )
         for tilt in (0.0, 4.0)
     )
-    errors = [measure_runs(robot, [controller], one, step=5e-3).error.mean() for one in (level, tilted)]
+    errors = [measure_runs([controller], one).error.mean() for one in (level, tilted)]
     assert errors[1] > 1.5 * errors[0]
 
 
@@ -140,13 +148,15 @@ def test_cost_equals_hand_calculation():
     assert worst_tenth(np.array([3.0, 1.0])) == 3.0
 
 
-def test_noise_through_the_gain_is_as_drawn():
-    robot = alten()
+def test_every_candidate_meets_the_same_robots_and_noise():
+    robot = alten(FRICTION)
     controller = nominal_controller(robot)
-    noise = np.random.default_rng(0).standard_normal((20_000, 10)) * measurement_noise(robot, 0.005)
-    changes = np.diff(noise @ controller.gain.T, axis=0)
-    # 60 000 changes estimate a root mean square to 0.4 %
-    assert noise_roughness(robot, controller) == pytest.approx(np.sqrt((changes**2).mean()), rel=0.02)
+    drawn = draw_perturbed(robot, 16, spread=PerturbationRanges(), scenario=SCENARIO, seed=3)
+    twice = measure_runs([controller, controller], drawn)
+    for values in (twice.error, twice.roughness, twice.ended):
+        np.testing.assert_array_equal(values[0], values[1])
+    # encoder and IMU noise through the gain: none without sensors, some tenths of a newton metre with them
+    assert twice.roughness.min() > 0.02
 
 
 def test_the_middle_of_the_search_is_the_nominal_gain():
@@ -185,6 +195,6 @@ def test_falling_reference_controller_is_reported():
 
 def test_invalid_perturbations_are_refused():
     with pytest.raises(InputError, match="number of perturbed robots is -1"):
-        draw_perturbed(alten(), -1, spread=PerturbationRanges(), seed=0)
+        draw_perturbed(alten(), -1, spread=PerturbationRanges(), scenario=SCENARIO, seed=0)
     with pytest.raises(InputError, match="whole number"):
         replace(PerturbationRanges(), delay=1.5)  # pyright: ignore[reportArgumentType]

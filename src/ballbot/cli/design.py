@@ -31,6 +31,7 @@ from ballbot.report.design import (
 from ballbot.report.style import drawn
 from ballbot.results import to_results
 from ballbot.robot import Robot
+from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.controller_design import (
     DEFAULT_PARTS,
     GainOptions,
@@ -74,6 +75,9 @@ class SearchOptions:
     """Ranges of the perturbed robots: mass=0.2,height=0.2,friction=0.2 (fractions), delay=2 (samples), tilt=1 (degrees
     of the floor). Mass, height and friction that are not named follow the standard deviations in the robot's file if it
     states them; other unnamed ranges keep these values."""
+
+    scenario: str = "nominal"
+    """Sensors, drive and play of the perturbed robots: a scenario's name or file."""
 
     robots: WholeNumber = Effort.robots
     """Number of perturbed robots on which each candidate is tested."""
@@ -174,6 +178,8 @@ def _search(
 ) -> None:
     """Search for the weights, and write the page, controller.toml, results.json and robust.svg."""
     spread = PerturbationRanges.parse(search.perturb, robot)
+    scenario = load_scenario(search.scenario, robot)
+    inputs = [*inputs, *input_files(search.scenario)]
     effort = Effort(
         robots=search.robots,
         generations=search.generations,
@@ -188,6 +194,7 @@ def _search(
             robot,
             compensation=compensation,
             spread=spread,
+            scenario=scenario,
             effort=effort,
             run=Run(seed=search.seed, progress=bar.report),
         )

@@ -1,4 +1,4 @@
-"""`ballbot excite`: an excitation that is informative about friction, within limits, tried on the twin."""
+"""`ballbot excite`: an excitation that is informative about friction, within limits, tried on the loop with sensors."""
 
 from __future__ import annotations
 
@@ -77,13 +77,14 @@ class SearchOptions:
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class TrialOptions:
-    """The trial on the twin."""
+    """The trial on the compiled loop with sensors."""
 
-    on_twin: Annotated[bool, Parameter(name="--try", negative="--no-try")] = True
-    """Run the excitation and a square of the same length on the twin, and identify friction from both logs."""
+    tried: Annotated[bool, Parameter(name="--try", negative="--no-try")] = True
+    """Run the excitation and a square of the same length on the loop with sensors, with the scenario's friction, half
+    and one and a half times as much and three seeds each, and identify friction from a log of both."""
 
     scenario: str = "nominal"
-    """The twin's scenario: a name or a scenario file, as in ballbot record."""
+    """Sensors, drive, play and true friction of the trial: a scenario's name or file, as in ballbot record."""
 
 
 @Parameter(name="*")
@@ -93,7 +94,7 @@ class IdentificationOptions:
 
     found: Path | None = None
     """results.json of `ballbot identify`, from which the accuracy of predicted states is taken. If not given, that
-    of the twin is used."""
+    of the loop around the square is used."""
 
     law: Law = "stribeck"
     """The friction law that will be identified."""
@@ -120,7 +121,8 @@ def excite(
     controller: str = "nominal",
     out: Path,
 ) -> None:
-    """Design an informative excitation within limits on lean, floor space and torque, and try it on the twin.
+    """Design an informative excitation within limits on lean, floor space and torque, and try it on the loop
+    with sensors.
 
     Example: ballbot excite alten --lean 8 --floor 1 --torque 3 --out experiment
 
@@ -160,7 +162,7 @@ def excite(
                 scenario=scenario,
                 options=ExcitationOptions(
                     deviations=deviations,
-                    on_twin=trial.on_twin,
+                    tried=trial.tried,
                     law=identification.law,
                     bounds=bounds,
                     window=identification.window,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ballbot.cli.context import PAGE, CommandResult, WholeNumber, input_files, open_result
 from ballbot.control.controller import Controller
@@ -21,12 +20,10 @@ from ballbot.report.limits import (
 )
 from ballbot.results import to_results
 from ballbot.robot import Robot
+from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.candidates import parse_candidates
-from ballbot.workflows.limits import RobotLimits, TwinLimit, find_limits
-from ballbot.workflows.recovery_region import Loop
-
-if TYPE_CHECKING:  # MuJoCo is an extra
-    from ballbot.twin import Scenario
+from ballbot.workflows.limits import RobotLimits, TwinLimit, find_limits, twin_limits
+from ballbot.workflows.recovery_region import REFINEMENTS, Loop
 
 #: directions tried on the twin, of the model's
 _ON_TWIN = (0, 9, 18, 27)
@@ -48,7 +45,7 @@ def limits(
     /,
     *,
     grip: float = 1.0,
-    refinements: WholeNumber = 5,
+    refinements: WholeNumber = REFINEMENTS,
     twin: bool = False,
     scenario: str = "nominal",
     seed: WholeNumber = 1,
@@ -57,7 +54,8 @@ def limits(
     """Find the largest tilts and impulses that a robot recovers from with its controllers.
 
     Computes a lower and an upper bound of each limit: up to the lower bound, no wheel slips on the ball; the upper
-    bound assumes that wheels never slip. Both respect the torque limit and the motors' speed limit.
+    bound assumes that wheels never slip. Both respect the torque limit and the motors' speed limit, and have the
+    sensors, delay, noise, floor and payload of the scenario on the compiled loop, but not its play.
 
     Writes report.html, planes.svg (lean and lean rate in the worst direction), directions.svg, heights.svg and
     results.json.
@@ -70,27 +68,27 @@ def limits(
         A preset's name or a robot file, with its friction.
     controllers
         none, full and partial (the nominal gain with that compensation), precise, and controller files. As in
-        compare, LABEL=... renames one, and a trailing @kalman selects the estimator used on the twin.
+        compare, LABEL=... renames one, and a trailing @kalman selects the estimator.
     grip
         Friction coefficient of the wheels on the ball.
     refinements
-        How many times the coarse grid of the planes is refined by half along the boundary, 0 to 6; 5 gives a
-        million points.
+        How many times the coarse grid of the planes is refined by half along the boundary, 0 to 6; 3 gives
+        257 x 257 points, as fine as they are drawn.
     twin
-        Also find the limits on the twin, in four directions.
+        Also find the limits on the twin, in four directions: with slip and play.
     scenario
-        The twin's scenario: a name or a scenario file.
+        A scenario's name or file.
     seed
-        Random seed of the twin's runs.
+        Random seed of the runs.
     out
         The folder to write into.
     """
     described, candidates = Robot.load(robot), parse_candidates(controllers)
     chosen = {one.name: _law(one.name, one.controller(described)) for one in candidates}
     _check(len(chosen), grip=grip, refinements=refinements, seed=seed)
-    truth = _truth(scenario, described) if twin else None
+    truth = load_scenario(scenario, described)
     found = _Found()
-    inputs = input_files(robot, [one.file for one in candidates if one.file], scenario if twin else None)
+    inputs = input_files(robot, [one.file for one in candidates if one.file], scenario)
     with (
         open_result(out, command="limits", writes=_WRITTEN, inputs=inputs, seed=seed) as result,
         result.progress("limits") as bar,
@@ -100,13 +98,14 @@ def limits(
             def report(now: Progress, name: str = name) -> None:
                 bar.report(replace(now, note=name))
 
-            loop, run = Loop.of(described, controller, grip=grip), Run(seed=seed, progress=report)
+            loop = Loop(robot=described, controller=controller, scenario=truth, grip=grip, seed=seed)
+            run = Run(seed=seed, progress=report)
             found.model[name] = find_limits(loop, refinements=refinements, run=run)
-            if truth is not None:
-                found.twin[name] = _on_twin(loop, truth, found.model[name], run)
+            if twin:
+                found.twin[name] = twin_limits(loop, found.model[name], directions=_ON_TWIN, run=run)
         bar.begin_writing()
         with result.replaced() as new:
-            _write(found, described, grip, result, new)
+            _write(found, described, grip, truth.name, result, new)
     result.show(limit_parts(found.model, found.twin, framed=result.console.is_terminal))
     result.show_file(PAGE)
 
@@ -132,26 +131,18 @@ def _law(name: str, controller: object) -> Controller:
     return controller
 
 
-def _truth(scenario: str, robot: Robot) -> Scenario:
-    from ballbot.twin.scenario_file import load_scenario
-
-    return load_scenario(scenario, robot)
-
-
-def _on_twin(loop: Loop, truth: Scenario, found: RobotLimits, run: Run) -> Sequence[TwinLimit]:
-    from ballbot.workflows.limits import twin_limits
-
-    return twin_limits(loop.robot, loop.controller, truth, found, directions=_ON_TWIN, run=run)
-
-
-def _write(found: _Found, robot: Robot, grip: float, result: CommandResult, folder: Path) -> None:
+def _write(
+    found: _Found, robot: Robot, grip: float, scenario: str, result: CommandResult, folder: Path
+) -> None:
     by_controller = {
         name: to_results(one) | {"twin": found.twin.get(name, ())} for name, one in found.model.items()
     }
-    results = {"robot": robot.name, "grip": grip, "controllers": by_controller}
+    results = {"robot": robot.name, "grip": grip, "scenario": scenario, "controllers": by_controller}
     result.write_json(results, folder)
     pictures = limit_pictures(found.model, found.twin)
     for name, picture in pictures.items():
         write_text(folder / f"{name}.svg", picture.markup)
-    page = limits_report(robot, found.model, found.twin, pictures=pictures, grip=grip, made=result.origin)
+    page = limits_report(
+        robot, found.model, found.twin, pictures=pictures, grip=grip, scenario=scenario, made=result.origin
+    )
     result.write_page(page, folder)

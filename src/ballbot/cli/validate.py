@@ -43,9 +43,8 @@ from ballbot.report.words import logs_words
 from ballbot.robot import Robot
 from ballbot.validation import ModelPair, join_validations, validate_logs
 from ballbot.validation.validation import fitted_findings
-from ballbot.workflows.controller_causes import EXPLAINED_CODES
 from ballbot.workflows.controller_prediction import Prediction, read_prediction
-from ballbot.workflows.controller_verdict import Verdict, check_controller, evaluate_log
+from ballbot.workflows.controller_verdict import EXPLAINED_CODES, Verdict, check_controller, evaluate_log
 
 _WRITTEN = (PAGE, "results.json")
 
@@ -93,9 +92,8 @@ def validate_prediction(
     found = check_input(
         robot, {log_path: log}, accept=accepted, source=source, mappings={log_path: mapping}, show=False
     )
-    codes = [finding.code for finding in found if finding.severity == "error"]
     try:
-        verdict = evaluate_log(prediction, log, robot, driver, codes=codes)
+        verdict = evaluate_log(prediction, log, robot, driver)
     except InputError as error:
         raise InputError(f"{log_path}: {error}") from None
     steps = next_steps(verdict, prediction, files)
@@ -197,8 +195,8 @@ def validate(
     Example: ballbot validate found/robot.toml step.csv --against viscous/robot.toml --out laws
 
     With --prediction, compare a log with a study's prediction for its controller on the same course: which
-    quantities lie outside their 95 % intervals, likely causes, and whether to keep, weaken or revert the
-    controller.
+    quantities lie outside their 95 % intervals and by how much, what else differs from the logs, and whether to keep,
+    weaken or revert the controller.
 
     Example: ballbot validate --prediction found/results.json new.csv
 

@@ -36,7 +36,7 @@ _STYLES = ("-", "--", ":", "-.")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Followed:
-    """A run to be drawn: the design on the twin where it was tried, on the model otherwise."""
+    """A run to be drawn: the design on the loop where it was tried, on the model otherwise."""
 
     title: str
     t: NDArray[np.float64]  #: (N,) [s]
@@ -46,14 +46,14 @@ class Followed:
 
 
 def followed_run(result: Excitation) -> Followed:
-    """Return the designed run to be drawn: as it was on the twin, or on the model where it was not tried there."""
+    """Return the designed run to be drawn: on the loop with sensors if it was tried, else on the model."""
     trial, poses = result.trials.get("designed"), result.design.poses
     if trial is None:
         log = run_on_model(result.task, result.design.reference).log
         return Followed(title="on the model", t=log.t, states=log.states, torques=log.torques, poses=poses)
     log, truth = trial.log, trial.log.truth()
     return Followed(
-        title="on the twin", t=log.t, states=truth.states, torques=log.torques, poses=poses[: len(log)]
+        title="on the loop", t=log.t, states=truth.states, torques=log.torques, poses=poses[: len(log)]
     )
 
 
@@ -93,13 +93,13 @@ def path_figure(shown: Followed, limits: RunLimits) -> Figure:
 
 
 def errors_figure(result: Excitation) -> Figure:
-    """Draw the standard errors of each parameter, expected and from the twin's logs, of a square and of the design."""
+    """Draw the standard errors of each parameter, expected and from the loop's logs, of a square and of the design."""
     labels = result.task.question.labels
     panels = [("expected", {"square": result.square.errors, "designed": result.design.errors})]
     if result.trials:
         panels.append(
             (
-                "from the twin's logs (no mark: no number)",
+                "from the loop's logs (no mark: no number)",
                 {name: one.errors for name, one in result.trials.items()},
             )
         )
@@ -149,10 +149,10 @@ def excitation_parts(result: Excitation, *, framed: bool) -> Iterator[Renderable
 
 
 def _limits_table(result: Excitation, *, framed: bool) -> TextTable:
-    """Return each limit with the peaks of the square and of the design, on the model and on the twin."""
+    """Return each limit with the peaks of the square and of the design, on the model and on the loop."""
     trials = result.trials
     runs = {"square": result.square.run.peaks, "designed": result.design.peaks}
-    runs |= {f"{name}, twin": trial.peaks for name, trial in trials.items()}
+    runs |= {f"{name}, loop": trial.peaks for name, trial in trials.items()}
     rows = [
         (
             unit_heading(name, unit),
@@ -166,7 +166,7 @@ def _limits_table(result: Excitation, *, framed: bool) -> TextTable:
 
 
 def _errors_table(result: Excitation, *, framed: bool) -> TextTable:
-    """Return the standard errors: expected, and of identifications from the twin's logs; the worst of each last."""
+    """Return the standard errors: expected, and of identifications from the loop's logs; the worst of each last."""
     question, wheels = result.task.question, result.task.robot.wheel_count
     units = {
         label: "" if one.unit == DIMENSIONLESS else one.unit
@@ -177,8 +177,8 @@ def _errors_table(result: Excitation, *, framed: bool) -> TextTable:
     scaled = {"square": result.square.errors, "designed": result.design.errors}
     columns = {name: question.in_units(errors) for name, errors in scaled.items()}
     for name, trial in result.trials.items():
-        scaled[f"{name}, twin"] = trial.errors
-        columns[f"{name}, twin"] = _errors_in_units(trial)[question.coordinates.free]
+        scaled[f"{name}, loop"] = trial.errors
+        columns[f"{name}, loop"] = _errors_in_units(trial)[question.coordinates.free]
     rows = [
         (
             label,
@@ -190,7 +190,7 @@ def _errors_table(result: Excitation, *, framed: bool) -> TextTable:
     ]
     rows.append(("worst, % of bounds", "", "", *(_worst(errors) for errors in scaled.values())))
     headings = ("parameter", "unit", "assumed", *columns)
-    title = "Standard errors expected" + (", and from the twin's logs" if result.trials else "")
+    title = "Standard errors expected" + (", and from the loop's logs" if result.trials else "")
     return table(title, headings, rows, framed=framed)
 
 
@@ -198,15 +198,15 @@ def _verdict(result: Excitation) -> list[str]:
     """Return what to know of the design, in sentences."""
     sentences = [gain_sentence(float(result.square.errors.max() / result.design.errors.max()))]
     if not result.trials:
-        return [*sentences, "The design has not been tried on the twin."]
+        return [*sentences, "The design has not been tried with sensors."]
     trial = result.trials["designed"]
-    if trial.log.ended:
-        return [*sentences, f"On the twin the run ended early: {trial.log.ended}. Lower the limits."]
+    if trial.ended:
+        return [*sentences, f"On the loop with sensors a run ended early: {trial.ended}. Lower the limits."]
     exceeded = result.task.limits.exceeded(trial.peaks)
     kept = (
-        f"The twin exceeded the limit on {' and '.join(exceeded)}; lower that limit"
+        f"The loop with sensors exceeded the limit on {' and '.join(exceeded)}; lower that limit"
         if exceeded
-        else "The twin stayed within all limits"
+        else "The loop with sensors stayed within all limits"
     )
     return [*sentences, f"{kept}."]
 
@@ -257,14 +257,14 @@ def excitation_report(result: Excitation, robot: Robot, *, errors: Picture, made
     undecided = [
         "How much the real robot's friction differs from the assumed one: the design is best for the friction of "
         "the file.",
-        "Whether the real robot stays within the limits: the model and the twin are not the robot. Have a hand near "
+        "Whether the real robot stays within the limits: the simulation is not the robot. Have a hand near "
         "it.",
     ]
     trial = result.trials.get("designed")
     if trial is None:
         undecided.insert(
             0,
-            "Whether the design helps on a robot with play, noise and rollers: it was not tried on the twin.",
+            "Whether the design helps on a robot with play and noise: it was not tried with sensors.",
         )
     return Report(
         title=f"{robot.name}: an informative excitation",

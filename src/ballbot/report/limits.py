@@ -223,6 +223,7 @@ def limits_report(
     *,
     pictures: Mapping[str, Picture],
     grip: float,
+    scenario: str,
     made: Provenance,
 ) -> Report:
     """Return the page; `pictures` are those of `limit_pictures`."""
@@ -236,7 +237,10 @@ def limits_report(
     tables = limit_parts(found, on_twin, framed=False)
     return Report(
         title=f"{robot.name}: the largest tilts and impulses that it recovers from",
-        lead=f"{counted(len(found), 'controller')}, friction coefficient of the wheels on the ball {grip:g}.",
+        lead=(
+            f"{counted(len(found), 'controller')}, friction coefficient of the wheels on the ball {grip:g}, sensors, "
+            f"delay and noise of the scenario {scenario}."
+        ),
         verdict=verdict,
         sections=[
             section("Limits", *(Sheet.of(one) for one in tables)),
@@ -257,6 +261,6 @@ def _undecided(on_twin: Mapping[str, Sequence[TwinLimit]]) -> list[str]:
     ]
     if not on_twin:
         sentences.append(
-            "What sensors, delay and play take from the limits: `--twin` runs a robot that has them."
+            "What play and sliding wheels take from the limits: `--twin` runs a robot that has them."
         )
     return sentences

@@ -21,7 +21,7 @@ from ballbot.link.wiring import Turn, WiringCheck
 from ballbot.report.console import finding_line, table
 from ballbot.rounding import percent, unit_heading
 from ballbot.workflows.alternation import Alternation, Gain
-from ballbot.workflows.controller_verdict import QUANTITY_NAMES
+from ballbot.workflows.controller_verdict import SHOWN
 
 _SELF_TESTS = {
     SelfTestOutcome.NOT_RUN: "not run",
@@ -198,15 +198,7 @@ def _measured(turn: Turn) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return turn.attitude, turn.gyro, turn.wheels
 
 
-#: of each quantity in a table: by what it is multiplied, its unit and decimals
-_SHOWN = {
-    "peak_error": (1e3, "mm", 1),
-    "rms_error": (1e3, "mm", 1),
-    "roughness": (1.0, "N m", 3),
-    "lean": (1.0, "rad", 3),
-    "torque_margin": (1e2, "%", 0),
-}
-_GAIN_NAMES = dict(QUANTITY_NAMES) | {"torque_margin": "torque used"}
+_GAIN_NAMES = {name: one.words for name, one in SHOWN.items()} | {"torque_margin": "torque used"}
 
 
 def alternation_parts(found: Alternation, *, framed: bool) -> Iterator[RenderableType]:
@@ -214,10 +206,10 @@ def alternation_parts(found: Alternation, *, framed: bool) -> Iterator[Renderabl
     runs = range(1, len(found.performances) + 1)
     rows = [
         (
-            unit_heading(QUANTITY_NAMES[name], unit),
-            *(_number(factor * getattr(one, name), decimals) for one in found.performances),
+            unit_heading(shown.words, shown.unit),
+            *(shown.shown(getattr(one, name)) for one in found.performances),
         )
-        for name, (factor, unit, decimals) in _SHOWN.items()
+        for name, shown in SHOWN.items()
     ]
     headings = ("quantity", *(f"{k} {'after' if k % 2 == 0 else 'before'}" for k in runs))
     yield table("Runs in turn", headings, rows, framed=framed)
@@ -280,10 +272,6 @@ def conclusion(found: Alternation) -> str:
     if gain.verdict == "undecided":
         return f"{advice} {size}, which decides nothing; repeat the comparison with more --rounds."
     return f"{advice} {size}."
-
-
-def _number(value: float, decimals: int) -> str:
-    return f"{value:.{decimals}f}" if math.isfinite(value) else "–"
 
 
 def counts_line(host: Sequence[int], robot: Sequence[int]) -> str | None:

@@ -17,19 +17,11 @@ from ballbot.report.console import table
 from ballbot.report.provenance import Provenance
 from ballbot.results import to_results
 from ballbot.rounding import unit_heading
-from ballbot.workflows.controller_causes import Cause
 from ballbot.workflows.controller_choice import CANDIDATES
+from ballbot.workflows.controller_differences import NUMBERS
 from ballbot.workflows.controller_prediction import Prediction, PredictionInterval
-from ballbot.workflows.controller_verdict import BETTER, QUANTITY_NAMES, QuantityResult, Verdict
+from ballbot.workflows.controller_verdict import SHOWN, QuantityResult, Verdict
 
-#: of each quantity: by what it is multiplied to be shown, its unit and decimals
-_SHOWN = {
-    "peak_error": (1e3, "mm", 1),
-    "rms_error": (1e3, "mm", 1),
-    "roughness": (1.0, "N m", 3),
-    "lean": (1.0, "rad", 3),
-    "torque_margin": (1e2, "%", 0),
-}
 #: factor on the compensated friction that is tried first
 _WEAKER = 0.8
 
@@ -51,6 +43,7 @@ class StudyFolder:
 def prediction_results(verdict: Verdict, prediction: Prediction, steps: Sequence[str]) -> dict[str, object]:
     """Return what results.json holds of a verdict."""
     return {
+        "confirmed": verdict.confirmed,
         "recommendation": verdict.recommendation,
         "reason": verdict.reason,
         "ended": verdict.ended,
@@ -59,12 +52,13 @@ def prediction_results(verdict: Verdict, prediction: Prediction, steps: Sequence
                 "value": one.value,
                 "place": one.place,
                 "worse": one.worse,
+                "factor": one.factor,
                 **to_results(one.predicted),
             }
             for one in verdict.quantities
         },
         "none": verdict.none,
-        "causes": verdict.causes,
+        "differences": verdict.differences,
         "findings": finding_results(verdict.findings),
         "next_steps": steps,
         "course": prediction.course,
@@ -95,18 +89,8 @@ def prediction_report(
     quantities = Sheet(headings=headings, rows=rows, caption=caption, shaded=notice)
     undecided = [
         "Whether another run of the same controller would be inside: one log is one run.",
-        *(
-            [
-                "The causes of what differs, for sure: they are ranked by likeness, and several may act at once."
-            ]
-            if verdict.causes
-            else []
-        ),
+        "What caused a difference: several faults move one number alike, and several may act at once.",
     ]
-    if not verdict.causes and (verdict.outside or verdict.ended is not None):
-        undecided.insert(
-            0, "The cause of the difference: nothing else in the log differs from the predicted run."
-        )
     return Report(
         title=title,
         lead=(
@@ -121,7 +105,7 @@ def prediction_report(
                 quantities,
                 Bullets(items=texts(verdict.findings)) if verdict.findings else None,
             ),
-            *([_cause_section(verdict)] if verdict.causes else []),
+            *([_difference_section(verdict)] if verdict.differences else []),
             section("What to do next", Bullets(items=steps)),
             section("The run", *series),
         ],
@@ -131,28 +115,45 @@ def prediction_report(
     )
 
 
-def _cause_section(verdict: Verdict) -> Section:
-    rows = [(cause.name, cause.meaning, cause.confidence, _evidence(cause)) for cause in verdict.causes]
+_DIFFERENCE_HEADINGS = ("what differs", "measured", "predicted", "times its usual difference")
+
+
+def _difference_section(verdict: Verdict) -> Section:
     caption = (
-        "Ranked by how far the log is from the predicted run, in the variation usual between runs of a robot without "
-        "faults."
+        "Predicted: by a simulated run, the friction's numbers by the study's logs. The usual difference is one of "
+        "robots without faults."
     )
-    headings = ("cause", "which means that", "confidence", "evidence")
-    return section("Likely causes", Sheet(headings=headings, rows=rows, caption=caption))
+    return section(
+        "What differs from the logs",
+        Sheet(headings=_DIFFERENCE_HEADINGS, rows=difference_rows(verdict), caption=caption),
+    )
+
+
+def difference_rows(verdict: Verdict) -> list[tuple[str, ...]]:
+    """Return rows: number and unit, measured, predicted, by how many times its usual difference it is off."""
+    return [
+        (
+            unit_heading(number.meaning, number.unit) if number.unit else number.meaning,
+            f"{number.scale * one.measured:.3g}",
+            f"{number.scale * one.predicted:.3g}",
+            f"{one.usual_sizes:.0f}",
+        )
+        for one, number in ((one, NUMBERS[one.name]) for one in verdict.differences)
+    ]
 
 
 def headline(verdict: Verdict) -> str:
     """Return the verdict in one line."""
-    return f"{verdict.recommendation.capitalize()} this controller. {verdict.reason}"
+    return f"{verdict.reason} {verdict.recommendation.capitalize()} this controller."
 
 
 def quantity_rows(verdict: Verdict) -> list[tuple[str, ...]]:
     """Return rows: quantity and unit, measured, predicted, its 95 % interval, its place, predicted without."""
     return [
         (
-            unit_heading(QUANTITY_NAMES[one.name], _SHOWN[one.name][1]),
-            _number(one.name, one.value),
-            _number(one.name, one.predicted.median),
+            unit_heading(SHOWN[one.name].words, SHOWN[one.name].unit),
+            SHOWN[one.name].shown(one.value),
+            SHOWN[one.name].shown(one.predicted.median),
             _interval(one.name, one.predicted),
             _place(one),
             _interval(one.name, verdict.none[one.name]) if verdict.none else "falls",
@@ -165,24 +166,12 @@ def predicted_rows(prediction: Prediction) -> list[tuple[str, ...]]:
     """Return rows: quantity and unit, predicted, its 95 % interval, predicted without compensation."""
     return [
         (
-            unit_heading(QUANTITY_NAMES[name], _SHOWN[name][1]),
-            _number(name, one.median),
+            unit_heading(SHOWN[name].words, SHOWN[name].unit),
+            SHOWN[name].shown(one.median),
             _interval(name, one),
             _interval(name, prediction.none[name]) if prediction.none else "falls",
         )
         for name, one in prediction.chosen.items()
-    ]
-
-
-def cause_lines(verdict: Verdict) -> list[str]:
-    """Return the causes in words, the likeliest first; one line without a cause if only the quantities are outside."""
-    if not verdict.outside and verdict.ended is None:
-        return []
-    if not verdict.causes:
-        return ["The cause cannot be determined: nothing else in the log differs from the predicted run."]
-    return [
-        f"{place}. {cause.name} ({cause.meaning}), {cause.confidence}: {_evidence(cause)}"
-        for place, cause in enumerate(verdict.causes, start=1)
     ]
 
 
@@ -206,27 +195,12 @@ def _advice(verdict: Verdict, prediction: Prediction, files: StudyFolder) -> lis
             f"`{_design(files, 'nominal', 'none')} --out nominal`."
         )
     )
-    causes = [cause.name for cause in verdict.causes[:1]]
-    repair = [_REPAIRS[name].format(robot=files.robot) for name in causes]
+    again = "Run `ballbot study` again with this log among its logs."
     if verdict.recommendation == "revert":
-        return [before, *repair, "Run `ballbot study` again with this log among its logs."]
+        return [before, again]
     kind, compensation = CANDIDATES[prediction.controller]
     weaker = f"{_design(files, kind, compensation)} --compensation-gain {_WEAKER:g}"
-    return [f"Compensate less friction: `{weaker} --out weaker`.", *repair]
-
-
-_REPAIRS = {
-    "delay": (
-        "Find the delay with `ballbot identify {robot} LOG --estimate delays --out delays`; give it to "
-        "`ballbot design --delay`."
-    ),
-    "grip": "Clean ball and wheels, or press them together more firmly, and record the course again.",
-    "friction": "Run `ballbot study` on new logs: the friction identified is not that of the robot as it is now.",
-    "sensor": "Check the IMU's mounting and its calibration at rest, and record the course again.",
-    "mapping": "Check torque constants, gear ratios and columns with `ballbot check-log LOG --robot {robot}`.",
-    "body": "Measure mass and height of the robot as it is now, correct {robot}, and run `ballbot study` again.",
-    "floor": "Record the course on a level floor, or design with `--adaptive`.",
-}
+    return [f"Compensate less friction: `{weaker} --out weaker`.", again]
 
 
 def _design(files: StudyFolder, kind: str, compensation: str) -> str:
@@ -234,39 +208,29 @@ def _design(files: StudyFolder, kind: str, compensation: str) -> str:
     return shell_line(words)
 
 
-def _evidence(cause: Cause) -> str:
-    size = f" ({cause.strength:.0f} times the usual variation)" if np.isfinite(cause.strength) else ""
-    return f"{cause.finding.text}{size}"
-
-
 def _place(one: QuantityResult) -> str:
     if one.place == "inside":
         return "inside"
     if not np.isfinite(one.value):
         return "outside (the run ended too early)"
-    return f"outside, {'better' if one.place == BETTER[one.name] else 'worse'}"
-
-
-def _number(name: str, value: float) -> str:
-    factor, _, decimals = _SHOWN[name]
-    return f"{factor * value:.{decimals}f}" if np.isfinite(value) else "–"
+    return f"outside, {'better' if not one.worse else 'worse'}"
 
 
 def _interval(name: str, one: PredictionInterval) -> str:
-    return f"{_number(name, one.low)} to {_number(name, one.high)}"
+    return f"{SHOWN[name].shown(one.low)} to {SHOWN[name].shown(one.high)}"
 
 
 _PREDICTION_HEADINGS = ("quantity", "measured", "predicted", "95 % interval", "", "without compensation")
 
 
 def verdict_parts(verdict: Verdict, steps: Sequence[str], *, framed: bool) -> Iterator[RenderableType]:
-    """Yield the verdict, its findings, the predicted and measured quantities, likely causes, and the next steps."""
+    """Yield the verdict, its findings, the predicted and measured quantities, what differs, and the next steps."""
     yield Text(headline(verdict), style="bold")
     for finding in verdict.findings:
         yield Text(finding.text)
     yield table("Predicted and measured", _PREDICTION_HEADINGS, quantity_rows(verdict), framed=framed)
-    lines = cause_lines(verdict)
-    if lines:
-        yield Text("Likely causes", style="bold")
-    for line in (*lines, *steps):
+    if verdict.differences:
+        rows = difference_rows(verdict)
+        yield table("What differs from the logs", _DIFFERENCE_HEADINGS, rows, framed=framed)
+    for line in steps:
         yield Text(line)

@@ -259,8 +259,9 @@ def _prediction_words(study: Study) -> str:
     course = study.choice.course
     return (
         f"Record {course.duration:g} s of the {course.name} with this controller and run `ballbot validate "
-        "--prediction results.json LOG`: it reports whether each quantity lies in its interval, ranks likely causes "
-        "if not, and recommends to keep the controller, to weaken it, or to go back to previous_controller.toml."
+        "--prediction results.json LOG`: it says whether the prediction is confirmed, by how much not and what "
+        "else differs from the logs, and recommends to keep the controller, to weaken it, or to go back to "
+        "previous_controller.toml."
     )
 
 

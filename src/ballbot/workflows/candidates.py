@@ -26,11 +26,10 @@ from __future__ import annotations
 import importlib.util
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn, TypeVar, cast, get_args
+from typing import TypeVar, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,8 +127,7 @@ class UserController:
 
     def _guarded(self, moment: str, call: Callable[[], _Result]) -> _Result:
         try:
-            with _without_exit():
-                return call()
+            return call()
         except InputError:
             raise
         except BaseException as error:  # sys.exit ends nothing but this call
@@ -173,8 +171,7 @@ def _attribute(path: str, name: str) -> Callable[[Robot], object]:
         if folder not in sys.path:
             sys.path.append(folder)
         try:
-            with _without_exit():
-                spec.loader.exec_module(module)
+            spec.loader.exec_module(module)
         except BaseException as error:
             del sys.modules[module_name]
             if isinstance(error, KeyboardInterrupt):
@@ -204,27 +201,6 @@ def _check_names(path: str) -> None:
             )
 
 
-class _CalledExit(BaseException):
-    """A controller called os._exit."""
-
-
-@contextmanager
-def _without_exit() -> Iterator[None]:
-    """Turn os._exit into an exception in the block, which else would end the program as if all had gone well."""
-    end, process = os._exit, os.getpid()
-
-    def refuse(status: int) -> NoReturn:
-        if os.getpid() != process:  # a process that the controller has begun ends by it
-            end(status)
-        raise _CalledExit(status)
-
-    os._exit = refuse
-    try:
-        yield
-    finally:
-        os._exit = end
-
-
 def _error_text(error: BaseException, file: Path) -> str:
     """Return an error in words, with the last line of the user's file that it passed through."""
     line, step = None, error.__traceback__
@@ -235,8 +211,6 @@ def _error_text(error: BaseException, file: Path) -> str:
     words = " ".join(f"{type(error).__name__}: {_text(error)}".split()).rstrip(".:")
     if isinstance(error, SystemExit):
         words = f"it called sys.exit({_text(error)}), and a controller must not end the program"
-    if isinstance(error, _CalledExit):
-        words = f"it called os._exit({_text(error)}), and a controller must not end the program"
     return f"{words} (line {line})" if line else words
 
 

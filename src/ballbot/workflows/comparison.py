@@ -39,11 +39,14 @@ from ballbot.log import Log
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
+from ballbot.robot import Robot
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import initial_state_of, simulate
 from ballbot.simulation.sensed_plant import SensedPlant
+from ballbot.twin.imperfections import imperfections_of, true_model
+from ballbot.twin.scenario import Scenario
 from ballbot.workflows.metrics import SETTLE, Score, score
 
 CONFIDENCE = 0.95
@@ -177,6 +180,14 @@ class LoopRobot:
 
     model: Model  #: the true one
     imperfections: Imperfections | None = None  #: None if controllers see the true state
+
+    @staticmethod
+    def of(robot: Robot, scenario: Scenario, *, known: Robot) -> LoopRobot:
+        """Return a robot with its own friction and the rest of a scenario; its estimator knows another one."""
+        return LoopRobot(
+            model=true_model(robot, replace(scenario, friction=robot.friction)),
+            imperfections=replace(imperfections_of(scenario), known=known),
+        )
 
     def __call__(self, estimator: EstimatorName) -> Plant | Model:
         """Return the plant that is the same, one period at a time."""

@@ -40,7 +40,6 @@ from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import estimated_robot
 from ballbot.log import Log
 from ballbot.robot import Robot
-from ballbot.twin.imperfections import imperfections_of, true_model
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.comparison import (
     ComparedRun,
@@ -68,10 +67,7 @@ class PlantDraw:
     @property
     def on_loop(self) -> LoopRobot:
         """The robot on the compiled loop."""
-        return LoopRobot(
-            model=true_model(self.robot, replace(self.scenario, friction=self.robot.friction)),
-            imperfections=replace(imperfections_of(self.scenario), known=self.known),
-        )
+        return LoopRobot.of(self.robot, self.scenario, known=self.known)
 
 
 def draw_plants(found: Identification, *, scenario: Scenario, count: int, seed: int) -> tuple[PlantDraw, ...]:

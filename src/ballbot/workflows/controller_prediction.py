@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -32,8 +32,8 @@ from ballbot.log import Log
 from ballbot.results import reported
 from ballbot.schema import validate_table
 from ballbot.summary import counted
-from ballbot.workflows.controller_causes import OF_FRICTION, signature_of
 from ballbot.workflows.controller_choice import CANDIDATES, ControllerChoice, NamedCourse
+from ballbot.workflows.controller_differences import OF_FRICTION, signature_of
 from ballbot.workflows.metrics import QUANTITIES, Performance
 
 CONFIDENCE = 0.95
@@ -94,7 +94,7 @@ class Prediction:
     none: (
         Mapping[str, PredictionInterval] | None
     )  #: the same without friction compensation; None if that falls
-    #: of the log of a predicted run; see `ballbot.workflows.controller_causes`
+    #: of the log of a predicted run; see `ballbot.workflows.controller_differences`
     signature: Mapping[str, float]
 
     @reported
@@ -140,11 +140,10 @@ def _expected_signature(choice: ControllerChoice, logs: Sequence[Log]) -> dict[s
     A simulated robot that is given the identified friction loses energy besides, as in its rollers.
     """
     known = choice.plants[0].known
-    run = choice.runs[choice.chosen or "none"].without_truth()
-    simulated = signature_of(run, known)
-    measured = [asdict(one) for log in logs if (one := signature_of(log, known))]
-    of_friction = {name: float(np.mean([one[name] for one in measured])) for name in OF_FRICTION if measured}
-    return (asdict(simulated) if simulated else {}) | of_friction
+    simulated = signature_of(choice.runs[choice.chosen or "none"].without_truth(), known)
+    measured = [signature_of(log, known) for log in logs]
+    of_friction = {name: [one[name] for one in measured if name in one] for name in OF_FRICTION}
+    return simulated | {name: float(np.mean(values)) for name, values in of_friction.items() if values}
 
 
 def checksum_of(controller: Controller) -> str:
@@ -292,7 +291,7 @@ def read_prediction(path: str | Path) -> Prediction:
         draws=table.draws,
         chosen=_intervals(table.chosen),
         none=_intervals(table.none) if table.none else None,
-        signature={name: np.nan if one is None else one for name, one in table.signature.items()},
+        signature={name: one for name, one in table.signature.items() if one is not None},
     )
 
 
@@ -317,8 +316,4 @@ def _check_table(table: _PredictionTable, path: str | Path) -> None:
 
 
 def _intervals(table: _QuantitiesTable) -> dict[str, PredictionInterval]:
-    found: dict[str, PredictionInterval] = {}
-    for name in QUANTITIES:
-        one: _IntervalTable = getattr(table, name)
-        found[name] = PredictionInterval(median=one.median, low=one.low, high=one.high)
-    return found
+    return {name: PredictionInterval(**getattr(table, name).model_dump()) for name in QUANTITIES}

@@ -1,4 +1,4 @@
-"""The verdict of the next log on a controller: each predicted quantity inside or outside; keep, weaken or revert.
+"""The verdict of the next log on a prediction: confirmed or refuted, by how much and in which quantity, and what to do.
 
     revert   the run ended early, or its error is not clearly smaller than that predicted for the nominal gain without
              compensation, or a quantity is worse than predicted and the controller compensates nothing
@@ -24,33 +24,58 @@ from ballbot.errors import InputError, every
 from ballbot.findings import Finding, warning
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import torque_names
+from ballbot.results import reported
 from ballbot.robot import Robot
 from ballbot.rounding import percent
-from ballbot.workflows.controller_causes import Cause, ranked_causes, signature_of
 from ballbot.workflows.controller_choice import CANDIDATES
+from ballbot.workflows.controller_differences import Difference, differences, signature_of
 from ballbot.workflows.controller_prediction import Prediction, PredictionInterval, checksum_of
 from ballbot.workflows.metrics import QUANTITIES, Performance, rms
 
 Recommendation = Literal["keep", "weaken", "revert"]
 
-#: what is better, by quantity
-BETTER: Mapping[str, Literal["below", "above"]] = MappingProxyType(
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number of `Performance` as sentences and tables show it."""
+
+    words: str
+    scale: float  #: from SI to the unit
+    unit: str
+    decimals: int
+    better: Literal["below", "above"] = "below"
+
+    def shown(self, value: float) -> str:
+        """Return a value in the unit, without it."""
+        return f"{self.scale * value:.{self.decimals}f}" if np.isfinite(value) else "–"
+
+
+SHOWN: Mapping[str, Quantity] = MappingProxyType(
     {
-        "peak_error": "below",
-        "rms_error": "below",
-        "roughness": "below",
-        "lean": "below",
-        "torque_margin": "above",
+        "peak_error": Quantity("peak error", 1e3, "mm", 1),
+        "rms_error": Quantity("RMS error", 1e3, "mm", 1),
+        "roughness": Quantity("torque roughness", 1.0, "N m", 3),
+        "lean": Quantity("lean", 1.0, "rad", 3),
+        "torque_margin": Quantity("torque margin", 1e2, "%", 0, better="above"),
     }
 )
-#: names of the quantities in sentences
-QUANTITY_NAMES: Mapping[str, str] = MappingProxyType(
+#: errors of a log's checks that describe the robot's motion: the verdict is about them, and is given all the same
+EXPLAINED_CODES = frozenset(
     {
-        "peak_error": "peak error",
-        "rms_error": "RMS error",
-        "roughness": "torque roughness",
-        "lean": "lean",
-        "torque_margin": "torque margin",
+        *(
+            "ball-axes",
+            "degrees",
+            "heading-sign",
+            "lean-axes",
+            "lean-scale",
+            "scale",
+            "sign",
+            "swapped",
+            "wheels",
+        ),
+        *("torque-order", "torque-scale", "torque-sign", "torque-unrelated", "torque-clipped", "dead-motor"),
+        *("constant", "glitch", "held", "lean-offset", "reset", "spike", "stuck", "torque-delay"),
+        *("fall", "hands", "saturation", "disturbance"),
     }
 )
 #: a log's reference may differ from the course's by this [m, rad]
@@ -65,9 +90,6 @@ _SHORT = 0.05
 _MAX_MISSING = 0.02
 #: lean in the last half second of a log that ends early, from which it is a fall [rad]
 _FALLING, _LAST = 0.2, 0.5
-#: duration from which a run separates gain, friction and constants of the torque [s]. On three runs of the twin around
-#: the square the gain, truly 1, came out as 0.55 to 0.68 of 8 s, 0.80 to 0.88 of 16 s and 0.995 to 0.999 of 24 s
-SEPARABLE = 24.0
 #: duration of a fall, which is left out [s]
 _FALL = 2.0
 #: relative difference of sample times that is rounding
@@ -88,7 +110,18 @@ class QuantityResult:
     @property
     def worse(self) -> bool:
         """Whether it is outside its interval, on the worse side."""
-        return self.place not in ("inside", BETTER[self.name])
+        return self.place not in ("inside", SHOWN[self.name].better)
+
+    @reported
+    def factor(self) -> float:
+        """Its size over that at the end of the interval that it is beyond; of the torque margin, the size is the share
+        of the torque limit that is used. One inside the interval, NaN without a value.
+        """
+        ends = {"inside": self.value, "below": self.predicted.low, "above": self.predicted.high}
+        size, end = self.value, ends[self.place]
+        if self.name == "torque_margin":
+            size, end = 1.0 - size, 1.0 - end
+        return size / end if end > 0.0 else np.nan
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,12 +129,17 @@ class Verdict:
     """The verdict of one log on a controller."""
 
     recommendation: Recommendation
-    reason: str  #: one sentence with the numbers that decide
+    reason: str  #: in sentences: confirmed or refuted, by how much and in which quantity
     quantities: tuple[QuantityResult, ...]
     none: Mapping[str, PredictionInterval] | None  #: predicted without compensation; None if that falls
     ended: str | None  #: why the run ended before the course, or None
-    causes: tuple[Cause, ...]  #: of quantities outside their intervals, the likeliest first
+    differences: tuple[Difference, ...]  #: from the predicted run, the largest first
     findings: tuple[Finding, ...]  #: limits of the verdict
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether the whole course was run, and no quantity is worse than predicted."""
+        return self.ended is None and not any(one.worse for one in self.quantities)
 
     @property
     def outside(self) -> tuple[QuantityResult, ...]:
@@ -109,14 +147,7 @@ class Verdict:
         return tuple(one for one in self.quantities if one.place != "inside")
 
 
-def evaluate_log(
-    prediction: Prediction,
-    log: Log,
-    robot: Robot,
-    controller: Controller,
-    *,
-    codes: Sequence[str] = (),
-) -> Verdict:
+def evaluate_log(prediction: Prediction, log: Log, robot: Robot, controller: Controller) -> Verdict:
     """Return the verdict of a log that was made with a study's controller.
 
     Parameters
@@ -128,8 +159,6 @@ def evaluate_log(
         As identified by the study.
     controller : Controller
         The study's.
-    codes : sequence of str
-        Of errors that the checks found in the log and the user accepted.
 
     Raises
     ------
@@ -143,40 +172,22 @@ def evaluate_log(
     ended = why_ended(run, prediction)
     seen = Performance.of(run, torque_limit=prediction.torque_limit)
     values = dict(zip(QUANTITIES, seen.to_array().tolist(), strict=True))
-    quantities = tuple(_quantity_result(name, prediction.chosen[name], values[name]) for name in QUANTITIES)
+    quantities = tuple(
+        QuantityResult(name=name, predicted=one, value=values[name], place=one.place(values[name]))
+        for name, one in ((name, prediction.chosen[name]) for name in QUANTITIES)
+    )
+    rows = len(run) if ended is None else int(np.searchsorted(run.t, float(run.t[-1]) - _FALL))
+    measured = signature_of(run.select(slice(0, rows)), robot) if rows > 1 else {}
     recommendation, reason = _recommended(prediction, quantities, ended)
-    outside = ended is not None or any(one.place != "inside" for one in quantities)
-    causes = causes_in(run, robot, prediction, ended=ended is not None, codes=codes) if outside else ()
     return Verdict(
         recommendation=recommendation,
         reason=reason,
         quantities=quantities,
         none=prediction.none,
         ended=ended,
-        causes=causes,
-        findings=(*_warnings(log, controller), *(_short_run(run, ended is not None) if outside else ())),
+        differences=differences(measured, prediction.signature),
+        findings=_warnings(log, controller),
     )
-
-
-def causes_in(
-    run: Log, robot: Robot, prediction: Prediction, *, ended: bool, codes: Sequence[str] = ()
-) -> tuple[Cause, ...]:
-    """Return likely causes of a run that is not as predicted, the likeliest first.
-
-    Parameters
-    ----------
-    run : Log
-    robot : Robot
-        As identified.
-    prediction : Prediction
-    ended : bool
-        Whether it ended early: its last two seconds, in a fall, are then left out.
-    codes : sequence of str
-        Of errors that the log's checks found; of a fall, they are its effects, and do not count.
-    """
-    rows = _rows_before_a_fall(run, ended)
-    signature = signature_of(run.select(slice(0, rows)), robot) if rows > 1 else None
-    return ranked_causes(signature, prediction.signature, codes=() if ended else codes)
 
 
 def course_of(log: Log, prediction: Prediction, *, sample_time: float) -> Log:
@@ -194,24 +205,36 @@ def course_of(log: Log, prediction: Prediction, *, sample_time: float) -> Log:
             f"The log's sample time is {log.sample_time:g} s and the controller's {sample_time:g} s; {how}, a row for "
             "each update."
         )
-    wanted = _reference_poses(prediction, sample_time)
-    runs = {
-        begin: log.between(begin - 0.5 * sample_time, begin + course.duration - 0.5 * sample_time)
-        for begin in _start_candidates(log, wanted, sample_time)
-    }
-    apart = {
-        begin: _mismatch_fraction(run, wanted, begin, sample_time)
-        for begin, run in runs.items()
-        if len(run) > 1
-    }
-    # the most rows that fit: one that begins near the log's end has few, and they fit easily
-    fitting = [begin for begin, share in apart.items() if share <= _OTHER_ROWS]
-    best = max(fitting, key=lambda begin: (1.0 - apart[begin]) * len(runs[begin]), default=None)
+    reference = course.reference_spec.reference()
+    wanted = np.array(
+        [reference(k * sample_time)[[0, 1, 4]] for k in range(round(course.duration / sample_time))]
+    )
+    logged = log.reference[:, [0, 1, 4]]
+    begins = [float(log.t[0])]
+    jumps = _jumps(wanted)
+    if jumps.size:  # the course may begin later, where its first jump is the log's
+        begins += (log.t[_jumps(logged)[:_MAX_JUMPS]] - float(jumps[0]) * sample_time).tolist()
+    best, most = None, 0.0
+    for begin in begins:
+        first, last = np.searchsorted(log.t, begin + np.array([-0.5, len(wanted) - 0.5]) * sample_time)
+        rows = np.round((log.t[first:last] - begin) / sample_time).astype(int)
+        if len(rows) < 2 or begin < float(log.t[0]) - 0.5 * sample_time:
+            continue
+        apart = np.abs(logged[first:last] - wanted[np.clip(rows, 0, len(wanted) - 1)]).max(axis=1)
+        share = float(np.mean(apart > _SAME_POSE))
+        # the most rows that fit: one that begins near the log's end has few, and they fit easily
+        if share <= _OTHER_ROWS and (1.0 - share) * len(rows) > most:
+            best, most = log.select(slice(first, last)), (1.0 - share) * len(rows)
     if best is None:
         raise InputError(
             f"The log's reference is not the course {course.name!r} for which the performance is predicted; {how}."
         )
-    return runs[best]
+    return best
+
+
+def _jumps(poses: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the rows of poses (N, 3) at which they have jumped."""
+    return np.flatnonzero(np.abs(np.diff(poses, axis=0)).max(axis=1) > _SAME_POSE) + 1
 
 
 def why_ended(run: Log, prediction: Prediction) -> str | None:
@@ -279,87 +302,42 @@ def _complete(log: Log, robot: Robot) -> Log:
     return complete
 
 
-def _reference_poses(prediction: Prediction, sample_time: float) -> NDArray[np.float64]:
-    """Return x, y and psi (N, 3) that the course asks for, a row for each sample."""
-    reference = prediction.course.reference_spec.reference()
-    count = round(prediction.course.duration / sample_time)
-    return np.array([reference(k * sample_time)[[0, 1, 4]] for k in range(count)])
-
-
-def _start_candidates(log: Log, wanted: NDArray[np.float64], sample_time: float) -> list[float]:
-    """Return times at which the course may begin in a log: its first row, and where the first jump fits [s]."""
-    begins = [float(log.t[0])]
-    jumps = np.flatnonzero(np.abs(np.diff(wanted, axis=0)).max(axis=1) > _SAME_POSE)
-    if jumps.size:
-        logged = log.reference[:, [0, 1, 4]]
-        rows = np.flatnonzero(np.abs(np.diff(logged, axis=0)).max(axis=1) > _SAME_POSE) + 1
-        begins += [
-            float(log.t[row]) - float(jumps[0] + 1) * sample_time for row in rows.tolist()[:_MAX_JUMPS]
-        ]
-    return [begin for begin in begins if begin >= float(log.t[0]) - 0.5 * sample_time]
-
-
-def _mismatch_fraction(run: Log, wanted: NDArray[np.float64], begin: float, sample_time: float) -> float:
-    """Return the share of a run's rows whose reference is not the course's."""
-    rows = np.clip(np.round((run.t - begin) / sample_time).astype(int), 0, len(wanted) - 1)
-    apart = np.abs(run.reference[:, [0, 1, 4]] - wanted[rows]).max(axis=1)
-    return float(np.mean(apart > _SAME_POSE))
-
-
-def _quantity_result(name: str, predicted: PredictionInterval, value: float) -> QuantityResult:
-    return QuantityResult(name=name, predicted=predicted, value=value, place=predicted.place(value))
-
-
 def _recommended(
     prediction: Prediction, quantities: Sequence[QuantityResult], ended: str | None
 ) -> tuple[Recommendation, str]:
+    """Return what to do, and whether the prediction is confirmed, by how much and in which quantity."""
     if ended is not None:
-        return "revert", f"The run ended before the course did ({ended})."
-    by_name = {one.name: one for one in quantities}
-    peak = by_name["peak_error"]
-    without = None if prediction.controller == "none" else prediction.none
-    none = without["peak_error"] if without else None
-    if none is not None and not peak.value < none.low:
-        return "revert", (
-            f"The peak error is {1e3 * peak.value:.3g} mm, not clearly smaller than with the nominal gain "
-            f"without compensation ({1e3 * none.median:.3g} mm predicted, 95 % interval from {1e3 * none.low:.3g} mm)."
-        )
+        return "revert", f"Refuted: the run ended before the course did ({ended})."
     worse = [one for one in quantities if one.worse]
     better = [one for one in quantities if one.place != "inside" and not one.worse]
+    peak = quantities[QUANTITIES.index("peak_error")].value
+    none = prediction.none["peak_error"] if prediction.none and prediction.controller != "none" else None
     if worse:
-        still = (
-            ", and the peak error is still clearly smaller than with the nominal gain without compensation"
-            if none
-            else ""
+        reason = f"Refuted: {every([_amount(one) for one in worse])}."
+    elif better:
+        names, are = every([SHOWN[one.name].words for one in better]), "is" if len(better) == 1 else "are"
+        reason = f"Confirmed: nothing is worse than predicted, and the {names} {are} better."
+    else:
+        reason = "Confirmed: all quantities lie inside their 95 % prediction intervals."
+    if none is not None and not peak < none.low:
+        return "revert", (
+            f"{reason} The peak error of {1e3 * peak:.3g} mm is not clearly smaller than with the nominal gain without "
+            f"compensation ({1e3 * none.median:.3g} mm predicted, 95 % interval from {1e3 * none.low:.3g} mm)."
         )
-        return "revert" if CANDIDATES[prediction.controller][1] == "none" else "weaken", (
-            f"The {_listed(worse)} {'is' if len(worse) == 1 else 'are'} worse than predicted{still}."
-        )
-    if better:
-        are = "is" if len(better) == 1 else "are"
-        return "keep", f"Nothing is worse than predicted, and the {_listed(better)} {are} better."
-    return "keep", "All quantities lie inside their prediction intervals."
+    if worse and CANDIDATES[prediction.controller][1] == "none":
+        return "revert", reason
+    if worse and none:
+        reason += " The peak error is still clearly smaller than with the nominal gain without compensation."
+    return ("weaken" if worse else "keep"), reason
 
 
-def _listed(quantities: Sequence[QuantityResult]) -> str:
-    return every(QUANTITY_NAMES[one.name] for one in quantities)
-
-
-def _rows_before_a_fall(run: Log, ended: bool) -> int:
-    return int(np.searchsorted(run.t, float(run.t[-1]) - _FALL)) if ended else len(run)
-
-
-def _short_run(run: Log, ended: bool) -> tuple[Finding, ...]:
-    """Return a warning if the rows compared are too short to separate the parts of the torque."""
-    duration = _rows_before_a_fall(run, ended) * run.sample_time
-    if duration > SEPARABLE - _SHORT:
-        return ()
-    text = (
-        f"The causes come from {duration:.3g} s of the run. So short a run does not separate gain, friction and "
-        f"constants of the torque, so that a cause from one of them is not reliable; {SEPARABLE:g} s do. Predict and "
-        "record a longer course."
-    )
-    return (warning("short-run", text),)
+def _amount(one: QuantityResult) -> str:
+    """Return by how much a quantity is worse than predicted, in words."""
+    shown, interval = SHOWN[one.name], one.predicted
+    value = f"the {shown.words} is {shown.shown(one.value)} {shown.unit}"
+    if one.name == "torque_margin":
+        return f"{value}, predicted {shown.shown(interval.low)} {shown.unit} or more"
+    return f"{value}, {one.factor:.2g} times the upper end of its interval"
 
 
 def _warnings(log: Log, controller: Controller) -> tuple[Finding, ...]:

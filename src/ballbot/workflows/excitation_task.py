@@ -180,7 +180,7 @@ Law = Literal["viscous", "coulomb", "stribeck"]
 #: a parameter believed to stand at a bound is taken so far within, scaled: s = 0 would hide v_s and delta
 _INSIDE = 0.02
 #: the limits must hold with friction of so many times the size believed
-_FRICTIONS = (1.0, 0.5, 1.5)
+FRICTIONS = (1.0, 0.5, 1.5)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -259,7 +259,7 @@ def task(
     )
     believed = with_friction(robot, coordinates.physical(point))
     return ExcitationTask(
-        robots=tuple(_with_friction_times(believed, factor) for factor in _FRICTIONS),
+        robots=tuple(_with_friction_times(believed, factor) for factor in FRICTIONS),
         controller=controller,
         limits=limits,
         duration=duration,

@@ -1,7 +1,8 @@
 """Design an informative excitation for a robot, beside the square one would drive without it, and try both.
 
 The excitation must stand above the deviations of states from their prediction over a window, friction known. Before
-the robot, the experiment is tried on the twin: do its limits hold, and what does identification find in its log?
+the robot, both are tried on the compiled loop with the sensors of a scenario, with its friction, less and more of it:
+do the limits hold, and what does identification find in the log?
 """
 
 from __future__ import annotations
@@ -9,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import cast
 
@@ -24,18 +24,19 @@ from ballbot.findings import finding_results
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification import Bounds, Identification, identify
 from ballbot.identification.identify import estimated_parameters
-from ballbot.identification.parameters import Coordinates, scale_between
+from ballbot.identification.parameters import scale_between
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.windows import cut_windows
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks import CheckedLogs
-from ballbot.progress import Progress, ProgressCallback, ignore_progress, in_stage
+from ballbot.progress import Progress, in_stage
 from ballbot.robot import Robot, RobotLike, as_robot
-from ballbot.simulation.run import simulate
+from ballbot.robot.components import scaled_friction
 from ballbot.twin.scenario import Scenario
-from ballbot.twin.twin import Twin
+from ballbot.workflows.comparison import ComparedRun, LoopRobot, run_comparison
 from ballbot.workflows.excitation_design import DesignEffort, ExcitationDesign, design
 from ballbot.workflows.excitation_task import (
+    FRICTIONS,
     ExcitationTask,
     Law,
     ReferenceRun,
@@ -51,7 +52,7 @@ from ballbot.workflows.excitation_task import (
 def deviations_in(log: Log, robot: Robot, *, window: float) -> NDArray[np.float64]:
     """Return the deviation of each state's prediction (10,) over the windows of a log.
 
-    What a perfect identification would be left with: sensors, rollers, play and torque noise together.
+    What a perfect identification would be left with: sensors, play and torque noise together.
 
     Parameters
     ----------
@@ -98,93 +99,64 @@ def deviations_found(path: str | Path) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trial:
-    """A run of the twin and the identification from its log."""
+    """Runs of a reference on the loop, and the identification from the first one's log."""
 
-    log: Log  #: with its truth
-    peaks: RunPeaks  #: true lean and place, torques as commanded
+    log: Log  #: of the first run, with its truth
+    peaks: RunPeaks  #: the worst of all runs: true lean and place, torques as commanded
+    ended: str | None  #: why a run ended early
     #: (f,), scaled standard errors of the estimated parameters; NaN if undetermined
     errors: NDArray[np.float64]
     found: Identification
 
 
-def follow_on_twin(
+#: runs of each reference with each friction, by their seeds
+_SEEDS = (1, 2, 3)
+
+
+def _on_loop(
     robot: Robot,
     scenario: Scenario,
     controller: Controller,
     reference: Reference,
     *,
     duration: float,
-    seed: int = 1,
-    progress: ProgressCallback = ignore_progress,
-) -> Log:
-    """Run the twin along a reference and return its log, with what was true.
-
-    Raises
-    ------
-    InputError
-        If it cannot be run, or falls at once.
-    """
-    return simulate(
-        Twin(robot, scenario), controller, reference, duration=duration, seed=seed, progress=progress
-    )
-
-
-def try_reference(
-    robot: Robot,
-    log: Log,
-    *,
-    law: Law = "stribeck",
-    bounds: Bounds | None = None,
-    window: float = 0.25,
-    run: Run = DEFAULT_RUN,
-) -> Trial:
-    """Identify from a log of the twin, as from a robot's.
-
-    Parameters
-    ----------
-    robot : Robot
-        As it is believed to be; its friction is not used.
-    log : Log
-        From `follow_on_twin`.
-    law, bounds, window
-        Identification's.
-    run : Run, optional
-        Identification's.
-
-    Raises
-    ------
-    InputError
-        If the log cannot be identified from, as when the robot fell early.
-    """
-    asked = bounds or Bounds()
-    found = identify(
-        robot,
-        CheckedLogs.simulated(log.without_truth()),
-        law=law,
-        bounds=asked,
-        window=window,
-        run=run,
-    )
-    coordinates = estimated_parameters(robot, free=("friction",), law=law, bounds=asked)
-    return Trial(
-        log=log,
-        peaks=peaks_of(log.truth().states, log.torques),
-        errors=_scaled_errors(coordinates, found)[coordinates.free],
-        found=found,
-    )
+    run: Run,
+) -> tuple[Log, RunPeaks, str | None]:
+    """Return the first log, the largest peaks and why a run ended, of each friction (factors) with each seed."""
+    made = run_comparison(
+        [
+            ComparedRun(
+                candidate=f"{factor:g}",
+                controller=controller,
+                plant=LoopRobot.of(
+                    robot.replace(friction=scaled_friction(scenario.friction, factor)), scenario, known=robot
+                ),
+                reference=lambda: reference,
+                duration=duration,
+                seed=seed,
+                settle=0.0,
+                measure=_peaks,
+                logged=(factor, seed) == (FRICTIONS[0], _SEEDS[0]),
+            )
+            for factor in FRICTIONS
+            for seed in _SEEDS
+        ],
+        run=replace(run, progress=in_stage(run.progress, "runs with sensors")),
+    ).results
+    log = made[0].log
+    assert log is not None
+    peaks = np.max([one.measured for one in made], axis=0).tolist()
+    ended = next((one.score.ended for one in made if one.score.ended), None)
+    return log, RunPeaks(lean=peaks[0], floor=peaks[1], torque=peaks[2]), ended
 
 
-def _scaled_errors(coordinates: Coordinates, found: Identification) -> NDArray[np.float64]:
-    """Return the standard errors (p,) in shares of the width of each parameter's bounds."""
-    errors = np.concatenate([np.atleast_1d(one) for one in found.standard_errors.values()])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return errors / coordinates.slopes(coordinates.scaled(found.values))
+def _peaks(log: Log) -> NDArray[np.float64]:
+    peaks = peaks_of(log.truth().states, log.torques)
+    return np.array([peaks.lean, peaks.floor, peaks.torque])
 
 
 #: the square that the design is compared with: its side [m], if the floor has room for it, and its period [s]
 _SIDE, _PERIOD = 0.5, 32.0
-#: the twin's seed
-_SEED = 1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -202,15 +174,15 @@ class Excitation:
     task: ExcitationTask
     design: ExcitationDesign
     square: PlainSquare
-    trials: Mapping[str, Trial]  #: "square" and "designed" on the twin; empty where not tried
+    trials: Mapping[str, Trial]  #: "square" and "designed" on the loop; empty where not tried
 
     @property
     def limits_held(self) -> bool | None:
-        """Whether the twin kept within the limits along the design; None where not tried."""
+        """Whether all runs on the loop kept within the limits along the design; None where not tried."""
         if not self.trials:
             return None
         trial = self.trials["designed"]
-        return trial.log.ended is None and not self.task.limits.exceeded(trial.peaks)
+        return trial.ended is None and not self.task.limits.exceeded(trial.peaks)
 
     def results(self) -> dict[str, object]:
         """Return what results.json holds; SI units, and errors also in shares of the bounds' width ("scaled")."""
@@ -229,8 +201,8 @@ class Excitation:
                 "square": self.square.run.peaks,
                 "designed": made.peaks,
             },
-            "on_twin": {name: self._tried(trial) for name, trial in self.trials.items()},
-            "limits_held_on_twin": self.limits_held,
+            "on_loop": {name: self._tried(trial) for name, trial in self.trials.items()},
+            "limits_held_on_loop": self.limits_held,
             "criterion_after_each_generation": made.history,
             "sines": {
                 "axes": ["x", "y", "psi"],
@@ -250,7 +222,7 @@ class Excitation:
 
     def _tried(self, trial: Trial) -> dict[str, object]:
         return {
-            "ended": trial.log.ended,
+            "ended": trial.ended,
             "peaks": trial.peaks,
             "exceeded": self.task.limits.exceeded(trial.peaks),
             "scaled": _by_label(self.task.question.labels, trial.errors),
@@ -264,9 +236,9 @@ class Excitation:
 class ExcitationOptions:
     """How an experiment is designed and tried."""
 
-    #: (10,) see `task`; by default those of the twin around the square
+    #: (10,) see `task`; by default those of the loop around the square
     deviations: NDArray[np.float64] | None = None
-    on_twin: bool = True  #: whether design and square are tried on the twin and identified from
+    tried: bool = True  #: whether design and square are tried on the loop and identified from
     law: Law = "stribeck"  #: identification's
     bounds: Bounds | None = None  #: identification's
     window: float = 0.25  #: identification's [s]
@@ -283,7 +255,7 @@ def excite(
     options: ExcitationOptions | None = None,
     run: Run = DEFAULT_RUN,
 ) -> Excitation:
-    """Design an experiment, compare it with a square of the same length, and try both on the twin.
+    """Design an experiment, compare it with a square of the same length, and try both on the loop with sensors.
 
     Parameters
     ----------
@@ -294,7 +266,7 @@ def excite(
     duration : float
         [s]
     scenario : Scenario
-        Of the twin.
+        Of the loop, whose friction is the true one.
     options : ExcitationOptions, optional
     run : Run, optional
         Its seed is that of the design and of the identification.
@@ -305,16 +277,17 @@ def excite(
         If no reference keeps within the limits, none within them identifies every parameter, or a run cannot be made.
     """
     robot, options = as_robot(robot), options or ExcitationOptions()
-    law, bounds, window = options.law, options.bounds, options.window
-    deviations, on_twin = options.deviations, options.on_twin
+    law, bounds, window = options.law, options.bounds or Bounds(), options.window
     plain = square(side=min(_SIDE, limits.floor / math.sqrt(2.0)), period=min(_PERIOD, duration))
-    follow = partial(follow_on_twin, robot, scenario, controller, duration=duration, seed=_SEED)
-    logs: dict[str, Log] = {}
-    if on_twin or deviations is None:
-        logs["square"] = follow(plain, progress=in_stage(run.progress, "square on the twin"))
+
+    def follow(reference: Reference) -> tuple[Log, RunPeaks, str | None]:
+        return _on_loop(robot, scenario, controller, reference, duration=duration, run=run)
+
+    deviations = options.deviations
+    runs = {"square": follow(plain)} if options.tried or deviations is None else {}
     if deviations is None:
         true = robot.replace(friction=scenario.friction)
-        deviations = deviations_in(logs["square"].without_truth(), true, window=window)
+        deviations = deviations_in(runs["square"][0].without_truth(), true, window=window)
     asked = task(
         robot,
         controller,
@@ -331,11 +304,17 @@ def excite(
         run.progress(replace(now, note=note))
 
     made = design(asked, effort=options.effort, run=replace(run, progress=of_design))
-    if on_twin:
-        logs["designed"] = follow(made.reference, progress=in_stage(run.progress, "design on the twin"))
+    coordinates = estimated_parameters(robot, free=("friction",), law=law, bounds=bounds)
+    if options.tried:
+        runs["designed"] = follow(made.reference)
     trials: dict[str, Trial] = {}
-    for name, log in logs.items() if on_twin else ():
-        trials[name] = try_reference(robot, log, law=law, bounds=bounds, window=window, run=run)
+    for name, (log, peaks, ended) in runs.items() if options.tried else ():
+        logs = CheckedLogs.simulated(log.without_truth())
+        found = identify(robot, logs, law=law, bounds=bounds, window=window, run=run)
+        errors = np.concatenate([np.atleast_1d(one) for one in found.standard_errors.values()])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            scaled = errors / coordinates.slopes(coordinates.scaled(found.values))
+        trials[name] = Trial(log=log, peaks=peaks, ended=ended, errors=scaled[coordinates.free], found=found)
     driven = run_on_model(asked, plain)
     return Excitation(
         task=asked,

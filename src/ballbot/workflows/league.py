@@ -143,11 +143,12 @@ def run_league(
         If there is nothing to run, a controller fails, or a run cannot be scored.
     """
     robot = as_robot(robot)
+    plants = {course.name: course.plant(robot) for course in courses}
     runs = [
         ComparedRun(
             candidate=name,
             controller=controller,
-            plant=course.plant(robot),
+            plant=plants[course.name],
             reference=course.reference_spec.reference,
             duration=course.duration,
             seed=seed,

@@ -1,15 +1,15 @@
-"""The largest tilts and impulses that a robot with a controller recovers from, on the model and on the twin.
+"""The largest tilts and impulses that a robot with a controller recovers from, on the loop and on the twin.
 
-They are found for tilts at rest, for impulses on the body, and over a plane of lean and lean rate. The equations of
-motion have no slip, so the model gives two bounds of each: `lower`, from runs in which no wheel exceeds its grip, and
-`upper`, from runs in which grip is unlimited. The twin's wheels can slip and lift, and its controller has only the
-measurements of its sensors.
+They are found for tilts at rest, for impulses on the body, and over a plane of lean and lean rate, on the compiled loop
+with the sensors of a scenario; every run has noise of its own. The equations of motion have no slip, so the loop gives
+two bounds of each: `lower`, from runs in which no wheel exceeds its grip, and `upper`, from runs in which grip is
+unlimited. The twin's wheels can slip and lift.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
 from typing import TYPE_CHECKING, Literal
@@ -17,21 +17,28 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.control.controller import Controller
 from ballbot.control.references import hold
 from ballbot.estimation import named_estimator
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.log import Log
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress
 from ballbot.results import left_out, reported
-from ballbot.robot import Robot, RobotLike, as_robot
+from ballbot.robot import Robot
 from ballbot.simulation.imperfections import Push
 from ballbot.simulation.run import simulate
 from ballbot.summary import Summary, plotted, summarized
-from ballbot.twin import Scenario, Twin
-from ballbot.workflows.recovery_region import COARSE, Loop, Reach, Region, map_region, reach
+from ballbot.twin import Twin
+from ballbot.workflows.recovery_region import (
+    COARSE,
+    DURATION,
+    REFINEMENTS,
+    Loop,
+    Reach,
+    Region,
+    map_region,
+    reach,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -187,7 +194,7 @@ Kind = Literal["lean", "impulse"]
 
 @dataclass(frozen=True, kw_only=True)
 class TwinLimit:
-    """A limit on model and twin: a lean at rest [rad], or an impulse at the centre of mass's height [N s]."""
+    """A limit on loop and twin: a lean at rest [rad], or an impulse at the centre of mass's height [N s]."""
 
     kind: Kind
     direction: float  #: [rad]
@@ -205,7 +212,7 @@ class TwinLimit:
 _REGIONS = ("region without slip", "region with unlimited grip")
 
 
-def find_limits(loop: Loop, *, refinements: int = 5, run: Run = DEFAULT_RUN) -> RobotLimits:
+def find_limits(loop: Loop, *, refinements: int = REFINEMENTS, run: Run = DEFAULT_RUN) -> RobotLimits:
     """Return the largest tilts and impulses from which a robot recovers.
 
     Parameters
@@ -213,9 +220,9 @@ def find_limits(loop: Loop, *, refinements: int = 5, run: Run = DEFAULT_RUN) -> 
     loop : Loop
         Its grip is that of the lower bounds.
     refinements : int
-        Of the planes' grid; 5 make a million points each.
+        Of the planes' grid; 3 make 257 x 257 points, as fine as they are drawn.
     run : Run, optional
-        Its progress is reported after each grid; nothing is random, and nothing is kept.
+        Its progress is reported after each grid; the loop has its own seed.
     """
     run.progress(Progress(stage="tilts"))
     unlimited = replace(loop, grip=np.inf)
@@ -280,82 +287,54 @@ def _impulse_reach(loop: Loop, directions: NDArray[np.float64], heights: NDArray
 #: an impulse on the twin is a force of this duration [s], four samples of the nominal scenario
 PUSH_DURATION = 0.02
 _PUSH_TIME = 0.5  # when it begins [s]
-_RECOVERY_TIME = 3.0  # for which a robot must then stay on its ball [s]
 _HALVINGS = 5
 
 
 def twin_limits(
-    robot: RobotLike,
-    controller: Controller,
-    scenario: Scenario,
-    found: RobotLimits,
-    *,
-    directions: Sequence[int],
-    run: Run = DEFAULT_RUN,
+    loop: Loop, found: RobotLimits, *, directions: Sequence[int], run: Run = DEFAULT_RUN
 ) -> list[TwinLimit]:
-    """Return the twin's limits beside the model's, by bisection between zero and 1.1 times the model's upper bound.
+    """Return the twin's limits beside the loop's, by bisection between zero and 1.1 times the loop's upper bound.
 
     Parameters
     ----------
-    robot : Robot, preset or robot file
-    controller : Controller
-    scenario : Scenario
-        Of the twin; its lean of a fall is replaced by the model's.
+    loop : Loop
+        With a scenario; its lean of a fall is replaced by the model's, and it has its play.
     found : RobotLimits
-        The model's.
+        The loop's.
     directions : sequence of int
         Places among its directions.
     run : Run, optional
         Its seed is that of every simulated run; its progress is reported after each.
     """
-    robot, lenient = as_robot(robot), replace(scenario, fallen_lean=LARGEST_LEAN)
-    state = named_estimator(controller.estimator, robot, sample_time=scenario.sensors.sample_time)
-    leaning = Twin(robot, lenient, estimator=state)
+    assert loop.scenario is not None
+    scenario = replace(loop.scenario, fallen_lean=LARGEST_LEAN)
+    sample_time = scenario.sensors.sample_time
+    state = named_estimator(loop.controller.estimator, loop.robot, sample_time=sample_time)
     total, runs = 2 * _HALVINGS * len(directions), count(1)
 
-    def survived(log: Log) -> bool:
+    def recovers(kind: Kind, direction: float, size: float) -> bool:
+        start, pushes, duration = np.zeros(10), (), DURATION
+        if kind == "lean":
+            start = leaning_state(direction, size)
+        else:
+            pushes, duration = (_push(loop.robot, direction, size),), _PUSH_TIME + DURATION
+        twin = Twin(loop.robot, replace(scenario, pushes=pushes), estimator=state)
+        log = simulate(twin, loop.controller, hold(), duration=duration, initial_state=start, seed=run.seed)
         run.progress(Progress(stage="limits on the twin", done=next(runs), total=total))
         return log.ended is None
 
     limits = []
+    kinds: tuple[tuple[Kind, Bounds], ...] = (("lean", found.lean), ("impulse", found.central_impulse))
     for place in directions:
         direction = float(found.directions[place])
-
-        def recovers_from_lean(size: float, direction: float = direction) -> bool:
-            start = leaning_state(direction, size)
-            log = simulate(
-                leaning, controller, hold(), duration=_RECOVERY_TIME, initial_state=start, seed=run.seed
-            )
-            return survived(log)
-
-        def recovers_from_impulse(size: float, direction: float = direction) -> bool:
-            pushed = Twin(robot, replace(lenient, pushes=(_push(robot, direction, size),)), estimator=state)
-            log = simulate(
-                pushed,
-                controller,
-                hold(),
-                duration=_PUSH_TIME + _RECOVERY_TIME,
-                initial_state=np.zeros(10),
-                seed=run.seed,
-            )
-            return survived(log)
-
-        limits += [
-            _twin_limit("lean", direction, found.lean, place, recovers_from_lean),
-            _twin_limit("impulse", direction, found.central_impulse, place, recovers_from_impulse),
-        ]
+        for kind, bounds in kinds:
+            lower, upper = float(bounds.lower[place]), float(bounds.upper[place])
+            low, high = 0.0, 1.1 * upper
+            for _ in range(_HALVINGS):
+                middle = 0.5 * (low + high)
+                low, high = (middle, high) if recovers(kind, direction, middle) else (low, middle)
+            limits.append(TwinLimit(kind=kind, direction=direction, lower=lower, twin=low, upper=upper))
     return limits
-
-
-def _twin_limit(
-    kind: Kind, direction: float, bounds: Bounds, place: int, recovers: Callable[[float], bool]
-) -> TwinLimit:
-    lower, upper = float(bounds.lower[place]), float(bounds.upper[place])
-    low, high = 0.0, 1.1 * upper
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if recovers(middle) else (low, middle)
-    return TwinLimit(kind=kind, direction=direction, lower=lower, twin=low, upper=upper)
 
 
 def _push(robot: Robot, direction: float, impulse: float) -> Push:

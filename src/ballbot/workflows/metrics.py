@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
+from functools import cache
 
 import numpy as np
 import scipy
@@ -130,9 +131,15 @@ def high_frequency_torque(log: Log, *, above: float = HIGH_FREQUENCY) -> float:
             f"The torques are sampled at {rate:.4g} Hz, which shows nothing above {0.5 * rate:.4g} Hz; "
             f"torque above {above:g} Hz cannot be computed."
         )
-    sections = scipy.signal.butter(_FILTER_ORDER, above, btype="highpass", fs=rate, output="sos")
+    sections = _high_pass(above, rate)
     rows_beyond = min(round(rate / above), len(log) - 1)  # a period of the slowest that passes
     return rms(scipy.signal.sosfiltfilt(sections, log.torques, axis=0, padlen=rows_beyond))
+
+
+@cache
+def _high_pass(above: float, rate: float) -> NDArray[np.float64]:
+    """Return the sections of the filter, whose design takes as long as its use on a run."""
+    return scipy.signal.butter(_FILTER_ORDER, above, btype="highpass", fs=rate, output="sos")
 
 
 def energies(log: Log) -> tuple[float, float]:

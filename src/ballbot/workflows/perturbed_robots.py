@@ -4,9 +4,8 @@
 
 e is the root mean square distance from the reference over the run's last part, r the root mean square change of torque
 from sample to sample; e_n and r_n are the nominal gain's medians over the same robots, whose J is therefore about 2.
-The sensors' white noise sigma is not in the simulated loop; through the gain K it makes the torques rougher by
-sqrt(2 sum_j (K_ij sigma_j)^2), the noise of two samples, which is added to r (root of the sum of squares). A set of
-robots counts by its worst tenth: the mean of the largest tenth of the J.
+All run on the compiled loop, with the sensors, drive and play of a scenario. A set of robots counts by its worst
+tenth: the mean of the largest tenth of the J.
 """
 
 from __future__ import annotations
@@ -21,16 +20,15 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Controller
 from ballbot.control.references import hold
 from ballbot.errors import InputError
-from ballbot.mechanics.geometry import transforms
-from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.components import scaled_body, scaled_friction
-from ballbot.robot.derived import encoder_step
 from ballbot.robot.parameters import Value
 from ballbot.robot.variations import draw_robots
 from ballbot.rounding import percent
 from ballbot.simulation.batch import simulate_batch
-from ballbot.simulation.imperfections import MAX_SLOPE, Imperfections
+from ballbot.simulation.imperfections import MAX_DELAY, MAX_SLOPE
+from ballbot.twin.scenario import Scenario
+from ballbot.workflows.comparison import LoopRobot
 
 #: the ball lies so far from where it is asked to be at the start [m]
 INITIAL_OFFSET = 0.3
@@ -127,20 +125,17 @@ class PerturbationRanges:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PerturbedRobots:
-    """Robots, what their loops bear, and where they start."""
+    """Robots with what their loops bear, and where they start."""
 
-    robots: tuple[Robot, ...]
-    imperfections: tuple[Imperfections, ...]
-    #: (robots, 10), the ball `START` away from the origin in any direction, upright at rest
+    robots: tuple[LoopRobot, ...]
+    #: (robots, 10), the ball `INITIAL_OFFSET` away from the origin in any direction, upright at rest
     starts: NDArray[np.float64]
 
-    def __len__(self) -> int:
-        """Return how many robots there are."""
-        return len(self.robots)
 
-
-def draw_perturbed(robot: Robot, count: int, *, spread: PerturbationRanges, seed: int) -> PerturbedRobots:
-    """Draw robots from the ranges; the same seed gives the same robots.
+def draw_perturbed(
+    robot: Robot, count: int, *, spread: PerturbationRanges, scenario: Scenario, seed: int
+) -> PerturbedRobots:
+    """Draw robots from the ranges, under a scenario; the same seed gives the same robots and the same noise.
 
     Raises
     ------
@@ -155,7 +150,7 @@ def draw_perturbed(robot: Robot, count: int, *, spread: PerturbationRanges, seed
     random = np.random.default_rng([seed, 71])
     bases = _by_deviations(robot, spread, count, seed)
     shares = [share or 0.0 for share in (spread.mass, spread.height, spread.friction)]
-    robots, imperfections, starts = [], [], np.zeros((count, 10))
+    robots, starts = [], np.zeros((count, 10))
     for lane in range(count):
         # mass, height and each friction: U(1 - share, 1 + share)
         mass, height = 1.0 + random.uniform(-1.0, 1.0, 2) * shares[:2]
@@ -164,11 +159,15 @@ def draw_perturbed(robot: Robot, count: int, *, spread: PerturbationRanges, seed
         delay = int(random.integers(0, spread.delay + 1))
         slope = math.tan(math.radians(spread.tilt * float(random.uniform(0.0, 1.0))))
         uphill, away = random.uniform(0.0, 2.0 * np.pi, 2)
-        robots.append(_scaled(bases[lane], float(mass), float(height), factors.tolist()))
+        true = _scaled(bases[lane], float(mass), float(height), factors.tolist())
+        made = LoopRobot.of(true, scenario, known=robot)
+        assert made.imperfections is not None
+        late = min(made.imperfections.delay + delay, MAX_DELAY)
         slopes = (slope * math.cos(uphill), slope * math.sin(uphill))
-        imperfections.append(Imperfections(delay=delay, slope=slopes))
+        borne = replace(made.imperfections, delay=late, slope=slopes, seed=seed + lane)
+        robots.append(replace(made, imperfections=borne))
         starts[lane, :2] = INITIAL_OFFSET * math.cos(away), INITIAL_OFFSET * math.sin(away)
-    return PerturbedRobots(robots=tuple(robots), imperfections=tuple(imperfections), starts=starts)
+    return PerturbedRobots(robots=tuple(robots), starts=starts)
 
 
 def _by_deviations(robot: Robot, spread: PerturbationRanges, count: int, seed: int) -> Sequence[Robot]:
@@ -226,44 +225,34 @@ class CostUnits:
 
 
 def measure_runs(
-    robot: Robot,
-    controllers: Sequence[Controller],
-    perturbed: PerturbedRobots,
-    *,
-    step: float,
-    threads: int | None = None,
+    controllers: Sequence[Controller], perturbed: PerturbedRobots, *, threads: int | None = None
 ) -> RunMeasures:
-    """Run every controller on every perturbed robot, all in one batch.
+    """Run every controller on every perturbed robot, all in one batch; each robot has the same noise for all.
 
     Parameters
     ----------
-    robot : Robot
-        The one described, whose sensors are everyone's.
     controllers : sequence of Controller
-    perturbed : Perturbed
-    step : float
-        Inner step [s].
+    perturbed : PerturbedRobots
     threads : int, optional
         All cores by default; the result does not depend on it.
     """
-    count = len(perturbed)
+    robots = perturbed.robots * len(controllers)
     batch = simulate_batch(
-        [Model(one, step=step) for one in perturbed.robots] * len(controllers),
-        [one for one in controllers for _ in range(count)],
+        [one.model for one in robots],
+        [one for one in controllers for _ in perturbed.robots],
         hold(),
         duration=RUN,
         initial_states=np.tile(perturbed.starts, (len(controllers), 1)),
-        imperfections=perturbed.imperfections * len(controllers),
+        imperfections=[one.imperfections for one in robots if one.imperfections],
         every=_EVERY,
         threads=threads,
     )
-    shape = (len(controllers), count)
+    shape = (len(controllers), len(perturbed.robots))
     late = batch.t > RUN - SETTLED
     error = np.sqrt((batch.states[:, late, :2] ** 2).sum(axis=2).mean(axis=1))
-    noise = np.array([noise_roughness(robot, one) for one in controllers])
     return RunMeasures(
         error=np.where(batch.survived, error, np.nan).reshape(shape),
-        roughness=np.hypot(batch.torque_change.reshape(shape), noise[:, None]),
+        roughness=batch.torque_change.reshape(shape),
         ended=batch.ended.reshape(shape),
     )
 
@@ -291,24 +280,3 @@ def worst_tenth(costs: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the mean of the largest tenth of costs (..., robots), of one robot at least."""
     count = max(1, round(TAIL * costs.shape[-1]))
     return np.sort(costs, axis=-1)[..., -count:].mean(axis=-1)
-
-
-def noise_roughness(robot: Robot, controller: Controller) -> float:
-    """Return the torque's root mean square change [N m] that the sensors' white noise makes through the gain."""
-    passed = controller.gain * measurement_noise(robot, controller.sample_time)
-    return float(np.sqrt(2.0 * (passed**2).sum(axis=1).mean()))
-
-
-def measurement_noise(robot: Robot, sample_time: float) -> NDArray[np.float64]:
-    """Return the standard deviations (10,) of the measured state's white noise.
-
-    The attitude's and the gyro's are the robot's; the ball's velocity is r_b times A^-1 times the encoders' speeds,
-    each the difference of two counts of uniform error, plus the gyro's. Place and heading are smooth.
-    """
-    sensors, radius = robot.sensors, robot.ball.radius
-    step = encoder_step(encoder_counts=sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio)
-    encoder = step / (sample_time * np.sqrt(6.0))  # of a difference of two U(0, step)
-    turning = np.sqrt((np.linalg.pinv(transforms(robot).T_owb)[:2] ** 2).sum(axis=1)) * encoder
-    velocity = radius * np.hypot(turning[::-1], sensors.gyro_noise)
-    lean, rate = sensors.attitude_noise, sensors.gyro_noise
-    return np.array([0.0, 0.0, lean, lean, 0.0, *velocity, rate, rate, rate])

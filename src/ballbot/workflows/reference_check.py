@@ -1,6 +1,7 @@
 """Whether a robot can follow a reference, before it is tried: the torque, speed, power, lean and grip that it needs.
 
-They are computed twice: in closed loop, and for the path followed exactly, by the exact equations of motion backwards.
+They are computed twice: in closed loop with sensors, and for the path followed exactly, by the exact equations of
+motion backwards.
 Given x(t), y(t), psi(t), the five equations M q_ddot + bias = W^T u + rolling friction have two leans and n torques as
 unknowns. Velocities Z (5, 2) that turn no wheel, W Z = 0 (the body turning with the ball), eliminate the torques:
 
@@ -16,7 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import solve_banded
 from scipy.ndimage import gaussian_filter1d
 
@@ -31,10 +32,11 @@ from ballbot.results import key, left_out, reported, to_results
 from ballbot.robot import Robot
 from ballbot.rounding import percent, unit_heading
 from ballbot.simulation.batch import simulate_batch
-from ballbot.simulation.imperfections import FALLING_PART, Imperfections
+from ballbot.simulation.imperfections import FALLING_PART
 from ballbot.simulation.model_plant import friction_needed_along, pack_contacts
-from ballbot.simulation.run import sample_count
-from ballbot.workflows.recovery_region import lost_lean, top_speed
+from ballbot.simulation.run import initial_state_of, sample_count
+from ballbot.twin.scenario import Scenario
+from ballbot.workflows.recovery_region import Loop, lost_lean, top_speed
 
 #: corners of a path are rounded by a Gaussian of this deviation [s]: a robot cannot change its speed at once
 ROUNDING = 0.05
@@ -180,6 +182,7 @@ JUMP = 0.02
 #: share of a limit from which a margin is thin
 THIN = 0.8
 _STEP = 1e-3  # inner step of the closed loop [s]
+_RUNS = 5  # of the closed loop
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -234,7 +237,9 @@ class ReferenceMargins:
 def check_reference(
     robot: Robot, controller: Controller, reference: Reference, *, duration: float, grip: float = 1.0
 ) -> ReferenceMargins:
-    """Return which share of a robot's limits a reference uses on level ground, followed exactly and in closed loop.
+    """Return which share of a robot's limits a reference uses, followed exactly and in closed loop.
+
+    The closed loop is the compiled one, with the nominal scenario's sensors, delay and noise.
 
     Parameters
     ----------
@@ -253,8 +258,9 @@ def check_reference(
         If the duration is invalid, the reference has a lean or a rate, or no lean can follow it.
     """
     model, sample_time = Model(robot, step=_STEP), controller.sample_time
+    loop = Loop(robot=robot, controller=controller, scenario=Scenario.nominal(robot), grip=grip, step=_STEP)
     wanted = np.array([reference(k * sample_time) for k in range(sample_count(duration, sample_time))])
-    closed = _followed(model, controller, reference, wanted, duration, grip)
+    closed = _followed(loop, reference, wanted, duration)
     poses = wanted[:, [0, 1, 4]]
     changes = np.abs(np.diff(poses, axis=0)).max(axis=1, initial=0.0)
     jumps = np.flatnonzero(changes > JUMP)
@@ -285,31 +291,25 @@ def available_torque(
     return limit * np.clip((top - forward) / (FALLING_PART * top), 0.0, 1.0)
 
 
-def _followed(
-    model: Model,
-    controller: Controller,
-    reference: Reference,
-    wanted: NDArray[np.float64],
-    duration: float,
-    grip: float,
-) -> Followed:
+def _followed(loop: Loop, reference: Reference, wanted: NDArray[np.float64], duration: float) -> Followed:
+    """Run the loop a few times, each with noise of its own; the worst of each quantity counts."""
     run = simulate_batch(
-        model,
-        controller,
+        loop.model,
+        loop.controller,
         reference,
         duration=duration,
-        imperfections=Imperfections(),
+        initial_states=np.array([initial_state_of(seed) for seed in range(_RUNS)]),
+        imperfections=loop.imperfections,
     )
-    going = run.t <= run.ended[0] + 1e-9
-    t, states, torques = run.t[going], run.states[0, going], run.torques[0, going]
-    speeds = model.wheel_speed(states[:, :5], states[:, 5:])
-    error = np.hypot(*(states[:, :2] - wanted[going, :2]).T)
+    going = run.t <= run.ended[:, None] + 1e-9
+    t, states, torques = np.broadcast_to(run.t, going.shape)[going], run.states[going], run.torques[going]
+    speeds = loop.model.wheel_speed(states[:, :5], states[:, 5:])
+    error = np.hypot(*(states[:, :2] - np.broadcast_to(wanted, (_RUNS, *wanted.shape))[going][:, :2]).T)
+    limit = loop.controller.torque_limit
     return Followed(
-        uses=_uses(model, controller, t, states, torques, grip),
-        share_at_torque_limit=float(
-            np.mean(np.abs(torques).max(axis=1) >= controller.torque_limit * (1.0 - 1e-9))
-        ),
-        ended=float(run.ended[0]),
+        uses=_uses(loop.model, loop.controller, t, states, torques, loop.grip),
+        share_at_torque_limit=float(np.mean(np.abs(torques).max(axis=1) >= limit * (1.0 - 1e-9))),
+        ended=float(run.ended.min()),
         peak_error=float(error.max()),
         peak_power=float((torques * speeds).sum(axis=1).max()),
     )
@@ -326,43 +326,30 @@ def _uses(
     """Return the largest use of each limit along states (N, 10) under torques (N, n)."""
     robot, limit = model.robot, controller.torque_limit
     speeds = model.wheel_speed(states[:, :5], states[:, 5:])
-    left = available_torque(robot, limit, torques, speeds)
-    short = np.abs(torques) / np.maximum(left, 1e-3 * limit)
+    left = np.maximum(available_torque(robot, limit, torques, speeds), 1e-3 * limit)
     needed = np.empty(len(t))
     seen = real_array(states, (len(t), 10), "The array of states")
     given = real_array(torques, (len(t), robot.wheel_count), "The array of torques")
     friction_needed_along(model.selected, model.packed, pack_contacts(robot), seen, given, needed)
-    k, wheel = np.unravel_index(short.argmax(), short.shape)
-    f, fast = np.unravel_index(np.abs(speeds).argmax(), speeds.shape)
-    g = int(needed.argmax())
-    leans = lean_of(states)
-    o = int(leans.argmax())
+
+    def most(quantity: str, values: NDArray[np.float64], limits: ArrayLike, unit: str) -> Use:
+        """Return the largest share of a limit, of values (N,) or (N, n)."""
+        limits = np.broadcast_to(limits, values.shape)
+        place = np.unravel_index(int((values / limits).argmax()), values.shape)
+        return Use(
+            quantity=quantity,
+            value=float(values[place]),
+            limit=float(limits[place]),
+            unit=unit,
+            t=float(t[place[0]]),
+            wheel=int(place[1]) + 1 if values.ndim == 2 else None,
+        )
+
     return (
-        Use(
-            quantity="torque",
-            value=float(abs(torques[k, wheel])),
-            limit=float(max(left[k, wheel], 1e-3 * limit)),
-            unit="N m",
-            t=float(t[k]),
-            wheel=int(wheel) + 1,
-        ),
-        Use(
-            quantity="wheel speed",
-            value=float(abs(speeds[f, fast])),
-            limit=top_speed(robot),
-            unit="rad/s",
-            t=float(t[f]),
-            wheel=int(fast) + 1,
-        ),
-        Use(
-            quantity="lean",
-            value=float(leans[o]),
-            limit=lost_lean(model),
-            unit="rad",
-            t=float(t[o]),
-            wheel=None,
-        ),
-        Use(quantity="grip", value=float(needed[g]), limit=grip, unit="", t=float(t[g]), wheel=None),
+        most("torque", np.abs(torques), left, "N m"),
+        most("wheel speed", np.abs(speeds), top_speed(robot), "rad/s"),
+        most("lean", lean_of(states), lost_lean(model), "rad"),
+        most("grip", needed, grip, ""),
     )
 
 
@@ -436,30 +423,25 @@ def _reasons(margins: ReferenceMargins) -> list[str]:
     return reasons
 
 
+_REASONS = {
+    "torque": "wheel {wheel} needs {value:.3g} N m at t = {t:.2f} s, and its motor gives {limit:.3g} N m",
+    "wheel speed": (
+        "wheel {wheel} has to turn at {value:.3g} rad/s at t = {t:.2f} s, and the supply allows {limit:.3g} rad/s"
+    ),
+    "lean": (
+        "the robot has to lean by {value:.3g} degrees at t = {t:.2f} s, and beyond {limit:.3g} degrees full torque "
+        "does not bring it back"
+    ),
+    "grip": "a wheel needs a friction coefficient of {value:.3g} on the ball at t = {t:.2f} s, and has {limit:.3g}",
+}
+
+
 def _reason(use: Use) -> str:
-    match use.quantity:
-        case "torque":
-            return (
-                f"wheel {use.wheel} needs {use.value:.3g} N m at t = {use.t:.2f} s, and its motor gives "
-                f"{use.limit:.3g} N m"
-            )
-        case "wheel speed":
-            return (
-                f"wheel {use.wheel} has to turn at {use.value:.3g} rad/s at t = {use.t:.2f} s, and the supply "
-                f"allows {use.limit:.3g} rad/s"
-            )
-        case "lean":
-            return (
-                f"the robot has to lean by {np.degrees(use.value):.3g} degrees at t = {use.t:.2f} s, and beyond "
-                f"{np.degrees(use.limit):.3g} degrees full torque does not bring it back"
-            )
-        case _:
-            if use.value > _NO_LOAD:
-                return f"a wheel lifts off the ball at t = {use.t:.2f} s"
-            return (
-                f"a wheel needs a friction coefficient of {use.value:.3g} on the ball at t = {use.t:.2f} s, and "
-                f"has {use.limit:.3g}"
-            )
+    if use.quantity == "grip" and use.value > _NO_LOAD:
+        return f"a wheel lifts off the ball at t = {use.t:.2f} s"
+    scale = 180.0 / np.pi if use.unit == "rad" else 1.0
+    numbers = {"value": scale * use.value, "limit": scale * use.limit, "t": use.t, "wheel": use.wheel}
+    return _REASONS[use.quantity].format(**numbers)
 
 
 #: friction coefficients above this are of a wheel without load

@@ -8,7 +8,6 @@ candidate runs on the same perturbed robots, so that candidates differ by what t
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -26,8 +25,9 @@ from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import evolve
 from ballbot.progress import Progress
 from ballbot.results import key, left_out
-from ballbot.robot import Robot, RobotLike, as_robot
+from ballbot.robot import RobotLike, as_robot
 from ballbot.summary import Summary, listed, plotted, summarized
+from ballbot.twin.scenario import Scenario
 from ballbot.workflows.perturbed_robots import (
     CostUnits,
     PerturbationRanges,
@@ -45,8 +45,6 @@ if TYPE_CHECKING:
 GROUPS = ((0, 1), (2, 3), (4,), (5, 6), (7, 8), (9,))
 #: decades to either side of the nominal weights
 DECADES = 2.0
-#: inner step of the search, one a sample of 5 ms, and of the comparison on fresh robots [s]
-SEARCH_STEP, TEST_STEP = 5e-3, 1e-3
 _NO_GAIN = 100.0  # the cost of weights that have none
 
 
@@ -60,10 +58,10 @@ class Effort:
         If a number is below its minimum or above the largest number of trials.
     """
 
-    robots: int = 1000  #: perturbed robots on which every candidate runs
+    robots: int = 200  #: perturbed robots on which every candidate runs
     generations: int = 30
     population: int = 12  #: candidates of a generation
-    fresh: int = 2000  #: other robots on which what was found is compared
+    fresh: int = 500  #: other robots on which what was found is compared
 
     def __post_init__(self) -> None:
         for name, least in (("robots", 10), ("generations", 1), ("population", 4), ("fresh", 10)):
@@ -107,6 +105,7 @@ class RobustDesign:
     compared: dict[str, ComparedDesign] = field(metadata=key("on_fresh_robots"))
     fresh: int = field(metadata=key("fresh_robots"))  #: number of these robots
     spread: PerturbationRanges = field(metadata=key("perturbed"))
+    scenario: str  #: its name
 
     @cached_property
     def loop_margins(self) -> Margins:
@@ -139,6 +138,7 @@ def robust_design(
     *,
     compensation: Compensation,
     spread: PerturbationRanges,
+    scenario: Scenario,
     effort: Effort,
     run: Run = DEFAULT_RUN,
     threads: int | None = None,
@@ -151,6 +151,8 @@ def robust_design(
         The nominal one: the gain is designed for it, and its friction is compensated.
     compensation : {"none", "full", "partial"}
     spread : PerturbationRanges
+    scenario : Scenario
+        Sensors, drive and play of all robots.
     effort : Effort
     run : Run, optional
         Its seed fixes the result bit for bit.
@@ -163,16 +165,13 @@ def robust_design(
         If the nominal gain falls with half of the perturbed robots, or the seed is invalid.
     """
     robot = as_robot(robot)
-    perturbed = draw_perturbed(robot, effort.robots, spread=spread, seed=run.seed)
+    perturbed = draw_perturbed(robot, effort.robots, spread=spread, scenario=scenario, seed=run.seed)
 
     def controller_of(weights: tuple[float, ...], torque_weight: float = NOMINAL_TORQUE_WEIGHT) -> Controller:
         gain = design_gain(robot, state_weights=weights, torque_weight=torque_weight).gain
         return Controller(robot, gain, compensation=compensation, estimator="kalman")
 
-    nominal = measure_runs(
-        robot, [controller_of(NOMINAL_STATE_WEIGHTS)], perturbed, step=SEARCH_STEP, threads=threads
-    )
-    units = cost_units(nominal)
+    units = cost_units(measure_runs([controller_of(NOMINAL_STATE_WEIGHTS)], perturbed, threads=threads))
 
     def cost_of(candidates: NDArray[np.float64]) -> NDArray[np.float64]:
         costs = np.full(len(candidates), _NO_GAIN)
@@ -183,7 +182,7 @@ def robust_design(
             except InputError:
                 continue  # weights so far apart that the equations have no solution in these digits
         if made:
-            marks = measure_runs(robot, list(made.values()), perturbed, step=SEARCH_STEP, threads=threads)
+            marks = measure_runs(list(made.values()), perturbed, threads=threads)
             costs[list(made)] = worst_tenth(units.costs(marks))
         return costs
 
@@ -204,10 +203,16 @@ def robust_design(
         "plain": ((1.0,) * 10, 1.0),
     }
     run.progress(Progress(stage="comparison"))
-    compared = _compare(robot, designs, controller_of, units, spread, effort.fresh, run.seed, threads)
+    fresh = draw_perturbed(robot, effort.fresh, spread=spread, scenario=scenario, seed=run.seed + 1_000_003)
+    controllers = {name: controller_of(*one) for name, one in designs.items()}
+    marks = measure_runs(list(controllers.values()), fresh, threads=threads)
+    compared = {
+        name: _compared_design(designs[name], controller, marks, units, place)
+        for place, (name, controller) in enumerate(controllers.items())
+    }
     return RobustDesign(
         design=design_gain(robot, state_weights=weights),
-        controller=controller_of(weights),
+        controller=controllers["robust"],
         state_weights=weights,
         torque_weight=NOMINAL_TORQUE_WEIGHT,
         units=units,
@@ -215,6 +220,7 @@ def robust_design(
         compared=compared,
         fresh=effort.fresh,
         spread=spread,
+        scenario=scenario.name,
     )
 
 
@@ -226,42 +232,22 @@ def weights_of(candidate: NDArray[np.float64]) -> tuple[float, ...]:
     return tuple(weights.tolist())
 
 
-def _compare(
-    robot: Robot,
-    designs: dict[str, tuple[tuple[float, ...], float]],
-    controller_of: Callable[[tuple[float, ...], float], Controller],
-    units: CostUnits,
-    spread: PerturbationRanges,
-    count: int,
-    seed: int,
-    threads: int | None,
-) -> dict[str, ComparedDesign]:
-    fresh = draw_perturbed(robot, count, spread=spread, seed=seed + 1_000_003)
-    controllers = [controller_of(*weights) for weights in designs.values()]
-    marks = measure_runs(robot, controllers, fresh, step=TEST_STEP, threads=threads)
-    costs = units.costs(marks)
-    return {
-        name: _compared_design(weights, controller, marks, costs, place)
-        for place, ((name, weights), controller) in enumerate(zip(designs.items(), controllers, strict=True))
-    }
-
-
 def _compared_design(
     weights: tuple[tuple[float, ...], float],
     controller: Controller,
     marks: RunMeasures,
-    costs: NDArray[np.float64],
+    units: CostUnits,
     place: int,
 ) -> ComparedDesign:
-    stood = ~marks.fell[place]
+    stood, costs = ~marks.fell[place], units.costs(marks)[place]
     return ComparedDesign(
         state_weights=tuple(weights[0]),
         torque_weight=weights[1],
         gain=controller.gain,
-        worst_tenth=float(worst_tenth(costs[place])),
-        mean=float(costs[place].mean()),
+        worst_tenth=float(worst_tenth(costs)),
+        mean=float(costs.mean()),
         worst_error=float(worst_tenth(marks.error[place, stood])) if stood.any() else float("nan"),
         worst_roughness=float(worst_tenth(marks.roughness[place, stood])) if stood.any() else float("nan"),
         falls=int((~stood).sum()),
-        costs=costs[place],
+        costs=costs,
     )
