@@ -114,7 +114,7 @@ def _course(scenario: str, task: str) -> Course:
         duration=duration,
         settle=settle,
         mismatch=ModelMismatch(friction=0.0 if scenario == "friction" else 1.0),
-        scenario=(SCENARIOS | WITHOUT)[scenario],
+        scenario={**SCENARIOS, **WITHOUT}[scenario],
         on="model",
     )
 

@@ -227,8 +227,8 @@ def sensitivity_peak(
     loci = np.linalg.eigvals(loop.response(omega))
     late = 1.0 + loci * np.asarray(passed(omega))[:, None]
     ratio = np.prod(late, axis=1) / np.prod(1.0 + loci, axis=1)
-    # a stable loop's det(I + L) winds round zero as often as without: two poles outside turn it by 2 pi
-    if abs(np.angle(ratio[1:] / ratio[:-1]).sum()) > math.pi:
+    # a stable loop's det(I + L) winds round zero as often as without: each pole outside turns it by pi
+    if abs(np.angle(ratio[1:] / ratio[:-1]).sum()) > 0.5 * math.pi:
         return math.inf
     return float(1.0 / np.abs(late).min())
 

@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from ballbot.errors import every
 from ballbot.report.blocks import Paragraph, Section, section
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
 from ballbot.report.style import drawn_picture
@@ -57,10 +56,7 @@ def stiffness_sentences(found: FrictionByStiffness) -> str:
 def _stiffest_sentence(found: FrictionByStiffness) -> str:
     one, softest, last = found.stiffest(_PLAIN), found.gains[0], found.gains[-1]
     if one is None:
-        return (
-            f"The softest gain, {_gain(softest)}, already falls or lacks margins (sensitivity "
-            f"{digits(softest.sensitivities[_PLAIN], 2)}; it should be below {LARGEST_SENSITIVITY:g}) on this robot."
-        )
+        return f"Even the soft gain, {_gain(softest)}, falls or lacks margins on this robot."
     trial = one.trials[_PLAIN]
     ratio = one.position_gain / softest.position_gain
     rougher = trial.roughness.median / softest.trials[_PLAIN].roughness.median
@@ -90,20 +86,19 @@ def _failure(one: Stiffness) -> str:
 def _compensation_sentence(found: FrictionByStiffness) -> str:
     parts = []
     for observer, words in ((False, "without the observer"), (True, "with it")):
-        paying = found.pays_at(observer=observer)
+        paying = found.pays_over(observer=observer)
         if not paying:
             parts.append(f"{words} at none of these gains")
             continue
-        last = paying[-1]
-        plain, compensated = (
-            last.trials[Variant(compensation=has, observer=observer)] for has in (False, True)
+        first, last = paying[0], paying[-1]
+        ratio = last.trials[Variant(compensation=False, observer=observer)].ratio_to(
+            last.trials[Variant(compensation=True, observer=observer)]
         )
-        ratio = plain.ratio_to(compensated)
-        from_softest = paying == found.gains[: len(paying)]
-        where = f"up to {_gain(last)}" if from_softest else f"at {every(map(_gain, paying))}"
-        place = "there" if from_softest or len(paying) == 1 else "at the last of them"
-        smaller = f"{place} the peak error is {digits(ratio.median, 2)} times smaller"
-        parts.append(f"{words} {where} ({smaller}, {interval_words(ratio)})")
+        from_on = "" if first is found.gains[0] else f"from {_gain(first)} on "
+        parts.append(
+            f"{words} {from_on}up to {_gain(last)} (there it makes the peak error {digits(ratio.median, 2)} times "
+            f"smaller, {interval_words(ratio)})"
+        )
     return f"Compensating the friction pays {', and '.join(parts)}."
 
 

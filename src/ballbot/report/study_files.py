@@ -115,7 +115,9 @@ def _stiffness(found: FrictionByStiffness | None) -> dict[str, object] | None:
             {
                 "observer": plain.observer,
                 "stiffest": None if (one := found.stiffest(plain)) is None else one.position_gain,
-                "compensation_pays_at": [one.position_gain for one in found.pays_at(observer=plain.observer)],
+                "compensation_pays_over": [
+                    one.position_gain for one in found.pays_over(observer=plain.observer)
+                ],
             }
             for plain in VARIANTS
             if not plain.compensation

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import dropwhile, product, takewhile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,18 +98,18 @@ class FrictionByStiffness:
             found, lowest = one, min(lowest, peak.high)
         return found
 
-    def pays_at(self, *, observer: bool) -> tuple[Stiffness, ...]:
-        """Return the gains at which compensation makes the error clearly smaller.
+    def pays_over(self, *, observer: bool) -> tuple[Stiffness, ...]:
+        """Return the first gains in a row at which compensation makes the error clearly smaller.
 
         That is, the interval of the ratio lies above 1, robot by robot, and compensation makes no run fall.
         """
         without, with_it = (Variant(compensation=has, observer=observer) for has in (False, True))
-        return tuple(
-            one
-            for one in self.gains
-            if one.trials[with_it].falls <= one.trials[without].falls
-            and one.trials[without].ratio_to(one.trials[with_it]).low > 1.0
-        )
+
+        def pays(one: Stiffness) -> bool:
+            plain, compensated = one.trials[without], one.trials[with_it]
+            return compensated.falls <= plain.falls and plain.ratio_to(compensated).low > 1.0
+
+        return tuple(takewhile(pays, dropwhile(lambda one: not pays(one), self.gains)))
 
 
 def measure_stiffness(choice: ControllerChoice, *, run: Run = DEFAULT_RUN) -> FrictionByStiffness:
