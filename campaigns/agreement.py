@@ -12,7 +12,7 @@ AGREEMENT_RUNS=600 makes the page of the first 600 alone. The loop runs anew eac
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -119,12 +119,16 @@ def _course(scenario: str, task: str) -> Course:
     )
 
 
-COURSES = tuple(_course(scenario, task) for task in TASKS for scenario in SCENARIOS)
+COURSES = tuple(_course(scenario, task) for scenario in SCENARIOS for task in TASKS)
+#: the controllers that single effects are looked at with
+EXPLAINED = ("soft", "precise")
 EFFECTS = tuple(_course(scenario, "hold") for scenario in WITHOUT)
 
 
-def runs_of(courses: Sequence[Course], seeds: Sequence[int], *, on: PlantName) -> list[ComparedRun]:
-    """Return the runs of every controller on courses, seed by seed."""
+def runs_of(
+    courses: Sequence[Course], seeds: Sequence[int], *, on: PlantName, names: Collection[str] = ()
+) -> list[ComparedRun]:
+    """Return the runs of controllers, all if no names are given, on courses, seed by seed."""
     return [
         ComparedRun(
             candidate=name,
@@ -139,16 +143,20 @@ def runs_of(courses: Sequence[Course], seeds: Sequence[int], *, on: PlantName) -
         for seed in seeds
         for course in courses
         for name, controller in CONTROLLERS.items()
+        if not names or name in names
     ]
 
 
 def twin_plan() -> list[ComparedRun]:
-    """Return all runs on the twin: of the first seeds the short ones, single effects, the square; then the others."""
+    """Return all runs on the twin: of the first seeds hold, single effects, step, square; then the other seeds."""
     first, rest = TWIN_SEEDS[:FEWEST], TWIN_SEEDS[FEWEST:]
-    short = [course for course in COURSES if course.duration < SQUARE.duration]
-    long = [course for course in COURSES if course.duration >= SQUARE.duration]
-    parts = ((short, first), (EFFECTS, first), (long, first), (COURSES, rest))
-    return [run for courses, seeds in parts for run in runs_of(courses, seeds, on="twin")]
+    hold, step, square = (COURSES[place :: len(TASKS)] for place in range(len(TASKS)))
+    return [
+        *runs_of(hold, first, on="twin"),
+        *runs_of(EFFECTS, first, on="twin", names=EXPLAINED),
+        *(run for courses in (step, square) for run in runs_of(courses, first, on="twin")),
+        *runs_of(COURSES, rest, on="twin"),
+    ]
 
 
 def run_twin(runs: Sequence[ComparedRun], *, folder: Path = KEPT, processes: int | None = None) -> Comparison:
@@ -228,7 +236,8 @@ def campaign() -> Section:
     """Run both and return the section of docs/generated/evidence.md."""
     plan = twin_plan()
     twin = run_twin(plan[: int(os.environ.get("AGREEMENT_RUNS", len(plan)))])
-    loop = run_comparison(runs_of((*COURSES, *EFFECTS), LOOP_SEEDS, on="model"))
+    alike = runs_of(EFFECTS, LOOP_SEEDS, on="model", names=EXPLAINED)
+    loop = run_comparison([*runs_of(COURSES, LOOP_SEEDS, on="model"), *alike])
     return section(both(COURSES, loop, twin), both(EFFECTS, loop, twin))
 
 
@@ -318,7 +327,7 @@ def _outside(found: Sequence[Both]) -> str:
 
 def _effects_table(found: Sequence[Both], effects: Sequence[Both]) -> str:
     """Return the loop's medians over the twin's with one effect after another switched off on both."""
-    heads = [f"{name}: {quantity}" for name in CONTROLLERS for quantity in QUANTITIES]
+    heads = [f"{name}: {quantity}" for name in EXPLAINED for quantity in QUANTITIES]
     lines = [
         "What makes the difference: the hold in the nominal scenario, loop over twin (ratio of medians), with one "
         f"effect after another switched off on both ({FEWEST} seeds on the twin). Rollers: each wheel touches in one "
@@ -330,7 +339,7 @@ def _effects_table(found: Sequence[Both], effects: Sequence[Both]) -> str:
     ]
     cases = {"nothing": "nominal, hold"} | {effect: f"{effect}, hold" for effect in WITHOUT}
     for effect, course in cases.items():
-        cells = [one for one in (*found, *effects) if one.course == course]
+        cells = [one for one in (*found, *effects) if one.course == course and one.controller in EXPLAINED]
         ratios = [f"{one.ratio(quantity):.2f}" for one in cells for quantity in QUANTITIES]
         lines.append(f"| {effect} | {' | '.join(ratios)} |")
     return "\n".join(lines)

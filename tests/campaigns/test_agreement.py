@@ -17,6 +17,7 @@ from campaigns.agreement import (
     CONTROLLERS,
     COURSES,
     EFFECTS,
+    EXPLAINED,
     FEWEST,
     TWIN_SEEDS,
     Both,
@@ -62,17 +63,18 @@ def test_a_plan_that_is_stopped_is_balanced_and_whole_at_its_end():
     plan = twin_plan()
     names = {(one.course, one.candidate, one.seed) for one in plan}
     assert len(names) == len(plan)
-    assert len(plan) == len(CONTROLLERS) * (len(COURSES) * len(TWIN_SEEDS) + len(EFFECTS) * FEWEST)
-    # stopped anywhere, no controller on a course is more than a seed ahead of another on a course of its length
+    effects = len(EXPLAINED) * len(EFFECTS) * FEWEST
+    assert len(plan) == len(CONTROLLERS) * len(COURSES) * len(TWIN_SEEDS) + effects
+    tasks = {one.course: one.course.rpartition(" ")[2] for one in plan} | {
+        one.name: "effect" for one in EFFECTS
+    }
+    # stopped anywhere, no controller on a course is more than a seed ahead of another on a course of its kind
     for stop in range(0, len(plan), 97):
-        counts: dict[tuple[float, bool], dict[tuple[str, str], int]] = {}
-        for one in plan:
-            effect = one.course in {course.name for course in EFFECTS}
-            counts.setdefault((one.duration, effect), {})[one.course, one.candidate] = 0
-        for one in plan[:stop]:
-            effect = one.course in {course.name for course in EFFECTS}
-            counts[one.duration, effect][one.course, one.candidate] += 1
-        assert all(max(group.values()) - min(group.values()) <= 1 for group in counts.values())
+        counts = {tasks[one.course]: dict[tuple[str, str], int]() for one in plan}
+        for place, one in enumerate(plan):
+            of = counts[tasks[one.course]]
+            of[one.course, one.candidate] = of.get((one.course, one.candidate), 0) + (place < stop)
+        assert all(max(of.values()) - min(of.values()) <= 1 for of in counts.values())
 
 
 @pytest.mark.sample

@@ -47,7 +47,7 @@ def found(
         gains.append(
             Stiffness(
                 position_gain=float(place),
-                sensitivities=dict.fromkeys(VARIANTS, sensitivity if last else 1.0),
+                sensitivities=dict.fromkeys((False, True), sensitivity if last else 1.0),
                 trials={v: trial(with_it) if v.compensation else one for v in VARIANTS},
             )
         )
@@ -114,7 +114,7 @@ def test_delay_lag_and_resonance_end_the_margins_at_a_softer_gain(monkeypatch):
         one = measured(monkeypatch, scenario)
         gains = [each.position_gain for each in one.gains]
         assert one.margins_end == (scenario is not nominal)
-        assert one.gains[0].sensitivities[PLAIN] < one.gains[-1].sensitivities[PLAIN]
+        assert one.gains[0].sensitivities[False] < one.gains[-1].sensitivities[False]
         ends.append(gains[-1])
     assert ends[0] > 1.5 * max(ends[1:])
     assert "too few to tell where friction matters" in stiffness_sentences(measured(monkeypatch, late))

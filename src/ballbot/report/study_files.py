@@ -105,7 +105,7 @@ def _stiffness(found: FrictionByStiffness | None) -> dict[str, object] | None:
                 "position_gain": one.position_gain,
                 "compensation": variant.compensation,
                 "observer": variant.observer,
-                "sensitivity": one.sensitivities[variant],
+                "sensitivity": one.sensitivities[variant.observer],
                 **_trial(trial),
             }
             for one in found.gains

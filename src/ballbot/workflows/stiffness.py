@@ -1,18 +1,18 @@
 """Where friction matters: the error over the stiffness of the gain, with and without compensation and observer.
 
 A soft gain wanders by the friction over its position gain; a stiff one leaves little of that to compensate, and in the
-end shakes its gears through their play. From the soft gain's weights q_0 to the precise controller's q_1 and beyond the
-weights are
+end shakes its gears through their play. The gains lead from the soft one (weights q_0) over the precise controller's
+(q_1) to where the loop has no margin: with delay, lag and resonance of the scenario its sensitivity exceeds 2 at some
+frequency.
 
     q = q_0^(1 - s) q_1^s
 
-up to where the loop has no margin: with delay, lag and resonance of the scenario its sensitivity exceeds 2 at some
-frequency. Everything else is the precise controller's, on robots of the choice, on the first part of its course.
+Everything else is the precise controller's, on robots of the choice, on the first part of its course.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import dropwhile, product, takewhile
 
@@ -34,9 +34,9 @@ from ballbot.twin.scenario import Scenario
 from ballbot.workflows.comparison import run_comparison
 from ballbot.workflows.controller_choice import ControllerChoice, NamedCourse, Trial, loop_run
 
-#: of the integrals beside the soft weights, as large beside those of x, y and psi as the precise controller's are
-_SOFT_INTEGRAL_WEIGHTS = (20.0, 20.0, 2.0)
-#: s of the gains: the soft one is 0, the precise controller's 1. At 2.5 the position gain is 150 times the soft one
+#: of the integrals beside the soft weights, so small that the position gain stays within a tenth of the soft one's
+_SOFT_INTEGRAL_WEIGHTS = (0.02, 0.02, 0.002)
+#: s of the gains: the soft one is 0, the precise controller's 1. At 2.5 the position gain is 450 times the soft one
 _STIFFEST, _GAINS = 2.5, 7
 #: the stiffest is not sought below this s: a loop without margins is compared, too
 _LEAST = 0.5
@@ -67,12 +67,13 @@ class Stiffness:
     """Controllers of one gain."""
 
     position_gain: float  #: torque of all wheels, root of the sum of squares, for a metre along x [N m/m]
-    sensitivities: Mapping[Variant, float]  #: largest over the frequencies; infinite without stability
+    #: largest over the frequencies, without and with the observer; infinite without stability
+    sensitivities: Mapping[bool, float]
     trials: Mapping[Variant, Trial]
 
     def holds(self, variant: Variant) -> bool:
         """Return whether the loop has margins and no run fell."""
-        return self.sensitivities[variant] <= LARGEST_SENSITIVITY and not self.trials[variant].falls
+        return self.sensitivities[variant.observer] <= LARGEST_SENSITIVITY and not self.trials[variant].falls
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -145,7 +146,12 @@ def measure_stiffness(choice: ControllerChoice, *, run: Run = DEFAULT_RUN) -> Fr
     gains = tuple(
         Stiffness(
             position_gain=_position_gain(controllers[place, VARIANTS[0]]),
-            sensitivities={one: _sensitivity(controllers[place, one], scenario) for one in VARIANTS},
+            sensitivities={
+                observer: _sensitivity(
+                    controllers[place, Variant(compensation=False, observer=observer)], scenario
+                )
+                for observer in (False, True)
+            },
             trials={one: trial(place, one) for one in VARIANTS},
         )
         for place in range(_GAINS)
@@ -160,13 +166,14 @@ def _position_gain(controller: Controller) -> float:
 
 
 def _controller(base: Controller, s: float, variant: Variant) -> Controller:
-    soft = np.array([*NOMINAL_STATE_WEIGHTS, *_SOFT_INTEGRAL_WEIGHTS])
-    stiff = np.array([*PRECISE_STATE_WEIGHTS, *PRECISE_INTEGRAL_WEIGHTS])
-    weights = (soft ** (1.0 - s) * stiff**s).tolist()
+    weights = _between(NOMINAL_STATE_WEIGHTS, PRECISE_STATE_WEIGHTS, s)
+    # beyond the precise gain as the position's: integrals that grow faster would act faster than the robot balances
+    stiffer = weights[0] / _between(NOMINAL_STATE_WEIGHTS, PRECISE_STATE_WEIGHTS, min(s, 1.0))[0]
+    integral = stiffer * _between(_SOFT_INTEGRAL_WEIGHTS, PRECISE_INTEGRAL_WEIGHTS, min(s, 1.0))
     design = design_integral_gain(
         base.robot,
-        state_weights=weights[:10],
-        integral_weights=weights[10:],
+        state_weights=weights.tolist(),
+        integral_weights=integral.tolist(),
         sample_time=base.sample_time,
     )
     made = precise_controller(
@@ -175,6 +182,10 @@ def _controller(base: Controller, s: float, variant: Variant) -> Controller:
     if variant.observer:
         return made
     return made.with_parts(replace(made.parts, integral=None, disturbance_observer=None))
+
+
+def _between(soft: Sequence[float], stiff: Sequence[float], s: float) -> NDArray[np.float64]:
+    return np.asarray(np.array(soft) ** (1.0 - s) * np.array(stiff) ** s)
 
 
 def _end(base: Controller, scenario: Scenario) -> float:
