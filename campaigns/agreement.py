@@ -38,7 +38,7 @@ from ballbot.workflows.comparison import (
     write_result,
 )
 from ballbot.workflows.controller_choice import SQUARE
-from ballbot.workflows.courses import Course, ModelMismatch, PlantName, ReferenceSpec
+from ballbot.workflows.courses import Course, PlantName, ReferenceSpec
 from ballbot.workflows.metrics import SETTLE, Score
 from campaigns.section import EARLIER, Section
 
@@ -87,7 +87,6 @@ WITHOUT: Mapping[str, Scenario] = {
         NOMINAL, contact_time=0.5 * NOMINAL.contact_time, timestep=0.5 * NOMINAL.timestep
     ),
     "play": replace(NOMINAL, backlash=0.0),
-    "friction": NOMINAL,
 }
 CONTROLLERS: Mapping[str, Controller] = {
     "soft": nominal_controller(ROBOT),
@@ -113,7 +112,6 @@ def _course(scenario: str, task: str) -> Course:
         reference_spec=spec,
         duration=duration,
         settle=settle,
-        mismatch=ModelMismatch(friction=0.0 if scenario == "friction" else 1.0),
         scenario={**SCENARIOS, **WITHOUT}[scenario],
         on="model",
     )
@@ -180,10 +178,6 @@ QUANTITIES: Mapping[str, tuple[str, str, float, int]] = {
     "RMS": ("rms_position_error", "mm", 1e3, 1),
     "roughness": ("rms_torque_change", "N m", 1.0, 3),
 }
-
-
-LOOP, TWIN = 0, 1
-
 
 LOOP, TWIN = 0, 1
 
@@ -325,6 +319,29 @@ def _outside(found: Sequence[Both]) -> str:
     return f"Medians of the loop outside the twin's interval: {'; '.join(words)}."
 
 
+def _named(found: Sequence[Both], effects: Sequence[Both]) -> str:
+    """Return which effect, switched off, brings each ratio that lies outside in the hold nearest to 1."""
+    words = []
+    for one in found:
+        if one.course != "nominal, hold" or one.controller not in EXPLAINED:
+            continue
+        without = {
+            other.course.rpartition(",")[0]: other for other in effects if other.controller == one.controller
+        }
+        for quantity in QUANTITIES:
+            ratios = {
+                name: other.ratio(quantity)
+                for name, other in without.items()
+                if len(other.values(quantity, TWIN)) >= FEWEST
+            }
+            if one.outside(quantity) and ratios:
+                name = min(ratios, key=lambda effect: abs(np.log(ratios[effect])))
+                words.append(
+                    f"{one.controller}, {quantity}: {name} ({one.ratio(quantity):.2f} with, {ratios[name]:.2f} without)"
+                )
+    return f"Of those outside in the hold, nearest to 1 without: {'; '.join(words) or 'none is outside'}."
+
+
 def _effects_table(found: Sequence[Both], effects: Sequence[Both]) -> str:
     """Return the loop's medians over the twin's with one effect after another switched off on both."""
     heads = [f"{name}: {quantity}" for name in EXPLAINED for quantity in QUANTITIES]
@@ -340,6 +357,10 @@ def _effects_table(found: Sequence[Both], effects: Sequence[Both]) -> str:
     cases = {"nothing": "nominal, hold"} | {effect: f"{effect}, hold" for effect in WITHOUT}
     for effect, course in cases.items():
         cells = [one for one in (*found, *effects) if one.course == course and one.controller in EXPLAINED]
-        ratios = [f"{one.ratio(quantity):.2f}" for one in cells for quantity in QUANTITIES]
+        ratios = [
+            f"{one.ratio(quantity):.2f}" if len(one.values(quantity, TWIN)) else "–"
+            for one in cells
+            for quantity in QUANTITIES
+        ]
         lines.append(f"| {effect} | {' | '.join(ratios)} |")
-    return "\n".join(lines)
+    return "\n".join([*lines, "", _named(found, effects)])

@@ -29,6 +29,7 @@ from ballbot.control.presets import (
     design_integral_gain,
     precise_controller,
 )
+from ballbot.errors import InputError
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.comparison import run_comparison
@@ -190,21 +191,20 @@ def _between(soft: Sequence[float], stiff: Sequence[float], s: float) -> NDArray
 
 def _end(base: Controller, scenario: Scenario) -> float:
     """Return up to which s a gain by itself has margins."""
-    plain = VARIANTS[0]
     for s in np.arange(_LEAST, _STIFFEST, 0.25):
-        if _sensitivity(_controller(base, s + 0.25, plain), scenario) > LARGEST_SENSITIVITY:
+        try:
+            stiffer = _controller(base, s + 0.25, VARIANTS[0])
+        except InputError:  # no gain stabilises with these weights
+            return float(s)
+        if _sensitivity(stiffer, scenario) > LARGEST_SENSITIVITY:
             return float(s)
     return _STIFFEST
 
 
 def _sensitivity(controller: Controller, scenario: Scenario) -> float:
     """Return a loop's largest sensitivity with what delays its torques and sensors in a scenario, and its resonance."""
-    timing, motors, faults, twist = (
-        scenario.timing,
-        scenario.current_loop,
-        scenario.sensor_faults,
-        scenario.compliance,
-    )
+    timing, motors = scenario.timing, scenario.current_loop
+    faults, twist = scenario.sensor_faults, scenario.compliance
     late = (timing.delay * controller.sample_time if timing else 0.0) + (faults.latency if faults else 0.0)
 
     def passed(omega: NDArray[np.float64]) -> NDArray[np.complex128]:
