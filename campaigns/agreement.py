@@ -12,8 +12,9 @@ AGREEMENT_RUNS=600 makes the page of the first 600 alone. The loop runs anew eac
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 from pathlib import Path
 
@@ -88,12 +89,13 @@ WITHOUT: Mapping[str, Scenario] = {
     ),
     "play": replace(NOMINAL, backlash=0.0),
 }
-CONTROLLERS: Mapping[str, Controller] = {
-    "soft": nominal_controller(ROBOT),
-    "full": nominal_controller(ROBOT, compensation="full"),
-    "partial": nominal_controller(ROBOT, compensation="partial"),
-    "precise": precise_controller(ROBOT),
-    "precise without": precise_controller(ROBOT, compensation="none"),
+#: by name, how each controller is made
+CONTROLLERS: Mapping[str, Callable[[], Controller]] = {
+    "soft": partial(nominal_controller, ROBOT),
+    "full": partial(nominal_controller, ROBOT, compensation="full"),
+    "partial": partial(nominal_controller, ROBOT, compensation="partial"),
+    "precise": partial(precise_controller, ROBOT),
+    "precise without": partial(precise_controller, ROBOT, compensation="none"),
 }
 _STEP = (("x", 0.5), ("y", 0.0), ("psi", 0.0), ("at", 1.0), ("ramp", 0.0))
 #: reference, duration and from when errors count [s]
@@ -127,6 +129,7 @@ def runs_of(
     courses: Sequence[Course], seeds: Sequence[int], *, on: PlantName, names: Collection[str] = ()
 ) -> list[ComparedRun]:
     """Return the runs of controllers, all if no names are given, on courses, seed by seed."""
+    made = {name: make() for name, make in CONTROLLERS.items() if not names or name in names}
     return [
         ComparedRun(
             candidate=name,
@@ -140,8 +143,7 @@ def runs_of(
         )
         for seed in seeds
         for course in courses
-        for name, controller in CONTROLLERS.items()
-        if not names or name in names
+        for name, controller in made.items()
     ]
 
 
@@ -159,7 +161,7 @@ def twin_plan() -> list[ComparedRun]:
 
 def run_twin(runs: Sequence[ComparedRun], *, folder: Path = KEPT, processes: int | None = None) -> Comparison:
     """Make the runs that the folder lacks, and return all."""
-    inputs = {name: [controller_text(one)] for name, one in CONTROLLERS.items()}
+    inputs = {name: [controller_text(make())] for name, make in CONTROLLERS.items()}
     made_from = identity({**inputs, "courses": [COURSES, EFFECTS], "robot": [ROBOT]}, {})
     kept = RunFolder(path=folder, made_from=made_from, write=write_result, read=read_result)
     found, before = kept.complete(

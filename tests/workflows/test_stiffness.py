@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
+from ballbot.control.controller import Controller
 from ballbot.control.presets import precise_controller
 from ballbot.report.stiffness import stiffness_sentences
 from ballbot.twin.faults import Compliance, CurrentLoop, Timing
@@ -25,15 +27,19 @@ from tests.support.scores import score_of
 
 PLAIN = VARIANTS[0]
 ROBOT = alten(FRICTION)
-CONTROLLER = precise_controller(ROBOT)
 #: of ten robots
 SPREAD = np.linspace(0.9, 1.1, 10)
+
+
+@cache
+def controller() -> Controller:
+    return precise_controller(ROBOT)
 
 
 def trial(peak: float, ended: str | None = None) -> Trial:
     scores: list[Score] = [score_of(peak * factor) for factor in SPREAD]
     scores[0] = replace(scores[0], ended=ended)
-    return Trial(controller=CONTROLLER, scores=tuple(scores), performances=())
+    return Trial(controller=controller(), scores=tuple(scores), performances=())
 
 
 def found(
@@ -92,7 +98,7 @@ def measured(monkeypatch: pytest.MonkeyPatch, scenario: Scenario) -> FrictionByS
     """Return three gains on two robots in a scenario, on 8 s of the square."""
     monkeypatch.setattr(stiffness, "_GAINS", 3)
     plants = tuple(PlantDraw(robot=ROBOT, known=ROBOT, scenario=scenario, seed=seed) for seed in (0, 1))
-    base = Trial(controller=CONTROLLER, scores=(), performances=())
+    base = Trial(controller=controller(), scores=(), performances=())
     choice = ControllerChoice(
         plants=plants,
         course=replace(SQUARE, duration=8.0),
