@@ -34,9 +34,9 @@ def stiffness_section(found: FrictionByStiffness) -> Section:
     runs = len(found.gains[0].trials[_PLAIN].scores)
     caption = (
         f"Peak error on {found.course.duration:g} s of the {found.course.name} over the torque that a metre of error "
-        f"asks of the wheels. Lines: medians over {runs} of the simulated robots; bands: eight of ten robots; crosses: "
-        "gains with which a run fell. All have the Kalman filter, shaped references with feed-forward and the lean "
-        "limit; with the observer, integral action."
+        f"asks of the wheels. Lines: medians over {runs} of the simulated robots; bands: eight of ten robots; crosses "
+        "at the top: gains with which a run fell. All have the Kalman filter, shaped references with feed-forward and "
+        "the lean limit; with the observer, integral action."
     )
     return section(
         "Where friction matters for this robot",
@@ -141,11 +141,7 @@ def _draw(axes: Axes, found: FrictionByStiffness, variant: Variant) -> None:
     ).T
     axes.fill_between(gains, low, high, color=color, alpha=0.13, linewidth=0)
     axes.plot(gains, middle, color=color, linestyle=dash, marker="o", markersize=3, label=label)
-    fell = np.array([trial.falls > 0 for trial in trials])
-    axes.plot(
-        gains[fell],
-        np.where(np.isfinite(middle), middle, np.nanmax(middle, initial=1.0))[fell],
-        "x",
-        color=color,
-        markersize=8,
-    )
+    fell = gains[[trial.falls > 0 for trial in trials]]
+    height = 0.96 - 0.04 * VARIANTS.index(variant)
+    mark = {"color": color, "marker": "x", "linestyle": "", "transform": axes.get_xaxis_transform()}
+    axes.plot(fell, np.full(len(fell), height), **mark)

@@ -97,7 +97,6 @@ def _stiffness(found: FrictionByStiffness | None) -> dict[str, object] | None:
     """Return the errors of every gain and variant, and the two verdicts as position gains [N m/m]."""
     if found is None:
         return None
-
     return {
         "course": found.course,
         "gains": [
