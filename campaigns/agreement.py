@@ -334,7 +334,7 @@ def _named(found: Sequence[Both], effects: Sequence[Both]) -> str:
             ratios = {
                 name: other.ratio(quantity)
                 for name, other in without.items()
-                if len(other.values(quantity, TWIN)) >= FEWEST
+                if len(other.values(quantity, TWIN)) >= FEWEST // 2
             }
             if one.outside(quantity) and ratios:
                 name = min(ratios, key=lambda effect: abs(np.log(ratios[effect])))
@@ -347,11 +347,12 @@ def _named(found: Sequence[Both], effects: Sequence[Both]) -> str:
 def _effects_table(found: Sequence[Both], effects: Sequence[Both]) -> str:
     """Return the loop's medians over the twin's with one effect after another switched off on both."""
     heads = [f"{name}: {quantity}" for name in EXPLAINED for quantity in QUANTITIES]
+    seeds = [len(one.scores[TWIN]) for one in effects if one.controller in EXPLAINED]
     lines = [
         "What makes the difference: the hold in the nominal scenario, loop over twin (ratio of medians), with one "
-        f"effect after another switched off on both ({FEWEST} seeds on the twin). Rollers: each wheel touches in one "
-        "point; slip: grip 5; pivoting: ten times the ball's resistance. The loop has no slip, pivoting or soft "
-        "contacts. What brings a ratio to 1 is what the loop lacks or has otherwise.",
+        f"effect after another switched off on both ({min(seeds, default=0)} seeds or more on the twin). Rollers: "
+        "each wheel touches in one point; slip: grip 5; pivoting: ten times the ball's resistance. The loop has no "
+        "slip, pivoting or soft contacts. What brings a ratio to 1 is what the loop lacks or has otherwise.",
         "",
         f"| without | {' | '.join(heads)} |",
         f"|---|{'---:|' * len(heads)}",
