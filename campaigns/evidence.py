@@ -34,6 +34,7 @@ CAMPAIGNS = {
     "twin_recommendations": "campaigns.twin_observed:recommendations",
     "estimation": "campaigns.estimation",
     "twin_speed": "campaigns.twin_speed",
+    "agreement": "campaigns.agreement",
     "compensation": "campaigns.compensation",
     "prediction": "campaigns.controller_prediction",
     "league": "campaigns.league",

@@ -19,7 +19,7 @@ from ballbot.control.linear import (
     step_response,
 )
 from ballbot.control.lqr import held
-from ballbot.control.margins import HEADINGS, Margins, loop_margins
+from ballbot.control.margins import HEADINGS, Margins, loop_margins, sensitivity_peak
 from ballbot.control.parts import Parts
 from ballbot.control.parts.notch import Notch
 from ballbot.control.parts.prediction import DelayPrediction
@@ -114,6 +114,19 @@ def one_loop(name: str, wheel: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     A, B, C = robot_loop(controller(name)).broken()
     others = [place for place in range(B.shape[1]) if place != wheel]
     return A + B[:, others] @ C[others], B[:, [wheel]], -C[[wheel]]
+
+
+@pytest.mark.parametrize("name", ["nominal", "precise", "four wheels"])
+def test_the_sensitivity_has_no_bound_where_a_margin_ends(name):
+    loop, margins = robot_loop(controller(name)), found(name).together
+    # within 2 % of the margin of gain |1 + k L| is about 0.02; one tenth more delay than allowed is no rounding
+    assert 20.0 < sensitivity_peak(loop, lambda omega: np.full(len(omega), 0.98 * margins.gain_up)) < math.inf
+    assert sensitivity_peak(loop, lambda omega: np.full(len(omega), 1.02 * margins.gain_up)) == math.inf
+    assert sensitivity_peak(loop, lambda omega: np.exp(-0.9j * omega * margins.delay)) < math.inf
+    assert sensitivity_peak(loop, lambda omega: np.exp(-1.1j * omega * margins.delay)) == math.inf
+    # by itself it allows at least the margins that it stands for
+    allowed = sensitivity_peak(loop) / (sensitivity_peak(loop) - 1.0)
+    assert allowed <= margins.gain_up * (1.0 + 1e-6)
 
 
 @pytest.mark.parametrize(("name", "wheel"), [("nominal", 0), ("precise", 1), ("four wheels", 3)])

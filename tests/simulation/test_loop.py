@@ -129,6 +129,13 @@ def test_four_wheels_with_play_are_the_plant_one_sample_at_a_time():
     assert_one_by_one(controller, replace(imperfections, seed=3), 0.5)
 
 
+@pytest.mark.slow
+def test_friction_by_direction_with_play_is_the_plant_one_sample_at_a_time():
+    robot = ROBOT.replace(friction=replace(FRICTION, coulomb_asymmetry=(0.02, -0.01, 0.0)))
+    imperfections = Imperfections(sensors=SENSORS, torque_noise=0.01, backlash=PLAY)
+    assert_one_by_one(nominal_controller(robot), replace(imperfections, seed=3), 0.5)
+
+
 def test_lanes_do_not_notice_each_other():
     """Seeds, robots and controllers of one lane, whatever runs beside it: a robot that falls, or a state of NaN."""
     precise, none = precise_controller(ROBOT), Controller(ROBOT, np.zeros((3, 10)), estimator="kalman")

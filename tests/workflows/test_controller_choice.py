@@ -34,22 +34,7 @@ from ballbot.workflows.metrics import QUANTITIES, Performance, Score
 from ballbot.workflows.study import sampled_at
 from ballbot.workflows.twin_confirmation import Confirmation, TwinRolling
 from tests.support.control_examples import FRICTION, alten
-
-_FIELDS = ("rms_position_error", "peak_heading_error", "rms_heading_error", "settling_time", "rms_torque")
-
-
-def run(peak: float, roughness: float = 0.05, ended: str | None = None) -> Score:
-    """Return the score of a run of which only the peak error, the roughness and the end matter."""
-    return Score(
-        peak_position_error=peak,
-        rms_torque_change=roughness,
-        arrived=True,
-        high_frequency_torque=0.1,
-        energy=1.0,
-        driving_energy=1.0,
-        ended=ended,
-        **dict.fromkeys(_FIELDS, 0.5 * peak),
-    )
+from tests.support.scores import score_of as run
 
 
 @cache

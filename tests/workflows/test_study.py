@@ -139,7 +139,7 @@ def test_study_and_what_it_holds_fit_a_screen_and_can_be_plotted(small: Study):
 @pytest.mark.usefixtures("small")
 def test_progress_names_each_stage(shown: list[Progress]):
     stages = ["identifying friction", "validating on walk", "comparing controllers"]
-    stages += ["measuring what brings the gain"]
+    stages += ["measuring what brings the gain", "measuring where friction matters"]
     assert list(dict.fromkeys(one.stage for one in shown)) == stages
     assert all(0.0 <= one.share <= 1.0 for one in shown)
 
@@ -229,6 +229,10 @@ def test_results_keep_their_keys(folder: Path, small: Study):
     for entry in (*(comparison[name] for name in CANDIDATES), *(one for pair in pairs for one in pair)):
         assert entry["falls"] or 0.0 < entry["rms_position_error"] <= entry["peak_position_error"]
     assert comparison["gain"]["low"] <= comparison["gain"]["median"] <= comparison["gain"]["high"]
+    gains = [one["position_gain"] for one in comparison["stiffness"]["gains"]]
+    assert gains == sorted(gains)
+    # the little integral action that it can have makes it a tenth stiffer than the nominal one
+    assert gains[0] == pytest.approx(np.linalg.norm(small.design.gain[:, 0]), rel=0.12)
     assert results["controller"]["kind"] == small.choice.chosen
     assert results["controller"]["estimator"] == "kalman"
     made = results["provenance"]
@@ -356,7 +360,7 @@ def test_the_twin_confirms_the_choice_beside_the_loop(small: Study, tmp_path: Pa
 
 
 def test_a_quick_study_has_no_report(small: Study, tmp_path: Path):
-    quick = replace(small, options=replace(small.options, quick=True), steps={})
+    quick = replace(small, options=replace(small.options, quick=True), steps={}, stiffness=None)
     written = write_study(quick, tmp_path, made=provenance(command="", files=[], seed=3))
     assert written == tmp_path / "results.json"
     assert not (tmp_path / "report.html").exists()

@@ -59,6 +59,8 @@ _PRECISION = 1e-9
 _FREQUENCIES = 500
 #: lowest frequency of it [rad/s]: below, the loop is an integrator chain
 _LOWEST = 1e-3
+#: lowest at which a balancing robot's sensitivity can be large [rad/s]
+_LOWEST_SENSITIVE = 1e-1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -205,6 +207,30 @@ def loop_margins(loop: RobotLoop | ControllerLike, *, robot: RobotLike | None = 
     response = loop.response(omega)
     wheels = tuple(_margins_of(loop, direction, omega, response) for direction in np.eye(count))
     return Margins(loop=loop, wheels=wheels, together=_margins_of(loop, np.ones(count), omega, response))
+
+
+def sensitivity_peak(
+    loop: RobotLoop, passed: Callable[[Matrix], NDArray[np.complex128]] = np.ones_like
+) -> float:
+    """Return the largest 1/|1 + L| of all wheels alike over the frequencies; infinite if that loop is unstable.
+
+    Below 2, all torques may double, fall to two thirds, or turn by 29 deg.
+
+    Parameters
+    ----------
+    loop : RobotLoop
+        Stable by itself.
+    passed : callable, optional
+        What else the torques pass on their way: f(omega [rad/s] (f,)) -> (f,) complex.
+    """
+    omega = np.geomspace(_LOWEST_SENSITIVE, math.pi / loop.sample_time, _FREQUENCIES)
+    loci = np.linalg.eigvals(loop.response(omega))
+    late = 1.0 + loci * np.asarray(passed(omega))[:, None]
+    ratio = np.prod(late, axis=1) / np.prod(1.0 + loci, axis=1)
+    # a stable loop's det(I + L) winds round zero as often as without: each pole outside turns it by pi
+    if abs(np.angle(ratio[1:] / ratio[:-1]).sum()) > 0.5 * math.pi:
+        return math.inf
+    return float(1.0 / np.abs(late).min())
 
 
 def _margins_of(

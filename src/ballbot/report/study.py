@@ -12,6 +12,7 @@ from ballbot.fitting.intervals import Interval
 from ballbot.identification import Identification
 from ballbot.identification.coulomb import SHARE
 from ballbot.mechanics.friction import wheel_friction
+from ballbot.report.stiffness import stiffness_sentences
 from ballbot.report.tables import (
     CANDIDATE_NAMES,
     STATE_WORDS,
@@ -41,6 +42,7 @@ def summary(study: Study) -> list[tuple[str, str]]:
         ("Controller", controller_sentence(study)),
         ("Second opinion", confirmation_sentence(study.confirmation)),
         *([("Where the gain comes from", steps)] if steps else []),
+        *([("Where friction matters", stiffness_sentences(study.stiffness))] if study.stiffness else []),
         ("Doubts", doubts_sentence(study)),
     ]
 

@@ -24,6 +24,7 @@ from ballbot.report.validation import validation_results
 from ballbot.results import to_results
 from ballbot.robot.file import write_robot
 from ballbot.workflows.controller_choice import Trial
+from ballbot.workflows.stiffness import VARIANTS, FrictionByStiffness
 from ballbot.workflows.study import Study
 
 
@@ -87,6 +88,38 @@ def _comparison(study: Study) -> dict[str, object]:
                 "ratio": before.ratio_to(after),
             }
             for step, (before, after) in study.steps.items()
+        ],
+        "stiffness": _stiffness(study.stiffness),
+    }
+
+
+def _stiffness(found: FrictionByStiffness | None) -> dict[str, object] | None:
+    """Return the errors of every gain and variant, and the two verdicts as position gains [N m/m]."""
+    if found is None:
+        return None
+    return {
+        "course": found.course,
+        "gains": [
+            {
+                "position_gain": one.position_gain,
+                "compensation": variant.compensation,
+                "observer": variant.observer,
+                "sensitivity": one.sensitivities[variant.observer],
+                **_trial(trial),
+            }
+            for one in found.gains
+            for variant, trial in one.trials.items()
+        ],
+        "verdicts": [
+            {
+                "observer": plain.observer,
+                "stiffest": None if (one := found.stiffest(plain)) is None else one.position_gain,
+                "compensation_pays_over": [
+                    one.position_gain for one in found.pays_over(observer=plain.observer)
+                ],
+            }
+            for plain in VARIANTS
+            if not plain.compensation
         ],
     }
 

@@ -23,6 +23,7 @@ from ballbot.report.friction import log_blocks, parameter_blocks, search_blocks
 from ballbot.report.loop import poles_figure
 from ballbot.report.prediction import predicted_rows
 from ballbot.report.provenance import Provenance
+from ballbot.report.stiffness import stiffness_section
 from ballbot.report.study import (
     PREDICTION,
     confirmation_sentence,
@@ -183,6 +184,8 @@ def _comparison_sections(study: Study) -> Iterator[Section]:
             Paragraph(text=steps_sentence(study.steps, course)),
             Sheet(headings=STEP_HEADINGS, rows=step_rows(study.steps, course), caption=_STEPS_CAPTION),
         )
+    if study.stiffness:
+        yield stiffness_section(study.stiffness)
 
 
 def _confirmation_section(confirmation: Confirmation) -> Section:

@@ -567,6 +567,20 @@ def _turn_motors(selected, work, width, inputs, block, first, durations, sample)
 
 
 @called
+def _off_the_ball(selected, P, u, inputs, sampling, number, state, out):
+    """Return whether a robot lifts off or slips, and note which."""
+    if not sinking(selected, P, state, u) < inputs.lift_offs[_row_of(inputs.lift_offs, number)]:
+        out.lifted[number] = True
+        return True
+    if sampling.grip < math.inf:
+        touching = inputs.contacts[_row_of(inputs.contacts, number)]
+        if not friction_needed(selected, P, state, u, touching) <= sampling.grip:
+            out.slipped[number] = True
+            return True
+    return False
+
+
+@called
 def _end_where_due(selected, work, lane, inputs, sampling, block, first, sample, out):
     """Stop a lane that has fallen within the sample, would lift off or slip at its end, or whose outcome is known."""
     robot = robot_in(work, lane)
@@ -577,16 +591,12 @@ def _end_where_due(selected, work, lane, inputs, sampling, block, first, sample,
     _truth(selected, work, lane, own, truth)
     fallen = work[STEP * LANES + lane] == 0.0 or not lean <= LARGEST_LEAN
     fallen = fallen or math.cos(truth[2]) * math.cos(truth[3]) < own.fallen_cosine
-    if not fallen:
-        P, u = whole, load_torques(selected, work, lane)
-        if own.play > 0.0:
-            P, u = wheel_side(whole, own.rotor_inertia), passed_torques(selected, work, lane)
-        if not sinking(selected, P, state, u) < inputs.lift_offs[_row_of(inputs.lift_offs, number)]:
-            fallen = out.lifted[number] = True
-        elif sampling.grip < math.inf:
-            touching = inputs.contacts[_row_of(inputs.contacts, number)]
-            if not friction_needed(selected, P, state, u, touching) <= sampling.grip:
-                fallen = out.slipped[number] = True
+    if not fallen and own.play > 0.0:  # wheels of another type than those with friction by direction
+        P, u = wheel_side(whole, own.rotor_inertia), passed_torques(selected, work, lane)
+        fallen = _off_the_ball(selected, P, u, inputs, sampling, number, state, out)
+    elif not fallen:
+        u = load_torques(selected, work, lane)
+        fallen = _off_the_ball(selected, whole, u, inputs, sampling, number, state, out)
     if fallen:
         out.ended[number] = sample
         work[STEP * LANES + lane] = 0.0  # the lane stays where it is

@@ -55,6 +55,7 @@ from ballbot.workflows.controller_choice import (
     measure_steps,
 )
 from ballbot.workflows.controller_prediction import Prediction, predict
+from ballbot.workflows.stiffness import FrictionByStiffness, measure_stiffness
 from ballbot.workflows.twin_confirmation import Confirmation, confirm
 
 if TYPE_CHECKING:
@@ -115,6 +116,7 @@ class Study:
     steps: Mapping[
         Step, tuple[Trial, Trial]
     ]  #: what brings the gain, before and after; empty in a quick study
+    stiffness: FrictionByStiffness | None  #: where friction matters; None in a quick study
     prediction: (
         Prediction | None
     )  #: of the chosen controller's next run; None if none is chosen or draws are few
@@ -224,6 +226,11 @@ def study(
     )
     confirmation = confirm(found, choice, run=_named(run, "confirming on the twin")) if confirmed else None
     steps = {} if options.quick else measure_steps(choice, run=_named(run, "measuring what brings the gain"))
+    stiffness = (
+        None
+        if options.quick
+        else measure_stiffness(choice, run=_named(run, "measuring where friction matters"))
+    )
     return Study(
         robot=robot,
         logs=studied,
@@ -235,6 +242,7 @@ def study(
         choice=choice,
         confirmation=confirmation,
         steps=steps,
+        stiffness=stiffness,
         prediction=predict(choice, logs=[one.log for one in studied]),
         options=options,
         seed=run.seed,

@@ -1,0 +1,219 @@
+"""Where friction matters: the error over the stiffness of the gain, with and without compensation and observer.
+
+A soft gain wanders by the friction over its position gain; a stiff one leaves little of that to compensate, and in the
+end shakes its gears through their play. The gains lead from the soft one (weights q_0) over the precise controller's
+(q_1) to where the loop has no margin: with delay, lag and resonance of the scenario its sensitivity exceeds 2 at some
+frequency.
+
+    q = q_0^(1 - s) q_1^s
+
+Everything else is the precise controller's, on robots of the choice, on the first part of its course.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import dropwhile, product, takewhile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.controller import Controller
+from ballbot.control.linear import robot_loop
+from ballbot.control.margins import sensitivity_peak
+from ballbot.control.presets import (
+    NOMINAL_STATE_WEIGHTS,
+    PRECISE_INTEGRAL_WEIGHTS,
+    PRECISE_STATE_WEIGHTS,
+    design_integral_gain,
+    precise_controller,
+)
+from ballbot.errors import InputError
+from ballbot.fitting.run import DEFAULT_RUN, Run
+from ballbot.twin.scenario import Scenario
+from ballbot.workflows.comparison import run_comparison
+from ballbot.workflows.controller_choice import ControllerChoice, NamedCourse, Trial, loop_run
+
+#: of the integrals beside the soft weights, so small that the position gain stays within a tenth of the soft one's
+_SOFT_INTEGRAL_WEIGHTS = (0.02, 0.02, 0.002)
+#: s of the gains: the soft one is 0, the precise controller's 1. At 2.5 the position gain is 450 times the soft one
+_STIFFEST, _GAINS = 2.5, 7
+#: the stiffest is not sought below this s: a loop without margins is compared, too
+_LEAST = 0.5
+#: largest sensitivity of a loop with margins: all torques may double or turn by 29 deg
+LARGEST_SENSITIVITY = 2.0
+#: of the choice's; the median of ten has a 95 % interval from the second to the ninth
+_ROBOTS = 10
+#: of the course [s]: two sides of the square
+_DURATION = 16.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Variant:
+    """What a controller has beside its gain."""
+
+    compensation: bool  #: full
+    observer: bool  #: the disturbance observer and integral action
+
+
+VARIANTS = tuple(
+    Variant(compensation=compensation, observer=observer)
+    for compensation, observer in product((False, True), repeat=2)
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stiffness:
+    """Controllers of one gain."""
+
+    position_gain: float  #: torque of all wheels, root of the sum of squares, for a metre along x [N m/m]
+    #: largest over the frequencies, without and with the observer; infinite without stability
+    sensitivities: Mapping[bool, float]
+    trials: Mapping[Variant, Trial]
+
+    def holds(self, variant: Variant) -> bool:
+        """Return whether the loop has margins and no run fell."""
+        return self.sensitivities[variant.observer] <= LARGEST_SENSITIVITY and not self.trials[variant].falls
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrictionByStiffness:
+    """The error over the stiffness of the gain."""
+
+    course: NamedCourse
+    gains: tuple[Stiffness, ...]  #: the softest first
+    precise_gain: float  #: position gain of the precise controller [N m/m]
+    margins_end: bool  #: whether a stiffer gain has no margins; else it was not tried
+
+    def stiffest(self, variant: Variant) -> Stiffness | None:
+        """Return the stiffest gain up to which all have margins, nothing falls and the error does not clearly grow.
+
+        Growing means that the interval of the median lies above that of a softer gain. None if the softest fails.
+        """
+        found: Stiffness | None = None
+        lowest = np.inf  # upper end of an interval
+        for one in self.gains:
+            peak = one.trials[variant].peak
+            if not one.holds(variant) or peak.low > lowest:
+                break
+            found, lowest = one, min(lowest, peak.high)
+        return found
+
+    def pays_over(self, *, observer: bool) -> tuple[Stiffness, ...]:
+        """Return the first gains in a row at which compensation makes the error clearly smaller.
+
+        That is, the interval of the ratio lies above 1, robot by robot, and compensation makes no run fall.
+        """
+        without, with_it = (Variant(compensation=has, observer=observer) for has in (False, True))
+
+        def pays(one: Stiffness) -> bool:
+            plain, compensated = one.trials[without], one.trials[with_it]
+            return compensated.falls <= plain.falls and plain.ratio_to(compensated).low > 1.0
+
+        return tuple(takewhile(pays, dropwhile(lambda one: not pays(one), self.gains)))
+
+
+def measure_stiffness(choice: ControllerChoice, *, run: Run = DEFAULT_RUN) -> FrictionByStiffness:
+    """Run gains from soft to where the margins end on the first robots of a choice.
+
+    Raises
+    ------
+    InputError
+        As `choose_controller`.
+    """
+    base, scenario = choice.trials["precise"].controller, choice.plants[0].scenario
+    plants = choice.plants[:_ROBOTS]
+    course = replace(choice.course, duration=min(choice.course.duration, _DURATION))
+    end = _end(base, scenario)
+    ladder = np.linspace(0.0, end, _GAINS).tolist()
+    controllers = {
+        (place, variant): _controller(base, s, variant)
+        for place, s in enumerate(ladder)
+        for variant in VARIANTS
+    }
+    found = run_comparison(
+        [
+            loop_run(f"{place} {variant}", controller, plant, course)
+            for (place, variant), controller in controllers.items()
+            for plant in plants
+        ],
+        run=run,
+    )
+
+    def trial(place: int, variant: Variant) -> Trial:
+        return Trial.of(controllers[place, variant], found.of(f"{place} {variant}", course.name))
+
+    gains = tuple(
+        Stiffness(
+            position_gain=_position_gain(controllers[place, VARIANTS[0]]),
+            sensitivities={
+                observer: _sensitivity(
+                    controllers[place, Variant(compensation=False, observer=observer)], scenario
+                )
+                for observer in (False, True)
+            },
+            trials={one: trial(place, one) for one in VARIANTS},
+        )
+        for place in range(_GAINS)
+    )
+    return FrictionByStiffness(
+        course=course, gains=gains, precise_gain=_position_gain(base), margins_end=end < _STIFFEST
+    )
+
+
+def _position_gain(controller: Controller) -> float:
+    return float(np.linalg.norm(controller.gain[:, 0]))
+
+
+def _controller(base: Controller, s: float, variant: Variant) -> Controller:
+    weights = _between(NOMINAL_STATE_WEIGHTS, PRECISE_STATE_WEIGHTS, s)
+    # beyond the precise gain as the position's: integrals that grow faster would act faster than the robot balances
+    stiffer = weights[0] / _between(NOMINAL_STATE_WEIGHTS, PRECISE_STATE_WEIGHTS, min(s, 1.0))[0]
+    integral = stiffer * _between(_SOFT_INTEGRAL_WEIGHTS, PRECISE_INTEGRAL_WEIGHTS, min(s, 1.0))
+    design = design_integral_gain(
+        base.robot,
+        state_weights=weights.tolist(),
+        integral_weights=integral.tolist(),
+        sample_time=base.sample_time,
+    )
+    made = precise_controller(
+        base.robot, compensation="full" if variant.compensation else "none", design=design
+    )
+    if variant.observer:
+        return made
+    return made.with_parts(replace(made.parts, integral=None, disturbance_observer=None))
+
+
+def _between(soft: Sequence[float], stiff: Sequence[float], s: float) -> NDArray[np.float64]:
+    return np.asarray(np.array(soft) ** (1.0 - s) * np.array(stiff) ** s)
+
+
+def _end(base: Controller, scenario: Scenario) -> float:
+    """Return up to which s a gain by itself has margins."""
+    for s in np.arange(_LEAST, _STIFFEST, 0.25):
+        try:
+            stiffer = _controller(base, s + 0.25, VARIANTS[0])
+        except InputError:  # no gain stabilises with these weights
+            return float(s)
+        if _sensitivity(stiffer, scenario) > LARGEST_SENSITIVITY:
+            return float(s)
+    return _STIFFEST
+
+
+def _sensitivity(controller: Controller, scenario: Scenario) -> float:
+    """Return a loop's largest sensitivity with what delays its torques and sensors in a scenario, and its resonance."""
+    timing, motors = scenario.timing, scenario.current_loop
+    faults, twist = scenario.sensor_faults, scenario.compliance
+    late = (timing.delay * controller.sample_time if timing else 0.0) + (faults.latency if faults else 0.0)
+
+    def passed(omega: NDArray[np.float64]) -> NDArray[np.complex128]:
+        response = np.exp(-1j * omega * late)
+        if motors:
+            response = response / (1.0 + 1j * omega / (2.0 * np.pi * motors.bandwidth))
+        if twist:
+            ratio = omega / (2.0 * np.pi * twist.frequency)
+            response = response / (1.0 - ratio**2 + 2j * twist.damping_ratio * ratio)
+        return response
+
+    return sensitivity_peak(robot_loop(controller), passed)

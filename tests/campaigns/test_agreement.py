@@ -1,0 +1,98 @@
+"""Agreement of loop and twin: its page from scores that are known, and a stopped campaign that goes on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.support.scores import score_of
+
+pytest.importorskip("mujoco")
+
+from campaigns import agreement
+from campaigns.agreement import (
+    CONTROLLERS,
+    COURSES,
+    EFFECTS,
+    EXPLAINED,
+    FEWEST,
+    TWIN_SEEDS,
+    Both,
+    both,
+    run_comparison,
+    run_twin,
+    runs_of,
+    section,
+    twin_plan,
+)
+
+
+def known(
+    controller: str, loop: float, twin: float, *, course: str = "nominal, hold", falls: int = 0
+) -> Both:
+    """Return peak errors [m] within 10 % of these on the loop and on the twin, some of the twin's runs fallen."""
+    scores = [[score_of(size * factor) for factor in np.linspace(0.9, 1.1, 20)] for size in (loop, twin)]
+    scores[1][:falls] = [replace(one, ended="fallen") for one in scores[1][:falls]]
+    return Both(course=course, controller=controller, scores=(tuple(scores[0]), tuple(scores[1])))
+
+
+def test_orders_count_where_intervals_are_apart_on_both():
+    soft, full, other = known("soft", 0.4, 0.3), known("full", 0.1, 0.1), known("partial", 0.1, 0.2)
+    assert soft.orders(full, "peak") == full.orders(soft, "peak") == 1
+    assert full.orders(other, "peak") == 0  # apart on the twin alone
+    assert known("precise", 0.1, 0.4).orders(soft, "peak") == -1
+    assert soft.orders(known("full", 0.1, 0.1, falls=FEWEST + 10), "peak") == 0  # of four runs left
+    words = section([soft, full, other, known("precise", 0.1, 0.4)], []).after
+    assert "peak of soft and precise (nominal, hold)" in words
+    assert "0 of 0 by roughness" in words
+
+
+def test_a_median_outside_the_twins_interval_is_bold_and_counted():
+    found = section([known("soft", 0.4, 0.3), known("full", 0.1, 0.1)], [])
+    cells = dict(zip(found.columns, found.rows[0], strict=True))
+    assert cells["peak, loop [mm]"].startswith("**400.0** (")
+    assert cells["peak, twin [mm]"].startswith("300.0 (")
+    assert not found.rows[1][2].startswith("**")
+    assert "1 of 2 by peak, loop over twin 1.33 to 1.33" in found.after
+
+
+def test_a_plan_that_is_stopped_is_balanced_and_whole_at_its_end():
+    plan = twin_plan()
+    names = {(one.course, one.candidate, one.seed) for one in plan}
+    assert len(names) == len(plan)
+    effects = len(EXPLAINED) * len(EFFECTS) * FEWEST
+    assert len(plan) == len(CONTROLLERS) * len(COURSES) * len(TWIN_SEEDS) + effects
+    tasks = {one.course: one.course.rpartition(" ")[2] for one in plan} | {
+        one.name: "effect" for one in EFFECTS
+    }
+    # stopped anywhere, no controller on a course is more than a seed ahead of another on a course of its kind
+    for stop in range(0, len(plan), 97):
+        counts = {tasks[one.course]: dict[tuple[str, str], int]() for one in plan}
+        for place, one in enumerate(plan):
+            of = counts[tasks[one.course]]
+            of[one.course, one.candidate] = of.get((one.course, one.candidate), 0) + (place < stop)
+        assert all(max(of.values()) - min(of.values()) <= 1 for of in counts.values())
+
+
+@pytest.mark.sample
+def test_a_stopped_campaign_goes_on_and_makes_the_page_of_what_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    brief = tuple(replace(one, duration=1.0, settle=0.5) for one in COURSES[:2])
+    monkeypatch.setattr(agreement, "CONTROLLERS", {name: CONTROLLERS[name] for name in ("soft", "precise")})
+    runs = runs_of(brief, (0, 1), on="twin")
+    first = run_twin(runs[:3], folder=tmp_path, processes=1)
+    kept = {path: path.read_bytes() for path in tmp_path.glob("*.json")}
+    twin = run_twin(runs, folder=tmp_path, processes=1)
+    assert all(path.read_bytes() == content for path, content in kept.items())
+    assert twin.results[0].score == first.results[0].score
+    loop = run_comparison(runs_of(brief, range(8), on="model"))
+    found = both(brief, loop, twin)
+    # a second from the same start, before chaos: both lean and go alike
+    for one in found:
+        assert [len(scores) for scores in one.scores] == [8, 2]
+        assert 0.2 < one.ratio("peak") < 5.0
+    assert len(section(found, []).rows) == 4
