@@ -38,9 +38,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
 
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.search import leaving
 from ballbot.fitting.uncertainty import WindowEquations
 from ballbot.identification.parameters import Coordinates
 from ballbot.identification.prediction import DIFFERENCE, Problem, Work
@@ -50,14 +50,15 @@ from ballbot.progress import Progress
 #: agree with ones ten times wider to 1e-5, and half the central ones of the result's equations, which average over
 #: single sticking steps
 _NARROW, _WIDE = (1e-6, 1e-4), (DIFFERENCE, 0.5)
-#: of the parameters' diagonal at first, and at least and at most
-_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-8, 1e4
-#: factor of the damping after a step that gained less than a quarter of what was expected, or more than three quarters
-_FIRMER, _LOOSER = 4.0, 0.25
-#: the descent has ended where so many steps one after another neither gain nor promise more than this
-_PATIENCE, _LITTLE = 2, 1e-7
-#: windows are then begun again, so often at most
-_RENEWALS = 3
+#: half the width of the trust region at first, in scaled parameters; a step that gains less than a quarter of what was
+#: expected leaves this share of the step, one that gains more than three quarters gives room for so many of it
+_RADIUS, _NARROWER, _WIDER = 0.3, 0.3, 2.5
+#: curvature in the flattest direction, of the steepest one's
+_FLATTEST = 1e-12
+#: where so many steps one after another gain less than the first, and promise no more or are shorter than the last,
+#: windows are begun again, until that finds nothing, but not more often; then the descent ends by the second
+_PATIENCE, _SLOW, _LITTLE, _SHORT = 2, 1e-5, 1e-7, 1e-3
+_RENEWALS = 4
 #: a start has settled where a step promises less, in squares of a residual's deviation; steps at most
 _SETTLED, _ROUNDS = 1e-3, 5
 #: a step along one side's slopes holds if it gains this share of what they promise
@@ -216,33 +217,35 @@ def descend(
     at = _at(problem, point, starts)
     at = _settled(problem, at, point, starts[None])
     fixed = np.zeros(len(point)) if moved is None else moved
-    damping, history, firm = _DAMPING, list[float](), False
+    radius, history = _RADIUS, list[float]()
     scale = 2.0 * compared(problem) * int(problem.cost.counted.sum())
     short_steps = renewals = 0
     for number in range(1, most_steps + 1):
         about = at.equations(problem)
         normal = about.equations.normal
         H, g = normal.matrix, normal.scores.sum(axis=0)
-        step = _step(H, g, at.point, free=free, fixed=fixed, damping=damping)
+        step = _step(H, g, at.point, free=free, fixed=fixed, radius=radius)
         promised = -float(2.0 * g @ step + step @ H @ step) / scale
         ahead = at.starts + about.response @ step
         after = _settled(problem, at, at.point + step, np.stack([at.starts, ahead, ahead + about.shift]))
         gain = at.cost - after.cost
         if gain > 0.0 or fixed.any():
             at = after
+        length = float(np.abs(step - fixed).max())
         if gain < 0.25 * promised:
-            damping, firm = min(_FIRMER * damping, _MOST_DAMPING), True
+            radius = _NARROWER * length
         elif gain > 0.75 * promised:
-            damping, firm = damping if firm else max(_LOOSER * damping, _LEAST_DAMPING), False
-        ends = not fixed.any() and gain < _LITTLE and (promised < _LITTLE or gain < -10.0 * promised)
-        short_steps, fixed = short_steps + 1 if ends else 0, np.zeros(len(point))
+            radius = min(max(radius, _WIDER * length), 1.0)
+        little = _LITTLE if renewals == _RENEWALS else _SLOW
+        short = gain < little and (promised < little or radius < _SHORT) and not fixed.any()
+        short_steps, fixed = short_steps + 1 if short else 0, np.zeros(len(point))
         if short_steps == _PATIENCE and renewals < _RENEWALS:
             renewed = _renewed(problem, at, seed=renewals)
-            renewals, short_steps = renewals + 1, 0 if renewed.cost < at.cost - _LITTLE else short_steps
-            at, damping = (renewed, _DAMPING) if renewed.cost < at.cost else (at, damping)
+            renewals = renewals + 1 if renewed.cost < at.cost - _SLOW else _RENEWALS
+            at, radius, short_steps = min(renewed, at, key=lambda one: one.cost), _RADIUS, 0
         history.append(at.cost)
         run.progress(Progress(stage="gauss_newton", done=number, total=most_steps, cost=at.cost))
-        if short_steps >= _PATIENCE:
+        if short_steps == _PATIENCE:
             break
     return at.point, at.starts, history
 
@@ -318,20 +321,21 @@ def _step(
     *,
     free: NDArray[np.bool_],
     fixed: NDArray[np.float64],
-    damping: float,
+    radius: float,
 ) -> NDArray[np.float64]:
-    """Return the damped step (p,) of free parameters beside that of those fixed; what would leave ends at its bound."""
-    step, moved = fixed.copy(), free & ~leaving(point, g + H @ fixed) & (H.diagonal() > 0.0)
-    while moved.any():
-        places, held = np.flatnonzero(moved), np.where(moved, 0.0, step)
-        damped = H[np.ix_(places, places)] + damping * np.diag(H.diagonal()[places])
-        step = held.copy()
-        step[places] = -np.linalg.solve(damped, (g + H @ held)[places])
-        inside = np.clip(point + step, 0.0, 1.0) - point
-        outside = moved & (inside != step) & (np.abs(inside - step) > 1e-15)
-        if not outside.any():
-            break
-        step[outside], moved = inside[outside], moved & ~outside
+    """Return the best step (p,) of free parameters beside that of those fixed, within the bounds and the region."""
+    step, places = fixed.copy(), np.flatnonzero(free & (H.diagonal() > 0.0))
+    if len(places):
+        scale = 1.0 / np.sqrt(H.diagonal()[places])
+        values, vectors = np.linalg.eigh(H[np.ix_(places, places)] * np.outer(scale, scale))
+        roots = np.sqrt(np.maximum(values, _FLATTEST * values[-1]))
+        right = -(vectors.T @ (scale * (g + H @ fixed)[places])) / roots
+        inside = point[places]
+        lower, upper = np.maximum(-radius, -inside), np.minimum(radius, 1.0 - inside)
+        # in place of a side that is no interval
+        upper = np.maximum(upper, lower + 1e-15)
+        found = lsq_linear(roots[:, None] * vectors.T / scale, right, bounds=(lower, upper), method="bvls")
+        step[places] = found.x
     return np.clip(point + step, 0.0, 1.0) - point
 
 
