@@ -61,8 +61,8 @@ _PATIENCE, _SLOW, _LITTLE, _SHORT = 2, 1e-5, 1e-7, 1e-3
 _RENEWALS = 4
 #: a start has settled where a step promises less, in squares of a residual's deviation; steps at most
 _SETTLED, _ROUNDS = 1e-3, 5
-#: a step along one side's slopes holds if it gains this share of what they promise
-_HOLDS = 0.5
+#: a step along one side's slopes holds if it gains this share of what they promise, and needs no new slopes with that
+_HOLDS, _STRAIGHT = 0.5, 0.9
 #: weight of a tie, over that of the residuals along its normal
 _TIE = 1e6
 #: random starts of each window, from so many times to so many the deviations that its residuals leave, and how many of
@@ -474,8 +474,17 @@ def _settle(work: Work, about: _Differences, lanes: _Lanes) -> NDArray[np.float6
         unsettled = promised > _SETTLED
         if not unsettled.any():
             break
-        active, Z, r, own, A, a = (one[unsettled] for one in (active, Z, r, own, A, a))
-        shift, promised = shift[unsettled], promised[unsettled]
+        active, shift, promised = active[unsettled], shift[unsettled], promised[unsettled]
+        ahead = lanes.starts[active] + shift
+        residuals = _at_starts(work, about, ahead, lanes.rows[active])
+        before = (r[unsettled] ** 2).sum(axis=1)
+        straight = before - (_flat(residuals, W) ** 2).sum(axis=1) > _STRAIGHT * promised
+        passed = active[straight]
+        lanes.starts[passed], lanes.residuals[passed] = ahead[straight], residuals[straight]
+        if straight.all():
+            continue
+        active, shift, promised, before = (one[~straight] for one in (active, shift, promised, before))
+        Z, r, own, A, a = (one[unsettled][~straight] for one in (Z, r, own, A, a))
         ahead = _lanes(work, about, lanes.starts[active] + shift, lanes.rows[active])
         Z_ahead, r_ahead = _flat(ahead.slopes, W), _flat(ahead.residuals, W)
         normal, distance = _kink(Z, Z_ahead, r_ahead - r, shift)
@@ -486,7 +495,7 @@ def _settle(work: Work, about: _Differences, lanes: _Lanes) -> NDArray[np.float6
         onto = -np.linalg.solve(A + tied, (a - weight * distance[:, None] * n)[..., None])[..., 0]
         on_kink = lanes.starts[active] + onto
         residuals = _at_starts(work, about, on_kink, lanes.rows[active])
-        before, gain = (r**2).sum(axis=1), (r**2).sum(axis=1) - (r_ahead**2).sum(axis=1)
+        gain = before - (r_ahead**2).sum(axis=1)
         gain_on_kink = before - (_flat(residuals, W) ** 2).sum(axis=1)
         holds = (gain > _HOLDS * promised) | (gain > np.maximum(gain_on_kink, 0.0))
         passed, kept = active[holds], active[~holds]

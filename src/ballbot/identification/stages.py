@@ -46,7 +46,7 @@ Search = Literal["multistart", "genetic"]
 #: the fixed starts of friction, scaled: every amount's, and v_s and delta
 _AMOUNTS, _SHAPES = (0.05, 0.2), (0.3, 0.6)
 #: from so many of them so many steps, one after the other; the best go on
-_SEARCH = ((8, 4), (2, 4))
+_SEARCH = ((4, 3), (2, 3))
 
 
 def states_counted(excluded: Sequence[str]) -> NDArray[np.bool_]:
@@ -304,12 +304,12 @@ def _fixed_starts(coordinates: Coordinates) -> list[NDArray[np.float64]]:
     """Return the scaled points (p,) that the search begins from: quantities besides friction as they were."""
     names, own = np.array(coordinates.names), coordinates.scaled(coordinates.nominal)
     points = []
-    for amount, v_s, delta in product(_AMOUNTS, _SHAPES, _SHAPES):
+    for amount, shape in product(_AMOUNTS, _SHAPES):
         point = own.copy()
         for name, value in {
             **dict.fromkeys(("viscous", "coulomb", "stribeck", "rolling"), amount),
-            "stribeck_speed": v_s,
-            "stribeck_exponent": delta,
+            "stribeck_speed": shape,
+            "stribeck_exponent": shape,
         }.items():
             point[(names == name) & coordinates.free] = value
         if not any(np.array_equal(point, one) for one in points):
