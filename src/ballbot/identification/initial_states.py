@@ -57,7 +57,7 @@ _RADIUS, _NARROWER, _WIDER = 0.3, 0.3, 2.5
 _FLATTEST = 1e-12
 #: where so many steps one after another gain less than the first, and promise no more or are shorter than the last,
 #: windows are begun again, until that finds nothing, but not more often; then the descent ends by the second
-_PATIENCE, _SLOW, _LITTLE, _SHORT = 2, 1e-5, 1e-7, 1e-3
+_PATIENCE, _SLOW, _LITTLE, _SHORT = 2, 1e-5, 5e-7, 1e-3
 _RENEWALS = 4
 #: a start has settled where a step promises less, in squares of a residual's deviation; steps at most
 _SETTLED, _ROUNDS = 1e-3, 5
@@ -469,7 +469,7 @@ def _settle(work: Work, about: _Differences, lanes: _Lanes) -> NDArray[np.float6
         S = Z[:, m:]
         A, a = S @ S.transpose(0, 2, 1), (S @ r[..., None])[..., 0]
         own, A = A, A + ties[active][:, m:, m:]
-        shift = -np.linalg.solve(A, a[..., None])[..., 0]
+        shift: NDArray[np.float64] = np.negative(np.linalg.solve(A, a[..., None])[..., 0], dtype=np.float64)
         promised = -(a * shift).sum(axis=1)
         unsettled = promised > _SETTLED
         if not unsettled.any():
@@ -483,8 +483,14 @@ def _settle(work: Work, about: _Differences, lanes: _Lanes) -> NDArray[np.float6
         lanes.starts[passed], lanes.residuals[passed] = ahead[straight], residuals[straight]
         if straight.all():
             continue
-        active, shift, promised, before = (one[~straight] for one in (active, shift, promised, before))
-        Z, r, own, A, a = (one[unsettled][~straight] for one in (Z, r, own, A, a))
+        turned = np.flatnonzero(unsettled)[~straight]
+        active, shift, promised, before = (
+            active[~straight],
+            shift[~straight],
+            promised[~straight],
+            before[~straight],
+        )
+        Z, r, own, A, a = Z[turned], r[turned], own[turned], A[turned], a[turned]
         ahead = _lanes(work, about, lanes.starts[active] + shift, lanes.rows[active])
         Z_ahead, r_ahead = _flat(ahead.slopes, W), _flat(ahead.residuals, W)
         normal, distance = _kink(Z, Z_ahead, r_ahead - r, shift)
