@@ -67,7 +67,7 @@ _HOLDS, _STRAIGHT = 0.5, 0.9
 _TIE = 1e6
 #: random starts of each window, from so many times to so many the deviations that its residuals leave, and how many of
 #: those that lie in other basins settle
-_DRAWN, _SPREADS, _RENEWED = 24, (1.0, 5.0), 3
+_DRAWN, _SPREADS, _RENEWED = 16, (0.5, 3.0), 5
 #: they lie there if their cost, starts eliminated, differs by more, in squares; above the most they cannot be better
 _APART, _FAR, _BETTER = 0.02, 60.0, 0.01
 _STATES = 10
