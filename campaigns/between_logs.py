@@ -12,12 +12,10 @@ that an interrupted campaign continues; delete the folder after a change of the 
 
 from __future__ import annotations
 
-import pickle
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -26,7 +24,7 @@ from scipy.stats import beta
 
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference
-from ballbot.files import read_sealed, write_sealed, write_text
+from ballbot.files import write_text
 from ballbot.fitting.between_logs import RobotLogs, fit_prior
 from ballbot.fitting.intervals import HALF_WIDTH, Uncertainty, assess
 from ballbot.fitting.model_selection import gain_between
@@ -69,11 +67,10 @@ from ballbot.twin.faults import (
     Timing,
 )
 from campaigns.coverage import BEGIN
-from campaigns.section import Section, is_kept
+from campaigns.section import HERE, Section, finished
 
 T = TypeVar("T")
 
-KEPT = Path(__file__).parents[1] / "build" / "between_logs"
 ROBOT = Robot.load("alten")
 NOMINAL = Scenario.nominal(ROBOT)
 DURATION = 24.0  # [s] of each log of a pair
@@ -178,13 +175,7 @@ def nominal_log(seed: int, scenario: Scenario = NOMINAL, *, duration: float = 48
 
 
 def _kept(name: str, make: Callable[[], T]) -> T:
-    path = KEPT / f"{name}.pickle"
-    if is_kept(path):
-        return pickle.loads(read_sealed(path))
-    made = make()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_sealed(path, pickle.dumps(made))
-    return made
+    return finished("between_logs", lambda _: make(), {name: None}, workers=HERE)[name]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

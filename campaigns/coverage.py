@@ -2,20 +2,14 @@
 
 .venv/bin/python -m campaigns.evidence coverage
 
-Finished repeats are kept in build/coverage.json and are not repeated: an interrupted campaign continues. Delete the
-file after a change of the measurement.
+Finished repeats are kept in build/coverage and are not repeated: an interrupted campaign continues.
 """
 
 from __future__ import annotations
 
-import json
-import os
-import sys
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from functools import partial
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import binom
@@ -23,7 +17,6 @@ from scipy.stats import binom
 from ballbot.control.controller import Controller
 from ballbot.control.presets import design_gain
 from ballbot.control.references import square
-from ballbot.files import read_sealed, write_sealed
 from ballbot.fitting.intervals import Interval, assess
 from ballbot.fitting.run import Run, Threads
 from ballbot.fitting.search import at_bound
@@ -32,15 +25,12 @@ from ballbot.identification.prediction import Predictor
 from ballbot.identification.stages import IdentificationOptions, prepare, refine
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
-from ballbot.processes import worker_pool
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import Imperfections
-from ballbot.thesis.reproduce.recordings import sources_of
 from benchmarks.workloads import nominal_robot
-from campaigns.section import Section, is_kept
+from campaigns.section import Section, finished
 
-KEPT = Path(__file__).parents[1] / "build" / "coverage.json"
 DURATION = 32.0  # [s] of each log, twice around the square
 STEP = 2.5e-3  # [s], inner step of the truth and of the fits
 ATTITUDE_NOISE, GYRO_NOISE = 6e-4, 4e-3  # [rad], [rad/s]: those of a robot with an AHRS and a gyro
@@ -107,22 +97,8 @@ def repeat(truth: Friction, *, seed: int) -> Repeat:
     )
 
 
-def repeats(name: str, *, count: int, kept: Path | None = None, processes: int = 1) -> Iterator[Repeat]:
-    """Yield repeats of the truth of that name, those first that are in the file kept; the others go into it."""
-    code = sources_of("fitting", "identification", "mechanics", "simulation", "control", "robot", "log")
-    known = json.loads(read_sealed(kept, of=code)) if kept is not None and is_kept(kept) else {}
-    keys = [f"{name} {seed}" for seed in range(count)]
-    yield from (_from_plain(known[key]) for key in keys if key in known)
-    missing = [seed for seed, key in enumerate(keys) if key not in known]
-    with worker_pool(processes) as pool:
-        for seed, one in zip(missing, pool.map(partial(_repeat_of, name), missing), strict=True):
-            known[keys[seed]] = _plain(one)
-            if kept is not None:
-                write_sealed(kept, json.dumps(known).encode(), of=code)
-            yield one
-
-
-def _repeat_of(name: str, seed: int) -> Repeat:
+def _repeat_of(run: tuple[str, int]) -> Repeat:
+    name, seed = run
     return repeat(TRUTHS[name], seed=seed)
 
 
@@ -140,13 +116,10 @@ def held(label: str, done: Sequence[Repeat], truth: Mapping[str, float]) -> list
 
 def campaign() -> Section:
     """Run what is not yet done and return the section of docs/generated/evidence.md."""
-    done: dict[str, list[Repeat]] = {}
-    for name, count in REPEATS.items():
-        done[name] = []
-        for one in repeats(name, count=count, kept=KEPT, processes=os.cpu_count() or 1):
-            done[name].append(one)
-            print(f"\r{name}: {len(done[name])} of {count}", end="", file=sys.stderr, flush=True)
-        print(file=sys.stderr)
+    runs = {f"{name} {seed}": (name, seed) for name, count in REPEATS.items() for seed in range(count)}
+    packages = ("fitting", "identification", "mechanics", "simulation", "control", "robot", "log")
+    found = finished("coverage", _repeat_of, runs, packages=packages)
+    done = {name: [one for key, one in found.items() if runs[key][0] == name] for name in REPEATS}
     truth, everything = truth_of("all"), done["all"]
     least, most = binom.interval(0.95, len(everything), 0.95)
     rows = [_row(label, everything, truth) for label in truth]
@@ -182,17 +155,3 @@ def _row(label: str, done: Sequence[Repeat], truth: Mapping[str, float]) -> list
         f"{sum(inside)} of {len(inside)}",
         ", ".join(f"{method} {count}" for method, count in methods.most_common()),
     ]
-
-
-def _plain(one: Repeat) -> dict[str, object]:
-    return {
-        "estimates": dict(one.estimates),
-        "intervals": {label: asdict(interval) for label, interval in one.intervals.items()},
-    }
-
-
-def _from_plain(plain: dict) -> Repeat:
-    return Repeat(
-        estimates=plain["estimates"],
-        intervals={label: Interval(**one) for label, one in plain["intervals"].items()},
-    )

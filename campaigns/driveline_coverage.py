@@ -3,29 +3,23 @@
 .venv/bin/python -m campaigns.evidence driveline_coverage
 
 Each seed is a sweep of the nominal twin's free wheels, its three wheels three drivelines. Finished seeds are kept in
-build/driveline_coverage.json and are not repeated. Delete the file after a change of the measurement.
+build/driveline_coverage and are not repeated.
 """
 
 from __future__ import annotations
 
-import json
 import math
-import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from scipy.stats import binomtest
 
-from ballbot.files import read_sealed, write_sealed
 from ballbot.identification.driveline import NAMES, DrivelineFit, fit_driveline, sweeps_of
 from ballbot.robot import Robot
-from ballbot.thesis.reproduce.recordings import sources_of
 from ballbot.twin.bench import run_bench, sweep_torques
 from ballbot.twin.scenario import Scenario
-from campaigns.section import Section, is_kept
+from campaigns.section import Section, finished
 
-KEPT = Path(__file__).parents[1] / "build" / "driveline_coverage.json"
 #: not those that the method was developed on, which began at 0
 SEEDS = range(100, 108)
 DURATION = 62.83  # [s], once around the thesis's sine
@@ -60,6 +54,10 @@ def numbers_of(fit: DrivelineFit) -> Numbers:
     }
 
 
+def _numbers_of_seed(seed: int) -> list[Numbers]:
+    return [numbers_of(fit) for fit in fits_of(seed)]
+
+
 def covered(done: Sequence[Numbers], truths: Sequence[Sequence[float]], place: int) -> tuple[int, int]:
     """Return how many intervals contain the truth, and how many there are."""
     given = [
@@ -72,16 +70,12 @@ def covered(done: Sequence[Numbers], truths: Sequence[Sequence[float]], place: i
 
 def campaign() -> Section:
     """Run what is not yet done and return the section of docs/generated/evidence.md."""
-    code = sources_of("fitting", "identification", "mechanics", "simulation", "robot", "log", "twin")
-    known: dict[str, list[Numbers]] = json.loads(read_sealed(KEPT, of=code)) if is_kept(KEPT) else {}
-    for seed in SEEDS:
-        if str(seed) not in known:
-            known[str(seed)] = [numbers_of(fit) for fit in fits_of(seed)]
-            write_sealed(KEPT, json.dumps(known).encode(), of=code)
-        print(f"\rseed {seed}", end="", file=sys.stderr, flush=True)
-    print(file=sys.stderr)
+    packages = ("fitting", "identification", "mechanics", "simulation", "robot", "log", "twin")
+    known = finished(
+        "driveline_coverage", _numbers_of_seed, {str(seed): seed for seed in SEEDS}, packages=packages
+    )
     scenario = Scenario.nominal(Robot.load("alten"))
-    done = [one for seed in SEEDS for one in known[str(seed)]]
+    done = [one for of_seed in known.values() for one in of_seed]
     truths = [truth_of(scenario, wheel) for _ in SEEDS for wheel in range(3)]
     rows = [_row(done, truths, place) for place in range(len(NAMES))]
     return Section(

@@ -6,13 +6,8 @@ and in half of the cases by a second, mild one. Logs and the study are kept in b
 
 from __future__ import annotations
 
-import os
-import pickle
-import sys
 from collections.abc import Callable, Sequence
-from concurrent.futures import as_completed
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -22,10 +17,8 @@ from ballbot.control.controller import Controller
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import figure_eight, square
 from ballbot.estimation import named_estimator
-from ballbot.files import read_sealed, write_sealed
 from ballbot.identification import Identification, identify
 from ballbot.log import Log
-from ballbot.processes import worker_pool
 from ballbot.robot import Robot
 from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.simulation.imperfections import Supply
@@ -49,9 +42,10 @@ from ballbot.workflows.controller_choice import (
     choose_controller,
     draw_plants,
 )
-from campaigns.section import is_kept
+from campaigns.section import HERE, finished
 
-KEPT = Path(__file__).parents[1] / "build" / "controller_prediction"
+#: the folder of what is finished, within build
+KEPT = "controller_prediction"
 ROBOT = Robot.load("alten")
 NOMINAL = Scenario.nominal(ROBOT)
 SAMPLE_TIME = 0.005
@@ -60,7 +54,6 @@ DRAWS, SEED = 20, 100
 #: share of severe faults
 SEVERE = 0.25
 CONTROLLERS = ("precise", "none")
-PROCESSES = min(2, os.cpu_count() or 1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -339,36 +332,15 @@ def recorded(twins: Sequence[FaultyTwin], *, of: str) -> list[dict[str, Log]]:
     of : str
         Name of the folder within `KEPT`.
     """
-    jobs = [(twin, name) for twin in twins for name in CONTROLLERS]
-    missing = [job for job in jobs if not is_kept(_log_path(of, *job))]
-    if missing:
-        with worker_pool(PROCESSES) as pool:
-            studied()  # on file before processes look for it
-            runs = [pool.submit(_record_one, of, *job) for job in missing]
-            for done, run in enumerate(as_completed(runs), start=1):
-                run.result()
-                print(f"{of}: {done} of {len(missing)} runs", file=sys.stderr, flush=True)
-    return [{name: _read(_log_path(of, twin, name)) for name in CONTROLLERS} for twin in twins]
+    studied()  # on file before processes look for it
+    runs = {f"{twin.seed:04d}_{name}": (twin, name) for twin in twins for name in CONTROLLERS}
+    logs = finished(f"{KEPT}/{of}", _recorded_one, runs)
+    return [{name: logs[f"{twin.seed:04d}_{name}"] for name in CONTROLLERS} for twin in twins]
 
 
-def _record_one(of: str, twin: FaultyTwin, name: str) -> None:
-    log = record(studied(), twin, name)
-    write_sealed(_log_path(of, twin, name), pickle.dumps(log))
-
-
-def _log_path(of: str, twin: FaultyTwin, name: str) -> Path:
-    return KEPT / of / f"{twin.seed:04d}_{name}.pickle"
-
-
-def _read(path: Path) -> Log:
-    return pickle.loads(read_sealed(path))
+def _recorded_one(run: tuple[FaultyTwin, str]) -> Log:
+    return record(studied(), *run)
 
 
 def _kept(name: str, make: Callable[[], T]) -> T:
-    path = KEPT / name
-    if is_kept(path):
-        return pickle.loads(read_sealed(path))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    made = make()
-    write_sealed(path, pickle.dumps(made))
-    return made
+    return finished(KEPT, lambda _: make(), {name: None}, workers=HERE)[name]

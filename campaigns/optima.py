@@ -23,7 +23,7 @@ from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference
 from ballbot.fitting.run import Run, Threads
 from ballbot.identification.identify import estimated_parameters
-from ballbot.identification.initial_states import InitialStatesFit, fit_with_initial_states
+from ballbot.identification.initial_states import fit_with_initial_states
 from ballbot.identification.parameters import Bounds
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.stages import IdentificationOptions, Prepared, prepare, search
@@ -74,19 +74,23 @@ class End:
 
 
 def fitted(task: Task, start: int | None) -> End:
-    """Fit from the search of the task's options, or from the random point of that number."""
+    """Fit from where the search of the task's options ends, both places if so many, or from that random point."""
     prepared = prepared_for(task)
     free = prepared.problem.coordinates.free
     begun = process_time()
     point = prepared.problem.coordinates.scaled(prepared.problem.coordinates.nominal)
     if start is None:
-        point = search(prepared.coarse, options=task.options, run=_RUN).best
+        found = search(prepared.coarse, options=task.options, run=_RUN)
+        points = [found.best] if found.other is None else [found.best, found.other]
     else:  # scaled parameters: U(0, 1)
         point[free] = np.random.default_rng([start, 48]).uniform(size=int(free.sum()))
-    fit: InitialStatesFit = fit_with_initial_states(
-        prepared.problem, point, free=free, most_steps=task.options.gauss_newton_steps, run=_RUN
-    )
-    return End(cost=fit.cost, seconds=process_time() - begun)
+        points = [point]
+    steps = task.options.gauss_newton_steps
+    fits = [
+        fit_with_initial_states(prepared.problem, one, free=free, most_steps=steps, run=_RUN)
+        for one in points
+    ]
+    return End(cost=min(one.cost for one in fits), seconds=process_time() - begun)
 
 
 def twin_log(reference: str, *, duration: float, seed: int) -> Log:
@@ -168,8 +172,7 @@ def campaign() -> Section:
         "the columns on the right count those that end near the lowest cost of all.",
         columns=COLUMNS,
         rows=[row(name, ends_of(task, starts=STARTS, processes=processes)) for name, task in tasks().items()],
-        after="Most random starts end in one valley, along which v_s and delta make up for b, c and s; its floor is "
-        "level to 1e-5 or 1e-2 of the cost, by log. There are other optima: a start that reaches s = 0 stays there, as "
-        "v_s and delta then change nothing (some 1e-2 higher), and from some logs delta ends at its upper bound. A "
-        "negative value in the column of the lowest says that the fit has not found the best one.",
+        after="Where the parameters agree, costs differ by windows that have several minima over their start. From "
+        "some logs delta also ends at its upper bound: another optimum, which the result of such a log shows beside "
+        "its own. A negative value in the column of the lowest says that the fit has not found the best one.",
     )

@@ -4,15 +4,24 @@ from __future__ import annotations
 
 import argparse
 import os
+import pickle
+import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar, cast
 
 from matplotlib.figure import Figure
 
-from ballbot.files import write_text
+from ballbot.files import read_sealed, write_sealed, write_text
+from ballbot.fitting.sweep import ALL_CORES, Processes, RunFolder, Workers, identity
+from ballbot.progress import Progress, ignore_progress
 from ballbot.report.style import drawn
+from ballbot.thesis.reproduce.recordings import sources_of
+
+Piece = TypeVar("Piece")
+Made = TypeVar("Made")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +54,49 @@ def is_kept(path: Path) -> bool:
     if path.stat().st_mtime < _BEGUN:
         EARLIER.add(path)
     return True
+
+
+#: holds what campaigns have finished
+BUILD = Path(__file__).parents[1] / "build"
+#: for a run that is made where it is asked for
+HERE = Processes(count=1)
+
+
+def finished(
+    name: str,
+    make: Callable[[Piece], Made],
+    runs: Mapping[str, Piece],
+    *,
+    packages: Sequence[str] = (),
+    workers: Workers = ALL_CORES,
+) -> dict[str, Made]:
+    """Return what each run makes of its piece; those finished are read from the folder build/NAME.
+
+    Parameters
+    ----------
+    name : str
+    make : callable
+        What it returns can be pickled.
+    runs : mapping
+        The piece of each run by the name of its file.
+    packages : sequence of str, optional
+        Whose code what is finished belongs to; other code refuses the folder.
+    workers : Workers, optional
+    """
+    folder: RunFolder[Made, Made] = RunFolder(
+        path=BUILD / name,
+        made_from=identity({}, {"code": sources_of(*packages)} if packages else {}),
+        write=lambda path, made: write_sealed(path, pickle.dumps(made)),
+        read=lambda path: cast("Made", pickle.loads(read_sealed(path))) if path.exists() else None,
+    )
+
+    def report(now: Progress) -> None:
+        print(f"\r{name}: {now.done} of {now.total}", end="", file=sys.stderr, flush=True)
+
+    progress = report if len(runs) > 1 else ignore_progress
+    found, before = folder.complete(make, runs, workers=workers, stage=name, progress=progress)
+    EARLIER.update(folder.path / one for one in before)
+    return found
 
 
 class DataMissingError(Exception):

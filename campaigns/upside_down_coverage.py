@@ -3,31 +3,25 @@
 .venv/bin/python -m campaigns.evidence upside_down
 
 Each seed is a robot of its own: friction, play and roller grip are drawn, and a minute of the ball on its wheels is
-recorded. Finished seeds are kept in build/upside_down.json and are not repeated.
+recorded. Finished seeds are kept in build/upside_down and are not repeated.
 """
 
 from __future__ import annotations
 
-import json
 import math
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from scipy.stats import binomtest
 
-from ballbot.files import read_sealed, write_sealed
 from ballbot.identification.upside_down import WIDENED, identify_upside_down
 from ballbot.log import Log
 from ballbot.robot import Friction, Robot
-from ballbot.thesis.reproduce.recordings import sources_of
 from ballbot.twin.bench import multisine_torques, run_bench
 from ballbot.twin.scenario import Scenario
-from campaigns.section import Section, is_kept
+from campaigns.section import Section, finished
 
-KEPT = Path(__file__).parents[1] / "build" / "upside_down.json"
 #: not those that `WIDENED` was chosen on
 SEEDS = range(201, 213)
 DURATION = 60.0  # [s]
@@ -84,6 +78,11 @@ def numbers_of(log: Log, truth: Friction) -> Numbers:
     }  # fmt: skip
 
 
+def _numbers_of_seed(seed: int) -> Numbers:
+    scenario = scenario_of(seed)
+    return numbers_of(recorded(scenario, seed), scenario.friction)
+
+
 def covered(done: Sequence[Numbers], places: Sequence[int]) -> tuple[int, int]:
     """Return how many intervals of the numbers at some places contain the truth, and how many there are."""
     given = [
@@ -104,16 +103,9 @@ def places_of(name: str) -> list[int]:
 
 def campaign() -> Section:
     """Run what is not yet done and return the section of docs/generated/evidence.md."""
-    code = sources_of("fitting", "identification", "mechanics", "simulation", "robot", "log", "twin")
-    known: dict[str, Numbers] = json.loads(read_sealed(KEPT, of=code)) if is_kept(KEPT) else {}
-    for seed in SEEDS:
-        if str(seed) not in known:
-            scenario = scenario_of(seed)
-            known[str(seed)] = numbers_of(recorded(scenario, seed), scenario.friction)
-            write_sealed(KEPT, json.dumps(known).encode(), of=code)
-        print(f"\rseed {seed}", end="", file=sys.stderr, flush=True)
-    print(file=sys.stderr)
-    done = [known[str(seed)] for seed in SEEDS]
+    packages = ("fitting", "identification", "mechanics", "simulation", "robot", "log", "twin")
+    runs = {str(seed): seed for seed in SEEDS}
+    done = list(finished("upside_down", _numbers_of_seed, runs, packages=packages).values())
     usable = sum(one["usable"] == [1.0] for one in done)
     return Section(
         title="Coverage of the intervals of friction upside down",

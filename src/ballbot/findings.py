@@ -134,6 +134,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "torque-scale": "the torques are larger or smaller than the motion needs",
         "torque-sign": "torques have the opposite sign of what the motion needs",
         "torque-unrelated": "the torques are unrelated to the motion",
+        "two-optima": "a fit has two optima that differ in a parameter",
         "undetermined": "the records do not determine a parameter of an axis, and its number is of no use",
         "unknown": "columns that Ballbot does not know",
         "unlimited": "the data limit a parameter on one side only, or not at all",

@@ -76,6 +76,15 @@ def test_estimated_initial_states_are_near_the_true_ones(problem, finished):
     assert np.exp(np.log(freed / measured).mean()) < 0.6
 
 
+def test_a_descent_from_elsewhere_ends_in_the_same_place(problem, finished):
+    anywhere = np.where(problem.coordinates.free, 0.4, finished.point)
+    other = fit_with_initial_states(problem, anywhere, free=problem.coordinates.free, most_steps=75)
+    errors = np.sqrt(covariance(finished.equations.normal, problem.coordinates.free).diagonal())
+    # a window in another minimum over its start costs 1e-4, and moves parameters by a fraction of their errors
+    assert other.cost == pytest.approx(finished.cost, abs=5e-4)
+    assert (np.abs(other.point - finished.point) / errors).max() < 0.5
+
+
 def test_known_friction_is_found_within_its_errors_and_better_than_from_measured_starts(problem, finished):
     free = problem.coordinates.free
     errors = np.sqrt(covariance(finished.equations.normal, free).diagonal())

@@ -177,7 +177,9 @@ def true_values(problem: Problem) -> np.ndarray:
 @pytest.mark.slow  # compiles the law with every term
 def test_stribeck_asymmetry_is_predicted_exactly_from_the_true_parameters(directed_log):
     problem = problem_of(directed_log, "directed")
-    residuals = problem.residuals(problem.coordinates.scaled(true_values(problem))[None])
+    residuals = problem.predictor.residuals(
+        true_values(problem)[None], problem.windows, every=problem.windows.comparison_interval
+    )
     # but for rounding and the friction's first-order steps at a change of sign
     assert np.sqrt(np.mean(residuals**2)) < 1e-6
 

@@ -17,15 +17,17 @@ from matplotlib.figure import Figure
 from ballbot.fitting.intervals import Interval
 from ballbot.identification.coulomb import CoulombEquivalent, coulomb_sentence
 from ballbot.identification.driveline import DrivelineFit, PrintedFit
+from ballbot.identification.parameters import scale_between
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import FRICTION, QUANTITIES, Layout
-from ballbot.identification.result import Identification, WindowErrors
+from ballbot.identification.result import Identification, OtherOptimum, WindowErrors
+from ballbot.identification.result_findings import optimum_findings
 from ballbot.identification.variation import Variation
 from ballbot.identification.windows import Span
 from ballbot.log import Log
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.driveline import driveline_findings, parameter_rows
-from ballbot.report.friction import friction_curve, interval_figure, search_figure
+from ballbot.report.friction import friction_curve, interval_figure, parameter_table, search_figure
 from ballbot.report.identification_page import _rows_within
 from ballbot.report.study import doubts_sentence, friction_sentence
 from ballbot.report.style import drawn, thinned, with_peaks
@@ -177,6 +179,25 @@ def test_both_intervals_are_open_at_the_bounds_of_the_search_and_every_value_say
     endings = [str(cell.text).partition(" ")[2] for cell in row[2:]]
     assert endings[:2] == ["(interval only)", "(at its bound)"]
     assert endings[2].startswith("±")
+
+
+def test_a_second_optimum_is_a_column_on_the_terminal_a_line_on_the_page_and_a_sentence():
+    found = _found()
+    values = found.values.copy()
+    values[10] = 2.71  # delta
+    other = OtherOptimum(values=values, rise=0.01)
+    found = replace(found, parameters=found.layout.by_symbol(found.values), other=other)
+    made = parameter_table(found, framed=False)
+    headings = [str(column.header) for column in made.columns]
+    cells = [str(cell) for cell in made.columns[headings.index("other optimum")].cells]
+    assert cells[10] == "2.71"
+    lines = [row for row in parameter_sheet(found).cells if row[0].below == "at the other optimum"]
+    assert len(lines) == 6  # b, c, s of each wheel, v_s, delta, C_rr
+    coordinates = scale_between(true_robot())
+    (finding,) = optimum_findings(coordinates, coordinates.scaled(found.values), other)
+    assert "delta" in finding.text
+    assert "2.71" in finding.text
+    assert "1 % larger" in finding.text
 
 
 def test_every_quantity_has_a_line_in_the_table_of_parameters():

@@ -26,6 +26,9 @@ class SearchResult:
 
     best: NDArray[np.float64]  #: (p,), scaled to 0 .. 1
     history: tuple[float, ...]  #: best cost after each generation
+    other: NDArray[np.float64] | None = (
+        None  #: (p,), where it also ended, elsewhere; None if there is no such place
+    )
 
 
 def evolve(
@@ -71,6 +74,15 @@ def evolve(
         if waited or strategy.should_stop():
             break
     return SearchResult(best=best, history=tuple(history))
+
+
+#: ends that differ by more in some scaled parameter are not of one optimum
+_ELSEWHERE = 0.05
+
+
+def elsewhere(point: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+    """Return whether two scaled ends (p,) of a fit are different optima."""
+    return bool(np.abs(point - other).max() > _ELSEWHERE)
 
 
 _AT_BOUND = 1e-9

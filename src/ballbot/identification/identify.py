@@ -43,6 +43,7 @@ from ballbot.identification.result_findings import (
     error_findings,
     influence_findings,
     interval_findings,
+    optimum_findings,
     prediction_findings,
     ridge_findings,
 )
@@ -151,7 +152,10 @@ def identify(
     start = options.warm_start
     begin = evolved.best if start is None else better_start(prepared.problem, evolved.best, start)
     prepared, estimate = _alike(
-        prepared, refine(prepared, begin, options=options, run=run), options=options, run=run
+        prepared,
+        refine(prepared, begin, options=options, run=run, also=evolved.other),
+        options=options,
+        run=run,
     )
     return _result(
         prepared,
@@ -265,7 +269,7 @@ def _alike(
         excitation=replace(prepared.excitation, refused=of_all),
     )
     start = coordinates.scaled(wheels_mean(coordinates, estimate.values, names))
-    return prepared, refine(prepared, start, options=options, run=run)
+    return prepared, replace(refine(prepared, start, options=options, run=run), other=estimate.other)
 
 
 def _result(
@@ -338,6 +342,7 @@ def _result(
                 ),
             ),
         ),
+        other=estimate.other,
         log_findings=findings,
     )
 
@@ -412,6 +417,7 @@ def _findings(
         *error_findings(coordinates, uncertainty.scaled_errors),
         *interval_findings(uncertainty.intervals),
         *dict.fromkeys(apart),
+        *optimum_findings(coordinates, estimate.finished.point, estimate.other),
         *prediction_findings(held_out.with_over_without),
     ]
 

@@ -13,13 +13,22 @@ and eliminating dx_w = -A_w^-1 (a_w + B_w dp) leaves, for the parameters alone, 
 
     H_w - B_w^T A_w^-1 B_w   and   g_w - B_w^T A_w^-1 a_w.
 
-A step is damped as Levenberg and Marquardt do, and tried once; more only if it does not lower the cost. Derivatives are
-differences to one side and then to the other, with a long inner step: they only show the way. The cost itself and the
-equations of the result are exact.
-A start that has settled on one side of a wheel's sticking does not find the other: a few such windows were what kept
-descents from one optimum (1 to 4 of 256, which cost up to 3e-4 of 2.2 and held the parameters with them). So windows
-that a step makes worse, and all windows where the descent has become slow, settle from their measured starts and from
-random ones as well, and keep the best.
+Each step tries one point of the parameters, within a trust region in Levenberg and Marquardt's form, and compares the
+least costs over the starts here and there. Its derivatives are those of the steps themselves, by narrow differences.
+
+Kinks. A prediction is smooth but where the sign of a wheel's or the ball's speed changes or a contact comes to rest:
+there it is continuous, and its derivatives jump. Of a hundred windows some ten have their best start on such a kink,
+where no derivative is zero: steps that know one side alone stop short of it, and the parameters' gradient then has an
+error of the size of that window's. From slopes Z = [J S] on one side and Z' on the other, with a shift between them,
+
+    Z' - Z = u n^T,     the kink:  n^T (dp, dx) = kappa,     u kappa = u n^T shift - (r' - r - Z shift).
+
+A start that is best on a kink stays there: n is a tie, a further residual of great weight, and what follows from it
+for p and x_w is exact. Predictions of a step's gain then hold to four digits, window by window.
+
+Other minima. A few windows in a hundred have several minima over their start, by which contact rests and when (1e-5 to
+5e-4 of the cost each). Where the descent has ended, windows are therefore begun again from random starts: those whose
+prediction is straight between its start and the new one, which tells that they lie in one basin, are left out.
 """
 
 from __future__ import annotations
@@ -29,44 +38,43 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
 
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.search import leaving
 from ballbot.fitting.uncertainty import WindowEquations
 from ballbot.identification.parameters import Coordinates
-from ballbot.identification.prediction import DIFFERENCE, WINDOWS, Problem, Work
+from ballbot.identification.prediction import DIFFERENCE, Problem, Work
 from ballbot.progress import Progress
 
-#: inner step [s] of the simulations that show the way, and not how far it goes
-DERIVATIVE_STEP = 5e-3
-#: half the difference in a scaled parameter, for those that show the way; wheels that begin to stick bend wider ones
-_NARROW = 2e-4
-#: of the parameters' diagonal at first, and at least and at most; a step that gains nothing takes ten times as much
-_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-8, 1e3
-_TRIALS = 4
-#: shares of their own shift, and of what follows from the parameters' step, that starts take; each window's
-#: whichever suits it, as a wheel that begins to stick makes some windows anything but straight
-_SHARES = ((1.0, 1.0), (0.0, 1.0), (0.0, 0.0))
-#: windows settle where so many steps one after another gain less than this, and again where they gain little; the
-#: descent then ends
-_PATIENCE, _SLOW = 2, 1e-4
-#: little: b, c, s and v_s form a bent and nearly level valley, in which one short step does not mean its floor
-_LITTLE = 4e-6
-_SETTLES = 2
-#: a window settles from so many starts with so many steps, one after the other; the best of them go on
-_SETTLING = ((10, 1), (3, 2), (1, 3))
-#: and where a step has made a window worse by more, in squares of a residual's deviation, it settles briefly there;
-#: a step that makes more than this share of the windows worse is too long
-_WORSE, _BRIEFLY, _MOST_WORSE = 1.0, ((6, 1), (1, 2)), 0.25
-#: all but two of them random, with from so many times to so many the deviations that its residuals leave
-_SPREADS = 1.0, 4.0
-#: steps of each window's start by itself are tried with these shares of the full one
-_LENGTHS = (1.0, 0.3)
-#: half the central difference of a start, in standard deviations of its state's residuals
-_START_DIFFERENCE = 0.5
+#: differences of scaled parameters, and of starts in deviations of their state's residuals: those of the descent, which
+#: agree with ones ten times wider to 1e-5, and half the central ones of the result's equations, which average over
+#: single sticking steps
+_NARROW, _WIDE = (1e-6, 1e-4), (DIFFERENCE, 0.5)
+#: half the width of the trust region at first, in scaled parameters; a step that gains less than a quarter of what was
+#: expected leaves this share of the step, one that gains more than three quarters gives room for so many of it
+_RADIUS, _NARROWER, _WIDER = 0.3, 0.3, 2.5
+#: curvature in the flattest direction, of the steepest one's
+_FLATTEST = 1e-12
+#: where so many steps one after another gain less than the first, and promise no more or are shorter than the last,
+#: windows are begun again, until that finds nothing, but not more often; then the descent ends by the second
+_PATIENCE, _SLOW, _LITTLE, _SHORT = 2, 1e-5, 5e-7, 1e-3
+_RENEWALS = 3
+#: a start has settled where a step promises less, in squares of a residual's deviation; steps at most
+_SETTLED, _ROUNDS = 1e-3, 5
+#: a step along one side's slopes holds if it gains this share of what they promise, and needs no new slopes with that
+_HOLDS, _STRAIGHT = 0.5, 0.9
+#: weight of a tie, over that of the residuals along its normal
+_TIE = 1e6
+#: random starts of each window, from so many times to so many the deviations that its residuals leave, and how many of
+#: those that lie in other basins settle
+_DRAWN, _SPREADS, _RENEWED = 12, (0.5, 3.0), 3
+#: they lie there if their cost, starts eliminated, differs by more, in squares; above the most they cannot be better
+_APART, _FAR, _BETTER = 0.02, 60.0, 0.01
 _STATES = 10
 #: moving a start along the floor moves the whole prediction: these columns of S need no simulation
 _ON_FLOOR = 2
+#: stands for a residual without a value
+_LOST = 1e150
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -163,12 +171,19 @@ def fit_with_initial_states(
 
 def costs(problem: Problem, points: NDArray[np.float64], starts: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the costs (sets,) of scaled parameters (sets, p) with windows' starts (sets, w, 10)."""
-    return problem.cost((_residuals(problem, points, starts) ** 2).sum(axis=(1, 2)))
+    values = problem.coordinates.physical(points)
+    parts = problem.executor(
+        _predicted_piece, problem.work, [(values, starts[:, rows], rows) for rows in problem.work.rows]
+    )
+    return problem.cost((np.concatenate(parts, axis=1) ** 2).sum(axis=(1, 2)))
 
 
 def linearize(problem: Problem, point: NDArray[np.float64], starts: NDArray[np.float64]) -> Linearized:
-    """Return each window's equations about scaled parameters (p,) and starts (w, 10)."""
-    return _linearized(problem, _at(problem, point, starts), side=0)
+    """Return each window's equations about scaled parameters (p,) and starts (w, 10), by wide central differences."""
+    at = _at(problem, point, starts)
+    about = _differences(problem, point, at.weights, _WIDE, central=True)
+    found = problem.executor(_slopes_piece, problem.work, [(about, starts[k], k) for k in problem.work.rows])
+    return replace(at, slopes=np.concatenate(found)).equations(problem)
 
 
 def compared(problem: Problem) -> int:
@@ -199,307 +214,385 @@ def descend(
     run : Run, optional
         The stage "gauss_newton" is reported after each step.
     """
+    at = _at(problem, point, starts)
+    at = _settled(problem, at, point, starts[None])
     fixed = np.zeros(len(point)) if moved is None else moved
-    at, damping, history = _at(problem, point, starts), _DAMPING, list[float]()
-    short_steps = settles = 0
-    for step in range(1, most_steps + 1):
-        before, settling = at.cost, short_steps == _PATIENCE
-        if settling:
-            settled = _settled(
-                problem, at, np.arange(len(at.starts)), _SETTLING, weights=at.weights, seed=settles
-            )
-            at = settled if settled.cost < at.cost else at
-        else:
-            about = _linearized(problem, at, side=1 if step % 2 else -1)
-            at, damping = _best_trial(problem, at, about, free=free, fixed=fixed, damping=damping)
+    radius, history = _RADIUS, list[float]()
+    scale = 2.0 * compared(problem) * int(problem.cost.counted.sum())
+    short_steps = renewals = 0
+    for number in range(1, most_steps + 1):
+        about = at.equations(problem)
+        normal = about.equations.normal
+        H, g = normal.matrix, normal.scores.sum(axis=0)
+        step = _step(H, g, at.point, free=free, fixed=fixed, radius=radius)
+        promised = -float(2.0 * g @ step + step @ H @ step) / scale
+        ahead = at.starts + about.response @ step
+        after = _settled(problem, at, at.point + step, np.stack([at.starts, ahead, ahead + about.shift]))
+        gain = at.cost - after.cost
+        if gain > 0.0 or fixed.any():
+            at = after
+        length = float(np.abs(step - fixed).max())
+        if gain < 0.25 * promised:
+            radius = _NARROWER * length
+        elif gain > 0.75 * promised:
+            radius = min(max(radius, _WIDER * length), 1.0)
+        little = _LITTLE if renewals == _RENEWALS else _SLOW
+        short = gain < little and (promised < little or radius < _SHORT) and not fixed.any()
+        short_steps, fixed = short_steps + 1 if short else 0, np.zeros(len(point))
+        if short_steps == _PATIENCE and renewals < _RENEWALS:
+            renewed = _renewed(problem, at, seed=renewals)
+            renewals = renewals + 1 if renewed.cost < at.cost - _SLOW else _RENEWALS
+            at, radius, short_steps = min(renewed, at, key=lambda one: one.cost), _RADIUS, 0
         history.append(at.cost)
-        run.progress(Progress(stage="gauss_newton", done=step, total=most_steps, cost=at.cost))
-        settles += settling
-        little = _LITTLE if settles else _SLOW
-        gains = settling or fixed.any() or before - at.cost > little
-        short_steps, fixed = 0 if gains else short_steps + 1, np.zeros(len(point))
-        if short_steps == _PATIENCE and settles == _SETTLES:
+        run.progress(Progress(stage="gauss_newton", done=number, total=most_steps, cost=at.cost))
+        if short_steps == _PATIENCE:
             break
     return at.point, at.starts, history
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _At:
-    """A point, starts, and what is predicted there."""
+    """A point, starts, what is predicted there, and its slopes by the free parameters and the starts."""
 
     point: NDArray[np.float64]  #: (p,), scaled
     starts: NDArray[np.float64]  #: (w, 10)
     residuals: NDArray[np.float64]  #: (w, 1 + k, 10)
     weights: NDArray[np.float64]  #: (1 + k, 10), of the residuals of every window
     cost: float
+    slopes: NDArray[np.float64]  #: (w, m + 10, 1 + k, 10)
+    ties: NDArray[np.float64] | float = 0.0  #: (w, m + 10, m + 10), see the module's text
+
+    def equations(self, problem: Problem) -> Linearized:
+        """Return the equations there."""
+        places = np.flatnonzero(problem.coordinates.free)
+        size, count = len(self.point), len(self.starts)
+        Z, r = _flat(self.slopes, self.weights), _flat(self.residuals, self.weights)
+        # so small that BLAS takes one thread, and the order of summation is always the same
+        G, z = Z @ Z.transpose(0, 2, 1) + self.ties, (Z @ r[..., None])[..., 0]
+        m = len(places)
+        found = Linearized(
+            H=np.zeros((count, size, size)),
+            B=np.zeros((count, _STATES, size)),
+            A=G[:, m:, m:],
+            g=np.zeros((count, size)),
+            a=z[:, m:],
+        )
+        found.H[:, places[:, None], places], found.B[:, :, places] = G[:, :m, :m], G[:, m:, :m]
+        found.g[:, places] = z[:, :m]
+        return found
 
 
-def _at(
+def _at(problem: Problem, point: NDArray[np.float64], starts: NDArray[np.float64]) -> _At:
+    """Return what is predicted at a point (p,) with starts (w, 10), without slopes."""
+    values = problem.coordinates.physical(point[None])
+    pieces = [(values, starts[None, rows], rows) for rows in problem.work.rows]
+    parts = problem.executor(_predicted_piece, problem.work, pieces)
+    return _weighed(problem, point, starts, np.concatenate(parts, axis=1)[0])
+
+
+def _weighed(
     problem: Problem,
     point: NDArray[np.float64],
     starts: NDArray[np.float64],
-    residuals: NDArray[np.float64] | None = None,
+    residuals: NDArray[np.float64],
+    slopes: NDArray[np.float64] | None = None,
+    ties: NDArray[np.float64] | float = 0.0,
 ) -> _At:
-    """Return what is predicted at a point (p,) with starts (w, 10)."""
-    predicted = _residuals(problem, point[None], starts[None])[0] if residuals is None else residuals
-    squares = (predicted**2).sum(axis=(0, 1))
+    squares = (residuals**2).sum(axis=(0, 1))
     # a state that does not count still ties its start, or nothing would
     tied = replace(problem.cost, counted=np.ones(_STATES, dtype=bool))
-    weights = np.tile(problem.cost.weights(squares, compared(problem)), (predicted.shape[1], 1))
+    weights = np.tile(problem.cost.weights(squares, compared(problem)), (residuals.shape[1], 1))
     weights[0] = tied.weights(squares, compared(problem))
     return _At(
         point=point,
         starts=starts,
-        residuals=predicted,
+        residuals=residuals,
         weights=weights,
         cost=float(problem.cost(squares)),
+        slopes=np.zeros(0) if slopes is None else slopes,
+        ties=ties,
     )
 
 
-def _best_trial(
-    problem: Problem,
-    at: _At,
-    about: Linearized,
+def _step(
+    H: NDArray[np.float64],
+    g: NDArray[np.float64],
+    point: NDArray[np.float64],
     *,
     free: NDArray[np.bool_],
     fixed: NDArray[np.float64],
-    damping: float,
-) -> tuple[_At, float]:
-    """Return where a step leads, with the damping of the next; where it was if no damping lowers the cost."""
-    normal = about.equations.normal
-    gradient = normal.scores.sum(axis=0) + normal.matrix @ fixed
-    moved = np.flatnonzero(free & ~leaving(at.point, gradient) & (normal.matrix.diagonal() > 0.0))
-    H = normal.matrix[np.ix_(moved, moved)]
-    for trial in range(_TRIALS):
-        step = fixed.copy()
-        step[moved] = -np.linalg.solve(H + damping * np.diag(H.diagonal()), gradient[moved])
-        point = np.clip(at.point + step, 0.0, 1.0)
-        follow = about.response @ (point - at.point)
-        offered = np.stack([at.starts + own * about.shift + share * follow for own, share in _SHARES])
-        residuals = _residuals(problem, np.tile(point, (len(offered), 1)), offered)
-        starts, residuals = _better(offered, residuals, at.weights)
-        worse = _squares(residuals, at.weights) - _squares(at.residuals, at.weights) > _WORSE
-        after = _at(problem, point, starts, residuals)
-        if worse.mean() < _MOST_WORSE:
-            after = _settled(problem, after, np.flatnonzero(worse), _BRIEFLY, weights=at.weights)
-        if after.cost < (np.inf if fixed.any() else at.cost):
-            return after, damping if trial else max(0.1 * damping, _LEAST_DAMPING)
-        damping = min(10.0 * damping, _MOST_DAMPING)
-    return at, damping
+    radius: float,
+) -> NDArray[np.float64]:
+    """Return the best step (p,) of free parameters beside that of those fixed, within the bounds and the region."""
+    step, places = fixed.copy(), np.flatnonzero(free & (H.diagonal() > 0.0))
+    if len(places):
+        scale = 1.0 / np.sqrt(H.diagonal()[places])
+        values, vectors = np.linalg.eigh(H[np.ix_(places, places)] * np.outer(scale, scale))
+        roots = np.sqrt(np.maximum(values, _FLATTEST * values[-1]))
+        right = -(vectors.T @ (scale * (g + H @ fixed)[places])) / roots
+        inside = point[places]
+        lower, upper = np.maximum(-radius, -inside), np.minimum(radius, 1.0 - inside)
+        # in place of a side that is no interval
+        upper = np.maximum(upper, lower + 1e-15)
+        found = lsq_linear(roots[:, None] * vectors.T / scale, right, bounds=(lower, upper), method="bvls")
+        step[places] = found.x
+    return np.clip(point + step, 0.0, 1.0) - point
 
 
-def _better(
-    starts: NDArray[np.float64], residuals: NDArray[np.float64], weights: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return each window's best of the starts (sets, w, 10) and residuals (sets, w, 1 + k, 10) that are offered."""
-    best = _squares(residuals, weights).argmin(axis=0), np.arange(residuals.shape[1])
-    return starts[best], residuals[best]
+def _settled(problem: Problem, near: _At, point: NDArray[np.float64], starts: NDArray[np.float64]) -> _At:
+    """Return what is predicted at a point (p,) from the best starts near those offered (sets, w, 10)."""
+    about = _differences(problem, point, near.weights, _NARROW)
+    pieces = [(about, starts[:, rows], rows) for rows in problem.work.rows]
+    found = problem.executor(_settled_piece, problem.work, pieces)
+    starts, residuals, slopes, ties = (np.concatenate(one) for one in zip(*found, strict=True))
+    return _weighed(problem, point, starts, residuals, slopes, ties)
 
 
-def _squares(residuals: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the weighted sums (...) of squares of residuals (..., 1 + k, 10), infinite without a value."""
-    return np.nan_to_num(((residuals * weights) ** 2).sum(axis=(-2, -1)), nan=np.inf)
-
-
-def _settled(
-    problem: Problem,
-    at: _At,
-    rows: NDArray[np.int64],
-    plan: Plan,
-    *,
-    weights: NDArray[np.float64],
-    seed: int = 0,
-) -> _At:
-    """Return the same point with the best start of each of these windows, after settling by a plan."""
-    if not len(rows):
-        return at
-    values, work = problem.coordinates.physical(at.point), problem.work
-    about = _Settling(values=values, weights=weights, step=_derivative_step(problem), plan=plan, seed=seed)
-    parts = np.array_split(rows, -(-len(rows) // WINDOWS))
-    found = problem.executor(_settled_piece, work, [(about, at.starts[part], part) for part in parts])
-    starts, residuals = at.starts.copy(), at.residuals.copy()
-    starts[rows], residuals[rows] = (np.concatenate(one) for one in zip(*found, strict=True))
-    return _at(problem, at.point, starts, residuals)
-
-
-def _linearized(problem: Problem, at: _At, *, side: int) -> Linearized:
-    """Return the equations by differences to one side, 1 or -1, with a long inner step, or exact central ones, 0."""
-    places = np.flatnonzero(problem.coordinates.free)
-    m, size, towards = len(places), len(at.point), side or 1
-    width = towards * (_NARROW if side else DIFFERENCE) * np.eye(size)[places]
-    ahead, behind = at.point + width, np.clip(at.point - width, 0.0, 1.0)
-    if side:
-        outside = ((ahead < 0.0) | (ahead > 1.0)).any(axis=1, keepdims=True)
-        ahead, behind = np.where(outside, behind, ahead), at.point[None]
-    ahead = np.clip(ahead, 0.0, 1.0)
-    moves = towards * _moves(at.weights)
-    held, still = np.tile(at.point, (len(moves), 1)), np.zeros((m, _STATES))
-    points = np.concatenate([ahead, held, behind] if side else [ahead, held, behind, held])
-    shifts = [still, moves, still[:1]] if side else [still, moves, still, -moves]
-    about = _About(
-        values=problem.coordinates.physical(points),
-        shifts=np.concatenate(shifts),
-        distance=np.concatenate([(ahead - behind).sum(axis=1), (2 - abs(side)) * moves.sum(axis=1)]),
-        weights=at.weights,
-        step=_derivative_step(problem) if side else problem.predictor.step,
-    )
-    work = problem.work
-    pieces = [(about, at.starts[rows], at.residuals[rows], rows) for rows in work.rows]
-    parts = problem.executor(_products, work, pieces)
-    H, B, A, g, a = (np.concatenate(one) for one in zip(*parts, strict=True))
-    count = len(A)
-    found = Linearized(
-        H=np.zeros((count, size, size)),
-        B=np.zeros((count, _STATES, size)),
-        A=A,
-        g=np.zeros((count, size)),
-        a=a,
-    )
-    found.H[:, places[:, None], places], found.B[:, :, places], found.g[:, places] = H, B, g
-    return found
-
-
-def _moves(weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the differences (8, 10) of starts off the floor, for weights (1 + k, 10) of residuals."""
-    return np.diag(_START_DIFFERENCE / weights[0])[_ON_FLOOR:]
-
-
-def _derivative_step(problem: Problem) -> float:
-    return max(problem.predictor.step, DERIVATIVE_STEP)
+def _renewed(problem: Problem, at: _At, *, seed: int) -> _At:
+    """Return the same point with the best start of each window, after settling from random ones as well."""
+    about = _differences(problem, at.point, at.weights, _NARROW)
+    pieces = [
+        (
+            about,
+            _Lanes(rows=rows, starts=at.starts[rows], residuals=at.residuals[rows], slopes=at.slopes[rows]),
+            seed,
+        )
+        for rows in problem.work.rows
+    ]
+    starts = np.concatenate(problem.executor(_renewed_piece, problem.work, pieces))
+    return _settled(problem, at, at.point, starts[None])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _About:
-    """Inputs of the equations of a piece: n points ahead, then n or one behind."""
+class _Differences:
+    """What slopes are differences of: n points ahead, then n or one behind."""
 
     values: NDArray[np.float64]  #: (n + n or 1, p), SI units
     shifts: NDArray[np.float64]  #: (n + n or 1, 10), of the starts
     distance: NDArray[np.float64]  #: (n,), between the two of each, scaled
     weights: NDArray[np.float64]  #: (1 + k, 10)
-    step: float  #: [s]
+
+    @property
+    def parameters(self) -> int:
+        """How many of the n points move a parameter, m."""
+        return len(self.distance) - (_STATES - _ON_FLOOR)
 
 
-def _derivatives(
-    work: Work, about: _About, starts: NDArray[np.float64], rows: NDArray[np.int64]
-) -> NDArray[np.float64]:
-    """Return the weighted residuals' derivatives (rows, n, (1 + k) 10); zero if a prediction has no value."""
-    n = len(about.distance)
-    found = _predicted(work, about.values, starts + about.shifts[:, None], rows, step=about.step)
+def _differences(
+    problem: Problem,
+    point: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    widths: tuple[float, float],
+    *,
+    central: bool = False,
+) -> _Differences:
+    """Return differences about a point (p,) by these widths of parameters and starts."""
+    places = np.flatnonzero(problem.coordinates.free)
+    width = widths[0] * np.eye(len(point))[places]
+    ahead, behind = point + width, np.clip(point - width, 0.0, 1.0)
+    if central:
+        ahead = np.clip(ahead, 0.0, 1.0)
+    else:
+        ahead, behind = np.where((ahead > 1.0).any(axis=1, keepdims=True), behind, ahead), point[None]
+    moves = np.diag(widths[1] / weights[0])[_ON_FLOOR:]
+    held, still = np.tile(point, (len(moves), 1)), np.zeros((len(places), _STATES))
+    points = [ahead, held, behind, held] if central else [ahead, held, behind]
+    shifts = [still, moves, still, -moves] if central else [still, moves, np.zeros((1, _STATES))]
+    return _Differences(
+        values=problem.coordinates.physical(np.concatenate(points)),
+        shifts=np.concatenate(shifts),
+        distance=np.concatenate([(ahead - behind).sum(axis=1), (1 + central) * moves.sum(axis=1)]),
+        weights=weights,
+    )
+
+
+@dataclass(kw_only=True, eq=False)
+class _Lanes:
+    """Starts that settle side by side, each of a window; changed in place."""
+
+    rows: NDArray[np.int64]  #: (n,), the windows
+    starts: NDArray[np.float64]  #: (n, 10)
+    #: (n, 1 + k, 10), from the starts; where differences are central, from the last ones behind
+    residuals: NDArray[np.float64]
+    slopes: NDArray[np.float64]  #: (n, m + 10, 1 + k, 10)
+
+
+def _lanes(work: Work, about: _Differences, starts: NDArray[np.float64], rows: NDArray[np.int64]) -> _Lanes:
+    """Return starts (n, 10) of windows with their slopes, zero where a prediction has no value."""
+    n, m = len(about.distance), about.parameters
+    found = _predicted(work, about.values, starts + about.shifts[:, None], rows)
+    slopes = np.zeros((len(rows), m + _STATES, *found.shape[2:]))
     with np.errstate(invalid="ignore"):
-        slopes = (found[:n] - found[n:]) / about.distance[:, None, None, None] * about.weights
-    slopes = np.nan_to_num(slopes, nan=0.0, posinf=0.0, neginf=0.0)
-    return slopes.reshape(n, len(rows), -1).transpose(1, 0, 2)
-
-
-def _with_floor(by_starts: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return S (rows, 10, (1 + k) 10) from the derivatives (rows, 8, ..) by what simulations are needed for."""
-    on_floor = np.zeros((len(by_starts), _ON_FLOOR, *weights.shape))
+        differences = ((found[:n] - found[n:]) / about.distance[:, None, None, None]).transpose(1, 0, 2, 3)
+    differences = np.nan_to_num(differences, nan=0.0, posinf=0.0, neginf=0.0)
+    slopes[:, :m], slopes[:, m + _ON_FLOOR :] = differences[:, :m], differences[:, m:]
     for state in range(_ON_FLOOR):
-        on_floor[:, state, :, state] = weights[:, state]
-    return np.concatenate([on_floor.reshape(len(by_starts), _ON_FLOOR, -1), by_starts], axis=1)
+        slopes[:, m + state, :, state] = 1.0
+    return _Lanes(rows=rows, starts=starts.copy(), residuals=found[-1], slopes=slopes)
 
 
-#: numbers of starts that settle together, and of their steps; see `_SETTLING`
-Plan = tuple[tuple[int, int], ...]
-Piece = tuple[_About, NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]
-
-
-def _products(work: Work, piece: Piece) -> tuple[NDArray[np.float64], ...]:
-    """Return a piece's H, B, A, g and a, of the m parameters that are free."""
-    about, starts, residuals, rows = piece
-    slopes = _derivatives(work, about, starts, rows)
-    m = slopes.shape[1] - (_STATES - _ON_FLOOR)
-    J, S = slopes[:, :m], _with_floor(slopes[:, m:], about.weights)
-    r = (residuals * about.weights).reshape(len(rows), -1, 1)
-    # so small that BLAS takes one thread, and the order of summation is always the same
-    J_T, S_T = J.transpose(0, 2, 1), S.transpose(0, 2, 1)
-    return J @ J_T, S @ J_T, S @ S_T, (J @ r)[..., 0], (S @ r)[..., 0]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Settling:
-    """What starts settle with."""
-
-    values: NDArray[np.float64]  #: (p,), SI units
-    weights: NDArray[np.float64]  #: (1 + k, 10)
-    step: float  #: of the derivatives [s]
-    plan: Plan
-    seed: int  #: of the random starts
+def _slopes_piece(
+    work: Work, piece: tuple[_Differences, NDArray[np.float64], NDArray[np.int64]]
+) -> NDArray[np.float64]:
+    return _lanes(work, *piece).slopes
 
 
 def _settled_piece(
-    work: Work, piece: tuple[_Settling, NDArray[np.float64], NDArray[np.int64]]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return each window's best start (rows, 10) and residuals (rows, 1 + k, 10), from its start (rows, 10)."""
-    about, at, rows = piece
-    S = _by_starts(work, about, at, rows, side=1)
-    spread = np.linalg.inv(np.linalg.cholesky(S @ S.transpose(0, 2, 1))).transpose(0, 2, 1)
-    count = about.plan[0][0] - 2
-    drawn = np.random.default_rng(about.seed).standard_normal((count, len(rows), _STATES, 1))
-    drawn *= np.linspace(*_SPREADS, count)[:, None, None, None]
-    begin = np.stack([at, work.windows.initial[rows]])
-    starts = np.concatenate([begin, at + (spread @ drawn)[..., 0]])
-    residuals = _predicted(work, np.tile(about.values, (len(starts), 1)), starts, rows)
-    for sets, steps in about.plan:
-        order = np.argsort(_squares(residuals, about.weights), axis=0, kind="stable")[:sets]
-        best = order, np.arange(len(rows))
-        starts, residuals = _settled_from(work, about, starts[best], residuals[best], rows, steps)
-    return _better(starts, residuals, about.weights)
+    work: Work, piece: tuple[_Differences, NDArray[np.float64], NDArray[np.int64]]
+) -> tuple[NDArray[np.float64], ...]:
+    """Return each window's best start near the best of those offered, and its residuals, slopes and ties there."""
+    about, offered, rows = piece
+    starts = offered[0]
+    if len(offered) > 1:
+        values = np.tile(about.values[-1:], (len(offered), 1))
+        squares = (_flat(_predicted(work, values, offered, rows), about.weights) ** 2).sum(axis=-1)
+        starts = offered[squares.argmin(axis=0), np.arange(len(rows))]
+    lanes = _lanes(work, about, starts, rows)
+    ties = _settle(work, about, lanes)
+    return lanes.starts, lanes.residuals, lanes.slopes, ties
 
 
-def _by_starts(
-    work: Work, about: _Settling, starts: NDArray[np.float64], rows: NDArray[np.int64], *, side: int
+def _at_starts(
+    work: Work, about: _Differences, starts: NDArray[np.float64], rows: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """Return S (rows, 10, (1 + k) 10), by differences to one side, 1 or -1."""
-    moves = _moves(about.weights)
-    to_one_side = _About(
-        values=np.tile(about.values, (len(moves) + 1, 1)),
-        shifts=side * np.concatenate([moves, np.zeros((1, _STATES))]),
-        distance=side * moves.sum(axis=1),
-        weights=about.weights,
-        step=about.step,
-    )
-    return _with_floor(_derivatives(work, to_one_side, starts, rows), about.weights)
+    """Return the residuals (n, 1 + k, 10) from starts (n, 10) at the point that differences are about."""
+    return _predicted(work, about.values[-1:], starts[None], rows)[0]
 
 
-def _settled_from(
-    work: Work,
-    about: _Settling,
-    starts: NDArray[np.float64],
-    residuals: NDArray[np.float64],
-    rows: NDArray[np.int64],
-    steps: int,
+def _settle(work: Work, about: _Differences, lanes: _Lanes) -> NDArray[np.float64]:
+    """Bring each lane to the least cost over its start; return its ties (n, m + 10, m + 10)."""
+    m, W = about.parameters, about.weights
+    ties = np.zeros((len(lanes.rows), m + _STATES, m + _STATES))
+    active = np.arange(len(lanes.rows))
+    for _ in range(_ROUNDS):
+        Z, r = _flat(lanes.slopes[active], W), _flat(lanes.residuals[active], W)
+        S = Z[:, m:]
+        A, a = S @ S.transpose(0, 2, 1), (S @ r[..., None])[..., 0]
+        own, A = A, A + ties[active][:, m:, m:]
+        shift: NDArray[np.float64] = np.negative(np.linalg.solve(A, a[..., None])[..., 0], dtype=np.float64)
+        promised = -(a * shift).sum(axis=1)
+        unsettled = promised > _SETTLED
+        if not unsettled.any():
+            break
+        active, shift, promised = active[unsettled], shift[unsettled], promised[unsettled]
+        ahead = lanes.starts[active] + shift
+        residuals = _at_starts(work, about, ahead, lanes.rows[active])
+        before = (r[unsettled] ** 2).sum(axis=1)
+        straight = before - (_flat(residuals, W) ** 2).sum(axis=1) > _STRAIGHT * promised
+        passed = active[straight]
+        lanes.starts[passed], lanes.residuals[passed] = ahead[straight], residuals[straight]
+        if straight.all():
+            continue
+        turned = np.flatnonzero(unsettled)[~straight]
+        active, shift, promised, before = (
+            active[~straight],
+            shift[~straight],
+            promised[~straight],
+            before[~straight],
+        )
+        Z, r, own, A, a = Z[turned], r[turned], own[turned], A[turned], a[turned]
+        ahead = _lanes(work, about, lanes.starts[active] + shift, lanes.rows[active])
+        Z_ahead, r_ahead = _flat(ahead.slopes, W), _flat(ahead.residuals, W)
+        normal, distance = _kink(Z, Z_ahead, r_ahead - r, shift)
+        n = normal[:, m:]
+        free = (n * np.linalg.solve(own, n[..., None])[..., 0]).sum(axis=1, keepdims=True)
+        weight = _TIE / np.maximum(free, 1e-300)
+        tied = (weight * n)[:, :, None] * n[:, None]
+        onto = -np.linalg.solve(A + tied, (a - weight * distance[:, None] * n)[..., None])[..., 0]
+        on_kink = lanes.starts[active] + onto
+        residuals = _at_starts(work, about, on_kink, lanes.rows[active])
+        gain = before - (r_ahead**2).sum(axis=1)
+        gain_on_kink = before - (_flat(residuals, W) ** 2).sum(axis=1)
+        holds = (gain > _HOLDS * promised) | (gain > np.maximum(gain_on_kink, 0.0))
+        passed, kept = active[holds], active[~holds]
+        lanes.starts[passed], lanes.residuals[passed] = ahead.starts[holds], ahead.residuals[holds]
+        lanes.slopes[passed], ties[passed] = ahead.slopes[holds], 0.0
+        # the ties before this one were of the right kinks only if it led to what was expected
+        expected = -(2.0 * a * onto).sum(axis=1) - (onto * (own @ onto[..., None])[..., 0]).sum(axis=1)
+        right = np.abs(gain_on_kink - expected) < 0.2 * np.abs(expected) + _SETTLED
+        ties[active[~holds & ~right]] = 0.0
+        ties[kept] += ((weight * normal)[:, :, None] * normal[:, None])[~holds]
+        nearer = ~holds & (gain_on_kink > 0.0)
+        lanes.starts[active[nearer]], lanes.residuals[active[nearer]] = on_kink[nearer], residuals[nearer]
+    return ties
+
+
+def _kink(
+    Z: NDArray[np.float64],
+    ahead: NDArray[np.float64],
+    change: NDArray[np.float64],
+    shift: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return starts (sets, rows, 10) and residuals (sets, rows, 1 + k, 10) after damped steps of each by itself."""
-    shape, diagonal = residuals.shape, np.arange(_STATES)
-    starts, residuals = starts.reshape(-1, _STATES), residuals.reshape(-1, *shape[2:])
-    rows, damping = np.tile(rows, shape[0]), np.full(len(starts), _DAMPING)
-    for step in range(steps):
-        S = _by_starts(work, about, starts, rows, side=1 if step % 2 else -1)
-        A, a = S @ S.transpose(0, 2, 1), S @ (residuals * about.weights).reshape(len(rows), -1, 1)
-        A[:, diagonal, diagonal] *= 1.0 + damping[:, None]
-        shift = -np.linalg.solve(A, a)[..., 0]
-        offered = np.stack([starts, *(starts + length * shift for length in _LENGTHS)])
-        values = np.tile(about.values, (len(_LENGTHS), 1))
-        later = np.concatenate([residuals[None], _predicted(work, values, offered[1:], rows)])
-        before = starts
-        starts, residuals = _better(offered, later, about.weights)
-        moved = (starts != before).any(axis=1)
-        damping = np.where(moved, 0.1 * damping, np.maximum(10.0 * damping, 0.1))
-    return starts.reshape(*shape[:2], _STATES), residuals.reshape(shape)
+    """Return where slopes jump between starts: the normals (n, m + 10), 1 long by the start, and the distances (n,).
+
+    Parameters
+    ----------
+    Z, ahead : ndarray (n, m + 10, K)
+        Weighted slopes at the starts and after the shifts (n, 10).
+    change : ndarray (n, K)
+        Of the weighted residuals.
+    """
+    m = Z.shape[1] - _STATES
+    lengths = np.maximum(np.sqrt((Z**2).sum(axis=2)), 1e-9)
+    jump = (ahead - Z) / lengths[:, :, None]
+    vectors = np.linalg.eigh(jump @ jump.transpose(0, 2, 1))[1][..., -1]
+    u, normal = (vectors[:, None] @ jump)[:, 0], vectors * lengths
+    size = np.maximum(np.linalg.norm(normal[:, m:], axis=1), 1e-300)[:, None]
+    along = (normal[:, m:] * shift).sum(axis=1, keepdims=True)
+    size = np.where(along < 0.0, -size, size)
+    normal, u, along = normal / size, u * size, along / size
+    unexplained = change - (shift[:, None] @ Z[:, m:])[:, 0]
+    share = (unexplained * u).sum(axis=1, keepdims=True) / np.maximum(
+        (u**2).sum(axis=1, keepdims=True), 1e-300
+    )
+    return normal, np.clip(along - share, 0.0, along)[:, 0]
+
+
+def _renewed_piece(work: Work, piece: tuple[_Differences, _Lanes, int]) -> NDArray[np.float64]:
+    """Return each window's best start (rows, 10): its own, or one that settles from the measured or a random one."""
+    about, own, seed = piece
+    S, r = _flat(own.slopes, about.weights)[:, about.parameters :], _flat(own.residuals, about.weights)
+    A = S @ S.transpose(0, 2, 1)
+    spread = np.linalg.inv(np.linalg.cholesky(A)).transpose(0, 2, 1)
+    drawn = np.random.default_rng([seed, int(own.rows[0])]).standard_normal((_DRAWN, *own.starts.shape, 1))
+    drawn *= np.linspace(*_SPREADS, _DRAWN)[:, None, None, None]
+    offered = np.concatenate([work.windows.initial[own.rows][None], own.starts + (spread @ drawn)[..., 0]])
+    values = np.tile(about.values[-1:], (len(offered), 1))
+    residuals = _flat(_predicted(work, values, offered, own.rows), about.weights)
+
+    def eliminated(r: NDArray[np.float64]) -> NDArray[np.float64]:
+        a = (S @ r[..., None])[..., 0]
+        return (r**2).sum(axis=-1) - (a * np.linalg.solve(A, a[..., None])[..., 0]).sum(axis=-1)
+
+    there, here = eliminated(residuals), eliminated(r)
+    apart = np.where((np.abs(there - here) > _APART) & (there < here + _FAR), there, np.inf)
+    chosen = np.argsort(apart, axis=0, kind="stable")[:_RENEWED]
+    sets, places = np.nonzero(np.isfinite(np.take_along_axis(apart, chosen, axis=0)))
+    best = own.starts.copy()
+    if len(places):
+        lanes = _lanes(work, about, offered[chosen[sets, places], places], own.rows[places])
+        _settle(work, about, lanes)
+        least = (r**2).sum(axis=1) - _BETTER
+        for lane, place in enumerate(places):
+            squares = (_flat(lanes.residuals[lane], about.weights) ** 2).sum()
+            if squares < least[place]:
+                least[place], best[place] = squares, lanes.starts[lane]
+    return best
+
+
+def _flat(values: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return weighted residuals or slopes (..., (1 + k) 10) of those in SI units (..., 1 + k, 10)."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        flat = (values * weights).reshape(*values.shape[:-2], -1)
+    return np.clip(np.nan_to_num(flat, nan=_LOST), -_LOST, _LOST)
 
 
 def _predicted(
-    work: Work,
-    values: NDArray[np.float64],
-    starts: NDArray[np.float64],
-    rows: NDArray[np.int64],
-    *,
-    step: float | None = None,
+    work: Work, values: NDArray[np.float64], starts: NDArray[np.float64], rows: NDArray[np.int64]
 ) -> NDArray[np.float64]:
     """Return residuals (sets, rows, 1 + k, 10) in SI units, those of the starts (sets, rows, 10) first."""
     windows, every = work.windows.take(rows), work.windows.comparison_interval
-    later = work.predictor.residuals(values, windows, every=every, starts=starts, step=step)
+    later = work.predictor.residuals(values, windows, every=every, starts=starts)
     return np.concatenate([(starts - windows.initial)[:, :, None], later], axis=2)
 
 
@@ -507,12 +600,3 @@ def _predicted_piece(
     work: Work, piece: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]
 ) -> NDArray[np.float64]:
     return _predicted(work, *piece)
-
-
-def _residuals(
-    problem: Problem, points: NDArray[np.float64], starts: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return residuals (sets, w, 1 + k, 10) of scaled parameters (sets, p) and starts (sets, w, 10)."""
-    work, values = problem.work, problem.coordinates.physical(points)
-    parts = problem.executor(_predicted_piece, work, [(values, starts[:, rows], rows) for rows in work.rows])
-    return np.concatenate(parts, axis=1)

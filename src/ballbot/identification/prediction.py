@@ -79,7 +79,6 @@ class Predictor:
         *,
         every: int,
         starts: NDArray[np.float64] | None = None,
-        step: float | None = None,
     ) -> NDArray[np.float64]:
         """Return predicted minus measured states (sets, w, m // every, 10), after every so many samples.
 
@@ -89,10 +88,7 @@ class Predictor:
             In SI units, in the order of the layout.
         starts : ndarray (sets, w, 10), optional
             States at the windows' starts, in place of those measured, as sensors without noise would see them.
-        step : float, optional
-            Longest inner step, in place of the predictor's [s].
         """
-        step = self.step if step is None else step
         sets, count = len(values), len(windows)
         torques = acting_torques(self.layout, values, windows)
         initial = self._initial(values, windows, starts)
@@ -107,10 +103,10 @@ class Predictor:
         )
         late = state_delays(self.layout, values)
         if late is None:
-            states = self._simulate(lanes, sample_time=windows.sample_time, every=every, step=step)
+            states = self._simulate(lanes, sample_time=windows.sample_time, every=every)
             states = states.reshape(sets, count, -1, states.shape[-1])[..., : len(STATE_NAMES)]
         else:
-            states = self._seen_late(lanes, late, sample_time=windows.sample_time, step=step)
+            states = self._seen_late(lanes, late, sample_time=windows.sample_time)
             states = states[:, :, every - 1 :: every]
         measured = windows.measured[:, every - 1 :: every]
         residuals = states - measured
@@ -145,28 +141,28 @@ class Predictor:
         return initial
 
     def _seen_late(
-        self, lanes: Lanes, late: NDArray[np.float64], *, sample_time: float, step: float
+        self, lanes: Lanes, late: NDArray[np.float64], *, sample_time: float
     ) -> NDArray[np.float64]:
         """Return the states (sets, w, m, 10) as sensors late by (sets, 10) [s] show them, the starts in `lanes` too."""
         names = len(STATE_NAMES)
         set_of, start_of, _ = lanes.row_of.T
         start = lanes.initial[start_of]
         first = replace(lanes, torques=lanes.torques[:, :1])
-        ahead = self._simulate(first, sample_time=sample_time, every=1, step=step)[:, 0]
+        ahead = self._simulate(first, sample_time=sample_time, every=1)[:, 0]
         start[:, :names] += late[set_of] * (ahead - start)[:, :names] / sample_time
         true = replace(lanes, initial=start, initial_of=None)
-        states = self._simulate(true, sample_time=sample_time, every=1, step=step)
+        states = self._simulate(true, sample_time=sample_time, every=1)
         whole = np.concatenate([start[:, None], states], axis=1)[..., :names]
         return seen_late(whole.reshape(len(late), -1, *whole.shape[1:]), late, sample_time)
 
-    def _simulate(self, lanes: Lanes, *, sample_time: float, every: int, step: float) -> NDArray[np.float64]:
+    def _simulate(self, lanes: Lanes, *, sample_time: float, every: int) -> NDArray[np.float64]:
         """Return the states (lanes, m // every, 10 or 11)."""
         pivots = "pivoting" in self.layout.extra
         return simulate_lanes(
             selector(self.formulation, self.robot.wheel_count, pivoting=pivots, law=self._law),
             lanes,
             sample_time=sample_time,
-            steps=max(1, int(np.ceil(sample_time / step - 1e-9))),
+            steps=max(1, int(np.ceil(sample_time / self.step - 1e-9))),
             every=every,
             threads=self.threads,
             lost_lanes=True,  # parameters may be such that a lane overflows
@@ -312,13 +308,6 @@ class Problem:
     def square_sums(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the sums of squares (sets, 10) of scaled parameters (sets, p), over windows and time."""
         return piecewise_square_sums(self.work, self.coordinates.physical(points), self.executor)
-
-    def residuals(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return predicted minus measured states (sets, w, k, 10) at each window's k times of comparison."""
-        every = self.windows.comparison_interval
-        values = self.coordinates.physical(points)
-        parts = [self.predictor.residuals(values, chunk, every=every) for chunk in chunks(self.windows)]
-        return np.concatenate(parts, axis=1)
 
     @cached_property
     def work(self) -> Work:

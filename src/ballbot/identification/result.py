@@ -103,6 +103,14 @@ class WindowErrors:
         return dict(zip(STATE_NAMES, values.tolist(), strict=True))
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OtherOptimum:
+    """Where another descent from the same logs ended."""
+
+    values: NDArray[np.float64]  #: (p,), SI units
+    rise: float  #: of the cost there, over that of the estimate
+
+
 @summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Identification:
@@ -132,6 +140,7 @@ class Identification:
     evolution_cost: tuple[float, ...]
     gauss_newton_cost: tuple[float, ...]  #: cost after each step, on all windows fitted
     findings: tuple[Finding, ...]  #: of the numbers
+    other: OtherOptimum | None = None
     log_findings: tuple[Finding, ...] = ()  #: of the checks of the logs
 
     @property
@@ -248,6 +257,8 @@ class Identification:
             "fit": self.fit.to_dict(),
             "excluded_states": list(self.excluded_states),
             "cost": {"evolution": list(self.evolution_cost), "gauss_newton": list(self.gauss_newton_cost)},
+            "other_optimum": self.other
+            and {"parameters": self.layout.by_symbol(self.other.values), "rise_of_cost": self.other.rise},
             "windows": {
                 "fit": [[span.log, span.start, span.end] for span in self.fit_windows],
                 "held_out": [[span.log, span.start, span.end] for span in self.held_out_windows],

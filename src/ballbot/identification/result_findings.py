@@ -16,6 +16,7 @@ from ballbot.findings import Finding, warning
 from ballbot.fitting.intervals import Interval
 from ballbot.identification.parameters import Coordinates
 from ballbot.identification.quantities import FRICTION, QUANTITIES
+from ballbot.identification.result import OtherOptimum
 from ballbot.mechanics.parameters import MAX_WHEELS
 
 #: beyond this correlation, the logs determine two parameters' sum or ratio and not each
@@ -191,6 +192,25 @@ def ridge_findings(labels: tuple[str, ...], correlation: NDArray[np.float64]) ->
         *dict.fromkeys(text for text in advice if text),
     ]
     return [warning("correlated", text) for text in found]
+
+
+def optimum_findings(
+    coordinates: Coordinates, point: NDArray[np.float64], other: OtherOptimum | None
+) -> list[Finding]:
+    """Return a finding on another optimum than that at scaled parameters (p,), and on where they differ most."""
+    if other is None:
+        return []
+    there = coordinates.scaled(other.values)
+    place = int(np.abs(there - point).argmax())
+    values = (coordinates.physical(point)[place], other.values[place])
+    found, elsewhere = (
+        f"{one:.3g} {coordinates.parameters[place].unit}".removesuffix(" 1") for one in values
+    )
+    text = (
+        f"The fit has two optima, which differ most in {coordinates.labels[place]}: {found} in the one that is "
+        f"taken, {elsewhere} in the other, where errors are {100.0 * np.expm1(other.rise):.2g} % larger."
+    )
+    return [warning("two-optima", text)]
 
 
 def _experiment(one: str, other: str) -> str:

@@ -22,13 +22,13 @@ from ballbot.errors import InputError, suggest
 from ballbot.fitting.intervals import MOST_PROFILES
 from ballbot.fitting.model_selection import Dependence, unidentifiable
 from ballbot.fitting.run import DEFAULT_RUN, Executor, Run
-from ballbot.fitting.search import SearchResult, at_bound, evolve
+from ballbot.fitting.search import SearchResult, at_bound, elsewhere, evolve
 from ballbot.fitting.uncertainty import without_influence
 from ballbot.identification.excitation import Excitation, check_count, check_excitation, check_torques
 from ballbot.identification.initial_states import InitialStatesFit, descend, fit_with_initial_states
 from ballbot.identification.parameters import Coordinates
 from ballbot.identification.prediction import Cost, Predictor, Problem, chunks
-from ballbot.identification.result import Identification, WindowErrors
+from ballbot.identification.result import Identification, OtherOptimum, WindowErrors
 from ballbot.identification.sweep import SweepFriction
 from ballbot.identification.windows import Span, Windows, ball_spin, cut_windows, samples_before
 from ballbot.log import STATE_NAMES, Log
@@ -46,7 +46,7 @@ Search = Literal["multistart", "genetic"]
 #: the fixed starts of friction, scaled: every amount's, and v_s and delta
 _AMOUNTS, _SHAPES = (0.05, 0.2), (0.3, 0.6)
 #: from so many of them so many steps, one after the other; the best go on
-_SEARCH = ((8, 4), (2, 4))
+_SEARCH = ((4, 3), (2, 6))
 
 
 def states_counted(excluded: Sequence[str]) -> NDArray[np.bool_]:
@@ -144,6 +144,7 @@ class PointEstimate:
     no_influence: NDArray[np.bool_]  #: (p,)
     refused: NDArray[np.bool_]  #: (p,), those that the logs do not excite
     estimated: NDArray[np.bool_]  #: (p,), those with a standard error
+    other: OtherOptimum | None  #: where another descent ended
 
     @property
     def unknown(self) -> NDArray[np.bool_]:
@@ -292,7 +293,9 @@ def _multistart(problem: Problem, *, options: IdentificationOptions, run: Run) -
             descents.append((point, starts, history[-1]))
             done, least = done + steps, min(least, history[-1])
         ends = sorted(descents, key=lambda one: one[2])
-    return SearchResult(best=ends[0][0], history=())
+    best = ends[0][0]
+    others = (point for point, _, _ in ends[1 : rounds[-1][0]] if elsewhere(best, point))
+    return SearchResult(best=best, history=(), other=next(others, None))
 
 
 def _rounds(options: IdentificationOptions) -> list[tuple[int, int]]:
@@ -304,12 +307,12 @@ def _fixed_starts(coordinates: Coordinates) -> list[NDArray[np.float64]]:
     """Return the scaled points (p,) that the search begins from: quantities besides friction as they were."""
     names, own = np.array(coordinates.names), coordinates.scaled(coordinates.nominal)
     points = []
-    for amount, v_s, delta in product(_AMOUNTS, _SHAPES, _SHAPES):
+    for amount, shape in product(_AMOUNTS, _SHAPES):
         point = own.copy()
         for name, value in {
             **dict.fromkeys(("viscous", "coulomb", "stribeck", "rolling"), amount),
-            "stribeck_speed": v_s,
-            "stribeck_exponent": delta,
+            "stribeck_speed": shape,
+            "stribeck_exponent": shape,
         }.items():
             point[(names == name) & coordinates.free] = value
         if not any(np.array_equal(point, one) for one in points):
@@ -344,11 +347,16 @@ def refine(
     *,
     options: IdentificationOptions,
     run: Run,
+    also: NDArray[np.float64] | None = None,
 ) -> PointEstimate:
-    """Fit by Gauss-Newton, fix what has no influence, and fit the rest again from there."""
+    """Fit by Gauss-Newton, from a second point also, fix what has no influence, and fit the rest again from there."""
     problem = prepared.problem
     free, steps = problem.coordinates.free, options.gauss_newton_steps
-    finished = fit_with_initial_states(problem, start, free=free, most_steps=steps, run=run)
+    begins = [start] if also is None else [start, also]
+    fits = [fit_with_initial_states(problem, one, free=free, most_steps=steps, run=run) for one in begins]
+    finished, *rest_of_fits = sorted(fits, key=lambda one: one.cost)
+    other = next((one for one in rest_of_fits if elsewhere(finished.point, one.point)), None)
+    rise = 0.0 if other is None else other.cost - finished.cost
     without_effect = unidentifiable(finished, DEPENDENCES, most_steps=steps, run=run)
     no_influence = free & (without_effect.dependent | without_influence(finished.equations.normal))
     if no_influence.any():
@@ -366,6 +374,7 @@ def refine(
         no_influence=no_influence,
         refused=refused,
         estimated=free & ~no_influence & ~refused & ~at_bound(finished.point),
+        other=other and OtherOptimum(values=problem.coordinates.physical(other.point), rise=rise),
     )
 
 

@@ -372,18 +372,23 @@ def parameter_table(found: Identification, *, framed: bool) -> TextTable:
     wheels = found.layout.wheel_count
     kinds = [BY_NAME[name] for name in found.layout.names for _ in range(len(BY_NAME[name].labels(wheels)))]
     values, errors = _flat(found.parameters), _flat(found.standard_errors)
+    other = found.other
     rows = [
         (
             label,
             *value_and_error(value, error),
             interval_text(found.intervals.get(label)),
             interval_text(found.another_log.get(label)),
+            *([] if other is None else [digits(float(other.values[place]))]),
             kind.unit,
         )
-        for label, value, error, kind in zip(found.labels, values, errors, kinds, strict=True)
+        for place, (label, value, error, kind) in enumerate(
+            zip(found.labels, values, errors, kinds, strict=True)
+        )
         if kind.name in found.names
     ]
-    headings = ("parameter", "value", "standard error", "95 %", "95 %, another log", "unit")
+    headings = ("parameter", "value", "standard error", "95 %", "95 %, another log")
+    headings = (*headings, *([] if other is None else ["other optimum"]), "unit")
     return table("Identified parameters", headings, rows, framed=framed)
 
 

@@ -100,6 +100,9 @@ def parameter_sheet(found: Identification) -> Sheet:
                 ends = [interval_text(intervals.get(labels[i])) for i in line]
                 if any(ends):
                     rows.append([Cell(text="", below=which), "", *cells(ends)])
+            if found.other is not None:
+                there = cells(digits(float(found.other.values[i])) for i in line)
+                rows.append([Cell(text="", below="at the other optimum"), "", *there])
             stated = cells(digits(float(before[i])) for i in line)
             rows.append([Cell(text="", below="in the robot file"), "", *stated])
     return Sheet(headings=("parameter", "unit", *(f"wheel {i}" for i in range(1, wheels + 1))), rows=rows)
