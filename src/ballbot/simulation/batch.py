@@ -344,7 +344,8 @@ def _draws(
     jitters, plays = any(one.jitter > 0.0 for one in borne), any(one.backlash > 0.0 for one in borne)
     noise = np.empty((width, (6 + n) * samples if noisy else 0))
     faults = np.empty((width, 5 * (samples + 1) if faulty else 0))
-    places, durations = np.zeros((width, n)), np.zeros((width, samples if jitters else 0))
+    places, turns = np.zeros((2, width, n))
+    durations = np.zeros((width, samples if jitters else 0))
     for k, (one, seed) in enumerate(runs):
         random = np.random.default_rng(seed)
         if faulty:
@@ -353,10 +354,12 @@ def _draws(
             random.standard_normal(out=noise[k])
         if plays:
             places[k] = places_in_play(1.0, n, seed)
+        if one.contacts is not None:
+            turns[k] = np.random.default_rng([seed, 11]).uniform(0.0, 2.0 * np.pi, n)
         if jitters:
             late = one.jitter * np.random.default_rng([seed, 5]).uniform(-1.0, 1.0, samples)
             durations[k] = sample_time + np.diff(late, prepend=0.0)
-    return Draws(noise=noise, faults=faults, places=places, durations=durations)
+    return Draws(noise=noise, faults=faults, places=places, turns=turns, durations=durations)
 
 
 def _rows(row_of: Callable[[T], NDArray[np.float64] | float], values: Sequence[T]) -> NDArray[np.float64]:

@@ -6,7 +6,8 @@ A sample of a robot is, in this order:
     estimate    the on-board state or the Kalman filter, of the robot that the controller knows; or the true state
     decide      the control law (`ballbot.control.law`)
     drive       the torques wait for the delay; noise, the driver's limit and the supply's limit come upon them
-    move        so many steps: the motors' lag, the gears' play or rigid gears, friction that sticks, pushes, the slope
+    move        so many steps: the motors' lag, the gears' play or rigid gears, friction that sticks, pushes, the slope,
+                rollers that come and go under the wheels
 
 It is `SensedPlant` with a `Controller`, and without sensors `ModelPlant`, for many robots in one call: the same
 functions, the same random numbers, the same results to rounding. What is random is drawn before (`Draws`).
@@ -64,8 +65,9 @@ from ballbot.mechanics.engine.run import load_state, load_torques, start_lane, t
 from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, in_state_order, pose
 from ballbot.mechanics.engine.vector import add, dot, each, rotate_back
 from ballbot.mechanics.equations import LARGEST_LEAN, angle_rates, attitude, body_rates, terms
+from ballbot.mechanics.parameters import RIGID_SIZE, TERMS_SIZE, WHEEL_SIZE
 from ballbot.simulation.imperfections import FALLING_PART
-from ballbot.simulation.model_plant import friction_needed, sinking
+from ballbot.simulation.model_plant import friction_needed, sinking, wheel_forces
 
 
 class Inputs(NamedTuple):
@@ -89,6 +91,9 @@ class Draws(NamedTuple):
     ]  #: standard normal: six of the AHRS, then for each sample n of the torques and six more
     faults: NDArray[np.float64]  #: standard normal: five at the start, then five for each sample
     places: NDArray[np.float64]  #: (robots, n) of the motors in their play, -0.5 to 0.5
+    turns: NDArray[
+        np.float64
+    ]  #: (robots, n) angles of the wheels at the start, from a roller of the first ring [rad]
     durations: NDArray[np.float64]  #: (robots, samples) of the samples; without columns all are alike [s]
 
 
@@ -127,7 +132,7 @@ class _Block(NamedTuple):
     """What the loop remembers of each robot of a block from sample to sample."""
 
     memories: NDArray[np.void]  #: of the laws, records of `ballbot.control.law.MEMORY`
-    lags: bool  #: whether a motor of any robot does
+    by_steps: bool  #: whether the torques of any robot change within a sample
     late: NDArray[np.float64]  #: (1 + longest delay, robots, n) torques on their way
     acting: NDArray[np.float64]  #: (robots, n) torques that act, or that the motors go towards
     given: NDArray[np.float64]  #: (robots, n) torques that the motors give, behind their lag
@@ -137,6 +142,7 @@ class _Block(NamedTuple):
     angles: NDArray[np.float64]  #: (robots, n) of rigid motors [rad]
     speeds: NDArray[np.float64]  #: (robots, n) of rigid motors [rad/s]
     loads: NDArray[np.float64]  #: (robots, n) torques with which the slope loads the wheels
+    turns: NDArray[np.float64]  #: (robots, n) angles of the wheels at the start [rad]
     before: NDArray[np.float64]  #: (robots, n) encoder angles at the last sample
     encoders: NDArray[np.float64]  #: (robots, 2 n) encoder angles and the speeds differenced from them
     counted: NDArray[np.float64]  #: (robots, 1 + longest window, n) encoder angles at the last samples
@@ -150,6 +156,7 @@ class _Block(NamedTuple):
     # scratch of one robot
     true: NDArray[np.float64]  #: (10,) state
     wheels: NDArray[np.float64]  #: (n,) speeds
+    rolled: NDArray[np.float64]  #: (n,) torques of the rollers
     attitude: NDArray[np.float64]  #: (3,) angles
 
 
@@ -166,12 +173,16 @@ def _loop_of(inputs, robot):
 
 @called
 def _longest(loops):
-    """Return the longest delay, latency and window in samples, and whether a motor lags."""
-    delay, latency, window, lags = 0, 0, 1, False
+    """Return the longest delay, latency and window in samples, and whether torques change within a sample."""
+    delay, latency, window, by_steps = 0, 0, 1, False
     for one in loops:
-        delay, latency = max(delay, one.delay), max(latency, one.latency)
-        window, lags = max(window, one.speed_window), lags or one.lag > 0.0
-    return delay, latency, window, lags
+        delay, latency, window = (
+            max(delay, one.delay),
+            max(latency, one.latency),
+            max(window, one.speed_window),
+        )
+        by_steps = by_steps or one.lag > 0.0 or one.pitch > 0.0
+    return delay, latency, window, by_steps
 
 
 @inlined
@@ -440,8 +451,68 @@ def _take_pushes(selected, work, width, inputs, sampling, first, sample):
 
 
 @called
-def _put_torques(work, width, inputs, block, first, h):
-    """Let the torques act on the lanes for a step of h [s], behind the motors' lag, less those for the slope."""
+def _roll(selected, work, lane, inputs, own, block, number, since):
+    """Let a lane's wheels touch the ball where their angles have them; fill `rolled` (n,) with the rollers' torques."""
+    n, robot, rolled = block.acting.shape[1], robot_in(work, lane), block.rolled
+    axles = inputs.parameters[_row_of(inputs.parameters, number)]
+    _, speeds = pose(selected, load(selected, work, lane), load_state(selected, work, lane))
+    fill(block.wheels, speeds)
+    for i in range(n):
+        rolled[i] = 0.0
+    for i in range(n):
+        angle = work[(ANGLE + i) * LANES + lane]
+        if own.play == 0.0:
+            angle = block.angles[robot, i] + since * block.speeds[robot, i]
+        angle += block.turns[robot, i]
+        nearest = math.floor(angle / own.pitch + 0.5)
+        away = angle - nearest * own.pitch
+        x = abs(away)
+        y = own.pitch - x  # to the next roller
+        share = min(1.0, 0.5 + 0.5 * own.out_of_round * (y * y * y * y - x * x * x * x) / own.give)
+        size = 4.0 * own.out_of_round * own.pressure * (share * x * x * x - (1.0 - share) * y * y * y)
+        rolled[i] += math.copysign(1.0, away) * size
+        # of neighbouring rollers one is of the first ring, one of the second
+        ring = (2.0 * share - 1.0) * (2.0 * (nearest - 2.0 * math.floor(0.5 * nearest)) - 1.0)
+        place = RIGID_SIZE + WHEEL_SIZE * i
+        for k in range(3):
+            work[(place + k) * LANES + lane] = axles[place + k] + ring * own.off_middle[i, k]
+        turning = 0.0
+        for j in range(n):
+            turning += own.about_normal[i, j] * block.wheels[j]
+        most = own.grip * (1.0 - share) * own.pressure
+        moment = 2.0 * own.lever * min(max(own.creep * own.lever * turning, -most), most)
+        for j in range(n):
+            rolled[j] -= own.about_normal[i, j] * moment
+
+
+@called
+def _press(selected, work, lane, inputs, own, block, number):
+    """Let the dry friction of a lane's wheels follow the forces between wheels and ball."""
+    n, whole = block.acting.shape[1], load(selected, work, lane)
+    P, u = whole, load_torques(selected, work, lane)
+    if own.play > 0.0:
+        P, u = wheel_side(whole, own.rotor_inertia), passed_torques(selected, work, lane)
+    contacts = inputs.contacts[_row_of(inputs.contacts, number)]
+    pressing = block.rolled
+    wheel_forces(selected, P, load_state(selected, work, lane), u, contacts, block.wheels, pressing)
+    numbers = inputs.parameters[_row_of(inputs.parameters, number)]
+    terms = RIGID_SIZE + WHEEL_SIZE * n
+    for i in range(n):
+        share = max(0.0, 1.0 + own.load_dependence * (pressing[i] / own.pressure - 1.0))
+        first = RIGID_SIZE + WHEEL_SIZE * i + WHEEL_SIZE - 2  # c and s
+        for place in range(first, first + 2):
+            work[place * LANES + lane] = share * numbers[place]
+        if len(numbers) > terms:
+            for place in range(terms + TERMS_SIZE * i, terms + TERMS_SIZE * (i + 1)):
+                work[place * LANES + lane] = share * numbers[place]
+
+
+@called
+def _put_torques(selected, work, width, inputs, block, first, h, since):
+    """Let the torques act on the lanes for a step of h [s], behind the motors' lag, less the loads of the wheels.
+
+    The step begins `since` [s] after the sample, from which the angles of rigid motors are carried on.
+    """
     n = block.acting.shape[1]
     for lane in range(width):
         robot = robot_in(work, lane)
@@ -450,15 +521,19 @@ def _put_torques(work, width, inputs, block, first, h):
         if own.lag > 0.0:
             kept = math.exp(-h / own.lag)
             mean = (1.0 - kept) * own.lag / h
+        if own.pitch > 0.0:
+            _roll(selected, work, lane, inputs, own, block, first + robot, since)
         for i in range(n):
             away = block.given[robot, i] - block.acting[robot, i]
             torque = block.acting[robot, i] + mean * away
             block.given[robot, i] = block.acting[robot, i] + kept * away
-            on_slope = block.loads[robot, i]
+            on_wheel = block.loads[robot, i]
+            if own.pitch > 0.0:
+                on_wheel -= block.rolled[i]
             if own.play > 0.0:
-                work[(TORQUE + i) * LANES + lane], work[(LOAD + i) * LANES + lane] = torque, on_slope
+                work[(TORQUE + i) * LANES + lane], work[(LOAD + i) * LANES + lane] = torque, on_wheel
             else:
-                work[(TORQUE + i) * LANES + lane] = torque - on_slope
+                work[(TORQUE + i) * LANES + lane] = torque - on_wheel
 
 
 # --- a block ---
@@ -480,6 +555,7 @@ def _start(selected, work, width, inputs, draws, sampling, first, block, state):
         _, speeds = pose(selected, load(selected, work, lane), load_state(selected, work, lane))
         work[ROTOR * LANES + lane], work[PLAY * LANES + lane] = own.rotor_inertia, own.play
         for i in range(n):
+            block.turns[lane, i] = draws.turns[lane, i]
             block.speeds[lane, i] = work[(MOTOR + i) * LANES + lane] = speeds[i]
             if own.play > 0.0:
                 block.starts[lane, i] = own.play * draws.places[lane, i]
@@ -594,8 +670,11 @@ def _end_where_due(selected, work, lane, inputs, sampling, block, first, sample,
         if not sinking(selected, P, state, u) < inputs.lift_offs[_row_of(inputs.lift_offs, number)]:
             fallen = out.lifted[number] = True
         elif sampling.grip < math.inf:
-            touching, room = inputs.contacts[_row_of(inputs.contacts, number)], np.zeros(len(block.acting[0]))
-            if not friction_needed(selected, P, state, u, touching, room) <= sampling.grip:
+            touching = inputs.contacts[_row_of(inputs.contacts, number)]
+            if (
+                not friction_needed(selected, P, state, u, touching, block.wheels, block.rolled)
+                <= sampling.grip
+            ):
                 fallen = out.slipped[number] = True
     if fallen:
         out.ended[number] = sample
@@ -644,11 +723,12 @@ def _runs(work, lane, out, first, samples):
 @called
 def _new_block(loops, width, n, filtering):
     """Return the memory of a block whose robots all begin."""
-    delay, latency, window, lags = _longest(loops)
+    delay, latency, window, by_steps = _longest(loops)
     return _Block(
         np.zeros(width, MEMORY_TYPE),
-        lags,
+        by_steps,
         np.zeros((1 + delay, width, n)),
+        np.zeros((width, n)),
         np.zeros((width, n)),
         np.zeros((width, n)),
         np.zeros((width, n)),
@@ -669,6 +749,7 @@ def _new_block(loops, width, n, filtering):
         np.zeros(FILTER_ROWS * LANES if filtering else LANES),
         np.zeros(10),
         np.zeros(n),
+        np.zeros(n),
         np.zeros(3),
     )
 
@@ -678,12 +759,17 @@ def _move(selected, work, width, inputs, block, sampling, first):
     """Move a block's robots on by a sample."""
     plays = _loop_of(inputs, first).play > 0.0  # all robots of a block, or none
     h = sampling.sample_time / sampling.steps
-    if not (plays or block.lags):
-        _put_torques(work, width, inputs, block, first, h)
+    for lane in range(width):
+        robot = robot_in(work, lane)
+        own = _loop_of(inputs, first + robot)
+        if own.load_dependence > 0.0:
+            _press(selected, work, lane, inputs, own, block, first + robot)
+    if not (plays or block.by_steps):
+        _put_torques(selected, work, width, inputs, block, first, h, 0.0)
         take_steps(selected, work, width, sampling.steps)
         return
-    for _ in range(sampling.steps):
-        _put_torques(work, width, inputs, block, first, h)
+    for step in range(sampling.steps):
+        _put_torques(selected, work, width, inputs, block, first, h, step * h)
         if plays:
             play_block(selected, work, width)
         else:

@@ -98,8 +98,8 @@ def pack_contacts(robot: Robot) -> NDArray[np.float64]:
 
 
 @inlined
-def friction_needed(selected, P, state, u, row, pushes):
-    """Return the largest |f_i| / N_i under wheel torques u; `pushes` (n,) is room to work in.
+def wheel_forces(selected, P, state, u, row, pushes, pressing):
+    """Fill `pushes` (n,) with f_i r_w [N m] and `pressing` (n,) with N_i [N] under wheel torques u.
 
     `state` has the formulation's body rates; a wheel at rest counts as one without dry friction.
     """
@@ -118,17 +118,20 @@ def friction_needed(selected, P, state, u, row, pushes):
     turning = add(cross(w_dot, e), cross(w, cross(w, e)))
     straight = rotate_back(a.R, (v_dot[0], v_dot[1], P.g))
     force = add(scale(straight, row[0]), scale(turning, P.ml))
-    return _largest_share(row, force, pushes)
+    n = len(pushes)
+    for i in range(n):
+        pressing[i] = dot((row[2 + 3 * i], row[3 + 3 * i], row[4 + 3 * i]), force)
+        for j in range(n):
+            pressing[i] += row[2 + 3 * n + n * i + j] * pushes[j]
 
 
 @inlined
-def _largest_share(row, force, pushes):
-    n, largest = len(pushes), 0.0
-    for i in range(n):
-        pressing = dot((row[2 + 3 * i], row[3 + 3 * i], row[4 + 3 * i]), force)
-        for j in range(n):
-            pressing += row[2 + 3 * n + n * i + j] * pushes[j]
-        share = abs(pushes[i]) * row[1] / pressing if pressing > 0.0 else _LIFTED
+def friction_needed(selected, P, state, u, row, pushes, pressing):
+    """Return the largest |f_i| / N_i under wheel torques u; `pushes` and `pressing` (n,) are room to work in."""
+    wheel_forces(selected, P, state, u, row, pushes, pressing)
+    largest = 0.0
+    for i in range(len(pushes)):
+        share = abs(pushes[i]) * row[1] / pressing[i] if pressing[i] > 0.0 else _LIFTED
         largest = max(largest, min(share, _LIFTED))
     return largest
 
@@ -136,14 +139,16 @@ def _largest_share(row, force, pushes):
 @compiled
 def friction_needed_along(selected, parameters, contacts, states, torques, out):
     """Fill `out` (N,) with the friction needed at states (N, 10), of Euler angles' rates, under torques (N, n)."""
-    work, pushes = np.zeros(ROWS * LANES), np.zeros(torques.shape[1])
+    work, forces = np.zeros(ROWS * LANES), np.zeros((2, torques.shape[1]))
     put_robot(work, 0, parameters)
     bare = load_parameters(selected, work, 0)
     for k in range(len(states)):
         start_lane(selected, work, 0, states[k], 0.0)
         u = each_with(element, selected.wheels, torques[k])
         P = under_torque(selected, bare, u)
-        out[k] = friction_needed(selected, P, load_state(selected, work, 0), u, contacts, pushes)
+        out[k] = friction_needed(
+            selected, P, load_state(selected, work, 0), u, contacts, forces[0], forces[1]
+        )
 
 
 #: why a run on the model ends
