@@ -133,6 +133,47 @@ def test_four_wheels_with_play_are_the_plant_one_sample_at_a_time():
     assert_one_by_one(controller, replace(imperfections, seed=3), 0.5)
 
 
+#: an imperfection at a time, beside what is on in the robots that lack it
+IMPERFECTIONS = {
+    "sensor faults": {"sensor_faults": FAULTS},
+    "delay": {"delay": 2},
+    "jitter": {"jitter": 0.001},
+    "torque noise": {"torque_noise": 0.05},
+    "lag": {"lag": 0.002},
+    "supply": {"supply": Supply(winding_resistance=20.0, internal_resistance=5.0)},
+    "rollers": {"contacts": RollerContacts(rollers=ROBOT.wheels.rollers, give=2e-6, grip=1.0, creep=3e4)},
+    "load dependence": {"load_dependence": 0.5},
+    "slope": {"slope": (0.02, -0.01)},
+    "imbalance": {"imbalance": (0.05, 0.02)},
+    "pushes": {"pushes": (Push(time=0.05, duration=0.05, force=(20.0, 0.0, 0.0), height=0.4),)},
+    "missing samples": {"missing": 5, "missing_from": 10},
+    "known robot": {"known": ROBOT.replace(wheels=replace(ROBOT.wheels, radius=0.07))},
+}
+
+
+@pytest.mark.parametrize("backlash", [0.0, PLAY], ids=["rigid", "play"])
+@pytest.mark.parametrize("name", IMPERFECTIONS)
+def test_an_imperfection_that_is_off_leaves_the_loop_without_it(name, backlash):
+    """Bit for bit, beside robots that have it; the first and the last of a block, where vector code begins and ends."""
+    without = Imperfections(sensors=SENSORS, backlash=backlash, seed=3)
+    having = replace(without, **IMPERFECTIONS[name])
+
+    def states(borne: list[Imperfections]) -> NDArray[np.float64]:
+        return simulate_batch(
+            Model(ROBOT),
+            precise_controller(ROBOT),
+            circle(),
+            duration=0.2,
+            initial_states=START,
+            imperfections=borne,
+        ).states
+
+    # the number of lanes is the same: vector code and the scalar code for those that remain round differently
+    beside, alone = states([without, *[having] * 14, without]), states([without] * 16)
+    np.testing.assert_array_equal(beside[[0, 15]], alone[[0, 15]])
+    assert not np.array_equal(beside[7], alone[7])
+
+
 def test_lanes_do_not_notice_each_other():
     """Seeds, robots and controllers of one lane, whatever runs beside it: a robot that falls, or a state of NaN."""
     precise, none = precise_controller(ROBOT), Controller(ROBOT, np.zeros((3, 10)), estimator="kalman")

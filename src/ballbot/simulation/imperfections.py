@@ -89,26 +89,41 @@ class Supply:
     internal_resistance: float = field(metadata=parameter("of the battery", unit="ohm", least=0.0))
 
 
-class Battery:
-    """A battery with an internal resistance and the motors' windings; see `Supply`."""
+class DriveLimits:
+    """Torque limit of the drivers, and what the supply leaves: a battery, or a fixed limit near the highest speed."""
 
-    def __init__(self, robot: Robot, supply: Supply) -> None:
+    def __init__(self, robot: Robot, supply: Supply | None = None) -> None:
         drive = robot.drive
+        self._supply = supply
+        self.torque_limit = drive.torque_limit  #: [N m]
+        self.top_speed = wheel_speed_limit(  #: [rad/s] at the wheel
+            supply_voltage=drive.supply_voltage,
+            speed_constant=drive.speed_constant,
+            gear_ratio=drive.gear_ratio,
+        )
         self._full = drive.supply_voltage
-        self._inner = supply.internal_resistance
-        self._winding = supply.winding_resistance
         self._ampere = drive.gear_ratio * drive.torque_constant  # [N m/A] at the wheel
         self._back = drive.gear_ratio / drive.speed_constant  # [V s/rad] at the wheel
-        self.voltage = self._full  #: [V] at the last step
 
     def within(self, torques: NDArray[np.float64], speeds: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the requested torques (n,) [N m] within the limits at motor speeds (n,) [rad/s]."""
+        """Return the torques (n,) [N m] that the motors can give of those commanded at motor speeds (n,) [rad/s]."""
+        clipped = np.minimum(np.maximum(torques, -self.torque_limit), self.torque_limit)
+        if self._supply is not None:
+            return self._within_supply(self._supply, clipped, speeds)
+        # one-sided: a motor at its highest speed can still brake with full torque
+        left = (self.top_speed - speeds * np.sign(clipped)) / (FALLING_PART * self.top_speed)
+        available = np.clip(left, 0.0, 1.0) * self.torque_limit
+        return np.sign(clipped) * np.minimum(np.abs(clipped), available)
+
+    def _within_supply(
+        self, supply: Supply, torques: NDArray[np.float64], speeds: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         current = torques / self._ampere
-        power = float(torques @ speeds + self._winding * (current @ current))
+        power = float(torques @ speeds + supply.winding_resistance * (current @ current))
         # a loaded battery has V = V_0 - R_i P / V_0; braking motors charge it
-        self.voltage = max(self._full - self._inner * power / self._full, 0.0)
-        most = self._ampere * self.voltage / self._winding
-        back_emf = self._ampere * self._back / self._winding * speeds
+        voltage = max(self._full - supply.internal_resistance * power / self._full, 0.0)
+        most = self._ampere * voltage / supply.winding_resistance
+        back_emf = self._ampere * self._back / supply.winding_resistance * speeds
         return np.clip(torques, -most - back_emf, most - back_emf)
 
 
@@ -296,24 +311,32 @@ def loop_record(
     one: Imperfections,
     robot: Robot,
     *,
-    estimator: EstimatorName,
+    estimator: EstimatorName | None,
     sample_time: float,
 ) -> NDArray[np.float64]:
-    """Return the row of numbers, the float64 view of a record of `LOOP`.
+    """Return the row of numbers, the float64 view of a record of `LOOP`; raise InputError for play without rotors.
 
     Parameters
     ----------
     one : Imperfections
     robot : Robot
         The true one.
-    estimator : {"onboard", "kalman"}
-        If there are sensors.
+    estimator : {"onboard", "kalman"} or None
+        Where there are sensors; None if they are read elsewhere.
     sample_time : float
         Of the controller and the sensors [s].
     """
     lean, along = rest_on_slope(robot, one.slope)
     _, across = rest_on_slope(robot, (one.slope[1], -one.slope[0]))
     drive = robot.drive
+    rotor = reflected_rotor_inertia(
+        gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
+    )
+    if one.backlash > 0.0 and not rotor > 0.0:
+        raise InputError(
+            f"The motors and gears of {robot.name!r} have no inertia, so nothing limits their speed within the play; "
+            "give drive.motor_inertia or drive.gear_inertia."
+        )
     values: dict[str, object] = {
         "sample_time": sample_time,
         "delay": one.delay,
@@ -329,9 +352,7 @@ def loop_record(
         "torque_noise": one.torque_noise,
         "lag": one.lag,
         "play": one.backlash,
-        "rotor_inertia": reflected_rotor_inertia(
-            gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
-        ),
+        "rotor_inertia": rotor,
         "fallen_cosine": math.cos(one.fallen_lean) if one.fallen_lean < LARGEST_LEAN else -1.0,
         "rest_lean": lean,
         "slope_load": np.column_stack([along, across]),
@@ -347,7 +368,7 @@ def loop_record(
             "ampere": drive.gear_ratio * drive.torque_constant,
             "back": drive.gear_ratio / drive.speed_constant,
         }
-    if one.sensors is not None:
+    if one.sensors is not None and estimator is not None:
         values |= _of_sensors(one, one.sensors, robot, estimator, sample_time)
     record = LOOP.zeros()
     fill_record(record, LoopRecord(**values))  # pyright: ignore[reportArgumentType] (a value for each field)

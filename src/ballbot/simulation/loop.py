@@ -9,8 +9,8 @@ A sample of a robot is, in this order:
     move        so many steps: the motors' lag, the gears' play or rigid gears, friction that sticks, pushes, the slope,
                 rollers that come and go under the wheels
 
-It is `SensedPlant` with a `Controller`, and without sensors `ModelPlant`, for many robots in one call: the same
-functions, the same random numbers, the same results to rounding. What is random is drawn before (`Draws`).
+What is random is drawn before (`Draws`). `SensedPlant` calls the same functions one sample at a time, with sensors,
+estimator and controller in Python, and gives the same results to rounding.
 """
 
 import math
@@ -134,8 +134,9 @@ class _Block(NamedTuple):
     memories: NDArray[np.void]  #: of the laws, records of `ballbot.control.law.MEMORY`
     by_steps: bool  #: whether the torques of any robot change within a sample
     late: NDArray[np.float64]  #: (1 + longest delay, robots, n) torques on their way
-    acting: NDArray[np.float64]  #: (robots, n) torques that act, or that the motors go towards
-    given: NDArray[np.float64]  #: (robots, n) torques that the motors give, behind their lag
+    wanted: NDArray[np.float64]  #: (robots, n) torques that the drivers want of the motors
+    given: NDArray[np.float64]  #: (robots, n) those behind the motors' lag
+    acting: NDArray[np.float64]  #: (robots, n) torques that act in a step
     commanded: NDArray[np.float64]  #: (robots, n) torques that the controllers ask for
     last: NDArray[np.float64]  #: (robots, n) and asked for in the last sample
     starts: NDArray[np.float64]  #: (robots, n) where motors with play begin to count [rad]
@@ -384,8 +385,7 @@ def _filtered(filters, robot, gyro, state):
 
 @inlined
 def _within_drive(own, torque, speed):
-    """Return a torque within the driver's limit, and near the motor's highest speed within what the supply leaves."""
-    torque = min(max(torque, -own.torque_limit), own.torque_limit)
+    """Return a torque near the motor's highest speed within what the supply leaves."""
     share = (own.top_speed - math.copysign(speed, speed * torque)) / (FALLING_PART * own.top_speed)
     left = own.torque_limit * min(max(share, 0.0), 1.0)
     return min(max(torque, -left), left)
@@ -396,7 +396,6 @@ def _within_supply(own, torques, speeds):
     """Limit torques (n,) to what a battery and the windings leave; see `Supply`."""
     power = 0.0
     for i in range(len(torques)):
-        torques[i] = min(max(torques[i], -own.torque_limit), own.torque_limit)
         current = torques[i] / own.ampere
         power += torques[i] * speeds[i] + own.winding * current * current
     most = own.ampere * max(own.voltage - own.sag * power, 0.0) / own.winding
@@ -509,31 +508,37 @@ def _press(selected, work, lane, inputs, own, block, number):
 
 @called
 def _put_torques(selected, work, width, inputs, block, first, h, since):
-    """Let the torques act on the lanes for a step of h [s], behind the motors' lag, less the loads of the wheels.
+    """Let the torques act on the lanes for a step of h [s]: behind the motors' lag, and within what the supply leaves.
 
-    The step begins `since` [s] after the sample, from which the angles of rigid motors are carried on.
+    The step begins `since` [s] after the sample. Gears with play have the motors' speeds of each step, rigid ones those
+    of the sample.
     """
-    n = block.acting.shape[1]
     for lane in range(width):
         robot = robot_in(work, lane)
-        own = _loop_of(inputs, first + robot)
+        own, acting, speeds = _loop_of(inputs, first + robot), block.acting[robot], block.wheels
+        if own.pitch > 0.0:
+            _roll(selected, work, lane, inputs, own, block, first + robot, since)
         mean, kept = 0.0, 0.0
         if own.lag > 0.0:
             kept = math.exp(-h / own.lag)
             mean = (1.0 - kept) * own.lag / h
-        if own.pitch > 0.0:
-            _roll(selected, work, lane, inputs, own, block, first + robot, since)
-        for i in range(n):
-            away = block.given[robot, i] - block.acting[robot, i]
-            torque = block.acting[robot, i] + mean * away
-            block.given[robot, i] = block.acting[robot, i] + kept * away
-            on_wheel = block.loads[robot, i]
+        for i in range(len(acting)):
+            speeds[i] = work[(MOTOR + i) * LANES + lane] if own.play > 0.0 else block.speeds[robot, i]
+            away = block.given[robot, i] - block.wanted[robot, i]
+            acting[i] = block.wanted[robot, i] + mean * away
+            block.given[robot, i] = block.wanted[robot, i] + kept * away
+            if own.limited == 1:
+                acting[i] = _within_drive(own, acting[i], speeds[i])
+        if own.limited == 2:
+            _within_supply(own, acting, speeds)
+        for i in range(len(acting)):
+            load_on_wheel = block.loads[robot, i]
             if own.pitch > 0.0:
-                on_wheel -= block.rolled[i]
+                load_on_wheel -= block.rolled[i]
             if own.play > 0.0:
-                work[(TORQUE + i) * LANES + lane], work[(LOAD + i) * LANES + lane] = torque, on_wheel
+                work[(TORQUE + i) * LANES + lane], work[(LOAD + i) * LANES + lane] = acting[i], load_on_wheel
             else:
-                work[(TORQUE + i) * LANES + lane] = torque - on_wheel
+                work[(TORQUE + i) * LANES + lane] = acting[i] - load_on_wheel
 
 
 # --- a block ---
@@ -599,11 +604,9 @@ def _measure(selected, work, lane, inputs, draws, block, first, sample):
 
 
 @called
-def _command(work, lane, inputs, draws, block, first, sample, reference, out):
-    """Decide a lane's torques, and let those that are due act, with noise and within the drive's limits."""
-    robot = robot_in(work, lane)
+def _command(inputs, block, robot, first, sample, reference):
+    """Decide a robot's torques."""
     own, state, held = _loop_of(inputs, first + robot), block.states[robot], block.commanded[robot]
-    n = len(held)
     if own.estimator == 2:
         row = inputs.filters[_row_of(inputs.filters, first + robot)]
         if sample > 0:
@@ -615,38 +618,40 @@ def _command(work, lane, inputs, draws, block, first, sample, reference, out):
     fill(block.last[robot], held)
     law = inputs.laws[_row_of(inputs.laws, first + robot)]
     record_law(law, block.memories[robot], state, reference, held)
+
+
+@called
+def _drive(work, lane, inputs, block, first, sample, noise, changes):
+    """Give the motors the torques that are due, with noise (n,), within the driver's limit, and the wheels the slope's."""
+    robot = robot_in(work, lane)
+    own, held = _loop_of(inputs, first + robot), block.commanded[robot]
     psi, late = work[(STATE + 4) * LANES + lane], block.late
     c, s = math.cos(psi), math.sin(psi)
     fill(late[sample % len(late), robot], held)
     due = late[(sample - own.delay) % len(late), robot]
-    for i in range(n):
+    for i in range(len(held)):
         if sample > 0:
-            out.changes[first + robot] += (held[i] - block.last[robot, i]) ** 2
+            changes[first + robot] += (held[i] - block.last[robot, i]) ** 2
         torque = due[i]
         if own.torque_noise > 0.0:
-            torque += own.torque_noise * draws.noise[robot, (n + 6) * sample + 6 + i]
-        speed = work[(MOTOR + i) * LANES + lane] if own.play > 0.0 else block.speeds[robot, i]
-        if own.limited == 1:
-            torque = _within_drive(own, torque, speed)
-        block.wheels[i] = speed
-        block.acting[robot, i] = torque
+            torque += own.torque_noise * noise[i]
+        if own.limited > 0:
+            torque = min(max(torque, -own.torque_limit), own.torque_limit)
+        block.wanted[robot, i] = torque
+        if own.lag == 0.0:
+            block.given[robot, i] = torque
         block.loads[robot, i] = c * own.slope_load[i, 0] + s * own.slope_load[i, 1]
-    if own.limited == 2:
-        _within_supply(own, block.acting[robot], block.wheels)
-    if own.lag == 0.0:
-        for i in range(n):
-            block.given[robot, i] = block.acting[robot, i]
 
 
 @called
-def _turn_motors(selected, work, width, inputs, block, first, durations, sample):
+def _turn_motors(selected, work, width, inputs, block, first, steps):
     """Leave the speeds of rigid motors, and turn their encoders by the mean over the sample."""
     for lane in range(width):
         robot = robot_in(work, lane)
         own = _loop_of(inputs, first + robot)
         if own.play == 0.0:
             _, speeds = pose(selected, load(selected, work, lane), load_state(selected, work, lane))
-            duration = durations[robot, sample] if durations.shape[1] > 0 else own.sample_time
+            duration = steps * work[STEP * LANES + lane]
             for i in range(len(speeds)):
                 block.angles[robot, i] += 0.5 * duration * (block.speeds[robot, i] + speeds[i])
                 block.speeds[robot, i] = speeds[i]
@@ -738,6 +743,7 @@ def _new_block(loops, width, n, filtering):
         np.zeros((width, n)),
         np.zeros((width, n)),
         np.zeros((width, n)),
+        np.zeros((width, n)),
         np.zeros((width, 2 * n)),
         np.zeros((width, 1 + window, n)),
         np.zeros((width, 6)),
@@ -795,13 +801,15 @@ def run_block(selected, inputs, draws, sampling, first, width, out):
                 sample_block(block.filters, width)
             for lane in range(width):
                 if _runs(work, lane, out, first, samples):
-                    _command(work, lane, inputs, draws, block, first, sample, reference, out)
+                    robot = robot_in(work, lane)
+                    noise = draws.noise[robot, (n + 6) * sample + 6 : (n + 6) * sample + 6 + n]
+                    _command(inputs, block, robot, first, sample, reference)
+                    _drive(work, lane, inputs, block, first, sample, noise, out.changes)
                     if draws.durations.shape[1] > 0:
-                        robot = robot_in(work, lane)
                         work[STEP * LANES + lane] = draws.durations[robot, sample] / sampling.steps
             _take_pushes(selected, work, width, inputs, sampling, first, sample)
             _move(selected, work, width, inputs, block, sampling, first)
-            _turn_motors(selected, work, width, inputs, block, first, draws.durations, sample)
+            _turn_motors(selected, work, width, inputs, block, first, sampling.steps)
         for lane in range(width):
             robot = first + robot_in(work, lane)
             if _runs(work, lane, out, first, samples):
@@ -815,3 +823,26 @@ def run_block(selected, inputs, draws, sampling, first, width, out):
                 fill(out.commanded[robot, record], block.commanded[robot - first])
                 fill(out.encoders[robot, record], block.encoders[robot - first])
                 fill(out.gyro[robot, record], block.gyros[robot - first])
+
+
+@compiled
+def start_alone(selected, inputs, draws, sampling):
+    """Return the work array and the block of a robot at its start, whose controller is called from outside."""
+    work, state = new_work(), np.empty(10)
+    block = _new_block(inputs.loops, 1, draws.turns.shape[1], False)
+    _start(selected, work, 1, inputs, draws, sampling, 0, block, state)
+    _measure(selected, work, 0, inputs, draws, block, 0, 0)
+    return work, block
+
+
+@compiled
+def step_alone(selected, inputs, draws, sampling, work, block, sample, torques, noise, duration, out):
+    """Move such a robot on by a sample of its controller's torques (n,); what it measures is then in the block."""
+    fill(block.commanded[0], torques)
+    _drive(work, 0, inputs, block, 0, sample, noise, out.changes)
+    work[STEP * LANES] = duration / sampling.steps
+    _take_pushes(selected, work, 1, inputs, sampling, 0, sample)
+    _move(selected, work, 1, inputs, block, sampling, 0)
+    _turn_motors(selected, work, 1, inputs, block, 0, sampling.steps)
+    _end_where_due(selected, work, 0, inputs, sampling, block, 0, sample + 1, out)
+    _measure(selected, work, 0, inputs, draws, block, 0, 0)

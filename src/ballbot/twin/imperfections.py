@@ -42,8 +42,11 @@ def left_out(scenario: Scenario) -> tuple[str, ...]:
     return (*(words for name, words in _BEYOND.items() if getattr(scenario, name)), "slip of wheels and ball")
 
 
-def imperfections_of(scenario: Scenario) -> Imperfections:
-    """Return a scenario's sensors, drive, floor and pushes; `left_out` names what is not among them."""
+def imperfections_of(scenario: Scenario, *, known: Robot | None = None) -> Imperfections:
+    """Return a scenario's sensors, drive, floor and pushes; `left_out` names what is not among them.
+
+    `known` is the robot that the estimator knows; the true one by default.
+    """
     normal = floor_normal(scenario)
     timing, loop, payload = scenario.timing, scenario.current_loop, scenario.payload
     give = 1.0 / scenario.softness.stiffness if scenario.softness else _GIVE * scenario.contact_time**2
@@ -73,6 +76,7 @@ def imperfections_of(scenario: Scenario) -> Imperfections:
         else (0.0, 0.0),
         pushes=scenario.pushes,
         fallen_lean=scenario.fallen_lean,
+        known=known,
     )
 
 

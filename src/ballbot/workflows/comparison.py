@@ -182,9 +182,7 @@ class LoopRobot:
         """Return the plant that is the same, one period at a time."""
         if self.imperfections is None:
             return self.model
-        return SensedPlant(
-            self.model, self.imperfections, known=self.imperfections.known, estimator=estimator
-        )
+        return SensedPlant(self.model, self.imperfections, estimator=estimator)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

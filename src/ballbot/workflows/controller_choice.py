@@ -70,7 +70,7 @@ class PlantDraw:
         """The robot on the compiled loop."""
         return LoopRobot(
             model=true_model(self.robot, replace(self.scenario, friction=self.robot.friction)),
-            imperfections=replace(imperfections_of(self.scenario), known=self.known),
+            imperfections=imperfections_of(self.scenario, known=self.known),
         )
 
 

@@ -118,7 +118,7 @@ class Course:
         if self.on == "model":
             return LoopRobot(
                 model=true_model(true, replace(self.scenario, friction=true.friction)),
-                imperfections=replace(imperfections_of(self.scenario), known=robot),
+                imperfections=imperfections_of(self.scenario, known=robot),
             )
         friction = scaled_friction(self.scenario.friction, other.friction)
         return partial(_twin, true, replace(self.scenario, friction=friction), robot)
