@@ -390,11 +390,15 @@ def _common_wheel_count(robots: Sequence[Robot], controllers: Sequence[Controlle
 def _sampled(reference: Reference, samples: int, sample_time: float) -> NDArray[np.float64]:
     """Return the reference at every sample (samples, 10)."""
     references = np.empty((samples, 10))
-    for k in range(samples):
-        wanted = reference(round(k * sample_time, 9))  # whole nanoseconds, as `simulate` asks
+    times = np.round(np.arange(samples) * sample_time, 9)  # whole nanoseconds, as `simulate` asks
+    last = None
+    for k, t in enumerate(times.tolist()):
+        wanted = reference(t)
         # a check of each sample would take longer than its simulation
-        plain = type(wanted) is np.ndarray and wanted.dtype == np.float64 and wanted.shape == (10,)
-        references[k] = wanted if plain else real_array(wanted, (10,), "The reference")
+        if wanted is not last:
+            plain = type(wanted) is np.ndarray and wanted.dtype == np.float64 and wanted.shape == (10,)
+            last = wanted if plain else real_array(wanted, (10,), "The reference")
+        references[k] = last
     real_array(references, (samples, 10), "The reference")
     if np.abs(np.diff(references[:, 4])).max(initial=0.0) > JUMP:
         heading = Heading()

@@ -42,7 +42,7 @@ from ballbot.estimation.kalman_model import ROWS as FILTER_ROWS
 from ballbot.estimation.kalman_model import STATE as FILTER_STATE
 from ballbot.mechanics.accelerations import solve
 from ballbot.mechanics.engine.arrays import fill
-from ballbot.mechanics.engine.compiled import by_types_of, called, compiled, inlined
+from ballbot.mechanics.engine.compiled import by_types_of, compiled, inlined
 from ballbot.mechanics.engine.lanes import (
     AHEAD,
     ANGLE,
@@ -152,10 +152,10 @@ class _Block(NamedTuple):
     gyros: NDArray[np.float64]  #: (robots, 3) the gyro's present readings
     onboard: NDArray[np.float64]  #: (robots, 4) place and velocity
     pivoting: NDArray[np.float64]  #: (robots,) of the Kalman filters
+    truths: NDArray[np.float64]  #: (robots, 10) states on the robots' floors
     states: NDArray[np.float64]  #: (robots, 10) that the controllers are given
     filters: NDArray[np.float64]  #: the Kalman filters' work array, a robot a column
     # scratch of one robot
-    true: NDArray[np.float64]  #: (10,) state
     wheels: NDArray[np.float64]  #: (n,) speeds
     rolled: NDArray[np.float64]  #: (n,) torques of the rollers
     attitude: NDArray[np.float64]  #: (3,) angles
@@ -172,7 +172,7 @@ def _loop_of(inputs, robot):
     return inputs.loops[_row_of(inputs.loops, robot)]
 
 
-@called
+@inlined
 def _longest(loops):
     """Return the longest delay, latency and window in samples, and whether torques change within a sample."""
     delay, latency, window, by_steps = 0, 0, 1, False
@@ -232,7 +232,7 @@ def _angles_of(g, heading):
     return theta, phi, heading + math.atan2(c * sine - s * cosine, c * cosine + s * sine)
 
 
-@called
+@inlined
 def _read_ahrs(own, block, robot, sample, noise, faults, truth, gyro, angles):
     """Fill gyro (3,) and angles (3,) with what the AHRS shows."""
     a = attitude((truth[2], truth[3], truth[4]))
@@ -273,7 +273,7 @@ def _read_ahrs(own, block, robot, sample, noise, faults, truth, gyro, angles):
             gyro[i], angles[i] = old[i], old[3 + i]
 
 
-@called
+@inlined
 def _read_encoders(own, block, robot, sample, angles, speeds):
     """Turn motor angles (n,) since the start into counted ones, and fill the speeds (n,) differenced from them."""
     recent = block.counted[robot]
@@ -299,7 +299,7 @@ def _ball_rate(own, speeds):
     return x, y, z
 
 
-@called
+@inlined
 def _onboard(own, block, robot, sample, speeds, gyro, angles, state):
     """Fill the state (10,) as `OnboardState` has it."""
     a, w = attitude((angles[0], angles[1], angles[2])), (gyro[0], gyro[1], gyro[2])
@@ -321,7 +321,7 @@ def _slot(row, robot):
     return row * LANES + robot
 
 
-@called
+@inlined
 def _begin_filter(filters, robot, row, state, gyro, angles):
     """Start a Kalman filter at its first reading; `row` is its row of `filter_row`."""
     for i in range(MODEL_SIZE):
@@ -339,7 +339,7 @@ def _begin_filter(filters, robot, row, state, gyro, angles):
     filters[_slot(FILTER_STATE + PSI, robot)] = heading
 
 
-@called
+@inlined
 def _show_filter(own, block, robot, limit, turned, gyro, angles):
     """Give a Kalman filter its inputs; `turned` (n,) are the mean wheel speeds over the sample."""
     filters = block.filters
@@ -354,7 +354,7 @@ def _show_filter(own, block, robot, limit, turned, gyro, angles):
     filters[_slot(PIVOTS, robot)] = 1.0 if abs(block.pivoting[robot]) > limit else 0.0
 
 
-@called
+@inlined
 def _filtered(filters, robot, gyro, state):
     """Fill the state (10,) of a Kalman filter, and keep the gyro for the next sample."""
     x = FILTER_STATE
@@ -386,6 +386,8 @@ def _filtered(filters, robot, gyro, state):
 @inlined
 def _within_drive(own, torque, speed):
     """Return a torque near the motor's highest speed within what the supply leaves."""
+    if abs(speed) < (1.0 - FALLING_PART) * own.top_speed:
+        return torque
     share = (own.top_speed - math.copysign(speed, speed * torque)) / (FALLING_PART * own.top_speed)
     left = own.torque_limit * min(max(share, 0.0), 1.0)
     return min(max(torque, -left), left)
@@ -404,7 +406,7 @@ def _within_supply(own, torques, speeds):
         torques[i] = min(max(torques[i], -most - back), most - back)
 
 
-@called
+@inlined
 def _push(selected, work, lane, own, push, duration):
     """Change a lane's velocities by the impulse of a push over a sample."""
     whole, state = load(selected, work, lane), load_state(selected, work, lane)
@@ -439,7 +441,7 @@ def _sum(a, b):
     return a + b
 
 
-@called
+@inlined
 def _take_pushes(selected, work, width, inputs, sampling, first, sample):
     for lane in range(width):
         robot = first + robot_in(work, lane)
@@ -449,7 +451,7 @@ def _take_pushes(selected, work, width, inputs, sampling, first, sample):
                 _push(selected, work, lane, _loop_of(inputs, robot), pushes[k], sampling.sample_time)
 
 
-@called
+@inlined
 def _roll(selected, work, lane, inputs, own, block, number, since):
     """Let a lane's wheels touch the ball where their angles have them; fill `rolled` (n,) with the rollers' torques."""
     n, robot, rolled = block.acting.shape[1], robot_in(work, lane), block.rolled
@@ -484,7 +486,7 @@ def _roll(selected, work, lane, inputs, own, block, number, since):
             rolled[j] -= own.about_normal[i, j] * moment
 
 
-@called
+@inlined
 def _press(selected, work, lane, inputs, own, block, number):
     """Let the dry friction of a lane's wheels follow the forces between wheels and ball."""
     n, whole = block.acting.shape[1], load(selected, work, lane)
@@ -506,7 +508,7 @@ def _press(selected, work, lane, inputs, own, block, number):
                 work[place * LANES + lane] = share * numbers[place]
 
 
-@called
+@inlined
 def _put_torques(selected, work, width, inputs, block, first, h, since):
     """Let the torques act on the lanes for a step of h [s]: behind the motors' lag, and within what the supply leaves.
 
@@ -544,7 +546,7 @@ def _put_torques(selected, work, width, inputs, block, first, h, since):
 # --- a block ---
 
 
-@called
+@inlined
 def _start(selected, work, width, inputs, draws, sampling, first, block, state):
     """Put the robots into the lanes, at rest in their plays."""
     n = block.acting.shape[1]
@@ -555,6 +557,7 @@ def _start(selected, work, width, inputs, draws, sampling, first, block, state):
         fill(state, inputs.initial[_row_of(inputs.initial, robot)])
         for i in range(2):
             block.onboard[lane, i] = state[i]
+        fill(block.truths[lane], state)
         _floored(state, own, -1.0)
         start_lane(selected, work, lane, state, sampling.sample_time / sampling.steps)
         _, speeds = pose(selected, load(selected, work, lane), load_state(selected, work, lane))
@@ -567,12 +570,12 @@ def _start(selected, work, width, inputs, draws, sampling, first, block, state):
                 work[(AHEAD + i) * LANES + lane] = block.starts[lane, i]
 
 
-@called
+@inlined
 def _measure(selected, work, lane, inputs, draws, block, first, sample):
     """Read a lane's sensors, and fill its state unless the Kalman filter does."""
     robot = robot_in(work, lane)
     own, state, n = _loop_of(inputs, first + robot), block.states[robot], block.acting.shape[1]
-    _truth(selected, work, lane, own, state)
+    fill(state, block.truths[robot])
     gyro, encoders, speeds = block.gyros[robot], block.encoders[robot, :n], block.encoders[robot, n:]
     for i in range(n):
         encoders[i], speeds[i] = block.angles[robot, i], block.speeds[robot, i]
@@ -603,7 +606,7 @@ def _measure(selected, work, lane, inputs, draws, block, first, sample):
     fill(block.before[robot], encoders)
 
 
-@called
+@inlined
 def _command(inputs, block, robot, first, sample, reference):
     """Decide a robot's torques."""
     own, state, held = _loop_of(inputs, first + robot), block.states[robot], block.commanded[robot]
@@ -620,9 +623,9 @@ def _command(inputs, block, robot, first, sample, reference):
     record_law(law, block.memories[robot], state, reference, held)
 
 
-@called
+@inlined
 def _drive(work, lane, inputs, block, first, sample, noise, changes):
-    """Give the motors the torques that are due, with noise (n,), within the driver's limit, and the wheels the slope's."""
+    """Give the motors the torques that are due, with noise (n,) and within the driver's limit, the wheels their loads."""
     robot = robot_in(work, lane)
     own, held = _loop_of(inputs, first + robot), block.commanded[robot]
     psi, late = work[(STATE + 4) * LANES + lane], block.late
@@ -643,7 +646,7 @@ def _drive(work, lane, inputs, block, first, sample, noise, changes):
         block.loads[robot, i] = c * own.slope_load[i, 0] + s * own.slope_load[i, 1]
 
 
-@called
+@inlined
 def _turn_motors(selected, work, width, inputs, block, first, steps):
     """Leave the speeds of rigid motors, and turn their encoders by the mean over the sample."""
     for lane in range(width):
@@ -657,14 +660,14 @@ def _turn_motors(selected, work, width, inputs, block, first, steps):
                 block.speeds[robot, i] = speeds[i]
 
 
-@called
+@inlined
 def _end_where_due(selected, work, lane, inputs, sampling, block, first, sample, out):
     """Stop a lane that has fallen within the sample, would lift off or slip at its end, or whose outcome is known."""
     robot = robot_in(work, lane)
     own, number = _loop_of(inputs, first + robot), first + robot
     state, whole = load_state(selected, work, lane), load(selected, work, lane)
     lean = max(abs(state[2]), abs(state[3]))
-    truth = block.true
+    truth = block.truths[robot]
     _truth(selected, work, lane, own, truth)
     fallen = work[STEP * LANES + lane] == 0.0 or not lean <= LARGEST_LEAN
     fallen = fallen or math.cos(truth[2]) * math.cos(truth[3]) < own.fallen_cosine
@@ -688,7 +691,7 @@ def _end_where_due(selected, work, lane, inputs, sampling, block, first, sample,
         _decide(work, lane, sampling, truth, sample, out, number)
 
 
-@called
+@inlined
 def _decide(work, lane, sampling, state, sample, out, robot):
     """Stop a lane whose outcome is known; see `Verdict`."""
     lean = state[2] * state[2] + state[3] * state[3]
@@ -701,7 +704,7 @@ def _decide(work, lane, sampling, state, sample, out, robot):
     work[STEP * LANES + lane] = 0.0
 
 
-@called
+@inlined
 def _within(bounds, state, reference):
     """Return whether each row's product with the heading frame's error is between -1 and 1."""
     c, s = math.cos(state[4]), math.sin(state[4])
@@ -725,7 +728,7 @@ def _runs(work, lane, out, first, samples):
     return out.ended[robot] == samples and out.settled[robot] == samples
 
 
-@called
+@inlined
 def _new_block(loops, width, n, filtering):
     """Return the memory of a block whose robots all begin."""
     delay, latency, window, by_steps = _longest(loops)
@@ -752,15 +755,15 @@ def _new_block(loops, width, n, filtering):
         np.zeros((width, 4)),
         np.zeros(width),
         np.zeros((width, 10)),
+        np.zeros((width, 10)),
         np.zeros(FILTER_ROWS * LANES if filtering else LANES),
-        np.zeros(10),
         np.zeros(n),
         np.zeros(n),
         np.zeros(3),
     )
 
 
-@called
+@inlined
 def _move(selected, work, width, inputs, block, sampling, first):
     """Move a block's robots on by a sample."""
     plays = _loop_of(inputs, first).play > 0.0  # all robots of a block, or none
@@ -817,7 +820,7 @@ def run_block(selected, inputs, draws, sampling, first, width, out):
                 moving -= 1 if work[STEP * LANES + lane] == 0.0 else 0
             if (sample + 1) % sampling.every == 0:
                 record = (sample + 1) // sampling.every - 1
-                _truth(selected, work, lane, _loop_of(inputs, robot), out.states[robot, record])
+                fill(out.states[robot, record], block.truths[robot - first])
                 fill(out.torques[robot, record], block.acting[robot - first])
                 fill(out.seen[robot, record], block.states[robot - first])
                 fill(out.commanded[robot, record], block.commanded[robot - first])
