@@ -625,7 +625,7 @@ def _command(inputs, block, robot, first, sample, reference):
 
 @inlined
 def _drive(work, lane, inputs, block, first, sample, noise, changes):
-    """Give the motors the torques that are due, noisy (n,) and within the driver's limit, and the wheels their loads."""
+    """Give motors the torques that are due, with noise (n,), within the driver's limit, and the wheels their loads."""
     robot = robot_in(work, lane)
     own, held = _loop_of(inputs, first + robot), block.commanded[robot]
     psi, late = work[(STATE + 4) * LANES + lane], block.late
