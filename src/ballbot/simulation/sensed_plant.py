@@ -153,7 +153,8 @@ class SensedPlant:
         self._inputs.initial[0] = state
         n = self.robot.wheel_count
         self._random, self._instants = np.random.default_rng(seed), np.random.default_rng([seed, 5])
-        self._draws = draws_of([(self.imperfections, seed)], 1, n=n, samples=0, sample_time=self._sample_time)
+        drawn = draws_of([(self.imperfections, seed)], 1, n=n, samples=0, sample_time=self._sample_time)
+        self._draws = drawn._replace(noise=np.zeros((1, n)), durations=np.zeros((1, 1)))
         self._sample, self._late = 0, 0.0
         self._out = empty_outcome(1, 0, np.iinfo(np.int64).max, n)
         self._work, self._block = start_alone(self.model.selected, self._inputs, self._draws, self._sampling)
@@ -188,6 +189,8 @@ class SensedPlant:
     def _advance(self, torques: NDArray[np.float64]) -> None:
         """Advance by one sample with the torques (n,) that were commanded."""
         late = self.imperfections.jitter * self._instants.uniform(-1.0, 1.0)
+        self._random.standard_normal(out=self._draws.noise[0])
+        self._draws.durations[0, 0] = self._sample_time + late - self._late
         step_alone(
             self.model.selected,
             self._inputs,
@@ -197,8 +200,6 @@ class SensedPlant:
             self._block,
             self._sample,
             torques,
-            self._random.standard_normal(len(torques)),
-            self._sample_time + late - self._late,
             self._out,
         )
         self._sample, self._late = self._sample + 1, late

@@ -34,12 +34,24 @@ _ALUMINIUM = 2700.0  # [kg/m^3], of a payload
 _GIVE, _CREEP = 0.16, 140.0
 
 
-def left_out(scenario: Scenario) -> tuple[str, ...]:
+def with_identified(scenario: Scenario, friction: Friction) -> Scenario:
+    """Return a scenario of the equations with friction that was identified by them: wheels touch in a point.
+
+    The friction contains what rollers take, which a robot with rollers would have twice.
+    """
+    return replace(scenario, friction=friction, wheel_contact="point")
+
+
+def left_out(scenario: Scenario, *, identified: bool = False) -> tuple[str, ...]:
     """Return what the equations of motion leave out of a scenario, in words for a report.
 
-    Slip of the contacts is named always: `roller_grip` and `floor_grip` of a scenario are finite.
+    Slip of the contacts is named always: `roller_grip` and `floor_grip` of a scenario are finite. `identified` as in
+    `with_identified`.
     """
-    return (*(words for name, words in _BEYOND.items() if getattr(scenario, name)), "slip of wheels and ball")
+    beyond = [words for name, words in _BEYOND.items() if getattr(scenario, name)]
+    if identified and scenario.wheel_contact == "rollers":
+        beyond.append("the rollers' passing, but for what the identified friction contains")
+    return (*beyond, "slip of wheels and ball")
 
 
 def imperfections_of(scenario: Scenario, *, known: Robot | None = None) -> Imperfections:

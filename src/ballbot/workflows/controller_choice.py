@@ -40,7 +40,7 @@ from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import estimated_robot
 from ballbot.log import Log
 from ballbot.robot import Robot
-from ballbot.twin.imperfections import imperfections_of, true_model
+from ballbot.twin.imperfections import imperfections_of, true_model, with_identified
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.comparison import (
     ComparedRun,
@@ -68,9 +68,9 @@ class PlantDraw:
     @property
     def on_loop(self) -> LoopRobot:
         """The robot on the compiled loop."""
+        scenario = with_identified(self.scenario, self.robot.friction)
         return LoopRobot(
-            model=true_model(self.robot, replace(self.scenario, friction=self.robot.friction)),
-            imperfections=imperfections_of(self.scenario, known=self.known),
+            model=true_model(self.robot, scenario), imperfections=imperfections_of(scenario, known=self.known)
         )
 
 

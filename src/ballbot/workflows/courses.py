@@ -26,7 +26,7 @@ from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.schema import renamed_keys, validate_table
 from ballbot.simulation.plant import Plant
-from ballbot.twin.imperfections import imperfections_of, true_model
+from ballbot.twin.imperfections import imperfections_of, true_model, with_identified
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import scenario_of
 from ballbot.twin.twin import Twin
@@ -116,9 +116,9 @@ class Course:
             body = scaled_body(robot.body, mass=other.mass, height=other.height)
             true = robot.replace(body=body, friction=scaled_friction(robot.friction, other.friction))
         if self.on == "model":
+            scenario = with_identified(self.scenario, true.friction)
             return LoopRobot(
-                model=true_model(true, replace(self.scenario, friction=true.friction)),
-                imperfections=imperfections_of(self.scenario, known=robot),
+                model=true_model(true, scenario), imperfections=imperfections_of(scenario, known=robot)
             )
         friction = scaled_friction(self.scenario.friction, other.friction)
         return partial(_twin, true, replace(self.scenario, friction=friction), robot)
