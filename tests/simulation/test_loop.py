@@ -114,6 +114,13 @@ def test_a_heading_that_begins_again_after_a_turn_is_unwrapped_as_by_simulate():
     assert_same(batch.log(0), log, atol=1e-9)
 
 
+@pytest.mark.slow
+def test_friction_by_direction_with_play_is_the_plant_one_sample_at_a_time():
+    friction = replace(ROBOT.friction, coulomb_asymmetry=(0.02, -0.01, 0.03))
+    controller = nominal_controller(ROBOT.replace(friction=friction))
+    assert_one_by_one(controller, Imperfections(sensors=SENSORS, backlash=PLAY, load_dependence=0.5), 0.3)
+
+
 def test_the_log_of_a_fall_ends_before_it():
     limp = Controller(ROBOT, np.zeros((3, 10)))
     imperfections = Imperfections(sensors=SENSORS, fallen_lean=0.4)

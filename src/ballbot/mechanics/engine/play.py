@@ -55,8 +55,8 @@ from ballbot.mechanics.engine.loading import load, state_like
 from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity
 from ballbot.mechanics.engine.vector import add, advanced, each, each_with, scale, second, written
 from ballbot.mechanics.equations import LARGEST_LEAN, balancing_attitude
-from ballbot.mechanics.friction import dry_friction, friction_shift
-from ballbot.mechanics.parameters import MAX_WHEELS, Parameters, Pivoting, Wheel
+from ballbot.mechanics.friction import NO_TERMS, dry_friction, friction_shift, has_directions
+from ballbot.mechanics.parameters import MAX_WHEELS, DirectedWheel, Parameters, Pivoting, Wheel
 
 _SWEEPS = 100
 #: a sweep that changes no contact's speed by more than this is the last [rad/s, m/s]
@@ -82,10 +82,16 @@ _MOVED = _SPEED + MAX_WHEELS
 assert _MOVED < ROWS  # compiled code does not look whether a row is in the array
 
 
-@inlined
-def _bare(wheel):
-    """Return a wheel whose friction is on the motor's side of the play."""
-    return Wheel(wheel.axle, 0.0, 0.0, 0.0, 1.0, 1.0)
+def _bare(wheel) -> Wheel:  # pragma: no cover (compiled form below)
+    """Return a wheel of the same kind, whose friction is on the motor's side of the play."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(_bare)
+def _bare_of(wheel):
+    if has_directions(wheel):
+        return lambda wheel: DirectedWheel(wheel.axle, 0.0, 0.0, 0.0, 1.0, 1.0, NO_TERMS)
+    return lambda wheel: Wheel(wheel.axle, 0.0, 0.0, 0.0, 1.0, 1.0)
 
 
 @inlined
