@@ -22,6 +22,8 @@ from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.simulation.sensors import SensorFaults
+from ballbot.twin import Scenario
+from ballbot.twin.imperfections import imperfections_of
 from benchmarks.workloads import nominal_robot
 
 PERIOD = 0.005
@@ -60,12 +62,49 @@ def periods_a_second(lanes: int, *, duration: float, threads: int = 1) -> float:
     return lanes * duration / PERIOD / _best(lambda: run(duration))
 
 
+def costs_of_imperfections() -> dict[str, tuple[float, float]]:
+    """Return each imperfection's share of a period: where every robot has it, and of the others if one of 512 has it.
+
+    The second is what an imperfection costs that is off.
+    """
+    robot = nominal_robot()
+    rollers = imperfections_of(Scenario.nominal(robot)).contacts
+    every = replace(
+        imperfections(robot), contacts=rollers, load_dependence=0.5, slope=(0.01, 0.0), imbalance=(0.02, 0.0)
+    )
+    off = {
+        "sensor_faults": None,
+        "delay": 0,
+        "lag": 0.0,
+        "torque_noise": 0.0,
+        "contacts": None,
+        "load_dependence": 0.0,
+        "slope": (0.0, 0.0),
+        "imbalance": (0.0, 0.0),
+    }
+    model, controller = Model(robot), precise_controller(robot).with_estimator("kalman")
+
+    def run(borne: list[Imperfections]) -> None:
+        simulate_batch(
+            [model] * LANES, controller, square(), duration=0.3, imperfections=borne, every=0, threads=1
+        )
+
+    run([every] * LANES)
+    with_all, costs = _best(lambda: run([every] * LANES)), {}
+    for name, value in off.items():
+        without = replace(every, **{name: value})
+        none, one = (
+            _best(lambda b=b: run(b)) for b in ([without] * LANES, [every, *[without] * (LANES - 1)])
+        )
+        costs[name] = (with_all / none - 1.0, one / none - 1.0)
+    return costs
+
+
 def periods_one_at_a_time(*, duration: float) -> float:
     """Return the control periods a second of the same robot and controller, called from Python sample by sample."""
     robot = nominal_robot()
     controller = precise_controller(robot).with_estimator("kalman")
-    without_lag = replace(imperfections(robot), lag=0.0)  # which the plant does not have
-    plant = SensedPlant(Model(robot), without_lag, estimator="kalman")
+    plant = SensedPlant(Model(robot), imperfections(robot), estimator="kalman")
 
     def run(seconds: float) -> None:
         simulate(plant, controller, square(), duration=seconds)
@@ -99,6 +138,14 @@ def rows() -> list[tuple[str, str, str]]:
         ("closed loop, one robot, the same", f"{alone / 1e6:.2f} million periods/s", "0.15"),
         ("closed loop, two threads over one", f"{two / batched:.2f} times", "1.8"),
         ("the same robot called from Python, sample by sample", f"{plant / 1e6:.4f} million periods/s", ""),
+        *(
+            (
+                f"share of a period of `{name}`, on; off, beside one of {LANES} with it",
+                f"{100.0 * on:+.0f} %; {100.0 * beside:+.0f} %",
+                "off: 5 %",
+            )
+            for name, (on, beside) in costs_of_imperfections().items()
+        ),
     ]
 
 

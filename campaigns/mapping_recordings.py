@@ -305,7 +305,7 @@ def _recorded(half: Half, name: str, motion: str) -> Log:
     )
     plant: Plant = Twin(robot, scenario)
     if half in BY_EQUATIONS:
-        plant = SensedPlant(true_model(robot, scenario), imperfections_of(scenario), known=robot)
+        plant = SensedPlant(true_model(robot, scenario), imperfections_of(scenario, known=robot))
     controller = nominal_controller(robot)
     if motion == "dead_band":
         controller = FirmwareDeadBand(controller, robot, dead_band(robot))

@@ -43,7 +43,7 @@ def study(tmp_path_factory):
     """Return a folder as a study leaves it, whose prediction is about a simulated run of its controller."""
     folder = tmp_path_factory.mktemp("study")
     controller = precise_controller(KNOWN)
-    plant = SensedPlant(Model(KNOWN), imperfections_of(SCENARIO), known=KNOWN, estimator=controller.estimator)
+    plant = SensedPlant(Model(KNOWN), imperfections_of(SCENARIO, known=KNOWN), estimator=controller.estimator)
     reference = COURSE.reference_spec.reference()
     log = simulate(plant, controller, reference, duration=COURSE.duration, seed=1).without_truth()
     seen, signature = performance_of(log, controller), signature_of(log, KNOWN)

@@ -48,7 +48,7 @@ class Connected:
         self.controller = nominal_controller(ROBOT)
         hand = hand or hand_of()
         self.emulated = EmulatedRobot(
-            SensedPlant(*_sensed(), known=ROBOT),
+            SensedPlant(*_sensed()),
             CompiledRobot(export_controller(self.controller).parameters, imu_checked=imu_checked),
             sample_time=STEP,
             seed=1,
@@ -107,7 +107,7 @@ def test_controller_on_the_robot_follows_as_in_simulation():
     # the course, a row for each sample, from the first on
     wanted = np.array([square(period=16.0)(t)[[0, 1, 4]] for t in log.t])
     np.testing.assert_allclose(log.reference[:, [0, 1, 4]], wanted, atol=1e-6)
-    alone = SensedPlant(*_sensed(), known=ROBOT)
+    alone = SensedPlant(*_sensed())
     simulated = simulate(alone, live.controller, square(period=16.0), duration=12.0, seed=1)
     measured, expected = (one.without_truth() for one in (log, simulated))
     # another seed of the noise: the same kind of run, not the same run
@@ -137,7 +137,7 @@ def test_reference_that_is_lost_is_sent_again():
 
 def _sensed():
     scenario = load_scenario("nominal", ROBOT)
-    return true_model(ROBOT, scenario), imperfections_of(scenario)
+    return true_model(ROBOT, scenario), imperfections_of(scenario, known=ROBOT)
 
 
 def test_controller_on_the_host_balances():

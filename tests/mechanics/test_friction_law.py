@@ -24,7 +24,8 @@ from ballbot.mechanics.stick_slip import minimise
 from ballbot.robot import Friction
 from ballbot.robot.components import scaled_friction
 from ballbot.robot.file import robot_text, write_robot
-from ballbot.simulation.gear_play import GearPlayPlant
+from ballbot.simulation.imperfections import Imperfections
+from ballbot.simulation.sensed_plant import SensedPlant
 from tests.mechanics.test_stick_slip import random_problem
 
 PLAIN = Friction(
@@ -206,11 +207,10 @@ def test_full_law_only_takes_energy(seed):
 
 @pytest.mark.slow
 def test_gear_play_has_the_whole_law_at_its_motors():
-    directed = GearPlayPlant(
-        Model(robot_with(replace(PLAIN, coulomb_asymmetry=COULOMB, load=LOAD))), play=0.02
-    )
+    play = Imperfections(backlash=0.02)
+    directed = SensedPlant(Model(robot_with(replace(PLAIN, coulomb_asymmetry=COULOMB, load=LOAD))), play)
     coulomb = tuple((np.array(PLAIN.coulomb) + np.array(LOAD) * np.abs(TORQUES)).tolist())
-    plain = GearPlayPlant(Model(robot_with(replace(PLAIN, coulomb=coulomb))), play=0.02)
+    plain = SensedPlant(Model(robot_with(replace(PLAIN, coulomb=coulomb))), play)
     ours, theirs = (one.reset(STATE, seed=3) for one in (directed, plain))
     for _ in range(40):
         ours, theirs = directed.step(TORQUES, 0.005), plain.step(TORQUES - COULOMB, 0.005)

@@ -16,13 +16,11 @@ from ballbot.control.references import hold, square
 from ballbot.mechanics.friction import dry_friction_size
 from ballbot.robot.derived import encoder_step, reflected_rotor_inertia, wheel_speed_limit
 from ballbot.robot.file import write_robot
-from ballbot.simulation.gear_play import GearPlayPlant
 from ballbot.simulation.imperfections import MAX_DELAY, Imperfections, Push, Supply, rest_on_slope
 from ballbot.simulation.model_plant import ModelPlant
-from ballbot.simulation.sensed_plant import DriveLimits, SensedPlant
+from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.driveline import Battery
 from ballbot.twin.faults import CurrentLoop, Payload, Timing
 from ballbot.twin.imperfections import imperfections_of, left_out, true_model
 from ballbot.workflows.metrics import rms_torque_change
@@ -59,13 +57,21 @@ def truths(measurements) -> np.ndarray:
     return np.array([one.truth for one in measurements])
 
 
-def test_without_imperfections_it_is_the_model_bit_for_bit():
+def geared(model: Model, play: float = PLAY, sample: float = 5e-4) -> SensedPlant:
+    """Return a robot with play and perfect sensors."""
+    sensors = replace(model.robot.sensors, sample_time=sample)
+    pivoting = {"pivoting": 100.0} if model.pivots else {}
+    return SensedPlant(Model(model.robot.replace(sensors=sensors), **pivoting), Imperfections(backlash=play))
+
+
+def test_without_imperfections_it_is_the_model():
     start, torques = leaning(0.02, -0.03), torques_of(1, 100)
     sensed, model = run(SensedPlant(STUCK, PERFECT), torques, start), run(ModelPlant(STUCK), torques, start)
-    np.testing.assert_array_equal(truths(sensed), truths(model))
+    # the same step, compiled into another function: its vector code rounds in another order
+    np.testing.assert_allclose(truths(sensed), truths(model), atol=1e-9)
     assert [one.t for one in sensed] == [one.t for one in model]
     # the lean is measured without error here
-    np.testing.assert_array_equal([one.state[2:5] for one in sensed], truths(model)[:, 2:5])
+    np.testing.assert_array_equal([one.state[2:5] for one in sensed], truths(sensed)[:, 2:5])
 
 
 def test_same_seed_gives_the_same_run():
@@ -151,14 +157,14 @@ def test_torques_are_clipped_to_the_drivers_limit():
 
 
 def test_a_motor_crosses_its_play_in_the_time_that_its_inertia_takes():
-    plant, torque = GearPlayPlant(FREE, PLAY), 0.1
+    plant, torque = geared(FREE), 0.1
     for seed in range(5):
-        measured = plant.reset(seed=seed)
-        gaps = 0.5 * PLAY - (measured.wheel_angles - plant.wheel_angles)
+        plant.reset(seed=seed)
+        gaps = 0.5 * PLAY - plant.play_places
         crossed = np.full(3, np.nan)
         for k in range(60):
-            measured = plant.step(torque * TURNING, 5e-4)
-            place = measured.wheel_angles - plant.wheel_angles
+            plant.step(torque * TURNING, 5e-4)
+            place = plant.play_places
             crossed[np.isnan(crossed) & (place >= 0.5 * PLAY - 1e-12)] = (k + 1) * 5e-4
         # the others' impacts move a wheel that is still waiting: only the first motor's crossing is its own
         first = np.argmin(gaps)
@@ -169,7 +175,7 @@ def test_a_motor_crosses_its_play_in_the_time_that_its_inertia_takes():
 
 @pytest.mark.parametrize("pattern", [TURNING, np.array([1.0, -1.0, 0.0]), np.array([-1.0, 0.3, 0.6])])
 def test_the_impact_at_the_stop_conserves_momentum(pattern):
-    plant = GearPlayPlant(FREE, PLAY)
+    plant = geared(FREE)
     before = plant.reset(seed=1)
     for _ in range(4):
         before = plant.step(0.1 * pattern, 5e-4)
@@ -211,13 +217,13 @@ def test_motors_swing_by_their_play_while_the_wheels_stand():
     size=st.floats(0.0, 3.0),
 )
 def test_motors_stay_within_their_play_and_push_only_at_its_stops(play, seed, size):
-    plant = GearPlayPlant(STUCK, play)
+    plant = geared(STUCK, play)
     plant.reset(seed=seed)
     for u in torques_of(seed, 20, size):
         measured = plant.step(u, 5e-4)
         if measured.ended:
             return
-        place, force = measured.wheel_angles - plant.wheel_angles, plant.transmitted
+        place, force = plant.play_places, plant.transmitted
         assert np.all(np.abs(place) <= 0.5 * play * (1 + 1e-9) + 1e-12)
         # one step: a torque that is transmitted has its motor at that side's stop (rounding of the angles aside)
         assert np.all(np.abs(force[np.abs(place) < 0.5 * play - 1e-9]) == 0.0)
@@ -229,7 +235,7 @@ def test_play_that_vanishes_leaves_the_model():
     start = leaning(0.05, -0.03)
     model = simulate(ModelPlant(STUCK), controller, square(period=4.0), duration=4.0, initial_state=start)
     close = simulate(
-        GearPlayPlant(STUCK, 1e-8), controller, square(period=4.0), duration=4.0, initial_state=start
+        geared(STUCK, 1e-8, SAMPLE), controller, square(period=4.0), duration=4.0, initial_state=start
     )
     # first order against fourth, through stick and slip and two corners of 0.5 m
     np.testing.assert_allclose(close.states[:, :5], model.states[:, :5], atol=2e-3)
@@ -237,17 +243,17 @@ def test_play_that_vanishes_leaves_the_model():
 
 @pytest.mark.sample  # compiles the play of a pivoting ball, for this test alone
 def test_a_ball_that_hardly_pivots_has_the_same_play_as_one_that_does_not():
-    firm = GearPlayPlant(Model(alten(FRICTION), pivoting=100.0), PLAY)
+    firm = geared(Model(alten(FRICTION), pivoting=100.0), sample=SAMPLE)
     torques = torques_of(5, 100, size=0.5)
     start = leaning(0.02, 0.01)
     # the sixth velocity is held at zero to about 1e-9 rad/s
-    held, none = truths(run(firm, torques, start)), truths(run(GearPlayPlant(STUCK, PLAY), torques, start))
+    held, none = truths(run(firm, torques, start)), truths(run(geared(STUCK, sample=SAMPLE), torques, start))
     np.testing.assert_allclose(held, none, atol=1e-7)
 
 
 def test_energy_is_never_gained_in_the_play():
     # without torque and friction, turning about the vertical: gravity has no part
-    plant = GearPlayPlant(FREE, PLAY)
+    plant = geared(FREE)
     spinning = np.zeros(10)
     spinning[9] = 0.5
     measured = plant.reset(spinning, seed=3)
@@ -308,7 +314,8 @@ def test_estimator_may_use_another_robot_than_the_plant():
     moving = np.zeros(10)
     moving[5] = 0.3
     own, other = (
-        run(SensedPlant(FREE, PERFECT, known=one), [np.zeros(3)], moving)[-1] for one in (None, known)
+        run(SensedPlant(FREE, replace(PERFECT, known=one)), [np.zeros(3)], moving)[-1]
+        for one in (None, known)
     )
     np.testing.assert_array_equal(own.truth, other.truth)
     # v is the counts' turning by the wheels' radius; the body has hardly begun to turn
@@ -351,8 +358,6 @@ def test_impossible_imperfections_are_refused(change, words):
 def test_models_without_encoders_wheels_or_rotors_are_refused():
     with pytest.raises(InputError, match="exact"):
         SensedPlant(Model(alten(), "thesis"), PERFECT)
-    with pytest.raises(InputError, match="exact"):
-        GearPlayPlant(Model(alten(), "thesis"), PLAY)
     massless = alten().replace(drive=replace(DRIVE, motor_inertia=0.0, gear_inertia=0.0))
     with pytest.raises(InputError, match="no inertia"):
         SensedPlant(Model(massless), replace(PERFECT, backlash=PLAY))
@@ -378,9 +383,12 @@ def test_a_named_scenarios_imperfections(name):
         sensors=scenario.sensors,
         backlash=scenario.backlash,
         torque_noise=scenario.torque_noise,
+        contacts=found.contacts,
         slope=(0.0, 0.0),
         fallen_lean=scenario.fallen_lean,
     )
+    assert (found.contacts is None) == (name == "single_point")
+    assert found.contacts is None or found.contacts.rollers == scenario.rollers
     assert true_model(robot, scenario).robot.friction == scenario.friction
 
 
@@ -389,7 +397,7 @@ def test_faults_that_the_equations_do_not_have_are_named():
     nominal = Scenario.nominal(robot)
     slips = "slip of wheels and ball"
     assert left_out(Scenario.single_point(robot)) == (slips,)
-    assert left_out(nominal) == ("the rollers' passing", slips)
+    assert left_out(nominal) == (slips,)
     assert left_out(Scenario.resonant(robot))[0] == "the drivelines' resonance"
     assert left_out(Scenario.soft_ball(robot))[0] == "the ball's softness"
     assert imperfections_of(Scenario.resonant(robot)) == imperfections_of(nominal)
@@ -410,8 +418,6 @@ def test_a_scenarios_drive_pushes_and_timing_are_the_loops():
     # a first-order lag of 1/(2 pi f) has 71 % left at f
     assert abs(1.0 / (1.0 + 2j * np.pi * 80.0 * found.lag)) == pytest.approx(np.sqrt(0.5))
     assert found.imbalance == pytest.approx((0.1, -0.04))
-    with pytest.raises(InputError, match="no pushes, lag, jitter"):
-        SensedPlant(Model(Robot.load("alten")), found)
 
 
 def test_asymmetry_is_dry_friction_larger_forward_than_backward():
@@ -421,20 +427,6 @@ def test_asymmetry_is_dry_friction_larger_forward_than_backward():
     plain = dry_friction_size(speeds, scenario.friction)
     found = dry_friction_size(speeds, true_model(robot, scenario).robot.friction)
     np.testing.assert_allclose(found, plain * np.array([[1.2], [0.8]]), rtol=1e-12)
-
-
-def test_a_battery_limits_torques_as_the_twins_does():
-    robot, supply = Robot.load("alten"), Supply(winding_resistance=2.0, internal_resistance=0.8)
-    twins, ours = Battery(robot, supply), DriveLimits(robot, supply)
-    rng = np.random.default_rng(4)
-    cut = 0
-    for _ in range(200):
-        torques = rng.uniform(-1, 1, 3) * robot.drive.torque_limit
-        speeds = rng.uniform(-30, 30, 3)
-        expected = twins.within(torques, speeds)
-        cut += not np.array_equal(expected, torques)
-        np.testing.assert_allclose(ours.within_limits(torques, speeds), expected, rtol=1e-12)
-    assert cut > 50
 
 
 def test_a_payload_off_the_axis_leans_the_robot_as_the_twin():

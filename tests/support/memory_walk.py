@@ -37,7 +37,6 @@ from ballbot.mechanics.stick_slip import minimise
 from ballbot.robot import Friction
 from ballbot.simulation.batch import Verdict
 from ballbot.simulation.driveline import Driveline, simulate_drivelines
-from ballbot.simulation.gear_play import GearPlayPlant
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.sensed_plant import SensedPlant
@@ -56,7 +55,6 @@ FRICTION = Friction(
 ROBOT = Robot.load("alten").replace(friction=FRICTION)
 MODEL, H, TWIN = Model(ROBOT), 0.005, Twin(ROBOT)
 SENSED = SensedPlant(MODEL, Imperfections(sensors=ROBOT.sensors, backlash=0.02, slope=(0.02, 0.01)))
-GEARED = GearPlayPlant(MODEL, 0.02)
 CONTROLLER = nominal_controller(ROBOT)
 BALL = ClampedBall.of_robot(ROBOT)
 CURVE = {"viscous": 0.01, "coulomb": 0.1, "stribeck": 0.05, "stribeck_speed": 0.6}
@@ -248,10 +246,6 @@ def _plants() -> Iterator[tuple[str, Case]]:
         SENSED.reset(a.get("state", STATE), seed=1)
         return SENSED.step(a.get("torques", TORQUES), H).state
 
-    def loads(a: Arrays) -> object:
-        GEARED.reset(STATE)
-        return GEARED.step(a["torques"], H, wheel_load=a.get("load", 0.5 * TORQUES)).state
-
     yield (
         "ModelPlant",
         Case(call=step, arrays={"state": STATE, "torques": TORQUES}, rows=("state",), optional=("state",)),
@@ -261,8 +255,6 @@ def _plants() -> Iterator[tuple[str, Case]]:
         "SensedPlant",
         Case(call=sensed, arrays={"state": STATE, "torques": TORQUES}, rows=("state",), optional=("state",)),
     )
-    loaded = {"torques": TORQUES, "load": 0.5 * TORQUES}
-    yield "GearPlayPlant, its load", Case(call=loads, arrays=loaded, optional=("load",))
 
 
 def _simulations() -> Iterator[tuple[str, Case]]:

@@ -58,7 +58,7 @@ COURSE = NamedCourse(name="square", duration=24.0)
 
 
 def run(controller: Controller, *, scenario: Scenario = SCENARIO, duration: float = COURSE.duration) -> Log:
-    plant = SensedPlant(Model(KNOWN), imperfections_of(scenario), known=KNOWN, estimator=controller.estimator)
+    plant = SensedPlant(Model(KNOWN), imperfections_of(scenario, known=KNOWN), estimator=controller.estimator)
     log = simulate(plant, controller, COURSE.reference_spec.reference(), duration=duration, seed=1)
     return log.without_truth()
 

@@ -23,7 +23,7 @@ from ballbot.robot.file import write_robot
 from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import simulate as run
 from ballbot.simulation.sensed_plant import SensedPlant
-from ballbot.twin.imperfections import imperfections_of, left_out
+from ballbot.twin.imperfections import imperfections_of, left_out, with_identified
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.viewer.foxglove import write_with_scene
 from ballbot.workflows.metrics import run_results
@@ -129,5 +129,9 @@ def _plant(model: Model, scenario: str | None, estimator: EstimatorName) -> Plan
     if scenario is None:
         return model
     found = load_scenario(scenario, model.robot)
-    notice_output().print(f"Left out: {', '.join(left_out(found))}.", markup=False, soft_wrap=True)
-    return SensedPlant(model, imperfections_of(found), estimator=estimator)
+    notice_output().print(
+        f"Left out: {', '.join(left_out(found, identified=True))}.", markup=False, soft_wrap=True
+    )
+    return SensedPlant(
+        model, imperfections_of(with_identified(found, model.robot.friction)), estimator=estimator
+    )

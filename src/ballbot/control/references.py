@@ -38,8 +38,7 @@ _ROUNDING = 1e-9
 
 def hold(*, x: float = 0.0, y: float = 0.0, psi: float = 0.0) -> Reference:
     """Stand at one pose: x, y [m], psi [rad]."""
-    pose = _pose(x, y, psi)
-    pose.setflags(write=False)  # the same array every time
+    pose = _frozen(_pose(x, y, psi))
 
     def reference(t: float) -> NDArray[np.float64]:  # noqa: ARG001
         return pose
@@ -63,11 +62,11 @@ def square(*, side: float = 0.5, period: float = 32.0) -> Reference:
         If the period is not positive.
     """
     _check_positive("period", period)
-    corners = ((0.0, 0.0), (side, 0.0), (side, side), (0.0, side))
+    places = ((0.0, 0.0), (side, 0.0), (side, side), (0.0, side))
+    corners = [_frozen(_pose(x, y, 0.0)) for x, y in places]
 
     def reference(t: float) -> NDArray[np.float64]:
-        x, y = corners[int((t + _ROUNDING) // (period / 4.0)) % 4]
-        return _pose(x, y, 0.0)
+        return corners[int((t + _ROUNDING) // (period / 4.0)) % 4]
 
     return reference
 
@@ -174,6 +173,12 @@ def named_reference(name: str) -> Reference:
     except KeyError:
         hint = suggest(name, REFERENCES, otherwise="the names are")
         raise InputError(f"There is no reference {name!r}; {hint}") from None
+
+
+def _frozen(pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a pose that is given every time, read-only."""
+    pose.setflags(write=False)
+    return pose
 
 
 def _pose(x: float, y: float, psi: float) -> NDArray[np.float64]:

@@ -228,7 +228,7 @@ def emulated_robot(
     body = (
         Twin(robot, scenario)
         if plant == "twin"
-        else SensedPlant(model, imperfections_of(scenario), known=robot)
+        else SensedPlant(model, imperfections_of(scenario, known=robot))
     )
     return EmulatedRobot(
         body,

@@ -366,7 +366,7 @@ def _comparison_words(study: Study) -> str:
         "friction; partial adds it only while it works against the intended motion. A candidate that falls on any "
         "robot is excluded; of those whose intervals overlap the best one's, the smoothest is chosen. Errors are "
         f"those of the true position from {SETTLE:.0f} s after a step on. The loop leaves "
-        f"out: {every(left_out(study.scenario))}."
+        f"out: {every(left_out(study.scenario, identified=True))}."
     )
 
 

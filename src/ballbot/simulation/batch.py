@@ -33,7 +33,6 @@ from ballbot.mechanics.model import Model, ModelLike, as_model
 from ballbot.mechanics.parameters import selector
 from ballbot.robot import Robot
 from ballbot.simulation.batch_result import ClosedLoopBatch
-from ballbot.simulation.gear_play import places_in_play
 from ballbot.simulation.imperfections import LOOP, Imperfections, LoopRecord, loop_record
 from ballbot.simulation.loop import Draws, Inputs, Outcome, Sampling, run_block
 from ballbot.simulation.model_plant import checked_states, lift_off, pack_contacts
@@ -171,7 +170,7 @@ def simulate_batch(
     samples = sample_count(duration, sample_time)
     every = whole_number(every, "every", least=0) or samples
     records = samples // every
-    out = _outcome(lanes, records, samples, n)
+    out = empty_outcome(lanes, records, samples, n)
     law = wheel_law(*(robot.friction for robot in robots))
     selected = selector(models[0].formulation, n, pivoting=models[0].pivots, law=law)
     loops, filters = _loops(borne, robots, controllers, sample_time)
@@ -183,7 +182,7 @@ def simulate_batch(
         filters=filters,
         contacts=_rows(pack_contacts, robots),
         initial=initial,
-        pushes=_pushes(borne, sample_time),
+        pushes=push_table(borne, sample_time),
     )
     ends = Verdict(settled=np.zeros((0, 10)), lost=LARGEST_LEAN) if verdict is None else verdict
     sampling = Sampling(
@@ -201,7 +200,7 @@ def simulate_batch(
         width = min(LANES, lanes - first)
         runs = range(first, first + width) if borne else ()
         which = [(borne[0], borne[0].seed + k) if alone else (borne[k], borne[k].seed) for k in runs]
-        draws = _draws(which, width, n=n, samples=samples, sample_time=sample_time)
+        draws = draws_of(which, width, n=n, samples=samples, sample_time=sample_time)
         run_block(code, selected, inputs, draws, sampling, first, width, out)
 
     over_threads(run, lanes, threads)
@@ -237,7 +236,7 @@ def _result(
     )
 
 
-def _outcome(lanes: int, records: int, samples: int, n: int) -> Outcome:
+def empty_outcome(lanes: int, records: int, samples: int, n: int) -> Outcome:
     """Return the arrays for the outcome of so many lanes, which so far run to the end."""
     return Outcome(
         states=np.empty((lanes, records, 10)),
@@ -282,10 +281,11 @@ def _check_imperfections(borne: Sequence[Imperfections], model: Model, sample_ti
             raise InputError(
                 "A batch has no fixes from outside; run the robot with `simulate` on a `SensedPlant`."
             )
-        if (one.sensors is not None or one.backlash > 0.0) and model.formulation != "exact":
+        needs = one.sensors is not None or one.backlash > 0.0 or one.contacts is not None
+        if (needs or one.load_dependence > 0.0) and model.formulation != "exact":
             raise InputError(
-                "Sensors and play need the formulation 'exact'; the wheel speeds of 'thesis' are not those that "
-                "encoders see."
+                "Sensors, play and rollers need the formulation 'exact'; the wheel speeds of 'thesis' are not those "
+                "that encoders see."
             )
     if len({one.backlash > 0.0 for one in borne}) > 1:
         raise InputError("Either all lanes of a batch have play or none.")
@@ -325,7 +325,7 @@ def _perfect(sample_time: float) -> NDArray[np.float64]:
     return record.view(np.float64)[None]
 
 
-def _pushes(borne: Sequence[Imperfections], sample_time: float) -> NDArray[np.float64]:
+def push_table(borne: Sequence[Imperfections], sample_time: float) -> NDArray[np.float64]:
     """Return (1 or lanes, m, 6): first sample, the first one after it, force [N] and height [m] of each push."""
     most = max((len(one.pushes) for one in borne), default=0)
     table = np.zeros((max(len(borne), 1), most, 6))
@@ -336,7 +336,7 @@ def _pushes(borne: Sequence[Imperfections], sample_time: float) -> NDArray[np.fl
     return table
 
 
-def _draws(
+def draws_of(
     runs: Sequence[tuple[Imperfections, int]], width: int, *, n: int, samples: int, sample_time: float
 ) -> Draws:
     """Return what is random in the runs of a block, each with its seed, as `SensedPlant` draws it."""
@@ -345,7 +345,8 @@ def _draws(
     jitters, plays = any(one.jitter > 0.0 for one in borne), any(one.backlash > 0.0 for one in borne)
     noise = np.empty((width, (6 + n) * samples if noisy else 0))
     faults = np.empty((width, 5 * (samples + 1) if faulty else 0))
-    places, durations = np.zeros((width, n)), np.zeros((width, samples if jitters else 0))
+    places, turns = np.zeros((2, width, n))
+    durations = np.zeros((width, samples if jitters else 0))
     for k, (one, seed) in enumerate(runs):
         random = np.random.default_rng(seed)
         if faulty:
@@ -353,11 +354,13 @@ def _draws(
         if noisy:
             random.standard_normal(out=noise[k])
         if plays:
-            places[k] = places_in_play(1.0, n, seed)
+            places[k] = np.random.default_rng([seed, 7]).uniform(-0.5, 0.5, n)
+        if one.contacts is not None:
+            turns[k] = np.random.default_rng([seed, 11]).uniform(0.0, 2.0 * np.pi, n)
         if jitters:
             late = one.jitter * np.random.default_rng([seed, 5]).uniform(-1.0, 1.0, samples)
             durations[k] = sample_time + np.diff(late, prepend=0.0)
-    return Draws(noise=noise, faults=faults, places=places, durations=durations)
+    return Draws(noise=noise, faults=faults, places=places, turns=turns, durations=durations)
 
 
 def _rows(row_of: Callable[[T], NDArray[np.float64] | float], values: Sequence[T]) -> NDArray[np.float64]:
@@ -388,11 +391,15 @@ def _common_wheel_count(robots: Sequence[Robot], controllers: Sequence[Controlle
 def _sampled(reference: Reference, samples: int, sample_time: float) -> NDArray[np.float64]:
     """Return the reference at every sample (samples, 10)."""
     references = np.empty((samples, 10))
-    for k in range(samples):
-        wanted = reference(round(k * sample_time, 9))  # whole nanoseconds, as `simulate` asks
+    times = np.round(np.arange(samples) * sample_time, 9)  # whole nanoseconds, as `simulate` asks
+    last = None
+    for k, t in enumerate(times.tolist()):
+        wanted = reference(t)
         # a check of each sample would take longer than its simulation
-        plain = type(wanted) is np.ndarray and wanted.dtype == np.float64 and wanted.shape == (10,)
-        references[k] = wanted if plain else real_array(wanted, (10,), "The reference")
+        if wanted is not last:
+            plain = type(wanted) is np.ndarray and wanted.dtype == np.float64 and wanted.shape == (10,)
+            last = wanted if plain else real_array(wanted, (10,), "The reference")
+        references[k] = last
     real_array(references, (samples, 10), "The reference")
     if np.abs(np.diff(references[:, 4])).max(initial=0.0) > JUMP:
         heading = Heading()

@@ -26,7 +26,7 @@ class ClosedLoopBatch:
 
     t: NDArray[np.float64]  #: (records,) [s]
     states: NDArray[np.float64]  #: (lanes, records, 10); a lane that ended or settled stays where it was
-    torques: NDArray[np.float64]  #: (lanes, records, n) held over the sample that ends at t [N m]
+    torques: NDArray[np.float64]  #: (lanes, records, n) at the end of the sample that ends at t [N m]
     #: (lanes, records, 10) the state that the controller was given at the sample that ends at t
     seen: NDArray[np.float64]
     commanded: NDArray[np.float64]  #: (lanes, records, n) what it asked for then [N m]

@@ -25,9 +25,8 @@ from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.robot import Robot, Sensors
 from ballbot.robot.derived import wheel_speed_limit
 from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_drivelines
-from ballbot.simulation.imperfections import FALLING_PART
+from ballbot.simulation.imperfections import FALLING_PART, DriveLimits
 from ballbot.simulation.plant import Measurement
-from ballbot.simulation.sensed_plant import DriveLimits
 from ballbot.simulation.sensors import SensorSuite, sensor_samples
 from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
 
@@ -157,7 +156,7 @@ class HeldRobot:
             self._speeds = motion.speeds[:, 0].copy()
             self._angles = self._angles + motion.angles[:, 0]
         else:
-            self._turn_ball(self._limits.within_limits(torques + noise, self._speeds), h)
+            self._turn_ball(self._limits.within(torques + noise, self._speeds), h)
         self._t = round(self._t + h, 9)
 
     def _turn_ball(self, torques: NDArray[np.float64], h: float) -> None:

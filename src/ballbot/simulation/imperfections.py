@@ -14,6 +14,22 @@ brings it above the ball, and needs no torques for it. At the heading psi
     (theta_0, phi_0) = (s d_x + c d_y, -c d_x + s d_y) / l          s, c = sin psi, cos psi
 
 The robot is stepped as one whose axis goes through the centre of mass; the wheels' own tilt by that angle is neglected.
+
+Omni-wheels of radius r_w touch the ball by one roller after another, of radius r at its middle, and of one ring or two
+in turn. A ring s/2 off the wheel's middle plane touches the ball at n cos d +- a sin d, sin d = (s/2) / (r_b + r), so
+that the axle in the wheel's row of A is a cos d -+ n sin d: the ball's turning about the normal n turns the wheel too.
+An ellipsoidal roller, as round as the wheel at its middle, falls short of the wheel's circle by
+
+    D(x) = (r_w - r) r_w / (8 r) x^4           x: the wheel's angle from the roller's middle
+
+and the force N between wheel and ball, that at rest, turns the wheel by N D'(x), away from the middle. Halfway between
+two rollers both touch: with contacts that give way by y under N, the nearer bears 1/2 + (D(p - x) - D(x)) / 2y of N, at
+most all, where p is the angle from a roller to the next. Rollers of both rings then disagree about the wheel's speed:
+they creep over the ball, and slip where the lesser of them grips no more, which brakes the ball's turning about n. On
+the twin this is most of what rollers do: of two rows 6 mm apart, 0.15 N m in half of the wheel's positions.
+
+Dry friction of a driveline may follow the force between wheel and ball: 1 - f + f N / N_0 of it, with N from the
+accelerations at the sample's start (`ballbot.simulation.model_plant`).
 """
 
 from __future__ import annotations
@@ -29,8 +45,8 @@ from ballbot.control.records import MAX_WHEELS, fill_record, number, schema_of, 
 from ballbot.errors import InputError
 from ballbot.estimation.interface import EstimatorName
 from ballbot.mechanics.equations import LARGEST_LEAN
-from ballbot.mechanics.geometry import transforms
-from ballbot.robot import Robot, Sensors
+from ballbot.mechanics.geometry import contact_directions, transforms
+from ballbot.robot import Robot, Rollers, Sensors
 from ballbot.robot.derived import encoder_step, reflected_rotor_inertia, wheel_speed_limit
 from ballbot.robot.parameters import parameter
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
@@ -73,27 +89,52 @@ class Supply:
     internal_resistance: float = field(metadata=parameter("of the battery", unit="ohm", least=0.0))
 
 
-class Battery:
-    """A battery with an internal resistance and the motors' windings; see `Supply`."""
+class DriveLimits:
+    """Torque limit of the drivers, and what the supply leaves: a battery, or a fixed limit near the highest speed."""
 
-    def __init__(self, robot: Robot, supply: Supply) -> None:
+    def __init__(self, robot: Robot, supply: Supply | None = None) -> None:
         drive = robot.drive
+        self._supply = supply
+        self.torque_limit = drive.torque_limit  #: [N m]
+        self.top_speed = wheel_speed_limit(  #: [rad/s] at the wheel
+            supply_voltage=drive.supply_voltage,
+            speed_constant=drive.speed_constant,
+            gear_ratio=drive.gear_ratio,
+        )
         self._full = drive.supply_voltage
-        self._inner = supply.internal_resistance
-        self._winding = supply.winding_resistance
         self._ampere = drive.gear_ratio * drive.torque_constant  # [N m/A] at the wheel
         self._back = drive.gear_ratio / drive.speed_constant  # [V s/rad] at the wheel
-        self.voltage = self._full  #: [V] at the last step
 
     def within(self, torques: NDArray[np.float64], speeds: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the requested torques (n,) [N m] within the limits at motor speeds (n,) [rad/s]."""
+        """Return the torques (n,) [N m] that the motors can give of those commanded at motor speeds (n,) [rad/s]."""
+        clipped = np.minimum(np.maximum(torques, -self.torque_limit), self.torque_limit)
+        if self._supply is not None:
+            return self._within_supply(self._supply, clipped, speeds)
+        # one-sided: a motor at its highest speed can still brake with full torque
+        left = (self.top_speed - speeds * np.sign(clipped)) / (FALLING_PART * self.top_speed)
+        available = np.clip(left, 0.0, 1.0) * self.torque_limit
+        return np.sign(clipped) * np.minimum(np.abs(clipped), available)
+
+    def _within_supply(
+        self, supply: Supply, torques: NDArray[np.float64], speeds: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         current = torques / self._ampere
-        power = float(torques @ speeds + self._winding * (current @ current))
+        power = float(torques @ speeds + supply.winding_resistance * (current @ current))
         # a loaded battery has V = V_0 - R_i P / V_0; braking motors charge it
-        self.voltage = max(self._full - self._inner * power / self._full, 0.0)
-        most = self._ampere * self.voltage / self._winding
-        back_emf = self._ampere * self._back / self._winding * speeds
+        voltage = max(self._full - supply.internal_resistance * power / self._full, 0.0)
+        most = self._ampere * voltage / supply.winding_resistance
+        back_emf = self._ampere * self._back / supply.winding_resistance * speeds
         return np.clip(torques, -most - back_emf, most - back_emf)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RollerContacts:
+    """Wheels that touch the ball by one roller after another."""
+
+    rollers: Rollers  #: as they really are, in one ring or two
+    give: float  #: by which a contact gives way for each newton [m/N]
+    grip: float  #: friction coefficient of the rollers on the ball
+    creep: float  #: tangential force over the speed with which a roller that grips creeps [N s/m]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,6 +158,8 @@ class Imperfections:
     torque_noise: float = 0.0  #: standard deviation of each sample's torque [N m]
     lag: float = 0.0  #: time constant with which a motor's torque follows its command [s]
     backlash: float = 0.0  #: gearbox play at the wheel, from stop to stop [rad]
+    contacts: RollerContacts | None = None  #: None if each wheel touches in a single point
+    load_dependence: float = 0.0  #: fraction of the dry driveline friction that follows the contact's force
     supply: Supply | None = None  #: a battery in place of the fixed limit of the motors' speed
     slope: tuple[float, float] = (0.0, 0.0)  #: rise of the floor along x and along y [-]
     #: mass times distance of the body's centre of mass from its axis, forward and to the left [kg m]
@@ -153,6 +196,9 @@ class Imperfections:
             raise InputError(
                 f"The slope of the floor is {np.hypot(*self.slope):.3g}; it must be at most {MAX_SLOPE:g}."
             )
+
+        if not 0.0 <= real_number(self.load_dependence, "load_dependence") <= 1.0:
+            raise InputError(f"load_dependence is {self.load_dependence:g}; it must be from 0 to 1.")
 
     @property
     def random(self) -> bool:
@@ -206,6 +252,24 @@ class LoopRecord:
     lag: float = field(default=0.0, metadata=number("s"))
     play: float = field(default=0.0, metadata=number("rad"))
     rotor_inertia: float = field(default=0.0, metadata=number("kg m^2"))
+    #: angle from a roller to the next; 0 if a wheel touches in a single point
+    pitch: float = field(default=0.0, metadata=number("rad"))
+    #: of a contact at rest: its force, how far it gives way, and D(x) / x^4
+    pressure: float = field(default=0.0, metadata=number("N"))
+    give: float = field(default=1.0, metadata=number("m"))
+    out_of_round: float = field(default=0.0, metadata=number("m"))
+    #: what a wheel's row of A has more where its second ring touches, and less where its first does
+    off_middle: NDArray[np.float64] = field(
+        default_factory=lambda: np.zeros((1, 3)), metadata=number("1", MAX_WHEELS, 3)
+    )
+    #: of the first ring from the second, half; and how each wheel's speed turns the ball about each normal
+    lever: float = field(default=0.0, metadata=number("m"))
+    grip: float = field(default=0.0, metadata=number("1"))
+    creep: float = field(default=0.0, metadata=number("N s/m"))
+    about_normal: NDArray[np.float64] = field(
+        default_factory=lambda: np.zeros((1, 1)), metadata=number("1", MAX_WHEELS, MAX_WHEELS)
+    )
+    load_dependence: float = field(default=0.0, metadata=number("1"))
     fallen_cosine: float = field(default=-1.0, metadata=number("1"))
     #: lean at rest on the floor's slope
     rest_lean: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2), metadata=number("rad", 2))
@@ -247,24 +311,32 @@ def loop_record(
     one: Imperfections,
     robot: Robot,
     *,
-    estimator: EstimatorName,
+    estimator: EstimatorName | None,
     sample_time: float,
 ) -> NDArray[np.float64]:
-    """Return the row of numbers, the float64 view of a record of `LOOP`.
+    """Return the row of numbers, the float64 view of a record of `LOOP`; raise InputError for play without rotors.
 
     Parameters
     ----------
     one : Imperfections
     robot : Robot
         The true one.
-    estimator : {"onboard", "kalman"}
-        If there are sensors.
+    estimator : {"onboard", "kalman"} or None
+        Where there are sensors; None if they are read elsewhere.
     sample_time : float
         Of the controller and the sensors [s].
     """
     lean, along = rest_on_slope(robot, one.slope)
     _, across = rest_on_slope(robot, (one.slope[1], -one.slope[0]))
     drive = robot.drive
+    rotor = reflected_rotor_inertia(
+        gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
+    )
+    if one.backlash > 0.0 and not rotor > 0.0:
+        raise InputError(
+            f"The motors and gears of {robot.name!r} have no inertia, so nothing limits their speed within the play; "
+            "give drive.motor_inertia or drive.gear_inertia."
+        )
     values: dict[str, object] = {
         "sample_time": sample_time,
         "delay": one.delay,
@@ -280,13 +352,12 @@ def loop_record(
         "torque_noise": one.torque_noise,
         "lag": one.lag,
         "play": one.backlash,
-        "rotor_inertia": reflected_rotor_inertia(
-            gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
-        ),
+        "rotor_inertia": rotor,
         "fallen_cosine": math.cos(one.fallen_lean) if one.fallen_lean < LARGEST_LEAN else -1.0,
         "rest_lean": lean,
         "slope_load": np.column_stack([along, across]),
         "off_axis": off_axis(robot, one.imbalance),
+        **_of_contacts(one, robot),
     }
     if one.supply is not None:
         values |= {
@@ -297,11 +368,35 @@ def loop_record(
             "ampere": drive.gear_ratio * drive.torque_constant,
             "back": drive.gear_ratio / drive.speed_constant,
         }
-    if one.sensors is not None:
+    if one.sensors is not None and estimator is not None:
         values |= _of_sensors(one, one.sensors, robot, estimator, sample_time)
     record = LOOP.zeros()
     fill_record(record, LoopRecord(**values))  # pyright: ignore[reportArgumentType] (a value for each field)
     return record.view(np.float64)
+
+
+def _of_contacts(one: Imperfections, robot: Robot) -> dict[str, object]:
+    wheels, normals = robot.wheels, contact_directions(robot.wheels)
+    at_rest = robot.body.mass * robot.gravity / (len(normals) * math.cos(wheels.tilt))
+    values: dict[str, object] = {"load_dependence": one.load_dependence, "pressure": at_rest}
+    if one.contacts is None:
+        return values
+    rollers, radius = one.contacts.rollers, robot.ball.radius
+    off = 0.5 * rollers.row_spacing / (radius + rollers.radius) if rollers.rows == 2 else 0.0
+    pitch = 2.0 * math.pi / (rollers.rows * rollers.per_row)
+    out_of_round = (wheels.radius - rollers.radius) * wheels.radius / (8.0 * rollers.radius)
+    return values | {
+        "pitch": pitch,
+        "give": min(
+            at_rest * one.contacts.give, out_of_round * pitch**4
+        ),  # beyond, a third roller would touch
+        "out_of_round": out_of_round,
+        "off_middle": radius / wheels.radius * off * normals,
+        "lever": radius * off,
+        "grip": one.contacts.grip,
+        "creep": one.contacts.creep,
+        "about_normal": normals @ transforms(robot).T_obw,
+    }
 
 
 def _of_sensors(

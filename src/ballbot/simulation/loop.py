@@ -6,10 +6,11 @@ A sample of a robot is, in this order:
     estimate    the on-board state or the Kalman filter, of the robot that the controller knows; or the true state
     decide      the control law (`ballbot.control.law`)
     drive       the torques wait for the delay; noise, the driver's limit and the supply's limit come upon them
-    move        so many steps: the motors' lag, the gears' play or rigid gears, friction that sticks, pushes, the slope
+    move        so many steps: the motors' lag, the gears' play or rigid gears, friction that sticks, pushes, the slope,
+                rollers that come and go under the wheels
 
-It is `SensedPlant` with a `Controller`, and without sensors `ModelPlant`, for many robots in one call: the same
-functions, the same random numbers, the same results to rounding. What is random is drawn before (`Draws`).
+What is random is drawn before (`Draws`). `SensedPlant` calls the same functions one sample at a time, with sensors,
+estimator and controller in Python, and gives the same results to rounding.
 """
 
 import math
@@ -65,8 +66,9 @@ from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, in_sta
 from ballbot.mechanics.engine.tracing import traced
 from ballbot.mechanics.engine.vector import add, dot, rotate_back
 from ballbot.mechanics.equations import LARGEST_LEAN, angle_rates, attitude, body_rates, terms
+from ballbot.mechanics.parameters import RIGID_SIZE, TERMS_SIZE, WHEEL_SIZE
 from ballbot.simulation.imperfections import FALLING_PART
-from ballbot.simulation.model_plant import friction_needed, sinking
+from ballbot.simulation.model_plant import friction_needed, sinking, wheel_forces
 
 
 class Inputs(NamedTuple):
@@ -90,6 +92,9 @@ class Draws(NamedTuple):
     ]  #: standard normal: six of the AHRS, then for each sample n of the torques and six more
     faults: NDArray[np.float64]  #: standard normal: five at the start, then five for each sample
     places: NDArray[np.float64]  #: (robots, n) of the motors in their play, -0.5 to 0.5
+    turns: NDArray[
+        np.float64
+    ]  #: (robots, n) angles of the wheels at the start, from a roller of the first ring [rad]
     durations: NDArray[np.float64]  #: (robots, samples) of the samples; without columns all are alike [s]
 
 
@@ -128,16 +133,18 @@ class _Block(NamedTuple):
     """What the loop remembers of each robot of a block from sample to sample."""
 
     memories: NDArray[np.void]  #: of the laws, records of `ballbot.control.law.MEMORY`
-    lags: bool  #: whether a motor of any robot does
+    by_steps: bool  #: whether the torques of any robot change within a sample
     late: NDArray[np.float64]  #: (1 + longest delay, robots, n) torques on their way
-    acting: NDArray[np.float64]  #: (robots, n) torques that act, or that the motors go towards
-    given: NDArray[np.float64]  #: (robots, n) torques that the motors give, behind their lag
+    wanted: NDArray[np.float64]  #: (robots, n) torques that the drivers want of the motors
+    given: NDArray[np.float64]  #: (robots, n) those behind the motors' lag
+    acting: NDArray[np.float64]  #: (robots, n) torques that act in a step
     commanded: NDArray[np.float64]  #: (robots, n) torques that the controllers ask for
     last: NDArray[np.float64]  #: (robots, n) and asked for in the last sample
     starts: NDArray[np.float64]  #: (robots, n) where motors with play begin to count [rad]
     angles: NDArray[np.float64]  #: (robots, n) of rigid motors [rad]
     speeds: NDArray[np.float64]  #: (robots, n) of rigid motors [rad/s]
     loads: NDArray[np.float64]  #: (robots, n) torques with which the slope loads the wheels
+    turns: NDArray[np.float64]  #: (robots, n) angles of the wheels at the start [rad]
     before: NDArray[np.float64]  #: (robots, n) encoder angles at the last sample
     encoders: NDArray[np.float64]  #: (robots, 2 n) encoder angles and the speeds differenced from them
     counted: NDArray[np.float64]  #: (robots, 1 + longest window, n) encoder angles at the last samples
@@ -146,11 +153,12 @@ class _Block(NamedTuple):
     gyros: NDArray[np.float64]  #: (robots, 3) the gyro's present readings
     onboard: NDArray[np.float64]  #: (robots, 4) place and velocity
     pivoting: NDArray[np.float64]  #: (robots,) of the Kalman filters
+    truths: NDArray[np.float64]  #: (robots, 10) states on the robots' floors
     states: NDArray[np.float64]  #: (robots, 10) that the controllers are given
     filters: NDArray[np.float64]  #: the Kalman filters' work array, a robot a column
     # scratch of one robot
-    true: NDArray[np.float64]  #: (10,) state
     wheels: NDArray[np.float64]  #: (n,) speeds
+    rolled: NDArray[np.float64]  #: (n,) torques of the rollers
     attitude: NDArray[np.float64]  #: (3,) angles
 
 
@@ -165,14 +173,18 @@ def _loop_of(inputs, robot):
     return inputs.loops[_row_of(inputs.loops, robot)]
 
 
-@called
+@inlined
 def _longest(loops):
-    """Return the longest delay, latency and window in samples, and whether a motor lags."""
-    delay, latency, window, lags = 0, 0, 1, False
+    """Return the longest delay, latency and window in samples, and whether torques change within a sample."""
+    delay, latency, window, by_steps = 0, 0, 1, False
     for one in loops:
-        delay, latency = max(delay, one.delay), max(latency, one.latency)
-        window, lags = max(window, one.speed_window), lags or one.lag > 0.0
-    return delay, latency, window, lags
+        delay, latency, window = (
+            max(delay, one.delay),
+            max(latency, one.latency),
+            max(window, one.speed_window),
+        )
+        by_steps = by_steps or one.lag > 0.0 or one.pitch > 0.0
+    return delay, latency, window, by_steps
 
 
 @inlined
@@ -221,7 +233,7 @@ def _angles_of(g, heading):
     return theta, phi, heading + math.atan2(c * sine - s * cosine, c * cosine + s * sine)
 
 
-@called
+@inlined
 def _read_ahrs(own, block, robot, sample, noise, faults, truth, gyro, angles):
     """Fill gyro (3,) and angles (3,) with what the AHRS shows."""
     a = attitude((truth[2], truth[3], truth[4]))
@@ -262,7 +274,7 @@ def _read_ahrs(own, block, robot, sample, noise, faults, truth, gyro, angles):
             gyro[i], angles[i] = old[i], old[3 + i]
 
 
-@called
+@inlined
 def _read_encoders(own, block, robot, sample, angles, speeds):
     """Turn motor angles (n,) since the start into counted ones, and fill the speeds (n,) differenced from them."""
     recent = block.counted[robot]
@@ -288,7 +300,7 @@ def _ball_rate(own, speeds):
     return x, y, z
 
 
-@called
+@inlined
 def _onboard(own, block, robot, sample, speeds, gyro, angles, state):
     """Fill the state (10,) as `OnboardState` has it."""
     a, w = attitude((angles[0], angles[1], angles[2])), (gyro[0], gyro[1], gyro[2])
@@ -310,7 +322,7 @@ def _slot(row, robot):
     return row * LANES + robot
 
 
-@called
+@inlined
 def _begin_filter(filters, robot, row, state, gyro, angles):
     """Start a Kalman filter at its first reading; `row` is its row of `filter_row`."""
     for i in range(MODEL_SIZE):
@@ -328,7 +340,7 @@ def _begin_filter(filters, robot, row, state, gyro, angles):
     filters[_slot(FILTER_STATE + PSI, robot)] = heading
 
 
-@called
+@inlined
 def _show_filter(own, block, robot, limit, turned, gyro, angles):
     """Give a Kalman filter its inputs; `turned` (n,) are the mean wheel speeds over the sample."""
     filters = block.filters
@@ -343,7 +355,7 @@ def _show_filter(own, block, robot, limit, turned, gyro, angles):
     filters[_slot(PIVOTS, robot)] = 1.0 if abs(block.pivoting[robot]) > limit else 0.0
 
 
-@called
+@inlined
 def _filtered(filters, robot, gyro, state):
     """Fill the state (10,) of a Kalman filter, and keep the gyro for the next sample."""
     x = FILTER_STATE
@@ -374,8 +386,9 @@ def _filtered(filters, robot, gyro, state):
 
 @inlined
 def _within_drive(own, torque, speed):
-    """Return a torque within the driver's limit, and near the motor's highest speed within what the supply leaves."""
-    torque = min(max(torque, -own.torque_limit), own.torque_limit)
+    """Return a torque near the motor's highest speed within what the supply leaves."""
+    if abs(speed) < (1.0 - FALLING_PART) * own.top_speed:
+        return torque
     share = (own.top_speed - math.copysign(speed, speed * torque)) / (FALLING_PART * own.top_speed)
     left = own.torque_limit * min(max(share, 0.0), 1.0)
     return min(max(torque, -left), left)
@@ -386,7 +399,6 @@ def _within_supply(own, torques, speeds):
     """Limit torques (n,) to what a battery and the windings leave; see `Supply`."""
     power = 0.0
     for i in range(len(torques)):
-        torques[i] = min(max(torques[i], -own.torque_limit), own.torque_limit)
         current = torques[i] / own.ampere
         power += torques[i] * speeds[i] + own.winding * current * current
     most = own.ampere * max(own.voltage - own.sag * power, 0.0) / own.winding
@@ -395,7 +407,7 @@ def _within_supply(own, torques, speeds):
         torques[i] = min(max(torques[i], -most - back), most - back)
 
 
-@called
+@inlined
 def _push(selected, work, lane, own, push, duration):
     """Change a lane's velocities by the impulse of a push over a sample."""
     whole, state = load(selected, work, lane), load_state(selected, work, lane)
@@ -419,7 +431,7 @@ def _along(v, p):
     return (p[0], p[1]) if len(v) == 2 else (p[0], p[1], 0.0)
 
 
-@called
+@inlined
 def _take_pushes(selected, work, width, inputs, sampling, first, sample):
     for lane in range(width):
         robot = first + robot_in(work, lane)
@@ -429,32 +441,103 @@ def _take_pushes(selected, work, width, inputs, sampling, first, sample):
                 _push(selected, work, lane, _loop_of(inputs, robot), pushes[k], sampling.sample_time)
 
 
-@called
-def _put_torques(work, width, inputs, block, first, h):
-    """Let the torques act on the lanes for a step of h [s], behind the motors' lag, less those for the slope."""
-    n = block.acting.shape[1]
+@inlined
+def _roll(selected, work, lane, inputs, own, block, number, since):
+    """Let a lane's wheels touch the ball where their angles have them; fill `rolled` (n,) with the rollers' torques."""
+    n, robot, rolled = block.acting.shape[1], robot_in(work, lane), block.rolled
+    axles = inputs.parameters[_row_of(inputs.parameters, number)]
+    _, speeds = pose(selected, load(selected, work, lane), load_state(selected, work, lane))
+    fill(block.wheels, speeds)
+    for i in range(n):
+        rolled[i] = 0.0
+    for i in range(n):
+        angle = work[(ANGLE + i) * LANES + lane]
+        if own.play == 0.0:
+            angle = block.angles[robot, i] + since * block.speeds[robot, i]
+        angle += block.turns[robot, i]
+        nearest = math.floor(angle / own.pitch + 0.5)
+        away = angle - nearest * own.pitch
+        x = abs(away)
+        y = own.pitch - x  # to the next roller
+        share = min(1.0, 0.5 + 0.5 * own.out_of_round * (y * y * y * y - x * x * x * x) / own.give)
+        size = 4.0 * own.out_of_round * own.pressure * (share * x * x * x - (1.0 - share) * y * y * y)
+        rolled[i] += math.copysign(1.0, away) * size
+        # of neighbouring rollers one is of the first ring, one of the second
+        ring = (2.0 * share - 1.0) * (2.0 * (nearest - 2.0 * math.floor(0.5 * nearest)) - 1.0)
+        place = RIGID_SIZE + WHEEL_SIZE * i
+        for k in range(3):
+            work[(place + k) * LANES + lane] = axles[place + k] + ring * own.off_middle[i, k]
+        turning = 0.0
+        for j in range(n):
+            turning += own.about_normal[i, j] * block.wheels[j]
+        most = own.grip * (1.0 - share) * own.pressure
+        moment = 2.0 * own.lever * min(max(own.creep * own.lever * turning, -most), most)
+        for j in range(n):
+            rolled[j] -= own.about_normal[i, j] * moment
+
+
+@inlined
+def _press(selected, work, lane, inputs, own, block, number):
+    """Let the dry friction of a lane's wheels follow the forces between wheels and ball."""
+    n, whole = block.acting.shape[1], load(selected, work, lane)
+    P, u = whole, load_torques(selected, work, lane)
+    if own.play > 0.0:
+        P, u = wheel_side(whole, own.rotor_inertia), passed_torques(selected, work, lane)
+    contacts = inputs.contacts[_row_of(inputs.contacts, number)]
+    _, pressed = wheel_forces(selected, P, load_state(selected, work, lane), u, contacts)
+    pressing = block.rolled
+    fill(pressing, pressed)
+    numbers = inputs.parameters[_row_of(inputs.parameters, number)]
+    terms = RIGID_SIZE + WHEEL_SIZE * n
+    for i in range(n):
+        share = max(0.0, 1.0 + own.load_dependence * (pressing[i] / own.pressure - 1.0))
+        first = RIGID_SIZE + WHEEL_SIZE * i + WHEEL_SIZE - 2  # c and s
+        for place in range(first, first + 2):
+            work[place * LANES + lane] = share * numbers[place]
+        if len(numbers) > terms:
+            for place in range(terms + TERMS_SIZE * i, terms + TERMS_SIZE * (i + 1)):
+                work[place * LANES + lane] = share * numbers[place]
+
+
+@inlined
+def _put_torques(selected, work, width, inputs, block, first, h, since):
+    """Let the torques act on the lanes for a step of h [s]: behind the motors' lag, and within what the supply leaves.
+
+    The step begins `since` [s] after the sample. Gears with play have the motors' speeds of each step, rigid ones those
+    of the sample.
+    """
     for lane in range(width):
         robot = robot_in(work, lane)
-        own = _loop_of(inputs, first + robot)
+        own, acting, speeds = _loop_of(inputs, first + robot), block.acting[robot], block.wheels
+        if own.pitch > 0.0:
+            _roll(selected, work, lane, inputs, own, block, first + robot, since)
         mean, kept = 0.0, 0.0
         if own.lag > 0.0:
             kept = math.exp(-h / own.lag)
             mean = (1.0 - kept) * own.lag / h
-        for i in range(n):
-            away = block.given[robot, i] - block.acting[robot, i]
-            torque = block.acting[robot, i] + mean * away
-            block.given[robot, i] = block.acting[robot, i] + kept * away
-            on_slope = block.loads[robot, i]
+        for i in range(len(acting)):
+            speeds[i] = work[(MOTOR + i) * LANES + lane] if own.play > 0.0 else block.speeds[robot, i]
+            away = block.given[robot, i] - block.wanted[robot, i]
+            acting[i] = block.wanted[robot, i] + mean * away
+            block.given[robot, i] = block.wanted[robot, i] + kept * away
+            if own.limited == 1:
+                acting[i] = _within_drive(own, acting[i], speeds[i])
+        if own.limited == 2:
+            _within_supply(own, acting, speeds)
+        for i in range(len(acting)):
+            load_on_wheel = block.loads[robot, i]
+            if own.pitch > 0.0:
+                load_on_wheel -= block.rolled[i]
             if own.play > 0.0:
-                work[(TORQUE + i) * LANES + lane], work[(LOAD + i) * LANES + lane] = torque, on_slope
+                work[(TORQUE + i) * LANES + lane], work[(LOAD + i) * LANES + lane] = acting[i], load_on_wheel
             else:
-                work[(TORQUE + i) * LANES + lane] = torque - on_slope
+                work[(TORQUE + i) * LANES + lane] = acting[i] - load_on_wheel
 
 
 # --- a block ---
 
 
-@called
+@inlined
 def _start(selected, work, width, inputs, draws, sampling, first, block, state):
     """Put the robots into the lanes, at rest in their plays."""
     n = block.acting.shape[1]
@@ -465,23 +548,25 @@ def _start(selected, work, width, inputs, draws, sampling, first, block, state):
         fill(state, inputs.initial[_row_of(inputs.initial, robot)])
         for i in range(2):
             block.onboard[lane, i] = state[i]
+        fill(block.truths[lane], state)
         _floored(state, own, -1.0)
         start_lane(selected, work, lane, state, sampling.sample_time / sampling.steps)
         _, speeds = pose(selected, load(selected, work, lane), load_state(selected, work, lane))
         work[ROTOR * LANES + lane], work[PLAY * LANES + lane] = own.rotor_inertia, own.play
         for i in range(n):
+            block.turns[lane, i] = draws.turns[lane, i]
             block.speeds[lane, i] = work[(MOTOR + i) * LANES + lane] = speeds[i]
             if own.play > 0.0:
                 block.starts[lane, i] = own.play * draws.places[lane, i]
                 work[(AHEAD + i) * LANES + lane] = block.starts[lane, i]
 
 
-@called
+@inlined
 def _measure(selected, work, lane, inputs, draws, block, first, sample):
     """Read a lane's sensors, and fill its state unless the Kalman filter does."""
     robot = robot_in(work, lane)
     own, state, n = _loop_of(inputs, first + robot), block.states[robot], block.acting.shape[1]
-    _truth(selected, work, lane, own, state)
+    fill(state, block.truths[robot])
     gyro, encoders, speeds = block.gyros[robot], block.encoders[robot, :n], block.encoders[robot, n:]
     for i in range(n):
         encoders[i], speeds[i] = block.angles[robot, i], block.speeds[robot, i]
@@ -512,12 +597,10 @@ def _measure(selected, work, lane, inputs, draws, block, first, sample):
     fill(block.before[robot], encoders)
 
 
-@called
-def _command(work, lane, inputs, draws, block, first, sample, reference, out):
-    """Decide a lane's torques, and let those that are due act, with noise and within the drive's limits."""
-    robot = robot_in(work, lane)
+@inlined
+def _command(inputs, block, robot, first, sample, reference):
+    """Decide a robot's torques."""
     own, state, held = _loop_of(inputs, first + robot), block.states[robot], block.commanded[robot]
-    n = len(held)
     if own.estimator == 2:
         row = inputs.filters[_row_of(inputs.filters, first + robot)]
         if sample > 0:
@@ -529,55 +612,43 @@ def _command(work, lane, inputs, draws, block, first, sample, reference, out):
     fill(block.last[robot], held)
     law = inputs.laws[_row_of(inputs.laws, first + robot)]
     record_law(law, block.memories[robot], state, reference, held)
+
+
+@inlined
+def _drive(work, lane, inputs, block, first, sample, noise, changes):
+    """Give motors the torques that are due, with noise (n,), within the driver's limit, and the wheels their loads."""
+    robot = robot_in(work, lane)
+    own, held = _loop_of(inputs, first + robot), block.commanded[robot]
     psi, late = work[(STATE + 4) * LANES + lane], block.late
     c, s = math.cos(psi), math.sin(psi)
     fill(late[sample % len(late), robot], held)
     due = late[(sample - own.delay) % len(late), robot]
-    for i in range(n):
+    for i in range(len(held)):
         if sample > 0:
-            out.changes[first + robot] += (held[i] - block.last[robot, i]) ** 2
+            changes[first + robot] += (held[i] - block.last[robot, i]) ** 2
         torque = due[i]
         if own.torque_noise > 0.0:
-            torque += own.torque_noise * draws.noise[robot, (n + 6) * sample + 6 + i]
-        speed = work[(MOTOR + i) * LANES + lane] if own.play > 0.0 else block.speeds[robot, i]
-        if own.limited == 1:
-            torque = _within_drive(own, torque, speed)
-        block.wheels[i] = speed
-        block.acting[robot, i] = torque
+            torque += own.torque_noise * noise[i]
+        if own.limited > 0:
+            torque = min(max(torque, -own.torque_limit), own.torque_limit)
+        block.wanted[robot, i] = torque
+        if own.lag == 0.0:
+            block.given[robot, i] = torque
         block.loads[robot, i] = c * own.slope_load[i, 0] + s * own.slope_load[i, 1]
-    if own.limited == 2:
-        _within_supply(own, block.acting[robot], block.wheels)
-    if own.lag == 0.0:
-        for i in range(n):
-            block.given[robot, i] = block.acting[robot, i]
 
 
-@called
-def _turn_motors(selected, work, width, inputs, block, first, durations, sample):
+@inlined
+def _turn_motors(selected, work, width, inputs, block, first, steps):
     """Leave the speeds of rigid motors, and turn their encoders by the mean over the sample."""
     for lane in range(width):
         robot = robot_in(work, lane)
         own = _loop_of(inputs, first + robot)
         if own.play == 0.0:
             _, speeds = pose(selected, load(selected, work, lane), load_state(selected, work, lane))
-            duration = durations[robot, sample] if durations.shape[1] > 0 else own.sample_time
+            duration = steps * work[STEP * LANES + lane]
             for i in range(len(speeds)):
                 block.angles[robot, i] += 0.5 * duration * (block.speeds[robot, i] + speeds[i])
                 block.speeds[robot, i] = speeds[i]
-
-
-@called
-def _off_the_ball(selected, P, u, inputs, sampling, number, state, out):
-    """Return whether a robot lifts off or slips, and note which."""
-    if not sinking(selected, P, state, u) < inputs.lift_offs[_row_of(inputs.lift_offs, number)]:
-        out.lifted[number] = True
-        return True
-    if sampling.grip < math.inf:
-        touching = inputs.contacts[_row_of(inputs.contacts, number)]
-        if not friction_needed(selected, P, state, u, touching) <= sampling.grip:
-            out.slipped[number] = True
-            return True
-    return False
 
 
 @called
@@ -587,16 +658,20 @@ def _end_where_due(selected, work, lane, inputs, sampling, block, first, sample,
     own, number = _loop_of(inputs, first + robot), first + robot
     state, whole = load_state(selected, work, lane), load(selected, work, lane)
     lean = max(abs(state[2]), abs(state[3]))
-    truth = block.true
+    truth = block.truths[robot]
     _truth(selected, work, lane, own, truth)
     fallen = work[STEP * LANES + lane] == 0.0 or not lean <= LARGEST_LEAN
     fallen = fallen or math.cos(truth[2]) * math.cos(truth[3]) < own.fallen_cosine
-    if not fallen and own.play > 0.0:  # wheels of another type than those with friction by direction
-        P, u = wheel_side(whole, own.rotor_inertia), passed_torques(selected, work, lane)
-        fallen = _off_the_ball(selected, P, u, inputs, sampling, number, state, out)
-    elif not fallen:
-        u = load_torques(selected, work, lane)
-        fallen = _off_the_ball(selected, whole, u, inputs, sampling, number, state, out)
+    if not fallen:
+        P, u = whole, load_torques(selected, work, lane)
+        if own.play > 0.0:
+            P, u = wheel_side(whole, own.rotor_inertia), passed_torques(selected, work, lane)
+        if not sinking(selected, P, state, u) < inputs.lift_offs[_row_of(inputs.lift_offs, number)]:
+            fallen = out.lifted[number] = True
+        elif sampling.grip < math.inf:
+            touching = inputs.contacts[_row_of(inputs.contacts, number)]
+            if not friction_needed(selected, P, state, u, touching) <= sampling.grip:
+                fallen = out.slipped[number] = True
     if fallen:
         out.ended[number] = sample
         work[STEP * LANES + lane] = 0.0  # the lane stays where it is
@@ -604,7 +679,7 @@ def _end_where_due(selected, work, lane, inputs, sampling, block, first, sample,
         _decide(work, lane, sampling, truth, sample, out, number)
 
 
-@called
+@inlined
 def _decide(work, lane, sampling, state, sample, out, robot):
     """Stop a lane whose outcome is known; see `Verdict`."""
     lean = state[2] * state[2] + state[3] * state[3]
@@ -617,7 +692,7 @@ def _decide(work, lane, sampling, state, sample, out, robot):
     work[STEP * LANES + lane] = 0.0
 
 
-@called
+@inlined
 def _within(bounds, state, reference):
     """Return whether each row's product with the heading frame's error is between -1 and 1."""
     c, s = math.cos(state[4]), math.sin(state[4])
@@ -641,14 +716,16 @@ def _runs(work, lane, out, first, samples):
     return out.ended[robot] == samples and out.settled[robot] == samples
 
 
-@called
+@inlined
 def _new_block(loops, width, n, filtering):
     """Return the memory of a block whose robots all begin."""
-    delay, latency, window, lags = _longest(loops)
+    delay, latency, window, by_steps = _longest(loops)
     return _Block(
         np.zeros(width, MEMORY_TYPE),
-        lags,
+        by_steps,
         np.zeros((1 + delay, width, n)),
+        np.zeros((width, n)),
+        np.zeros((width, n)),
         np.zeros((width, n)),
         np.zeros((width, n)),
         np.zeros((width, n)),
@@ -666,8 +743,9 @@ def _new_block(loops, width, n, filtering):
         np.zeros((width, 4)),
         np.zeros(width),
         np.zeros((width, 10)),
+        np.zeros((width, 10)),
         np.zeros(FILTER_ROWS * LANES if filtering else LANES),
-        np.zeros(10),
+        np.zeros(n),
         np.zeros(n),
         np.zeros(3),
     )
@@ -678,12 +756,17 @@ def _move(code, selected, work, width, inputs, block, sampling, first):
     """Move a block's robots on by a sample."""
     plays = _loop_of(inputs, first).play > 0.0  # all robots of a block, or none
     h = sampling.sample_time / sampling.steps
-    if not (plays or block.lags):
-        _put_torques(work, width, inputs, block, first, h)
+    for lane in range(width):
+        robot = robot_in(work, lane)
+        own = _loop_of(inputs, first + robot)
+        if own.load_dependence > 0.0:
+            _press(selected, work, lane, inputs, own, block, first + robot)
+    if not (plays or block.by_steps):
+        _put_torques(selected, work, width, inputs, block, first, h, 0.0)
         take_steps(code, work, width, sampling.steps)
         return
-    for _ in range(sampling.steps):
-        _put_torques(work, width, inputs, block, first, h)
+    for step in range(sampling.steps):
+        _put_torques(selected, work, width, inputs, block, first, h, step * h)
         if plays:
             play_block(selected, work, width)
         else:
@@ -709,13 +792,15 @@ def run_block(code, selected, inputs, draws, sampling, first, width, out):
                 sample_block(block.filters, width)
             for lane in range(width):
                 if _runs(work, lane, out, first, samples):
-                    _command(work, lane, inputs, draws, block, first, sample, reference, out)
+                    robot = robot_in(work, lane)
+                    noise = draws.noise[robot, (n + 6) * sample + 6 : (n + 6) * sample + 6 + n]
+                    _command(inputs, block, robot, first, sample, reference)
+                    _drive(work, lane, inputs, block, first, sample, noise, out.changes)
                     if draws.durations.shape[1] > 0:
-                        robot = robot_in(work, lane)
                         work[STEP * LANES + lane] = draws.durations[robot, sample] / sampling.steps
             _take_pushes(selected, work, width, inputs, sampling, first, sample)
             _move(code, selected, work, width, inputs, block, sampling, first)
-            _turn_motors(selected, work, width, inputs, block, first, draws.durations, sample)
+            _turn_motors(selected, work, width, inputs, block, first, sampling.steps)
         for lane in range(width):
             robot = first + robot_in(work, lane)
             if _runs(work, lane, out, first, samples):
@@ -723,9 +808,35 @@ def run_block(code, selected, inputs, draws, sampling, first, width, out):
                 moving -= 1 if work[STEP * LANES + lane] == 0.0 else 0
             if (sample + 1) % sampling.every == 0:
                 record = (sample + 1) // sampling.every - 1
-                _truth(selected, work, lane, _loop_of(inputs, robot), out.states[robot, record])
+                fill(out.states[robot, record], block.truths[robot - first])
                 fill(out.torques[robot, record], block.acting[robot - first])
                 fill(out.seen[robot, record], block.states[robot - first])
                 fill(out.commanded[robot, record], block.commanded[robot - first])
                 fill(out.encoders[robot, record], block.encoders[robot - first])
                 fill(out.gyro[robot, record], block.gyros[robot - first])
+
+
+@compiled
+def start_alone(selected, inputs, draws, sampling):
+    """Return the work array and the block of a robot at its start, whose controller is called from outside."""
+    work, state = new_work(), np.empty(10)
+    block = _new_block(inputs.loops, 1, draws.turns.shape[1], False)
+    _start(selected, work, 1, inputs, draws, sampling, 0, block, state)
+    _measure(selected, work, 0, inputs, draws, block, 0, 0)
+    return work, block
+
+
+@compiled
+def step_alone(selected, inputs, draws, sampling, work, block, sample, torques, out):
+    """Move such a robot on by a sample of its controller's torques (n,); what it measures is then in the block.
+
+    Of `draws`, the torques' noise (1, n) and the sample's duration (1, 1) are of this sample.
+    """
+    fill(block.commanded[0], torques)
+    _drive(work, 0, inputs, block, 0, sample, draws.noise[0], out.changes)
+    work[STEP * LANES] = draws.durations[0, 0] / sampling.steps
+    _take_pushes(selected, work, 1, inputs, sampling, 0, sample)
+    _move(selected, work, 1, inputs, block, sampling, 0)
+    _turn_motors(selected, work, 1, inputs, block, 0, sampling.steps)
+    _end_where_due(selected, work, 0, inputs, sampling, block, 0, sample + 1, out)
+    _measure(selected, work, 0, inputs, draws, block, 0, 0)

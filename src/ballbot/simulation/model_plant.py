@@ -99,8 +99,8 @@ def pack_contacts(robot: Robot) -> NDArray[np.float64]:
 
 
 @traced
-def friction_needed(selected, P, state, u, row):
-    """Return the largest |f_i| / N_i under wheel torques u, of a robot with the `row` of `pack_contacts`.
+def wheel_forces(selected, P, state, u, row):
+    """Return each wheel's f_i r_w [N m] and N_i [N] under wheel torques u, by the `row` of `pack_contacts`.
 
     `state` has the formulation's body rates; a wheel at rest counts as one without dry friction.
     """
@@ -119,12 +119,22 @@ def friction_needed(selected, P, state, u, row):
     turning = add(cross(w_dot, e), cross(w, cross(w, e)))
     straight = rotate_back(a.R, (v_dot[0], v_dot[1], P.g))
     force = add(scale(straight, row[0]), scale(turning, P.ml))
-    n, largest = len(pushes), 0.0
+    n, pressing = len(pushes), []
     for i in range(n):
-        pressing = dot((row[2 + 3 * i], row[3 + 3 * i], row[4 + 3 * i]), force)
+        pressed = dot((row[2 + 3 * i], row[3 + 3 * i], row[4 + 3 * i]), force)
         for j in range(n):
-            pressing = pressing + row[2 + 3 * n + n * i + j] * pushes[j]
-        share = where(pressing > 0.0, abs(pushes[i]) * row[1] / pressing, _LIFTED)
+            pressed = pressed + row[2 + 3 * n + n * i + j] * pushes[j]
+        pressing.append(pressed)
+    return tuple(pushes), tuple(pressing)
+
+
+@traced
+def friction_needed(selected, P, state, u, row):
+    """Return the largest |f_i| / N_i under wheel torques u, of a robot with the `row` of `pack_contacts`."""
+    pushes, pressing = wheel_forces(selected, P, state, u, row)
+    largest = 0.0
+    for push, pressed in zip(pushes, pressing, strict=True):
+        share = where(pressed > 0.0, abs(push) * row[1] / pressed, _LIFTED)
         largest = greatest(largest, least(share, _LIFTED))
     return largest
 

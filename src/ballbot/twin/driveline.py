@@ -28,8 +28,7 @@ from ballbot.mechanics.engine.compiled import compiled_alone
 from ballbot.mechanics.friction import dry_friction_size, stribeck_decay
 from ballbot.mechanics.friction_laws import BristleLaw, advance, friction_at
 from ballbot.robot import Friction, Robot
-from ballbot.robot.derived import wheel_speed_limit
-from ballbot.simulation.imperfections import Battery
+from ballbot.simulation.imperfections import FALLING_PART, DriveLimits
 from ballbot.twin.engine import Engine
 from ballbot.twin.scenario import Scenario
 
@@ -65,11 +64,6 @@ class Bristles:
         self._forces[:] = forces
 
 
-# Near the supply's speed limit the voltage left over drives less and less current. Without a supply in the
-# scenario the torque available falls in a straight line over the last twentieth of the speeds.
-_FALLING_PART = 0.05
-
-
 class Motors:
     """The motors of one twin: torque limit, speed limit or battery, and the drivers' lag.
 
@@ -84,22 +78,16 @@ class Motors:
 
     def __init__(self, robot: Robot, scenario: Scenario, engine: Engine) -> None:
         self._torques = engine.torques
-        self._limit = robot.drive.torque_limit
+        self._limits = DriveLimits(robot, scenario.supply)
         self._command = np.zeros(robot.wheel_count)
         self._limited = False
         loop = scenario.current_loop
         self._lags = loop is not None
         #: fraction of the difference to the command by which a driver's torque changes in a step
         self._fraction = 1.0 if loop is None else -math.expm1(-2 * math.pi * loop.bandwidth * engine.timestep)
-        self._battery = Battery(robot, scenario.supply) if scenario.supply else None
-        self._top = wheel_speed_limit(
-            supply_voltage=robot.drive.supply_voltage,
-            speed_constant=robot.drive.speed_constant,
-            gear_ratio=robot.drive.gear_ratio,
-        )
         #: speed above which the supply limits a step; below zero, always, with a lag or a battery
         plain = loop is None and scenario.supply is None
-        self.knee = (1.0 - _FALLING_PART) * self._top if plain else -1.0
+        self.knee = (1.0 - FALLING_PART) * self._limits.top_speed if plain else -1.0
 
     def reset(self) -> None:
         """Set all torques to zero, also those that a lag delays."""
@@ -109,7 +97,8 @@ class Motors:
 
     def command(self, torques: NDArray[np.float64]) -> None:
         """Set the torques (n,) [N m] to hold from now on; clipped to the torque limit."""
-        self._command = np.minimum(np.maximum(torques, -self._limit), self._limit)
+        limit = self._limits.torque_limit
+        self._command = np.minimum(np.maximum(torques, -limit), limit)
         if self.knee > 0.0:
             self._torques[:] = self._command
 
@@ -129,16 +118,7 @@ class Motors:
         requested = (
             self._torques + self._fraction * (self._command - self._torques) if self._lags else self._command
         )
-        supply = self._battery.within if self._battery else self._within_speed_limit
-        self._torques[:] = supply(requested, speeds)
-
-    def _within_speed_limit(
-        self, torques: NDArray[np.float64], speeds: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        # the limit is one-sided: a motor at its highest speed can still brake with full torque
-        forward = speeds * np.sign(torques)
-        available = np.clip((self._top - forward) / (_FALLING_PART * self._top), 0.0, 1.0)
-        return np.sign(torques) * np.minimum(np.abs(torques), available * self._limit)
+        self._torques[:] = self._limits.within(requested, speeds)
 
 
 class Shafts:

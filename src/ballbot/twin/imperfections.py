@@ -16,7 +16,7 @@ import numpy as np
 
 from ballbot.mechanics.model import Model
 from ballbot.robot import Body, Friction, Robot
-from ballbot.simulation.imperfections import Imperfections
+from ballbot.simulation.imperfections import Imperfections, RollerContacts
 from ballbot.twin.faults import Payload
 from ballbot.twin.mjcf import floor_normal
 from ballbot.twin.scenario import Scenario
@@ -24,29 +24,50 @@ from ballbot.twin.scenario import Scenario
 #: what a scenario may have and the equations of motion do not, and how it is called in a report
 _BEYOND = {
     "driveline_laws": "other friction laws of the drivelines",
-    "load_dependence": "driveline friction that follows the contact force",
     "softness": "the ball's softness",
     "compliance": "the drivelines' resonance",
     "roughness": "the floor's bumps",
 }
 _ALUMINIUM = 2700.0  # [kg/m^3], of a payload
+#: MuJoCo's contacts give way by so much for each newton, times the square of their time constant [1/kg], and creep by
+#: so much under a force along them, over it [kg]; on the BBR, by the masses of ball and roller
+_GIVE, _CREEP = 0.16, 140.0
 
 
-def left_out(scenario: Scenario) -> tuple[str, ...]:
+def with_identified(scenario: Scenario, friction: Friction) -> Scenario:
+    """Return a scenario of the equations with friction that was identified by them: wheels touch in a point.
+
+    The friction contains what rollers take, which a robot with rollers would have twice.
+    """
+    return replace(scenario, friction=friction, wheel_contact="point")
+
+
+def left_out(scenario: Scenario, *, identified: bool = False) -> tuple[str, ...]:
     """Return what the equations of motion leave out of a scenario, in words for a report.
 
-    Slip of the contacts is named always: `roller_grip` and `floor_grip` of a scenario are finite.
+    Slip of the contacts is named always: `roller_grip` and `floor_grip` of a scenario are finite. `identified` as in
+    `with_identified`.
     """
     beyond = [words for name, words in _BEYOND.items() if getattr(scenario, name)]
-    if scenario.wheel_contact == "rollers":
-        beyond.append("the rollers' passing")
+    if identified and scenario.wheel_contact == "rollers":
+        beyond.append("the rollers' passing, but for what the identified friction contains")
     return (*beyond, "slip of wheels and ball")
 
 
-def imperfections_of(scenario: Scenario) -> Imperfections:
-    """Return a scenario's sensors, drive, floor and pushes; `left_out` names what is not among them."""
+def imperfections_of(scenario: Scenario, *, known: Robot | None = None) -> Imperfections:
+    """Return a scenario's sensors, drive, floor and pushes; `left_out` names what is not among them.
+
+    `known` is the robot that the estimator knows; the true one by default.
+    """
     normal = floor_normal(scenario)
     timing, loop, payload = scenario.timing, scenario.current_loop, scenario.payload
+    give = 1.0 / scenario.softness.stiffness if scenario.softness else _GIVE * scenario.contact_time**2
+    contacts = RollerContacts(
+        rollers=scenario.rollers,
+        give=give,
+        grip=scenario.roller_grip,
+        creep=_CREEP / scenario.contact_time,
+    )
     return Imperfections(
         sensors=scenario.sensors,
         speed_window=scenario.speed_window,
@@ -59,12 +80,15 @@ def imperfections_of(scenario: Scenario) -> Imperfections:
         lag=1.0 / (2.0 * math.pi * loop.bandwidth) if loop else 0.0,
         supply=scenario.supply,
         backlash=scenario.backlash,
+        contacts=contacts if scenario.wheel_contact == "rollers" else None,
+        load_dependence=scenario.load_dependence.fraction if scenario.load_dependence else 0.0,
         slope=(float(-normal[0] / normal[2]), float(-normal[1] / normal[2])),
         imbalance=(payload.mass * payload.position[0], payload.mass * payload.position[1])
         if payload
         else (0.0, 0.0),
         pushes=scenario.pushes,
         fallen_lean=scenario.fallen_lean,
+        known=known,
     )
 
 

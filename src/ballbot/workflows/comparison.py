@@ -186,16 +186,14 @@ class LoopRobot:
         """Return a robot with its own friction and the rest of a scenario; its estimator knows another one."""
         return LoopRobot(
             model=true_model(robot, replace(scenario, friction=robot.friction)),
-            imperfections=replace(imperfections_of(scenario), known=known),
+            imperfections=imperfections_of(scenario, known=known),
         )
 
     def __call__(self, estimator: EstimatorName) -> Plant | Model:
         """Return the plant that is the same, one period at a time."""
         if self.imperfections is None:
             return self.model
-        return SensedPlant(
-            self.model, self.imperfections, known=self.imperfections.known, estimator=estimator
-        )
+        return SensedPlant(self.model, self.imperfections, estimator=estimator)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -40,6 +40,7 @@ from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import estimated_robot
 from ballbot.log import Log
 from ballbot.robot import Robot
+from ballbot.twin.imperfections import with_identified
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.comparison import (
     ComparedRun,
@@ -67,7 +68,8 @@ class PlantDraw:
     @property
     def on_loop(self) -> LoopRobot:
         """The robot on the compiled loop."""
-        return LoopRobot.of(self.robot, self.scenario, known=self.known)
+        scenario = with_identified(self.scenario, self.robot.friction)
+        return LoopRobot.of(self.robot, scenario, known=self.known)
 
 
 def draw_plants(found: Identification, *, scenario: Scenario, count: int, seed: int) -> tuple[PlantDraw, ...]:

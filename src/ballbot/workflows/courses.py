@@ -26,6 +26,7 @@ from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.schema import renamed_keys, validate_table
 from ballbot.simulation.plant import Plant
+from ballbot.twin.imperfections import with_identified
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import scenario_of
 from ballbot.twin.twin import Twin
@@ -115,7 +116,7 @@ class Course:
             body = scaled_body(robot.body, mass=other.mass, height=other.height)
             true = robot.replace(body=body, friction=scaled_friction(robot.friction, other.friction))
         if self.on == "model":
-            return LoopRobot.of(true, self.scenario, known=robot)
+            return LoopRobot.of(true, with_identified(self.scenario, true.friction), known=robot)
         friction = scaled_friction(self.scenario.friction, other.friction)
         return partial(_twin, true, replace(self.scenario, friction=friction), robot)
 

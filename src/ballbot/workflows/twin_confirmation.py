@@ -1,8 +1,8 @@
 """Whether the physics-engine twin agrees with the compiled loop on the controller that a study chose.
 
-The loop has no rollers, slip or contacts. So the chosen controller and the soft gain run on the twin too, on the first
-robots that were drawn, and stand beside the same course on the loop. The twin contradicts the loop if a run falls
-there that falls nowhere on the loop, or if on the twin the other of the two is better.
+The loop has no slip and, with identified friction, no rollers. So the chosen controller and the soft gain run on the
+twin too, on the first robots that were drawn, and stand beside the same course on the loop. The twin contradicts the
+loop if a run falls there that falls nowhere on the loop, or if on the twin the other of the two is better.
 
 The rolling friction under the twin needs care. An identified C_rr is effective: it contains what the rollers' bumps and
 gaps, play and noise take from the ball, and the twin has rollers, play and noise of its own. With the identified C_rr
