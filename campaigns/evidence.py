@@ -56,7 +56,6 @@ CAMPAIGNS = {
     "effective": "campaigns.between_logs:effective",
     "one_axis": "campaigns.one_axis",
     "axis_machines": "campaigns.one_axis:machines",
-    "axis_intervals": "campaigns.axis_intervals",
     "drivelines": "campaigns.identified_twin:drivelines",
     "driveline_coverage": "campaigns.driveline_coverage",
     "upside_down": "campaigns.upside_down_coverage",

@@ -64,6 +64,8 @@ _JUMP = 3.0
 #: a force that a noisy sensor or a loop gives changes in this share of the rows; while it is repeated, the acceleration
 #: varies by this share of its usual variation
 _CHANGING, _LIVELY = 0.9, 0.5
+#: a force that leads the position by at most this time [s], has this correlation with it and its size to this share
+_LEAD, _FOLLOWS, _SAME = 0.2, 0.995, 0.05
 #: a force of one sign is below this share of its largest value for the other one
 _OTHER_SIGN = 0.02
 #: the right signs leave less than this share of what the motion leaves of the force's square, if that is so much
@@ -99,6 +101,7 @@ def record_findings(record: AxisRecord, *, bandwidth: float | None = None) -> tu
         *_of_wraps(record),
         *_of_limit(record),
         *_of_stuck(record),
+        *_of_a_position(record),
     ]
     moved = np.ptp(record.force) > 0.0 or record.known_load.weight > 0.0
     if moved and all(one.code != "axis-reference" for one in findings):
@@ -277,6 +280,24 @@ def _stuck_force(record: AxisRecord, first: int, last: int) -> bool:
         return False
     acceleration = smoothed_motion(record, bandwidth=default_bandwidth(record)).acceleration
     return bool(np.std(acceleration[first:last]) > _LIVELY * np.std(acceleration))
+
+
+def _of_a_position(record: AxisRecord) -> Iterator[Finding]:
+    """Find a force that is the position some rows later, in metres or radians, degrees, centimetres or millimetres."""
+    force, position = record.force, record.position
+    if np.std(force) == 0.0 or np.std(position) == 0.0:
+        return
+    for rows in range(min(int(_LEAD / record.sample_time), len(record) // 4) + 1):
+        ahead, behind = force[: len(force) - rows], position[rows:]
+        ratio = float(np.std(ahead) / max(np.std(behind), 1e-300))
+        near = any(abs(ratio / unit - 1.0) < _SAME for unit in (1.0, float(np.degrees(1.0)), 100.0, 1000.0))
+        if near and np.std(ahead) > 0.0 and float(np.corrcoef(ahead, behind)[0, 1]) > _FOLLOWS:
+            text = (
+                "The force is the position some rows later: it appears to be the reference of the position, and not a "
+                "force. Name the column of the force, current or voltage with --force."
+            )
+            yield column_finding("force-unrelated", "error", text, "force")
+            return
 
 
 def _of_loop(record: AxisRecord) -> Iterator[Finding]:

@@ -37,6 +37,7 @@ from ballbot.identification.axis.model import (
     AXIS_LAWS,
     LOADS,
     NO_LOAD_FRICTION,
+    PARAMETERS,
     TURN,
     Axis,
     AxisLaw,
@@ -104,7 +105,13 @@ _DRAWS, _SEED = 2000, 0
 
 @dataclass(frozen=True, kw_only=True)
 class AxisOptions:
-    """How an axis is identified; what is None is selected by errors on held-out blocks."""
+    """How an axis is identified; what is None is selected by errors on held-out blocks.
+
+    Raises
+    ------
+    InputError
+        If there is no such law, harmonic or parameter, or a bandwidth or a period is not above zero.
+    """
 
     law: str | None = None  #: see `AXIS_LAWS`
     bandwidth: float | None = None  #: of the motion [Hz], which sets the filters
@@ -113,6 +120,24 @@ class AxisOptions:
     load_friction: str | None = None  #: see `LOADS`, or "none"
     period: float | None = None  #: of the first harmonic [m]; one turn if None
     separate: tuple[str, ...] = ()  #: parameters of which each record has its own
+
+    def __post_init__(self) -> None:
+        if self.law is not None:
+            axis_law_named(self.law)
+        if self.load_friction not in (None, NO_LOAD_FRICTION):
+            load_named(self.load_friction)
+        for name, meaning in (
+            ("bandwidth", "the bandwidth of the motion [Hz]"),
+            ("period", "the travel of the first harmonic"),
+        ):
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value < np.inf:
+                raise InputError(f"--{name} is {value:g}; {meaning} must be a finite number above zero.")
+        known = (*PARAMETERS, *terms_of(spring=False, harmonics=self.harmonics or ()))
+        for name in self.separate:
+            if name not in known:
+                hint = suggest(name, known, otherwise="the parameters are")
+                raise InputError(f"--separate names no parameter: {name!r}; {hint}")
 
 
 DEFAULT_OPTIONS = AxisOptions()
@@ -349,15 +374,15 @@ def _check(
 ) -> None:
     if not records:
         raise InputError("There is no record to identify the axis from.")
-    if options.law is not None:
-        axis_law_named(options.law)
     if options.separate and len(records) == 1:
         raise InputError(
             f"--separate {options.separate[0]}: a parameter can be separate only between several records, and one is "
             "fitted; give more with --also, or leave it out."
         )
-    if options.period is not None and not 0.0 < options.period < np.inf:
-        raise InputError(f"--period is {options.period:g}; it must be above zero.")
+    if options.harmonics and options.period is None and records and records[0].unit == "m":
+        raise InputError(
+            "An axis that slides has no turn for --harmonics; give --period, the travel of the first harmonic."
+        )
     everything = (*records, *validation_records)
     names = [one.name for one in everything]
     if len(set(names)) < len(names):
@@ -394,11 +419,6 @@ def _model(
         # rows at uneven times are not those of the loop that holds the force
         interpolated=not all(one.even for one in records),
     )
-    for name in options.separate:
-        if name not in model.names and name not in AXIS_LAWS["stribeck"].names:
-            raise InputError(
-                f"--separate names {name!r}; {suggest(name, model.names, otherwise='parameters are')}"
-            )
     model, gains = select_forces(records, model, options)
     if model.interpolated:
         return model, gains
