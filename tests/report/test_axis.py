@@ -34,7 +34,7 @@ def moved(name: str, phase: float, *, viscous: float) -> AxisRecord:
     force = 8.0 * np.sin(2.0 * np.pi * 0.7 * t + phase) + 4.0 * np.sin(2.0 * np.pi * 1.9 * t + 2.0 * phase)
     axis = Axis(law=AXIS_LAWS["coulomb"], values=VALUES | {"viscous": viscous})
     empty = AxisRecord(name=name, sample_time=0.01, force=force, position=t)
-    position, _ = axis.windows(empty, np.array([0]), np.array([599]), np.zeros((1, 2)))
+    position = axis.windows(empty, np.array([0]), np.array([599]), np.zeros((1, 2)))
     return replace(empty, position=np.append(0.0, position))
 
 

@@ -125,7 +125,7 @@ def open_loop_series(found: AxisIdentification, record: AxisRecord, of_record: s
     """Return the position, and the errors of its simulation from the recorded force alone."""
     errors = []
     for estimate, _, _, look in _drawn_laws(found):
-        moved, _ = estimate.axis().windows(
+        moved = estimate.axis().windows(
             record,
             np.array([0]),
             np.array([len(record) - 1]),

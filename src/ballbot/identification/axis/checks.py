@@ -320,7 +320,7 @@ def _of_loop(record: AxisRecord) -> Iterator[Finding]:
     fit = fit_linear(X, force, (rows.of(record.t)[free] // BLOCK).astype(np.int64))
     a1, a2 = fit.values.tolist()
     left = float(np.linalg.norm(fit.residuals) / np.linalg.norm(force))
-    code, severity = "axis-loop", "error"
+    severity: Severity = "error"
     if left > _LOOP_RESIDUAL:
         text = (
             f"The control law, with its best gains, leaves {100.0 * left:.0f} % of the recorded force unexplained: "
@@ -328,10 +328,11 @@ def _of_loop(record: AxisRecord) -> Iterator[Finding]:
             "and the gains the record is used in open loop."
         )
     elif a1 < 0.0 and a2 < 0.0:
-        code = "force-sign"
         text = (
             "The recorded force has the opposite sign of the control law; negate the force or --force-scale."
         )
+        yield column_finding("force-sign", "error", text, "force")
+        return
     elif a1 < 0.0 or a2 < 0.0:
         text = (
             "The position part and the velocity part of the control law have "
@@ -358,7 +359,7 @@ def _of_loop(record: AxisRecord) -> Iterator[Finding]:
         )
     else:
         return
-    yield column_finding(code, severity, text, "force", "reference")
+    yield column_finding("axis-loop", severity, text, "force", "reference")
 
 
 def _of_speed(record: AxisRecord, model: AxisModel, bandwidth: float | None) -> Iterator[Finding]:

@@ -673,7 +673,7 @@ def axis_errors(axis: Axis, seen: Sighting, duration: float, model: AxisModel) -
     if len(record.segments) == 1:
         start = np.array([[record.position[0], speed_at_start(record)]])
         last = np.array([len(record) - 1])
-        moved, _ = axis.windows(record, np.array([0]), last, start, interpolated=model.interpolated)
+        moved = axis.windows(record, np.array([0]), last, start, interpolated=model.interpolated)
         whole = float(np.sqrt(np.mean((moved - record.position[1:]) ** 2)))
     rows = Decimation(record, bandwidth=seen.bandwidth)
     needed = axis.needed_force(record, motion.position, motion.speed, motion.acceleration)
@@ -922,4 +922,4 @@ def _elsewhere(found: AxisIdentification) -> Iterator[Finding]:
                 f"{1e3 * one.window_rmse:.3g} {unit}, expected {1e3 * middle:.3g} ({1e3 * low:.3g} to "
                 f"{1e3 * high:.3g})."
             )
-            yield (warning if fits == "worse" else note)("other-record", text)
+            yield warning("other-record", text) if fits == "worse" else note("other-record", text)

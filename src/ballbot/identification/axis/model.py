@@ -321,6 +321,23 @@ class _Numbers(NamedTuple):
     load: tuple[float, float, float]  #: mu, and the shares of F and of G(q) in the load
 
 
+class _Windows(NamedTuple):
+    """Windows of a record's rows: each begins at a row, in a state there, and runs over some rows."""
+
+    firsts: NDArray[np.int64]  #: (w,)
+    counts: NDArray[np.int64]  #: (w,) rows
+    starts: NDArray[np.float64]  #: (w, 2) position [m] and speed [m/s]
+
+
+class _Drive(NamedTuple):
+    """The force of each row (N,), which begins at `forces` [N] and rises evenly by `rises` [N] over `durations` [s]."""
+
+    forces: NDArray[np.float64]
+    rises: NDArray[np.float64]
+    durations: NDArray[np.float64]
+    loads: NDArray[np.float64]  #: recorded, on which friction depends; zero if it does not
+
+
 class _Loop(NamedTuple):
     """A control loop and what acts on it."""
 
@@ -357,23 +374,18 @@ def _step(axis, state, position, speed, force, recorded, h) -> tuple[float, floa
 
 
 @compiled
-def follow_windows(axis, firsts, counts, starts, forces, rises, durations, loads, steps, positions, speeds):
-    """Move in windows; `positions` and `speeds` take, one window after another, those at each row's end.
-
-    A window begins at a row of `firsts` in a state of `starts` (w, 2) and runs over `counts` rows; the force of a row
-    begins at `forces` and rises evenly by `rises` over its duration.
-    """
+def follow_windows(axis, windows, drive, steps, positions):
+    """Move in windows under a drive; `positions` takes, one window after another, the position at each row's end."""
     state = np.empty(0)
     place = 0
-    for w in range(len(firsts)):
-        position, speed = starts[w, 0], starts[w, 1]
-        for k in range(firsts[w], firsts[w] + counts[w]):
-            part = durations[k] / steps
+    for w in range(len(windows.firsts)):
+        position, speed = windows.starts[w, 0], windows.starts[w, 1]
+        for k in range(windows.firsts[w], windows.firsts[w] + windows.counts[w]):
+            part = drive.durations[k] / steps
             for i in range(steps):
-                force = forces[k] + rises[k] * (i + 0.5) / steps
-                position, speed = _step(axis, state, position, speed, force, loads[k], part)
+                force = drive.forces[k] + drive.rises[k] * (i + 0.5) / steps
+                position, speed = _step(axis, state, position, speed, force, drive.loads[k], part)
             positions[place] = position
-            speeds[place] = speed
             place += 1
 
 
@@ -422,8 +434,8 @@ class Axis:
         starts: NDArray[np.float64],
         *,
         interpolated: bool = False,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return positions and speeds at the ends of the rows of windows of a record, one window after another.
+    ) -> NDArray[np.float64]:
+        """Return the positions at the ends of the rows of windows of a record, one window after another.
 
         Parameters
         ----------
@@ -438,13 +450,11 @@ class Axis:
         acting = record.force - self.values.get("offset", 0.0)
         rises = np.append(np.diff(acting), 0.0) if interpolated else np.zeros(len(acting))
         longest = float(record.durations.max()) if record.even else GAP * record.sample_time
-        positions, speeds = np.empty((2, int(counts.sum())))
-        numbers, steps = self._numbers(record.known_load), self._steps(longest, record.known_load)
-        loads = recorded_load(self.load, record)
-        follow_windows(
-            numbers, firsts, counts, starts, acting, rises, record.durations, loads, steps, positions, speeds
-        )
-        return positions, speeds
+        drive = _Drive(acting, rises, record.durations, recorded_load(self.load, record))
+        positions, known = np.empty(int(counts.sum())), record.known_load
+        windows = _Windows(firsts, counts, starts)
+        follow_windows(self._numbers(known), windows, drive, self._steps(longest, known), positions)
+        return positions
 
     def closed_loop(
         self, record: AxisRecord, *, speed: float

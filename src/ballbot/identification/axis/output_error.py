@@ -164,7 +164,7 @@ class OutputError:
             places, rows, _ = one.compared
             starts = one.starts + np.array([noises * seen.noise, speeds * seen.usual_speed])
             axis = self.model.axis(values, one.number)
-            positions, _ = axis.windows(
+            positions = axis.windows(
                 moved, one.firsts, one.counts, starts, interpolated=self.model.interpolated
             )
             found.append(positions[places] - record.position[rows])
