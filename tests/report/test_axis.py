@@ -30,7 +30,7 @@ VALUES = {"mass": 1.0, "viscous": 2.0, "coulomb": 1.5, "offset": 0.2}
 
 def moved(name: str, phase: float, *, viscous: float) -> AxisRecord:
     """Return a record of 6 s at 100 Hz without noise, its force a sum of two sines."""
-    t = np.arange(600) * 0.01
+    t = np.arange(600, dtype=np.float64) * 0.01
     force = 8.0 * np.sin(2.0 * np.pi * 0.7 * t + phase) + 4.0 * np.sin(2.0 * np.pi * 1.9 * t + 2.0 * phase)
     axis = Axis(law=AXIS_LAWS["coulomb"], values=VALUES | {"viscous": viscous})
     empty = AxisRecord(name=name, sample_time=0.01, force=force, position=t)

@@ -8,7 +8,7 @@ known mass adds its own inertia and weight (`KnownLoad`). The nested laws of fri
 
     viscous       b v
     coulomb       b v + c sgn(v)
-    stribeck      b v + (c + s exp(-|v/v_s|^delta)) sgn(v), delta = 1 unless it is estimated too
+    stribeck      b v + (c + s exp(-|v/v_s|)) sgn(v)
     asymmetric    b v + c sgn(v) with another b and c for each direction; then c+ - c- contains the offset
 
 and with each of them dry friction may grow with a load W of the drive, as that of gears does:
@@ -68,7 +68,6 @@ PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
             _parameter("offset", "offset", "N", "constant force", scale="signed"),
             _parameter("stribeck", "s", "N", "break-away above Coulomb"),
             _parameter("stribeck_speed", "v_s", "m/s", "Stribeck speed", scale="ratio"),
-            _parameter("stribeck_exponent", "delta", "1", "Stribeck exponent", scale="ratio"),
             _parameter("viscous_plus", "b+", "N s/m", "viscous, forwards"),
             _parameter("viscous_minus", "b-", "N s/m", "viscous, backwards"),
             _parameter("coulomb_plus", "c+", "N", "Coulomb, forwards"),
@@ -110,16 +109,16 @@ class AxisLaw:
         """Whether both directions have one friction."""
         return "viscous" in self.names
 
-    def laws(self, values: Values, *, known_viscous: float = 0.0) -> tuple[Classical, Classical]:
-        """Return the friction forwards and backwards, a known viscous friction beside it."""
+    def laws(self, values: Values) -> tuple[Classical, Classical]:
+        """Return the friction forwards and backwards."""
 
         def side(b: str, c: str) -> Classical:
             return Classical(
-                viscous=values[b] + known_viscous,
+                viscous=values[b],
                 coulomb=values.get(c, 0.0),
                 stribeck=values.get("stribeck", 0.0),
                 stribeck_speed=values.get("stribeck_speed", 1.0),
-                stribeck_exponent=values.get("stribeck_exponent", 1.0),
+                stribeck_exponent=1.0,
             )
 
         if not self.symmetric:
@@ -505,7 +504,7 @@ class Axis:
     ) -> NDArray[np.float64]:
         """Return the force (N,) that a motion (N,) of the record's load needs."""
         known = record.known_load
-        plus, minus = self.law.laws(self.values, known_viscous=known.viscous)
+        plus, minus = self.law.laws(self.values)
         over_position = self.position_force(position, known)
         friction = np.where(speed >= 0.0, plus.steady_friction(speed), minus.steady_friction(speed))
         needed = self._mass(known) * acceleration + over_position + friction
@@ -519,10 +518,7 @@ class Axis:
 
     def _numbers(self, known: KnownLoad) -> _Numbers:
         """Return the axis as compiled code reads it."""
-        plus, minus = (
-            ClassicalNumbers(*one.numbers()[:5])
-            for one in self.law.laws(self.values, known_viscous=known.viscous)
-        )
+        plus, minus = (ClassicalNumbers(*one.numbers()[:5]) for one in self.law.laws(self.values))
         return _Numbers(
             plus=plus,
             minus=minus,
@@ -549,7 +545,7 @@ class Axis:
 
     def _steps(self, row: float, known: KnownLoad) -> int:
         """Return the steps in a row that lasts `row` [s]."""
-        laws, mass = self.law.laws(self.values, known_viscous=known.viscous), self._mass(known)
+        laws, mass = self.law.laws(self.values), self._mass(known)
         slope = max(law.explicit_slope() for law in laws)
         wanted = row * slope / mass / _LARGEST_RATE_STEP
         if wanted > _MOST_STEPS:

@@ -63,10 +63,9 @@ class KnownLoad:
     inertia: float = 0.0  #: added mass [kg] or inertia [kg m^2]
     weight: float = 0.0  #: its largest torque about an axis that turns, m g l [N m]
     hanging: float = 0.0  #: the angle at which it hangs straight down [rad]
-    viscous: float = 0.0  #: known viscous friction, as of a motor's back-EMF [N m s/rad]
 
     def __post_init__(self) -> None:
-        for name in ("inertia", "weight", "hanging", "viscous"):
+        for name in ("inertia", "weight", "hanging"):
             if not np.isfinite(getattr(self, name)):
                 raise InputError(f"The load's {name} is {getattr(self, name):g}; it must be a finite number.")
         if self.inertia < 0.0:

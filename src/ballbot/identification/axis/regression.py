@@ -223,7 +223,7 @@ def _rows_of(
     if not model.interpolated and (moving or record.sample_time > _SLOW_SAMPLING):
         # the motion at a row is that of the force held before and after it
         force = 0.5 * (force + np.append(force[0], force[:-1]))
-    force = force - load_force(record, motion) - record.known_load.viscous * motion.speed
+    force = force - load_force(record, motion)
     way = np.sign(motion.speed)
     forwards, backwards = way > 0.0, way < 0.0
     own = {
