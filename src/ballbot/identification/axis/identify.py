@@ -87,6 +87,8 @@ _WORTH = {"spring": 0.3, "load": 0.3}
 _REFUTED = 2.0
 #: of the columns of a wider model, each of length one
 _LARGEST_CONDITION = 300.0
+#: a fit begins at a mass of at least this share of a known load's
+_LEAST_MASS = 0.01
 #: Stribeck speeds that a fit begins at, over the fastest speed
 _STRIBECK_STARTS = (0.03, 0.15)
 #: a break-away force fades if its speed is below this share of the fastest; it represents another curve otherwise
@@ -551,11 +553,15 @@ def _fit(law: str, model: AxisModel, seen: Sequence[Sighting], bandwidth: float 
         records, model.with_law("coulomb") if law == "stribeck" else own, bandwidth=bandwidth, moving=True
     )
     start = linear.by_name
-    if not all(start[own.label("mass", i)] > 0.0 for i in range(len(records)) if "mass" not in own.held):
-        raise InputError(
-            f"{records[0].name}: the inverse model estimates a mass of {start[own.label('mass', 0)]:.3g}, which must "
-            "be above zero. The sign of the force or its column is wrong, or the force is delayed."
-        )
+    for number, one in enumerate(records):
+        label, known = own.label("mass", number), one.known_load.inertia
+        if start[label] + known <= 0.0:
+            raise InputError(
+                f"{one.name}: the inverse model estimates a mass of {start[label]:.3g}, which must be above zero. The "
+                "sign of the force or its column is wrong, or the force is delayed."
+            )
+        # the axis's own part of a heavy load's may be lost in its noise
+        start[label] = max(start[label], _LEAST_MASS * known)
     problem = OutputError(model=own, windows=cut(seen, window_duration(records)))
     if law != "stribeck":
         return fit_output_error(problem, start)
