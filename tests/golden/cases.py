@@ -161,7 +161,7 @@ CASES: tuple[Case, ...] = (
     ),
     _input("axis", inputs.axis_record),
     _command("identify_axis", f"{_AXIS} --law coulomb", needs=("axis",)),
-    _command("identify_axis_laws", "identify-axis axis/record.csv --no-drift", needs=("axis",)),
+    _command("identify_axis_laws", "identify-axis axis/record.csv", needs=("axis",)),
     _input("swing", inputs.swing),
     _command("check_swing", "check alten --swing swing/swing.csv --pivot-deviation 0.002", needs=("swing",)),
     _input("video", inputs.video),

@@ -1,6 +1,5 @@
 """Wrong records of an axis are stopped with their cause; friction below zero and added forces are dealt with."""
 
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -14,18 +13,10 @@ from ballbot.cli.main import main
 from ballbot.identification.axis import AxisRecord, inverse_fit
 from ballbot.identification.axis.checks import record_findings
 from ballbot.identification.axis.file_columns import AxisColumns
-from ballbot.identification.axis.inverse import free_inverse_fit
-from ballbot.identification.axis.law_fits import initial_values
-from ballbot.identification.axis.laws import AXIS_LAWS
-from ballbot.identification.axis.model import Axis
-from ballbot.identification.axis.motion import default_bandwidth
-from ballbot.identification.axis.output_error import OutputErrorFit, sighting
-from ballbot.identification.axis.prediction import AxisErrors, axis_errors, failure_findings
+from ballbot.identification.axis.identify import select_forces
+from ballbot.identification.axis.model import AXIS_LAWS, Axis, AxisModel
 from ballbot.identification.axis.reading import read_axis_record
 from ballbot.identification.axis.record import KnownLoad
-from ballbot.identification.axis.residuals import residual_tests
-from ballbot.identification.axis.structure import AxisModel
-from ballbot.identification.axis.terms import select_terms
 from ballbot.log import Log
 from tests.support.axis_examples import LOOP, SAMPLE_TIME, TRUTH, simulated_record
 
@@ -116,25 +107,6 @@ def test_the_benchmark_s_record_passes(shared_data: Path) -> None:
     assert record_findings(read_axis_record(shared_data / "emps" / "DATA_EMPS.mat", columns)) == ()
 
 
-def test_friction_below_zero_is_held_at_zero() -> None:
-    """An axis that a force along its speed pushes a little has less than no viscous friction."""
-    fit = free_inverse_fit(closed_loop())
-    speed = np.gradient(closed_loop().position, SAMPLE_TIME)
-    force = np.asarray(closed_loop().force - 1.2 * fit.value("viscous") * speed, dtype=np.float64)
-    pushed = replace(open_loop(), force=force)
-    assert free_inverse_fit(pushed).value("viscous") < 0.0
-    held = inverse_fit(pushed)
-    assert held.value("viscous") == 0.0
-    assert np.isnan(held.clustered_errors[held.names.index("viscous")])
-    assert held.value("coulomb") > 0.0
-    found = [one for one in record_findings(pushed) if one.code == "force-friction"]
-    assert [one.severity for one in found] == ["warning"]
-    # a law takes the values, which it refused below zero
-    Axis(law=AXIS_LAWS["coulomb"], values=dict(zip(held.names, held.values.tolist(), strict=True))).open_loop(
-        pushed.force[:100], position=0.0, speed=0.0, sample_time=SAMPLE_TIME
-    )
-
-
 def test_an_added_force_acts_in_closed_loop(tmp_path: Path) -> None:
     """A spring's force beside the motor's: the loop, simulated with it, gives the motor's force back."""
     t = np.arange(len(closed_loop())) * SAMPLE_TIME
@@ -143,13 +115,13 @@ def test_an_added_force_acts_in_closed_loop(tmp_path: Path) -> None:
     axis = Axis(law=AXIS_LAWS["coulomb"], values=TRUTH)
     assert closed_loop().reference is not None
     start = float((closed_loop().reference[1] - closed_loop().reference[0]) / SAMPLE_TIME)
-    moved = axis.closed_loop(empty, speed=start)
+    positions, forces = axis.closed_loop(empty, speed=start)
     file = tmp_path / "record.csv"
     Log(
         {
             "t": t,
-            "position": moved.positions,
-            "input": (moved.forces - added) / LOOP.force_per_input,
+            "position": positions,
+            "input": (forces - added) / LOOP.force_per_input,
             "spring": added,
             "wanted": closed_loop().reference,
         }
@@ -167,9 +139,9 @@ def test_an_added_force_acts_in_closed_loop(tmp_path: Path) -> None:
     assert record.loop is not None
     assert record.loop.span == 1
     assert record_findings(record) == ()
-    again = axis.closed_loop(record, speed=start)
+    _, again = axis.closed_loop(record, speed=start)
     # the file has its numbers in full
-    np.testing.assert_allclose(again.forces, record.force, atol=1e-6)
+    np.testing.assert_allclose(again, record.force, atol=1e-6)
 
 
 def test_the_command_stops_before_it_works(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -252,29 +224,10 @@ def test_a_constant_speed_under_a_loop_is_no_limit(gravity: float) -> None:
     wanted = np.cumsum(speed) * SAMPLE_TIME
     empty = replace(closed_loop(), force=np.zeros(len(t)), position=wanted, reference=wanted, unit="rad")
     values = TRUTH | ({"sin_1": gravity, "cos_1": 0.0} if gravity else {})
-    moved = Axis(law=AXIS_LAWS["coulomb"], values=values).closed_loop(empty, speed=0.0)
-    noisy = moved.forces + 2.0 * np.random.default_rng(1).standard_normal(len(t))
-    record = replace(empty, force=noisy, position=moved.positions, reference=None, loop=None)
+    position, force = Axis(law=AXIS_LAWS["coulomb"], values=values).closed_loop(empty, speed=0.0)
+    noisy = force + 2.0 * np.random.default_rng(1).standard_normal(len(t))
+    record = replace(empty, force=noisy, position=position, reference=None, loop=None)
     assert "speed-limit" not in {one.code for one in record_findings(record)}
-
-
-def test_a_record_that_is_not_predicted_at_all_gives_a_warning() -> None:
-    record = open_loop()
-    good = AxisErrors(
-        record=record.name,
-        window_rmse=1e-4,
-        open_loop_rmse=1e-3,
-        inverse_force=0.1,
-        closed_loop_force=None,
-        closed_loop_position=None,
-    )
-    assert failure_findings([record], [good]) == []
-    (found,) = failure_findings([record], [replace(good, inverse_force=12.2)])
-    assert (found.code, found.severity) == ("not-predicted", "warning")
-    assert "differs by 1220 % from the recorded force" in found.text
-    for diverged in (np.inf, np.nan, 1e3):
-        (found,) = failure_findings([record], [replace(good, open_loop_rmse=diverged)])
-        assert "the simulation of the whole record diverges" in found.text
 
 
 @cache
@@ -313,70 +266,13 @@ def test_a_pendulum_that_only_its_load_moves_passes() -> None:
     """Gravity or a spring of its own, with a mass below zero, would cancel the load's weight."""
     pendulum = falling_pendulum()
     assert record_findings(pendulum) == ()
-    model, _ = select_terms((pendulum,), AxisModel(law=AXIS_LAWS["coulomb"]))
+    model, _ = select_forces((pendulum,), AxisModel(law=AXIS_LAWS["coulomb"]))
     assert model.terms == ()
-    fit = inverse_fit(pendulum, model=model)
+    fit = inverse_fit(pendulum, model, moving=True)
     assert fit.value("mass") == pytest.approx(0.012, rel=0.05)
     assert fit.value("coulomb") == pytest.approx(0.02, rel=0.05)
     # the load's weight acts at each row, whether the recorded force is held or not
     assert fit.value("viscous") == pytest.approx(0.006, rel=0.15)
-
-
-def test_the_angle_at_which_a_load_hangs_is_estimated() -> None:
-    swinging = falling_pendulum()
-    turned = replace(swinging, position=swinging.position + 0.4)
-    (found,) = record_findings(turned)
-    assert (found.code, found.severity) == ("axis-load", "warning")
-    assert re.search(r"swings about an angle of about 0\.\d+ rad, .* --hanging", found.text)
-    known = replace(turned, known_load=replace(turned.known_load, hanging=0.4))
-    assert record_findings(known) == ()
-
-
-def test_noise_under_a_heavy_load_is_no_wrong_force() -> None:
-    """What an inertia sixty times its own requires is subtracted from the force, noise of the acceleration and all."""
-    heavy = falling_pendulum(load=(1.5, 0.4), own=(0.004, 0.02, 0.03), rate=200.0, duration=15.0, noise=3e-4)
-    assert record_findings(heavy) == ()
-    fit = inverse_fit(heavy, moving=True)
-    assert fit.value("mass") == pytest.approx(0.004, rel=0.1)
-    assert fit.value("coulomb") == pytest.approx(0.03, rel=0.1)
-    tests = residual_tests([heavy], AxisModel(law=AXIS_LAWS["coulomb"]))
-    assert not [one.quantity for one in tests if one.dependent]
-
-
-def test_a_pendulum_without_dry_friction_has_laws_to_start_from() -> None:
-    free = falling_pendulum(own=(0.012, 0.004, 0.0), duration=10.0, noise=3e-4)
-    starts = initial_values(
-        [sighting(free, default_bandwidth(free))], AxisModel(law=AXIS_LAWS["coulomb"]), bandwidth=None
-    )
-    for name, values in starts.items():
-        position = Axis(law=AXIS_LAWS[name], values=values).open_loop(
-            free.force[:10], position=0.0, speed=0.0, sample_time=free.sample_time
-        )
-        assert np.all(np.isfinite(position)), name
-
-
-def test_noise_of_the_position_is_no_failure() -> None:
-    """Differentiated twice, 0.2 mm of noise exceed the force as far as the filter passes them."""
-    noise_of_row = 2e-4 * np.random.default_rng(1).standard_normal(len(open_loop()))
-    noisy = replace(open_loop(), position=open_loop().position + noise_of_row)
-    model = AxisModel(law=AXIS_LAWS["coulomb"])
-    fit = OutputErrorFit(model=model, values=TRUTH, standard_errors=TRUTH, rms=0.0)
-    errors = axis_errors(fit, noisy, 0, bandwidth=default_bandwidth(noisy), horizon=0.2)
-    assert errors.inverse_force < 0.25
-    assert failure_findings([noisy], [errors]) == []
-
-
-def test_the_error_relative_to_a_force_of_zero_is_no_finding() -> None:
-    pendulum = falling_pendulum()
-    errors = AxisErrors(
-        record=pendulum.name,
-        window_rmse=1e-4,
-        open_loop_rmse=1e-3,
-        inverse_force=np.nan,
-        closed_loop_force=None,
-        closed_loop_position=None,
-    )
-    assert failure_findings([pendulum], [errors]) == []
 
 
 @pytest.mark.parametrize(

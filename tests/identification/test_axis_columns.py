@@ -9,8 +9,6 @@ import pytest
 from ballbot.findings import Finding
 from ballbot.identification.axis import AxisRecord
 from ballbot.identification.axis.checks import record_findings
-from ballbot.identification.axis.columns import force_findings
-from ballbot.identification.axis.inverse import RegressionRows
 from tests.support.axis_examples import simulated_record
 
 
@@ -50,29 +48,8 @@ def test_a_reference_is_no_force(factor: float) -> None:
     finding = found(replace(record(), force=factor * led), "force-unrelated")
     assert finding.severity == "error"
     assert "it appears to be the reference" in finding.text
-    assert "the position 20 ms later" in finding.text
 
 
 def test_a_magnitude_is_no_force() -> None:
     finding = found(replace(record(), force=np.abs(record().force)), "force-sign")
     assert "it is the magnitude of a force or current" in finding.text
-
-
-@pytest.mark.parametrize("free", [np.inf, 2.0], ids=["limit", "voltage"])
-def test_a_demand_beyond_a_limit_is_named(free: float) -> None:
-    """What acts is what the motion requires; where that is the limit, more is demanded."""
-    rng = np.random.default_rng(2)
-    a, v = rng.standard_normal(2000), rng.standard_normal(2000)
-    columns = {"mass": a, "viscous": v, "coulomb": np.sign(v), "offset": np.ones(2000)}
-    acting = 3.0 * a + 0.5 * v + np.sign(v)
-    limit = 3.0 * (1.0 - np.abs(v) / free)
-    demand = np.where(acting * np.sign(v) > limit, np.sign(v) * (3.0 + 9.0 * rng.random(2000)), acting)
-    # the motion is that of the force that acts
-    columns["mass"] = (np.where(demand == acting, acting, np.sign(v) * limit) - 0.5 * v - np.sign(v)) / 3.0
-    rows = RegressionRows(
-        columns=columns, force=demand, block=np.zeros(2000, dtype=np.int64), seen={"speed": v}
-    )
-    (one,) = force_findings(record(), rows)
-    assert one.severity == "warning"
-    assert ("--limit" in one.text) == np.isinf(free)
-    assert one.code == ("force-unrelated" if np.isinf(free) else "speed-limit")

@@ -39,15 +39,15 @@ def simulated_record(
         loop=LOOP,
     )
     axis = Axis(law=AXIS_LAWS[law], values=values or TRUTH)
-    moved = axis.closed_loop(empty, speed=float((wanted[1] - wanted[0]) / SAMPLE_TIME))
+    positions, forces = axis.closed_loop(empty, speed=float((wanted[1] - wanted[0]) / SAMPLE_TIME))
     random = np.random.default_rng(seed)
     # a disturbance of 50 ms, so that its effect is no white noise
     steps = np.repeat(random.standard_normal(len(wanted) // 50 + 1), 50)[: len(wanted)]
     return AxisRecord(
         name="simulated",
         sample_time=SAMPLE_TIME,
-        force=moved.forces + noise * steps,
-        position=moved.positions,
+        force=forces + noise * steps,
+        position=positions,
         reference=wanted,
         loop=LOOP,
     )

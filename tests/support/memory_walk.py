@@ -25,8 +25,7 @@ from ballbot.control.references import hold
 from ballbot.control.safety import SafeController
 from ballbot.estimation import Fix, OnboardState, Reading
 from ballbot.estimation.kalman import KalmanFilter
-from ballbot.identification.axis.laws import AXIS_LAWS
-from ballbot.identification.axis.model import Axis
+from ballbot.identification.axis.model import AXIS_LAWS, Axis
 from ballbot.identification.axis.record import AxisRecord, PositionVelocityLoop
 from ballbot.identification.driveline_innovations import Track, innovations
 from ballbot.identification.swing import Swing
@@ -382,15 +381,6 @@ def _log() -> Case:
 
 def _identification() -> Iterator[tuple[str, Case]]:
     axis = Axis(law=AXIS_LAWS["coulomb"], values={"mass": 2.0, "viscous": 1.0, "coulomb": 0.5, "offset": 0.0})
-    forces = np.array([1.0, -0.5, 2.0])
-    yield (
-        "Axis.open_loop",
-        Case(
-            call=lambda a: axis.open_loop(a["forces"], position=0.0, speed=0.25, sample_time=H),
-            arrays={"forces": forces},
-            lengths=("forces",),
-        ),
-    )
     path = np.sin(np.arange(200.0) / 8.0)
     loop = PositionVelocityLoop(position_gain=10.0, velocity_gain=5.0, force_per_input=1.0)
 
@@ -399,13 +389,6 @@ def _identification() -> Iterator[tuple[str, Case]]:
         return axis.closed_loop(record, speed=0.0)
 
     yield "AxisRecord", Case(call=closed, arrays={"force": path, "position": path, "reference": path})
-    bristles = Axis(law=AXIS_LAWS["dahl"], values=dict(axis.values) | {"stiffness": 50.0})
-
-    def bent(a: Arrays) -> object:
-        record = AxisRecord(name="axis", sample_time=H, **a)
-        return bristles.bends(record.position, record.position)
-
-    yield "Axis.bends", Case(call=bent, arrays={"force": path, "position": path})
     t = np.arange(10) * H
     p = np.array([16.0, 0.1, 0.05, 0.2, 0.0, 0.0])  # what `fit_swing` estimates, without its iterations
 

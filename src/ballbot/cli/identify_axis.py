@@ -16,7 +16,7 @@ from ballbot.identification.axis import AxisOptions, AxisRecord
 from ballbot.identification.axis import identify_axis as identify_record
 from ballbot.identification.axis.checks import ERROR_CODES, record_findings
 from ballbot.identification.axis.file_columns import AxisColumns
-from ballbot.identification.axis.laws import PARAMETERS
+from ballbot.identification.axis.model import PARAMETERS
 from ballbot.identification.axis.reading import read_axis_records
 from ballbot.report.axis import axis_parts, axis_report
 
@@ -29,7 +29,7 @@ class MethodOptions:
     """How the axis is identified; what is not given is selected by held-out errors."""
 
     law: str | None = None
-    """The friction law: viscous, coulomb, stribeck, dahl, lugre or asymmetric."""
+    """The friction law: viscous, coulomb, stribeck or asymmetric."""
 
     bandwidth: float | None = None
     """Bandwidth of the motion, in hertz, which sets the filters."""
@@ -44,9 +44,6 @@ class MethodOptions:
     load_friction: str | None = None
     """The load that dry friction depends on: position (the force over position), drive (the drive's force),
     transmitted (their mean), recorded (the column --load) or none."""
-
-    drift: bool | None = None
-    """Whether the constant force drifts slowly."""
 
     period: float | None = None
     """Travel of the first harmonic, in metres or radians; one turn if not given."""
@@ -76,9 +73,9 @@ def identify_axis(
 ) -> None:
     """Find the mass (or inertia) and friction of one axis in records of its force and position.
 
-    Four methods: the inverse model by least squares, output error in open loop over windows and over whole records,
-    and output error in closed loop if the loop is known. Forces over position, a drift, the length of the windows and
-    the friction law are selected by the prediction of held-out blocks of time. Writes report.html and results.json.
+    The inverse model by least squares begins, output error over windows refines it. Forces over position, friction
+    under load and the friction law are selected by the prediction of held-out blocks of time. Writes report.html and
+    results.json.
     For a robot's own drivelines use `ballbot identify-driveline`.
 
     Example: ballbot identify-axis axis.csv --reference reference --position-gain 160 --velocity-gain 8505 --out found

@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
 from ballbot.errors import InputError
-from ballbot.fitting.uncertainty import covariance_in_time, errors_in_time
+from ballbot.fitting.uncertainty import covariance_in_time
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -157,42 +157,6 @@ def fit_linear(
         covariance=covariance_in_time(design, residuals, block),
         residuals=residuals,
         blocks=np.count_nonzero(present, axis=1),
-    )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FitInTime:
-    """Parameters (p,) of a linear model whose residuals depend on those of neighbouring blocks."""
-
-    values: NDArray[np.float64]
-    errors: NDArray[np.float64]  #: (p,)
-    residuals: NDArray[np.float64]  #: (n,), measured less fitted
-    blocks: int
-
-    def p_value(self, place: int) -> float:
-        """Return the p-value of one parameter, for the hypothesis that it is zero."""
-        if not self.errors[place] > 0.0:
-            return float("nan")
-        freedom = max(1, self.blocks - len(self.values))
-        return 2.0 * float(scipy.stats.t.sf(abs(self.values[place]) / self.errors[place], freedom))
-
-
-def fit_in_time(
-    design: NDArray[np.float64], values: NDArray[np.float64], block: NDArray[np.int64]
-) -> FitInTime | None:
-    """Fit values (n,) by columns (n, p), with blocks numbered in time; None if the rows do not determine a column."""
-    lengths = np.linalg.norm(design, axis=0)
-    if not (np.isfinite(lengths).all() and np.isfinite(values).all() and lengths.all()):
-        return None
-    found, _, rank, _ = np.linalg.lstsq(design / lengths, values, rcond=1e-10)
-    if rank < design.shape[1]:
-        return None
-    residuals = values - (design / lengths) @ found
-    return FitInTime(
-        values=np.asarray(found / lengths, dtype=np.float64),
-        errors=errors_in_time(design, residuals, block),
-        residuals=residuals,
-        blocks=len(np.unique(block)),
     )
 
 

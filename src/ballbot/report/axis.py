@@ -14,11 +14,9 @@ from rich.text import Text
 
 from ballbot.findings import Finding, texts
 from ballbot.identification.axis import AxisIdentification, AxisRecord
-from ballbot.identification.axis.laws import PARAMETERS, unit_for
-from ballbot.identification.axis.load import LOADS
+from ballbot.identification.axis.identify import Estimate
+from ballbot.identification.axis.model import LOADS, PARAMETERS, base_name, unit_for
 from ballbot.identification.axis.motion import default_bandwidth, smoothed_motion, speed_at_start
-from ballbot.identification.axis.result import Estimate
-from ballbot.identification.axis.structure import base_name
 from ballbot.report.blocks import Bullets, Paragraph, Report, Section, Sheet, section
 from ballbot.report.console import table
 from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE
@@ -36,7 +34,6 @@ _MOST_POINTS = 3000
 _IN_VERDICT = 2
 #: how a row of the verdict is headed, by the finding's code
 _VERDICT_WORDS = {
-    "play": "Play",
     "outliers": "Outliers",
     "force-delay": "Delay",
     "law": "Law",
@@ -51,7 +48,7 @@ _LEAST_GAIN = -100.0
 def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
     """Return the friction over speed: the force less all other forces, and the laws found."""
     motion = smoothed_motion(record, bandwidth=default_bandwidth(record))
-    axis = (found.inverse_estimate or found.best).axis()
+    axis = found.inverse.axis()
     needed = axis.needed_force(record, motion.position, np.zeros(len(record)), motion.acceleration)
     friction = record.force - needed
     if axis.load:
@@ -80,9 +77,10 @@ def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figur
 
 def _drawn_laws(found: AxisIdentification) -> list[tuple[Estimate, str, str, Look]]:
     """Return the estimates that are drawn, each with its color and dash, and with the same look in time series."""
-    drawn: list[tuple[Estimate, str, str, Look]] = [(found.best, BLUE, "-", "first")]
-    if found.inverse_estimate:
-        drawn.insert(0, (found.inverse_estimate, ORANGE, "--", "second"))
+    drawn: list[tuple[Estimate, str, str, Look]] = [
+        (found.inverse, ORANGE, "--", "second"),
+        (found.best, BLUE, "-", "first"),
+    ]
     if found.chosen.symmetric:
         drawn.append((found.by_law["asymmetric"], GREEN, "-.", "third"))
     return drawn
@@ -106,8 +104,7 @@ def _draw_law(estimate: Estimate, fastest: float, color: str, dash: str, axes: A
 
 def closed_loop_series(found: AxisIdentification, record: AxisRecord, of_record: str) -> TimeSeries:
     """Return the force in closed loop, recorded and simulated, and the difference."""
-    axis = found.estimate("closed loop").axis()
-    forces = axis.closed_loop(record, speed=speed_at_start(record)).forces
+    _, forces = found.best.axis().closed_loop(record, speed=speed_at_start(record))
     lines = (
         Line(name="recorded", values=record.force, look="measured"),
         Line(name="simulated in closed loop", values=forces, look="second"),
@@ -126,7 +123,7 @@ def closed_loop_series(found: AxisIdentification, record: AxisRecord, of_record:
 
 def open_loop_series(found: AxisIdentification, record: AxisRecord, of_record: str) -> TimeSeries:
     """Return the position, and the errors of its simulation from the recorded force alone."""
-    errors, left_out = [], ""
+    errors = []
     for estimate, _, _, look in _drawn_laws(found):
         moved = estimate.axis().windows(
             record,
@@ -137,11 +134,7 @@ def open_loop_series(found: AxisIdentification, record: AxisRecord, of_record: s
         )
         error = 1e3 * np.append(0.0, moved - record.position[1:])
         name, rmse = f"{estimate.law.name}, {estimate.method}", estimate.errors[0].open_loop_rmse
-        if np.isfinite(rmse):
-            name += f": {1e3 * rmse:.3g} m{found.unit} RMS"
-        else:  # of a record that was fitted without some of its rows
-            left_out = ", also over the rows that the results leave out"
-        errors.append(Line(name=name, values=error, look=look))
+        errors.append(Line(name=f"{name}: {1e3 * rmse:.3g} m{found.unit} RMS", values=error, look=look))
     position = (Line(name="recorded", values=record.position, look="measured"),)
     return TimeSeries(
         t=record.t,
@@ -149,8 +142,7 @@ def open_loop_series(found: AxisIdentification, record: AxisRecord, of_record: s
             Panel(label=unit_heading("recorded position", found.unit), lines=position),
             Panel(label=unit_heading("error of the position", f"m{found.unit}"), lines=errors),
         ),
-        caption=f"Open loop over the whole record{of_record}: the recorded force moves the axis from its first state"
-        f"{left_out}.",
+        caption=f"Open loop over the whole record{of_record}: the recorded force moves the axis from its first state.",
     )
 
 
@@ -182,7 +174,7 @@ def axis_report(
     return Report(
         title=f"{', '.join(found.records)}: mass and friction",
         lead=f"{_records_words(found)}{record.duration:.1f} s at {1.0 / record.sample_time:.0f} Hz; the law "
-        f"{found.chosen.name}, fitted over windows of {found.horizon.chosen:g} s.",
+        f"{found.chosen.name}, fitted over windows of {found.window:.3g} s.",
         verdict=[
             ("Mass and friction", _values_sentence(found)),
             ("Prediction", expected_sentence(found)),
@@ -214,17 +206,14 @@ def _values_sentence(found: AxisIdentification) -> str:
 def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section]:
     of_record = f" ({record.name})" if len(found.records) > 1 else ""
     methods = (
-        "Standard errors treat residuals that are close in time as dependent. The inverse model and the closed loop "
-        "find the parameters that explain the force; the open loop finds those that predict the position over short "
-        "windows "
-        'when only the force is known, and "whole record" those that predict it from the first row to the last. If the '
-        "law lacks something that the machine has, they differ by more than these errors. The open loop's parameters "
-        "are the result; their errors above include what the model lacks and such differences."
+        "The inverse model is a regression of the force on the filtered motion; output error simulates the axis over "
+        "windows, each from its best start, and is the result. Its standard errors treat residuals that are close in "
+        "time as dependent, and include how far parts of the records and the inverse model differ beyond chance."
     )
     headings = ("symbol", "meaning", "unit", *(f"{one.method} ({one.law.name})" for one in found.estimates))
-    others = "other forces and the friction under load" if found.model.load else "other forces"
+    others = "other forces and the friction under load" if found.best.model.load else "other forces"
     friction = f"Friction over speed{of_record}: force less inertia, offset, {others}, and the laws found."
-    terms = term_rows(found, record.force_unit)
+    terms = term_rows(found)
     yield section(
         "Parameters",
         Bullets(items=texts(found.findings)[_IN_VERDICT:]) if len(found.findings) > _IN_VERDICT else None,
@@ -233,7 +222,7 @@ def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section
         Sheet(
             headings=("force", "less error of the force", "95 % interval"),
             rows=terms,
-            caption="Forces over position, load or time, selected by the error of the force on held-out blocks.",
+            caption="Forces over position or load, selected by the error of the force on held-out blocks.",
         )
         if terms
         else None,
@@ -248,26 +237,18 @@ def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section
         "Prediction errors",
         Sheet(headings=by_method, rows=columns, caption=errors),
         open_loop_series(found, record, of_record) if len(record.segments) == 1 else None,
-        closed_loop_series(found, record, of_record)
-        if any(one.method == "closed loop" for one in found.estimates)
-        else None,
+        closed_loop_series(found, record, of_record) if record.loop is not None else None,
     )
     yield _law_section(found)
     residual = ("depends on", "p", "force that it explains, RMS", "share of its variance", "dependent")
     yield section(
         "The residual force", Sheet(headings=residual, rows=residual_rows(found, record.force_unit))
     )
-    inverse = (
-        *("form", "parameter", "value", "standard deviation, rows independent", "the same over the value"),
-        "standard error, clustered",
-    )
+    inverse = ("parameter", "value", "standard deviation, rows independent", "standard error, clustered")
     caption = (
-        "Least squares of the force over the filtered motion. Its force error is of the rows that it was fitted to, "
-        "filtered alike and fewer; the prediction errors above are of all rows, unfiltered. The form complete is the "
-        "method inverse of the tables above."
+        "Least squares of the force over the filtered motion, all rows, as identifications are published; the force "
+        f"error is {digits(100.0 * found.inverse_model.relative_force_error)} %."
     )
-    if len(found.inverse) > 1:
-        caption += " The others are those of published identifications, for comparison."
     yield section("The inverse model", Sheet(headings=inverse, rows=_inverse_rows(found), caption=caption))
 
 
@@ -275,17 +256,14 @@ def _law_section(found: AxisIdentification) -> Section:
     caption = (
         "Each law compared with the simpler law within it, on blocks that neither was fitted to; bars are 95 % "
         "intervals, with a filled dot if the law is accepted: if it predicts better than that law and than the "
-        "largest accepted one within it. An arrow points to a value beyond the axis. Laws of bristles are compared "
-        "on windows in which the axis reverses or rests."
+        "largest accepted one within it. An arrow points to a value beyond the axis."
     )
     headings, rows = error_table(tuple(found.by_law.values()), found.unit)
     compared = any(one.gain for one in found.laws.candidates)
     return section(
         "The friction laws",
         drawn_picture("laws", partial(laws_figure, found), caption) if compared else None,
-        Sheet(
-            headings=headings, rows=rows, caption="Every law, fitted in open loop over the chosen windows."
-        ),
+        Sheet(headings=headings, rows=rows, caption="Every law, by output error."),
     )
 
 
@@ -316,11 +294,10 @@ def _records_words(found: AxisIdentification) -> str:
 
 def parameter_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
     """Return the parameters by every method: symbol, meaning, unit and values with their standard errors."""
-    given = [label for one in found.estimates for label in one.values if not label.startswith("drift_")]
-    labels = dict.fromkeys([*(label for label in found.model.labels if label in given), *given])
+    labels = dict.fromkeys([*found.best.values, *found.inverse.values])
     rows = []
     for label in labels:
-        kind = found.model.parameter(label)
+        kind = found.best.model.parameter(label)
         values = [
             with_error(one.values[label], one.standard_errors[label]) if label in one.values else "–"
             for one in found.estimates
@@ -329,13 +306,12 @@ def parameter_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
     return rows
 
 
-def term_rows(found: AxisIdentification, force_unit: str) -> list[tuple[str, ...]]:
-    """Return the forces over position and the drift that were selected, and their gain on held-out blocks."""
+def term_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
+    """Return the forces over position and load that were selected, and their gain on held-out blocks."""
     return [
         (
             {
                 "spring": "proportional to position",
-                "drift": f"drift of the constant force, by {digits(found.drift)} {force_unit} in all",
                 **{f"load {kind}": f"dry friction that grows with {words}" for kind, words in LOADS.items()},
             }.get(name, name),
             f"{digits(100.0 * gain.share)} %",
@@ -347,17 +323,11 @@ def term_rows(found: AxisIdentification, force_unit: str) -> list[tuple[str, ...
 
 def expected_sentence(found: AxisIdentification) -> str:
     """Return the error that another record should show."""
-    one = found.expected
+    error, low, high = (digits(1e3 * one) for one in found.expected)
     unit = f"m{found.unit}"
-    source = (
-        "the variation between the records"
-        if one.records > 1
-        else "an assumed variation between records, as there is one record"
-    )
     return (
-        f"On another record under these conditions the position error over windows of {one.horizon:g} s should be "
-        f"{digits(1e3 * one.error)} {unit} RMS, with a 95 % interval of {digits(1e3 * one.lower)} to "
-        f"{digits(1e3 * one.upper)} {unit}, from held-out blocks and {source}."
+        f"On another record under these conditions the position error over windows of {found.window:.3g} s should be "
+        f"{error} {unit} RMS, with a 95 % interval of {low} to {high} {unit}, from held-out blocks."
     )
 
 
@@ -409,21 +379,16 @@ def _percent(share: float | None) -> str:
 
 
 def _inverse_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
-    rows = []
-    for form, fit in found.inverse.items():
-        for name, value, deviation, clustered in zip(
-            fit.names, fit.values, fit.standard_deviations, fit.clustered_errors, strict=True
-        ):
-            symbol = found.model.parameter(name).symbol
-            if base_name(name).startswith("drift_"):
-                continue
-            if value == 0.0:
-                rows.append((form, symbol, "0", "fixed at zero", "", ""))
-                continue
-            share = f"{digits(100.0 * abs(deviation / value), 2)} %"
-            shown, error = value_and_error(value, clustered)
-            rows.append((form, symbol, shown, digits(deviation, 2), share, error))
-        rows.append((form, "force error", f"{digits(100.0 * fit.relative_force_error)} %", "", "", ""))
+    fit, rows = found.inverse_model, []
+    for name, value, deviation, clustered in zip(
+        fit.names, fit.values, fit.standard_deviations, fit.clustered_errors, strict=True
+    ):
+        symbol = found.best.model.parameter(name).symbol
+        if value == 0.0:
+            rows.append((symbol, "0", "fixed at zero", ""))
+            continue
+        shown, error = value_and_error(value, clustered)
+        rows.append((symbol, shown, digits(deviation, 2), error))
     return rows
 
 

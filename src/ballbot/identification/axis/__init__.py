@@ -1,15 +1,13 @@
 """One axis with friction: a mass or inertia and its friction, identified from records of force and position."""
 
-from ballbot.identification.axis.identify import AxisOptions, identify_axis
-from ballbot.identification.axis.inverse import InverseFit, inverse_fit
-from ballbot.identification.axis.laws import AXIS_LAWS, AxisLaw
+from ballbot.identification.axis.identify import AxisIdentification, AxisOptions, identify_axis
+from ballbot.identification.axis.model import AXIS_LAWS
 from ballbot.identification.axis.record import AxisRecord, KnownLoad, PositionVelocityLoop
-from ballbot.identification.axis.result import AxisIdentification
+from ballbot.identification.axis.regression import InverseFit, inverse_fit
 
 __all__ = [
     "AXIS_LAWS",
     "AxisIdentification",
-    "AxisLaw",
     "AxisOptions",
     "AxisRecord",
     "InverseFit",

@@ -1,63 +1,299 @@
-"""Identification of one axis by four methods, with all that is selected by its errors on held-out blocks of time."""
+"""Identification of one axis: a wheel, a motor, a joint or a slide.
+
+1. The inverse model (`regression`) gives start values, and selects the forces over position and load: one after
+   another, the one first that explains most of the force of held-out blocks of time.
+2. Output error over windows (`output_error`) fits every friction law of the ladder, and selects one: the law that
+   predicts held-out blocks better than the simpler law within it, if its own parameters are determined.
+3. Intervals: the covariance clustered in time; and how far the parameters move, beyond chance, in fits to parts of the
+   records (halves in time, single records, the faster half, windows without a reversal) and from the inverse model.
+
+An asymmetry is not selected: blocks of the same record share whatever made it, such as a temperature.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError
-from ballbot.findings import Finding
-from ballbot.fitting.model_selection import ModelSelection
+from ballbot.errors import InputError, suggest
+from ballbot.findings import Finding, finding_results, note, warning
+from ballbot.fitting.least_squares import fit_linear
+from ballbot.fitting.model_selection import (
+    Candidate,
+    Gain,
+    HeldOut,
+    ModelSelection,
+    gain_between,
+    neighbours,
+    select_model,
+)
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.identification.axis.comparison import disagreements, largest_differences
-from ballbot.identification.axis.conclusions import axis_findings, inverse_mass_findings
-from ballbot.identification.axis.discrepancy import (
-    Discrepancy,
-    discrepancy_findings,
-    discrepancy_of,
-    with_another_law,
-    with_discrepancy,
+from ballbot.fitting.uncertainty import resamples
+from ballbot.identification.axis.model import (
+    AXIS_LAWS,
+    LOADS,
+    NO_LOAD_FRICTION,
+    PARAMETERS,
+    TURN,
+    Axis,
+    AxisLaw,
+    AxisModel,
+    axis_law_named,
+    base_name,
+    harmonic,
+    load_named,
+    position_columns,
+    terms_of,
+    unit_for,
 )
-from ballbot.identification.axis.inverse import InverseFit, inverse_fit
-from ballbot.identification.axis.law_fits import check_determined, fit_laws, improved
-from ballbot.identification.axis.laws import AXIS_LAWS, AxisLaw, axis_law_named
-from ballbot.identification.axis.outliers import outlier_findings
+from ballbot.identification.axis.motion import Decimation, default_bandwidth, speed_at_start
 from ballbot.identification.axis.output_error import (
-    ClosedLoop,
+    FOLDS,
+    OutputError,
     OutputErrorFit,
+    Sighting,
+    blocks_of,
+    cut,
     fit_output_error,
-    search_output_error,
-    whole_records,
-)
-from ballbot.identification.axis.prediction import (
-    PredictedError,
-    elsewhere_findings,
-    error_elsewhere,
-    predicted_error,
-    shifted_parameters,
-    with_unknown_parameters,
-)
-from ballbot.identification.axis.preparation import (
-    DEFAULT_OPTIONS,
-    AxisOptions,
-    Bench,
-    prepared_with_windows,
+    held_out_squares,
+    sighting,
+    window_duration,
+    windows_of,
 )
 from ballbot.identification.axis.record import AxisRecord
-from ballbot.identification.axis.residuals import residual_findings
-from ballbot.identification.axis.result import AxisIdentification, Estimate
-from ballbot.identification.axis.selection import (
-    Blocks,
-    errors_on,
-    held_out_errors,
-    possible_laws,
-    select_law,
-)
-from ballbot.identification.axis.structure import AxisModel, base_name
+from ballbot.identification.axis.regression import InverseFit, RegressionRows, inverse_fit, regression_rows
 from ballbot.progress import Progress
+from ballbot.summary import Summary, estimated, first_texts, plotted, summarized
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: a force or a law that lowers the error on held-out blocks by less than this share is not worth its parameters
+USEFUL_GAIN = 0.02
+#: largest p-value of the coefficients of a force that is selected; divided by the number of harmonics searched
+_LARGEST_CHANCE = 1e-3
+#: forces selected at most, and the highest harmonic searched; gravity over fewer periods of travel resembles it
+_MOST_TERMS, _HIGHEST_HARMONIC, _PERIODS = 6, 120, 1.5
+#: harmonics tried in a round, and the phase [rad] that they move between rows at most
+_TRIED, _FASTEST_PHASE = 3, 1.5
+#: gravity comes before a spring, which resembles it over a small travel, and before friction under a load, which
+#: contains a gravity not yet found
+_WORTH = {"spring": 0.3, "load": 0.3}
+#: coefficients within so many standard errors of zero by output error are those of no force
+_REFUTED = 2.0
+#: of the columns of a wider model, each of length one
+_LARGEST_CONDITION = 300.0
+#: a fit begins at a mass of at least this share of a known load's
+_LEAST_MASS = 0.01
+#: Stribeck speeds that a fit begins at, over the fastest speed
+_STRIBECK_STARTS = (0.03, 0.15)
+#: a break-away force fades if its speed is below this share of the fastest; it represents another curve otherwise
+_FADES = 0.5
+#: slower than this share of its usual speed, an axis reverses or rests
+_SLOW = 0.1
+#: a window whose error is so many times the usual one is named
+_FAR = 10.0
+#: a part of the records determines a parameter if its move has an error of less than so many of the whole fit's, as
+#: that of a quarter of the windows has
+_KNOWN = 2.0
+#: standard errors that a difference or an effect is beyond, where chance makes one in 1,000 cases
+_CLEAR = 3.3
+_DRAWS, _SEED = 2000, 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisOptions:
+    """How an axis is identified; what is None is selected by errors on held-out blocks.
+
+    Raises
+    ------
+    InputError
+        If there is no such law, harmonic or parameter, or a bandwidth or a period is not above zero.
+    """
+
+    law: str | None = None  #: see `AXIS_LAWS`
+    bandwidth: float | None = None  #: of the motion [Hz], which sets the filters
+    harmonics: tuple[int, ...] | None = None  #: of the force over position
+    spring: bool | None = None
+    load_friction: str | None = None  #: see `LOADS`, or "none"
+    period: float | None = None  #: of the first harmonic [m]; one turn if None
+    separate: tuple[str, ...] = ()  #: parameters of which each record has its own
+
+    def __post_init__(self) -> None:
+        if self.law is not None:
+            axis_law_named(self.law)
+        if self.load_friction not in (None, NO_LOAD_FRICTION):
+            load_named(self.load_friction)
+        for name, meaning in (
+            ("bandwidth", "the bandwidth of the motion [Hz]"),
+            ("period", "the travel of the first harmonic"),
+        ):
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value < np.inf:
+                raise InputError(f"--{name} is {value:g}; {meaning} must be a finite number above zero.")
+        known = (*PARAMETERS, *terms_of(spring=False, harmonics=self.harmonics or ()))
+        for name in self.separate:
+            if name not in known:
+                hint = suggest(name, known, otherwise="the parameters are")
+                raise InputError(f"--separate names no parameter: {name!r}; {hint}")
+
+
+DEFAULT_OPTIONS = AxisOptions()
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisErrors:
+    """How well parameters predict a record."""
+
+    record: str
+    window_rmse: float  #: of the position over windows from their best starts [m]
+    open_loop_rmse: float  #: of the position over the whole record, from its start [m]; NaN if it has gaps
+    inverse_force: float  #: |F - F_hat| / |F| of the force that the recorded motion requires, filtered
+    closed_loop_force: float | None  #: the same in closed loop; None if the loop is not known
+    closed_loop_position: float | None  #: the same for the position
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Estimate:
+    """One method's parameters and their prediction errors."""
+
+    method: str  #: "inverse" or "output error"
+    model: AxisModel
+    values: dict[str, float]  #: by label, SI units
+    standard_errors: dict[str, float]  #: by label, of the whole interval; NaN for a parameter at a bound
+    half_widths: dict[str, float]  #: of the 95 % intervals, by label
+    errors: tuple[AxisErrors, ...]  #: on the records fitted, then on the others
+
+    @property
+    def law(self) -> AxisLaw:
+        """Its friction law."""
+        return self.model.law
+
+    def axis(self, record: int | None = 0) -> Axis:
+        """Return the axis of one of the fitted records, or of another one."""
+        return self.model.axis(self.values, record)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        intervals = {
+            label: [value - self.half_widths[label], value + self.half_widths[label]]
+            for label, value in self.values.items()
+        }
+        return {
+            "method": self.method,
+            "law": self.law.name,
+            "parameters": self.values,
+            "standard_errors": self.standard_errors,
+            "intervals_95": intervals,
+            "errors": {
+                one.record: {k: v for k, v in vars(one).items() if k != "record"} for one in self.errors
+            },
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResidualTest:
+    """Whether the force that the model leaves unexplained depends on a quantity."""
+
+    quantity: str
+    p_value: float  #: NaN if there are too few blocks
+    share: float  #: of the residual's variance that the quantity explains
+    size: float  #: of that, root mean square [N]
+
+    @property
+    def dependent(self) -> bool:
+        """Whether chance explains it in less than 1 of 1,000 cases, and it is a twentieth of the variance."""
+        return self.p_value < _LARGEST_CHANCE and self.share > 0.05
+
+
+@summarized
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AxisIdentification:
+    """An axis, identified."""
+
+    records: tuple[str, ...]  #: that were fitted
+    unit: str  #: of positions: "m" or "rad"
+    terms: tuple[tuple[str, Gain], ...]  #: forces over position and load that were selected, and their gains
+    window: float  #: length of the windows [s]
+    inverse_model: InverseFit  #: as published: of all rows, with the law `coulomb` and the forces selected
+    inverse: Estimate  #: the law's linear part by the inverse model, of the moving axis
+    best: Estimate  #: the law that was selected or requested, by output error
+    by_law: dict[str, Estimate]  #: every law by output error
+    laws: ModelSelection[AxisLaw]  #: every law, by its errors on held-out blocks
+    residuals: tuple[ResidualTest, ...]
+    expected: tuple[float, float, float]  #: error over windows on held-out blocks [m], and its 95 % interval
+    findings: tuple[Finding, ...]
+
+    @property
+    def chosen(self) -> AxisLaw:
+        """The friction law."""
+        return self.best.law
+
+    @property
+    def estimates(self) -> tuple[Estimate, ...]:
+        """The chosen law by both steps."""
+        return self.inverse, self.best
+
+    def summary(self) -> Summary:
+        """Return the law's parameters with their standard errors, the error to expect elsewhere, and findings."""
+        best, unit = self.best, f"m{self.unit}"
+        rows = [
+            (
+                label,
+                estimated(
+                    value, best.standard_errors[label], unit_for(best.model.parameter(label), self.unit)
+                ),
+            )
+            for label, value in best.values.items()
+        ]
+        error, low, high = (1e3 * one for one in self.expected)
+        words = (
+            f"{error:.3g} {unit} RMS over {self.window:.3g} s, 95 % interval {low:.3g} to {high:.3g} {unit}"
+        )
+        return Summary(
+            title=f"Axis of {', '.join(self.records)}, law {self.chosen.name}: value ± standard error",
+            rows=(*rows, ("error elsewhere", words)),
+            sentences=first_texts(self.findings),
+        )
+
+    def plot(self) -> Figure:
+        """Return a figure of each law's gain on held-out blocks over the simpler law within it."""
+        return plotted(self)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        return {
+            "records": list(self.records),
+            "unit": self.unit,
+            "law": self.chosen.name,
+            "terms": {name: gain.to_dict() for name, gain in self.terms},
+            "force_between_rows": "interpolated" if self.best.model.interpolated else "held",
+            "window": self.window,
+            "parameters": self.best.values,
+            "standard_errors": self.best.standard_errors,
+            "estimates": {one.method: one.to_dict() for one in self.estimates},
+            "inverse_model": self.inverse_model.to_dict(),
+            "selection": [_law_result(one) for one in self.laws.candidates],
+            "laws": {name: one.to_dict() for name, one in self.by_law.items()},
+            "residuals": {one.quantity: {**vars(one), "dependent": one.dependent} for one in self.residuals},
+            "expected_elsewhere": {"position_rmse": self.expected[0], "interval_95": list(self.expected[1:])},
+            "findings": finding_results(self.findings),
+        }
+
+
+def _law_result(one: Candidate[AxisLaw]) -> dict[str, object]:
+    gain = one.gain
+    return {
+        "law": one.name,
+        "below": one.within,
+        "held_out_rms": float(np.sqrt(one.held_out.squares.mean())),
+        "gain": gain.share if gain else np.nan,
+        "gain_interval": [gain.lower, gain.upper] if gain else [np.nan, np.nan],
+    }
 
 
 def identify_axis(
@@ -72,7 +308,7 @@ def identify_axis(
     Parameters
     ----------
     record : AxisRecord or sequence of AxisRecord
-        Several are fitted together. With their loop and reference, output error in closed loop is done as well.
+        Several are fitted together.
     options : AxisOptions, optional
     validation_records : sequence of AxisRecord
         Other records of the axis, which every estimate predicts and none is fitted to.
@@ -86,142 +322,53 @@ def identify_axis(
     """
     records = (record,) if isinstance(record, AxisRecord) else tuple(record)
     _check(records, validation_records, options)
-    wanted = None if options.law is None else axis_law_named(options.law)
-    bench = Bench(records=records, others=tuple(validation_records), bandwidth=options.bandwidth)
-    prepared, needed, blocks, horizon = prepared_with_windows(bench, options, run)
-    bench, drifting = prepared.bench, prepared.drifting
-    model, terms, starts = needed.model, needed.terms, needed.starts
-    inverse = _inverse_fits(bench, model)
-    fits = fit_laws(model, starts, bench.sightings, blocks, horizon.chosen, run)
-    selection, squares = select_law(fits, bench.sightings, blocks, horizon=horizon.chosen, run=run)
-    chosen = wanted or selection.best.model
-    by_inverse = inverse_estimates(bench, inverse["complete"], model, horizon.chosen)
-    simulated = _improving(
-        bench, fits, squares, chosen.name, starts[chosen.name], by_inverse, blocks, horizon.chosen, run
-    )
-    check_determined(fits[chosen.name], starts["coulomb"], bench.sightings, blocks, horizon.chosen)
-    by_law = {name: bench.estimate("open loop", fit, horizon.chosen) for name, fit in fits.items()}
-    fit, others = fits[chosen.name], [*by_inverse, *simulated]
-    lacking = _lacking(bench, selection, chosen, fits, blocks, horizon.chosen)
-    best, doubts = _widened(bench, fit.quantile, by_law[chosen.name], others, lacking)
-    by_law[chosen.name] = best
-    tests = bench.residual_tests(model, fit.values, over_position=needed is prepared)
-    expected = _expected(bench, drifting, fit, squares[chosen.name], blocks, horizon.chosen)
-    findings = (
-        *prepared.findings(records),
-        *outlier_findings(fit, bench.sightings, records, blocks, horizon.chosen),
-        *axis_findings(
-            bench.all,
-            selection,
-            best,
-            [*others, best],
-            drifting.asymmetry,
-            by_user=wanted is not None,
-            asymmetric=by_law["asymmetric"],
-        ),
-        *inverse_mass_findings(inverse["complete"], others, records[0].unit),
-        *doubts,
-        *residual_findings(tests, model.with_law(chosen), records),
-        *_elsewhere(bench, fit, expected),
-    )
-    return AxisIdentification(
+    run.progress(Progress(stage="inverse model"))
+    band = options.bandwidth
+    seen = [sighting(one, band or default_bandwidth(one)) for one in records]
+    others = [sighting(one, band or default_bandwidth(one)) for one in validation_records]
+    model, terms = _model(records, options)
+    first = _fit("coulomb", model, seen, band)
+    model, terms, first = _confirmed(model, terms, first, seen, options)
+    fits = {"coulomb": first}
+    for number, name in enumerate(AXIS_LAWS):
+        run.progress(Progress(stage=f"law {name}", done=number, total=len(AXIS_LAWS)))
+        if name != "coulomb":
+            fits[name] = _fit(name, model, seen, band)
+    run.progress(Progress(stage="held-out blocks"))
+    squares = {name: held_out_squares(fits[name]) for name in AXIS_LAWS}
+    laws = _select_law(fits, squares, seen)
+    chosen = options.law or laws.best.name
+    by_law = {name: _estimate(fit, seen, others) for name, fit in fits.items()}
+    fit = fits[chosen]
+    linear = fit.model.with_law("coulomb") if chosen == "stribeck" else fit.model
+    moving = inverse_fit(records, linear, bandwidth=band, moving=True)
+    best, lacks = _widened(by_law[chosen], fit, moving)
+    tests = _residual_tests(records, best, band)
+    expected = _expected(squares[chosen])
+    found = AxisIdentification(
         records=tuple(one.name for one in records),
         unit=records[0].unit,
-        model=model.with_law(chosen),
         terms=terms,
-        drift=bench.drift_from(drifting),
-        horizon=horizon,
-        inverse=inverse,
-        laws=selection,
-        estimates=(*others, best),
-        by_law=by_law,
-        asymmetry=drifting.asymmetry,
+        window=window_duration(records),
+        inverse_model=inverse_fit(records, model, bandwidth=band),
+        inverse=_estimate_of("inverse", linear, moving.by_name, moving, seen, others),
+        best=best,
+        by_law=by_law | {chosen: best},
+        laws=laws,
         residuals=tests,
         expected=expected,
-        findings=findings,
+        findings=(),
     )
-
-
-def _lacking(
-    bench: Bench,
-    selection: ModelSelection[AxisLaw],
-    chosen: AxisLaw,
-    fits: Mapping[str, OutputErrorFit],
-    blocks: Blocks,
-    horizon: float,
-) -> Discrepancy:
-    """Return what the chosen law may lack, the friction of laws that the records do not exclude included."""
-    lacking = discrepancy_of(fits[chosen.name], bench.sightings, blocks, horizon)
-    for name, cause in possible_laws(selection, chosen, fits, bench.sightings).items():
-        lacking = with_another_law(lacking, fits["coulomb"], fits[name], cause)
-    return lacking
-
-
-def _widened(
-    bench: Bench, quantile: float, plain: Estimate, others: Sequence[Estimate], lacking: Discrepancy
-) -> tuple[Estimate, list[Finding]]:
-    """Return the result with intervals that include what the model lacks and other methods find, and the findings."""
-    apart = disagreements(bench.records, plain, others, bandwidth=bench.bandwidth)
-    between = {name: size / quantile for name, size in largest_differences(apart).items()}
-    best = with_discrepancy(plain, lacking.errors, quantile)
-    best = with_discrepancy(best, between, quantile)
-    findings = [one.finding for one in apart]
-    return best, [*findings, *discrepancy_findings(plain, lacking, bench.records[0].unit)]
-
-
-def _improving(
-    bench: Bench,
-    fits: dict[str, OutputErrorFit],
-    squares: dict[str, NDArray[np.float64]],
-    law: str,
-    start: Mapping[str, float],
-    by_inverse: Sequence[Estimate],
-    blocks: Blocks,
-    horizon: float,
-    run: Run,
-) -> list[Estimate]:
-    """Return a law by output error over whole records.
-
-    Its fit and its held-out errors are replaced if the windows' error is less from there, or from the inverse model's.
-    """
-    simulated = _simulated(bench, fits[law], start, horizon, run)
-    others = [one.values for one in (*simulated, *by_inverse) if one.values.keys() == fits[law].values.keys()]
-    best = improved(fits[law], others, bench.sightings, blocks, horizon)
-    if best is not fits[law]:
-        judged = [(horizon, False)]
-        fits[law] = best
-        squares[law] = held_out_errors(best, bench.sightings, blocks, horizon=horizon, judged=judged)[:, 0]
-    return simulated
-
-
-def _expected(
-    bench: Bench,
-    drifting: Bench,
-    fit: OutputErrorFit,
-    squares: NDArray[np.float64],
-    blocks: Blocks,
-    horizon: float,
-) -> PredictedError:
-    """Return the error to expect on another record, whose drift and separate parameters are not known."""
-    if drifting is not bench:
-        drifted = errors_on(fit, drifting.sightings, blocks, range(len(blocks)), horizon)
-        squares = np.maximum(squares, drifted)
-    expected = predicted_error(squares, blocks, horizon=horizon)
-    values = fit.model.values_from_others(fit.values)
-    if values == fit.values:
-        return expected
-    usual = max(one.usual_force for one in bench.records)
-    foreign, shifted = (
-        errors_on(replace(fit, values=one), bench.sightings, blocks, range(len(blocks)), horizon)
-        for one in (values, shifted_parameters(fit.model, fit.values, usual))
+    findings = (
+        *_law_findings(found, by_user=options.law is not None),
+        *lacks,
+        *_undetermined(best),
+        *_delayed(fit),
+        *_outliers(fit),
+        *_residual_findings(tests),
+        *_elsewhere(found),
     )
-    return with_unknown_parameters(expected, foreign, shifted)
-
-
-def _elsewhere(bench: Bench, fit: OutputErrorFit, expected: PredictedError) -> list[Finding]:
-    """Return how well the other records are predicted, compared with the expected error."""
-    found = [(one, error_elsewhere(fit, one, horizon=expected.horizon)) for one in bench.others]
-    return elsewhere_findings(expected, found, unit=bench.records[0].unit)
+    return replace(found, findings=findings)
 
 
 def _check(
@@ -233,6 +380,10 @@ def _check(
         raise InputError(
             f"--separate {options.separate[0]}: a parameter can be separate only between several records, and one is "
             "fitted; give more with --also, or leave it out."
+        )
+    if options.harmonics and options.period is None and records and records[0].unit == "m":
+        raise InputError(
+            "An axis that slides has no turn for --harmonics; give --period, the travel of the first harmonic."
         )
     everything = (*records, *validation_records)
     names = [one.name for one in everything]
@@ -255,55 +406,526 @@ def _check(
             )
 
 
-def _inverse_fits(bench: Bench, model: AxisModel) -> dict[str, InverseFit]:
-    """Return the inverse model's fits: of the moving axis, complete, and as published for one record of a slide.
-
-    The published forms have no forces but friction and the offset, and would give numbers without meaning to an axis
-    that has others.
-    """
-    found = {}
-    if len(bench.records) == 1 and not model.terms and model.load is None:
-        for form in ("coulomb", "asymmetric"):
-            found[form] = inverse_fit(bench.records[0], form=form, bandwidth=bench.bandwidth)
-    found["complete"] = inverse_fit(bench.records, model=model, bandwidth=bench.bandwidth, moving=True)
-    return found
-
-
-def inverse_estimates(bench: Bench, fit: InverseFit, own: AxisModel, horizon: float) -> list[Estimate]:
-    """Return the estimate of a fit of the inverse model `own`; none if a mass is not above zero, which cannot move."""
-    values, errors = fit.by_name, dict(zip(fit.names, fit.clustered_errors.tolist(), strict=True))
-    masses = (
-        values[own.label("mass", number)] + one.known_load.inertia for number, one in enumerate(bench.records)
+def _model(
+    records: Sequence[AxisRecord], options: AxisOptions
+) -> tuple[AxisModel, tuple[tuple[str, Gain], ...]]:
+    """Return the model with the law `coulomb` and the forces requested or selected, and the gains of the selected."""
+    load = options.load_friction
+    model = AxisModel(
+        law=AXIS_LAWS["coulomb"],
+        terms=terms_of(spring=bool(options.spring), harmonics=options.harmonics or ()),
+        load=None if load in (None, NO_LOAD_FRICTION) else load_named(load),
+        period=options.period or TURN,
+        separate=options.separate,
+        records=len(records),
+        # rows at uneven times are not those of the loop that holds the force
+        interpolated=not all(one.even for one in records),
     )
-    if not min(masses) > 0.0:
-        return []
-    if own.bending:
-        own = own.with_law(AXIS_LAWS["dahl"])
-        dry = np.mean([value for label, value in values.items() if base_name(label) == "coulomb"])
-        bent = {label: float(dry) / own.bending for label in own.labels if base_name(label) == "stiffness"}
-        values, errors = values | bent, errors | dict.fromkeys(bent, np.nan)
-    found = OutputErrorFit(
-        model=own,
+    model, gains = select_forces(records, model, options)
+    if model.interpolated:
+        return model, gains
+    # a log that is slower than its loop contains some of its rows; the force changes between them
+    held, between = (replace(model, interpolated=one) for one in (False, True))
+    seen = [sighting(one, options.bandwidth or default_bandwidth(one)) for one in records]
+    slow = _fit("coulomb", between, seen, options.bandwidth)
+    if slow.rms < (1.0 - USEFUL_GAIN) * _fit("coulomb", held, seen, options.bandwidth).rms:
+        given = replace(
+            model,
+            interpolated=True,
+            terms=terms_of(spring=bool(options.spring), harmonics=options.harmonics or ()),
+        )
+        return select_forces(records, replace(given, load=model.load if load else None), options)
+    return model, gains
+
+
+def select_forces(
+    records: Sequence[AxisRecord], model: AxisModel, options: AxisOptions = DEFAULT_OPTIONS
+) -> tuple[AxisModel, tuple[tuple[str, Gain], ...]]:
+    """Return a model with the forces over position and load that the records support, and the gain of each."""
+    gains = list[tuple[str, Gain]]()
+    rows = regression_rows(records, model, bandwidth=options.bandwidth, moving=True)
+    squares = _held_out_force(rows)
+    for _ in range(_MOST_TERMS):
+        best = None
+        for name, wider in _wider(records, model, rows, options):
+            found = _gain_of(
+                records, model, wider, squares, options.bandwidth, searched=name.startswith("harmonic ")
+            )
+            if found is None:
+                continue
+            worth = found[0].share * _WORTH.get(name.partition(" ")[0], 1.0)
+            if best is None or worth > best[0]:
+                best = (worth, name, wider, *found)
+        if best is None:
+            break
+        _, name, model, gain, rows = best
+        gains.append((name, gain))
+        squares = _held_out_force(rows)
+    return model, tuple(gains)
+
+
+def _wider(
+    records: Sequence[AxisRecord], model: AxisModel, rows: RegressionRows, options: AxisOptions
+) -> Iterator[tuple[str, AxisModel]]:
+    """Yield models with one force more, of those that the user left open."""
+    # under the weight of one known load alone, a spring or gravity of its own is its inertia, negative
+    falling = all(np.ptp(one.force) == 0.0 and one.known_load == records[0].known_load for one in records)
+    turns = records[0].unit == "rad"
+    if options.spring is None and "spring" not in model.terms and not falling:
+        yield "spring", replace(model, terms=("spring", *model.terms))
+    if options.load_friction is None and model.load is None and not falling:
+        weighty = bool(model.terms) or any(one.known_load.weight for one in records)
+        possible = [
+            one
+            for one in LOADS
+            if (weighty if one != "recorded" else all(each.load is not None for each in records))
+        ]
+        for one in possible:
+            yield f"load {one}", replace(model, load=one)
+    if options.harmonics is None and (turns or options.period is not None):
+        numbers = ([] if falling else [1]) + _strongest_harmonics(model, rows)
+        for number in dict.fromkeys(numbers):
+            names = harmonic(number)
+            if names[0] not in model.terms:
+                yield f"harmonic {number}", replace(model, terms=(*model.terms, *names))
+
+
+def _strongest_harmonics(model: AxisModel, rows: RegressionRows) -> list[int]:
+    """Return the harmonics at which the residual force is largest, of those that the travel and the rows show."""
+    position, X = rows.seen["position"], rows.design
+    residual = rows.force - X @ np.linalg.lstsq(X, rows.force, rcond=None)[0]
+    wave, travel = TURN / model.period, float(np.ptp(position))
+    step = float(np.quantile(np.abs(np.diff(position)), 0.5)) * wave
+    highest = min(_HIGHEST_HARMONIC, int(_FASTEST_PHASE / max(step, 1e-9)))
+    least = max(2, int(np.ceil(_PERIODS * model.period / max(travel, 1e-12))))
+    powers = {}
+    for number in range(least, highest + 1):
+        columns = np.column_stack(list(position_columns(harmonic(number), position, model.period).values()))
+        powers[number] = float(np.sum(np.linalg.lstsq(columns, residual, rcond=None)[0] ** 2))
+    return sorted(powers, key=lambda number: -powers[number])[:_TRIED]
+
+
+def _held_out_force(rows: RegressionRows) -> NDArray[np.float64]:
+    """Return the sum of squared errors of the force in each block (blocks, 1), fitted without every third block."""
+    X, squares = rows.design, np.empty((int(rows.block.max()) + 1, 1))
+    for fold in range(FOLDS):
+        out = rows.block % FOLDS == fold
+        values = np.linalg.lstsq(X[~out], rows.force[~out], rcond=None)[0]
+        left = rows.force[out] - X[out] @ values
+        sums = np.bincount(rows.block[out], weights=left**2, minlength=len(squares))
+        squares[fold::FOLDS, 0] = sums[fold::FOLDS]
+    return squares
+
+
+def _gain_of(
+    records: Sequence[AxisRecord],
+    model: AxisModel,
+    wider: AxisModel,
+    squares: NDArray[np.float64],
+    bandwidth: float | None,
+    *,
+    searched: bool,
+) -> tuple[Gain, RegressionRows] | None:
+    """Return what a wider model gains, and its rows; None if the records do not support it."""
+    rows = regression_rows(records, wider, bandwidth=bandwidth, moving=True)
+    X = rows.design
+    lengths = np.linalg.norm(X, axis=0)
+    if not lengths.all() or np.linalg.cond(X / lengths) > _LARGEST_CONDITION:
+        return None
+    fit = fit_linear(X, rows.force, rows.block)
+    own = [place for place, label in enumerate(rows.columns) if base_name(label) not in model.names]
+    chance = _LARGEST_CHANCE / (_HIGHEST_HARMONIC if searched and "sin_1" not in wider.terms[-2:] else 1)
+    if not fit.p_value(own) < chance or any(
+        base_name(label) == "load" and not 0.0 < fit.values[place] < 1.0
+        for place, label in enumerate(rows.columns)
+        if wider.load != "recorded"
+    ):
+        return None
+    ours = _held_out_force(rows)
+    gain = gain_between(ours, squares, neighbours(range(len(ours)), block=1))
+    return (gain, rows) if gain.significant and gain.share >= 0.5 * USEFUL_GAIN else None
+
+
+def _fit(law: str, model: AxisModel, seen: Sequence[Sighting], bandwidth: float | None) -> OutputErrorFit:
+    """Fit a law by output error from the inverse model's values."""
+    own, records = model.with_law(law), [one.record for one in seen]
+    linear = inverse_fit(
+        records, model.with_law("coulomb") if law == "stribeck" else own, bandwidth=bandwidth, moving=True
+    )
+    start = linear.by_name
+    for number, one in enumerate(records):
+        label, known = own.label("mass", number), one.known_load.inertia
+        if start[label] + known <= 0.0:
+            raise InputError(
+                f"{one.name}: the inverse model estimates a mass of {start[label]:.3g}, which must be above zero. The "
+                "sign of the force or its column is wrong, or the force is delayed."
+            )
+        # the axis's own part of a heavy load's may be lost in its noise
+        start[label] = max(start[label], _LEAST_MASS * known)
+    problem = OutputError(model=own, windows=cut(seen, window_duration(records)))
+    if law != "stribeck":
+        return fit_output_error(problem, start)
+    fastest = max(float(np.abs(one.motion.speed).max()) for one in seen)
+    found = []
+    for share in _STRIBECK_STARTS:
+        more = {
+            label: 0.2 * start[label.replace("stribeck", "coulomb")]
+            if base_name(label) == "stribeck"
+            else share * fastest
+            for label in own.labels
+            if base_name(label).startswith("stribeck")
+        }
+        found.append(fit_output_error(problem, {label: {**start, **more}[label] for label in own.labels}))
+    return min(found, key=lambda fit: fit.rms)
+
+
+def _confirmed(
+    model: AxisModel,
+    terms: tuple[tuple[str, Gain], ...],
+    fit: OutputErrorFit,
+    seen: Sequence[Sighting],
+    options: AxisOptions,
+) -> tuple[AxisModel, tuple[tuple[str, Gain], ...], OutputErrorFit]:
+    """Return the model without selected forces that output error refutes, which noise of the position does not bias."""
+    for name, _ in terms:
+        kind, _, which = name.partition(" ")
+        names = {"spring": ("spring",), "load": ("load",)}.get(kind) or harmonic(int(which))
+        sizes = [
+            abs(fit.values[label]) / max(fit.standard_errors[label], 1e-300)
+            for label in fit.values
+            if base_name(label) in names
+        ]
+        if all(not size > _REFUTED for size in sizes):
+            load = None if kind == "load" else model.load
+            model = replace(model, terms=tuple(one for one in model.terms if one not in names), load=load)
+            terms = tuple(one for one in terms if one[0] != name)
+            fit = _fit("coulomb", model, seen, options.bandwidth)
+    return model, terms, fit
+
+
+def _select_law(
+    fits: Mapping[str, OutputErrorFit], squares: Mapping[str, NDArray[np.float64]], seen: Sequence[Sighting]
+) -> ModelSelection[AxisLaw]:
+    """Select a law among those fitted, by the mean square errors of windows held out (w,)."""
+    groups = blocks_of(len(squares["coulomb"]))
+
+    def held_out(name: str, inner: AxisLaw | None) -> HeldOut[AxisLaw]:  # noqa: ARG001 (fits are made)
+        return HeldOut(model=AXIS_LAWS[name], squares=squares[name][:, None], baseline=None, groups=groups)
+
+    within = {name: law.below for name, law in AXIS_LAWS.items()}
+    selection = select_model(
+        within, held_out, eligible=[name for name in within if AXIS_LAWS[name].symmetric]
+    )
+    best = selection.best
+    fastest = max(float(np.quantile(np.abs(one.motion.speed), 0.95)) for one in seen)
+    while best.within and best.gain:
+        fit = fits[best.name]
+        own = [label for label in fit.values if base_name(label) not in AXIS_LAWS[best.within].names]
+        own = [label for label in own if base_name(label) in best.model.names]
+        determined = all(fit.standard_errors[label] < abs(fit.values[label]) for label in own)
+        slow = [fit.values[label] for label in own if base_name(label) == "stribeck_speed"]
+        if determined and all(one < _FADES * fastest for one in slow) and best.gain.share >= USEFUL_GAIN:
+            break
+        best = selection.find(best.within)
+    dry = [label for label in fits["coulomb"].values if base_name(label) == "coulomb"]
+    if best.name == "viscous" and all(
+        fits["coulomb"].values[label] > _CLEAR * fits["coulomb"].standard_errors[label] for label in dry
+    ):
+        # noise of the position may be most of the error, and hide a friction that is known to a few percent
+        best = selection.find("coulomb")
+    return ModelSelection(candidates=selection.candidates, best=best)
+
+
+def _estimate(fit: OutputErrorFit, seen: Sequence[Sighting], others: Sequence[Sighting]) -> Estimate:
+    found = _estimate_of("output error", fit.model, fit.values, None, seen, others)
+    halves = {label: fit.quantile * error for label, error in fit.standard_errors.items()}
+    return replace(found, standard_errors=fit.standard_errors, half_widths=halves)
+
+
+def _estimate_of(
+    method: str,
+    model: AxisModel,
+    values: dict[str, float],
+    inverse: InverseFit | None,
+    seen: Sequence[Sighting],
+    others: Sequence[Sighting],
+) -> Estimate:
+    """Return an estimate with its errors on the records fitted and on others."""
+    errors = (
+        {} if inverse is None else dict(zip(inverse.names, inverse.clustered_errors.tolist(), strict=True))
+    )
+    duration = window_duration([one.record for one in seen])
+    numbered = [*enumerate(seen), *((None, one) for one in others)]
+    return Estimate(
+        method=method,
+        model=model,
         values=values,
         standard_errors=errors,
-        rms=fit.relative_force_error,
-        freedom=max(1, fit.blocks - len(fit.names)),
+        half_widths={label: 1.96 * error for label, error in errors.items()},
+        errors=tuple(
+            axis_errors(model.axis(values, number), one, duration, model) for number, one in numbered
+        ),
     )
-    return [bench.estimate("inverse", found, horizon)]
 
 
-def _simulated(
-    bench: Bench, fit: OutputErrorFit, start: Mapping[str, float], horizon: float, run: Run
-) -> list[Estimate]:
-    """Return the law of a fit by output error over whole records: in their loops, and in open loop from `start`."""
-    found, sightings = [], bench.sightings
-    if all(one.loop is not None for one in bench.records):
-        run.progress(Progress(stage="closed loop"))
-        loops = ClosedLoop(model=fit.model, sightings=sightings)
-        closed = fit_output_error(fit.model, fit.values, loops)
-        found.append(bench.estimate("closed loop", closed, horizon))
-    if all(len(one.segments) == 1 for one in bench.records):
-        run.progress(Progress(stage="whole records"))
-        whole = search_output_error(fit.model, start, whole_records(fit.model, sightings))
-        found.append(bench.estimate("whole record", whole, horizon))
-    return found
+def axis_errors(axis: Axis, seen: Sighting, duration: float, model: AxisModel) -> AxisErrors:
+    """Return how well an axis predicts a record, over windows of a duration [s], whole and in its loop."""
+    record, motion = seen.record, seen.motion
+    own = replace(model, records=1, held=axis.values, separate=())
+    windows = windows_of(seen, 0, duration)
+    squares = OutputError(model=own, windows=(windows,)).squares({})
+    counts = np.bincount(windows.compared[2])
+    whole = np.nan
+    if len(record.segments) == 1:
+        start = np.array([[record.position[0], speed_at_start(record)]])
+        last = np.array([len(record) - 1])
+        moved = axis.windows(record, np.array([0]), last, start, interpolated=model.interpolated)
+        whole = float(np.sqrt(np.mean((moved - record.position[1:]) ** 2)))
+    rows = Decimation(record, bandwidth=seen.bandwidth)
+    needed = axis.needed_force(record, motion.position, motion.speed, motion.acceleration)
+    force = rows.of(record.force)
+    closed_force = closed_position = None
+    if record.loop is not None:
+        positions, forces = axis.closed_loop(record, speed=speed_at_start(record))
+        closed_force = _share(forces, record.force)
+        closed_position = _share(positions, record.position)
+    return AxisErrors(
+        record=record.name,
+        window_rmse=float(np.sqrt(np.sum(squares * counts) / counts.sum())),
+        open_loop_rmse=whole,
+        inverse_force=float(np.linalg.norm(force - rows.of(needed)) / np.linalg.norm(force)),
+        closed_loop_force=closed_force,
+        closed_loop_position=closed_position,
+    )
+
+
+def _share(simulated: NDArray[np.float64], recorded: NDArray[np.float64]) -> float:
+    return float(np.linalg.norm(simulated - recorded) / np.linalg.norm(recorded))
+
+
+def _widened(plain: Estimate, fit: OutputErrorFit, inverse: InverseFit) -> tuple[Estimate, list[Finding]]:
+    """Return the result with intervals that contain what differs between parts and methods, and a finding on that."""
+    labels = list(fit.values)
+    lacks, causes = np.zeros(len(labels)), [""] * len(labels)
+    for cause, windows in _parts(fit):
+        moves, errors = fit.moved_by(windows)
+        # a part that hardly determines a parameter says nothing about it
+        known = errors < _KNOWN * np.array(list(fit.standard_errors.values()))
+        beyond = np.sqrt(np.maximum(np.where(known, moves**2 - errors**2, 0.0), 0.0))
+        for i in np.flatnonzero(beyond > lacks):
+            lacks[i], causes[i] = beyond[i], cause
+    for i, label in enumerate(labels):
+        if label not in inverse.names:
+            continue
+        at = inverse.names.index(label)
+        chance = (
+            np.nan_to_num(inverse.clustered_errors[at]) ** 2 + np.nan_to_num(fit.standard_errors[label]) ** 2
+        )
+        apart = (fit.values[label] - inverse.values[at]) ** 2
+        if apart - chance > lacks[i] ** 2:
+            lacks[i], causes[i] = np.sqrt(apart - chance), "by the inverse model"
+    # a parameter at a bound has no interval
+    errors = {
+        label: float(np.hypot(fit.standard_errors[label], lack))
+        for label, lack in zip(labels, lacks, strict=True)
+    }
+    halves = {label: fit.quantile * error for label, error in errors.items()}
+    best = replace(plain, standard_errors=errors, half_widths=halves)
+    most = [i for i, label in enumerate(labels) if lacks[i] > _CLEAR * fit.standard_errors[label]]
+    if not most:
+        return best, []
+    words = []
+    for cause in dict.fromkeys(causes[i] for i in most):
+        moved = [
+            f"{plain.model.parameter(labels[i]).symbol} by {lacks[i]:.2g}" for i in most if causes[i] == cause
+        ]
+        words.append(f"{', '.join(moved)} {cause}")
+    text = (
+        "The model may lack something: parameters differ by more than chance between parts or methods "
+        f"({'; '.join(words)}). The 95 % intervals include that."
+    )
+    return best, [note("discrepancy", text)]
+
+
+def _parts(fit: OutputErrorFit) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+    """Yield parts of the records, as windows (w,), each with what a fit to it is."""
+    speeds, slow, record = [], [], []
+    for one in fit.problem.windows:
+        speed = np.abs(one.seen.motion.speed)
+        for first, count in zip(one.firsts.tolist(), one.counts.tolist(), strict=True):
+            part = speed[first : first + count + 1]
+            speeds.append(float(np.sqrt(np.mean(part**2))))
+            slow.append(float(part.min()) < _SLOW * one.seen.usual_speed)
+            record.append(one.number)
+    count, numbers = len(speeds), np.array(record)
+    time = np.arange(count) < count // 2
+    yield "in the first half", time
+    yield "in the second half", ~time
+    yield "in the faster half of the windows", np.array(speeds) >= np.median(speeds)
+    yield "without the windows that reverse or rest", ~np.array(slow)
+    if len(set(record)) > 1:
+        for number in set(record):
+            yield f"in record {number + 1}", numbers == number
+
+
+def _expected(squares: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Return the error [m] of held-out windows with mean square errors (w,), with the interval of a like record's."""
+    groups = blocks_of(len(squares))
+    means = np.array([squares[one].mean() for one in groups])
+    drawn = np.sqrt(resamples(len(means), block=1, repeats=_DRAWS, seed=_SEED) @ means / len(means))
+    middle = float(np.sqrt(squares.mean()))
+    # this record's mean varies as the other one's does
+    spread = np.sqrt(2.0) * float(np.std(np.log(np.maximum(drawn, 1e-300))))
+    return middle, middle * float(np.exp(-1.96 * spread)), middle * float(np.exp(1.96 * spread))
+
+
+def _residual_tests(
+    records: Sequence[AxisRecord], best: Estimate, bandwidth: float | None
+) -> tuple[ResidualTest, ...]:
+    """Test whether the force that the result leaves depends on anything recorded, by straight pieces over its range."""
+    model = best.model
+    rows = regression_rows(records, model, bandwidth=bandwidth, moving=True)
+    values = {label: best.values.get(label, 0.0) for label in rows.columns}
+    left = rows.force - rows.design @ np.array(list(values.values()))
+    if "stribeck" in model.law.names:
+        speed, own = rows.seen["speed"], model.values_for(best.values, 0)
+        left = left - own["stribeck"] * np.exp(-np.abs(speed) / own["stribeck_speed"]) * np.sign(speed)
+    tests = []
+    for quantity, column in rows.seen.items():
+        edges = np.unique(np.quantile(column, np.linspace(0.0, 1.0, 6)))
+        if len(edges) < 3:
+            continue
+        shapes = np.column_stack([np.interp(column, edges, one) for one in np.eye(len(edges))])
+        fit = fit_linear(shapes, left, rows.block)
+        explained = shapes @ fit.values - np.mean(left)
+        tests.append(
+            ResidualTest(
+                quantity=quantity,
+                p_value=fit.p_value(range(shapes.shape[1])),
+                share=float(np.clip(np.mean(explained**2) / max(np.var(left), 1e-300), 0.0, 1.0)),
+                size=float(np.sqrt(np.mean(explained**2))),
+            )
+        )
+    return tuple(tests)
+
+
+_ADVICE = {
+    "position": "a force over position is missing: try --harmonics, --period or --spring",
+    "speed": "friction is no straight line over speed: compare the laws",
+    "time": "friction or the constant force drifts; record the warm machine",
+}
+
+
+def _residual_findings(tests: Sequence[ResidualTest]) -> Iterator[Finding]:
+    for one in tests:
+        if one.dependent:
+            advice = _ADVICE.get(one.quantity, "no term of the model depends on it")
+            yield warning(
+                "axis-residuals",
+                f"The residual force depends on the {one.quantity} (p = {one.p_value:.1g}; {100.0 * one.share:.0f} % "
+                f"of its variance): {advice}.",
+            )
+
+
+def _law_findings(found: AxisIdentification, *, by_user: bool) -> Iterator[Finding]:
+    chosen = found.chosen.name
+    words = f"The law {chosen} was {'requested' if by_user else 'selected'}"
+    if by_user and found.laws.best.name != chosen:
+        words += f"; held-out blocks would select {found.laws.best.name}"
+    open_laws = [one.name for one in found.laws.candidates if one.decision == "undecided" and one.gain]
+    if open_laws:
+        words += f". Held-out blocks do not decide about {' and '.join(open_laws)}"
+    yield note("law", f"{words}.")
+    both = found.laws.find("asymmetric")
+    if both.accepted and both.gain and found.chosen.symmetric:
+        ours, theirs = found.best.errors, found.by_law["asymmetric"].errors
+        others = [(a, b) for a, b in zip(ours, theirs, strict=True) if a.record not in found.records]
+        better = [a.record for a, b in others if b.window_rmse < a.window_rmse]
+        confirmed = (
+            "no other record shows whether the machine or this run has it"
+            if not others
+            else f"{len(better)} of {len(others)} other records are predicted better with it"
+        )
+        yield note(
+            "asymmetry",
+            f"Friction that differs between directions predicts other blocks of these records with "
+            f"{100.0 * both.gain.share:.0f} % less error; {confirmed}. It is not selected: --law asymmetric does.",
+        )
+
+
+def _undetermined(best: Estimate) -> Iterator[Finding]:
+    for label, value in best.values.items():
+        error, kind = best.standard_errors[label], best.model.parameter(label)
+        if kind.scale == "signed":
+            continue
+        if not np.isfinite(error):
+            yield warning("at-bound", f"{kind.symbol} ({kind.meaning}) is at its bound, {value:.3g}.")
+        elif error > abs(value):
+            yield warning(
+                "undetermined",
+                f"The records do not determine {kind.symbol} ({kind.meaning}): its standard error is larger than its "
+                "value.",
+            )
+
+
+def _delayed(fit: OutputErrorFit) -> Iterator[Finding]:
+    """Warn if the motion shows that the force acts later or earlier than its rows."""
+    records = [one.seen.record for one in fit.problem.windows]
+    row = max(one.sample_time for one in records)
+    begun = fit.problem.starts(fit.values)
+    change = replace(fit.problem, late=row).errors(fit.values) - begun.errors
+    column = begun.project(change) / row
+    free = np.linalg.norm(fit.slopes, axis=0) > 0.0
+    X = np.column_stack([fit.slopes[:, free], column])
+    lengths = np.linalg.norm(X, axis=0)
+    if not lengths.all() or np.linalg.cond(X / lengths) > _LARGEST_CONDITION:
+        return
+    found = fit_linear(X / lengths, -fit.residuals, fit.problem.window)
+    late, error = float(found.values[-1] / lengths[-1]), float(found.errors[-1] / lengths[-1])
+    if abs(late) > max(_CLEAR * error, 0.5 * row):
+        text = (
+            f"The force seems to act {1e3 * abs(late):.2g} ± {1e3 * error:.2g} ms "
+            f"{'later' if late > 0.0 else 'earlier'} than its rows, as behind a bus or a filter, or the drive yields "
+            "or has play: then inertia and viscous friction are off. Shift the force if you know its delay."
+        )
+        yield warning("force-delay", text)
+
+
+def _outliers(fit: OutputErrorFit) -> Iterator[Finding]:
+    """Name the windows that are predicted far worse than the others."""
+    counts = np.bincount(fit.problem.window)
+    errors = np.sqrt(np.bincount(fit.problem.window, weights=fit.residuals**2) / counts)
+    far = np.flatnonzero(errors > _FAR * np.median(errors))
+    if 0 < len(far) <= 0.1 * len(errors):
+        firsts = [
+            f"{one.seen.record.name}, rows {first + 1} to {first + count + 1}"
+            for one in fit.problem.windows
+            for first, count in zip(one.firsts.tolist(), one.counts.tolist(), strict=True)
+        ]
+        text = (
+            f"{len(far)} of {len(errors)} windows are predicted more than {_FAR:.0f} times worse than the others "
+            f"({'; '.join(firsts[i] for i in far[:3])}): look for lost messages, touches or hits there, and leave "
+            "corrupted cells empty."
+        )
+        yield warning("outliers", text)
+
+
+def _elsewhere(found: AxisIdentification) -> Iterator[Finding]:
+    """Compare the errors on other records with the error expected there."""
+    middle, low, high = found.expected
+    for one in found.best.errors:
+        if one.record not in found.records:
+            fits = (
+                "as expected"
+                if low <= one.window_rmse <= high
+                else "better"
+                if one.window_rmse < low
+                else "worse"
+            )
+            unit = f"m{found.unit}"
+            text = (
+                f"{one.record} is predicted {fits}{'' if fits == 'as expected' else ' than expected'}: "
+                f"{1e3 * one.window_rmse:.3g} {unit}, expected {1e3 * middle:.3g} ({1e3 * low:.3g} to "
+                f"{1e3 * high:.3g})."
+            )
+            yield warning("other-record", text) if fits == "worse" else note("other-record", text)

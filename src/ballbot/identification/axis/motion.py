@@ -11,7 +11,6 @@ Rows at uneven times are interpolated to even ones by a cubic spline in each par
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -22,7 +21,6 @@ from scipy.interpolate import CubicSpline
 
 from ballbot.errors import InputError
 from ballbot.identification.axis.record import AxisRecord
-from ballbot.mechanics.engine.compiled import compiled
 
 _BUTTERWORTH_ORDER = 4
 _DECIMATION_ORDER, _DECIMATION_RIPPLE = 8, 0.05  # ripple in dB
@@ -173,6 +171,12 @@ class Decimation:
         """Return decimated values (n,) of values (N,)."""
         return np.concatenate([decimated(values[first:last], self.factor) for first, last in self.kept])
 
+    def picked(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the values (n,) of the rows that are left, of values (N,), without a filter."""
+        return np.concatenate(
+            [values[np.arange(a, b)[(b - a - 1) % self.factor :: self.factor]] for a, b in self.kept]
+        )
+
     @property
     def disturbed(self) -> NDArray[np.bool_]:
         """Which of the rows (n,) are too near an end of their part."""
@@ -182,14 +186,3 @@ class Decimation:
             near, place = min(_DISTURBED, int(_MOST_DISTURBED * count)), np.arange(count)
             found.append((place < near) | (place >= count - near))
         return np.concatenate(found)
-
-
-@compiled
-def bent_bristles(position, travel):
-    """Return how far bristles are bent (N,), from -1 to 1, by Dahl's law: d(bent)/dq = (sgn(dq) - bent) / travel."""
-    bent = np.zeros(len(position))
-    for k in range(1, len(position)):
-        moved = position[k] - position[k - 1]
-        way = 1.0 if moved > 0.0 else -1.0
-        bent[k] = way + (bent[k - 1] - way) * math.exp(-abs(moved) / travel)
-    return bent

@@ -1,60 +1,55 @@
-"""Output error: the parameters whose simulation comes closest to the records, in open or in closed loop.
+"""Output error: the parameters whose simulated positions come closest to the recorded ones over windows of a record.
 
-In open loop the recorded force moves the axis over windows, and positions are compared; in closed loop the recorded
-reference does, and forces are compared. Levenberg and Marquardt's steps by SciPy, with central differences wide enough
-to average over single events of sticking.
+The recorded force moves the axis through each window. The state at its start is estimated with the parameters, by a
+linear correction of the filtered record's position and speed there: from the window's errors and their derivatives, the
+part that another start would explain is projected out (variable projection: G. Golub and V. Pereyra, Inverse Problems
+19 (2003) R1-R26; derivatives as L. Kaufman, BIT 15 (1975) 49-57), so that a noisy start is no error of the friction.
+The prior standard deviations are the position noise, and `_START_SPEED` of the record's usual speed. The starts are
+then moved by their estimates and the descent is repeated, as an axis that sticks is far from linear.
 
-The state at a window's start is estimated with the parameters, by a linear correction of the filtered record's
-position and speed there. From the window's errors and their derivatives, the part that another start would explain is
-projected out (variable projection: G. Golub and V. Pereyra, Inverse Problems 19 (2003) R1-R26; derivatives as
-L. Kaufman, BIT 15 (1975) 49-57), so that a noisy start is no error of the friction. The prior standard deviations are
-the position noise, and `_START_SPEED` of the record's usual speed.
+Windows last `WINDOW`: over much shorter ones the noise of the start hides the friction, and the parameters follow what
+varies within a tenth of a second; over much longer ones a single moment of sticking decides about all that follows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Protocol, TypeVar
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from ballbot.errors import InputError
 from ballbot.fitting.least_squares import Stopping, minimize_squares
 from ballbot.fitting.parameter import RelativeSpace
-from ballbot.fitting.run import DEFAULT_RUN
-from ballbot.fitting.search import evolve
-from ballbot.fitting.uncertainty import errors_in_time
-from ballbot.identification.axis.laws import Values
-from ballbot.identification.axis.motion import (
-    Motion,
-    first_row,
-    position_noise,
-    smoothed_motion,
-    speed_at_start,
-)
-from ballbot.identification.axis.record import AxisRecord, Span
-from ballbot.identification.axis.structure import AxisModel, base_name
+from ballbot.fitting.uncertainty import block_length, errors_in_time
+from ballbot.identification.axis.model import AxisModel, Values
+from ballbot.identification.axis.motion import Motion, position_noise, smoothed_motion, speed_at_start
+from ballbot.identification.axis.record import AxisRecord
 
-#: half the central difference, in the scaled parameter
+#: length of a window [s], shorter where records are so short that there would be fewer than `_LEAST_WINDOWS`
+WINDOW = 1.0
+#: with six parameters, the least that give a covariance from windows some meaning
+_LEAST_WINDOWS = 9
+#: blocks of time are held out and drawn together; there are about as many
+_BLOCKS = 12
+FOLDS = 3
+#: half the central difference, in the scaled parameter: wide enough to average over single events of sticking
 _DIFFERENCE = 5e-4
 _MOST_STEPS = 30
 #: the descent ends where a step lowers the sum of squares by less than this share
 _ENOUGH = 1e-4
 #: it starts at least this far inside the bounds; a parameter that ends closer to one than `_AT_BOUND` is at it
 _INSIDE, _AT_BOUND = 1e-3, 1e-6
-#: the evolution strategy looks this far around, in scaled parameters
-_REACH, _REACH_LOGARITHMIC = 0.2, 2.0
-_GENERATIONS, _POPULATION = 25, 10
 #: positions are compared this often [s]
 _COMPARED_EVERY = 0.01
 #: shares of the usual speed: standard deviation of the start's speed, and the step of its finite difference
 _START_SPEED, _SPEED_DIFFERENCE = 0.2, 0.01
-#: residuals within so long depend on each other [s]
-BLOCK = 1.0
+#: rounds of better starts
+_ROUNDS = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,434 +60,343 @@ class Sighting:
     motion: Motion
     bandwidth: float  #: [Hz]
     noise: float  #: of the position [m]
-
-    @property
-    def usual_speed(self) -> float:
-        """Root mean square of the speed [m/s]."""
-        return float(np.sqrt(np.mean(self.motion.speed**2)))
+    usual_speed: float  #: root mean square [m/s]
 
 
 def sighting(record: AxisRecord, bandwidth: float) -> Sighting:
     """Return a record with its filtered motion."""
+    motion = smoothed_motion(record, bandwidth=bandwidth)
     return Sighting(
         record=record,
-        motion=smoothed_motion(record, bandwidth=bandwidth),
+        motion=motion,
         bandwidth=bandwidth,
         noise=max(position_noise(record, bandwidth=bandwidth), 1e-9 * float(np.ptp(record.position))),
+        usual_speed=float(np.sqrt(np.mean(motion.speed**2))),
     )
-
-
-def equal_spans(record: AxisRecord, duration: float, within: Span | None = None) -> list[Span]:
-    """Return windows of about that duration [s], end to end, in each part between gaps; one of a shorter part."""
-    found = []
-    for first, last in record.segments:
-        begin, end = (first, last) if within is None else (max(first, within[0]), min(last, within[1] + 1))
-        if end - begin < 3:
-            continue
-        count = max(1, round(float(record.t[end - 1] - record.t[begin]) / duration))
-        edges = np.linspace(begin, end - 1, count + 1).astype(int)
-        found += [(int(a), int(b)) for a, b in pairwise(edges) if b > a]
-    return found
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Windows:
-    """Windows of one record, of which the model predicts the positions."""
+    """Windows of one record, and which of its rows are compared: every `_COMPARED_EVERY`, and from one row on."""
 
-    record: int  #: its number
+    seen: Sighting
+    number: int  #: of the record, from 0; None of another one
     firsts: NDArray[np.int64]  #: (w,)
     counts: NDArray[np.int64]  #: (w,) rows that each runs over
     starts: NDArray[np.float64]  #: (w, 2) position and speed there
-    compared: NDArray[np.int64]  #: (m,) which of the predicted positions are compared
-    rows: NDArray[np.int64]  #: (m,) rows of the record that these are
-    window: NDArray[np.int64]  #: (m,) the window of each
+
+    @cached_property
+    def compared(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """Which of the positions at rows' ends are compared (m,), the rows of these, and the window of each."""
+        every = max(1, round(_COMPARED_EVERY / self.seen.record.sample_time))
+        begins = np.cumsum(self.counts) - self.counts
+        steps = [np.arange(min(every, count), count + 1, every) for count in self.counts.tolist()]
+        sizes = [len(one) for one in steps]
+        step, window = np.concatenate(steps), np.repeat(np.arange(len(steps)), sizes)
+        return begins[window] + step - 1, self.firsts[window] + step, window
+
+    def only(self, kept: NDArray[np.bool_]) -> Windows:
+        """Return some of the windows (w,)."""
+        return replace(self, firsts=self.firsts[kept], counts=self.counts[kept], starts=self.starts[kept])
 
 
-def windows_of(seen: Sighting, spans: Sequence[Span], number: int = 0) -> Windows:
-    """Return windows over these spans of rows of the record of that number."""
-    record, motion = seen.record, seen.motion
-    every = max(1, round(_COMPARED_EVERY / record.sample_time))
+def windows_of(seen: Sighting, number: int, duration: float) -> Windows:
+    """Return windows of about that duration [s], end to end, in each part between gaps."""
+    record, spans = seen.record, list[tuple[int, int]]()
+    for begin, end in record.segments:
+        if end - begin >= 3:
+            count = max(1, round(float(record.t[end - 1] - record.t[begin]) / duration))
+            edges = np.linspace(begin, end - 1, count + 1).astype(int)
+            spans += [(int(a), int(b)) for a, b in pairwise(edges) if b > a]
     firsts = np.array([first for first, _ in spans], dtype=np.int64)
-    counts = np.array([last - first for first, last in spans], dtype=np.int64)
-    speeds = motion.speed[firsts].copy()
+    speeds = seen.motion.speed[firsts].copy()
     speeds[firsts == 0] = speed_at_start(record)
-    positions = np.where(record.even & (firsts == 0), record.position[firsts], motion.position[firsts])
-    compared, rows, window, begin = [], [], [], 0
-    for place, (first, last) in enumerate(spans):
-        steps = np.arange(min(every, last - first), last - first + 1, every)
-        compared.append(begin + steps - 1)
-        rows.append(first + steps)
-        window.append(np.full(len(steps), place))
-        begin += last - first
+    positions = np.where(record.even & (firsts == 0), record.position[firsts], seen.motion.position[firsts])
     return Windows(
-        record=number,
+        seen=seen,
+        number=number,
         firsts=firsts,
-        counts=counts,
+        counts=np.array([last - first for first, last in spans], dtype=np.int64),
         starts=np.column_stack([positions, speeds]),
-        compared=np.concatenate(compared),
-        rows=np.concatenate(rows),
-        window=np.concatenate(window),
     )
 
 
-_T = TypeVar("_T")
-Projection = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+def window_duration(records: Sequence[AxisRecord]) -> float:
+    """Return the length of the windows of records [s]."""
+    return min(WINDOW, sum(record.duration for record in records) / _LEAST_WINDOWS)
 
 
-class Problem(Protocol):
-    """Errors that parameters minimize."""
-
-    @property
-    def block(self) -> NDArray[np.int64]:
-        """The block of time of each error (m,)."""
-        ...
-
-    @property
-    def scale(self) -> float:
-        """A usual size of the errors."""
-        ...
-
-    def errors(self, values: Values) -> NDArray[np.float64]:
-        """Return simulated minus recorded (m,)."""
-        ...
-
-    def projection(self, values: Values) -> Projection:
-        """Return the projection of errors (m,), or derivatives of them, that removes the part other starts explain."""
-        ...
+def cut(sightings: Sequence[Sighting], duration: float) -> tuple[Windows, ...]:
+    """Return the windows of records."""
+    return tuple(windows_of(seen, number, duration) for number, seen in enumerate(sightings))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class OpenLoop:
-    """Position errors [m] over windows of records."""
+class OutputError:
+    """Position errors [m] of a model over windows of records."""
 
     model: AxisModel
-    sightings: Sequence[Sighting]
-    windows: Sequence[Windows]
-
-    @property
-    def block(self) -> NDArray[np.int64]:
-        """The block of time of each error (m,); a window lies in one block."""
-        blocks, begin = [], 0
-        for one in self.windows:
-            record = self.sightings[one.record].record
-            _, block = np.unique(record.t[one.firsts] // BLOCK, return_inverse=True)
-            blocks.append(block[one.window] + begin)
-            begin += int(block.max()) + 1
-        return np.concatenate(blocks)
+    windows: tuple[Windows, ...]  #: of each record
+    late: float = 0.0  #: by how much the force acts later than its row [s]
 
     @cached_property
     def window(self) -> NDArray[np.int64]:
         """The window of each error (m,), counted through all records."""
-        found, begin = [], 0
-        for one in self.windows:
-            found.append(one.window + begin)
-            begin += len(one.firsts)
-        return np.concatenate(found)
+        begins = np.cumsum([0, *(len(one.firsts) for one in self.windows)])
+        return np.concatenate([one.compared[2] + a for one, a in zip(self.windows, begins[:-1], strict=True)])
 
-    @property
-    def scale(self) -> float:
-        """A thousandth of the travel [m]."""
-        return 1e-3 * max(float(np.ptp(one.record.position)) for one in self.sightings)
+    @cached_property
+    def _begins(self) -> NDArray[np.intp]:
+        return np.flatnonzero(np.diff(self.window, prepend=-1))
 
     @cached_property
     def _noise(self) -> NDArray[np.float64]:
-        return np.concatenate(
-            [np.full(len(one.rows), self.sightings[one.record].noise) for one in self.windows]
-        )
+        return np.concatenate([np.full(len(one.compared[0]), one.seen.noise) for one in self.windows])
 
-    @cached_property
-    def _measured(self) -> NDArray[np.float64]:
-        return np.concatenate([self.sightings[one.record].record.position[one.rows] for one in self.windows])
-
-    @cached_property
-    def _last(self) -> dict[str, tuple[tuple[tuple[str, float], ...], Any]]:
-        """What was computed last, by what it is, and for which values: it is needed again and again."""
-        return {}
-
-    def _again(self, what: str, values: Values, compute: Callable[[], _T]) -> _T:
-        """Return what was computed last for these values, or compute it."""
-        key = tuple(values.items())
-        if self._last.get(what, (None, None))[0] != key:
-            self._last[what] = (key, compute())
-        return self._last[what][1]
-
-    def errors(self, values: Values) -> NDArray[np.float64]:
-        """Return simulated minus recorded positions (m,)."""
-        return self._again("positions", values, lambda: self._positions(values)) - self._measured
-
-    def _positions(self, values: Values, *, noises: float = 0.0, speeds: float = 0.0) -> NDArray[np.float64]:
-        """Return the positions (m,), the starts moved by multiples of the noise and of the usual speed."""
+    def errors(self, values: Values, *, noises: float = 0.0, speeds: float = 0.0) -> NDArray[np.float64]:
+        """Return simulated minus recorded positions (m,), the starts moved by shares of the noise and usual speed."""
         found = []
         for one in self.windows:
-            seen = self.sightings[one.record]
-            axis = self.model.axis(values, one.record)
-            bends = axis.bends(seen.motion.position, seen.motion.speed)[one.firsts]
+            seen, record = one.seen, one.seen.record
+            moved = record
+            if self.late:
+                moved = replace(record, force=np.interp(record.t - self.late, record.t, record.force))
+            places, rows, _ = one.compared
             starts = one.starts + np.array([noises * seen.noise, speeds * seen.usual_speed])
-            predicted = axis.windows(
-                seen.record,
-                one.firsts,
-                one.counts,
-                np.column_stack([starts, bends]),
-                interpolated=self.model.interpolated,
+            axis = self.model.axis(values, one.number)
+            positions = axis.windows(
+                moved, one.firsts, one.counts, starts, interpolated=self.model.interpolated
             )
-            found.append(predicted[one.compared])
+            found.append(positions[places] - record.position[rows])
         return np.concatenate(found)
 
-    def projection(self, values: Values) -> Projection:
-        """Return the projection that removes the part of errors that other starts of the windows explain."""
-        S, begins, inverse = self._again("starts", values, lambda: self._starts_matter(values))
-
-        def project(errors: NDArray[np.float64]) -> NDArray[np.float64]:
-            scores = np.add.reduceat(S * (errors / self._noise)[:, None], begins, axis=0)
-            shifts = np.einsum("wij,wj->wi", inverse, scores)
-            return errors - self._noise * np.einsum("mi,mi->m", S, shifts[self.window])
-
-        return project
-
-    def from_better_starts(self, values: Values) -> OpenLoop:
-        """Return the same problem with the starts of its windows estimated from their errors."""
-        S, begins, inverse = self._again("starts", values, lambda: self._starts_matter(values))
-        scores = np.add.reduceat(S * (self.errors(values) / self._noise)[:, None], begins, axis=0)
-        shifts, begin, moved = np.einsum("wij,wj->wi", inverse, scores), 0, []
-        for one in self.windows:
-            seen, own = self.sightings[one.record], shifts[begin : begin + len(one.firsts)]
-            sizes = np.array([seen.noise, _START_SPEED * seen.usual_speed])
-            moved.append(replace(one, starts=one.starts - own * sizes))
-            begin += len(one.firsts)
-        return replace(self, windows=moved)
-
-    def _starts_matter(
-        self, values: Values
-    ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
-        """Return the derivatives S (m, 2) by the starts, where windows begin, and (I + S^T S)^-1 (w, 2, 2)."""
-        middle = self._again("positions", values, lambda: self._positions(values))
+    def starts(self, values: Values) -> Starts:
+        """Return the effect of other starts at these values."""
+        middle = self.errors(values)
         # in units of the noise, for a start that is off by one standard deviation of its position or of its speed
         S = np.column_stack(
             [
-                (self._positions(values, noises=10.0) - middle) / 10.0,
-                (self._positions(values, speeds=_SPEED_DIFFERENCE) - middle)
-                * (_START_SPEED / _SPEED_DIFFERENCE),
+                (self.errors(values, noises=10.0) - middle) / 10.0,
+                (self.errors(values, speeds=_SPEED_DIFFERENCE) - middle) * (_START_SPEED / _SPEED_DIFFERENCE),
             ]
         )
         S /= self._noise[:, None]
-        begins = np.flatnonzero(np.diff(self.window, prepend=-1))
-        gram = np.add.reduceat(S[:, :, None] * S[:, None, :], begins, axis=0)
-        return S, begins.astype(np.int64), np.asarray(np.linalg.inv(gram + np.eye(2)), dtype=np.float64)
-
-    def from_best_starts(self, values: Values) -> NDArray[np.float64]:
-        """Return the position errors [m] (m,) from the estimated start of each window.
-
-        Estimated once more from there, as a fit does, where that is closer: an axis that sticks is far from linear.
-        """
-        first = self.projection(values)(self.errors(values))
-        moved = self.from_better_starts(values)
-        again = moved.projection(values)(moved.errors(values))
-        begins = np.flatnonzero(np.diff(self.window, prepend=-1))
-        closer = np.add.reduceat(again**2, begins) < np.add.reduceat(first**2, begins)
-        return np.where(closer[self.window], again, first)
-
-    @np.errstate(over="ignore", invalid="ignore")  # the error of a simulation that diverges is infinite
-    def rms(self, values: Values) -> float:
-        """Return the root mean square position error [m] from the estimated start of each window."""
-        found = float(np.sqrt(np.mean(self.from_best_starts(values) ** 2)))
-        return found if np.isfinite(found) else np.inf
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class WholeRecords(OpenLoop):
-    """Position errors [m] over whole records, each from its measured start."""
-
-    @property
-    def block(self) -> NDArray[np.int64]:
-        """The block of time of each error (m,)."""
-        blocks, begin = [], 0
-        for one in self.windows:
-            block = (self.sightings[one.record].record.t[one.rows] // BLOCK).astype(np.int64)
-            blocks.append(block + begin)
-            begin += int(block.max()) + 1
-        return np.concatenate(blocks)
-
-    def projection(self, values: Values) -> Projection:  # noqa: ARG002
-        """Return the identity."""
-        return lambda errors: errors
-
-
-def whole_records(model: AxisModel, sightings: Sequence[Sighting]) -> WholeRecords:
-    """Return the problem of records without gaps, each in one window."""
-    windows = [windows_of(seen, [(0, len(seen.record) - 1)], number) for number, seen in enumerate(sightings)]
-    return WholeRecords(model=model, sightings=sightings, windows=windows)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ClosedLoop:
-    """Force errors [N] of records in their simulated loops, each from its first good row on."""
-
-    model: AxisModel
-    sightings: Sequence[Sighting]  #: all of them with their loops
-
-    def __post_init__(self) -> None:
-        object.__setattr__(
-            self,
-            "_starts",
-            [max(0, first_row(one.record, bandwidth=one.bandwidth)) for one in self.sightings],
+        gram = np.add.reduceat(S[:, :, None] * S[:, None, :], self._begins, axis=0)
+        inverse = np.asarray(np.linalg.inv(gram + np.eye(2)), dtype=np.float64)
+        return Starts(
+            errors=middle,
+            slopes=S,
+            inverse=inverse,
+            window=self.window,
+            begins=self._begins,
+            noise=self._noise,
         )
 
-    _starts: Sequence[int] = ()
+    def from_better_starts(self, values: Values) -> OutputError:
+        """Return the same with the starts of its windows estimated from their errors."""
+        found = self.starts(values)
+        shifts, begin, moved = found.shifts(found.errors), 0, []
+        for one in self.windows:
+            own = shifts[begin : begin + len(one.firsts)]
+            sizes = np.array([one.seen.noise, _START_SPEED * one.seen.usual_speed])
+            moved.append(replace(one, starts=one.starts - own * sizes))
+            begin += len(one.firsts)
+        return replace(self, windows=tuple(moved))
 
-    @property
-    def scale(self) -> float:
-        """A twentieth of the force's standard deviation [N]."""
-        return 0.05 * float(np.std(np.concatenate([one.record.force for one in self.sightings])))
+    @np.errstate(over="ignore", invalid="ignore")  # the error of a simulation that diverges is infinite
+    def squares(self, values: Values) -> NDArray[np.float64]:
+        """Return the mean square error [m^2] of each window (w,) from its best start."""
+        tables = []
+        for one in (self, self.from_better_starts(values)):
+            begun = one.starts(values)
+            left = begun.project(begun.errors)
+            tables.append(np.add.reduceat(left**2, self._begins))
+        counts = np.bincount(self.window)
+        return np.nan_to_num(np.fmin(*tables) / counts, nan=np.inf)
 
-    @property
-    def block(self) -> NDArray[np.int64]:
-        """The block of time of each error (m,)."""
-        blocks, begin = [], 0
-        for seen, start in zip(self.sightings, self._starts, strict=True):
-            block = (seen.record.t[start:] // BLOCK).astype(np.int64)
-            blocks.append(block - block[0] + begin)
-            begin = int(blocks[-1][-1]) + 1
-        return np.concatenate(blocks)
+    def only(self, kept: NDArray[np.bool_]) -> OutputError:
+        """Return the errors over some of the windows, counted through all records (w,)."""
+        parts, begin = [], 0
+        for one in self.windows:
+            own = kept[begin : begin + len(one.firsts)]
+            begin += len(one.firsts)
+            if own.any():
+                parts.append(one.only(own))
+        return replace(self, windows=tuple(parts))
 
-    def errors(self, values: Values) -> NDArray[np.float64]:
-        """Return simulated minus recorded forces (m,)."""
-        found = []
-        for number, (seen, start) in enumerate(zip(self.sightings, self._starts, strict=True)):
-            axis = self.model.axis(values, number)
-            forces = axis.closed_loop(seen.record, speed=speed_at_start(seen.record)).forces
-            found.append(forces[start:] - seen.record.force[start:])
-        return np.concatenate(found)
 
-    def projection(self, values: Values) -> Projection:  # noqa: ARG002
-        """Return the identity: the loop forgets its start."""
-        return lambda errors: errors
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Starts:
+    """Errors (m,) and how they depend on the starts of windows."""
+
+    errors: NDArray[np.float64]  #: (m,) [m]
+    slopes: NDArray[np.float64]  #: S (m, 2), by a standard deviation of the start's position and speed
+    inverse: NDArray[np.float64]  #: (I + S^T S)^-1 of each window (w, 2, 2)
+    window: NDArray[np.int64]  #: (m,)
+    begins: NDArray[np.intp]  #: (w,)
+    noise: NDArray[np.float64]  #: (m,) [m]
+
+    def shifts(self, errors: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how far off the starts are (w, 2) by errors (m,), in their standard deviations."""
+        scores = np.add.reduceat(self.slopes * (errors / self.noise)[:, None], self.begins, axis=0)
+        return np.einsum("wij,wj->wi", self.inverse, scores)
+
+    def project(self, errors: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return errors (m,), or derivatives of them, without the part that other starts explain."""
+        explained = np.einsum("mi,mi->m", self.slopes, self.shifts(errors)[self.window])
+        return errors - self.noise * explained
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OutputErrorFit:
     """Parameters estimated by output error."""
 
-    model: AxisModel
+    problem: OutputError  #: with the starts estimated
     values: dict[str, float]  #: by label, SI units
-    standard_errors: dict[str, float]  #: NaN if a parameter is at a bound
-    rms: float  #: of the residuals: [m] in open loop, [N] in closed loop
-    freedom: int = 1  #: blocks of time beyond the parameters
+    standard_errors: dict[str, float]  #: by label, clustered in time; NaN for a parameter at a bound
+    residuals: NDArray[np.float64]  #: (m,) [m], of the best starts
+    slopes: NDArray[
+        np.float64
+    ]  #: (m, p) derivatives of the residuals, projected; zero for a parameter at a bound
+
+    @property
+    def model(self) -> AxisModel:
+        """What was estimated."""
+        return self.problem.model
+
+    @property
+    def rms(self) -> float:
+        """Root mean square error of the positions [m]."""
+        return float(np.sqrt(np.mean(self.residuals**2)))
 
     @property
     def quantile(self) -> float:
         """Half the width of a 95 % interval over the standard error."""
-        return float(scipy.stats.t.ppf(0.975, self.freedom))
+        windows = int(self.problem.window.max()) + 1
+        return float(scipy.stats.t.ppf(0.975, max(1, windows - len(self.values))))
 
-    @property
-    def half_widths(self) -> dict[str, float]:
-        """Half widths of the 95 % intervals, by label, if the model lacks nothing."""
-        return {label: self.quantile * error for label, error in self.standard_errors.items()}
+    def moved_by(self, windows: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return how far the parameters (p,) move in a fit to some windows (w,) alone, and the standard errors of that.
+
+        To first order; NaN where these windows do not determine a parameter.
+        """
+        free = np.linalg.norm(self.slopes, axis=0) > 0.0
+        moves, errors = np.full((2, len(free)), np.nan)
+        J = self.slopes[:, free]
+        lengths = np.linalg.norm(J, axis=0)
+        J = J / lengths
+        count = int(self.problem.window.max()) + 1
+        scores = np.column_stack(
+            [
+                np.bincount(self.problem.window, weights=column * self.residuals, minlength=count)
+                for column in J.T
+            ]
+        )
+        rows = windows[self.problem.window]
+        whole, part = J.T @ J, J[rows].T @ J[rows]
+        if free.any() and np.linalg.cond(part) < 1e8:
+            alone, together = np.linalg.inv(part), np.linalg.inv(whole)
+            moves[free] = -alone @ scores[windows].sum(axis=0) / lengths
+            each = scores * windows[:, None] @ alone - scores @ together
+            errors[free] = np.sqrt(count / max(count - 1, 1) * (each**2).sum(axis=0)) / lengths
+        return moves, errors
 
 
 @np.errstate(
     over="ignore", invalid="ignore"
 )  # a trial step may diverge: its cost is not finite; it is refused
-def fit_output_error(model: AxisModel, start: Values, problem: Problem) -> OutputErrorFit:
-    """Descend from `start`."""
-    space = model.space(start)
+def _descended(problem: OutputError, start: Values, most_steps: int) -> OutputErrorFit:
+    model, space = problem.model, problem.model.space(start)
     lower, upper = space.bounds()
-    last: dict[bytes, Projection] = {}
+    scale = max(float(np.ptp(one.seen.record.position)) for one in problem.windows) * 1e-3
+    last: dict[bytes, Starts] = {}
 
     def at(z: NDArray[np.float64]) -> dict[str, float]:
         return model.by_label(space.physical(z))
 
-    def projection(z: NDArray[np.float64]) -> Projection:
-        key = z.tobytes()
-        if key not in last:
+    def begun(z: NDArray[np.float64]) -> Starts:
+        if z.tobytes() not in last:
             last.clear()
-            last[key] = problem.projection(at(z))
-        return last[key]
+            last[z.tobytes()] = problem.starts(at(z))
+        return last[z.tobytes()]
 
     def errors(z: NDArray[np.float64]) -> NDArray[np.float64]:
-        return projection(z)(problem.errors(at(z))) / problem.scale
+        return begun(z).project(begun(z).errors) / scale
 
     def slopes(z: NDArray[np.float64]) -> NDArray[np.float64]:
-        return _slopes(model, space, problem, z, projection(z)) / problem.scale
+        columns = []
+        for i in range(len(z)):
+            step = _DIFFERENCE * np.eye(len(z))[i]
+            ahead, behind = np.minimum(z + step, upper), np.maximum(z - step, lower)
+            change = problem.errors(at(ahead)) - problem.errors(at(behind))
+            columns.append(begun(z).project(change) / (ahead - behind)[i] / scale)
+        return np.column_stack(columns)
 
-    begin = np.clip(space.scaled(model.vector(start)), lower + _INSIDE, upper - _INSIDE)
+    first = space.scaled(np.array([start[label] for label in model.labels]))
     found = minimize_squares(
         errors,
-        begin,
+        np.clip(first, lower + _INSIDE, upper - _INSIDE),
         jacobian_of=slopes,
         bounds=(lower, upper),
         scale="jac",
-        stopping=Stopping(most_evaluations=_MOST_STEPS, least_gain=_ENOUGH, least_step=1e-5),
+        stopping=Stopping(most_evaluations=most_steps, least_gain=_ENOUGH, least_step=1e-5),
     )
-    values = at(found.point)
-    return OutputErrorFit(
-        model=model,
-        values=values,
-        standard_errors=model.by_label(
-            _standard_errors(space, found.point, found.jacobian, errors(found.point), problem.block)
-        ),
-        rms=problem.scale * float(np.sqrt(np.mean(errors(found.point) ** 2))),
-        freedom=max(1, len(np.unique(problem.block)) - len(found.point)),
-    )
+    z, J = found.point, found.jacobian * scale
+    kept = (z - lower > _AT_BOUND) & (upper - z > _AT_BOUND) & (np.linalg.norm(J, axis=0) > 0.0)
+    return _fit_at(problem, space, z, J * kept, errors(z) * scale)
 
 
-def _slopes(
-    model: AxisModel, space: RelativeSpace, problem: Problem, z: NDArray[np.float64], project: Projection
-) -> NDArray[np.float64]:
-    """Return the projected derivatives (m, p) of the errors by scaled parameters."""
-    lower, upper = space.bounds()
-    columns = []
-    for i in range(len(z)):
-        step = _DIFFERENCE * np.eye(len(z))[i]
-        ahead, behind = np.minimum(z + step, upper), np.maximum(z - step, lower)
-        first, second = (problem.errors(model.by_label(space.physical(one))) for one in (ahead, behind))
-        columns.append(project(first - second) / (ahead - behind)[i])
-    return np.column_stack(columns)
-
-
-def derivatives(model: AxisModel, values: Values, problem: Problem) -> NDArray[np.float64]:
-    """Return the projected derivatives (m, p) of the errors by the parameters in SI units."""
-    space = model.space(values)
-    z = space.scaled(model.vector(values))
-    return _slopes(model, space, problem, z, problem.projection(values)) / space.slopes(z)
-
-
-@np.errstate(over="ignore")
-def search_output_error(model: AxisModel, start: Values, problem: Problem) -> OutputErrorFit:
-    """Descend from the best of an evolution strategy around where a descent from `start` ends.
-
-    Over whole records single events of sticking make many small valleys, of which a descent finds the nearest.
-    """
-    near = fit_output_error(model, start, problem)
-    space = model.space(near.values)
-    middle, (lower, upper) = space.scaled(model.vector(near.values)), space.bounds()
-    masses = np.array([base_name(label) == "mass" for label in model.labels])
-    reach = np.where(space.logarithmic & ~masses, _REACH_LOGARITHMIC, _REACH)
-
-    def z_of(drawn: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.clip(middle + (2.0 * drawn - 1.0) * reach, lower, upper)
-
-    def costs(population: NDArray[np.float64]) -> NDArray[np.float64]:
-        squares = [
-            np.mean(problem.errors(model.by_label(space.physical(z_of(one)))) ** 2) for one in population
-        ]
-        return 0.5 * np.log(np.maximum(squares, np.finfo(float).tiny))
-
-    evolved = evolve(
-        costs, size=len(middle), generations=_GENERATIONS, population=_POPULATION, run=DEFAULT_RUN
-    )
-    found = fit_output_error(model, model.by_label(space.physical(z_of(evolved.best))), problem)
-    return min(near, found, key=lambda fit: fit.rms)
-
-
-def _standard_errors(
+def _fit_at(
+    problem: OutputError,
     space: RelativeSpace,
     z: NDArray[np.float64],
     J: NDArray[np.float64],
     residuals: NDArray[np.float64],
-    block: NDArray[np.int64],
-) -> NDArray[np.float64]:
-    lower, upper = space.bounds()
-    kept = (z - lower > _AT_BOUND) & (upper - z > _AT_BOUND) & (np.linalg.norm(J, axis=0) > 0.0)
-    errors = np.full(len(z), np.nan)
-    errors[kept] = errors_in_time(J[:, kept], residuals, block)
-    return errors * space.slopes(z)
+) -> OutputErrorFit:
+    """Return the fit that ends at a scaled point with derivatives by it (m, p), zero for a parameter at a bound."""
+    kept = np.linalg.norm(J, axis=0) > 0.0
+    deviations = np.full(len(z), np.nan)
+    deviations[kept] = errors_in_time(J[:, kept], residuals, problem.window)
+    slopes = space.slopes(z)
+    return OutputErrorFit(
+        problem=problem,
+        values=problem.model.by_label(space.physical(z)),
+        standard_errors=problem.model.by_label(deviations * slopes),
+        residuals=residuals,
+        slopes=J / slopes,
+    )
+
+
+def fit_output_error(
+    problem: OutputError, start: Values, *, most_steps: int = _MOST_STEPS, rounds: int = _ROUNDS
+) -> OutputErrorFit:
+    """Descend from `start`, and again from better starts of the windows as long as the error falls by a percent."""
+    fit = _descended(problem, start, most_steps)
+    for _ in range(rounds - 1):
+        again = _descended(fit.problem.from_better_starts(fit.values), fit.values, most_steps)
+        if not again.rms < 0.99 * fit.rms:
+            break
+        fit = again
+    if not np.isfinite(fit.rms):
+        raise InputError(
+            "The simulation of the axis diverges over windows of the record; check the unit of the force."
+        )
+    return fit
+
+
+def blocks_of(windows: int) -> list[NDArray[np.int64]]:
+    """Return the windows of each block of time: neighbours, which are held out and drawn together."""
+    size = max(1, min(block_length(windows), windows // _BLOCKS))
+    return [np.arange(first, min(first + size, windows)) for first in range(0, windows, size)]
+
+
+def held_out_squares(fit: OutputErrorFit) -> NDArray[np.float64]:
+    """Fit again without each third of the blocks of time; return the mean square errors [m^2] there (w,)."""
+    count = int(fit.problem.window.max()) + 1
+    squares, blocks = np.empty(count), blocks_of(count)
+    for fold in range(FOLDS):
+        out = np.zeros(count, dtype=bool)
+        out[np.concatenate(blocks[fold::FOLDS])] = True
+        again = fit_output_error(fit.problem.only(~out), fit.values, most_steps=8, rounds=1)
+        squares[out] = fit.problem.only(out).squares(again.values)
+    return squares

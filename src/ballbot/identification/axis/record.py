@@ -12,7 +12,6 @@ usual one, the force between them is unknown, and no prediction runs across.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -23,7 +22,6 @@ from numpy.typing import NDArray
 
 from ballbot.arrays import real_array, whole_number
 from ballbot.errors import InputError
-from ballbot.identification.axis.repetition import repetition_time
 
 #: rows that make a record too short for any of the methods
 LEAST_ROWS = 200
@@ -88,19 +86,6 @@ class Wraps:
 NO_WRAPS = Wraps()
 
 
-SpikeColumn = Literal["position", "force"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Spike:
-    """A value of a single row that was taken as corrupted."""
-
-    column: SpikeColumn
-    row: int  #: counted from 0
-    value: float  #: as recorded
-    replacement: float  #: the mean of the rows before and after it
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AxisRecord:
     """A record of one axis.
@@ -129,7 +114,6 @@ class AxisRecord:
         0.0  #: share of the rows whose recorded force exceeded the limit given; `force` is at it there
     )
     wraps: Wraps = NO_WRAPS  #: that the position had in its file; `position` has none
-    spikes: tuple[Spike, ...] = ()  #: that were replaced in `position` and `force`
 
     def __post_init__(self) -> None:
         if not 0.0 < self.sample_time < np.inf:
@@ -183,11 +167,6 @@ class AxisRecord:
         return self.sample_time * np.arange(len(self), dtype=np.float64)
 
     @cached_property
-    def repetition(self) -> float:
-        """The time after which the motion repeats itself [s]; infinite if it does not."""
-        return repetition_time(self.t, self.position)
-
-    @cached_property
     def durations(self) -> NDArray[np.float64]:
         """For how long each row's force is held (N,) [s]."""
         if self.times is None:
@@ -208,21 +187,6 @@ class AxisRecord:
         return float(self.t[-1] + self.durations[-1])
 
     @property
-    def usual_force(self) -> float:
-        """Size of what moves the axis [N]: the recorded force and a known load's weight, root mean square."""
-        weight = self.known_load.weight * np.sin(self.position - self.known_load.hanging)
-        return float(np.sqrt(np.mean(self.force**2) + np.mean(weight**2)))
-
-    @property
     def force_unit(self) -> str:
         """[N], or [N m] for an axis that turns."""
         return "N" if self.unit == "m" else "N m"
-
-
-def moved_by_one_load(records: Sequence[AxisRecord]) -> bool:
-    """Return whether nothing but the weight of one known load moves the axis.
-
-    A spring or gravity of its own is not identifiable then: with the load's weight and inertia, negative, they sum to
-    zero without friction.
-    """
-    return all(np.ptp(one.force) == 0.0 and one.known_load == records[0].known_load for one in records)
