@@ -827,7 +827,7 @@ def start_alone(selected, inputs, draws, sampling):
 
 
 @compiled
-def step_alone(selected, inputs, draws, sampling, work, block, sample, torques, out):
+def step_alone(code, selected, inputs, draws, sampling, work, block, sample, torques, out):
     """Move such a robot on by a sample of its controller's torques (n,); what it measures is then in the block.
 
     Of `draws`, the torques' noise (1, n) and the sample's duration (1, 1) are of this sample.
@@ -836,7 +836,7 @@ def step_alone(selected, inputs, draws, sampling, work, block, sample, torques, 
     _drive(work, 0, inputs, block, 0, sample, draws.noise[0], out.changes)
     work[STEP * LANES] = draws.durations[0, 0] / sampling.steps
     _take_pushes(selected, work, 1, inputs, sampling, 0, sample)
-    _move(selected, work, 1, inputs, block, sampling, 0)
+    _move(code, selected, work, 1, inputs, block, sampling, 0)
     _turn_motors(selected, work, 1, inputs, block, 0, sampling.steps)
     _end_where_due(selected, work, 0, inputs, sampling, block, 0, sample + 1, out)
     _measure(selected, work, 0, inputs, draws, block, 0, 0)

@@ -17,6 +17,7 @@ from ballbot.errors import InputError
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import Estimator, EstimatorName
 from ballbot.mechanics.engine.lanes import AHEAD, LANES, PASSED
+from ballbot.mechanics.engine.run import code_of
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
@@ -192,6 +193,7 @@ class SensedPlant:
         self._random.standard_normal(out=self._draws.noise[0])
         self._draws.durations[0, 0] = self._sample_time + late - self._late
         step_alone(
+            code_of(self.model.selected),
             self.model.selected,
             self._inputs,
             self._draws,
