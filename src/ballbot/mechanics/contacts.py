@@ -44,7 +44,7 @@ def contact_forces(selected, P, a, forces):
     n = len(selected.wheels)
     F, L = wheel_force(selected, P, a, ball_torque(P, forces[:n]))
     on_floor = (F[0] + forces[-2], F[1] + forces[-1])
-    return (*on_floor, F[2] + forces[n]) if isinstance(selected, Pivoting) else on_floor, L
+    return (on_floor + (F[2] + forces[n],) if len(F) == 3 else on_floor), L
 
 
 def responses(selected, P, a, system, count):

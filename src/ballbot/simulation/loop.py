@@ -226,7 +226,7 @@ def _angles_of(g, heading):
     k = 1.0 / (1.0 + g_z)
     s, c = math.sin(heading), math.cos(heading)
     m11, m12, m22 = 1.0 - k * g[0] * g[0], -k * g[0] * g[1], 1.0 - k * g[1] * g[1]
-    theta = math.atan2(s * g[0] + c * g[1], g_z)
+    theta = math.atan2(s * g[0] + c * g[1], g_z)  # pyright: ignore[reportArgumentType] (floats here)
     phi = math.asin(max(-1.0, min(1.0, -c * g[0] + s * g[1])))
     # psi less psi_s, which is small: of both the sine and cosine over one positive factor
     sine, cosine = s * m22 - c * m12, c * m11 - s * m12

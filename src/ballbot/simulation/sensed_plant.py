@@ -130,7 +130,7 @@ class SensedPlant:
         """Torques (n,) that gears with play pass on to the wheels in the last step [N m]."""
         return self._rows(PASSED)
 
-    def _rows(self, first: np.int64) -> NDArray[np.float64]:
+    def _rows(self, first: int) -> NDArray[np.float64]:
         """Return a number of each wheel (n,) from the work array."""
         return self._work[first * LANES : (first + self.robot.wheel_count) * LANES : LANES].copy()
 

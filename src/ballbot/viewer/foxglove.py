@@ -79,7 +79,7 @@ def write_with_scene(path: str | Path, log: Log, robot: Robot | None) -> str:
             except InputError as error:
                 reason = f"The file has no 3-D scene. {error}"
     if channels:
-        write_mcap(path, log.columns, channels)
+        write_mcap(Path(path), log.columns, channels)
     else:
         log.write(path)
     return reason

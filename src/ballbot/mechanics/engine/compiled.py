@@ -56,7 +56,7 @@ def c_code(signature: str) -> Callable[[Callable], int]:
     """
 
     def address_of(function: Callable) -> int:
-        return _kept(function, partial(cfunc, signature), fastmath=FAST).address
+        return _kept(function, partial(cfunc, signature), fastmath=FAST).address  # pyright: ignore[reportFunctionMemberAccess]
 
     return address_of
 

@@ -38,7 +38,7 @@ def unpacked(selected, at):
     wheels = [Wheel(*shaped(WHEEL_SHAPE, map(at, places)), *rigid[_DECAY]) for _ in range(n)]
     if isinstance(selected.law, DirectedLaw):
         wheels = [DirectedWheel(*wheel, shaped(NO_TERMS, map(at, places))) for wheel in wheels]
-    return Parameters(*rigid, tuple(wheels))
+    return Parameters(*rigid, tuple(wheels))  # pyright: ignore[reportCallIssue] (as many as `RIGID_SHAPE`)
 
 
 @traced

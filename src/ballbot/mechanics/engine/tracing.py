@@ -80,7 +80,7 @@ def _bitwise(operation: str) -> Callable:
 class Number:
     """Stands for a float, an integer or a truth value of the code that is compiled."""
 
-    def __init__(self, value: ir.Value) -> None:
+    def __init__(self, value: Any) -> None:
         self.value = value
 
     __add__, __sub__, __mul__ = _real("add"), _real("sub"), _real("mul")
@@ -112,10 +112,10 @@ class Number:
 class Rows:
     """Stands for an array of float64 whose numbers lie one after another, or for C's pointer to them."""
 
-    def __init__(self, data: ir.Value) -> None:
+    def __init__(self, data: Any) -> None:
         self.data = data
 
-    def _at(self, index: Number | int) -> ir.Value:
+    def _at(self, index: Number | int) -> Any:
         return _Place.builder.gep(self.data, [_value(index, like=_WHOLE)], inbounds=True)
 
     def __getitem__(self, index: Number | int) -> Number:
@@ -125,7 +125,7 @@ class Rows:
         _Place.builder.store(_value(value, like=_REAL), self._at(index))
 
 
-def _value(number: Number | float, *, like: ir.Type) -> ir.Value:
+def _value(number: Number | float, *, like: Any) -> Any:
     """Return LLVM's value of a stand-in, or of a number that is known; integers become floats where asked for."""
     if not isinstance(number, Number):
         return ir.Constant(like, float(number) if like == _REAL else int(number))
@@ -134,14 +134,14 @@ def _value(number: Number | float, *, like: ir.Type) -> ir.Value:
     return number.value
 
 
-def _alike(a: Number | float, b: Number | float) -> tuple[ir.Value, ir.Value]:
+def _alike(a: Number | float, b: Number | float) -> tuple[Any, Any]:
     """Return the values of two numbers as one type: the float's, if there is one."""
     kinds = [one.value.type if isinstance(one, Number) else _kind_of(one) for one in (a, b)]
     kind = _REAL if _REAL in kinds else _WHOLE if _WHOLE in kinds else _TRUTH
     return _value(a, like=kind), _value(b, like=kind)
 
 
-def _kind_of(number: float) -> ir.Type:
+def _kind_of(number: float) -> Any:
     if isinstance(number, bool):
         return _TRUTH
     return _WHOLE if isinstance(number, int) else _REAL
@@ -300,11 +300,11 @@ def _type_of(found: object) -> types.Type:
         return types.none
     if isinstance(found, tuple):
         kind = type(found) if hasattr(found, "_fields") else None
-        return types.BaseTuple.from_types([_type_of(one) for one in found], kind)
+        return types.BaseTuple.from_types([_type_of(one) for one in found], kind)  # pyright: ignore[reportReturnType]
     return _NUMBA_TYPES[found.value.type if isinstance(found, Number) else _kind_of(found)]  # pyright: ignore[reportArgumentType]
 
 
-def _stand_in(context: Any, kind: types.Type, value: ir.Value | None) -> Any:
+def _stand_in(context: Any, kind: types.Type, value: Any | None) -> Any:
     """Return what stands for an argument of Numba's type; of no value while types are inferred."""
     if isinstance(kind, types.BaseTuple):
         items = tuple(kind)  # pyright: ignore[reportArgumentType] (each kind of tuple is iterable, their base is not)
@@ -329,7 +329,7 @@ def _stand_in(context: Any, kind: types.Type, value: ir.Value | None) -> Any:
     return Number(ir.Constant(plain, ir.Undefined) if value is None else value)
 
 
-def _packed(context: Any, kind: types.Type, found: Any) -> ir.Value:
+def _packed(context: Any, kind: types.Type, found: Any) -> Any:
     """Return LLVM's value of a result."""
     if isinstance(kind, types.NoneType):
         return context.get_dummy_value()
