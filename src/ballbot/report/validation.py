@@ -22,6 +22,7 @@ from ballbot.rounding import digits
 from ballbot.validation import ErrorPair, ModelPair, Validation, findings
 from ballbot.validation.prediction import HorizonComparison, Prediction
 from ballbot.validation.residuals import ResidualAnalysis
+from ballbot.validation.whole_log import QUANTITIES, RUNS, WholeLog
 
 
 def validation_results(validation: Validation) -> dict[str, object]:
@@ -48,7 +49,7 @@ def validation_results(validation: Validation) -> dict[str, object]:
         else {
             **_error_results(closed.restarted, models),
             "restart_every": closed.restart_every,
-            "whole_log": _error_results(closed.whole, models),
+            "whole_logs": [_whole_log_results(one, models) for one in closed.whole],
         },
         "no_closed_loop": validation.no_closed_loop,
         "prediction": _prediction_results(validation.prediction, validation.residuals, models),
@@ -90,6 +91,36 @@ def _error_results(pair: ErrorPair, models: ModelPair) -> dict[str, object]:
         "runs": pair.runs,
         "samples": int(pair.first.samples.sum()),
     }
+
+
+def _whole_log_results(whole: WholeLog, models: ModelPair) -> dict[str, object]:
+    """Return RMS, amplitude and period of the log, and least, median and largest of each model's runs."""
+    return {
+        "duration": whole.duration,
+        "runs": RUNS,
+        **{
+            quantity: {
+                "log": by_state(whole.measured[k]),
+                **{
+                    key_of(name): {
+                        "range_95": dict(zip(STATE_NAMES, whole.ranges[::2, model, k].T, strict=True)),
+                        "median": by_state(whole.ranges[1, model, k]),
+                        "log_is": dict(zip(STATE_NAMES, whole_log_words(whole)[model][k], strict=True)),
+                    }
+                    for model, name in enumerate(models.names)
+                },
+            }
+            for k, quantity in enumerate(QUANTITIES)
+        },
+        "ended_early": dict(zip(map(key_of, models.names), whole.fell, strict=True)),
+        "errors": _error_results(whole.errors, models),
+    }
+
+
+def whole_log_words(whole: WholeLog) -> list[list[list[str]]]:
+    """Return for each model, quantity and state whether the log is below, inside or above the range of its runs."""
+    words = np.array(["below", "inside", "above"])
+    return words[whole.places + 1].tolist()
 
 
 def _horizon_results(horizon: HorizonComparison, models: ModelPair) -> dict[str, object]:
@@ -186,7 +217,7 @@ def _columns(values: NDArray[np.float64]) -> dict[str, list[float]]:
 
 
 def validation_parts(validation: Validation, *, framed: bool) -> Iterator[RenderableType]:
-    """Yield the errors in open and in closed loop, and the findings."""
+    """Yield the errors in open and in closed loop, where whole logs lie among runs of the models, and the findings."""
     if validation.no_evidence is not None:
         yield Text(validation.no_evidence)
         return
@@ -197,6 +228,8 @@ def validation_parts(validation: Validation, *, framed: bool) -> Iterator[Render
     for what, errors in loops.items():
         if errors is not None:
             yield _error_table(what, errors, validation.models, framed=framed)
+    for whole in validation.closed_loop.whole if validation.closed_loop else ():
+        yield _whole_log_table(whole, validation.models, framed=framed)
     for finding in findings(validation):
         yield Text(finding.text)
 
@@ -220,3 +253,29 @@ def _error_table(what: str, pair: ErrorPair, models: ModelPair, *, framed: bool)
     headings = ("state", "|e|/n A", "B", "B/A", "95 %", "A is", "RMSE A", "B")
     title = f"{what}, {pair.runs} runs; A {models.first.name}, B {models.second.name}"
     return table(title, headings, rows, framed=framed)
+
+
+def _whole_log_table(whole: WholeLog, models: ModelPair, *, framed: bool) -> Table:
+    words = whole_log_words(whole)
+    rows = [
+        (
+            name,
+            *(
+                cell
+                for k in range(len(QUANTITIES))
+                for cell in (swing_digits(whole.measured[k, i]), words[0][k][i], words[1][k][i])
+            ),
+        )
+        for i, name in enumerate(STATE_NAMES)
+    ]
+    headings = ("state", "RMS", "A", "B", "amplitude", "A", "B", "period", "A", "B")
+    title = (
+        f"closed loop over {whole.duration:.3g} s: the log's deviation from the reference, and where it lies in the "
+        f"95 % range of {RUNS} runs; A {models.first.name}, B {models.second.name}"
+    )
+    return table(title, headings, rows, framed=framed)
+
+
+def swing_digits(value: float) -> str:
+    """Return a number of a whole log; a dash for one that a run without swings, or one that fell, does not have."""
+    return digits(value) if 0.0 < value < np.inf else "–"

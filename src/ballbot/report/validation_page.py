@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
@@ -9,11 +10,12 @@ import numpy as np
 from ballbot.errors import InputError
 from ballbot.fitting.comparison import LEAST_RUNS
 from ballbot.log import STATE_NAMES, Log
-from ballbot.report.blocks import Bullets, Film, Paragraph, Report, Section, Sheet, section
+from ballbot.report.blocks import Block, Bullets, Film, Paragraph, Report, Section, Sheet, section
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import STATE_UNITS, drawn_picture
 from ballbot.report.tables import error_rows
+from ballbot.report.validation import swing_digits, whole_log_words
 from ballbot.report.validation_figures import (
     correlation_figure,
     horizon_figure,
@@ -21,6 +23,7 @@ from ballbot.report.validation_figures import (
     spectrum_figure,
     symbols,
     wheels_figure,
+    whole_log_figure,
 )
 from ballbot.report.words import state_mark, with_symbols
 from ballbot.rounding import unit_heading
@@ -28,8 +31,9 @@ from ballbot.summary import counted
 from ballbot.validation import ErrorPair, Validation
 from ballbot.validation.models import ModelPair, Trajectories
 from ballbot.validation.residuals import ResidualAnalysis, residual_findings
-from ballbot.validation.result import model_findings
+from ballbot.validation.result import model_findings, whole_log_verdict
 from ballbot.validation.statistics import Whiteness
+from ballbot.validation.whole_log import RUNS, WholeLog
 from ballbot.viewer.page import replay_part
 
 
@@ -154,12 +158,10 @@ def _closed_loop_section(validation: Validation, example_of: str) -> Section:
     every = f"{closed.restart_every:.2g}"
     words = (
         "Both models start from the measured state and are driven by the controller that drove the "
-        f"robot{_controller_words(validation)}. Over a whole log, model and robot lose each other's phase in the "
-        f"limit cycle that friction causes, so the first table restarts them from the measured state every {every} "
-        "s; the second is without restarts."
+        f"robot{_controller_words(validation)}. The first table restarts them from the measured state every {every} s, "
+        "before model and robot lose each other's phase in the limit cycle that friction causes."
     )
     restarted = f"Closed-loop errors, restarted every {every} s, the mean over "
-    example = f"The first seconds of {example_of} in closed loop, without a restart."
     return section(
         "Closed loop",
         Paragraph(text=words),
@@ -169,14 +171,64 @@ def _closed_loop_section(validation: Validation, example_of: str) -> Section:
             f"{restarted}{counted(closed.restarted.runs, 'run')}.",
             folded=validation.open_loop is not None,
         ),
-        error_sheet(
-            validation,
-            closed.whole,
-            "Closed-loop errors over each whole log without a restart.",
-            folded=True,
+        *(
+            block
+            for place in range(len(closed.whole))
+            for block in _whole_log_blocks(validation, place, example_of)
         ),
-        _trajectories(closed.example, validation.models.names, example),
-        _replay(closed.example, validation.models),
+    )
+
+
+def _whole_log_blocks(validation: Validation, place: int, example_of: str) -> Iterator[Block | None]:
+    """Yield what is shown of both models' runs over a whole log; the first log's is the one of the examples."""
+    closed, names = validation.closed_loop, validation.models.names
+    assert closed is not None
+    whole = closed.whole[place]
+    which = f", log {place + 1} of {len(closed.whole)}" if len(closed.whole) > 1 else ""
+    yield Paragraph(text=whole_log_verdict(whole, validation.models))
+    caption = (
+        f"{RUNS} runs of each model over {whole.duration:.3g} s{which}, with the noise of a measured state drawn: RMS "
+        "of the deviation from the reference, mean amplitude and mean period of its swings, over the log's own. Dot: "
+        "the median, bar: 95 % of the runs. A bar that contains one contains the log."
+    )
+    yield drawn_picture(f"whole_log_{place + 1}", partial(whole_log_figure, whole, names), caption)
+    yield _whole_log_sheet(whole, names, which)
+    yield error_sheet(
+        validation,
+        whole.errors,
+        f"Closed-loop errors over {whole.duration:.3g} s without a restart{which}, the median of {RUNS} runs.",
+        folded=True,
+    )
+    if place == 0:
+        example = f"The first seconds of {example_of} in closed loop, without a restart, beside one run of each model."
+        yield _trajectories(whole.example, names, example)
+        yield _replay(whole.example, validation.models)
+
+
+def _whole_log_sheet(whole: WholeLog, names: tuple[str, str], which: str) -> Sheet:
+    """Return RMS, amplitude and period of the log and of both models' runs, by state."""
+    words, (least, median, largest) = whole_log_words(whole), whole.ranges
+
+    def cells(k: int, i: int) -> Iterator[str]:
+        yield swing_digits(whole.measured[k, i])
+        for model in range(2):
+            ends = (swing_digits(least[model, k, i]), swing_digits(largest[model, k, i]))
+            yield swing_digits(median[model, k, i])
+            yield "–" if ends == ("–", "–") else " to ".join(ends)
+            yield words[model][k][i]
+
+    rows = [
+        (unit_heading(state_mark(name), STATE_UNITS[name]), quantity, *cells(k, i))
+        for k, quantity in enumerate(("RMS", "amplitude", "period [s]"))
+        for i, name in enumerate(STATE_NAMES)
+    ]
+    return Sheet(
+        groups=(("", 3), (names[0], 3), (names[1], 3)),
+        headings=("state", "of the deviation", "log", *("median", "95 % of the runs", "the log is") * 2),
+        rows=rows,
+        caption=f"The log among {RUNS} runs of each model over {whole.duration:.3g} s{which}. –: no whole swing.",
+        shaded=frozenset(place for place, row in enumerate(rows) if row[5] != "inside"),
+        folded=True,
     )
 
 

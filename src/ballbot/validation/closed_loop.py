@@ -1,8 +1,7 @@
 """Closed-loop validation: both models from the measured start, driven by the controller that drove the robot.
 
-Over a whole log the model and the robot lose each other's phase, because friction makes both wander in a limit cycle
-whose period the smallest difference shifts. So the comparison restarts from the measured state every few seconds,
-and the run over the whole log stands beside it.
+Both models restart from the measured state every few seconds, before they and the robot lose each other's phase; whole
+logs are compared by distributions (`ballbot.validation.whole_log`).
 
 The controller is given, or its gain is recovered from the log. A robot that balances by u = K S(psi) (r - x) shows its
 K: states, references and torques are all in the log, and the law is linear in K. Least squares over the samples that
@@ -19,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback
 from ballbot.errors import InputError
 from ballbot.log import Log
@@ -26,12 +26,12 @@ from ballbot.mechanics.engine.run import simulate_one
 from ballbot.validation.models import (
     ErrorPair,
     ModelPair,
-    Trajectories,
     check_wheels,
     join_pairs,
     rows_after,
     window_starts,
 )
+from ballbot.validation.whole_log import WholeLog, compare_whole_log
 
 #: torques this close to the limit count as clipped
 _CLIPPED = 0.999
@@ -166,12 +166,11 @@ def _fit_gain(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ClosedLoop:
-    """Errors in closed loop: restarted every few seconds, and over the whole log in one go."""
+    """Errors in closed loop, restarted every few seconds, and the distributions over whole logs."""
 
     restarted: ErrorPair
     restart_every: float  #: [s]
-    whole: ErrorPair  #: one run a log
-    example: Trajectories  #: the beginning of the run over the whole log
+    whole: tuple[WholeLog, ...]  #: of each log; none with a user's controller or the thesis's equations
 
 
 def closed_loop(
@@ -180,10 +179,11 @@ def closed_loop(
     parts: Sequence[range],
     controller: Feedback,
     *,
+    covariance: NDArray[np.float64],
     delay: int = 0,
     restart_every: float = 4.0,
     floor: NDArray[np.float64] | None = None,
-    example_time: float = 20.0,
+    seed: int = 0,
 ) -> ClosedLoop:
     """Compare both models with the log in closed loop.
 
@@ -196,14 +196,16 @@ def closed_loop(
         Rows within which runs restart.
     controller : Feedback
         As it ran on the robot; every run has a copy of its own.
+    covariance : array (10, 10)
+        Of a measured state's noise.
     delay : int
         Samples by which the controller's torques come late.
     restart_every : float
         About the length of a run [s]: the longest stretch is divided into equal runs.
     floor : array (10,), optional
         Errors that the resolution of the log explains; what rounding makes of the start, feedback makes smaller.
-    example_time : float
-        Length of the piece kept to look at [s].
+    seed : int
+        Of the noise drawn for the runs over the whole log.
 
     Raises
     ------
@@ -221,32 +223,30 @@ def closed_loop(
     samples = longest // max(1, round(longest * log.sample_time / restart_every))
     starts = window_starts(parts, samples=samples, every=samples)
     restarted = _run_models(models, log, starts, samples, controller, delay)
-    everything = len(log) - 1
-    whole = _run_models(models, log, np.array([0]), everything, controller, delay)
-    shown = min(everything, round(example_time / log.sample_time))
+    measured = log.states[rows_after(starts, samples)]
+    whole = ()
+    # the loop of the thesis's equations takes a minute to compile, for this alone
+    exact = all(model.formulation == "exact" for model in models.both)
+    if exact and isinstance(controller, Controller):
+        whole = (
+            compare_whole_log(
+                models, log, controller, delay=delay, covariance=covariance, floor=floor, seed=seed
+            ),
+        )
     return ClosedLoop(
-        restarted=_errors(log, starts, restarted, floor),
+        restarted=ErrorPair.of_runs(list(measured), list(restarted[0]), list(restarted[1]), floor=floor),
         restart_every=samples * log.sample_time,
-        whole=_errors(log, np.array([0]), whole, floor),
-        example=Trajectories.beside(log, 0, whole[:, 0, :shown]),
+        whole=whole,
     )
 
 
 def join_closed_loops(parts: Sequence[ClosedLoop]) -> ClosedLoop:
-    """Return the runs of all `parts` as one; the example is that of the first."""
+    """Return the runs of all `parts` as one."""
     return ClosedLoop(
         restarted=join_pairs([part.restarted for part in parts]),
         restart_every=max(part.restart_every for part in parts),
-        whole=join_pairs([part.whole for part in parts]),
-        example=parts[0].example,
+        whole=tuple(one for part in parts for one in part.whole),
     )
-
-
-def _errors(
-    log: Log, starts: NDArray[np.int64], states: NDArray[np.float64], floor: NDArray[np.float64] | None
-) -> ErrorPair:
-    measured = log.states[rows_after(starts, states.shape[2])]
-    return ErrorPair.of_runs(list(measured), list(states[0]), list(states[1]), floor=floor)
 
 
 def _run_models(

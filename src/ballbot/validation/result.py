@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -18,6 +17,7 @@ from ballbot.validation.open_loop import OpenLoop
 from ballbot.validation.prediction import HorizonComparison, Prediction
 from ballbot.validation.residuals import ResidualAnalysis, residual_findings
 from ballbot.validation.wheel_effects import Dither
+from ballbot.validation.whole_log import RUNS, WholeLog
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -232,18 +232,25 @@ def _closed_loop_verdict(validation: Validation) -> str:
     restarted = closed.restarted
     runs = f"restarted every {closed.restart_every:.2g} s ({counted(restarted.runs, 'run')})"
     verdict = f"Closed loop, {runs}: {better_in(restarted, validation.models)}."
-    behind = [name for name, ratio in zip(STATE_NAMES, closed.whole.ratio, strict=True) if ratio <= 1.0]
-    if behind:
-        verdict += (
-            " Over the whole log without a restart, models and robot get out of phase in "
-            f"the limit cycle, and the error of the model {validation.models.first.name} "
-            f"is not the smaller one in {_states(behind)}."
-        )
-    return verdict
+    return " ".join([verdict, *(whole_log_verdict(one, validation.models) for one in closed.whole)])
 
 
-def _states(names: Sequence[str]) -> str:
-    return "any state" if len(names) == len(STATE_NAMES) else ", ".join(names)
+def whole_log_verdict(whole: WholeLog, models: ModelPair) -> str:
+    """Return in how many states a log's numbers lie within those of each model's runs, and how many runs fell."""
+    inside = (whole.places == 0).sum(axis=-1)
+    counts = [f"{rms}, {amplitude} and {period}" for rms, amplitude, period in inside.tolist()]
+    verdict = (
+        f"Over {whole.duration:.3g} s without a restart, RMS, amplitude and period of the log's deviations from the "
+        f"reference lie within the 95 % range of {RUNS} runs of the model {models.first.name} in {counts[0]} of the "
+        f"ten states, and of the model {models.second.name} in {counts[1]}; the medians of the model "
+        f"{models.first.name} are nearer to the log in {whole.nearer[0]} of these 30 numbers."
+    )
+    fell = [
+        f" {count} of the {RUNS} runs of the model {name} end early."
+        for count, name in zip(whole.fell, models.names, strict=True)
+        if count
+    ]
+    return "".join([verdict, *fell])
 
 
 def _horizon_verdict(validation: Validation) -> str:

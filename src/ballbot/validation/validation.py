@@ -7,6 +7,7 @@ from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ballbot.arguments import checked_arguments
 from ballbot.control.controller import Controller
@@ -167,7 +168,8 @@ def validate_pair(
     longest : float
         Longest open-loop run [s].
     run : Run, optional
-        Its seed is that of the noise drawn for the noise floors; its progress is reported before each stage.
+        Its seed is that of the noise drawn for the noise floors and for the runs over whole logs; its progress is
+        reported before each stage.
 
     Raises
     ------
@@ -193,7 +195,7 @@ def validate_pair(
     recovered, closed, refusal = (
         (None, None, refused)
         if refused
-        else _closed_loop(models, log, parts, controller, restart_every, horizon)
+        else _closed_loop(models, log, parts, controller, restart_every, covariance, horizon, run.seed)
     )
     _report(run, 3)
     opened = (
@@ -315,7 +317,9 @@ def _closed_loop(
     parts: Sequence[range],
     controller: Feedback | None,
     restart_every: float,
+    covariance: NDArray[np.float64],
     horizon: HorizonComparison,
+    seed: int,
 ) -> tuple[RecoveredGain | None, ClosedLoop | None, str | None]:
     """Return the recovered gain, the closed-loop validation, and the reason if it is missing."""
     recovered = None
@@ -334,6 +338,14 @@ def _closed_loop(
     floor = None if horizon.errors.floor is None else horizon.errors.floor[-1]
     delay = delay_of(controller, log) if recovered is None else recovered.delay
     closed = closed_loop(
-        models, log, parts, controller, delay=delay, restart_every=restart_every, floor=floor
+        models,
+        log,
+        parts,
+        controller,
+        covariance=covariance,
+        delay=delay,
+        restart_every=restart_every,
+        floor=floor,
+        seed=seed,
     )
     return recovered, closed, None

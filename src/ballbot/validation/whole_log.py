@@ -1,0 +1,180 @@
+"""Both models in closed loop over a whole log, many runs of each: whether the log could be one of them.
+
+Over a whole log the model and the robot lose each other's phase, because friction makes both wander in a limit cycle
+whose period the smallest difference shifts. One run beside the log therefore says little. Here the compiled loop makes
+`RUNS` runs of each model with the log's reference and controller, and compares three numbers of each state that do not
+depend on the phase: the RMS of its deviation from the reference, and the amplitude and the period of its swings.
+
+What is random in a run is the noise of a measured state, of covariance S: it moves the start, is added to the states,
+and as the controller feeds it back it acts as torques of covariance K S K^T.
+
+If the log is one more run of the model, each of its numbers is equally likely to fall between any two of the runs', so
+the range of n runs contains it with a probability of (n - 1) / (n + 1), whatever the distribution: 95 % for 39.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.controller import Controller
+from ballbot.log import Log
+from ballbot.simulation.batch import simulate_batch
+from ballbot.simulation.imperfections import Imperfections
+from ballbot.validation.models import ErrorPair, ModelPair, StateErrors, Trajectories, stretches
+
+RUNS = 39  #: of each model
+QUANTITIES = ("rms", "amplitude", "period")
+#: no more of a log is compared [s]: the work grows with its length
+_LONGEST = 100.0
+#: between rows that are compared [s]; a limit cycle lasts seconds
+_ROW_TIME = 0.02
+#: inner step of the models, if theirs is shorter [s]: the medians of the three numbers are those of 1 ms within 1.5 %
+#: (3 % for the periods), in 0.75 of the time
+_STEP = 2.5e-3
+#: a state has swung to a side once it is so many standard deviations from its mean
+_SIDE = 0.5
+_EXAMPLE_TIME = 20.0  #: [s]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WholeLog:
+    """One log's and both models' numbers, in the order of `QUANTITIES` and of the states.
+
+    A state that never swings has the amplitude zero and an infinite period; all numbers of a run that ends early, by a
+    fall for one, are infinite.
+    """
+
+    duration: float  #: of the log's longest stretch without a gap, of which at most 100 s are compared [s]
+    measured: NDArray[np.float64]  #: (3, 10) of the log
+    models: NDArray[np.float64]  #: (2, runs, 3, 10) of the first model's runs and the second's
+    fell: tuple[int, int]  #: runs of each model that ended early
+    errors: ErrorPair  #: (4.1), of each model and state the median of the runs
+    example: Trajectories  #: the beginning of the first run of each
+
+    @property
+    def ranges(self) -> NDArray[np.float64]:
+        """Least, median and largest number of each model's runs (3, 2, 3, 10); the range contains 95 % of runs."""
+        return np.quantile(self.models, (0.0, 0.5, 1.0), axis=1, method="nearest")
+
+    @property
+    def places(self) -> NDArray[np.int64]:
+        """Where the log's numbers lie (2, 3, 10): -1 below a model's range, 0 inside, 1 above."""
+        least, _, largest = self.ranges
+        return np.where(self.measured < least, -1, np.where(self.measured > largest, 1, 0))
+
+    @property
+    def nearer(self) -> tuple[int, int]:
+        """In how many of the 30 numbers the first model's median is nearer to the log's, by ratio, and the second's."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            away = np.nan_to_num(np.abs(np.log(self.ranges[1] / self.measured)), nan=0.0)
+        return int((away[0] < away[1]).sum()), int((away[1] < away[0]).sum())
+
+
+def compare_whole_log(
+    models: ModelPair,
+    log: Log,
+    controller: Controller,
+    *,
+    delay: int,
+    covariance: NDArray[np.float64],
+    floor: NDArray[np.float64] | None,
+    seed: int,
+) -> WholeLog:
+    """Run both models over a log's longest stretch without a gap.
+
+    Parameters
+    ----------
+    models : ModelPair
+    log : Log
+        With ref_x, ref_y, ref_psi.
+    controller : Controller
+        As it ran on the robot.
+    delay : int
+        Samples by which its torques come late.
+    covariance : array (10, 10)
+        Of a measured state's noise.
+    floor : array (10,), optional
+        RMSE that the resolution of the log explains.
+    seed : int
+        Of the noise.
+    """
+    part = max(stretches(log), key=len)
+    every = max(1, round(_ROW_TIME / log.sample_time))
+    records = max(1, min(len(part) - 1, round(_LONGEST / log.sample_time)) // every)
+    every = min(every, len(part) - 1)
+    samples = records * every
+    states, references = (
+        columns[part.start : part.start + samples + 1] for columns in (log.states, log.reference)
+    )
+    measured = states[every::every]
+    noise = np.random.default_rng(seed).multivariate_normal(
+        np.zeros(10), covariance, size=(RUNS, records + 1), method="eigh"
+    )
+    gain = controller.gain
+    borne = Imperfections(
+        delay=delay,
+        torque_noise=float(np.sqrt(np.mean(np.einsum("ij,jk,ik->i", gain, covariance, gain)))),
+        seed=seed,
+    )
+    runs, fell = [], []
+    for model in models.both:
+        batch = simulate_batch(
+            replace(model, step=max(model.step, _STEP)),
+            controller,
+            lambda t: references[min(round(t / controller.sample_time), samples)],
+            duration=samples * controller.sample_time,
+            initial_states=states[0] + noise[:, 0],
+            imperfections=borne,
+            every=every,
+        )
+        runs.append(batch.states + noise[:, 1:])
+        fell.append(~batch.survived)
+    deviations = np.concatenate([measured[None], *runs]) - references[every::every]
+    numbers = np.array([_numbers(one, every * log.sample_time) for one in deviations])
+    numbers[1:][np.concatenate(fell)] = np.inf
+    shown = min(records, round(_EXAMPLE_TIME / (every * log.sample_time)))
+    rows = part.start + every * np.arange(shown + 1)
+    first, second = (np.vstack([states[:1], run[0, :shown]]) for run in runs)
+    return WholeLog(
+        duration=samples * log.sample_time,
+        measured=numbers[0],
+        models=numbers[1:].reshape(2, RUNS, *numbers.shape[1:]),
+        fell=(int(fell[0].sum()), int(fell[1].sum())),
+        errors=ErrorPair(
+            first=_median_errors(measured - runs[0], samples),
+            second=_median_errors(measured - runs[1], samples),
+            means=measured.mean(axis=0)[None],
+            squares=np.mean(measured**2, axis=0)[None],
+            floor=np.zeros(10) if floor is None else floor,
+        ),
+        example=Trajectories(t=log.t[rows], measured=log.states[rows], first=first, second=second),
+    )
+
+
+def _median_errors(differences: NDArray[np.float64], samples: int) -> StateErrors:
+    """Return (4.1) over `samples` from the differences (runs, rows, 10) at some of them: the median of the runs."""
+    rmse = np.sqrt(np.median(np.mean(differences**2, axis=1), axis=0))
+    return StateErrors(by_run=rmse[None] / np.sqrt(samples), samples=np.array([samples]))
+
+
+def _numbers(deviation: NDArray[np.float64], row_time: float) -> NDArray[np.float64]:
+    """Return RMS, amplitude and period (3, 10) of a run's deviations from the reference (rows, 10)."""
+    swings = np.array([_swings(column) for column in (deviation - deviation.mean(axis=0)).T]).T
+    return np.array([np.sqrt(np.mean(deviation**2, axis=0)), swings[0], row_time * swings[1]])
+
+
+def _swings(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the mean amplitude and the mean period in rows of the swings of values about zero.
+
+    A swing goes from one side to the other, each at least `_SIDE` standard deviations away, so that noise about zero
+    begins none; its amplitude is that of its farthest point.
+    """
+    away = np.flatnonzero(np.abs(values) > _SIDE * values.std())
+    begins = away[1:][np.diff(np.sign(values[away])) != 0.0]
+    if len(begins) < 3:  # no whole period
+        return 0.0, np.inf
+    farthest = np.maximum.reduceat(np.abs(values), begins)[:-1]
+    return float(farthest.mean()), 2.0 * float(begins[-1] - begins[0]) / (len(begins) - 1)

@@ -1,0 +1,105 @@
+"""Whole logs among runs of the models: logs that the loop itself made, and numbers of known swings."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ballbot.control.controller import Controller
+from ballbot.control.references import square
+from ballbot.log import STATE_NAMES
+from ballbot.mechanics.model import Model
+from ballbot.robot import Sensors
+from ballbot.simulation.batch import simulate_batch
+from ballbot.simulation.imperfections import Imperfections
+from ballbot.simulation.run import initial_state_of
+from ballbot.validation.closed_loop import recover_gain
+from ballbot.validation.models import ErrorPair, ModelPair, Trajectories, stretches
+from ballbot.validation.prediction import predict
+from ballbot.validation.result import whole_log_verdict
+from ballbot.validation.whole_log import RUNS, WholeLog, _numbers, compare_whole_log
+from tests.support.validation_examples import gain, true_robot
+
+SENSORS = Sensors(
+    encoder_counts=4096, gyro_noise=2e-3, attitude_noise=1.7e-3, heading_drift=0.0, sample_time=0.005
+)
+
+
+def _beside_own_model(*, logs: int, duration: float) -> list[WholeLog]:
+    """Return comparisons of logs that the loop made of the robot with friction, through its sensors."""
+    robot, models = true_robot(), ModelPair.by_friction(Model(true_robot()))
+    made = simulate_batch(
+        models.first.model,
+        Controller(robot, gain(), estimator="onboard"),
+        square(period=8.0),
+        duration=duration,
+        initial_states=np.array([initial_state_of(seed) for seed in range(logs)]),
+        imperfections=Imperfections(sensors=SENSORS, seed=5),
+    )
+    found = []
+    for seed in range(logs):
+        log = made.log(seed).without_truth()
+        recovered = recover_gain(log)
+        found.append(
+            compare_whole_log(
+                models,
+                log,
+                Controller(robot, recovered.gain, sample_time=log.sample_time),
+                delay=recovered.delay,
+                covariance=predict(models, log, stretches(log)).start_covariance,
+                floor=None,
+                seed=seed,
+            )
+        )
+    return found
+
+
+@pytest.mark.slow
+def test_a_log_lies_within_its_own_model_s_range_and_outside_that_without_friction():
+    found = _beside_own_model(logs=10, duration=16.0)
+    inside = np.mean([one.places == 0 for one in found], axis=0)  # (model, quantity, state)
+    # nominally 95 % of 300 numbers; those of a log depend on each other, so that they scatter like those of ten logs
+    # with a few independent numbers each. 24 logs of 32 s, seeds of their own: 95.1 %
+    assert 0.88 <= inside[0].mean() <= 0.99
+    # the sticky robot's limit cycle: its heading swings, which nothing without friction does
+    heading = STATE_NAMES.index("psi")
+    assert inside[1, :2, heading].max() == 0.0
+    assert np.mean([one.places[1, 0] for one in found]) > 0.5  # friction makes deviations larger: above
+    assert all(one.nearer[0] > one.nearer[1] for one in found)
+
+
+def test_swings_of_a_noisy_sine_have_its_amplitude_and_period():
+    t = 0.02 * np.arange(3000)
+    noise = 0.05 * np.random.default_rng(3).normal(size=(3000, 10))
+    deviation = (0.3 + 0.5 * np.sin(2.0 * np.pi * t / 4.0))[:, None] + noise
+    rms, amplitude, period = _numbers(deviation, 0.02)
+    np.testing.assert_allclose(rms, np.sqrt(0.3**2 + 0.5**2 / 2.0 + 0.05**2), rtol=0.01)
+    # the farthest of a swing's 100 points is about two deviations of the noise beyond the sine
+    np.testing.assert_allclose(amplitude, 0.5 + 2.0 * 0.05, rtol=0.05)
+    np.testing.assert_allclose(period, 4.0, rtol=0.01)
+
+
+def test_without_a_whole_period_there_is_no_limit_cycle():
+    _, amplitude, period = _numbers(np.linspace(-1.0, 1.0, 500)[:, None] * np.ones(10), 0.02)
+    assert np.all(amplitude == 0.0)
+    assert np.all(np.isinf(period))
+
+
+def test_runs_that_fall_are_beyond_every_number_of_a_log_that_stands():
+    models = ModelPair.by_friction(Model(true_robot()))
+    numbers = np.ones((2, RUNS, 3, 10))
+    numbers[1] = np.inf
+    states = np.zeros((2, 10))
+    whole = WholeLog(
+        duration=48.0,
+        measured=np.ones((3, 10)),
+        models=numbers,
+        fell=(0, RUNS),
+        errors=ErrorPair.of_runs([states], [states], [states]),
+        example=Trajectories(t=np.arange(2.0), measured=states, first=states, second=states),
+    )
+    assert np.all(whole.places[0] == 0)
+    assert np.all(whole.places[1] == -1)
+    assert f"{RUNS} of the {RUNS} runs of the model without friction end early" in whole_log_verdict(
+        whole, models
+    )
