@@ -59,7 +59,7 @@ def test_reversals_have_order_two() -> None:
 @pytest.mark.parametrize(
     "model",
     [
-        Model(four_wheeled(friction=True)),
+        pytest.param(Model(four_wheeled(friction=True)), marks=pytest.mark.sample),
         Model(alten(FRICTION), "thesis"),
     ],
     ids=["four wheels", "thesis"],

@@ -167,7 +167,6 @@ def balancing(folder):
 @pytest.mark.parametrize(
     "options",
     [
-        pytest.param("--plant twin", marks=pytest.mark.slow),
         pytest.param("--board", marks=pytest.mark.board),
         pytest.param("--board --plant twin --scenario nominal", marks=pytest.mark.board),
     ],

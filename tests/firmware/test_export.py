@@ -123,7 +123,7 @@ def test_number_beyond_single_precision_is_refused():
 
 @needs_compiler
 @pytest.mark.parametrize(
-    "compiler", ["gcc", *(pytest.param(name, marks=pytest.mark.slow) for name in ("clang", "zig"))]
+    "compiler", ["gcc", *(pytest.param(name, marks=pytest.mark.board) for name in ("clang", "zig"))]
 )
 def test_what_is_exported_compiles_without_a_warning(compiler, tmp_path):
     if compiler not in compilers():

@@ -153,7 +153,7 @@ def _robust_step(selected, work):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "pivoting", [None, 0.05, *(pytest.param(one, marks=pytest.mark.sample) for one in (0.0, 1.0))]
+    "pivoting", [None, *(pytest.param(one, marks=pytest.mark.sample) for one in (0.0, 1.0))]
 )
 def test_the_engine_s_vector_step_is_the_minimiser_wherever_it_reports_convergence(
     pivoting: float | None,
@@ -263,12 +263,13 @@ def test_four_wheels_that_push_against_each_other_turn_nothing() -> None:
 # --- rest and dissipation --------------------------------------------------------------------------
 
 
+@pytest.mark.sample  # engines that this test compiles almost alone
 @pytest.mark.parametrize(
     "model",
     [
-        pytest.param(Model(alten(FRICTION), pivoting=0.02), marks=pytest.mark.sample),
+        Model(alten(FRICTION), pivoting=0.02),
         Model(four_wheeled(friction=True)),
-        pytest.param(Model(alten(FRICTION), "thesis"), marks=pytest.mark.sample),
+        Model(alten(FRICTION), "thesis"),
     ],
     ids=["pivoting", "four wheels", "thesis"],
 )
@@ -311,7 +312,7 @@ def body_velocities(state: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([state[5:7], w, state[10:]])
 
 
-@pytest.mark.parametrize("pivoting", [None, pytest.param(0.05, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("pivoting", [None, pytest.param(0.05, marks=pytest.mark.sample)])
 def test_friction_never_drives_in_a_run(pivoting: float | None) -> None:
     """Through sticking, slipping and turning about, no step's impulse of friction works on the motion's side.
 
