@@ -175,6 +175,7 @@ def simulate_batch(
     selected = selector(models[0].formulation, n, pivoting=models[0].pivots, law=law)
     loops, filters = _loops(borne, robots, controllers, sample_time)
     inputs = Inputs(
+        code=code_of(selected),
         parameters=_rows(lambda one: one.packed_under(law), models),
         lift_offs=_rows(lift_off, robots),
         laws=np.stack([one.packed for one in controllers]).view(LAW_TYPE)[:, 0],
@@ -194,14 +195,14 @@ def simulate_batch(
         lost=min(ends.lost, LARGEST_LEAN),
         grip=ends.grip,
     )
-    alone, code = len(borne) == 1, code_of(selected)
+    alone = len(borne) == 1
 
     def run(first: int) -> None:
         width = min(LANES, lanes - first)
         runs = range(first, first + width) if borne else ()
         which = [(borne[0], borne[0].seed + k) if alone else (borne[k], borne[k].seed) for k in runs]
         draws = draws_of(which, width, n=n, samples=samples, sample_time=sample_time)
-        run_block(code, selected, inputs, draws, sampling, first, width, out)
+        run_block(selected, inputs, draws, sampling, first, width, out)
 
     over_threads(run, lanes, threads)
     leans = np.array([one.fallen_lean for one in borne] or [LARGEST_LEAN])

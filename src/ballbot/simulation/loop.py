@@ -61,7 +61,7 @@ from ballbot.mechanics.engine.lanes import (
 )
 from ballbot.mechanics.engine.loading import load
 from ballbot.mechanics.engine.play import passed_torques, play_block, wheel_side
-from ballbot.mechanics.engine.run import load_state, load_torques, start_lane, take_steps, write_state
+from ballbot.mechanics.engine.run import Code, load_state, load_torques, start_lane, take_steps, write_state
 from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, in_state_order, pose
 from ballbot.mechanics.engine.tracing import traced
 from ballbot.mechanics.engine.vector import add, dot, rotate_back
@@ -72,8 +72,9 @@ from ballbot.simulation.model_plant import friction_needed, sinking, wheel_force
 
 
 class Inputs(NamedTuple):
-    """Each robot's numbers; one row may hold for every robot."""
+    """The code of a step, and each robot's numbers; one row may hold for every robot."""
 
+    code: Code
     parameters: NDArray[np.float64]  #: rows of `pack`
     lift_offs: NDArray[np.float64]
     laws: NDArray[np.void]  #: records of `ballbot.control.law.LAW`
@@ -752,7 +753,7 @@ def _new_block(loops, width, n, filtering):
 
 
 @called
-def _move(code, selected, work, width, inputs, block, sampling, first):
+def _move(selected, work, width, inputs, block, sampling, first):
     """Move a block's robots on by a sample."""
     plays = _loop_of(inputs, first).play > 0.0  # all robots of a block, or none
     h = sampling.sample_time / sampling.steps
@@ -763,18 +764,18 @@ def _move(code, selected, work, width, inputs, block, sampling, first):
             _press(selected, work, lane, inputs, own, block, first + robot)
     if not (plays or block.by_steps):
         _put_torques(selected, work, width, inputs, block, first, h, 0.0)
-        take_steps(code, work, width, sampling.steps)
+        take_steps(inputs.code, work, width, sampling.steps)
         return
     for step in range(sampling.steps):
         _put_torques(selected, work, width, inputs, block, first, h, step * h)
         if plays:
             play_block(selected, work, width)
         else:
-            take_steps(code, work, width, 1)
+            take_steps(inputs.code, work, width, 1)
 
 
 @compiled
-def run_block(code, selected, inputs, draws, sampling, first, width, out):
+def run_block(selected, inputs, draws, sampling, first, width, out):
     """Run robots first .. first + width - 1; `draws` are of these alone."""
     samples, n = len(sampling.references), out.torques.shape[2]
     filtering = len(inputs.filters) > 0
@@ -799,7 +800,7 @@ def run_block(code, selected, inputs, draws, sampling, first, width, out):
                     if draws.durations.shape[1] > 0:
                         work[STEP * LANES + lane] = draws.durations[robot, sample] / sampling.steps
             _take_pushes(selected, work, width, inputs, sampling, first, sample)
-            _move(code, selected, work, width, inputs, block, sampling, first)
+            _move(selected, work, width, inputs, block, sampling, first)
             _turn_motors(selected, work, width, inputs, block, first, sampling.steps)
         for lane in range(width):
             robot = first + robot_in(work, lane)
@@ -827,7 +828,7 @@ def start_alone(selected, inputs, draws, sampling):
 
 
 @compiled
-def step_alone(code, selected, inputs, draws, sampling, work, block, sample, torques, out):
+def step_alone(selected, inputs, draws, sampling, work, block, sample, torques, out):
     """Move such a robot on by a sample of its controller's torques (n,); what it measures is then in the block.
 
     Of `draws`, the torques' noise (1, n) and the sample's duration (1, 1) are of this sample.
@@ -836,7 +837,7 @@ def step_alone(code, selected, inputs, draws, sampling, work, block, sample, tor
     _drive(work, 0, inputs, block, 0, sample, draws.noise[0], out.changes)
     work[STEP * LANES] = draws.durations[0, 0] / sampling.steps
     _take_pushes(selected, work, 1, inputs, sampling, 0, sample)
-    _move(code, selected, work, 1, inputs, block, sampling, 0)
+    _move(selected, work, 1, inputs, block, sampling, 0)
     _turn_motors(selected, work, 1, inputs, block, 0, sampling.steps)
     _end_where_due(selected, work, 0, inputs, sampling, block, 0, sample + 1, out)
     _measure(selected, work, 0, inputs, draws, block, 0, 0)

@@ -85,6 +85,7 @@ class SensedPlant:
         )
         record = loop_record(imperfections, robot, estimator=None, sample_time=self._sample_time)
         self._inputs = Inputs(
+            code=code_of(self.model.selected),
             parameters=model.packed[None],
             lift_offs=np.array([lift_off(robot)]),
             laws=np.zeros(1, LAW_TYPE),
@@ -193,7 +194,6 @@ class SensedPlant:
         self._random.standard_normal(out=self._draws.noise[0])
         self._draws.durations[0, 0] = self._sample_time + late - self._late
         step_alone(
-            code_of(self.model.selected),
             self.model.selected,
             self._inputs,
             self._draws,

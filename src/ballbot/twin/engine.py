@@ -166,8 +166,11 @@ def mechanism_of(document: str, *, source: str) -> Mechanism:
     """
     mujoco = _mujoco()
     refusal = f"{source} is not a model that MuJoCo reads"
+    heard: list[str] = []
+    # else MuJoCo writes warnings into a file in the user's folder
+    mujoco.set_mju_user_warning(heard.append)  # pyright: ignore[reportAttributeAccessIssue]
     try:
-        with warnings.catch_warnings(action="error"):  # MuJoCo warns of numbers that are not finite
+        with warnings.catch_warnings(action="error"):
             spec = mujoco.MjSpec.from_string(document)  # pyright: ignore[reportAttributeAccessIssue]
             _leave_out_files(spec, source=source)
             model = spec.compile()
@@ -175,6 +178,10 @@ def mechanism_of(document: str, *, source: str) -> Mechanism:
         raise
     except (ValueError, UserWarning) as error:
         raise InputError(f"{refusal}: {' '.join(str(error).split())}.") from None
+    finally:
+        mujoco.set_mju_user_warning(None)  # pyright: ignore[reportAttributeAccessIssue]
+    if heard:
+        raise InputError(f"{refusal}: {' '.join(heard[0].split())}")
     data = mujoco.MjData(model)  # pyright: ignore[reportAttributeAccessIssue]
     mujoco.mj_kinematics(model, data)  # pyright: ignore[reportAttributeAccessIssue]
     mujoco.mj_comPos(model, data)  # pyright: ignore[reportAttributeAccessIssue]

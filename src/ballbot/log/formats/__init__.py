@@ -57,7 +57,7 @@ from ballbot.log.formats.text import (
     write_text_table,
 )
 from ballbot.log.row_order import rows_with_times
-from ballbot.printable import shell_line
+from ballbot.printable import printable_line, shell_line
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -330,9 +330,8 @@ def _read(one: LogFormat, path: Path) -> Columns:
     except InputError:
         raise
     except Exception as error:  # whatever a library raises on a damaged file
-        raise InputError(
-            f"{path} cannot be read: it is not a complete {one.name} file ({type(error).__name__}: {error})."
-        ) from None
+        reason = printable_line(f"{type(error).__name__}: {error}")
+        raise InputError(f"{path} cannot be read: it is not a complete {one.name} file ({reason}).") from None
     if not any(len(values) for values in variables.values()):
         raise InputError(f"{path} is empty; a log needs columns and rows of numbers.")
     check_column_names(variables, source=str(path))
