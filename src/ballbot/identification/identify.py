@@ -293,6 +293,8 @@ def _result(
     bounds = np.stack([prepared.problem.coordinates.lower, prepared.problem.coordinates.upper], axis=1)
     covariance = uncertainty.correlation * np.outer(uncertainty.standard_errors, uncertainty.standard_errors)
     held_out = errors(predictor, prepared.held_out, values)
+    source = "the balancing logs"
+    balancing = StageEstimate(source=source, labels=layout.labels, values=values, covariance=covariance)
     return Identification(
         robot=found_robot(
             predictor.robot,
@@ -335,12 +337,7 @@ def _result(
             *final.findings,
             *discrepancy_finding(apart),
             *variation_findings(varied),
-            *file_findings(
-                predictor.robot,
-                StageEstimate(
-                    source="the balancing logs", labels=layout.labels, values=values, covariance=covariance
-                ),
-            ),
+            *file_findings(predictor.robot, balancing),
         ),
         other=estimate.other,
         log_findings=findings,
