@@ -10,11 +10,11 @@ from ballbot import Model, Robot
 from ballbot.mechanics.engine.compiled import FAST
 from ballbot.mechanics.engine.lanes import LANES, MARGIN, ROWS, STATE, STEP, TORQUE, TRIAL
 from ballbot.mechanics.engine.loading import load
-from ballbot.mechanics.engine.run import Lanes, load_state, load_torques, simulate_lanes
+from ballbot.mechanics.engine.run import Lanes, code_of, load_state, load_torques, simulate_lanes
 from ballbot.mechanics.engine.smooth import begin_steps, runge_kutta_step, smooth_block
 from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_SIZE
 from ballbot.robot import Wheels
-from tests.support.control_examples import FRICTION
+from tests.support.control_examples import FRICTION, alten
 
 
 @njit(error_model="numpy", fastmath=FAST)
@@ -142,3 +142,14 @@ def test_nan_in_one_lane_is_flagged_and_leaves_other_lanes_unchanged(bad: float)
     assert not np.isfinite(batch.states[0, -1]).all()
     assert (batch.states[1] == 0.0).all()
     assert list(batch.ended < 4) == [True, False]
+
+
+def test_robots_of_different_kinds_have_code_of_their_own() -> None:
+    """Their selectors are tuples of the same numbers, which are equal whatever their kinds."""
+    directed = replace(FRICTION, coulomb_asymmetry=(0.02, -0.01, 0.0))
+    kinds = [
+        Model(alten(FRICTION)),
+        Model(alten(directed)),
+        Model(alten(FRICTION), "thesis"),
+    ]
+    assert len({code_of(one.selected) for one in kinds}) == len(kinds)

@@ -138,10 +138,14 @@ class Code(NamedTuple):
     robust_lane: int  #: (work, lane)
 
 
-@cache
 def code_of(selected: Exact | Thesis | Pivoting) -> Code:
     """Return the code for a kind of robot; the first call compiles, or reads what an earlier process has compiled."""
+    return _code_of(selected, type(selected), type(selected.law))
 
+
+@cache
+def _code_of(selected: Exact | Thesis | Pivoting, *kinds: type) -> Code:
+    # tuples with the same numbers are equal, whatever their kinds
     @c_code("void(CPointer(float64), int64)")
     def robust(work, lane):
         robust_lane(selected, work, lane)
