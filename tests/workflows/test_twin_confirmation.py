@@ -25,7 +25,7 @@ def test_floor_has_what_the_twin_does_not_add(drawn, added, floor):
 
 @pytest.mark.sample
 def test_floor_of_the_nominal_twin_is_found_from_its_log(tmp_path, monkeypatch):
-    monkeypatch.setattr("campaigns.between_logs.KEPT", tmp_path)
+    monkeypatch.setattr("campaigns.section.BUILD", tmp_path)
     rolling = rolling_from(1)
     true = NOMINAL.friction.rolling
     assert rolling.identified > 1.5 * true
