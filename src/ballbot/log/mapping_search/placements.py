@@ -15,7 +15,7 @@ from itertools import permutations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.log.mapping_inference.evidence import CONFIDENT, MOST, TINY, jackknife_error, probabilities
+from ballbot.log.mapping_search.evidence import CONFIDENT, MOST, TINY, jackknife_error, probabilities
 from ballbot.log.signals import INTERVAL, Smooth
 from ballbot.robot import Robot
 
