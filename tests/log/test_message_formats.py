@@ -26,7 +26,7 @@ from ballbot.log.columns import unit_of
 from ballbot.log.formats import bag as bag_folder
 from ballbot.log.formats import mcap as mcap_file
 from ballbot.log.formats import read_columns
-from ballbot.log.mapping_inference.names import read_name
+from ballbot.log.mapping_search.names import read_name
 from ballbot.report.provenance import provenance
 from tests.support.log_examples import smooth_log
 

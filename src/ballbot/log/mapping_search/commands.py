@@ -26,8 +26,6 @@ from scipy.optimize import nnls
 
 from ballbot.log.checks.lean import clarity
 from ballbot.log.checks.torque_balance import TURNED_POWER, Driving
-from ballbot.log.mapping_search.placement import vertex_with_error
-from ballbot.log.signals import INTERVAL, Smooth
 from ballbot.log.mapping_search.evidence import (
     MOST,
     jackknife_error,
@@ -35,6 +33,8 @@ from ballbot.log.mapping_search.evidence import (
     solved,
     without_each_block,
 )
+from ballbot.log.mapping_search.placement import vertex_with_error
+from ballbot.log.signals import INTERVAL, Smooth
 
 
 @dataclass(frozen=True, kw_only=True)

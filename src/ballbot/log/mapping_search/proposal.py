@@ -25,7 +25,6 @@ from ballbot.log.columns import FACTORS, Columns
 from ballbot.log.formats import read_foreign_table
 from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.imu_angles import integral_of, less_half_a_turn
-from ballbot.log.log import Log
 from ballbot.log.mapping_search.commands import Assignment, Response, assign, command_delay, response
 from ballbot.log.mapping_search.evidence import CONFIDENT
 from ballbot.log.mapping_search.frame import Frame, HeadingTest, frame_of, heading_test
@@ -142,7 +141,9 @@ class Proposal:
     lean: Unit | None
     heading_unit: Unit | None
     gyro: Gyro | None
-    noise: tuple[float, float] | None  #: of the speeds, with the file's times and the encoders', if they are repaired
+    noise: (
+        tuple[float, float] | None
+    )  #: of the speeds, with the file's times and the encoders', if they are repaired
     largest_speed: float | None  #: [rad/s], if an encoder was reset
     wrap: float | None  #: period of the wheel angles in the file's numbers
     tested: LeanTest | None
@@ -167,15 +168,21 @@ WORTH_REPAIRING, REPAIR_ROWS = 0.7, 6000
 EVEN_TIMES = 0.01
 #: correlations of a gyro with the rates of the angles from which it is taken, and how far its gain may be off [log]
 GYRO_CORRELATION, GYRO_GAIN = 0.75, 0.3
+#: standard errors by which a lean about the world's axes must fit better to be asked about, and of the IMU's turn [rad]
+WORLD_BETTER, CLEAR_TURN = 1.5, math.radians(8.0)
 #: nothing explains the lean if the best placement leaves more of its acceleration
 HELD = 0.8
 #: an encoder or counter begins again after so many counts
 PERIODS = tuple(2.0**bits for bits in (8, 10, 12, 13, 14, 16, 24, 32))
 #: full scales of a duty in use; 1023, 1024 and 1000 are one to 3 %, which the largest command tells apart
-FULL_SCALES = (1.0, 100.0, 255.0, 400.0, 500.0, 1000.0, 1023.0, 4095.0, 32767.0, 65535.0)
+FULL_SCALES = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 32767.0, 65535.0)
 #: a scale is taken by the motion if it is this much [log] nearer than the next one; and the largest ratio of torques,
 #: in either direction, that friction which the law lacks explains in a weak motion (2.8 on a real log)
 CLEARLY_NEARER, LARGEST_RATIO = 0.5, 4.0
+#: a full scale that nobody states must fit the motion this well [log]: others, 400 or 500, are in use, too
+FULL_SCALE_FITS = 0.35
+#: correlation of a free wheel's speed with its command
+FOLLOWED = 0.8
 #: kinds are stated by headings with these units
 _KIND_OF_UNIT: dict[str, Kind] = {
     "N m": "torque",
@@ -233,6 +240,10 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
     whole = (first, last) == (0, len(t))
     base = _Base(path=Path(path), cut=cut, roles=roles, time=time, robot=robot, stated=stated)
     motion = _motion(base) if roles.angles else None
+    if motion and roles.commands and _what(roles, motion) == "held by hand" and _turned_by(base, motion):
+        roles = replace(roles, attitude=(), gyro=(), quaternion=(), half_turn=None)  # of a robot on a stand
+        base = replace(base, roles=roles)
+        motion = _motion(base)
     frame = frame_of(robot, motion.tested if motion else None, motion.heading if motion else None)
     proposal = Proposal(
         file=Path(path),
@@ -267,7 +278,11 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
         proposal = replace(proposal, drive=_drive(proposal, base, motion))
     questions = _questions(proposal, motion)
     if whole is False:
-        notes.append(_finding("warning", "time", f"The longest run is rows {first + 1} to {last}; others are left out."))
+        notes.append(
+            _finding(
+                "warning", "time", f"The longest run is rows {first + 1} to {last}; others are left out."
+            )
+        )
     findings = (*notes, *_findings(proposal, base, motion))
     return replace(proposal, questions=questions, findings=findings)
 
@@ -346,9 +361,9 @@ def _motion(base: _Base) -> _Motion:
     if len(roles.attitude) > 2 and not roles.quaternion:
         headings = heading_units(base.attitude[:, 2], roles.unit(roles.attitude[2:]))
     likely = likeliest_units(leans, wheels, headings, None)
+    units = next(iter(likely))
+    found = _with_units(base, raw, wrap, units)
     for _ in range(3):
-        units = next(iter(likely))
-        found = _with_units(base, raw, wrap, units)
         tested, heading = found.tested, found.heading
         turns = heading is not None and abs(heading.correlation) > 0.9 and heading.confidence >= CONFIDENT
         gains = MotionGains(
@@ -359,6 +374,8 @@ def _motion(base: _Base) -> _Motion:
         likely = likeliest_units(leans, wheels, headings, gains)
         if next(iter(likely)) == units:
             break
+        units = next(iter(likely))
+        found = _with_units(base, raw, wrap, units)
     return replace(found, likely=likely)
 
 
@@ -558,21 +575,23 @@ def _drive(proposal: Proposal, base: _Base, motion: _Motion) -> Drive:
     from ballbot.log.mapping_search.text import raw_log
 
     roles, frame, robot = base.roles, proposal.frame, base.robot
-    assigned, found = None, None
+    assigned, found, log, rows = None, None, None, None
     if roles.attitude and motion.tested is not None:
         try:
             log = with_odometry(raw_log(proposal, robot), robot)
             rows = usable_rows(log, robot)
         except InputError:  # too short, or rows without a value
-            rows = None
-        if rows is not None:
+            log = None
+        if log is not None and rows is not None:
             moved = motion_of(log, rows)
             driving = driving_of(log, rows, moved, robot)
             if driving is not None:
                 expected = [(wheel, frame.signs[place - 1]) for wheel, place in enumerate(frame.order)]
                 assigned = assign(driving, expected)
                 found = response(driving, assigned, gravity_need(moved, robot))
-    kind, scale, reason, ratios = _scale_of(base, found)
+    if not roles.attitude:
+        assigned = _turned_by(base, motion)
+    kind, scale, reason, ratios = _scale_of(base, found, motion)
     delay, error = _delay(base, motion)
     return Drive(
         assigned=assigned,
@@ -583,6 +602,31 @@ def _drive(proposal: Proposal, base: _Base, motion: _Motion) -> Drive:
         ratios=ratios,
         delay=delay,
         delay_error=error,
+    )
+
+
+def _turned_by(base: _Base, motion: _Motion) -> Assignment | None:
+    """Return which command turns which free wheel, by their speeds; None if they do not follow the commands."""
+    signals = motion.signals
+    held = base.stacked(base.roles.commands)
+    held = held[np.maximum(np.searchsorted(base.t, signals.rows, side="right") - 1, 0)]
+    x, y = (one - one.mean(axis=0) for one in (held, signals.wheels.rate))
+    size = np.outer(np.linalg.norm(x, axis=0), np.linalg.norm(y, axis=0))
+    R = np.divide(x.T @ y, size, out=np.zeros_like(size), where=size > 1e-12)
+    own = tuple(range(len(R)))
+    sums = {one: sum(abs(R[j, wheel]) for j, wheel in enumerate(one)) for one in permutations(own)}
+    best, other = sorted(sums, key=lambda one: (-round(sums[one], 6), one))[:2]
+    alike = np.allclose(held, held[:, :1])
+    best = own if alike else best
+    if min(abs(R[j, wheel]) for j, wheel in enumerate(best)) < FOLLOWED:
+        return None
+    return Assignment(
+        wheels=best,
+        signs=tuple(1 if R[j, wheel] > 0.0 else -1 for j, wheel in enumerate(best)),
+        explained=(sums[best] / len(R)) ** 2,
+        advantage=math.nan if alike else sums[best] - sums[other],
+        next_best="none, all commands are alike" if alike else f"commands for wheels {other}",
+        confidence=1.0,
     )
 
 
@@ -612,7 +656,7 @@ def standstill(kind: Kind, robot: Robot) -> float:
 
 
 def _scale_of(
-    base: _Base, found: Response | None
+    base: _Base, found: Response | None, motion: _Motion
 ) -> tuple[Kind | None, float, str, dict[Kind, tuple[float, float]]]:
     """Return the kind that is stated, its scale and why, and the likeliest scale and ratio of every kind."""
     named = base.roles.unit(base.roles.commands)
@@ -623,14 +667,25 @@ def _scale_of(
             f"{base.path}: the heading of {base.roles.commands[0]} has the unit {named}, which is a {of_unit}; "
             f"--command says {kind}. Correct one of them."
         )
-    largest = float(np.abs(base.stacked(base.roles.commands)).max())
+    commands = base.stacked(base.roles.commands)
+    largest = float(np.abs(commands).max())
     gain = found.gain if found is not None and math.isfinite(found.gain) else math.nan
+    if not base.roles.attitude and largest > 0.0:
+        # a free wheel turns at the speed whose back-EMF is the voltage: of a full duty, the supply's
+        turned = float(np.abs(motion.signals.wheels.rate).max()) / fastest(base.robot) / largest
+        free: dict[Kind, float] = {"duty": 1.0 / turned, "voltage": base.robot.drive.supply_voltage / turned}
+        gains = {one: value / standstill(one, base.robot) for one, value in free.items() if turned > 0.0}
+    else:
+        gains = dict.fromkeys(KINDS, gain)
     ratios: dict[Kind, tuple[float, float]] = {}
     words = ""
     for one in KINDS:
         scales = dict(_SCALES[one])
         if one == "duty":
-            scales = {f"{full:g}": 1.0 / full for full in FULL_SCALES if largest <= 1.01 * full}
+            fitting = [full for full in FULL_SCALES if largest <= 1.01 * full]
+            # no robot balances with a hundredth of its voltage
+            fractions = bool(np.any(commands != np.round(commands))) and largest <= 1.01
+            scales = {f"{full:g}": 1.0 / full for full in (fitting[:1] if fractions else fitting)}
             if base.stated.full_scale is not None:
                 scales = {f"{base.stated.full_scale:g}": 1.0 / base.stated.full_scale}
             elif named == "%":
@@ -639,6 +694,7 @@ def _scale_of(
             scales = {named or "": scales[named or ""]}
         if not scales:
             continue
+        gain = gains.get(one, math.nan)
         by_motion = {
             name: abs(math.log(max(gain * scale * standstill(one, base.robot), 1e-12)))
             for name, scale in scales.items()
@@ -650,9 +706,8 @@ def _scale_of(
         if one != kind:
             continue
         others = [name for name in ranked[1:] if abs(math.log(scales[name] / scale)) > math.log(1.2)]
-        if others and not (
-            math.isfinite(gain) and by_motion[others[0]] - by_motion[ranked[0]] > CLEARLY_NEARER
-        ):
+        clear = bool(others) and by_motion[others[0]] - by_motion[ranked[0]] > CLEARLY_NEARER
+        if others and not (clear and (one != "duty" or by_motion[ranked[0]] < FULL_SCALE_FITS)):
             words = " or ".join([ranked[0], *others[:3]])
     scale, _ = ratios.get(kind, (1.0, math.nan)) if kind else (1.0, math.nan)
     return kind, scale, words, ratios
@@ -660,88 +715,114 @@ def _scale_of(
 
 def _questions(proposal: Proposal, motion: _Motion | None) -> tuple[Question, ...]:
     """Return everything that the log and its user leave open."""
-    roles, tested, frame = proposal.roles, proposal.tested, proposal.frame
     found = list[Question]()
+
+    def ask(key: str, name: str, answers: Sequence[str], evidence: str) -> None:
+        found.append(Question(key=key, name=name, answers=tuple(answers), evidence=evidence))
+
+    roles, tested, frame = proposal.roles, proposal.tested, proposal.frame
     if roles.doubt:
-        found.append(Question(key="--columns", name="columns", answers=(roles.doubt,), evidence="names leave it open"))
+        ask("--columns", "columns", (roles.doubt,), "the names leave it open")
     if motion is None or proposal.what == "held by hand":
         return tuple(found)
-    found += _unit_questions(motion)
-    if tested is not None:
-        best, other = tested.placements[:2]
-        if tested.confidence < CONFIDENT:
-            evidence = f"the first fits {tested.margin:.2f} times better than the second"
-            answers = best.description, other.description
-            found.append(Question(key="[wheels] order", name="order and signs of the wheels", answers=answers, evidence=evidence))
-        elif frame.direction < CONFIDENT:
-            opposite = [-sign for sign in frame.signs]
-            evidence = "the heading turns too little; with the other signs the IMU is turned by half a turn more"
-            answers = str(list(frame.signs)), str(opposite)
-            found.append(Question(key="[wheels] sign", name="direction in which all wheels count", answers=answers, evidence=evidence))
-        elif frame.handedness < CONFIDENT:
-            evidence = f"the turning of the heading shows it by only {abs(tested.same_handedness):.1f} standard errors"
-            answers = str(list(frame.axis_signs)), "one axis reversed"
-            found.append(Question(key="[attitude] sign", name="axes of the IMU", answers=answers, evidence=evidence))
-        if tested.body_frame < -1.5:
-            evidence = f"the world's fit {-tested.body_frame:.1f} standard errors better"
-            answers = "about the world's axes", "about the IMU's axes"
-            found.append(Question(key="[attitude] from", name="axes of the lean", answers=answers, evidence=evidence))
-        error = tested.phase_error
-        if error is None or error > math.radians(8.0):
-            shown = "unknown" if error is None else f"{math.degrees(error):.0f} deg"
-            answers = (f"{math.degrees(frame.turn):.0f} deg",)
-            found.append(Question(key="[attitude] turn", name="turn of the IMU", answers=answers, evidence=f"its standard error is {shown}"))
-    elif proposal.what == "balancing":
-        found.append(Question(key="[wheels] order", name="order and signs of the wheels", answers=("any",), evidence="too little motion"))
-    return (*found, *_command_questions(proposal))
-
-
-def _unit_questions(motion: _Motion) -> list[Question]:
-    found, keys = [], ("[attitude] unit", "[wheels] unit", "[attitude] unit of yaw")
-    for place, (key, name) in enumerate(zip(keys, ("lean", "wheel angles", "heading"), strict=True)):
+    keys = ("[attitude] unit", "[wheels] angle", "[attitude] unit")
+    for place, (key, name) in enumerate(zip(keys, ("lean", "wheels", "heading"), strict=True)):
         shares: dict[str, float] = {}
         for units, share in motion.likely.items():
             shares[units[place].name] = shares.get(units[place].name, 0.0) + share
-        ranked = sorted(shares, key=lambda one: -shares[one])
+        ranked = sorted(shares, key=lambda one: -shares[one])[:3]
         if shares[ranked[0]] < CONFIDENT:
-            evidence = f"probabilities {', '.join(f'{100.0 * shares[one]:.0f} %' for one in ranked[:3])}"
-            found.append(Question(key=key, name=f"unit of the {name}", answers=tuple(ranked[:3]), evidence=evidence))
-    return found
+            shown = ", ".join(f"{100.0 * shares[one]:.0f} %" for one in ranked)
+            ask(key, f"unit of the {name}", ranked, f"probabilities {shown}")
+    if tested is not None:
+        best, other = tested.placements[:2]
+        error = tested.phase_error
+        if tested.confidence < CONFIDENT:
+            evidence = f"the first fits {tested.margin:.2f} times better than the second"
+            ask(
+                "[wheels] order",
+                "order and signs of the wheels",
+                (best.description, other.description),
+                evidence,
+            )
+        elif frame.direction < CONFIDENT:
+            opposite = str([-sign for sign in frame.signs])
+            evidence = (
+                "the heading turns too little; with the other signs the IMU is turned by half a turn more"
+            )
+            ask(
+                "[wheels] sign",
+                "direction in which all wheels count",
+                (str(list(frame.signs)), opposite),
+                evidence,
+            )
+        elif frame.handedness < CONFIDENT:
+            evidence = (
+                f"the turning of the heading shows it by {abs(tested.same_handedness):.1f} standard errors"
+            )
+            ask(
+                "[attitude] sign",
+                "axes of the IMU",
+                (str(list(frame.axis_signs)), "one axis reversed"),
+                evidence,
+            )
+        if tested.body_frame < -WORLD_BETTER:
+            evidence = f"the world's fit {-tested.body_frame:.1f} standard errors better"
+            ask(
+                "[attitude] from",
+                "axes of the lean",
+                ("about the world's axes", "about the IMU's axes"),
+                evidence,
+            )
+        if error is None or error > CLEAR_TURN:
+            shown = "unknown" if error is None else f"{math.degrees(error):.0f} deg"
+            ask(
+                "[attitude] turn",
+                "turn of the IMU",
+                (f"{math.degrees(frame.turn):.0f} deg",),
+                f"known to {shown}",
+            )
+    if proposal.drive is not None:
+        found += _command_questions(proposal, proposal.drive)
+    return tuple(found)
 
 
-def _command_questions(proposal: Proposal) -> list[Question]:
-    drive, roles, found = proposal.drive, proposal.roles, list[Question]()
-    if drive is None:
-        return found
+def _command_questions(proposal: Proposal, drive: Drive) -> list[Question]:
+    found = list[Question]()
+
+    def ask(key: str, name: str, answers: Sequence[str], evidence: str) -> None:
+        found.append(Question(key=key, name=name, answers=tuple(answers), evidence=evidence))
+
+    _, ratio = drive.ratios.get(drive.kind, (1.0, math.nan)) if drive.kind else (1.0, math.nan)
     if drive.kind is None:
         shown = [
-            f"as {one} the torques are {ratio:.2g} times those that the motion needs"
-            for one, (_, ratio) in drive.ratios.items()
-            if math.isfinite(ratio)
+            f"as {one} the torques are {times:.2g} times those that the motion needs"
+            for one, (_, times) in drive.ratios.items()
+            if math.isfinite(times)
         ]
-        evidence = "; ".join(shown) or "say it with --command"
-        found.append(Question(key="[input] kind", name="kind of the command", answers=KINDS, evidence=evidence))
+        ask("[input] kind", "kind of the command", KINDS, "; ".join(shown) or "say it with --command")
     elif drive.reason:
-        answers = tuple(drive.reason.split(" or "))
         name = "full scale of the duty" if drive.kind == "duty" else f"unit of the {drive.kind}"
-        found.append(Question(key="[input] scale", name=name, answers=answers, evidence="the motion does not tell them apart"))
-    else:
-        _, ratio = drive.ratios.get(drive.kind, (1.0, math.nan))
-        if math.isfinite(ratio) and not 1.0 / LARGEST_RATIO < ratio < LARGEST_RATIO:
-            evidence = f"as it is stated the torques are {ratio:.2g} times those that the motion needs"
-            found.append(Question(key="[input] scale", name="kind and scale of the command", answers=(drive.kind, "another"), evidence=evidence))
+        ask("[input] scale", name, drive.reason.split(" or "), "the motion does not tell them apart")
+    elif math.isfinite(ratio) and not 1.0 / LARGEST_RATIO < ratio < LARGEST_RATIO:
+        evidence = f"as it is stated the torques are {ratio:.2g} times those that the motion needs"
+        ask("[input] scale", "kind and scale of the command", (drive.kind, "another"), evidence)
     if proposal.tested is None:
         return found
-    values = np.column_stack([proposal.cut[name] for name in roles.commands])
+    values = np.column_stack([proposal.cut[name] for name in proposal.roles.commands])
+    one = drive.assigned
     if not np.nanmin(values) < 0.0:
         evidence = f"they stay between {np.nanmin(values):g} and {np.nanmax(values):g}"
         answers = f"zero = {np.nanmedian(values):.4g}", "direction = [..], columns with their directions"
-        found.append(Question(key="[input] zero", name="sign of the commands", answers=answers, evidence=evidence))
-    elif drive.assigned is None or drive.assigned.confidence < CONFIDENT:
-        one = drive.assigned
-        answers = ("as numbered",) if one is None else (f"for wheels {[w + 1 for w in one.wheels]}, signs {list(one.signs)}", one.next_best)
-        evidence = "too little motion" if one is None else f"the first explains {100.0 * one.explained:.0f} % of the commands, {one.advantage:.1f} standard errors better"
-        found.append(Question(key="[input] sign", name="order and signs of the commands", answers=answers, evidence=evidence))
+        ask("[input] zero", "sign of the commands", answers, evidence)
+    elif one is None:
+        ask("[input] sign", "order and signs of the commands", ("as numbered",), "too little motion")
+    elif one.confidence < CONFIDENT:
+        wheels = f"for wheels {[wheel + 1 for wheel in one.wheels]}, signs {list(one.signs)}"
+        evidence = (
+            f"the first explains {100.0 * one.explained:.0f} %, {one.advantage:.1f} standard errors better"
+        )
+        ask("[input] sign", "order and signs of the commands", (wheels, one.next_best), evidence)
     return found
 
 
@@ -752,22 +833,30 @@ def _finding(severity: Severity, code: str, sentence: str, columns: tuple[str, .
 def _findings(proposal: Proposal, base: _Base, motion: _Motion | None) -> list[Finding]:
     """Return what was noticed and not changed."""
     roles, found = proposal.roles, [_finding("note", "file", note) for note in proposal.table.notes]
-    used = [name for name in (*roles.attitude, *roles.angles, *roles.commands, *roles.gyro) if name in base.cut]
+    used = [
+        name for name in (*roles.attitude, *roles.angles, *roles.commands, *roles.gyro) if name in base.cut
+    ]
     holes = sum(int((~np.isfinite(base.cut[name])).sum()) for name in used)
     if holes:
         found.append(_finding("warning", "missing", f"{holes} cells are missing; short gaps are filled."))
     if motion is None:
         return found
     if proposal.largest_speed is not None or proposal.wrap is not None:
-        sentence = "A wheel angle jumps by more than a wheel can turn: a reset or a full counter; it is continued."
+        sentence = (
+            "A wheel angle jumps by more than a wheel can turn: a reset or a full counter; it is continued."
+        )
         found.append(_finding("warning", "reset", sentence, roles.angles))
     if roles.attitude and proposal.lean is not None:
         angles = base.attitude * proposal.lean.factor
         if angles.shape[1] > 2 and proposal.heading_unit is not None:
             angles[:, 2] *= proposal.heading_unit.factor / proposal.lean.factor
-        found += stuck_findings(tuple(stuck_encoders(_balancing(base.t, motion.angles, angles))), names=roles.angles)
+        found += stuck_findings(
+            tuple(stuck_encoders(_balancing(base.t, motion.angles, angles))), names=roles.angles
+        )
     if roles.gyro and proposal.gyro is None and roles.attitude:
-        sentence = f"The gyro ({', '.join(roles.gyro)}) does not follow the rates of the angles, which are used."
+        sentence = (
+            f"The gyro ({', '.join(roles.gyro)}) does not follow the rates of the angles, which are used."
+        )
         found.append(_finding("warning", "columns", sentence, roles.gyro))
     if not roles.commands:
         perhaps = unused(proposal.table.columns, roles)
@@ -778,17 +867,21 @@ def _findings(proposal: Proposal, base: _Base, motion: _Motion | None) -> list[F
     tested, drive = proposal.tested, proposal.drive
     if tested is not None and tested.pushed.any():
         seconds = float(tested.pushed.sum()) * INTERVAL
-        found.append(_finding("warning", "hands", f"For {seconds:.1f} s hands or pushes move the robot; left out."))
+        found.append(
+            _finding("warning", "hands", f"For {seconds:.1f} s hands or pushes move the robot; left out.")
+        )
     if tested is not None and tested.lag > 0.01 + tested.lag_error:
         sentence = (
-            f"The lean seems {1e3 * tested.lag:.0f} ms late, as play makes it, too: write [attitude] delay if the IMU's "
-            "data sheet gives one."
+            f"The lean seems {1e3 * tested.lag:.0f} ms late, as play makes it, too: write [attitude] delay if the "
+            "IMU's data sheet gives one."
         )
         found.append(_finding("note", "timing", sentence, roles.attitude))
     if drive is not None and drive.kind is not None:
         _, ratio = drive.ratios.get(drive.kind, (1.0, math.nan))
         if math.isfinite(ratio) and abs(math.log(max(ratio, 1e-12))) > math.log(1.25):
-            sentence = f"The torques are {ratio:.2f} times those that the motion and the robot file's masses need."
+            sentence = (
+                f"The torques are {ratio:.2f} times those that the motion and the robot file's masses need."
+            )
             found.append(_finding("warning", "scale", sentence, roles.commands))
     return found
 
@@ -803,7 +896,11 @@ def agreement(proposals: Sequence[Proposal]) -> list[tuple[Proposal, str]]:
             if one.frame.direction >= CONFIDENT:
                 found["signs"] = one.frame.signs
                 found["turn"] = round(math.degrees(one.frame.turn) / 30.0) % 12
-        if one.drive is not None and one.drive.assigned is not None and one.drive.assigned.confidence >= CONFIDENT:
+        if (
+            one.drive is not None
+            and one.drive.assigned is not None
+            and one.drive.assigned.confidence >= CONFIDENT
+        ):
             found["commands"] = (one.drive.assigned.wheels, one.drive.assigned.signs)
         return found
 
@@ -813,8 +910,9 @@ def agreement(proposals: Sequence[Proposal]) -> list[tuple[Proposal, str]]:
         for key, value in mine.items():
             votes = [answer(other).get(key) for other in proposals]
             others = [vote for vote in votes if vote is not None and vote != value]
-            if len(others) > votes.count(value) or (others and one is not proposals[0] and votes.count(value) == 1):
+            if len(others) > votes.count(value) or (
+                others and one is not proposals[0] and votes.count(value) == 1
+            ):
                 wrong.append((one, key))
                 break
     return wrong
-

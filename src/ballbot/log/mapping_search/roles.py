@@ -82,7 +82,7 @@ def roles_of(path: object, table: ForeignTable, wheel_count: int) -> tuple[Forei
             f"{path} has no header: name its {len(table.columns)} columns in their order, "
             "--columns t,roll,pitch,yaw,enc1,enc2,enc3,u1,u2,u3 (_ for a column that is not needed)."
         )
-    roles = _by_name(names, wheel_count, table.units, columns)
+    roles = roles_by_name(names, wheel_count=wheel_count, units=table.units, columns=columns)
     if quaternion and not roles.attitude:
         roles = replace(roles, attitude=QUATERNION_ANGLES, quaternion=quaternion)
     if not roles.time:
@@ -102,10 +102,17 @@ def roles_of(path: object, table: ForeignTable, wheel_count: int) -> tuple[Forei
     return replace(table, columns=columns), roles
 
 
-def _by_name(
-    names: list[str], count: int, units: Mapping[str, str], columns: Mapping[str, NDArray[np.float64]]
+def roles_by_name(
+    names: Iterable[str],
+    *,
+    wheel_count: int,
+    units: Mapping[str, str] | None = None,
+    columns: Mapping[str, NDArray[np.float64]] | None = None,
 ) -> Roles:
-    units = efforts(names) | dict(units)
+    """Return what the names, and the units in a row below them, say; values tell series apart that names leave open."""
+    names, count = list(names), wheel_count
+    # one name alone does not say what its neighbours' names say of it
+    units = efforts(names) | dict(units or {})
     readings = read_names(names, units)
     plain = {one.name for one in readings if one.weight >= PLAIN}
     angles, speeds = _first(readings, "wheel angle", count), _first(readings, "wheel speed", count)
@@ -117,7 +124,7 @@ def _by_name(
         if not set(series) & plain
     ]
     if not set(angles) & plain and open_ones and not (commands and len(open_ones) == 1 and angles):
-        angles, commands, doubt = _told_apart(open_ones, commands, columns)
+        angles, commands, doubt = _told_apart(open_ones, commands, columns or {})
     times = [one for one in readings if one.kind == "time"]
     attitude, gyro = _axes(readings, "attitude"), _axes(readings, "gyro")
     lean = tuple(attitude[axis] for axis in "xyz" if axis in attitude)
@@ -141,7 +148,7 @@ def _told_apart(
     """Return the wheel angles and the commands among series of which no name says it, and what is in doubt."""
 
     def roughness(names: tuple[str, ...]) -> float:
-        values = np.column_stack([columns[name] for name in names])
+        values = np.column_stack([columns.get(name, np.zeros(0)) for name in names])
         values = values[np.isfinite(values).all(axis=1)]
         if len(values) < 2 or not np.ptp(values, axis=0).all():
             return float("inf")

@@ -41,8 +41,28 @@ class Evaluation:
     refusal: str  #: why the mapping cannot be used as it is: one sentence; empty if it can
 
 
-def evaluate(proposal: Proposal, robot: Robot) -> Evaluation:
-    """Return a proposal's mapping file, the log that it makes, and whether that agrees with the robot."""
+def surest(evaluated: Sequence[Evaluation]) -> Evaluation:
+    """Return what shows most of several logs of one robot: fewest questions, then the surest order of the wheels."""
+
+    def order(one: Evaluation) -> tuple[int, float]:
+        tested = one.proposal.tested
+        return len(one.proposal.questions) + bool(one.refusal), -(tested.margin if tested else 0.0)
+
+    return min(evaluated, key=order)
+
+
+def evaluate(proposal: Proposal, robot: Robot, *, common: Proposal | None = None) -> Evaluation:
+    """Return a proposal's mapping file, the log that it makes, and whether that agrees with the robot.
+
+    Parameters
+    ----------
+    proposal : Proposal
+    robot : Robot
+    common : Proposal, optional
+        The surest of several logs of the same robot: it answers what this log leaves open.
+    """
+    if common is not None:
+        proposal = _answered(proposal, common)
     findings, text, log = proposal.findings, mapping_text(proposal, robot), None
     refusal = _refusal(proposal)
     if not refusal:
@@ -60,6 +80,19 @@ def evaluate(proposal: Proposal, robot: Robot) -> Evaluation:
     if proposal.tested is not None:
         findings = by_severity((*findings, *disturbance_findings(proposal.tested.disturbance)))
     return Evaluation(proposal=proposal, findings=findings, text=text, log=log, refusal=refusal)
+
+
+def _answered(proposal: Proposal, common: Proposal) -> Proposal:
+    """Return a proposal with the answers of another log of the same robot, and without its own times to keep."""
+    still = {one.key for one in common.questions}
+    questions = tuple(one for one in proposal.questions if one.key in still)
+    answered = replace(proposal, questions=questions, keep=None, rows=None)
+    if proposal.questions and proposal.tested is not None and common.tested is not None:
+        answered = replace(answered, frame=common.frame)
+        if proposal.drive is not None and common.drive is not None:
+            drive = replace(proposal.drive, assigned=common.drive.assigned, scale=common.drive.scale)
+            answered = replace(answered, drive=drive)
+    return answered
 
 
 def _with_path(log: Log, proposal: Proposal, robot: Robot) -> Log:
@@ -102,7 +135,9 @@ def mapping_text(proposal: Proposal, robot: Robot) -> str:
         format_line("mapping"),
     ]
     if proposal.questions:
-        header.append(toml_line("complete", False, "answer the lines with cannot determine, then remove this line"))
+        header.append(
+            toml_line("complete", False, "answer the lines with cannot determine, then remove this line")
+        )
     parts = [
         header,
         _file_lines(proposal),
@@ -160,7 +195,9 @@ def _time_lines(proposal: Proposal) -> list[str]:
     lines = ["[time]"]
     if proposal.noise is not None:
         before, after = proposal.noise
-        reason = f"noise of the wheel speeds {before:.2g} rad/s; with the times that the encoders give {after:.2g}"
+        reason = (
+            f"noise of the wheel speeds {before:.2g} rad/s; with the times that the encoders give {after:.2g}"
+        )
         lines.append(toml_line("repair", True, reason))
     lines.append(toml_line("sample_time", float(f"{proposal.sample_time:g}")))
     if proposal.keep is not None:
@@ -199,7 +236,11 @@ def _attitude_lines(proposal: Proposal) -> list[str]:
     if -1 in frame.axis_signs or any(one.key == "[attitude] sign" for one in proposal.questions):
         lines.append(toml_line("sign", frame.axis_signs[: len(roles.attitude)], "of roll, pitch and yaw"))
     if tested is not None:
-        error = "" if tested.phase_error is None else f", standard error {math.degrees(tested.phase_error):.1f} deg"
+        error = (
+            ""
+            if tested.phase_error is None
+            else f", standard error {math.degrees(tested.phase_error):.1f} deg"
+        )
         reason = f"measured {math.degrees(frame.measured_turn):.1f} deg{error}"
         lines.append(toml_line("turn", round(math.degrees(frame.turn), 1), reason))
     if gyro is not None:
@@ -220,7 +261,9 @@ def _wheel_lines(proposal: Proposal) -> list[str]:
     lines, reason = ["[wheels]"], "as in the file: nothing tests it"
     if tested is not None:
         best, other = tested.placements[:2]
-        reason = f"{best.description}; the next best, {other.description}, fits {tested.margin:.1f} times worse"
+        reason = (
+            f"{best.description}; the next best, {other.description}, fits {tested.margin:.1f} times worse"
+        )
     lines.append(toml_line("order", frame.order, reason))
     shown = "as in the file"
     if proposal.heading is not None:
@@ -260,12 +303,16 @@ def _input_lines(proposal: Proposal, robot: Robot) -> list[str]:
         for other in KINDS:
             if other in drive.ratios:
                 lines.append(f"# if it is a {other}, these lines in place of the three above:")
-                lines += [f"#   {one}" for one in kind_lines(other, drive.ratios[other][0], robot, stated=True)]
+                lines += [
+                    f"#   {one}" for one in kind_lines(other, drive.ratios[other][0], robot, stated=True)
+                ]
     if any(one.key == "[input] zero" for one in proposal.questions):
         lines += ["# zero = ..  # the number that stands for no command", "# direction = [..]"]
     clear = drive.delay > CLEAR_DELAY * drive.delay_error
     shown = f"{1e3 * drive.delay:.0f} ms, standard error {1e3 * drive.delay_error:.0f} ms"
-    delay = toml_line("delay", round(drive.delay, 4) if clear else 0.0, f"by the wheels' accelerations {shown}")
+    delay = toml_line(
+        "delay", round(drive.delay, 4) if clear else 0.0, f"by the wheels' accelerations {shown}"
+    )
     return [*lines, *_listed(proposal, by_wheel, signs), delay]
 
 
@@ -276,7 +323,9 @@ def _listed(proposal: Proposal, by_wheel: list[str], signs: list[int]) -> list[s
     reason = "nothing tests it"
     assigned = proposal.drive.assigned if proposal.drive else None
     if assigned is not None:
-        reason = f"explains {100.0 * assigned.explained:.0f} % of the commands; next best: {assigned.next_best}"
+        reason = (
+            f"explains {100.0 * assigned.explained:.0f} % of the commands; next best: {assigned.next_best}"
+        )
     return [
         toml_line("from", [by_wheel[wheel] for wheel in places]),
         toml_line("sign", [signs[wheel] for wheel in places], reason),
@@ -306,7 +355,9 @@ def kind_lines(kind: Kind, scale: float, robot: Robot, *, stated: bool) -> list[
         toml_line("supply_voltage", drive.supply_voltage, source),
         *motor,
         toml_line("back_emf_constant", 1.0 / drive.speed_constant, f"{source}: 1 / speed constant"),
-        toml_line("resistance", float(f"{stall:.6g}"), "assumed: full duty at standstill gives the torque limit"),
+        toml_line(
+            "resistance", float(f"{stall:.6g}"), "assumed: full duty at standstill gives the torque limit"
+        ),
     ]
 
 
@@ -348,10 +399,12 @@ def answer_lines(found: Evaluation) -> list[str]:
         drive, assigned = one.drive, one.drive.assigned
         _, ratio = drive.ratios.get(drive.kind, (1.0, math.nan)) if drive.kind else (1.0, math.nan)
         fits = f", {ratio:.2f} times the torques that the motion needs" if math.isfinite(ratio) else ""
-        lines.append(f"commands   {', '.join(roles.commands)}: {drive.kind or 'kind not stated'} x {drive.scale:.6g}{fits}")
+        lines.append(
+            f"commands   {', '.join(roles.commands)}: {drive.kind or 'kind not stated'} x {drive.scale:.6g}{fits}"
+        )
         if assigned is not None:
             lines.append(
-                f"           for wheels {[one.frame.order[0] and w + 1 for w in assigned.wheels]}, signs "
+                f"           for wheels {[wheel + 1 for wheel in assigned.wheels]}, signs "
                 f"{list(assigned.signs)}: {100.0 * assigned.explained:.0f} % explained, "
                 f"{assigned.advantage:.1f} standard errors before {assigned.next_best}"
             )

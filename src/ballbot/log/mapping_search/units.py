@@ -109,7 +109,9 @@ def wheel_units(
         reason = f"{per_turn:g} a turn {source}" if counts else "no other unit fits as well"
         if counts or whole:
             weight += (WHOLE if whole else -20.0) if counts else 0.0
-        elif not of_speeds and step is not None and abs(step * factor * per_turn / turn - 1.0) < STEP_AGREEMENT:
+        elif (
+            not of_speeds and step is not None and abs(step * factor * per_turn / turn - 1.0) < STEP_AGREEMENT
+        ):
             weight += ONE_COUNT
             reason = f"steps of {step:.5g} are one encoder count"
         speeds = np.abs(known) if of_speeds else np.abs(np.diff(known, axis=0))
@@ -156,8 +158,12 @@ class MotionGains:
     """What the motion shows with assumed units of lean, wheels and heading."""
 
     assumed: tuple[Unit, Unit, Unit]
-    gain: float | None  #: response of the lean to the wheels over the robot's; None if the log does not show it
-    turning: float | None  #: turning of the wheels over the heading's, over a ball's that does not pivot; or None
+    gain: (
+        float | None
+    )  #: response of the lean to the wheels over the robot's; None if the log does not show it
+    turning: (
+        float | None
+    )  #: turning of the wheels over the heading's, over a ball's that does not pivot; or None
 
     def log_weight(self, lean: Unit, wheel: Unit, heading: Unit) -> float:
         """Return the logarithm of how well units fit the motion."""
@@ -169,7 +175,9 @@ class MotionGains:
             weight += math.log(_normal(off, GAIN_DEVIATION) + 1e-3)
         if self.turning is not None:
             off = math.log(max(self.turning, 1e-12) * turned * self.assumed[2].factor / heading.factor)
-            weight += math.log((1.0 - PIVOTS) * _normal(off, TURNING_DEVIATION) + PIVOTS * _normal(off, 0.7) + 1e-3)
+            weight += math.log(
+                (1.0 - PIVOTS) * _normal(off, TURNING_DEVIATION) + PIVOTS * _normal(off, 0.7) + 1e-3
+            )
         return weight
 
 
