@@ -30,19 +30,23 @@ def mapping(**changes):
         (
             MappingTable,
             mapping(kind="curent"),
-            "input.kind is 'curent'; did you mean 'current'? It must be 'torque', 'current' or 'pwm'.",
+            "input.kind is 'curent'; did you mean 'current'? It must be 'torque', 'current', 'voltage', 'duty' or 'pwm'.",
         ),
         (
             MappingTable,
             mapping(kind="volt"),
-            "input.kind is 'volt'; it must be 'torque', 'current' or 'pwm'.",
+            "input.kind is 'volt'; it must be 'torque', 'current', 'voltage', 'duty' or 'pwm'.",
         ),
         (
             MappingTable,
             {"columns": {"t": "t"}, "input": {"from": ["a"]}},
-            "input.kind is missing; it must be 'torque', 'current' or 'pwm'.",
+            "input.kind is missing; it must be 'torque', 'current', 'voltage', 'duty' or 'pwm'.",
         ),
-        (MappingTable, mapping(kind=3), "input.kind is 3; it must be 'torque', 'current' or 'pwm'."),
+        (
+            MappingTable,
+            mapping(kind=3),
+            "input.kind is 3; it must be 'torque', 'current', 'voltage', 'duty' or 'pwm'.",
+        ),
         (
             MappingTable,
             {"columns": {"t": "t"}, "input": {one: DUTY[one] for one in DUTY if one != "resistance"}},

@@ -324,7 +324,8 @@ def _listed(proposal: Proposal, by_wheel: list[str], signs: list[int]) -> list[s
     assigned = proposal.drive.assigned if proposal.drive else None
     if assigned is not None:
         reason = (
-            f"explains {100.0 * assigned.explained:.0f} % of the commands; next best: {assigned.next_best}"
+            f"the motion explains {100.0 * assigned.explained:.0f} % of them, {assigned.advantage:.1f} standard errors "
+            "better than any other order or signs"
         )
     return [
         toml_line("from", [by_wheel[wheel] for wheel in places]),
@@ -336,8 +337,8 @@ def kind_lines(kind: Kind, scale: float, robot: Robot, *, stated: bool) -> list[
     """Return the lines of [input] that depend on the kind of the command."""
     drive, source = robot.drive, "from the robot file"
     lines = [
-        toml_line("kind", "pwm" if kind in ("duty", "voltage") else kind, kind if stated else "not stated"),
-        toml_line("scale", scale / drive.supply_voltage if kind == "voltage" else scale),
+        toml_line("kind", kind, "" if stated else "not stated"),
+        toml_line("scale", scale),
     ]
     if kind == "torque":
         return lines
@@ -403,10 +404,11 @@ def answer_lines(found: Evaluation) -> list[str]:
             f"commands   {', '.join(roles.commands)}: {drive.kind or 'kind not stated'} x {drive.scale:.6g}{fits}"
         )
         if assigned is not None:
+            by_file = sorted(range(len(assigned.wheels)), key=lambda j: one.frame.order[j])
             lines.append(
-                f"           for wheels {[wheel + 1 for wheel in assigned.wheels]}, signs "
-                f"{list(assigned.signs)}: {100.0 * assigned.explained:.0f} % explained, "
-                f"{assigned.advantage:.1f} standard errors before {assigned.next_best}"
+                f"           for wheels {[assigned.wheels[j] + 1 for j in by_file]}, signs "
+                f"{[assigned.signs[j] for j in by_file]}: {100.0 * assigned.explained:.0f} % explained, "
+                f"{assigned.advantage:.1f} standard errors before any other order or signs"
             )
     lines += [f"cannot determine: {question.text}" for question in one.questions]
     told = [f"{finding.severity}: {finding.text}" for finding in found.findings]
