@@ -5,13 +5,13 @@ import json
 import re
 import subprocess
 import sys
+import tomllib
 from contextlib import redirect_stdout
 
 import pytest
 
 from ballbot import Robot
 from ballbot.cli.main import main
-from ballbot.files import read_toml
 from ballbot.twin import Scenario
 from tests.support.paths import ROOT
 
@@ -55,7 +55,7 @@ def test_only_the_kind_of_the_command_is_asked(folder, capsys):
 
 
 def test_the_mapping_is_the_truth(mapping):
-    found = read_toml(mapping)
+    found = tomllib.loads(mapping.read_text(encoding="utf-8"))
     wheels, attitude = found["wheels"], found["attitude"]
     assert (wheels["order"], wheels["sign"], wheels["angle"]["counts_per_turn"]) == (
         [1, 3, 2],

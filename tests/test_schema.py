@@ -30,12 +30,13 @@ def mapping(**changes):
         (
             MappingTable,
             mapping(kind="curent"),
-            "input.kind is 'curent'; did you mean 'current'? It must be 'torque', 'current', 'voltage', 'duty' or 'pwm'.",
+            "input.kind is 'curent'; did you mean 'current'? "
+            "It must be 'torque', 'current', 'voltage', 'duty' or 'pwm'.",
         ),
         (
             MappingTable,
-            mapping(kind="volt"),
-            "input.kind is 'volt'; it must be 'torque', 'current', 'voltage', 'duty' or 'pwm'.",
+            mapping(kind="volts"),
+            "input.kind is 'volts'; did you mean 'voltage'? It must be 'torque', 'current', 'voltage', 'duty' or 'pwm'.",
         ),
         (
             MappingTable,
@@ -117,5 +118,5 @@ def test_schema_errors_end_in_our_sentences(schema, tree, sentence):
         validate_table(schema, tree, of="a file")
     assert sentence in str(refused.value)
     assert "\n" not in str(refused.value)
-    for theirs in ("Input should", "input should", "valid ", "tag", "discriminator"):
+    for theirs in ("Input should", "input should", "valid ", " tag", "discriminator"):
         assert theirs not in str(refused.value)

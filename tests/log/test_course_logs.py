@@ -5,7 +5,8 @@ import pytest
 
 from ballbot.cli.check_log import check_log
 from ballbot.log import Log
-from ballbot.log.mapping_search.proposal import Stated, propose
+from ballbot.log.mapping_search.found import Stated
+from ballbot.log.mapping_search.proposal import propose
 from ballbot.log.mapping_search.text import answer_lines, evaluate
 from ballbot.robot import Robot
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from ballbot.errors import InputError
-from ballbot.log.mapping_search.proposal import Stated, agreement, propose
+from ballbot.log.mapping_search.found import Stated
+from ballbot.log.mapping_search.proposal import agreement, propose
 from ballbot.log.mapping_search.text import MOST_LINES, Evaluation, answer_lines, evaluate
 from tests.support.foreign_log_examples import Habits, columns_of, small_robot, swaying_log, write_foreign
 
@@ -66,7 +67,9 @@ def test_a_lean_that_the_wheels_do_not_explain_is_held_by_hand(tmp_path):
     columns = columns_of(swaying_log(), Habits())
     t, random = columns["t_now"], np.random.default_rng(0)
     for name in ("theta_x", "theta_y"):
-        columns[name] = sum(np.degrees(0.05) * np.sin(w * t + random.uniform(0, 6)) for w in (2.1, 3.7, 5.3))
+        columns[name] = np.zeros(len(t))
+        for rate in (2.1, 3.7, 5.3):
+            columns[name] += np.degrees(0.05) * np.sin(rate * t + random.uniform(0.0, 6.0))
     file = write_foreign(tmp_path / "run.txt", columns, Habits())
     found = evaluate(propose(file, small_robot(), Stated(command="duty")), small_robot())
     assert found.proposal.what == "held by hand"

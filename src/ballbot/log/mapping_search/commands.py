@@ -128,8 +128,8 @@ def _by_wheel(
 
 #: part of the standard errors by which one assignment is behind another that is believed
 BELIEVED_ERRORS = 0.6
-#: logarithm of the ratio of two squared errors from which it counts, too, and its weight for each second; chosen with
-#: `python -m campaigns.mapping_windows 24`, which counts the windows of 4 to 12 s that are wrong with confidence
+#: logarithm of the ratio of two squared errors from which it counts, too, and its weight for each second;
+#: chosen so that of windows of 4 to 12 s of the campaign's recordings fewest are wrong with confidence
 LEAST_RATIO, EACH_SECOND = 0.15, 1.5
 #: probability that motors are numbered as encoders; that each motor turns for a positive command as its encoder counts,
 #: or all motors turn alike, whatever an encoder counts; the rest is for any signs. Chosen, not measured

@@ -16,7 +16,7 @@ from ballbot.log.checks.kinematics import disturbance_findings
 from ballbot.log.log import Log
 from ballbot.log.mapping import apply_mapping
 from ballbot.log.mapping_file import parse_mapping
-from ballbot.log.mapping_search.proposal import KINDS, Kind, Proposal, Question
+from ballbot.log.mapping_search.found import KINDS, Kind, Proposal, Question
 from ballbot.printable import printable_line
 from ballbot.robot import Robot
 from ballbot.schema import toml_line
@@ -296,8 +296,6 @@ def _input_lines(proposal: Proposal, robot: Robot) -> list[str]:
     if assigned is not None:  # command j of the log that was compared is the file's number order[j]
         for j, wheel in enumerate(assigned.wheels):
             by_wheel[wheel], signs[wheel] = names[frame.order[j] - 1], assigned.signs[j]
-    elif proposal.tested is None:
-        signs = [1] * len(names)
     lines = ["[input]", *kind_lines(kind or "torque", drive.scale, robot, stated=kind is not None)]
     if kind is None:
         for other in KINDS:
