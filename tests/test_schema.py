@@ -36,7 +36,8 @@ def mapping(**changes):
         (
             MappingTable,
             mapping(kind="volts"),
-            "input.kind is 'volts'; did you mean 'voltage'? It must be 'torque', 'current', 'voltage', 'duty' or 'pwm'.",
+            "input.kind is 'volts'; did you mean 'voltage'? "
+            "It must be 'torque', 'current', 'voltage', 'duty' or 'pwm'.",
         ),
         (
             MappingTable,

@@ -34,8 +34,8 @@ def test_a_real_log_is_mapped_once_its_command_is_stated(shared_data, name):
     assert proposal.drive.scale == 1.0
     # the trial's: 9 to 14 ms, of which half a message's interval depends on the clock
     assert 0.005 < proposal.drive.delay < 0.0165
-    assert proposal.noise is not None
-    assert proposal.noise[1] < 0.25
+    assert proposal.continued.noise is not None
+    assert proposal.continued.noise[1] < 0.25
 
 
 def test_a_free_wheel_sweep_is_recognised(shared_data):

@@ -90,6 +90,16 @@ class Signals:
     usable: NDArray[np.bool_]  #: moving and not fallen
 
 
+@dataclass(frozen=True, kw_only=True)
+class Continued:
+    """How the times and angles of the file are repaired."""
+
+    #: noise of the speeds [rad/s] with the file's times and with those of the encoders, if these are taken
+    noise: tuple[float, float] | None = None
+    largest_speed: float | None = None  #: [rad/s], if an encoder was reset
+    wrap: float | None = None  #: period of the wheel angles in the file's numbers
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Proposal:
     """What a foreign log is; `ballbot.log.mapping_search.text` writes its mapping."""
@@ -106,11 +116,7 @@ class Proposal:
     lean: Unit | None
     heading_unit: Unit | None
     gyro: Gyro | None
-    noise: (
-        tuple[float, float] | None
-    )  #: of the speeds, with the file's times and the encoders', if they are repaired
-    largest_speed: float | None  #: [rad/s], if an encoder was reset
-    wrap: float | None  #: period of the wheel angles in the file's numbers
+    continued: Continued
     tested: LeanTest | None
     heading: HeadingTest | None
     frame: Frame

@@ -14,7 +14,7 @@ from ballbot.log.checks.stuck_encoders import Balancing, stuck_encoders
 from ballbot.log.columns import FACTORS, Columns
 from ballbot.log.imu_angles import integral_of, less_half_a_turn
 from ballbot.log.mapping_search.evidence import CONFIDENT
-from ballbot.log.mapping_search.found import Gyro, Signals, Stated
+from ballbot.log.mapping_search.found import Continued, Gyro, Signals, Stated
 from ballbot.log.mapping_search.frame import HeadingTest, heading_test
 from ballbot.log.mapping_search.placement import LeanTest, lean_test
 from ballbot.log.mapping_search.roles import Roles
@@ -104,9 +104,7 @@ class Motion:
     likely: dict[tuple[Unit, Unit, Unit], float]
     angles: NDArray[np.float64]  #: (M, n) [rad]
     sampled: NDArray[np.float64]  #: (M,) [s]
-    noise: tuple[float, float] | None
-    largest_speed: float | None
-    wrap: float | None
+    continued: Continued
     signals: Signals
     gyro: Gyro | None
     tested: LeanTest | None
@@ -194,9 +192,11 @@ def _with_units(
         likely={},
         angles=carried,
         sampled=sampled,
-        noise=noise,
-        largest_speed=None if np.allclose(carried, angles, atol=1e-6) else limit,
-        wrap=wrap,
+        continued=Continued(
+            noise=noise,
+            largest_speed=None if np.allclose(carried, angles, atol=1e-6) else limit,
+            wrap=wrap,
+        ),
         signals=signals,
         gyro=gyro,
         tested=tested,

@@ -18,9 +18,10 @@ from ballbot.errors import InputError
 from ballbot.findings import Finding, Place, Severity
 from ballbot.log.checks.stuck_encoders import stuck_encoders, stuck_findings
 from ballbot.log.formats import read_foreign_table
+from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.mapping_search.drive import drive_of, turned_by
 from ballbot.log.mapping_search.evidence import CONFIDENT
-from ballbot.log.mapping_search.found import KINDS, Drive, Proposal, Question, Stated, What
+from ballbot.log.mapping_search.found import KINDS, Continued, Drive, Proposal, Question, Stated, What
 from ballbot.log.mapping_search.frame import frame_of
 from ballbot.log.mapping_search.motion import Columned, Motion, balancing_of, motion_of_file
 from ballbot.log.mapping_search.roles import Roles, roles_of, unused
@@ -85,53 +86,59 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
     unordered = not bool(increasing_rows(t[first:last][~repeated[first:last]]).all())
     cut = rows_in_order(part, t[first:last], repeated=repeated[first:last], unordered=unordered)
     whole = (first, last) == (0, len(t))
+    if not whole:
+        sentence = f"The longest run is rows {first + 1} to {last}; others are left out."
+        notes.append(_finding("warning", "time", sentence))
     base = Columned(path=Path(path), cut=cut, roles=roles, time=time, robot=robot, stated=stated)
     motion = motion_of_file(base) if roles.angles else None
-    if motion and roles.commands and _what(roles, motion) == "held by hand" and _on_a_stand(base, motion):
-        roles = replace(roles, attitude=(), gyro=(), quaternion=(), half_turn=None)  # of a robot on a stand
-        base = replace(base, roles=roles)
+    if motion and roles.commands and _what(roles, motion) != "free wheels" and _on_a_stand(base, motion):
+        base = replace(base, roles=replace(roles, attitude=(), gyro=(), quaternion=(), half_turn=None))
         motion = motion_of_file(base)
-    frame = frame_of(robot, motion.tested if motion else None, motion.heading if motion else None)
-    proposal = Proposal(
-        file=Path(path),
-        table=table,
-        roles=roles,
-        cut=cut,
+    proposal = replace(
+        _proposed(base, table, motion),
         rows=None if whole else (first + 1, last),
         repeated=bool(repeated.any()),
         unordered=unordered,
-        time=time,
+    )
+    if motion is not None and roles.commands:
+        proposal = replace(proposal, drive=drive_of(proposal, base, motion))
+    findings = (*notes, *_findings(proposal, base, motion))
+    return replace(proposal, questions=_questions(proposal, motion), findings=findings)
+
+
+def _proposed(base: Columned, table: ForeignTable, motion: Motion | None) -> Proposal:
+    """Return what the sensors show, before the commands are looked at."""
+    roles, tested, heading, lean = base.roles, None, None, None
+    if motion is not None:
+        tested, heading = motion.tested, motion.heading
+    if roles.attitude:
+        alone = lean_units(base.attitude[:, :2], roles.unit(roles.attitude))
+        lean = motion.units[0] if motion else alone[0]
+    return Proposal(
+        file=base.path,
+        table=table,
+        roles=roles,
+        cut=base.cut,
+        rows=None,
+        repeated=False,
+        unordered=False,
+        time=base.time,
         wheel=motion.units[1] if motion else Unit(name="rad", factor=1.0),
-        lean=(motion.units[0] if motion else lean_units(base.attitude[:, :2], roles.unit(roles.attitude))[0])
-        if roles.attitude
-        else None,
+        lean=lean,
         heading_unit=motion.units[2] if motion and len(roles.attitude) > 2 else None,
         gyro=motion.gyro if motion else None,
-        noise=motion.noise if motion else None,
-        largest_speed=motion.largest_speed if motion else None,
-        wrap=motion.wrap if motion else None,
-        tested=motion.tested if motion else None,
-        heading=motion.heading if motion else None,
-        frame=frame,
+        continued=motion.continued if motion else Continued(),
+        tested=tested,
+        heading=heading,
+        frame=frame_of(base.robot, tested, heading),
         drive=None,
         keep=_keep(motion),
         sample_time=_sample_time(base.t),
         what=_what(roles, motion),
         questions=(),
         findings=(),
-        stated=stated,
+        stated=base.stated,
     )
-    if motion is not None and roles.commands:
-        proposal = replace(proposal, drive=drive_of(proposal, base, motion))
-    questions = _questions(proposal, motion)
-    if whole is False:
-        notes.append(
-            _finding(
-                "warning", "time", f"The longest run is rows {first + 1} to {last}; others are left out."
-            )
-        )
-    findings = (*notes, *_findings(proposal, base, motion))
-    return replace(proposal, questions=questions, findings=findings)
 
 
 def _what(roles: Roles, motion: Motion | None) -> What:
@@ -141,7 +148,9 @@ def _what(roles: Roles, motion: Motion | None) -> What:
         return "free wheels"
     tested, lean = motion.tested, motion.signals.lean
     moving = np.abs(motion.signals.wheels.rate).max(axis=1) > MOVING_SPEED
-    if lean is None or tested is None or tested.placements[0].unexplained > HELD or not moving.any():
+    if tested is None or lean is None or not moving.any():
+        return "balancing"  # or standing: too little motion, which is asked for
+    if tested.placements[0].unexplained > HELD:
         return "held by hand"
     away = np.abs(lean.value - np.median(lean.value, axis=0)).max(axis=1)[moving]
     return "held by hand" if np.quantile(away, 0.9) > LARGEST_LEAN else "balancing"
@@ -172,7 +181,7 @@ def _questions(proposal: Proposal, motion: Motion | None) -> tuple[Question, ...
     def ask(key: str, name: str, answers: Sequence[str], evidence: str) -> None:
         found.append(Question(key=key, name=name, answers=tuple(answers), evidence=evidence))
 
-    roles, tested, frame = proposal.roles, proposal.tested, proposal.frame
+    roles = proposal.roles
     if roles.doubt:
         ask("--columns", "columns", (roles.doubt,), "the names leave it open")
     if motion is None or proposal.what == "held by hand":
@@ -186,57 +195,71 @@ def _questions(proposal: Proposal, motion: Motion | None) -> tuple[Question, ...
         if shares[ranked[0]] < CONFIDENT:
             shown = ", ".join(f"{100.0 * shares[one]:.0f} %" for one in ranked)
             ask(key, f"unit of the {name}", ranked, f"probabilities {shown}")
-    if tested is not None:
-        best, other = tested.placements[:2]
-        error = tested.phase_error
-        if tested.confidence < CONFIDENT:
-            evidence = f"the first fits {tested.margin:.2f} times better than the second"
-            ask(
-                "[wheels] order",
-                "order and signs of the wheels",
-                (best.description, other.description),
-                evidence,
-            )
-        elif frame.direction < CONFIDENT:
-            opposite = str([-sign for sign in frame.signs])
-            evidence = (
-                "the heading turns too little; with the other signs the IMU is turned by half a turn more"
-            )
-            ask(
-                "[wheels] sign",
-                "direction in which all wheels count",
-                (str(list(frame.signs)), opposite),
-                evidence,
-            )
-        elif frame.handedness < CONFIDENT:
-            evidence = (
-                f"the turning of the heading shows it by {abs(tested.same_handedness):.1f} standard errors"
-            )
-            ask(
-                "[attitude] sign",
-                "axes of the IMU",
-                (str(list(frame.axis_signs)), "one axis reversed"),
-                evidence,
-            )
-        if tested.body_frame < -WORLD_BETTER:
-            evidence = f"the world's fit {-tested.body_frame:.1f} standard errors better"
-            ask(
-                "[attitude] from",
-                "axes of the lean",
-                ("about the world's axes", "about the IMU's axes"),
-                evidence,
-            )
-        if error is None or error > CLEAR_TURN:
-            shown = "unknown" if error is None else f"{math.degrees(error):.0f} deg"
-            ask(
-                "[attitude] turn",
-                "turn of the IMU",
-                (f"{math.degrees(frame.turn):.0f} deg",),
-                f"known to {shown}",
-            )
+    found += _frame_questions(proposal)
     if proposal.drive is not None:
         found += _command_questions(proposal, proposal.drive)
     return tuple(found)
+
+
+def _frame_questions(proposal: Proposal) -> list[Question]:
+    tested, frame, found = proposal.tested, proposal.frame, list[Question]()
+
+    def ask(key: str, name: str, answers: Sequence[str], evidence: str) -> None:
+        found.append(Question(key=key, name=name, answers=tuple(answers), evidence=evidence))
+
+    if tested is None:
+        if proposal.roles.attitude:
+            ask(
+                "[wheels] order",
+                "order and signs of the wheels",
+                ("as in the file",),
+                "the robot hardly moves",
+            )
+        return found
+    best, other = tested.placements[:2]
+    error = tested.phase_error
+    if tested.confidence < CONFIDENT:
+        evidence = f"the first fits {tested.margin:.2f} times better than the second"
+        ask(
+            "[wheels] order",
+            "order and signs of the wheels",
+            (best.description, other.description),
+            evidence,
+        )
+    elif frame.direction < CONFIDENT:
+        opposite = str([-sign for sign in frame.signs])
+        evidence = "the heading turns too little; with the other signs the IMU is turned by half a turn more"
+        ask(
+            "[wheels] sign",
+            "direction in which all wheels count",
+            (str(list(frame.signs)), opposite),
+            evidence,
+        )
+    elif frame.handedness < CONFIDENT:
+        evidence = f"the turning of the heading shows it by {abs(tested.same_handedness):.1f} standard errors"
+        ask(
+            "[attitude] sign",
+            "axes of the IMU",
+            (str(list(frame.axis_signs)), "one axis reversed"),
+            evidence,
+        )
+    if tested.body_frame < -WORLD_BETTER:
+        evidence = f"the world's fit {-tested.body_frame:.1f} standard errors better"
+        ask(
+            "[attitude] from",
+            "axes of the lean",
+            ("about the world's axes", "about the IMU's axes"),
+            evidence,
+        )
+    if error is None or error > CLEAR_TURN:
+        shown = "unknown" if error is None else f"{math.degrees(error):.0f} deg"
+        ask(
+            "[attitude] turn",
+            "turn of the IMU",
+            (f"{math.degrees(frame.turn):.0f} deg",),
+            f"known to {shown}",
+        )
+    return found
 
 
 def _command_questions(proposal: Proposal, drive: Drive) -> list[Question]:
@@ -293,7 +316,7 @@ def _findings(proposal: Proposal, base: Columned, motion: Motion | None) -> list
         found.append(_finding("warning", "missing", f"{holes} cells are missing; short gaps are filled."))
     if motion is None:
         return found
-    if proposal.largest_speed is not None or proposal.wrap is not None:
+    if proposal.continued.largest_speed is not None or proposal.continued.wrap is not None:
         sentence = (
             "A wheel angle jumps by more than a wheel can turn: a reset or a full counter; it is continued."
         )

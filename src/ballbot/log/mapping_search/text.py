@@ -193,8 +193,8 @@ def _file_lines(proposal: Proposal) -> list[str]:
 
 def _time_lines(proposal: Proposal) -> list[str]:
     lines = ["[time]"]
-    if proposal.noise is not None:
-        before, after = proposal.noise
+    if proposal.continued.noise is not None:
+        before, after = proposal.continued.noise
         reason = (
             f"noise of the wheel speeds {before:.2g} rad/s; with the times that the encoders give {after:.2g}"
         )
@@ -274,10 +274,10 @@ def _wheel_lines(proposal: Proposal) -> list[str]:
     table: dict[str, object] = {"from": roles.angles, "unit": wheel.name}
     if wheel.name.startswith("counts"):
         table["counts_per_turn"] = float(f"{2.0 * math.pi / wheel.factor:g}")
-    if proposal.wrap is not None:
-        table["wrap"] = proposal.wrap
-    if proposal.largest_speed is not None:
-        table["largest_speed"] = float(f"{proposal.largest_speed:.4g}")
+    if proposal.continued.wrap is not None:
+        table["wrap"] = proposal.continued.wrap
+    if proposal.continued.largest_speed is not None:
+        table["largest_speed"] = float(f"{proposal.continued.largest_speed:.4g}")
     if roles.of_speeds:
         return [*lines, toml_line("angle", {"integral_of": "speed"}), toml_line("speed", table, wheel.reason)]
     return [*lines, toml_line("angle", table, wheel.reason), toml_line("speed", {"derivative_of": "angle"})]
