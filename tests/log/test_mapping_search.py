@@ -76,8 +76,25 @@ def test_a_lean_that_the_wheels_do_not_explain_is_held_by_hand(tmp_path):
     assert found.refusal
 
 
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"wheels": {"radius": 0.15}}, "the lean responds to the wheels"),
+        ({"sensors": {"encoder_counts": 640}}, "an encoder of 4480 counts"),
+    ],
+)
+def test_a_log_of_another_robot_is_refused_with_the_reason(tmp_path, changes, words):
+    robot = small_robot()
+    (part, values) = next(iter(changes.items()))
+    other = robot.replace(**{part: replace(getattr(robot, part), **values)})
+    file = write_foreign(tmp_path / "run.txt", columns_of(swaying_log(), Habits()), Habits())
+    found = evaluate(propose(file, other, Stated(command="duty")), other)
+    assert found.log is None
+    assert words in found.refusal
+
+
 def test_a_log_that_contradicts_the_others_is_named(tmp_path):
     one = found_for(tmp_path, Habits()).proposal
     negated = replace(one, frame=replace(one.frame, signs=tuple(-sign for sign in one.frame.signs)))
     assert agreement([one, one]) == []
-    assert [words for _, words in agreement([one, one, negated])] == ["signs"]
+    assert [words for _, words in agreement([one, one, negated])] == ["signs of the wheels"]

@@ -176,8 +176,14 @@ def _show(
         result.show_file(PAGE, *("mapping.toml", "log.csv")[: 1 if found.log is None else 2])
     for other, words in agreement([one.proposal for one in evaluated]):
         raise InputError(
-            f"{other.file} contradicts the other logs: its {words} differ, so that it is of another robot."
+            f"{other.file} contradicts the other logs by its {words}: it is of another robot or firmware."
         )
+    for one in evaluated:
+        if one.proposal.table.layout.names != found.proposal.table.layout.names:
+            raise InputError(
+                f"{one.proposal.file} has other columns than {found.proposal.file}: the logs agree, but each needs a mapping "
+                "of its own, by a check of its own."
+            )
     refused = next((one for one in evaluated if one.refusal), None)
     if refused is not None:
         raise InputError(f"{refused.proposal.file}: {refused.refusal}")

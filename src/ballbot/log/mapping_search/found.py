@@ -125,5 +125,6 @@ class Proposal:
     sample_time: float  #: of even rows [s]
     what: What
     questions: tuple[Question, ...]
+    contradiction: str  #: why it is not this robot's log, in a sentence; empty if nothing says so
     findings: tuple[Finding, ...]
     stated: Stated

@@ -28,6 +28,7 @@ from ballbot.log.mapping_search.roles import Roles, roles_of, unused
 from ballbot.log.mapping_search.units import (
     Unit,
     lean_units,
+    other_encoder,
     time_unit,
 )
 from ballbot.log.row_order import increasing_rows, longest_run, repeated_rows, rows_in_order
@@ -41,6 +42,8 @@ from ballbot.robot import Robot
 
 #: standard errors by which a lean about the world's axes must fit better to be asked about, and of the IMU's turn [rad]
 WORLD_BETTER, CLEAR_TURN = 1.5, math.radians(8.0)
+#: response of the lean to the wheels over the robot's beyond which it is another robot: 1.0 to 1.4 on real logs of one
+GAIN_RANGE = (0.5, 2.0)
 #: nothing explains the lean if the best placement leaves more of its acceleration
 HELD = 0.8
 #: no robot on a ball leans further than this [rad] in a tenth of the time in which its wheels turn
@@ -102,8 +105,12 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
     )
     if motion is not None and roles.commands:
         proposal = replace(proposal, drive=drive_of(proposal, base, motion))
-    findings = (*notes, *_findings(proposal, base, motion))
-    return replace(proposal, questions=_questions(proposal, motion), findings=findings)
+    return replace(
+        proposal,
+        questions=_questions(proposal, motion),
+        contradiction=_contradiction(proposal, base),
+        findings=(*notes, *_findings(proposal, base, motion)),
+    )
 
 
 def _proposed(base: Columned, table: ForeignTable, motion: Motion | None) -> Proposal:
@@ -136,8 +143,29 @@ def _proposed(base: Columned, table: ForeignTable, motion: Motion | None) -> Pro
         sample_time=_sample_time(base.t),
         what=_what(roles, motion),
         questions=(),
+        contradiction="",
         findings=(),
         stated=base.stated,
+    )
+
+
+def _contradiction(proposal: Proposal, base: Columned) -> str:
+    """Return why it is not this robot's log; empty if nothing says so."""
+    tested, roles = proposal.tested, proposal.roles
+    if roles.angles and not roles.of_speeds:
+        other = other_encoder(
+            base.stacked(roles.angles), proposal.wheel, base.robot, proposal.stated.counts_per_turn
+        )
+        if other:
+            return other
+    if proposal.what != "balancing" or tested is None or tested.confidence < CONFIDENT:
+        return ""
+    gain = tested.placements[0].gain
+    if GAIN_RANGE[0] < gain < GAIN_RANGE[1]:
+        return ""
+    return (
+        f"the lean responds to the wheels {gain:.3g} times as strongly as this robot's should: a unit, the counts per "
+        "turn, a radius or the height of the centre of mass is another."
     )
 
 
@@ -186,7 +214,7 @@ def _questions(proposal: Proposal, motion: Motion | None) -> tuple[Question, ...
         ask("--columns", "columns", (roles.doubt,), "the names leave it open")
     if motion is None or proposal.what == "held by hand":
         return tuple(found)
-    keys = ("[attitude] unit", "[wheels] angle", "[attitude] unit")
+    keys = ("[attitude] unit", "[wheels] angle", "[attitude] unit of the yaw")
     for place, (key, name) in enumerate(zip(keys, ("lean", "wheels", "heading"), strict=True)):
         shares: dict[str, float] = {}
         for units, share in motion.likely.items():
@@ -367,16 +395,16 @@ def agreement(proposals: Sequence[Proposal]) -> list[tuple[Proposal, str]]:
     def answer(one: Proposal) -> dict[str, object]:
         found: dict[str, object] = {}
         if one.tested is not None and one.tested.confidence >= CONFIDENT:
-            found["wheels"] = one.frame.order
+            found["order of the wheels"] = one.frame.order
             if one.frame.direction >= CONFIDENT:
-                found["signs"] = one.frame.signs
-                found["turn"] = round(math.degrees(one.frame.turn) / 30.0) % 12
+                found["signs of the wheels"] = one.frame.signs
+                found["turn of the IMU"] = round(math.degrees(one.frame.turn) / 30.0) % 12
         if (
             one.drive is not None
             and one.drive.assigned is not None
             and one.drive.assigned.confidence >= CONFIDENT
         ):
-            found["commands"] = (one.drive.assigned.wheels, one.drive.assigned.signs)
+            found["order and signs of the commands"] = (one.drive.assigned.wheels, one.drive.assigned.signs)
         return found
 
     wrong = []

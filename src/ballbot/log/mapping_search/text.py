@@ -64,7 +64,7 @@ def evaluate(proposal: Proposal, robot: Robot, *, common: Proposal | None = None
     if common is not None:
         proposal = _answered(proposal, common)
     findings, text, log = proposal.findings, mapping_text(proposal, robot), None
-    refusal = _refusal(proposal)
+    refusal = _refusal(proposal, robot)
     if not refusal:
         try:
             log = Log(apply_mapping(parse_mapping(text, source="the mapping"), proposal.cut))
@@ -101,7 +101,7 @@ def _with_path(log: Log, proposal: Proposal, robot: Robot) -> Log:
     return with_odometry(log, robot) if proposal.roles.attitude else log
 
 
-def _refusal(proposal: Proposal) -> str:
+def _refusal(proposal: Proposal, robot: Robot) -> str:
     if proposal.what == "IMU only":
         return (
             "it has no wheel angles, and shows no friction: with a mapping file it is usable for `ballbot align`; for "
@@ -112,6 +112,8 @@ def _refusal(proposal: Proposal) -> str:
             "the wheels do not explain how the robot leans: it is held by hand or stands on a bench, or it is not this "
             "robot. Record it while it balances, with every wheel's angle."
         )
+    if proposal.contradiction:
+        return f"the log contradicts the robot {robot.name}: {proposal.contradiction}"
     stuck = [one for one in proposal.findings if one.code == "stuck"]
     if stuck:
         return stuck[0].text

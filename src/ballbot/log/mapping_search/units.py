@@ -71,6 +71,35 @@ def step_of(values: NDArray[np.float64]) -> float | None:
     return step if len(multiples) >= 20 and whole.mean() > 0.95 else None
 
 
+#: a step over one count of the encoder that is no other step, other edges of its lines, and how near a step must be to
+#: a round decimal to be rounding
+OTHER_STEP, EDGES, ROUND = 1.4, (0.25, 0.5, 2.0, 4.0), 0.02
+
+
+def other_encoder(
+    angles: NDArray[np.float64], unit: Unit, robot: Robot, counts_per_turn: float | None
+) -> str:
+    """Return that angles (N, n) step as no encoder of the robot does; empty if they do, or show no steps."""
+    steps = [step for step in (step_of(column) for column in angles.T) if step is not None]
+    if unit.name.startswith("counts") or not steps:
+        return ""
+    step, per_turn = (
+        float(np.median(steps)),
+        counts_per_turn or robot.sensors.encoder_counts * robot.drive.gear_ratio,
+    )
+    digits = step / 10.0 ** math.floor(math.log10(step))
+    ratio = step * unit.factor * per_turn / (2.0 * math.pi)
+    edges = any(abs(ratio / one - 1.0) < STEP_AGREEMENT for one in EDGES)
+    rounded = any(abs(digits / one - 1.0) < ROUND for one in (1.0, 2.0, 5.0, 10.0))
+    if rounded or edges or 1.0 / OTHER_STEP < ratio < OTHER_STEP:
+        return ""
+    return (
+        f"the wheel angles step by {step:.4g} {unit.name}, as an encoder of {per_turn / ratio:.0f} counts a turn "
+        f"does, and the robot's has {per_turn:g}. Give the robot file of the robot that wrote the log, or "
+        "--counts-per-turn."
+    )
+
+
 def fastest(robot: Robot) -> float:
     """Return the speed [rad/s] of a wheel at which the back-EMF is the supply's voltage."""
     drive = robot.drive
