@@ -181,8 +181,8 @@ def _show(
     for one in evaluated:
         if one.proposal.table.layout.names != found.proposal.table.layout.names:
             raise InputError(
-                f"{one.proposal.file} has other columns than {found.proposal.file}: the logs agree, but each needs a mapping "
-                "of its own, by a check of its own."
+                f"{one.proposal.file} has other columns than {found.proposal.file}: the logs agree, but each needs "
+                "a mapping of its own, by a check of its own."
             )
     refused = next((one for one in evaluated if one.refusal), None)
     if refused is not None:
