@@ -5,14 +5,13 @@
 
 The logs are of the robots of the University of Michigan's course ROB 311 (https://github.com/michiganrobotics/rob311).
 They carry no licence and are not part of Ballbot: put them into the folder rob311 of DIR. `ballbot check-log` proposes
-a mapping for each. What it cannot determine is filled in: commands are duties, as the course's firmware sends them,
-full duty gives the torque limit, and a lean is as late as it fits the wheels best.
+a mapping for each, with the commands stated as duties, as the course's firmware sends them. Dead bands are filled in,
+and for the third log the delay at which the lean fits the wheels best.
 """
 
 from __future__ import annotations
 
 import hashlib
-import re
 import tempfile
 from dataclasses import dataclass
 from itertools import permutations
@@ -42,6 +41,8 @@ class Source:
 
     sha256: str
     dead_band: float  #: duty that the firmware adds; see docs/real_robots.md
+    #: [s]; left at zero, it puts the third log's viscous friction at the bound of the search
+    lean_delay: float = 0.0
 
 
 SOURCES = {
@@ -53,7 +54,9 @@ SOURCES = {
     ),
     # the course's firmware adds 1024 of 32639
     "lab10_data_trial_408": Source(
-        sha256="3d971b3a835faf3808785890b803e0a7a3baef621c8eb96d7d8d1012c7b74d03", dead_band=0.0314
+        sha256="3d971b3a835faf3808785890b803e0a7a3baef621c8eb96d7d8d1012c7b74d03",
+        dead_band=0.0314,
+        lean_delay=0.0166,
     ),
 }
 _GROUPS = ("b", "c", "C_rr")
@@ -75,32 +78,19 @@ def log_file(name: str) -> Path:
     return path
 
 
-def filled_in(mapping: str) -> str:
-    """Return a proposed mapping as it stands, without its open lines.
-
-    Where torques may be duties, with duties; where the delay of the lean is asked for, with the one at which the wheels
-    explain the lean best: left at zero, it puts the third log's viscous friction at the bound of the search.
-    """
-    before, section = re.sub(r"^complete = .*\n", "", mapping, flags=re.MULTILINE).split("[input]\n")
-    asked = r"(# cannot determine: delay of the lean .* explain the lean best ([\d.]+) ms earlier.*\ndelay = )[\d.]+"
-    before = re.sub(asked, lambda found: f"{found[1]}{1e-3 * float(found[2]):.4g}", before)
-    header = re.escape("# if it is a duty, these lines in place of those above in [input]:")
-    duties = re.search(header + r"\n((?:#   .*\n)+)", section)
-    if duties is None:
-        return f"{before}[input]\n{section}"
-    kept = "".join(re.findall(r"^(?:from|sign|delay) = .*\n", section, flags=re.MULTILINE))
-    return f"{before}[input]\n{re.sub(r'^#   ', '', duties[1], flags=re.MULTILINE)}{kept}"
+def filled_in(mapping: str, source: Source) -> str:
+    """Return a proposed mapping with what its firmware adds to a duty, and how late its lean is."""
+    stated = mapping.replace("# dead_band = 0.0 ", f"dead_band = {source.dead_band:g} ")
+    return stated.replace("[attitude]\n", f"[attitude]\ndelay = {source.lean_delay:g}\n")
 
 
 def mapped(name: str, folder: Path) -> tuple[Log, float]:
     """Return a log by the mapping that `check-log` proposes, as docs/real_robots.md does, and its motors' back-EMF."""
     path, robot = log_file(name), Robot.load("rob311")
     out = folder / name
-    words = ["check-log", str(path), "--robot", "rob311", "--out", str(out)]
-    undetermined = ballbot([*words, "--dead-band", str(SOURCES[name].dead_band)])
+    ballbot(["check-log", str(path), "--robot", "rob311", "--command", "duty", "--out", str(out)])
     mapping = out / "mapping.toml"
-    if undetermined:
-        write_text(mapping, filled_in(mapping.read_text(encoding="utf-8")))
+    write_text(mapping, filled_in(mapping.read_text(encoding="utf-8"), SOURCES[name]))
     return read_balancing_log(path, mapping, robot), common_back_emf([mapping])
 
 

@@ -349,4 +349,4 @@ def write(path: Path, columns: Columns, habits: Habits) -> tuple[Path, list[str]
         lines.insert(0, mark.join(names))
     path = path.with_suffix(".txt")
     path.write_text("\n".join(lines) + "\n")
-    return path, names if habits.layout == "given_columns" else None
+    return path, names if habits.layout in ("no_header", "given_columns") else None

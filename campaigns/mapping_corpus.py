@@ -1,20 +1,16 @@
-"""Measure `ballbot check-log` on logs of other people's making: twin logs renamed, permuted, scaled, turned and cut.
+"""Measure `ballbot check-log` on logs of other people's making: logs renamed, permuted, scaled, turned and cut.
 
 .venv/bin/python -m campaigns.evidence mapping_corpus
-.venv/bin/python -m campaigns.mapping_corpus development 200     that half, that many variants, with each failure
+.venv/bin/python -m campaigns.mapping_corpus 200     that many variants, with each failure
 
-A variant is a stretch of a recorded log, written as a team might write it (`campaigns.foreign_logs`). Ballbot proposes
-a mapping, and the log that this mapping makes is compared with the recorded one. A result is
+A variant is a stretch of a recorded log, written as a team might write it (`campaigns.foreign_logs`), with the kind of
+its command stated, and the columns' names if the file has no header. The log that the proposed mapping makes is
+compared with the recorded one. A result is
 
-right           the log is the recorded one, up to a transformation that leaves every measured signal and the robot's
-                dynamics unchanged, or a dead band counted as less dry friction (`differences`)
-undetermined    a conclusion is below the confidence that `check-log` asks for, so that it names the line to fill in
-doubtful        wrong, with a stated confidence below 0.9
-wrong           wrong, and confident
-
-The development halves are for work on the inference, and its calibration is fitted on them. The test half has other
-robots, motions and seeds and is run once to judge it (`campaigns.mapping_recordings`); looked at, it becomes a
-development half, and another test half is made for the next version.
+right    the log is the recorded one, up to a transformation that leaves every measured signal and the robot's dynamics
+         unchanged, or a dead band counted as less dry friction (`differences`)
+asked    something is asked for, or the log is refused
+wrong    anything else
 """
 
 from __future__ import annotations
@@ -25,7 +21,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import as_completed
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
@@ -39,16 +35,15 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.checks.torque_balance import smoothed_wheel_speeds
 from ballbot.log.formats import is_foreign
-from ballbot.log.mapping_inference.evidence import CONFIDENT
-from ballbot.log.mapping_inference.frame import TURNING_BY_WHEELS
-from ballbot.log.mapping_inference.proposal import propose
-from ballbot.log.mapping_inference.report import Evaluation, evaluate
+from ballbot.log.mapping_search.found import Stated
+from ballbot.log.mapping_search.frame import TURNING_BY_WHEELS
+from ballbot.log.mapping_search.proposal import propose
+from ballbot.log.mapping_search.text import Evaluation, evaluate
 from ballbot.processes import worker_pool
 from ballbot.robot import Robot
-from campaigns.course_robot import SOURCE, SOURCES, log_file
 from campaigns.foreign_logs import Habits, columns_of, commands, draw, row_times, write
 from campaigns.mapping_recordings import HABITS_SEED, MOTIONS, ROBOTS, Half, dead_band, recording, robot_named
-from campaigns.section import DataMissingError, Section
+from campaigns.section import Section
 
 #: length of the Hann window [s] that smooths both logs before they are compared. Its first zero is at 8 Hz: noise of
 #: the lean and chatter of the commands, which differ after an error of a millisecond in a delay, are above that
@@ -59,17 +54,7 @@ LEAN_ERROR, TURN_ERROR, WHEEL_ERROR, TORQUE_ERROR = 0.1, np.radians(12.0), 0.03,
 #: but the noise of its speed, in a torque that is too small to matter
 LEAST_TORQUE = 0.5
 
-Result = Literal["right", "undetermined", "doubtful", "wrong"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Judgement:
-    """What a proposed mapping is worth."""
-
-    result: Result
-    answered: Result  #: the same once the user gives the firmware's dead band, if only that was asked
-    reason: str  #: what is undetermined or wrong
-    confidence: float  #: the least of the conclusions
+Result = Literal["right", "asked", "wrong"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +66,8 @@ class Outcome:
     robot: str
     motion: str
     duration: float  #: [s]
-    judgement: Judgement
+    result: Result
+    reason: str  #: what is asked or wrong
 
 
 def outcome(half: Half, seed: int) -> Outcome:
@@ -91,51 +77,35 @@ def outcome(half: Half, seed: int) -> Outcome:
     robot, log = robot_named(name), recording(half, name, motion)
     band = dead_band(robot) if motion == "dead_band" else 0.0
     habits = draw(HABITS_SEED[half] + seed, robot, dead_band=bool(band), whole=float(log.t[-1]))
+    result, reason = judged(log, robot, habits, dead_band=band)
     return Outcome(
         half=half,
         seed=seed,
         robot=name,
         motion=motion,
         duration=habits.duration,
-        judgement=judged(log, robot, habits, dead_band=band),
+        result=result,
+        reason=reason,
     )
 
 
-def judged(truth: Log, robot: Robot, habits: Habits, *, dead_band: float) -> Judgement:
-    """Write a log as a team of these habits does, and return what its proposed mapping is worth."""
+def judged(truth: Log, robot: Robot, habits: Habits, *, dead_band: float) -> tuple[Result, str]:
+    """Write a log as a team of these habits does, and return what its proposed mapping is worth, and why."""
     with tempfile.TemporaryDirectory() as folder:
         table = columns_of(truth, habits, robot, dead_band=dead_band)
         path, given = write(Path(folder) / "log", table, habits)
         if given is None and not is_foreign(path):  # the command would take it for a log of Ballbot's
-            return Judgement(result="wrong", answered="wrong", reason="not taken for foreign", confidence=1.0)
+            return "wrong", "not taken for foreign"
         try:
-            proposal = propose(path, robot, columns=given)
-            found = evaluate(proposal, robot, file=path)
-            asked = [one.name for one in found.undetermined]
-            result, reason, confidence = _worth(found, truth, robot, habits, dead_band=dead_band)
-            answered = result
-            if asked == ["dead band"]:
-                known = evaluate(replace(proposal, dead_band=dead_band), robot, file=path)
-                answered, _, _ = _worth(known, truth, robot, habits, dead_band=dead_band)
+            found = evaluate(propose(path, robot, Stated(command=habits.command, columns=given)), robot)
         except InputError as error:
-            result, answered, confidence = "undetermined", "undetermined", 0.0
-            reason = str(error)[:160].replace(str(path), "")
+            return "asked", str(error)[:160].replace(str(path), "")
         except Exception as error:  # a user would see a traceback
-            result, answered, confidence, reason = "wrong", "wrong", 1.0, f"crash: {error!r}"
-    return Judgement(result=result, answered=answered, reason=reason, confidence=confidence)
-
-
-def _worth(
-    found: Evaluation, truth: Log, robot: Robot, habits: Habits, *, dead_band: float
-) -> tuple[Result, str, float]:
-    """Return what an evaluation is worth, what is undetermined or wrong, and its least confidence."""
-    confidence = min(one.confidence for one in found.conclusions)
+            return "wrong", f"crash: {error!r}"
     if found.log is None or found.refusal:
-        return "undetermined", found.refusal[:200], confidence
+        return "asked", found.refusal[:200]
     wrong = differences(found, truth, robot, habits, dead_band=dead_band)
-    if not wrong:
-        return "right", "", confidence
-    return ("wrong" if confidence >= CONFIDENT else "doubtful"), wrong, confidence
+    return ("wrong" if wrong else "right"), wrong
 
 
 def differences(found: Evaluation, truth: Log, robot: Robot, habits: Habits, *, dead_band: float) -> str:
@@ -166,8 +136,7 @@ def differences(found: Evaluation, truth: Log, robot: Robot, habits: Habits, *, 
         return "no commands"
     mapped, real = _body_frame(log), _body_frame(truth)
     real = {name: np.array([np.interp(t, truth.t, row) for row in values]) for name, values in real.items()}
-    not_stated = dead_band - (found.proposal.added_duty or 0.0)
-    real["torques"] = _as_written(truth, truth.torques - _less_friction(truth, robot, not_stated), habits, t)
+    real["torques"] = _as_written(truth, truth.torques - _less_friction(truth, robot, dead_band), habits, t)
     still = not habits.yaw and float(np.std(real["heading"])) < TURNING_BY_WHEELS
     equivalents = _equivalents(real, robot, half_turn=still)
     return min((_compared(mapped, one, habits.yaw, log.sample_time) for one in equivalents), key=len)
@@ -287,134 +256,50 @@ def outcomes(half: Half, seeds: Sequence[int], *, processes: int = 1) -> Iterato
             pool.shutdown(cancel_futures=True)
 
 
-#: variants of each half
-VARIANTS = 1000
-RESULTS: tuple[Result, ...] = ("right", "undetermined", "doubtful", "wrong")
-#: environment variables: variants of each half, the most minutes of the halves in turn, "4,4,4,4,4,20", and processes
+#: variants of all halves in turn
+VARIANTS = 2000
+#: environment variables: variants, the most minutes, and processes
 COUNT, MINUTES, PROCESSES = "BALLBOT_VARIANTS", "BALLBOT_MINUTES", "BALLBOT_PROCESSES"
 
 
 def campaign() -> Section:
-    """Judge all halves and return the section of docs/generated/evidence.md."""
-    count = int(os.environ.get(COUNT, VARIANTS))
-    found = [one for half in ROBOTS for one in _followed(half, range(count))]
-    return written(found)
+    """Judge variants of all halves and return the section of docs/generated/evidence.md."""
+    return section(list(_followed(int(os.environ.get(COUNT, VARIANTS)))))
 
 
-def written(found: Sequence[Outcome]) -> Section:
-    """Return the section with what else is said of recordings and real logs."""
-    return section(found, dead_bands=dead_band_parts(), remarks=f"{time_in_motion()} {course_logs()}")
-
-
-def time_in_motion() -> str:
-    """Return a sentence on the part of the test half's recordings in which a wheel turns."""
-    logs = [recording("test", robot, motion) for robot in ROBOTS["test"] for motion in MOTIONS["test"]]
-    parts = [100.0 * _seconds_in_motion(one) / one.t[-1] for one in logs]
-    return f"In the test half's recordings a wheel turns {min(parts):.0f} to {max(parts):.0f} % of the time."
-
-
-def course_logs() -> str:
-    """Return a sentence on the public logs of the course's robots; that they are missing, without them."""
-    try:
-        files = {name: log_file(name) for name in SOURCES}
-    except DataMissingError as missing:
-        return f"Real logs: {missing}."
-    robot, said = Robot.load("rob311"), []
-    for name, path in files.items():
-        found = evaluate(propose(path, robot), robot, file=path)
-        asked = ", ".join(one.name for one in found.undetermined)
-        drive = found.proposal.drive
-        read = f"read as {drive.unit.description}" if drive else "without commands"
-        said.append(f"{name} ({SOURCES[name].sha256[:12]}): {f'asks for the {asked}' if asked else read}")
-    return f"Real logs of the course's robots ({SOURCE}), whose commands are duties of full scale 1: {'; '.join(said)}."
-
-
-def dead_band_parts() -> list[float]:
-    """Return the part of the torques that the dead band is, smoothed as `differences` does, for every robot."""
-    found = []
-    for half, names in ROBOTS.items():
-        for name in names:
-            robot, log = robot_named(name), recording(half, name, "dead_band")
-            duty = commands(robot, log.torques, log.wheel_speeds, "duty")
-            added = dead_band(robot) * robot.drive.torque_limit * np.sign(duty)
-            sizes = [_smoothed(one.T, log.sample_time).std(axis=1).mean() for one in (added, log.torques)]
-            found.append(float(sizes[0] / sizes[1]))
-    return found
-
-
-def section(found: Sequence[Outcome], *, dead_bands: Sequence[float], remarks: str) -> Section:
-    """Return the section of docs/generated/evidence.md.
-
-    Parameters
-    ----------
-    found : sequence of Outcome
-    dead_bands : sequence of float
-        Of `dead_band_parts`.
-    remarks : str
-        Sentences on the test half's recordings and on real logs.
-    """
+def section(found: Sequence[Outcome]) -> Section:
+    """Return the section of docs/generated/evidence.md."""
     rows = []
-    for half in ROBOTS:
-        judged_ones = [one.judgement for one in found if one.half == half]
-        total, counts = len(judged_ones), Counter(one.result for one in judged_ones)
-        answered = Counter(one.answered for one in judged_ones)
-        wrong_then = answered["doubtful"] + answered["wrong"]
-        rows.append(
-            [
-                half.replace("_", " "),
-                f"{total}",
-                *(_share(counts[result], total) for result in RESULTS),
-                f"{_share(answered['right'], total)}; wrong {_share(wrong_then, total)}",
-            ]
-        )
+    for shortest, longest in pairwise((5.0, 10.0, 15.0, 60.0)):
+        own = [one for one in found if shortest <= one.duration < longest]
+        counts = Counter(one.result for one in own)
+        shares = [_share(counts[result], len(own)) for result in RESULTS]
+        rows.append([f"{shortest:.0f} to {longest:.0f} s", f"{len(own)}", *shares])
+    counts = Counter(one.result for one in found)
+    rows.append(["all", f"{len(found)}", *(_share(counts[result], len(found)) for result in RESULTS)])
     wrong = "; ".join(
-        f"{one.half.replace('_', ' ')} {one.seed} ({one.robot}, {one.motion}): {one.judgement.reason}"
+        f"{one.half} {one.seed} ({one.robot}, {one.motion}): {one.reason}"
         for one in found
-        if one.judgement.result == "wrong"
+        if one.result == "wrong"
     )
     asked = Counter(
-        one.judgement.reason.split(";")[0].split("(")[0][:70].strip()
-        for one in found
-        if one.judgement.result == "undetermined"
+        one.reason.split(";")[0][:90].strip() for one in found if one.result == "asked"
     ).most_common(6)
     return Section(
         title="Mappings proposed for foreign logs",
-        before="Stretches of 5 to 60 s of simulated logs, written as other teams write them"
-        " (`campaigns/foreign_logs.py`): renamed, permuted, scaled, turned, mirrored, late, noisy, in several formats."
-        " The inference was worked on with the development halves; the third to the fifth judged earlier versions."
-        " The test half has other robots, motions and seeds. It was first run, unseen, for the version of commit"
-        " b5b4f763; nothing was changed for what it showed. The first two halves are"
-        " logs of the twin, the others of the equations of motion with the twin's sensors, play and friction. Right is"
-        " the recorded log up to the transformations of"
-        " `campaigns.mapping_corpus.differences`; the last column is with the firmware's dead band given if only that"
-        " was asked. Intervals are of 95 % by Clopper and Pearson.",
-        columns=[
-            "half",
-            "variants",
-            "right",
-            "undetermined",
-            "wrong, confidence below 0.9",
-            "confidently wrong",
-            "right with the dead band given",
-        ],
+        before="Stretches of 5 to 60 s of simulated logs of 18 robots, written as other teams write them"
+        " (`campaigns/foreign_logs.py`): renamed, permuted, negated, scaled, turned, mirrored, late, noisy, in several"
+        " formats, with the kind of the command stated. Right is the recorded log up to the transformations of"
+        " `campaigns.mapping_corpus.differences`. Intervals are of 95 % by Clopper and Pearson.",
+        columns=["duration", "variants", *RESULTS],
         rows=rows,
-        after=f"{_by_duration(found)} Confidently wrong: {wrong or 'none'}. Undetermined most often: "
+        after=f"Wrong: {wrong or 'none'}. Asked most often: "
         + "; ".join(f"{reason} ({count})" for reason, count in asked)
-        + f". The firmware's dead band is {100 * min(dead_bands):.0f} to {100 * max(dead_bands):.0f} % of the torques"
-        f" of its logs. A mapping that does not state it is compared with torques less so much dry friction, and may"
-        f" differ by {100 * TORQUE_ERROR:.0f} % of them. {remarks}"
-        f" {MINUTES} limits the minutes of a half, and with them the number of its variants.",
+        + f". {COUNT} and {MINUTES} limit the number of variants.",
     )
 
 
-def _by_duration(found: Sequence[Outcome]) -> str:
-    """Return a sentence on the share of the test half that is right, by the logs' durations."""
-    shares = []
-    for shortest, longest in pairwise((5.0, 10.0, 15.0, 60.0)):
-        own = [one for one in found if one.half == "test" and shortest <= one.duration < longest]
-        right = sum(one.judgement.result == "right" for one in own)
-        shares.append(f"{_share(right, len(own))} of {shortest:.0f} to {longest:.0f} s")
-    return f"Right in the test half, by the logs' durations: {'; '.join(shares)}."
+RESULTS: tuple[Result, ...] = ("right", "asked", "wrong")
 
 
 def _share(count: int, total: int) -> str:
@@ -425,29 +310,25 @@ def _share(count: int, total: int) -> str:
     return f"{count} ({100 * count / total:.1f} %, {100 * low:.1f} to {100 * high:.1f} %)"
 
 
-def _followed(half: Half, seeds: Sequence[int]) -> Iterator[Outcome]:
-    """Yield the outcomes of a half; those that are not right are named on standard error."""
-    limits = dict(
-        zip(ROBOTS, os.environ.get(MINUTES, ",".join(["inf"] * len(ROBOTS))).split(","), strict=True)
-    )
-    started, minutes = perf_counter(), float(limits[half])
-    processes = int(os.environ.get(PROCESSES, os.cpu_count() or 1))
-    for one in outcomes(half, seeds, processes=processes):
-        judgement = one.judgement
-        if judgement.result != "right":
-            print(
-                f"{half} {one.seed} {one.robot} {one.motion} {one.duration:.0f} s {judgement.result}, "
-                f"with the dead band {judgement.answered}: {judgement.reason}",
-                file=sys.stderr,
-                flush=True,
-            )
-        yield one
-        if perf_counter() - started > 60.0 * minutes:
-            return
+def _followed(count: int) -> Iterator[Outcome]:
+    """Yield the outcomes of so many variants, of all halves in turn; each that is not right is named on stderr."""
+    started, minutes = perf_counter(), float(os.environ.get(MINUTES, "inf"))
+    halves = tuple(ROBOTS)
+    with worker_pool(int(os.environ.get(PROCESSES, os.cpu_count() or 1))) as pool:
+        runs = [pool.submit(outcome, halves[k % len(halves)], k // len(halves)) for k in range(count)]
+        try:
+            for run in as_completed(runs):
+                one = run.result()
+                if one.result != "right":
+                    said = f"{one.half} {one.seed} {one.robot} {one.motion} {one.duration:.0f} s {one.result}"
+                    print(f"{said}: {one.reason}", file=sys.stderr, flush=True)
+                yield one
+                if perf_counter() - started > 60.0 * minutes:
+                    return
+        finally:
+            # whoever takes no more of them does not wait for the rest
+            pool.shutdown(cancel_futures=True)
 
 
 if __name__ == "__main__":
-    halves: dict[str, Half] = {str(half): half for half in ROBOTS}
-    chosen = halves[sys.argv[1]]
-    outcomes_found = list(_followed(chosen, range(int(sys.argv[2]))))
-    print(written(outcomes_found).markdown())
+    print(section(list(_followed(int(sys.argv[1])))).markdown())

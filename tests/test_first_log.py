@@ -5,13 +5,13 @@ import json
 import re
 import subprocess
 import sys
+import tomllib
 from contextlib import redirect_stdout
 
 import pytest
 
 from ballbot import Robot
 from ballbot.cli.main import main
-from ballbot.files import read_toml
 from ballbot.twin import Scenario
 from tests.support.paths import ROOT
 
@@ -34,10 +34,13 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def refused(folder):
-    """Return the exit code of the document's first check."""
-    out = str(folder / "checked")
-    return main(["check-log", str(folder / "balance.csv"), "--robot", "alten", "--out", out])
+def mapping(folder):
+    """Return the mapping of the document's second check."""
+    words = "--robot alten --command current --out"
+    assert words in DOCUMENT
+    out = folder / "checked"
+    assert main(["check-log", str(folder / "balance.csv"), *words.split(), str(out)]) == 0
+    return out / "mapping.toml"
 
 
 def test_file_begins_as_the_document_shows(folder):
@@ -45,54 +48,29 @@ def test_file_begins_as_the_document_shows(folder):
     assert f"    {header}\n" in DOCUMENT
 
 
-def test_one_line_is_left_and_the_rest_is_the_truth(folder, refused):
-    assert refused == 2
-    mapping = read_toml(folder / "checked" / "mapping.toml")
-    assert mapping["complete"] is False
-    text = (folder / "checked" / "mapping.toml").read_text()
-    asked = [line for line in text.splitlines() if line.startswith("# cannot determine: ")]
-    assert len(asked) == 1
-    assert asked[0].startswith("# cannot determine: kind of the command (torque or current)")
-    wheels, attitude = mapping["wheels"], mapping["attitude"]
+def test_only_the_kind_of_the_command_is_asked(folder, capsys):
+    assert main(["check-log", str(folder / "balance.csv"), "--robot", "alten"]) == 2
+    said = capsys.readouterr().err
+    assert said.split("balance.csv: ")[-1].strip() in DOCUMENT
+
+
+def test_the_mapping_is_the_truth(mapping):
+    found = tomllib.loads(mapping.read_text(encoding="utf-8"))
+    wheels, attitude = found["wheels"], found["attitude"]
     assert (wheels["order"], wheels["sign"], wheels["angle"]["counts_per_turn"]) == (
         [1, 3, 2],
         [1, 1, -1],
         55200.0,
     )
     assert (attitude["turn"], attitude["unit"], attitude["rates"]["unit"]) == (30.0, "deg", "deg/s")
-    assert mapping["columns"]["t"]["unit"] == "ms"
-    assert (mapping["file"]["separator"], mapping["file"]["decimal"]) == ("semicolon", "comma")
-
-
-@pytest.mark.usefixtures("refused")
-def test_numbers_of_the_first_check_are_those_of_the_document(folder):
-    found = json.loads((folder / "checked" / "results.json").read_text())["conclusions"]
-    time = next(one for one in found if one["name"] == "unit of the time")
-    assert f"the milliseconds ({100 * time['confidence']:.0f} %)" in DOCUMENT
-    drive = Robot.load("alten").drive
-    assert f"1 A gives {drive.gear_ratio * drive.torque_constant:.2f} N m" in DOCUMENT
+    assert found["columns"]["t"]["unit"] == "ms"
+    assert (found["file"]["separator"], found["file"]["decimal"]) == ("semicolon", "comma")
 
 
 @pytest.fixture(scope="module")
-def filled(folder, refused):
-    """Return the mapping, filled in as the document shows."""
-    assert refused == 2
-    text = (folder / "checked" / "mapping.toml").read_text()
-    above = r"(?<=\[input\]\n)(?:.+\n)*"
-    alternative = r"# if it is a current, these lines in place of those above in \[input\]:\n((?:#   .*\n)+)"
-    found = re.search(above + alternative, text)
-    assert found
-    text = text.replace(found[0], re.sub(r"^#   ", "", found[1], flags=re.MULTILINE))
-    text = re.sub(r"^complete = false.*\n", "", text, flags=re.MULTILINE)
-    path = folder / "filled.toml"
-    path.write_text(text)
-    return path
-
-
-@pytest.fixture(scope="module")
-def identified(folder, filled):
+def identified(folder, mapping):
     """Return the folder of the identification, with what the command prints in printed.txt."""
-    words = ["identify", "alten", str(folder / "balance.csv"), "--mapping", str(filled)]
+    words = ["identify", "alten", str(folder / "balance.csv"), "--mapping", str(mapping)]
     printed = io.StringIO()
     with redirect_stdout(printed):
         assert main([*words, "--out", str(folder / "found")]) == 0
@@ -123,12 +101,6 @@ def assert_explained(findings, section):
         )
 
 
-@pytest.mark.usefixtures("refused")
-def test_every_finding_of_the_first_check_is_explained(folder):
-    results = json.loads((folder / "checked" / "results.json").read_text())
-    assert_explained(results["findings"], "1.")
-
-
 def test_every_warning_of_the_identification_is_explained(identified):
     results = json.loads((identified / "results.json").read_text())
     printed = " ".join((identified / "printed.txt").read_text().split())
@@ -145,12 +117,3 @@ def test_rolling_friction_of_the_log_is_about_twice_the_floors(identified):
     floor = Scenario.named("nominal", Robot.load("alten")).friction.rolling
     assert f"On this twin, C_rr is about twice the floor's {floor:g}." in DOCUMENT
     assert 1.5 < found / floor < 2.5
-
-
-def test_filled_in_as_the_document_says_the_log_is_the_recording(folder, filled, capsys):
-    words = ["check-log", str(folder / "balance.csv"), "--robot", "alten", "--mapping", str(filled)]
-    assert main([*words, "--out", str(folder / "again")]) == 0
-    shown = capsys.readouterr().out
-    assert_explained(json.loads((folder / "again" / "results.json").read_text())["findings"], "2.")
-    for _, message in explained("2."):
-        assert message in shown

@@ -30,19 +30,25 @@ def mapping(**changes):
         (
             MappingTable,
             mapping(kind="curent"),
-            "input.kind is 'curent'; did you mean 'current'? It must be 'torque', 'current' or 'pwm'.",
+            "input.kind is 'curent'; did you mean 'current'? "
+            "It must be 'torque', 'current', 'voltage', 'duty' or 'pwm'.",
         ),
         (
             MappingTable,
-            mapping(kind="volt"),
-            "input.kind is 'volt'; it must be 'torque', 'current' or 'pwm'.",
+            mapping(kind="volts"),
+            "input.kind is 'volts'; did you mean 'voltage'? "
+            "It must be 'torque', 'current', 'voltage', 'duty' or 'pwm'.",
         ),
         (
             MappingTable,
             {"columns": {"t": "t"}, "input": {"from": ["a"]}},
-            "input.kind is missing; it must be 'torque', 'current' or 'pwm'.",
+            "input.kind is missing; it must be 'torque', 'current', 'voltage', 'duty' or 'pwm'.",
         ),
-        (MappingTable, mapping(kind=3), "input.kind is 3; it must be 'torque', 'current' or 'pwm'."),
+        (
+            MappingTable,
+            mapping(kind=3),
+            "input.kind is 3; it must be 'torque', 'current', 'voltage', 'duty' or 'pwm'.",
+        ),
         (
             MappingTable,
             {"columns": {"t": "t"}, "input": {one: DUTY[one] for one in DUTY if one != "resistance"}},
@@ -113,5 +119,5 @@ def test_schema_errors_end_in_our_sentences(schema, tree, sentence):
         validate_table(schema, tree, of="a file")
     assert sentence in str(refused.value)
     assert "\n" not in str(refused.value)
-    for theirs in ("Input should", "input should", "valid ", "tag", "discriminator"):
+    for theirs in ("Input should", "input should", "valid ", " tag", "discriminator"):
         assert theirs not in str(refused.value)

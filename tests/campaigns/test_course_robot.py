@@ -14,37 +14,19 @@ from campaigns import course_robot
 from campaigns.course_robot import filled_in
 from campaigns.evidence import written_sections
 
-PROPOSED = """# proposed
-complete = false  # fill in the lines with cannot determine
-
-[time]
-keep = [[1.0, 2.0]]
-
-[attitude]
-# cannot determine: delay of the lean (is it 0.0 ms?); the wheels explain the lean best 16.6 ms earlier, as
-delay = 0.0  # assumed; the wheels explain the lean best 16.6 ms earlier
+PROPOSED = """[attitude]
+from = ["roll", "pitch"]
 
 [input]
-# cannot determine: kind of the command
-kind = "torque"  # 74 %: torque in N m
-scale = 1.0
-# if it is a current, these lines in place of those above in [input]:
-#   kind = "current"  # 24 %
-#   torque_constant = 0.0069
-# if it is a duty, these lines in place of those above in [input]:
-#   kind = "pwm"  # 2 %
-#   dead_band = 0.031
-from = ["T1", "T2", "T3"]
-delay = 0.008
+kind = "duty"
+# dead_band = 0.0  # what the firmware adds
 """
 
 
-def test_the_lines_for_duties_replace_those_for_torques_and_the_delay_is_the_wheels() -> None:
-    assert tomllib.loads(filled_in(PROPOSED)) == {
-        "time": {"keep": [[1.0, 2.0]]},
-        "attitude": {"delay": 0.0166},
-        "input": {"kind": "pwm", "dead_band": 0.031, "from": ["T1", "T2", "T3"], "delay": 0.008},
-    }
+def test_what_the_firmware_adds_and_the_lean_s_delay_are_filled_in() -> None:
+    found = tomllib.loads(filled_in(PROPOSED, course_robot.SOURCES["lab10_data_trial_408"]))
+    assert found["attitude"]["delay"] == 0.0166
+    assert found["input"] == {"kind": "duty", "dead_band": 0.0314}
 
 
 def test_the_pages_text_is_the_campaigns(monkeypatch: pytest.MonkeyPatch) -> None:

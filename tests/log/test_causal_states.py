@@ -6,8 +6,9 @@ import pytest
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.mapping import LogMapping, sensor_delay
 from ballbot.log.mapping_file import parse_mapping
-from ballbot.log.mapping_inference.proposal import propose
-from ballbot.log.mapping_inference.report import mapping_text
+from ballbot.log.mapping_search.found import Stated
+from ballbot.log.mapping_search.proposal import propose
+from ballbot.log.mapping_search.text import mapping_text
 from ballbot.log.pose import causal_states, with_odometry
 from tests.support.foreign_log_examples import (
     SENSOR_DELAY,
@@ -29,9 +30,9 @@ def file(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def mapping(file) -> LogMapping:
-    text = mapping_text(propose(file, small_robot(), dead_band=0.0), small_robot(), file=file)
-    # wheels and lean alone do not show the IMU's delay: its first line, in [attitude], is filled in
-    text = text.replace("delay = 0.0", f"delay = {SENSOR_DELAY}", 1)
+    text = mapping_text(propose(file, small_robot(), Stated(command="duty")), small_robot())
+    # wheels and lean alone do not show the IMU's delay: it is filled in
+    text = text.replace("[attitude]", f"[attitude]\ndelay = {SENSOR_DELAY}", 1)
     return parse_mapping(text, source="proposed")
 
 

@@ -12,19 +12,31 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.checks import check
 from ballbot.log.formats import is_foreign, read_columns, read_foreign_table
-from ballbot.log.formats.inference import ForeignTable, infer_text_table
-from ballbot.log.formats.text import OWN_LAYOUT
-from ballbot.log.mapping_inference.proposal import propose
-from ballbot.log.mapping_inference.recognition import recognise
-from ballbot.log.mapping_inference.report import evaluate
-from ballbot.log.mapping_inference.roles import roles_by_name
-from ballbot.log.mapping_inference.wheel_speeds import show_angles
+from ballbot.log.formats.inference import infer_text_table
+from ballbot.log.mapping_search.found import Stated
+from ballbot.log.mapping_search.proposal import propose
+from ballbot.log.mapping_search.text import evaluate
 from ballbot.robot import Robot
 from tests.support.log_examples import smooth_log, with_wheels
 from tests.support.paths import ROOT
 
 ALTEN = Robot.load("alten")
 CASES = ROOT.parent / "shared" / "cases"
+RAMP = [
+    "n",
+    "t",
+    "theta_x",
+    "theta_y",
+    "T1",
+    "T2",
+    "T3",
+    "phi_x",
+    "phi_y",
+    "phi_z",
+    "psi_1",
+    "psi_2",
+    "psi_3",
+]
 NAMES = ("t", "u1", "u2", "u3", "theta", "phi", "psi")
 
 
@@ -133,10 +145,10 @@ def test_a_time_of_day_over_midnight_keeps_all_rows(tmp_path):
         clock = f"{int(seconds // 3600):02d}:{int(seconds // 60) % 60:02d}:{seconds % 60:09.6f}"
         lines.append([clock, *row[1:], *(f"{np.sin(0.05 * k + i) * 8.0:.4f}" for i in range(3))])
     path = write(tmp_path, "time,u1,u2,u3,theta,phi,psi,wheel1,wheel2,wheel3", lines)
-    found = recognise(path, read_foreign_table(path), ALTEN)
-    assert found.rows == (0, 400)
+    found = propose(path, ALTEN)
+    assert found.rows is None
     np.testing.assert_allclose(np.diff(found.table.columns["time"]), 0.005, atol=2e-6)
-    assert any("begins again" in text for text in found.table.notes)
+    assert any("begins again" in one.text for one in found.findings)
 
 
 def test_text_in_another_encoding_is_refused_with_advice(tmp_path):
@@ -150,9 +162,9 @@ def test_a_log_of_an_imu_alone_is_usable_for_align(tmp_path):
     t = 0.01 * np.arange(300)
     lines = [[f"{one:.3f}", *(f"{0.02 * np.sin(one + i):.4f}" for i in range(3))] for one in t]
     path = write(tmp_path, "t,roll_deg,pitch_deg,yaw_deg", lines)
-    with pytest.raises(InputError, match=r"no wheel angles.*usable for `ballbot align`") as caught:
-        propose(path, ALTEN)
-    assert "--columns" not in str(caught.value)
+    found = evaluate(propose(path, ALTEN), ALTEN)
+    assert found.proposal.what == "IMU only"
+    assert "align" in found.refusal
 
 
 @pytest.mark.parametrize(
@@ -187,64 +199,17 @@ def test_a_log_at_rest_gives_no_warning_of_numpy(moving):
     assert "constant" in [one.code for one in found]
 
 
-@pytest.mark.parametrize("name", ["held_in_hands.txt", "sparse_two_rates.csv", "midnight.csv"])
-def test_shared_cases_are_read_whole(name):
-    if not (CASES / name).is_file():
-        pytest.skip(f"no {name} in {CASES}")
-    robot = Robot.load("rob311") if name == "held_in_hands.txt" else ALTEN
-    found = recognise(CASES / name, read_foreign_table(CASES / name), robot)
-    assert found.rows == (0, len((CASES / name).read_text().splitlines()) - 1)
-    assert not any("Skipped" in text for text in found.table.notes)
-    assert not found.roles.of_speeds
-
-
-def test_counts_that_stand_still_far_from_zero_are_angles_and_logged_speeds_confirm_angles():
-    t = 0.025 * np.arange(400)
-    turned = np.column_stack([np.round(3000.0 * np.sin(t + i)) for i in range(3)])
-    angles = {f"enc_pos_{i + 1}": turned[:, i] for i in range(3)}
-    speeds = {f"dpsi_{i + 1}": 3000.0 * np.cos(t + i) for i in range(3)}
-
-    def shown(columns: dict[str, np.ndarray]) -> bool:
-        roles = roles_by_name(columns, wheel_count=3)
-        assert roles.angles == tuple(angles)
-        return show_angles(
-            ForeignTable(layout=OWN_LAYOUT, separator="comma", columns=columns, named=True, notes=()), roles
-        )
-
-    plain = {"t": t, **angles}
-    assert not shown(plain)
-    assert shown(plain | speeds)
-    rest = {
-        name: np.concatenate((np.full(40, values[0] + 6336.0), values)) for name, values in angles.items()
-    }
-    assert shown({"t": 0.025 * np.arange(440), **rest})
-
-
-def test_a_free_wheel_ramp_is_named():
-    path = CASES / "one_way_ramp.txt"
+@pytest.mark.parametrize(
+    ("name", "what"), [("held_in_hands.txt", "held by hand"), ("one_way_ramp.txt", "free wheels")]
+)
+def test_what_a_shared_case_is(name, what):
+    path = CASES / name
     if not path.is_file():
         pytest.skip(f"no {path}")
-    columns = [
-        "n",
-        "t",
-        "theta_x",
-        "theta_y",
-        "T1",
-        "T2",
-        "T3",
-        "phi_x",
-        "phi_y",
-        "phi_z",
-        "psi_1",
-        "psi_2",
-        "psi_3",
-    ]
-    robot = Robot.load("rob311")
-    found = evaluate(propose(path, robot, columns=columns), robot, file=path)
-    assert "identify-driveline" in found.refusal
-    # no answer is certain where others are open
-    assert found.undetermined
-    assert max(one.confidence for one in found.conclusions) <= 0.99
+    columns = None if what == "held by hand" else RAMP
+    found = propose(path, Robot.load("rob311"), Stated(command="duty", columns=columns))
+    assert found.what == what
+    assert found.rows is None
 
 
 def test_only_the_columns_that_a_mapping_uses_must_be_numbers(tmp_path):

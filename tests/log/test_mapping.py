@@ -234,7 +234,7 @@ def test_time_that_does_not_increase_is_refused_before_it_is_used(tmp_path):
         ('[columns]\nt = "t"\n[file]\nnames = ["t", "t"]\n', "[file] names contains a name twice"),
         (
             '[columns]\nt = "t"\n[input]\nkind = "volt"\nfrom = ["a"]\n',
-            "input.kind is 'volt'; it must be",
+            "input.kind is 'volt'; did you mean 'voltage'? It must be",
         ),
         (
             '[columns]\nt = "t"\n[input]\nkind = "current"\nfrom = ["a"]\ngear_ratio = 2.0\n',

@@ -20,7 +20,7 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.columns import unit_of
 from ballbot.log.formats import read_columns
-from ballbot.log.mapping_inference.names import read_name
+from ballbot.log.mapping_search.names import read_name
 from ballbot.report.provenance import provenance
 from tests.support.log_examples import smooth_log
 

@@ -29,7 +29,7 @@ ORDER: tuple[str | tuple[str, ...], ...] = (
     "tests/identification/test_ladder.py",
     "tests/workflows/test_excite.py",
     "tests/workflows/test_controller_prediction.py",
-    "tests/log/test_mapping_inference.py",
+    "tests/log/test_mapping_search.py",
     (
         "tests/validation/test_residuals.py",
         "tests/validation/test_validation.py",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -13,8 +14,9 @@ from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.log import Log
 from ballbot.log.formats import is_foreign
-from ballbot.log.mapping_inference.proposal import Proposal, propose
-from ballbot.log.mapping_inference.report import evaluate
+from ballbot.log.mapping_search.found import Kind, Proposal, Stated
+from ballbot.log.mapping_search.proposal import agreement, propose
+from ballbot.log.mapping_search.text import Evaluation, evaluate, surest
 from ballbot.printable import shell_line
 from ballbot.report.log_check import (
     CheckedLog,
@@ -33,55 +35,77 @@ _PROPOSED = (PAGE, "results.json", "mapping.toml", "log.csv")  # of a foreign fi
 def check_log(
     file: Path,
     /,
-    *,
+    *others: Path,
     robot: str | None = None,
     mapping: Path | None = None,
+    command: Kind | None = None,
+    full_scale: float | None = None,
+    counts_per_turn: float | None = None,
     columns: str | None = None,
-    dead_band: float | None = None,
     out: Path | None = None,
 ) -> None:
     """Show the columns of a log and its problems. The exit code is 2 if there is an error.
 
-    For a file that is not in Ballbot's format, propose a mapping and test it against the robot's equations. If an
-    entry cannot be determined, the mapping leaves its line to fill in, and the exit code is 2.
+    For files that are not in Ballbot's format, propose a mapping and test it against the robot's equations. Several
+    logs of one robot give one mapping. What cannot be determined is asked for all at once, in the mapping file, and the
+    exit code is 2.
 
     Example: `ballbot check-log run1.csv --robot alten`
 
-    Example: `ballbot check-log main_control_1.txt --robot rob311 --out checked`
+    Example: `ballbot check-log main_control_1.txt --robot rob311 --command duty --out checked`
 
     Parameters
     ----------
     file
         The log: CSV or Parquet with Ballbot's column names, or any table of text, JSON or MATLAB.
+    others
+        More logs of the same robot and firmware.
     robot
         A preset's name or a robot file: checks the wheels' order, signs and gains against its kinematics.
     mapping
         A TOML file that describes the columns and units of a foreign log. If not given, one is proposed.
+    command
+        What the firmware's command of a motor is: torque at the wheel, current, voltage or PWM duty.
+    full_scale
+        The number in a foreign log that is a full duty: 1, 100, 255, 1000.
+    counts_per_turn
+        The encoder's counts in one turn of a wheel, gear included, if they are not the robot file's.
     columns
         The names of a foreign table's columns in its order, with commas between, for a file without a header:
         t,roll,pitch,yaw,enc1,enc2,enc3,u1,u2,u3. Write _ for a column whose name you do not know.
-    dead_band
-        The duty, 0 to 1, that the firmware of a foreign log adds to overcome friction: 0 if it adds none. If not given,
-        it counts as less dry friction, or is asked for if the wheels often turn against their duties.
     out
-        A folder for report.html, results.json and, for a foreign file, the mapping and the converted log.
+        A folder for report.html, results.json and, for foreign files, the mapping and the converted log.
     """
-    described = Robot.load(robot) if robot else None
+    files, described = (file, *others), Robot.load(robot) if robot else None
     proposes = described is not None and mapping is None and (columns is not None or is_foreign(file))
-    for option, given in (("--columns", columns), ("--dead-band", dead_band)):
-        if given is not None and not proposes:
+    given = {
+        "--columns": columns,
+        "--command": command,
+        "--full-scale": full_scale,
+        "--counts-per-turn": counts_per_turn,
+    }
+    for option, value in given.items():
+        if value is not None and not proposes:
             raise InputError(f"{option} is for a foreign table and needs --robot, without --mapping.")
-    if dead_band is not None and not 0.0 <= dead_band < 1.0:
-        raise InputError(f"--dead-band is {dead_band:g}; it must be a duty from 0 to below 1.")
+        if isinstance(value, float) and not value > 0.0:
+            raise InputError(f"{option} is {value:g}; it must be above zero.")
+    if out and others and not proposes:
+        raise InputError("--out takes one log in Ballbot's format; give the others commands of their own.")
     names = _PROPOSED if proposes else _WRITTEN
-    inputs = input_files(file, mapping, robot)
+    inputs = input_files(*files, mapping, robot)
     held = open_result(out, command="check-log", writes=names, inputs=inputs) if out else nullcontext()
     with held as result:
         if robot and described and proposes:
-            proposal = _proposed(file, described, names=_column_names(columns), dead_band=dead_band)
-            _show(file, described, proposal, source=robot, result=result)
+            stated = Stated(
+                command=command,
+                full_scale=full_scale,
+                counts_per_turn=counts_per_turn,
+                columns=_column_names(columns),
+            )
+            _show(files, described, stated, source=robot, result=result)
         else:
-            _check(file, described, mapping, result)
+            for one in files:
+                _check(one, described, mapping, result)
         if result is None:
             suggest_page()
 
@@ -118,43 +142,57 @@ def _check(file: Path, robot: Robot | None, mapping: Path | None, result: Comman
         raise InputError(f"{file}: {errors[0].text}{more}")
 
 
-def _proposed(file: Path, robot: Robot, *, names: list[str] | None, dead_band: float | None) -> Proposal:
-    """Return the mapping proposed for a foreign file."""
-    with progress_bar(standard_output(), "comparing the columns with the robot"):
-        return propose(file, robot, columns=names, dead_band=dead_band)
-
-
-def _show(file: Path, robot: Robot, proposal: Proposal, *, source: str, result: CommandResult | None) -> None:
-    """Show the mapping proposed for a foreign file; with a folder, write it, its log and results.json.
+def _show(
+    files: Sequence[Path], robot: Robot, stated: Stated, *, source: str, result: CommandResult | None
+) -> None:
+    """Show the mapping proposed for foreign files; with a folder, write it, the surest log and results.json.
 
     Raises
     ------
     InputError
-        If an entry cannot be determined; everything that was determined is shown and written first.
+        If something cannot be determined, or a log contradicts the others or the robot; everything that was determined
+        is shown and written first.
     """
-    console = standard_output()
-    with progress_bar(console, "checking the log that the mapping makes"):
-        found = evaluate(proposal, robot, file=file, out=result.folder.path if result else None)
-    print_parts(proposal_parts(file, found, framed=console.is_terminal), console)
+    console, evaluated = standard_output(), list[Evaluation]()
+    for file in files:
+        with progress_bar(console, f"comparing {file.name} with the robot"):
+            evaluated.append(evaluate(propose(file, robot, stated), robot))
+    found = surest(evaluated)
+    if len(files) > 1:
+        evaluated = [evaluate(one.proposal, robot, common=found.proposal) for one in evaluated]
+        found = surest(evaluated)
+    for one in evaluated:
+        print_parts(proposal_parts(one), console)
     if result is None:
         console.print(Text("\n" + found.text), soft_wrap=True)
-        emit(proposal_results(file, found) | {"mapping_file": found.text})
+        emit(proposal_results(evaluated) | {"mapping_file": found.text})
     else:
         with result.replaced() as new:
             write_text(new / "mapping.toml", found.text)
             if found.log is not None:
                 found.log.write(new / "log.csv")
-            result.write_json(proposal_results(file, found), new)
-            result.write_page(proposal_report(file, found, robot, result.origin), new)
+            result.write_json(proposal_results(evaluated), new)
+            result.write_page(proposal_report(found, robot, result.origin), new)
         result.show_file(PAGE, *("mapping.toml", "log.csv")[: 1 if found.log is None else 2])
-    if found.refusal:
-        raise InputError(f"{file}: {found.refusal}")
-    if result is not None and proposal.roles.commands:
+    for other, words in agreement([one.proposal for one in evaluated]):
+        raise InputError(
+            f"{other.file} contradicts the other logs by its {words}: it is of another robot or firmware."
+        )
+    for one in evaluated:
+        if one.proposal.table.layout.names != found.proposal.table.layout.names:
+            raise InputError(
+                f"{one.proposal.file} has other columns than {found.proposal.file}: the logs agree, but each needs "
+                "a mapping of its own, by a check of its own."
+            )
+    refused = next((one for one in evaluated if one.refusal), None)
+    if refused is not None:
+        raise InputError(f"{refused.proposal.file}: {refused.refusal}")
+    if result is not None and found.proposal.roles.commands:
         written = result.folder.path / "mapping.toml"
-        console.print(_next_step(file, proposal, source=source, mapping=written), soft_wrap=True)
+        console.print(_next_step(found.proposal, source=source, mapping=written), soft_wrap=True)
 
 
-def _next_step(file: Path, proposal: Proposal, *, source: str, mapping: Path) -> str:
+def _next_step(proposal: Proposal, *, source: str, mapping: Path) -> str:
     command = "identify" if proposal.roles.attitude else "identify-driveline"
-    tokens = ["ballbot", command, source, str(file), "--mapping", str(mapping), "--out", "found"]
+    tokens = ["ballbot", command, source, str(proposal.file), "--mapping", str(mapping), "--out", "found"]
     return f"Next: {shell_line(tokens)}"

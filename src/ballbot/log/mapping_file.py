@@ -44,7 +44,7 @@ An example with everything in it::
     # angle may be { integral_of = "speed" }, if the file has speeds alone
 
     [input]
-    kind = "pwm"                  # torque, current or pwm
+    kind = "duty"                 # torque, current, voltage or duty
     from = ["u1", "u2", "u3"]     # in the file's order; [wheels] order applies
     sign = -1                     # one for all, or a list
     scale = 1.0                   # factor that makes the full duty 1 (or converts to A, or N m)
@@ -89,12 +89,12 @@ from ballbot.log.mapping import (
 from ballbot.log.mapping_tables import (
     AttitudeTable,
     ColumnTable,
-    CurrentTable,
-    DutyTable,
     FileTable,
+    InputTable,
     MappingTable,
     RatesTable,
     TorqueTable,
+    VoltageTable,
     WheelColumnsTable,
     WheelsTable,
 )
@@ -355,10 +355,12 @@ def _signs(where: str, sign: int | Sequence[int], count: int, named: str = "whee
     return signs
 
 
-def _motors(table: TorqueTable | CurrentTable | DutyTable, wheels: WheelsTable) -> MotorInput:
+def _motors(table: InputTable, wheels: WheelsTable) -> MotorInput:
     count = len(table.sources)
     signs = _signs("[input]", table.sign, count)
     unit = _unit_factor("[input]", "u1", table.unit, None) if isinstance(table, TorqueTable) else 1.0
+    if isinstance(table, VoltageTable):
+        unit = 1.0 / table.supply_voltage
     zeros = table.zero if isinstance(table.zero, tuple) else (table.zero,) * count
     for key, values in (("zero", zeros), ("direction", table.direction or table.sources)):
         if len(values) != count:

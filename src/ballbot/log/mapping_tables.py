@@ -131,9 +131,19 @@ class CurrentTable(MotorsTable, CurrentInput):
 
 @dataclass(frozen=True, kw_only=True)
 class DutyTable(MotorsTable, DutyInput):
-    """[input] of kind pwm [duty, -1..1]."""
+    """[input] of kind duty [-1..1], or of the same by its older name pwm."""
 
-    kind: Literal["pwm"]
+    kind: Literal["duty", "pwm"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class VoltageTable(MotorsTable, DutyInput):
+    """[input] of kind voltage [V]: a duty of the supply's."""
+
+    kind: Literal["voltage"]
+
+
+InputTable = TorqueTable | CurrentTable | VoltageTable | DutyTable
 
 
 def _column_table(value: object) -> object:
@@ -152,4 +162,4 @@ class MappingTable:
     columns: dict[str, Annotated[ColumnTable, BeforeValidator(_column_table)]]
     attitude: AttitudeTable | None = None
     wheels: WheelsTable = WheelsTable()
-    input: Annotated[TorqueTable | CurrentTable | DutyTable, Field(discriminator="kind")] | None = None
+    input: Annotated[InputTable, Field(discriminator="kind")] | None = None

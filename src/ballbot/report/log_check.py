@@ -17,8 +17,8 @@ from ballbot.log import Log
 from ballbot.log.checks import check
 from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
 from ballbot.log.column_summary import ColumnSummary, summarize
-from ballbot.log.mapping_inference.proposal import Proposal
-from ballbot.log.mapping_inference.report import Evaluation
+from ballbot.log.mapping_search.found import Proposal
+from ballbot.log.mapping_search.text import Evaluation, answer_lines
 from ballbot.log.pose import with_position, with_rates
 from ballbot.report.blocks import Report, Sheet, Verbatim, section
 from ballbot.report.console import TextTable, finding_line, table
@@ -210,58 +210,39 @@ def _log_verdict(findings: Sequence[Finding]) -> str:
     return "No problems were found."
 
 
-def proposal_report(file: Path, found: Evaluation, robot: Robot, made: Provenance) -> Report:
+def proposal_report(found: Evaluation, robot: Robot, made: Provenance) -> Report:
     """Return the page of a mapping proposed for a foreign file."""
+    file, proposal = found.proposal.file, found.proposal
     verdict = found.refusal or "Every entry of the mapping was determined, and its log agrees with the robot."
-    open_ones = [f"{one.question[0].upper()}{one.question[1:]}." for one in found.undetermined]
-    certain = "Entries of less than full confidence, which the table lists with their evidence."
+    said = "\n".join(answer_lines(found))
     return Report(
         title=f"{file.name}: proposed mapping",
         lead=f"{file} is not in Ballbot's format. Its columns were compared with the equations of {robot.name}.",
         verdict=[("", f"{verdict[0].upper()}{verdict[1:]}")],
         sections=[
             section(
-                "Conclusions",
-                Sheet.of(_conclusion_table(found, framed=False), caption=""),
-                Sheet.of(_placement_table(found.proposal, framed=False))
-                if found.proposal.lean_test
-                else None,
+                "What was found",
+                Verbatim(text=said),
+                Sheet.of(_placement_table(proposal, framed=False)) if proposal.tested else None,
             ),
             section("The mapping file", Verbatim(text=found.text)),
             *([section("The log that it makes", *over_time(found.log, robot))] if found.log else []),
         ],
-        undecided=[*open_ones, certain],
+        undecided=[f"{one.text[0].upper()}{one.text[1:]}." for one in proposal.questions],
         made=made,
         findings=found.findings,
         accepted=False,
     )
 
 
-def proposal_parts(file: Path, found: Evaluation, *, framed: bool) -> Iterator[RenderableType]:
-    """Yield the conclusions on a foreign file, the tested wheel orders, and the findings."""
-    yield Text(f"{file}: not in Ballbot's format; proposed mapping:")
-    yield _conclusion_table(found, framed=framed)
-    if found.proposal.lean_test:
-        yield _placement_table(found.proposal, framed=framed)
-    for finding in found.findings:
-        yield Text(f"{finding.severity}: {finding.text}")
-
-
-def _conclusion_table(found: Evaluation, *, framed: bool) -> TextTable:
-    rows = [
-        (
-            one.name,
-            one.value if one.determined else f"cannot determine: {one.answers}",
-            one.percent,
-            one.evidence + (f"; standard error {one.error_text}" if one.error_text else ""),
-        )
-        for one in found.conclusions
-    ]
-    return table("Conclusions", ("question", "answer", "confidence [%]", "evidence"), rows, framed=framed)
+def proposal_parts(found: Evaluation) -> Iterator[RenderableType]:
+    """Yield what a foreign file is, what was found in it, and what is asked."""
+    for line in answer_lines(found):
+        yield Text(line)
 
 
 def _placement_table(proposal: Proposal, *, framed: bool) -> TextTable:
-    placements = proposal.lean_test.placements if proposal.lean_test else ()
+    placements = proposal.tested.placements if proposal.tested else ()
     least = min((one.misfit for one in placements), default=1.0)
     rows = [
         (
@@ -285,43 +266,33 @@ def _placement_table(proposal: Proposal, *, framed: bool) -> TextTable:
     return table("Wheel orders, by the response of the lean", headings, rows, framed=framed)
 
 
-def proposal_results(file: Path, found: Evaluation) -> dict[str, object]:
-    """Return the entries of results.json for a proposed mapping and the log that it makes."""
-    proposal, drive = found.proposal, found.proposal.drive
-    tested, heading, commands = proposal.lean_test, proposal.heading, proposal.commands
+def proposal_results(evaluated: Sequence[Evaluation]) -> dict[str, object]:
+    """Return the entries of results.json for a mapping proposed for foreign files."""
+    return {"files": [_proposal_results(one) for one in evaluated]}
+
+
+def _proposal_results(found: Evaluation) -> dict[str, object]:
+    proposal, tested = found.proposal, found.proposal.tested
     return {
-        "file": str(file),
+        "file": str(proposal.file),
+        "what": proposal.what,
         "roles": proposal.roles,
-        "conclusions": found.conclusions,
-        "undetermined": [one.name for one in found.undetermined],
-        "refusal": found.refusal,
         "time_unit": proposal.time,
         "wheel_unit": proposal.wheel,
         "lean_unit": proposal.lean,
         "gyro": proposal.gyro,
-        "speed_noise": {"before": proposal.timing.before, "after": proposal.timing.after},
-        "handedness": None if tested is None else "mirrored" if tested.placements[0].mirrored else "direct",
-        "phase_deg": None if tested is None else math.degrees(tested.placements[0].phase),
-        "phase_error_deg": None
-        if tested is None or tested.phase_error is None
-        else math.degrees(tested.phase_error),
         "placements": [] if tested is None else tested.placements,
         "margin": None if tested is None else tested.margin,
+        "confidence": None if tested is None else tested.confidence,
+        "phase_deg": None if tested is None else math.degrees(tested.placements[0].phase),
         "lean_lag": None if tested is None else tested.lag,
-        "lean_lag_error": None if tested is None else tested.lag_error,
-        "command_delay": None if commands is None else commands.delay,
-        "command_delay_error": None if commands is None else commands.delay_error,
         "disturbance": None if tested is None else tested.disturbance,
-        "heading": heading,
-        "commands": commands,
-        "command_assignment": drive.assigned if drive else None,
-        "command_response": drive.response if drive else None,
-        "command_units": {unit.description: p for unit, p in drive.units.items() if p > 1e-3}
-        if drive
-        else {},
-        "dead_band": proposal.added_duty if drive else None,
+        "heading": proposal.heading,
         "frame": proposal.frame,
+        "drive": proposal.drive,
         "keep": proposal.keep,
+        "questions": proposal.questions,
+        "refusal": found.refusal,
         "rows": None if found.log is None else len(found.log),
         "columns": [] if found.log is None else list(found.log.names),
         "findings": found.findings,

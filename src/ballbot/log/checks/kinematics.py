@@ -2,7 +2,7 @@
 
 Wheel speed seen by an encoder = A (z - w), z = R^T Omega, Omega = (-y_dot, x_dot, 0)/r_b, w = B(Phi)
 Phi_dot, A the thesis's T_owb. It needs no torque and no model of friction. (For a foreign log, which has no states yet,
-see `ballbot.log.mapping_inference`.)
+see `ballbot.log.mapping_search`.)
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ballbot.log.log import Log
 from ballbot.robot import Robot
 
 if TYPE_CHECKING:
-    from ballbot.log.mapping_inference.placement import LeanTest
+    from ballbot.log.mapping_search.placement import LeanTest
 
 #: least standard deviation of the wheel speeds of the states for a conclusion [rad/s]
 LEAST_MOTION = 0.05
@@ -285,7 +285,7 @@ def encoder_step(angles: NDArray[np.float64]) -> float | None:
 
 def check_wheels(log: Log, robot: Robot) -> list[Finding]:
     """Return findings on the wheels' columns for this robot: number, order, sign, gain, or that none can be checked."""
-    from ballbot.log.mapping_inference.placements import reversed_wheels
+    from ballbot.log.mapping_search.placements import reversed_wheels
 
     columns = wheel_speed_names(robot.wheel_count)
     others = other_wheels(log, robot.wheel_count)
@@ -402,9 +402,9 @@ def check_disturbance(log: Log, robot: Robot) -> list[Finding]:
 def wheel_test(log: Log, robot: Robot) -> LeanTest | None:
     """Return how the wheels of a log sit, by theta, phi, psi and the encoders' angles; None if it does not show that.
 
-    See `ballbot.log.mapping_inference.placement`.
+    See `ballbot.log.mapping_search.placement`.
     """
-    from ballbot.log.mapping_inference.placement import lean_test
+    from ballbot.log.mapping_search.placement import lean_test
     from ballbot.log.signals import balancing_rows, even_rows, smooth
 
     names = (*_ATTITUDE, *wheel_angle_names(robot.wheel_count))

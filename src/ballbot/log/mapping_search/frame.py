@@ -8,8 +8,6 @@ seen from the body. A ball spins less than the body that turns on it, or the oth
 psi_dot. Without a heading, the frame in which the lean turns shows it (`placement`). Nothing else separates a log whose
 wheels all count backwards from one whose IMU is turned by half a turn.
 
-A gyro beside the angles shows the handedness, too (`ballbot.log.mapping_inference.gyro_handedness`).
-
 The wheels' order and the turn of the IMU come from the test of their placement. A log follows
 Theta_ddot = g e^(j phase) sum_i s_i w_i e^(j beta). Turned by -phase, the IMU's lean is the robot's. If lean and yaw
 have opposite handedness, one axis of the IMU is reversed: pitch, if the wheels are then in the robot's order, else yaw.
@@ -22,26 +20,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ballbot.log.mapping_inference.evidence import CONFIDENT, MOST, TINY, advantage_confidence
-from ballbot.log.mapping_inference.file_signals import GyroTest
-from ballbot.log.mapping_inference.gyro_handedness import handedness_odds
-from ballbot.log.mapping_inference.placement import LeanTest
+from ballbot.log.mapping_search.evidence import CONFIDENT, MOST, TINY, advantage_confidence
+from ballbot.log.mapping_search.placement import LeanTest
 from ballbot.log.signals import INTERVAL, Smooth
 from ballbot.robot import Robot
 
 #: lean and yaw are taken to be of the same handedness with this probability before the log is seen
 SAME_HANDEDNESS, SAME_IF_MIRRORED = 0.95, 0.6
-#: part of the standard errors of the handedness that is believed: of 0.4 to 1.2, the factor with the largest likelihood
-#: of 287 logs of four development halves, in which 279 of 287 signs are right
-BELIEVED_HANDEDNESS = 0.8
-#: a heading that turns by less than this [rad] around its mean hardly shows the handedness, and the part is this one:
-#: the other sign is right of 3 of 8 such logs, by up to 2.7 standard errors
-STILL_HEADING, BELIEVED_IF_STILL = 0.02, 0.3
-
-
-#: a heading by the wheels that turns by less than this [rad] around its mean: both directions in which all wheels may
-#: count make nearly the same log. Half of what the lean's direction may be off; and the confidence in either
+#: part of the standard errors of the handedness that is believed; less of a heading that turns by less than this [rad]
+BELIEVED_HANDEDNESS, STILL_HEADING, BELIEVED_IF_STILL = 0.8, 0.02, 0.3
+#: a heading by the wheels that turns by less than this [rad]: both directions in which all wheels may count make nearly
+#: the same log, and this is the confidence in either
 TURNING_BY_WHEELS, EQUAL_DIRECTIONS = 0.1, 0.95
+#: people mount IMUs at multiples of this [rad]; a turn this near to one, within its errors, is taken for it
+GRID, ROUNDED, ROUNDED_ERRORS = np.pi / 6.0, np.deg2rad(6.0), 2.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,26 +41,12 @@ class HeadingTest:
     """How the sum of the wheels' speeds follows the heading's rate."""
 
     correlation: float  #: negative if the wheels count as the robot's do
-    gain: float  #: sum of the speeds over psi_dot, over that of a ball that does not pivot
+    gain: float  #: size of the sum of the speeds over psi_dot, over that of a ball that does not pivot
     confidence: float  #: in the sign of the correlation
-
-    @property
-    def significant(self) -> bool:
-        """Whether the log turns enough for a verdict."""
-        return self.confidence >= CONFIDENT
 
 
 def heading_test(robot: Robot, wheels: Smooth, heading: Smooth, tested: LeanTest) -> HeadingTest:
-    """Compare the sum of the wheels' speeds with the heading's rate.
-
-    Parameters
-    ----------
-    robot : Robot
-    wheels : Smooth (N, n)
-    heading : Smooth (N, 1)
-    tested : LeanTest
-        Says which wheels are reversed, and which rows are balancing.
-    """
+    """Compare the sum of the wheels' speeds (N, n) with the heading's rate (N, 1), in the rows of balancing."""
     rows = tested.balancing
     total = (wheels.rate @ np.asarray(tested.placements[0].signs, dtype=np.float64))[rows]
     rate = heading.rate[rows, 0]
@@ -82,16 +60,9 @@ def heading_test(robot: Robot, wheels: Smooth, heading: Smooth, tested: LeanTest
     z = abs(correlation) * math.sqrt(seconds) / math.sqrt(max(1.0 - correlation**2, 0.01))
     return HeadingTest(
         correlation=correlation,
-        gain=float(total @ rate / max(float(rate @ rate), TINY) / without_pivoting),
+        gain=abs(float(total @ rate)) / max(float(rate @ rate), TINY) / without_pivoting,
         confidence=advantage_confidence(z),
     )
-
-
-#: people mount IMUs at multiples of this [rad]
-GRID = np.pi / 6.0
-#: and a turn within this of one [rad], and within its standard errors, is taken for it. Tried, and taken back: the
-#: likeliest of the usual turns and any other, which of an IMU mounted beside the usual ones is wrong with confidence
-ROUNDED, ROUNDED_ERRORS = np.deg2rad(6.0), 2.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,22 +74,18 @@ class Frame:
     turn: float  #: of the IMU's x axis from the robot's [rad], rounded to `GRID` if it is near
     measured_turn: float  #: [rad], as the log has it
     axis_signs: tuple[int, int, int] = (1, 1, 1)  #: of roll, pitch and yaw
-    #: whether a heading shows in which direction all wheels count, or it is assumed
-    signs_by_heading: bool = False
     direction: float = 0.5  #: confidence in the direction in which all wheels count
     handedness: float = 1.0  #: confidence that no other axis of the IMU is reversed
 
 
-def frame_of(
-    robot: Robot, tested: LeanTest | None, heading: HeadingTest | None, gyro: GyroTest | None = None
-) -> Frame:
+def frame_of(robot: Robot, tested: LeanTest | None, heading: HeadingTest | None) -> Frame:
     """Return the frame that the tests speak for; the robot's own if there is no lean to test."""
     count = robot.wheel_count
     own = tuple(range(1, count + 1))
     if tested is None:
         return Frame(order=own, signs=(1,) * count, turn=0.0, measured_turn=0.0)
     best, beta = tested.placements[0], robot.wheels.azimuths
-    same = _same_handedness(tested, gyro, mirrored=best.mirrored)
+    same = _same_handedness(tested, mirrored=best.mirrored)
     positions, phase, axes = best.positions, best.phase, (1, 1, 1)
     if same < 0.5:
         reflected = tuple((1 - place) % count + 1 for place in positions)
@@ -126,45 +93,36 @@ def frame_of(
             axes = (1, 1, -1)
         else:
             positions, phase, axes = reflected, -phase - 2.0 * beta[0], (1, -1, 1)
-    known = heading is not None and heading.significant
-    turned = advantage_confidence(abs(tested.forwards)) >= CONFIDENT  # without a yaw alone
+    known = heading is not None and heading.confidence >= CONFIDENT
+    seen = advantage_confidence(abs(tested.forwards))  # without a yaw alone
     if heading is not None and known:
         backwards = axes[2] * heading.correlation > 0.0
     else:  # without a heading, the smaller turn is the likelier
-        backwards = tested.forwards < 0.0 if turned else np.cos(phase) < 0.0
+        backwards = tested.forwards < 0.0 if seen >= CONFIDENT else np.cos(phase) < 0.0
     signs = np.asarray(best.signs) * (-1 if backwards else 1)
     turn = -_within_half_a_turn(phase + (np.pi if backwards else 0.0))
     near = GRID * round(turn / GRID)
     error = tested.phase_error if tested.phase_error is not None else ROUNDED
     rounded = abs(turn - near) <= min(ROUNDED, ROUNDED_ERRORS * error + np.deg2rad(1.0))
+    by_wheels = seen if tested.headings > TURNING_BY_WHEELS else max(seen, EQUAL_DIRECTIONS)
     return Frame(
         order=tuple(positions.index(place) + 1 for place in own),
         signs=tuple(int(sign) for sign in signs),
         turn=float(near if rounded else turn),
         measured_turn=float(turn),
         axis_signs=axes,
-        signs_by_heading=known or turned,
-        direction=_direction(tested, heading),
+        direction=by_wheels if heading is None else heading.confidence,
         # without a heading that turns, the other handedness gives the same log
         handedness=max(same, 1.0 - same) if known else 0.97,
     )
 
 
-def _direction(tested: LeanTest, heading: HeadingTest | None) -> float:
-    """Return the confidence in the direction in which all wheels count, if their signs agree with each other."""
-    if heading is not None:
-        return heading.confidence
-    seen = advantage_confidence(abs(tested.forwards))
-    return seen if tested.headings > TURNING_BY_WHEELS else max(seen, EQUAL_DIRECTIONS)
-
-
-def _same_handedness(tested: LeanTest, gyro: GyroTest | None, *, mirrored: bool) -> float:
+def _same_handedness(tested: LeanTest, *, mirrored: bool) -> float:
     """Return the probability that lean and yaw have the same handedness."""
     prior = SAME_IF_MIRRORED if mirrored else SAME_HANDEDNESS
     believed = BELIEVED_IF_STILL if tested.headings < STILL_HEADING else BELIEVED_HANDEDNESS
     seen = max(advantage_confidence(tested.same_handedness, believed=believed), 1.0 - MOST)
-    by_gyro = 0.0 if gyro is None else handedness_odds(gyro.handedness, gyro.handedness_error)
-    odds = prior / (1.0 - prior) * seen / (1.0 - seen) * math.exp(by_gyro)
+    odds = prior / (1.0 - prior) * seen / (1.0 - seen)
     return odds / (1.0 + odds)
 
 

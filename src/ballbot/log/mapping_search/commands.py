@@ -9,13 +9,8 @@ Every order and every choice of signs is tried; those that explain all commands 
 answer. The commands are on the left: commands that sum to zero are no difficulty there, while a regression of all
 wheels on all commands would be collinear, and a wheel's sign would be decided by noise.
 
-A dead band d_0 that the firmware adds, in the direction of the duty, is counted as less dry friction. A wheel that
-turns the way its duty drives it moves, below the duty limit, with a dead band d_0 and dry friction c >= d_0 exactly as
-with none and dry friction c - d_0. One that sticks breaks away at the same duty in the duty's direction, but at a
-smaller load in the other direction. While wheels turn, the two differ only in rows in which a wheel turns against its
-duty. There are few such rows, with slow wheels and near reversals, where play and static friction act as well. Where
-there are many, they may show how large the dead band is (`ballbot.log.mapping_inference.dead_band`); if not, it is
-asked for.
+A dead band that the firmware adds is counted as less dry friction, which is the same while a wheel turns the way its
+duty drives it.
 """
 
 from __future__ import annotations
@@ -31,13 +26,15 @@ from scipy.optimize import nnls
 
 from ballbot.log.checks.lean import clarity
 from ballbot.log.checks.torque_balance import TURNED_POWER, Driving
-from ballbot.log.mapping_inference.evidence import (
+from ballbot.log.mapping_search.evidence import (
     MOST,
     jackknife_error,
     probabilities,
     solved,
     without_each_block,
 )
+from ballbot.log.mapping_search.placement import vertex_with_error
+from ballbot.log.signals import INTERVAL, Smooth
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,21 +49,6 @@ class Assignment:
     confidence: float
     #: whether mixtures of all wheels' torques explain the commands far better than any order of single ones
     mixed: bool = False
-    #: of each command's variance, what the wheel explains that explains it best
-    shares: tuple[float, ...] = ()
-
-    @property
-    def strange(self) -> int | None:
-        """The file's command (from 0) that no wheel explains as it does the others; None if there is none."""
-        left = [1.0 - share for share in self.shares]
-        most = max(range(len(left)), key=lambda place: left[place], default=0)
-        others = [one for place, one in enumerate(left) if place != most]
-        return most if others and left[most] > max(_STRANGE_LEFT, _STRANGE_TIMES * max(others)) else None
-
-
-#: what a wheel leaves of a command that is none: as much, and so many times as much as of the others; a set point for
-#: the motion leaves 0.28 where true commands leave 0.02
-_STRANGE_LEFT, _STRANGE_TIMES = 0.15, 5.0
 
 
 def assign(driving: Driving, expected: Sequence[tuple[int, int]]) -> Assignment:
@@ -97,21 +79,7 @@ def assign(driving: Driving, expected: Sequence[tuple[int, int]]) -> Assignment:
         next_best=f"commands for wheels {tuple(i + 1 for i in other)} with signs {other_signs}",
         confidence=min(_probability(found, driving.torque), MOST) * enough * (0.5 if mixed else 1.0),
         mixed=mixed,
-        shares=_shares(driving),
     )
-
-
-def _shares(driving: Driving) -> tuple[float, ...]:
-    """Return of each command the share that the torque of one wheel explains, with gains of its own."""
-    best = np.zeros(driving.torque.shape[1])
-    u = driving.torque - driving.torque.mean(axis=0)
-    power = np.maximum(np.square(u).sum(axis=0), 1e-30)
-    for wheel in range(len(best)):
-        own = (driving.needed[:, wheel], *driving.friction[:, wheel].T, np.ones(len(u)))
-        X = np.column_stack(own)
-        rest = u - X @ np.linalg.lstsq(X, u, rcond=None)[0]
-        best = np.maximum(best, 1.0 - np.square(rest).sum(axis=0) / power)
-    return tuple(float(share) for share in best)
 
 
 #: share of the commands that an order of single wheels must leave, and what mixtures may leave of that, for mixtures;
@@ -160,8 +128,8 @@ def _by_wheel(
 
 #: part of the standard errors by which one assignment is behind another that is believed
 BELIEVED_ERRORS = 0.6
-#: logarithm of the ratio of two squared errors from which it counts, too, and its weight for each second; chosen with
-#: `python -m campaigns.mapping_windows 24`, which counts the windows of 4 to 12 s that are wrong with confidence
+#: logarithm of the ratio of two squared errors from which it counts, too, and its weight for each second;
+#: chosen so that of windows of 4 to 12 s of the campaign's recordings fewest are wrong with confidence
 LEAST_RATIO, EACH_SECOND = 0.15, 1.5
 #: probability that motors are numbered as encoders; that each motor turns for a positive command as its encoder counts,
 #: or all motors turn alike, whatever an encoder counts; the rest is for any signs. Chosen, not measured
@@ -291,3 +259,36 @@ def _block_products(
         rows = block == b
         made[b] = np.einsum("nwi,nwj->ij", weighted[rows], right[rows])
     return made
+
+
+#: delays of the commands that are tried [s], and the filter of the wheels for it [s]: delays show in what is quick
+DELAYS, DELAY_WIDTH = INTERVAL * np.arange(-1.0, 9.0), 0.02
+#: part of the signals' own size that is added to the normal equations: commands sum to nearly zero
+RIDGE = 1e-3
+#: a delay is believed if the commands explain this share of the wheels' accelerations
+LEAST_EXPLAINED = 0.4
+
+
+def command_delay(
+    wheels: Smooth, commands: NDArray[np.float64], usable: NDArray[np.bool_]
+) -> tuple[float, float]:
+    """Return how late the wheels (N, n) answer to commands (N, k) [s], and its standard error; nan, inf if unknown.
+
+    The lean is not among what explains them: commands are made of it, and would share its gain.
+    """
+    if usable.sum() * INTERVAL < 3.0:
+        return math.nan, math.inf
+    y = wheels.acceleration[usable] - wheels.acceleration[usable].mean(axis=0)
+    blocks = (np.arange(len(usable)) // round(1.0 / INTERVAL))[usable]
+    places, left = np.arange(len(usable), dtype=np.float64), []
+    for delay in DELAYS:
+        late = np.column_stack([np.interp(places - delay / INTERVAL, places, one) for one in commands.T])
+        speed = wheels.rate
+        X = np.column_stack([late, speed, np.tanh(speed / 0.3), np.ones(len(late))])[usable]
+        size = np.sqrt((X**2).mean(axis=0)) + 1e-12
+        normal = (X / size).T @ (X / size) + RIDGE * len(X) * np.eye(X.shape[1])
+        rest = y - X / size @ np.linalg.solve(normal, (X / size).T @ y)
+        left.append(np.bincount(blocks, weights=(rest**2).sum(axis=1)) / float((y**2).sum()))
+    if 1.0 - min(float(one.sum()) for one in left) < LEAST_EXPLAINED:
+        return math.nan, math.inf
+    return vertex_with_error(DELAYS, np.array(left))

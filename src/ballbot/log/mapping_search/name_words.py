@@ -1,4 +1,4 @@
-"""The words and units that names of foreign columns are made of; `ballbot.log.mapping_inference.names` reads them.
+"""The words and units that names of foreign columns are made of; `ballbot.log.mapping_search.names` reads them.
 
 English and German; words of other languages are translated (`TRANSLATED`).
 """

@@ -5,7 +5,7 @@ A name is cut into words at separators, brackets, digits and capital letters, so
 kind:
 
 A letter is the number of a wheel if the file has the same name with its neighbours: `cur_A` beside `cur_B` and `cur_C`
-(`read_names`, by `ballbot.log.mapping_inference.name_series`); alone, `cur_A` is a current in amperes.
+(`read_names`, by `ballbot.log.mapping_search.name_series`); alone, `cur_A` is a current in amperes.
 
 1. A word for a set point (`ref`, `target`, `des`, `goal`, `cmd_vel`) or an error, a gain, a battery: never a
 measurement.
@@ -25,8 +25,8 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from ballbot.log.mapping_inference.name_series import in_whole_words, numbered
-from ballbot.log.mapping_inference.name_words import (
+from ballbot.log.mapping_search.name_series import in_whole_words, numbered
+from ballbot.log.mapping_search.name_words import (
     ACCELEROMETER,
     ANGLE,
     ANGLE_WORDS,

@@ -15,7 +15,7 @@ from itertools import permutations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.log.mapping_inference.evidence import CONFIDENT, MOST, TINY, jackknife_error, probabilities
+from ballbot.log.mapping_search.evidence import CONFIDENT, MOST, TINY, jackknife_error, probabilities
 from ballbot.log.signals import INTERVAL, Smooth
 from ballbot.robot import Robot
 
@@ -35,8 +35,8 @@ OWN_ORDER, MIRRORED_ORDER, EQUAL_SIGNS = 0.55, 0.25, 0.6
 #: part of the standard errors by which a placement is behind the best that is believed, and power of the prior in the
 #: confidence: a usual order is preferred among placements that fit alike, but does not make one certain
 BELIEVED_ERRORS, BELIEVED_USUAL = 0.6, 0.7
-#: logarithm of the ratio of two misfits from which it counts, too, and its weight for each second; chosen with
-#: `python -m campaigns.mapping_windows 24`, which counts the windows of 4 to 12 s that are wrong with confidence
+#: logarithm of the ratio of two misfits from which it counts, too, and its weight for each second;
+#: chosen so that of windows of 4 to 12 s of the campaign's recordings fewest are wrong with confidence
 LEAST_RATIO, EACH_SECOND = 0.2, 0.6
 #: placements whose wheels differ by less than this part of their angles count as one; a mapping whose wheels are off by
 #: 0.03 is still right (campaigns/mapping_corpus.py)

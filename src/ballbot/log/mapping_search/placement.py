@@ -26,10 +26,8 @@ robot that turns its heading while it rolls has a D W that is as large as W_dot,
 third, and off by 17 degrees, in the worst of the development logs.
 
 Where nothing measures the heading, the wheels give it, up to the direction in which all of them count: a ball that does
-not spin turns them by psi_dot alike (`ballbot.log.mapping_inference.frame`). A mirrored IMU with mirrored wheels makes
+not spin turns them by psi_dot alike (`ballbot.log.mapping_search.frame`). A mirrored IMU with mirrored wheels makes
 the same log then, so that the lean counts as right-handed, and sigma = -1 says that all wheels count backwards.
-
-kappa has the unit of one over time squared: an estimate of it, over the robot's, shows in which unit the time is.
 """
 
 from __future__ import annotations
@@ -44,8 +42,8 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from ballbot.log.checks.lean import block_sums, clarity
-from ballbot.log.mapping_inference.evidence import jackknife_error
-from ballbot.log.mapping_inference.placements import (
+from ballbot.log.mapping_search.evidence import jackknife_error
+from ballbot.log.mapping_search.placements import (
     BELIEVED_ERRORS,
     LEAST_RATIO,
     Placement,
@@ -55,7 +53,6 @@ from ballbot.log.mapping_inference.placements import (
     placement_way,
     ranked_placements,
 )
-from ballbot.log.mapping_inference.wheel_response import vertex_with_error
 from ballbot.log.signals import INTERVAL, Smooth
 from ballbot.robot import Robot
 
@@ -89,8 +86,6 @@ class LeanTest:
     gain_error: float  #: standard error of the logarithm of the best one's gain
     lag: float  #: lean later than wheels [s]
     lag_error: float  #: its standard error [s]
-    time_ratio: float  #: seconds of the robot in one second of the file, by kappa; nan if not shown
-    time_error: float  #: standard error of its logarithm
     same_handedness: float  #: by how many standard errors sigma = 1 is better than -1; 0 without yaw
     forwards: float  #: the same with the heading that the wheels give; 0 with a yaw
     body_frame: (
@@ -175,7 +170,6 @@ def lean_test(
     gains = _block_gains(turning, driven, weights)
     rest = driven - turning @ _solve(turning, driven, weights)
     gravity = kappa * (lean.value[:, 0] + 1j * lean.value[:, 1])
-    ratio, ratio_error = _time_ratio(law, turning, weights)
     turned = np.angle(gains * np.exp(-1j * best.phase))
     phase_error = jackknife_error(turned)
     return LeanTest(
@@ -185,8 +179,6 @@ def lean_test(
         gain_error=jackknife_error(np.log(np.abs(gains))),
         lag=lag,
         lag_error=lag_error,
-        time_ratio=ratio,
-        time_error=ratio_error,
         same_handedness=0.0 if heading is None else _handedness(robot, law, best, weights),
         forwards=_handedness(robot, replace(law, heading=turned_to), best, weights)
         if heading is None
@@ -289,20 +281,6 @@ def _solved(sums: NDArray[np.complex128]) -> NDArray[np.complex128]:
     return np.linalg.lstsq(sums[:-1, :-1], sums[:-1, -1], rcond=None)[0].astype(np.complex128)
 
 
-def _time_ratio(
-    law: _Law, turning: NDArray[np.complex128], weights: NDArray[np.float64]
-) -> tuple[float, float]:
-    """Return the robot's seconds in one of the file, by kappa, and the standard error of its logarithm."""
-    value = _later(law.lean.value, law.lag)
-    sums = lean_sums_of(np.column_stack([turning, value]), law.accelerated, weights)
-    total = sums.sum(axis=0)
-    ratio = float(_solved(total)[-1].real) / law.kappa
-    each = np.array([float(_solved(total - one)[-1].real) / law.kappa for one in sums])
-    if ratio <= 0.0 or (each <= 0.0).any():
-        return math.nan, math.nan
-    return math.sqrt(ratio), 0.5 * jackknife_error(np.log(each))
-
-
 def _handedness(robot: Robot, law: _Law, best: Placement, weights: NDArray[np.float64]) -> float:
     """Return by how many standard errors yaw and lean of the same handedness fit better."""
     same, opposite = (
@@ -316,7 +294,7 @@ def _advantage(one: NDArray[np.float64], other: NDArray[np.float64], weights: ND
     """Return by how many standard errors the first of two explanations is better, from what they leave by blocks (B,).
 
     Either the difference repeats in every block, or it is so large that few blocks are enough
-    (`ballbot.log.mapping_inference.placements`). The spread of few blocks is itself not well known: Student's t, taken
+    (`ballbot.log.mapping_search.placements`). The spread of few blocks is itself not well known: Student's t, taken
     for the normal deviate of the same probability.
     """
     used = np.bincount(block_numbers(len(weights)), weights=weights) > 0.0
@@ -397,3 +375,22 @@ def _weights(law: _Law, usable: NDArray[np.bool_]) -> tuple[NDArray[np.float64],
         pushed = usable & (size > np.maximum(PUSHED * usual, math.sqrt(PUSHED_SHARE) * whole))[blocks]
         weights = np.where(usable & ~pushed, usual / np.maximum(size, LEAST_SIZE * usual)[blocks], 0.0)
     return weights, pushed
+
+
+def vertex_with_error(places: NDArray[np.float64], by_block: NDArray[np.float64]) -> tuple[float, float]:
+    """Return where the sum over blocks of values (K, B) at K places is least, and its standard error; inf at an end."""
+    total = by_block.sum(axis=1)
+    if np.argmin(total) in (0, len(total) - 1):
+        return vertex(places, total), math.inf  # it may lie beyond
+    used = by_block.sum(axis=0) > 0.0
+    each = np.array([vertex(places, total - one) for one in by_block.T[used]])
+    return vertex(places, total), jackknife_error(each)
+
+
+def vertex(places: NDArray[np.float64], values: NDArray[np.float64]) -> float:
+    """Return where a parabola through the least of the values and its neighbours has its vertex."""
+    k = int(np.clip(np.argmin(values), 1, len(places) - 2))
+    before, at, after = values[k - 1 : k + 2]
+    curve = before - 2.0 * at + after
+    shift = 0.5 * (before - after) / curve if curve > 0.0 else 0.0
+    return float(places[k] + np.clip(shift, -1.0, 1.0) * (places[1] - places[0]))

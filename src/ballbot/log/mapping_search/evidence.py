@@ -1,0 +1,62 @@
+"""Weights of explanations, and standard errors by blocks that are left out in turn."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Hashable, Mapping
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: below this confidence a conclusion is undetermined
+CONFIDENT = 0.9
+#: no log gives more confidence than this
+MOST = 0.999
+#: smallest normal number: a denominator of at least this keeps the ratio of two zeros finite
+TINY = float(np.finfo(np.float64).tiny)
+
+Candidate = TypeVar("Candidate", bound=Hashable)
+
+
+def probabilities(log_weights: Mapping[Candidate, float]) -> dict[Candidate, float]:
+    """Return the candidates' probabilities from the logarithms of their weights, the likeliest first."""
+    largest = max(log_weights.values())
+    weights = {one: math.exp(weight - largest) for one, weight in log_weights.items()}
+    total = sum(weights.values())
+    ranked = sorted(weights, key=lambda one: -weights[one])
+    return {one: weights[one] / total for one in ranked}
+
+
+def advantage_confidence(z: float, *, believed: float = 0.6) -> float:
+    """Return the confidence in an explanation that is better than the next by z standard errors.
+
+    Blocks of a second are not independent, and the best of several explanations is flattered: part of z is believed.
+    """
+    if math.isnan(z):
+        return 0.5
+    return min(0.5 * math.erfc(-believed * max(z, -10.0) / math.sqrt(2.0)), MOST)
+
+
+def jackknife_error(estimates: NDArray[np.float64]) -> float:
+    """Return the standard error of an estimate from its values (B,) with each block left out; nan below 3 blocks."""
+    count = len(estimates)
+    if count < 3:
+        return math.nan
+    return float(np.sqrt((count - 1) / count * np.square(estimates - estimates.mean()).sum()))
+
+
+def without_each_block(
+    sums: NDArray[np.float64], estimate: Callable[[NDArray[np.float64]], float]
+) -> NDArray[np.float64]:
+    """Return an estimate (B,) from sums (B, ...) over blocks, with each block left out in turn."""
+    total = sums.sum(axis=0)
+    return np.array([estimate(total - one) for one in sums])
+
+
+def solved(sums: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the coefficients (k,) of normal equations [A b] (k, k + 1), each column scaled to its size."""
+    normal, right = sums[:, :-1], sums[:, -1]
+    size = np.sqrt(np.abs(np.diag(normal))) + 1e-12
+    scaled = normal / np.outer(size, size)
+    return np.linalg.lstsq(scaled, right / size, rcond=1e-9)[0] / size

@@ -1,0 +1,100 @@
+"""A foreign log's mapping against the simulated robot whose log it is: order, signs, turn, units, and what is asked."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ballbot.errors import InputError
+from ballbot.log.mapping_search.found import Stated
+from ballbot.log.mapping_search.proposal import agreement, propose
+from ballbot.log.mapping_search.text import MOST_LINES, Evaluation, answer_lines, evaluate
+from tests.support.foreign_log_examples import Habits, columns_of, small_robot, swaying_log, write_foreign
+
+
+def found_for(path: Path, habits: Habits, stated: Stated | None = None) -> Evaluation:
+    file = write_foreign(path / "run.txt", columns_of(swaying_log(), habits), habits)
+    return evaluate(propose(file, small_robot(), stated or Stated(command="duty")), small_robot())
+
+
+@pytest.mark.parametrize(
+    "habits",
+    [
+        Habits(),
+        Habits(order=(2, 3, 1), signs=(1, -1, 1), turn=np.radians(60.0), counts=True, full_duty=255.0),
+        Habits(order=(1, 3, 2), signs=(-1, -1, -1), turn=np.radians(-90.0), degrees=False, command_sign=-1),
+    ],
+)
+def test_the_log_that_the_mapping_makes_is_the_robots(tmp_path, habits):
+    found = found_for(tmp_path, habits)
+    assert found.refusal == ""
+    log, truth = found.log, swaying_log()
+    assert log is not None
+    # the file's wheels are the robot's, up to counting on: compared by what does not depend on it
+    speeds = np.sort(log.wheel_speeds.std(axis=0))
+    inside = truth.between(float(log.t[0]), float(log.t[-1]))
+    np.testing.assert_allclose(speeds, np.sort(inside.wheel_speeds.std(axis=0)), rtol=0.05)
+    # size and direction of lean by the ball's path, which only right signs, order and turn give
+    tilt, path = (np.hypot(log[a], log[b]).std() for a, b in (("theta", "phi"), ("x_dot", "y_dot")))
+    true_tilt, true_path = (
+        np.hypot(inside[a], inside[b]).std() for a, b in (("theta", "phi"), ("x_dot", "y_dot"))
+    )
+    assert tilt == pytest.approx(true_tilt, rel=0.1)
+    assert path == pytest.approx(true_path, rel=0.1)
+    assert len(answer_lines(found)) <= MOST_LINES
+    assert answer_lines(found)[0].startswith("run.txt: balancing")
+
+
+def test_a_kind_that_nobody_states_is_asked_for_with_every_alternative(tmp_path):
+    found = found_for(tmp_path, Habits(), Stated())
+    assert [one.key for one in found.proposal.questions] == ["[input] kind"]
+    assert found.log is None
+    assert "complete = false" in found.text
+    for kind in ("torque", "current", "voltage", "duty"):
+        assert f"# if it is a {kind}," in found.text
+
+
+def test_a_heading_that_contradicts_the_stated_kind_is_refused(tmp_path):
+    columns = columns_of(swaying_log(), Habits())
+    named = {name.replace("u", "tau") + "_Nm" if name[:1] == "u" else name: v for name, v in columns.items()}
+    file = write_foreign(tmp_path / "run.txt", named, Habits())
+    with pytest.raises(InputError, match="has the unit N m"):
+        propose(file, small_robot(), Stated(command="duty"))
+
+
+def test_a_lean_that_the_wheels_do_not_explain_is_held_by_hand(tmp_path):
+    columns = columns_of(swaying_log(), Habits())
+    t, random = columns["t_now"], np.random.default_rng(0)
+    for name in ("theta_x", "theta_y"):
+        columns[name] = np.zeros(len(t))
+        for rate in (2.1, 3.7, 5.3):
+            columns[name] += np.degrees(0.05) * np.sin(rate * t + random.uniform(0.0, 6.0))
+    file = write_foreign(tmp_path / "run.txt", columns, Habits())
+    found = evaluate(propose(file, small_robot(), Stated(command="duty")), small_robot())
+    assert found.proposal.what == "held by hand"
+    assert found.refusal
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"wheels": {"radius": 0.15}}, "the lean responds to the wheels"),
+        ({"sensors": {"encoder_counts": 640}}, "an encoder of 4480 counts"),
+    ],
+)
+def test_a_log_of_another_robot_is_refused_with_the_reason(tmp_path, changes, words):
+    robot = small_robot()
+    (part, values) = next(iter(changes.items()))
+    other = robot.replace(**{part: replace(getattr(robot, part), **values)})
+    file = write_foreign(tmp_path / "run.txt", columns_of(swaying_log(), Habits()), Habits())
+    found = evaluate(propose(file, other, Stated(command="duty")), other)
+    assert found.log is None
+    assert words in found.refusal
+
+
+def test_a_log_that_contradicts_the_others_is_named(tmp_path):
+    one = found_for(tmp_path, Habits()).proposal
+    negated = replace(one, frame=replace(one.frame, signs=tuple(-sign for sign in one.frame.signs)))
+    assert agreement([one, one]) == []
+    assert [words for _, words in agreement([one, one, negated])] == ["signs of the wheels"]
