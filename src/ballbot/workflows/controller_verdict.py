@@ -74,7 +74,7 @@ EXPLAINED_CODES = frozenset(
             "wheels",
         ),
         *("torque-order", "torque-scale", "torque-sign", "torque-unrelated", "torque-clipped", "dead-motor"),
-        *("constant", "glitch", "held", "lean-offset", "reset", "spike", "stuck", "torque-delay"),
+        *("constant", "held", "lean-offset", "reset", "spike", "stuck", "torque-delay"),
         *("fall", "hands", "saturation", "disturbance"),
     }
 )
