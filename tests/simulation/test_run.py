@@ -10,7 +10,7 @@ from ballbot import Controller, InputError, Log, Model, simulate
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import hold, square
 from ballbot.mechanics.geometry import body_rates_matrix
-from ballbot.simulation.model_plant import lift_off, sinking_of
+from ballbot.simulation.model_plant import lift_off, sinking_and_speeds
 from ballbot.simulation.run import initial_state_of
 from tests.support.control_examples import FRICTION, alten, four_wheeled, leaning
 
@@ -106,15 +106,16 @@ def test_how_fast_the_centre_of_mass_sinks(robot, formulation):
         heights = [np.cos(x[2]) * np.cos(x[3]) for x in (state, after, later)]
         # second differences err by h d^3/dt^3 = 1e-4 x hundreds, and by 1e-16/h^2
         expected = -(heights[2] - 2.0 * heights[1] + heights[0]) / h**2
-        found = sinking_of(model.selected, model.packed, after, u)
+        found, speeds = sinking_and_speeds(model.selected, model.packed, after, u)
         assert found == pytest.approx(expected, rel=1e-3, abs=1e-2)
+        assert speeds == pytest.approx(model.wheel_speed(after[:5], after[5:]), rel=1e-12, abs=1e-12)
 
 
 def test_a_robot_thrown_over_lifts_off():
     model = Model(alten())
     state = leaning(0.5)
     state[7] = 9.0  # centripetal acceleration of the centre of mass: l 81 cos(0.5) > g (m_b + m_r)/m_r
-    assert sinking_of(model.selected, model.packed, state, np.zeros(3)) > lift_off(model.robot)
+    assert sinking_and_speeds(model.selected, model.packed, state, np.zeros(3))[0] > lift_off(model.robot)
     log = simulate(model, Answering(lambda _: np.zeros(3)), hold(), duration=1.0, initial_state=state)
     assert log.ended is not None
     assert log.ended.startswith("lifted: the floor would have to pull")

@@ -42,7 +42,6 @@ from ballbot.mechanics.floor import floor_friction
 from ballbot.mechanics.friction import directed_friction, sign
 from ballbot.mechanics.geometry import body_rates_matrix, contact_directions, rolling_directions
 from ballbot.mechanics.model import Model
-from ballbot.mechanics.parameters import Exact, Pivoting, Thesis
 from ballbot.robot import Robot
 from ballbot.simulation.plant import Measurement
 
@@ -59,6 +58,11 @@ def sinking(selected, P, state, u):
 
     `state` has the formulation's body rates; a wheel at rest counts as one without dry friction.
     """
+    return _sinking_and_speeds(selected, P, state, u)[0]
+
+
+@traced
+def _sinking_and_speeds(selected, P, state, u):
     a, speeds = pose(selected, P, state)
     v, w = ball_velocity(state), body_velocity(state)
     signs = each(sign, speeds)
@@ -70,12 +74,12 @@ def sinking(selected, P, state, u):
     accelerations = angle_accelerations(selected, a, rates, w_dot)
     st, ct, sp, cp = a.sin_theta, a.cos_theta, a.sin_phi, a.cos_phi
     centripetal = ct * cp * (theta * theta + phi * phi) - 2.0 * st * sp * theta * phi
-    return centripetal + st * cp * accelerations[0] + ct * sp * accelerations[1]
+    return centripetal + st * cp * accelerations[0] + ct * sp * accelerations[1], speeds
 
 
 @compiled
-def sinking_of(selected, row, state, u):
-    """Return `sinking` of one packed robot, under wheel torques u (n,).
+def sinking_and_speeds(selected, row, state, u):
+    """Return `sinking` of one packed robot, under wheel torques u (n,), and the wheels' speeds [rad/s], a tuple.
 
     `state` is (10,), or (11,) with the spin where the ball pivots; its rates are the Euler angles'.
     """
@@ -84,7 +88,7 @@ def sinking_of(selected, row, state, u):
     start_lane(selected, work, 0, state, 0.0)
     moving, torques = load_state(selected, work, 0), from_array(selected.wheels, u)
     P = under_torque(load_parameters(selected, work, 0), torques)
-    return sinking(selected, P, moving, torques)
+    return _sinking_and_speeds(selected, P, moving, torques)
 
 
 _LIFTED = 1e9  # the friction needed where nothing presses
@@ -223,10 +227,14 @@ class ModelPlant:
         )
         # whole nanoseconds: a sum would drift past a reference's corners
         self._t = round(self._t + duration, 9)
-        self._wheel_speeds = self._speeds()
+        sinking, speeds = sinking_and_speeds(model.selected, model.packed, self._state, torques)
+        self._wheel_speeds = np.array(speeds)
         self._wheel_angles = self._wheel_angles + 0.5 * duration * (before + self._wheel_speeds)
-        ended = why_ended(model.selected, model.packed, self._state, torques, self._lift_off, self._t)
-        return self._measure(ended)
+        if not np.abs(self._state[2:4]).max() <= LARGEST_LEAN:
+            return self._measure(f"{FALLEN} at t = {self._t:.3f} s")
+        if not sinking < self._lift_off:
+            return self._measure(f"{LIFTED} at t = {self._t:.3f} s")
+        return self._measure(None)
 
     def push(self, impulse: ArrayLike) -> None:
         """Change the velocities at once by an impulse of a force from outside: M(q) dq_dot = p.
@@ -249,59 +257,19 @@ class ModelPlant:
         self._wheel_speeds = self._speeds()
 
     def _speeds(self) -> NDArray[np.float64]:
-        if not np.isfinite(self._state).all():  # torques too large for numbers; the run ends
-            return np.full(self.robot.wheel_count, np.nan)
         return self.model.wheel_speed(self._state[:5], self._state[5:])
 
     def _measure(self, ended: str | None) -> Measurement:
-        return measurement(self._t, self._state, self._wheel_angles, self._wheel_speeds, ended)
-
-
-def why_ended(
-    selected: Exact | Thesis | Pivoting,
-    row: NDArray[np.float64],
-    state: NDArray[np.float64],
-    torques: NDArray[np.float64],
-    limit: float,
-    t: float,
-) -> str | None:
-    """Return why a run of a packed robot ends at time t [s], or None.
-
-    Parameters
-    ----------
-    selected, row
-        The selector of the equations, and the robot's numbers for them (`Model.selected`, `Model.packed`).
-    state : ndarray (10,) or (11,)
-    torques : ndarray (n,)
-        [N m].
-    limit : float
-        Of the robot's floor (`lift_off`) [1/s^2].
-    """
-    if not np.abs(state[2:4]).max() <= LARGEST_LEAN:
-        return f"{FALLEN} at t = {t:.3f} s"
-    if not sinking_of(selected, row, state, torques) < limit:
-        return f"{LIFTED} at t = {t:.3f} s"
-    return None
-
-
-def measurement(
-    t: float,
-    state: NDArray[np.float64],
-    wheel_angles: NDArray[np.float64],
-    wheel_speeds: NDArray[np.float64],
-    ended: str | None,
-) -> Measurement:
-    """Return the measurement of perfect sensors at a state (10,) or (11,)."""
-    seen = state[:10].copy()
-    return Measurement(
-        t=t,
-        state=seen,
-        wheel_angles=wheel_angles,
-        wheel_speeds=wheel_speeds,
-        gyro=body_rates_matrix(*seen[2:5]) @ seen[7:],
-        truth=seen,
-        ended=ended,
-    )
+        seen = self._state[:10].copy()
+        return Measurement(
+            t=self._t,
+            state=seen,
+            wheel_angles=self._wheel_angles,
+            wheel_speeds=self._wheel_speeds,
+            gyro=body_rates_matrix(*seen[2:5]) @ seen[7:],
+            truth=seen,
+            ended=ended,
+        )
 
 
 def checked_states(states: ArrayLike) -> NDArray[np.float64]:
