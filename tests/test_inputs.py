@@ -255,7 +255,7 @@ def test_path_without_a_file_is_refused(tmp_path, capsys, command, kind):
     assert words.get(kind, "zero byte") in refused(capsys, *command, path, *after)
 
 
-@pytest.mark.parametrize("columns", [1001, 100_000])
+@pytest.mark.parametrize("columns", [1001, 20_000])
 def test_log_of_too_many_columns_is_refused(tmp_path, capsys, columns):
     path = tmp_path / "wide.csv"
     names = [f"c{k}" for k in range(columns - 1)]
