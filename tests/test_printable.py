@@ -18,7 +18,8 @@ from ballbot.cli.output import progress_bar
 from ballbot.files import write_text
 from ballbot.findings import Finding
 from ballbot.printable import printable, printable_line, shell_line
-from ballbot.report.console import PlainConsole, table
+from ballbot.report.blocks import table
+from ballbot.report.console import PlainConsole
 from ballbot.report.style import drawn, label_of
 from ballbot.results import as_json
 
@@ -65,7 +66,7 @@ def test_console_prints_markup_literally(text):
     out = io.StringIO()
     console = PlainConsole(file=out, width=10_000)
     console.print(text, soft_wrap=True)
-    console.print(table(text, [text, "b"], [[text, "1"]], framed=True))
+    console.print(table(text, [text, "b"], [[text, "1"]]))
     assert not obeyed(out.getvalue())
 
 

@@ -11,7 +11,7 @@ import pytest
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.checks import check
-from ballbot.log.formats import is_foreign, read_columns, read_foreign_table
+from ballbot.log.formats import is_foreign, read_columns
 from ballbot.log.formats.inference import infer_text_table
 from ballbot.log.mapping_search.found import Stated
 from ballbot.log.mapping_search.proposal import propose

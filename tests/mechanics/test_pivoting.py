@@ -318,7 +318,9 @@ def test_a_plant_carries_the_spin_and_its_wheels_see_it() -> None:
         state = model.advance(state, torques, 5e-3)
     assert_array_equal(measured.truth, state[:10])
     assert plant.spin == state[10] != 0.0
-    assert_allclose(measured.wheel_speeds, model.wheel_speed(state[:5], state[5:]), rtol=1e-14)  # fused products
+    assert_allclose(
+        measured.wheel_speeds, model.wheel_speed(state[:5], state[5:]), rtol=1e-14
+    )  # fused products
     without = Model(alten(FRICTION)).wheel_speed(state[:5], state[5:10])
     assert np.abs(measured.wheel_speeds - without).max() > 0.1
     plant.reset(None, seed=0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import io
 import json
 import re
 from html.parser import HTMLParser
@@ -17,8 +18,8 @@ from ballbot.control.linear import robot_loop
 from ballbot.control.presets import nominal_controller
 from ballbot.findings import Finding, Place
 from ballbot.log import STATE_NAMES, Log
-from ballbot.report.blocks import Bullets, Cell, Paragraph, Picture, Report, Sheet, Verbatim, section
-from ballbot.report.console import table
+from ballbot.report.blocks import Bullets, Cell, Paragraph, Picture, Report, Sheet, Verbatim, section, table
+from ballbot.report.console import PlainConsole
 from ballbot.report.loop import step_series
 from ballbot.report.page import page_of
 from ballbot.report.palette import BLUE, INK, themed
@@ -239,10 +240,17 @@ def test_a_table_of_many_blocks_is_folded_on_a_phone():
     assert "Show the table" not in page(Sheet(headings=("file", "bytes"), rows=[("law.c", "12")] * 20))
 
 
-def test_a_printed_table_becomes_one_of_the_page():
-    made = table("Errors", ("state", "error"), [("x", "1.5")], framed=False)
-    sheet = Sheet.of(made)
-    assert (sheet.caption, sheet.headings, sheet.rows) == ("Errors", ("state", "error"), (("x", "1.5"),))
+@pytest.mark.parametrize("terminal", [True, False])
+def test_a_table_is_framed_on_a_terminal_only_and_its_numbers_stand_flush_right(terminal, monkeypatch):
+    if terminal:
+        monkeypatch.setenv("TERM", "xterm")
+        monkeypatch.setenv("FORCE_COLOR", "1")
+    out = io.StringIO()
+    made = table("Errors", ("state", "error"), [("x", "1.5"), ("y", "21.25")])
+    PlainConsole(file=out, width=60).print(made)
+    shown = out.getvalue()
+    assert ("╭" in shown) == terminal
+    assert re.search(r"  1\.5\b", shown)  # as wide as 21.25
 
 
 def test_a_figure_takes_the_colors_of_the_theme():

@@ -386,7 +386,9 @@ def _identification() -> Iterator[tuple[str, Case]]:
 
     def closed(a: Arrays) -> object:
         record = AxisRecord(name="axis", sample_time=H, loop=loop, **a)
-        runs = axis.windows(record, np.array([0, 100]), np.array([99, 99]), np.array([[0.0, 0.0], [0.1, 0.0]]))
+        runs = axis.windows(
+            record, np.array([0, 100]), np.array([99, 99]), np.array([[0.0, 0.0], [0.1, 0.0]])
+        )
         return runs, axis.closed_loop(record, speed=0.0)
 
     yield "AxisRecord", Case(call=closed, arrays={"force": path, "position": path, "reference": path})

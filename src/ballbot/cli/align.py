@@ -10,7 +10,7 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.collection import named_files
 from ballbot.report.alignment import ERROR_HEADINGS, alignment_report, alignment_results, error_rows
-from ballbot.report.console import table
+from ballbot.report.blocks import table
 from ballbot.report.words import logs_words
 from ballbot.validation.alignment import align as align_log
 from ballbot.validation.alignment import alignment_findings
@@ -68,7 +68,7 @@ def align(
     console = result.console
     if alignment.sensors is not None:
         rows = error_rows(alignment.sensors)
-        console.print(table("On board minus cameras", ERROR_HEADINGS, rows, framed=console.is_terminal))
+        console.print(table("On board minus cameras", ERROR_HEADINGS, rows))
     for finding in alignment_findings(alignment):
         console.print(finding.text, markup=False, soft_wrap=True)
     result.show_file(PAGE)

@@ -118,7 +118,7 @@ def check(
             )
         if OUTPUT.get().json:  # the results compile the thesis's equations
             emit(checked.results())
-        for part in robot_check_parts(checked, framed=console.is_terminal):
+        for part in robot_check_parts(checked):
             console.print(part)
         if figure is not None:
             _save_figure(checked.robot, figure)
@@ -138,7 +138,7 @@ def _write(checked: CheckedRobot, result: CommandResult) -> list[Path]:
     with result.replaced() as new:
         result.write_json(checked.results(), new)
         result.write_page(robot_check_report(checked, result.origin), new)
-        write_text(new / "check.txt", as_text(robot_check_parts(checked, framed=False)))
+        write_text(new / "check.txt", as_text(robot_check_parts(checked)))
         if checked.swing is not None:
             _save_swing_figure(checked.swing, new / "swing.svg")
         names = [name for name in _WRITTEN if (new / name).exists()]

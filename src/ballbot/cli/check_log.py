@@ -129,7 +129,7 @@ def _check(file: Path, robot: Robot | None, mapping: Path | None, result: Comman
     """Show a log and its problems; raise InputError if one is an error."""
     checked = CheckedLog.of(file, Log.read(file, mapping=mapping), robot)
     console = standard_output()
-    print_parts(checked_log_parts(checked, framed=console.is_terminal), console)
+    print_parts(checked_log_parts(checked), console)
     emit(checked.results())
     if result:
         with result.replaced() as new:

@@ -14,7 +14,6 @@ from ballbot.cli.context import (
     workers,
 )
 from ballbot.cli.controllers import warn_of_idle_compensation
-from ballbot.cli.output import standard_output
 from ballbot.control.references import is_reference_file
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run
@@ -84,7 +83,6 @@ def compare(
     files += [path for path in own if path.resolve() not in {one.resolve() for one in files}]
     made_from = league_identity(described, candidates, courses, numbers)
     made_from |= {str(path): checksum for path, checksum in own.items()}
-    console = standard_output()
     warn_of_idle_compensation(made)
     with (
         open_result(
@@ -107,7 +105,7 @@ def compare(
         with result.replaced() as new:
             result.write_json(league_results(league), new)
             result.write_page(league_report(league, described, result.origin), new)
-    result.show(league_parts(league, framed=console.is_terminal))
+    result.show(league_parts(league))
     result.show_file(PAGE)
 
 

@@ -162,7 +162,7 @@ def design(
             write_controller(found.controller, new / "controller.toml")
             result.write_json(found.results(), new)
             result.write_page(controller_design_report(found, result.origin, findings), new)
-    result.show(controller_design_parts(found, framed=result.console.is_terminal))
+    result.show(controller_design_parts(found))
     warn_of_idle_compensation({"controller.toml": found.controller})
     result.show_file("controller.toml", PAGE)
 
@@ -215,7 +215,7 @@ def _search(
             write_text(new / "robust.svg", drawn(lambda: robust_figure(found), name="robust"))
             result.write_json(results, new)
             result.write_page(robust_design_report(found, result.origin, findings), new)
-    result.show(robust_design_parts(found, framed=result.console.is_terminal))
+    result.show(robust_design_parts(found))
     result.show_file("controller.toml", PAGE)
 
 

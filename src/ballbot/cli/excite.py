@@ -172,7 +172,7 @@ def excite(
             )
         with result.replaced() as new:
             _write(found, chosen, result, new)
-    result.show(excitation_parts(found, framed=result.console.is_terminal))
+    result.show(excitation_parts(found))
     result.show_file("reference.csv", PAGE)
 
 

@@ -91,7 +91,7 @@ def export(
                 exported, read, load, to_install=to_install, made=result.origin, findings=findings
             )
             result.write_page(page, new)
-    result.show(export_parts(exported, read, load, framed=result.console.is_terminal))
+    result.show(export_parts(exported, read, load))
     if to_install:
         result.console.print(to_install)
     warn_of_idle_compensation({controller.name: read})

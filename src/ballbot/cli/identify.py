@@ -169,7 +169,7 @@ def identify(
         ]
         with result.replaced() as new:
             written = _write(found, checked, selection, holdouts, result, new)
-    result.show(identification_parts(found, selection, holdouts, framed=result.console.is_terminal))
+    result.show(identification_parts(found, selection, holdouts))
     result.show_file(*written)
     if not found.verdict.usable:
         raise InputError(f"{found.verdict.sentence} No robot.toml was written.")

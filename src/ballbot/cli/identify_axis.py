@@ -112,7 +112,7 @@ def identify_axis(
         with result.replaced() as new:
             result.write_json(found.to_dict(), new, findings=[*findings, *found.findings])
             result.write_page(axis_report(found, read[0], result.origin, findings), new)
-    result.show(axis_parts(found, framed=result.console.is_terminal))
+    result.show(axis_parts(found))
     result.show_file(PAGE)
 
 

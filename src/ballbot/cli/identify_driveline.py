@@ -94,7 +94,7 @@ def identify_driveline(
             write_text(new / "results.json", results_text(driveline_results(fits, printed, made, findings)))
             result.write_page(page, new)
             write_robot(identified, new / "robot.toml")
-    result.show(driveline_parts(fits, printed, framed=result.console.is_terminal))
+    result.show(driveline_parts(fits, printed))
     result.show_file(PAGE)
 
 

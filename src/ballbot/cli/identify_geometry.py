@@ -102,7 +102,7 @@ def identify_geometry(
                 found, of_geometry, robot=described, made=result.origin, log_findings=findings
             )
             result.write_page(page, new)
-    result.show(geometry_parts(found, of_geometry, framed=result.console.is_terminal))
+    result.show(geometry_parts(found, of_geometry))
     result.show_file(PAGE)
 
 

@@ -94,7 +94,7 @@ def identify_upside_down(
             )
         with result.replaced() as new:
             _write(found, described, named, result, findings, new)
-    result.show(upside_down_parts(found, described, framed=result.console.is_terminal))
+    result.show(upside_down_parts(found, described))
     result.show_file(PAGE, *(["robot.toml"] if found.verdict.usable else []))
     if not found.verdict.usable:
         raise InputError(f"{found.verdict.sentence} No robot.toml was written.")

@@ -106,7 +106,7 @@ def limits(
         bar.begin_writing()
         with result.replaced() as new:
             _write(found, described, grip, truth.name, result, new)
-    result.show(limit_parts(found.model, found.twin, framed=result.console.is_terminal))
+    result.show(limit_parts(found.model, found.twin))
     result.show_file(PAGE)
 
 

@@ -19,13 +19,13 @@ from types import MappingProxyType
 from rich.console import Console, RenderableType
 from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as RichProgress
-from rich.table import Table
 from rich.text import Text
 
 from ballbot.cli import OUTPUT
 from ballbot.file_formats import results_text
 from ballbot.printable import printable_line
 from ballbot.progress import Pace, Progress, as_clock, fraction, progress_line, stage_words
+from ballbot.report.blocks import Sheet
 from ballbot.report.console import PLAIN_WIDTH, PlainConsole
 
 _BEFORE_LINES = 3.0  #: [s] before the first line of progress, if no bar can be drawn
@@ -72,7 +72,7 @@ def suggest_page() -> None:
 def print_parts(parts: Iterable[RenderableType], console: Console) -> None:
     """Print tables, which keep to the width, and lines, which are not broken."""
     for part in parts:
-        console.print(part, markup=False, soft_wrap=not isinstance(part, Table))
+        console.print(part, markup=False, soft_wrap=not isinstance(part, Sheet))
 
 
 def print_verdict(verdict: Iterable[tuple[str, str]], console: Console) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ballbot.cli.context import WholeNumber, open_result
 from ballbot.fitting.run import check_seed
-from ballbot.report.console import table
+from ballbot.report.blocks import table
 
 
 def reproduce(*, out: Path, only: str | None = None, seed: WholeNumber = 0) -> None:
@@ -54,7 +54,7 @@ def reproduce(*, out: Path, only: str | None = None, seed: WholeNumber = 0) -> N
             )
     console = result.console
     rows = [[item.name, item.title, item.verdict] for item in found.items]
-    console.print(table("The thesis reproduced", ("", "title", "verdict"), rows, framed=console.is_terminal))
+    console.print(table("The thesis reproduced", ("", "title", "verdict"), rows))
     if found.mistakes:
         proven = sum(mistake.proven for mistake in found.mistakes)
         console.print(f"{proven} of {len(found.mistakes)} misprints and mistakes are confirmed by numbers.")

@@ -13,7 +13,6 @@ from typing import Annotated
 
 from cyclopts import Parameter
 from rich.live import Live
-from rich.table import Table
 
 from ballbot.cli import OUTPUT
 from ballbot.cli.context import WholeNumber
@@ -31,7 +30,8 @@ from ballbot.link.messages import State
 from ballbot.link.operators import UPRIGHT, EmulatedCamera, EmulatedOperator, Movement, Operator
 from ballbot.link.session import Session
 from ballbot.link.transport import Transport, open_transport
-from ballbot.report.console import PlainConsole, table
+from ballbot.report.blocks import Sheet, table
+from ballbot.report.console import PlainConsole
 from ballbot.report.live import View, state_line, state_table
 from ballbot.robot import Robot
 from ballbot.simulation.held_robot import Hold
@@ -229,7 +229,7 @@ class Monitor:
             self._live = Live(console=console, auto_refresh=False, transient=True)
             # the first picture takes longer to draw than a robot waits; nobody sees this one
             nowhere = PlainConsole(file=io.StringIO())
-            nowhere.print(table("", ("", ""), [("", "")], framed=True))
+            nowhere.print(table("", ("", ""), [("", "")]))
         #: when the next picture is due, by the clock; or the next line, by the robot's time [s]
         self._next = 0.0
         self._began: float | None = None
@@ -266,7 +266,7 @@ class Monitor:
         self._next = now + interval
         return True
 
-    def _show(self, picture: Table, line: str) -> None:
+    def _show(self, picture: Sheet, line: str) -> None:
         if OUTPUT.get().quiet:
             return
         if self._live is None:

@@ -198,7 +198,7 @@ def wiring(port: str | None = None, /, *, link: LinkOptions = _LINK, out: Path |
                 watch=shown.watch_state,
             )
         check = check_turns(lean, turns, robot.ball_from_wheels)
-        print_parts(wiring_parts(check, framed=console.is_terminal), console)
+        print_parts(wiring_parts(check), console)
         emit(wiring_results(check) | {"findings": finding_results(check.findings)})
         if check.passed:
             robot.test(connection.operator)
@@ -431,7 +431,7 @@ def compare(
             result.write_page(page, new)
         for name in names:
             (out / f"{name}{SUFFIX}").unlink(missing_ok=True)
-    result.show(alternation_parts(found, framed=result.console.is_terminal))
+    result.show(alternation_parts(found))
     result.show_file(PAGE)
 
 

@@ -12,7 +12,7 @@ from ballbot.cli.context import PAGE, input_files, open_result, parse_seeds
 from ballbot.cli.output import show_written
 from ballbot.errors import InputError
 from ballbot.files import check_file, check_new_file, write_text
-from ballbot.report.console import table
+from ballbot.report.blocks import table
 from ballbot.robot import Robot
 from ballbot.twin import twin_mjcf
 from ballbot.twin.mjcf import Mounting
@@ -134,5 +134,5 @@ def recommendations(
             result.write_json(scores, new)
             result.write_page(recommendations_report(described, found, result.origin), new)
     title = "Position error after settling, and torque noise"
-    result.show([table(title, HEADINGS, rows(found), framed=result.console.is_terminal)])
+    result.show([table(title, HEADINGS, rows(found))])
     result.show_file(PAGE)

@@ -98,7 +98,7 @@ def validate_prediction(
         raise InputError(f"{log_path}: {error}") from None
     steps = next_steps(verdict, prediction, files)
     console = standard_output()
-    print_parts(verdict_parts(verdict, steps, framed=console.is_terminal), console)
+    print_parts(verdict_parts(verdict, steps), console)
     show_findings(found)
     emit({"prediction": prediction_results(verdict, prediction, steps), "findings": finding_results(found)})
     if out is not None:
@@ -262,7 +262,7 @@ def validate(
         with result.replaced() as new:
             result.write_json({"validation": results}, new, findings=found)
             result.write_page(page, new)
-    result.show(validation_parts(validation, framed=result.console.is_terminal))
+    result.show(validation_parts(validation))
     result.show_file(PAGE)
 
 

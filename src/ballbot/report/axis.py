@@ -17,8 +17,7 @@ from ballbot.identification.axis import AxisIdentification, AxisRecord
 from ballbot.identification.axis.identify import Estimate
 from ballbot.identification.axis.model import LOADS, PARAMETERS, base_name, unit_for
 from ballbot.identification.axis.motion import default_bandwidth, smoothed_motion, speed_at_start
-from ballbot.report.blocks import Bullets, Paragraph, Report, Section, Sheet, section
-from ballbot.report.console import table
+from ballbot.report.blocks import Bullets, Paragraph, Report, Section, Sheet, section, table
 from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Look, Panel, TimeSeries
@@ -404,11 +403,11 @@ ERROR_HEADINGS = (
 )
 
 
-def axis_parts(found: AxisIdentification, *, framed: bool) -> Iterator[RenderableType]:
+def axis_parts(found: AxisIdentification) -> Iterator[RenderableType]:
     """Yield the parameters by each method, their errors, and the findings."""
     headings = ("symbol", "meaning", "unit", *(one.method for one in found.estimates))
-    yield table(f"Friction law: {found.chosen.name}", headings, parameter_rows(found), framed=framed)
-    yield table("Errors", *error_table(found.estimates, found.unit), framed=framed)
+    yield table(f"Friction law: {found.chosen.name}", headings, parameter_rows(found))
+    yield table("Errors", *error_table(found.estimates, found.unit))
     yield Text(expected_sentence(found))
     for finding in found.findings:
         yield Text(finding.text)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -22,8 +23,7 @@ from ballbot.identification.quantities import BY_NAME, OF_WHEELS
 from ballbot.identification.swing import SwingFit
 from ballbot.identification.upside_down import BallWindows, UpsideDown, cut_ball_windows
 from ballbot.log import Log
-from ballbot.report.blocks import Bullets, Report, Sheet, section
-from ballbot.report.console import TextTable, table
+from ballbot.report.blocks import Bullets, Report, Sheet, section, table
 from ballbot.report.palette import BLUE, INK, ORANGE, PALE, SHADE
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Look, Panel, TimeSeries
@@ -138,11 +138,11 @@ def swing_figure(fit: SwingFit, *, label: str = "measured") -> Figure:
     return figure
 
 
-def upside_down_parts(found: UpsideDown, robot: Robot, *, framed: bool) -> Iterator[RenderableType]:
+def upside_down_parts(found: UpsideDown, robot: Robot) -> Iterator[RenderableType]:
     """Yield the friction identified upside down beside the robot file's, the errors and the findings."""
     yield Text(found.verdict.sentence)
-    yield _parameter_table(found, robot, framed=framed)
-    yield _error_table(found, framed=framed)
+    yield _parameter_table(found, robot)
+    yield _error_table(found)
     for sentence in (*texts(found.findings), *_comparison(robot)):
         yield Text(sentence)
 
@@ -159,7 +159,7 @@ def _comparison(described: Robot) -> list[str]:
     ]
 
 
-def _parameter_table(found: UpsideDown, described: Robot, *, framed: bool) -> TextTable:
+def _parameter_table(found: UpsideDown, described: Robot) -> Sheet:
     rows = []
     for quantity in (BY_NAME[name] for name in OF_WHEELS):
         symbol, before = quantity.symbol, quantity.nominal(described)
@@ -171,23 +171,23 @@ def _parameter_table(found: UpsideDown, described: Robot, *, framed: bool) -> Te
             shown = value_and_error(one, error) if ends is None else tuple(between(one, *ends).split(" ", 1))
             rows.append((name, *shown, digits(old), quantity.unit))
     headings = ("parameter", "upside down", "standard error or 95 % interval", "robot file", "unit")
-    return table("Friction of drivelines and ball-wheel contacts", headings, rows, framed=framed)
+    return table("Friction of drivelines and ball-wheel contacts", headings, rows)
 
 
-def _error_table(found: UpsideDown, *, framed: bool) -> TextTable:
+def _error_table(found: UpsideDown) -> Sheet:
     rows = [
         (f"Ω about {axis}", *(digits(float(errors[i])) for errors in found.held_out.values()))
         for i, axis in enumerate("xyz")
     ]
     title = f"Open-loop RMSE [rad/s] on {len(found.held_out_windows)} held-out windows of {found.window:g} s."
-    return table(title, ("axis", *(_MODELS[name] for name in found.held_out)), rows, framed=framed)
+    return table(title, ("axis", *(_MODELS[name] for name in found.held_out)), rows)
 
 
-def geometry_parts(found: Geometry, findings: Sequence[Finding], *, framed: bool) -> Iterator[RenderableType]:
+def geometry_parts(found: Geometry, findings: Sequence[Finding]) -> Iterator[RenderableType]:
     """Yield the table of quantities and the findings."""
     rows = [_row(one) for one in _measured(found)]
     headings = ("quantity", "from the logs", "standard error", "in the file", "unit", "difference", "from")
-    yield table("Geometry", headings, rows, framed=framed)
+    yield table("Geometry", headings, rows)
     for finding in findings:
         yield Text(finding.text)
 
@@ -269,8 +269,8 @@ def upside_down_report(
         sections=[
             section(
                 "Friction found",
-                Sheet.of(
-                    _parameter_table(found, described, framed=False),
+                replace(
+                    _parameter_table(found, described),
                     caption=f"Friction of drivelines and ball-wheel contacts. {driveline_symbols()} A dash: held at a "
                     "bound, or the log does not show it.",
                 ),
@@ -278,7 +278,7 @@ def upside_down_report(
             ),
             section(
                 "Predictions",
-                Sheet.of(_error_table(found, framed=False)),
+                _error_table(found),
                 prediction_series(found, next(iter(logs.values()))),
             ),
             section("The ball's movement", movement_series(movement)),
@@ -372,7 +372,7 @@ def geometry_report(
     """Return the page of a geometry identified from logs."""
     first, *others = texts(findings) or [""]
     count = len([*found.measured, *found.wheel_ratios])
-    (table_of,) = (one for one in geometry_parts(found, (), framed=False) if isinstance(one, TextTable))
+    (table_of,) = (one for one in geometry_parts(found, ()) if isinstance(one, Sheet))
     return Report(
         title=f"{robot.name}: geometry and mounting from logs",
         lead="By kinematics alone: wheels, gyro, camera and motion capture measure the same motion.",
@@ -381,7 +381,7 @@ def geometry_report(
             section(
                 "Geometry",
                 drawn_picture("geometry", partial(geometry_figure, found), _GEOMETRY_FIGURE),
-                Sheet.of(table_of, caption=_GEOMETRY_CAPTION),
+                replace(table_of, caption=_GEOMETRY_CAPTION),
                 Bullets(items=others) if others else None,
             )
         ],

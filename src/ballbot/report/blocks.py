@@ -22,9 +22,13 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from markupsafe import Markup
+from rich import box
+from rich.console import Console, ConsoleOptions, RenderResult
+from rich.table import Table
+from rich.text import Text
 
 from ballbot.findings import Finding
-from ballbot.report.console import TextTable
+from ballbot.printable import printable, printable_line
 from ballbot.report.series import TimeSeries
 
 if TYPE_CHECKING:
@@ -61,7 +65,10 @@ class Cell:
 
 @dataclass(frozen=True, kw_only=True)
 class Sheet:
-    """A table with its caption; it scrolls within its box if the page is narrower, and the caption does not."""
+    """A table with its caption, on a page and on a terminal.
+
+    On a page it scrolls within its box if the page is narrower, and the caption does not.
+    """
 
     kind: ClassVar[str] = "sheet"
     headings: Sequence[str]
@@ -71,12 +78,19 @@ class Sheet:
     shaded: frozenset[int] = frozenset()  #: rows to notice
     folded: bool = False  #: whether a narrow page shows its caption only, until the reader opens it
 
-    @staticmethod
-    def of(made: TextTable, *, caption: str | None = None) -> Sheet:
-        """Return the table that a command prints; the caption is the table's title if none is given."""
-        return Sheet(
-            headings=made.headings, rows=made.cells, caption=made.heading if caption is None else caption
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Give a console the table: framed on a terminal, plain where the output is piped or kept."""
+        made = Table(
+            title=Text(printable_line(self.caption)),
+            title_justify="left",
+            title_style="bold",
+            box=box.ROUNDED if options.is_terminal else None,
         )
+        for heading, numeric in zip(self.headings, self.numeric, strict=True):
+            made.add_column(Text(printable_line(heading)), justify="right" if numeric else "left")
+        for row in self.cells:
+            made.add_row(*(Text(printable(Markup(cell.text).striptags())) for cell in row))
+        yield made
 
     @property
     def cells(self) -> list[list[Cell]]:
@@ -142,6 +156,11 @@ class Sheet:
                     columns[place].append(cell)
                 place += cell.span
         return columns
+
+
+def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Sheet:
+    """Return a table of texts."""
+    return Sheet(caption=title, headings=headings, rows=rows)
 
 
 def _least_width(heading: str, cells: Sequence[Cell], *, wraps: bool) -> int:

@@ -20,8 +20,7 @@ from rich.console import RenderableType
 
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.report.blocks import Bullets, Cell, Film, Paragraph, Report, Section, Sheet, section
-from ballbot.report.console import table
+from ballbot.report.blocks import Bullets, Cell, Film, Paragraph, Report, Section, Sheet, section, table
 from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE, SHADE, VIOLET, YELLOW
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together, true_spans
@@ -483,10 +482,10 @@ def _ratio_phrase(key: str, ratio: Estimate, *, of: str) -> str:
     return f"{METRIC_BY_KEY[key].words} {ratio_digits(ratio.mean)} times that of {of}{interval}"
 
 
-def league_parts(league: League, *, framed: bool) -> Iterator[RenderableType]:
+def league_parts(league: League) -> Iterator[RenderableType]:
     """Yield the standings on each course, and those over all courses relative to the first controller."""
     for course in league.courses:
         rows = standing_rows(league, course.name)
-        yield table(f"{course.name}: {course.about}", STANDING_HEADINGS, rows, framed=framed)
+        yield table(f"{course.name}: {course.about}", STANDING_HEADINGS, rows)
     title = f"Over all courses, relative to {league.controllers[0]} (95 % intervals)"
-    yield table(title, OVERALL_HEADINGS, overall_rows(league), framed=framed)
+    yield table(title, OVERALL_HEADINGS, overall_rows(league))

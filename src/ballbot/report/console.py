@@ -1,4 +1,4 @@
-"""Results as text: tables framed on a terminal and plain where the output is piped or kept, and matrices."""
+"""Results as text: consoles that obey nothing in it, matrices and findings; tables are `blocks.Sheet`."""
 
 from __future__ import annotations
 
@@ -8,14 +8,12 @@ from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
-from rich import box
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
-from rich.table import Table
 from rich.text import Text
 
 from ballbot.findings import Finding
-from ballbot.printable import printable, printable_line
+from ballbot.printable import printable
 
 PLAIN_WIDTH = 100  #: columns if no terminal states its width
 _STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
@@ -43,31 +41,6 @@ def as_text(parts: Sequence[RenderableType]) -> str:
     return "\n".join(line.rstrip() for line in buffer.getvalue().splitlines()) + "\n"
 
 
-class TextTable(Table):
-    """A table that keeps its texts, so that a page can show them as well; made by `table`."""
-
-    heading: str
-    headings: tuple[str, ...]
-    cells: tuple[tuple[str, ...], ...]
-
-
-def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], *, framed: bool) -> TextTable:
-    """Return a table of texts; the columns after the first are set flush right where they hold numbers."""
-    made = TextTable(
-        title=Text(printable_line(title)),
-        title_justify="left",
-        title_style="bold",
-        box=box.ROUNDED if framed else None,
-    )
-    for index, heading in enumerate(headings):
-        numeric = bool(rows) and all(_is_number(row[index]) for row in rows)
-        made.add_column(Text(printable_line(heading)), justify="right" if numeric else "left")
-    for row in rows:
-        made.add_row(*(Text(printable(cell)) for cell in row))
-    made.heading, made.headings, made.cells = title, tuple(headings), tuple(map(tuple, rows))
-    return made
-
-
 def matrix_text(name: str, matrix: NDArray[np.float64], *, decimals: int = 4) -> str:
     """Return a matrix as lines of fixed decimals, its name before the middle row."""
     scale = 10.0**decimals
@@ -80,14 +53,6 @@ def matrix_text(name: str, matrix: NDArray[np.float64], *, decimals: int = 4) ->
         label = f"{name} =" if index == middle else ""
         lines.append(f"{label:<{len(name) + 3}}[ {'  '.join(f'{cell:>{width}}' for cell in row)} ]")
     return "\n".join(lines)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def finding_line(finding: Finding, *, accepted: bool = False) -> Text:

@@ -18,8 +18,8 @@ from ballbot.control.margins import MEANING
 from ballbot.control.overcompensation import CompensationMargin, has_friction
 from ballbot.findings import Finding
 from ballbot.log import STATE_NAMES
-from ballbot.report.blocks import Block, Bullets, Paragraph, Report, Sheet, Verbatim, section
-from ballbot.report.console import matrix_text, table
+from ballbot.report.blocks import Block, Bullets, Paragraph, Report, Sheet, Verbatim, section, table
+from ballbot.report.console import matrix_text
 from ballbot.report.loop import loop_section, margins_table, poles_figure
 from ballbot.report.palette import BLUE, GREEN, ORANGE, SHADE
 from ballbot.report.provenance import Provenance
@@ -81,12 +81,12 @@ def search_comment(found: RobustDesign, command: str) -> str:
     )
 
 
-def robust_design_parts(found: RobustDesign, *, framed: bool) -> Iterator[RenderableType]:
+def robust_design_parts(found: RobustDesign) -> Iterator[RenderableType]:
     """Yield the gain of a robust design, its comparison with other weights, and its own weights."""
     yield Text(matrix_text("K", found.controller.gain))
     title = f"On {found.fresh} perturbed robots that the search did not use"
-    yield table(title, *_robust_rows(found), framed=framed)
-    yield margins_table(found.loop_margins, framed=framed)
+    yield table(title, *_robust_rows(found))
+    yield margins_table(found.loop_margins)
     yield Text(MEANING)
     yield Text(_weights(found))
     yield Text(_perturbed_by(found.spread))
@@ -106,7 +106,7 @@ def _weights(found: RobustDesign) -> str:
     return f"Q = diag({weights}), R = {found.torque_weight:g} I"
 
 
-def controller_design_parts(found: ControllerDesign, *, framed: bool) -> Iterator[RenderableType]:
+def controller_design_parts(found: ControllerDesign) -> Iterator[RenderableType]:
     """Yield the linear model, the gain with its standard deviation, the poles, and the compensation's margin."""
     robot, spread = found.controller.robot, found.uncertainty
     linear = frictionless_model(robot).linearize()
@@ -121,8 +121,8 @@ def controller_design_parts(found: ControllerDesign, *, framed: bool) -> Iterato
         yield Text(f"\nStandard deviation of the gain, from those in the robot file ({causes}):\n")
         yield Text(matrix_text("+-", spread.deviation))
     rows = [[f"{pole.real:.4f}", f"{pole.imag:.4f}"] for pole in found.gain.poles]
-    yield table("Closed-loop poles [rad/s]", ["real", "imaginary"], rows, framed=framed)
-    yield margins_table(found.loop_margins, framed=framed)
+    yield table("Closed-loop poles [rad/s]", ["real", "imaginary"], rows)
+    yield margins_table(found.loop_margins)
     yield Text(MEANING)
     yield Text(f"Torque limit of each wheel: {torque_limit_words(found.controller)}.")
     if found.certain is not found.stated:

@@ -15,8 +15,7 @@ from rich.text import Text
 from ballbot.findings import Finding, finding_results, note, texts
 from ballbot.identification.driveline import NAMES, QUANTITIES, DrivelineFit, PrintedFit, Sweep
 from ballbot.mechanics.friction import stribeck_gradient
-from ballbot.report.blocks import Block, Cell, Paragraph, Report, Sheet, section
-from ballbot.report.console import table
+from ballbot.report.blocks import Block, Cell, Paragraph, Report, Sheet, section, table
 from ballbot.report.palette import BLUE, GREEN, INK, ORANGE
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries
@@ -356,12 +355,10 @@ def driveline_results(
     }
 
 
-def driveline_parts(
-    fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit], *, framed: bool
-) -> Iterator[RenderableType]:
+def driveline_parts(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit]) -> Iterator[RenderableType]:
     """Yield the friction of each wheel, the errors of the speed, and the findings."""
     headings = ("parameter", "unit", *(f"wheel {fit.wheel}" for fit in fits))
-    yield table("Friction of the drivelines", headings, parameter_rows(fits), framed=framed)
+    yield table("Friction of the drivelines", headings, parameter_rows(fits))
     headings = (
         "",
         "cost (3.5)",
@@ -370,6 +367,6 @@ def driveline_parts(
         "(3.2) as printed",
         "same friction in (3.2)",
     )
-    yield table("Speed errors", headings, error_rows(fits, printed), framed=framed)
+    yield table("Speed errors", headings, error_rows(fits, printed))
     for finding in driveline_findings(fits, printed):
         yield Text(finding.text)

@@ -15,8 +15,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from ballbot.identification.quantities import BY_NAME
-from ballbot.report.blocks import Paragraph, Picture, Report, Sheet, section
-from ballbot.report.console import TextTable, table
+from ballbot.report.blocks import Paragraph, Picture, Report, Sheet, section, table
 from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Look, Panel, TimeSeries, wheel_lines
@@ -140,15 +139,15 @@ def _draw_path(axes: Axes, shown: Followed, limits: RunLimits) -> None:
 _SHOWN = {"lean": ("deg", 180.0 / np.pi), "floor": ("m", 1.0), "torque": ("N m", 1.0)}
 
 
-def excitation_parts(result: Excitation, *, framed: bool) -> Iterator[RenderableType]:
+def excitation_parts(result: Excitation) -> Iterator[RenderableType]:
     """Yield the limits, the standard errors and the verdict."""
-    yield _limits_table(result, framed=framed)
-    yield _errors_table(result, framed=framed)
+    yield _limits_table(result)
+    yield _errors_table(result)
     for sentence in _verdict(result):
         yield Text(sentence)
 
 
-def _limits_table(result: Excitation, *, framed: bool) -> TextTable:
+def _limits_table(result: Excitation) -> Sheet:
     """Return each limit with the peaks of the square and of the design, on the model and on the loop."""
     trials = result.trials
     runs = {"square": result.square.run.peaks, "designed": result.design.peaks}
@@ -160,12 +159,10 @@ def _limits_table(result: Excitation, *, framed: bool) -> TextTable:
         )
         for name, (unit, _) in _SHOWN.items()
     ]
-    return table(
-        "Limits, and the largest values of each run", ("quantity", "limit", *runs), rows, framed=framed
-    )
+    return table("Limits, and the largest values of each run", ("quantity", "limit", *runs), rows)
 
 
-def _errors_table(result: Excitation, *, framed: bool) -> TextTable:
+def _errors_table(result: Excitation) -> Sheet:
     """Return the standard errors: expected, and of identifications from the loop's logs; the worst of each last."""
     question, wheels = result.task.question, result.task.robot.wheel_count
     units = {
@@ -191,7 +188,7 @@ def _errors_table(result: Excitation, *, framed: bool) -> TextTable:
     rows.append(("worst, % of bounds", "", "", *(_worst(errors) for errors in scaled.values())))
     headings = ("parameter", "unit", "assumed", *columns)
     title = "Standard errors expected" + (", and from the loop's logs" if result.trials else "")
-    return table(title, headings, rows, framed=framed)
+    return table(title, headings, rows)
 
 
 def _verdict(result: Excitation) -> list[str]:
@@ -276,14 +273,14 @@ def excitation_report(result: Excitation, robot: Robot, *, errors: Picture, made
         sections=[
             section(
                 "The run",
-                Sheet.of(_limits_table(result, framed=False)),
+                _limits_table(result),
                 drawn_picture("path", partial(path_figure, shown, limits), "Dashed: the limit of the floor."),
                 _followed_series(shown, limits),
                 Paragraph(text=_HOW_TO_RUN),
             ),
             section(
                 "Expected errors",
-                Sheet.of(_errors_table(result, framed=False)),
+                _errors_table(result),
                 errors,
             ),
         ],

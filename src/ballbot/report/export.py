@@ -11,21 +11,20 @@ from ballbot.control.controller import Controller, torque_limit_words
 from ballbot.findings import Finding
 from ballbot.firmware.export import Export
 from ballbot.firmware.processor_load import ProcessorLoad
-from ballbot.report.blocks import Report, Sheet, section
-from ballbot.report.console import table
+from ballbot.report.blocks import Report, Sheet, section, table
 from ballbot.report.provenance import Provenance
 
 _HEADINGS = ("quantity", "value")
 
 
 def export_parts(
-    exported: Export, controller: Controller, load: ProcessorLoad | None, *, framed: bool
+    exported: Export, controller: Controller, load: ProcessorLoad | None
 ) -> Iterator[RenderableType]:
     """Yield the controller, limits, and what it takes on its processor if that was measured."""
     yield Text(_about(exported, controller))
-    yield table("firmware", _HEADINGS, _limit_rows(exported, controller), framed=framed)
+    yield table("firmware", _HEADINGS, _limit_rows(exported, controller))
     if load is not None:
-        yield table("on a Cortex-M4F", _HEADINGS, load_rows(load), framed=framed)
+        yield table("on a Cortex-M4F", _HEADINGS, load_rows(load))
 
 
 def _limit_rows(exported: Export, controller: Controller) -> list[list[str]]:

@@ -31,8 +31,7 @@ from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import Identification, represents_sentence
 from ballbot.log.columns import MAX_WHEELS, torque_names
 from ballbot.mechanics.friction import stribeck_gradient, wheel_friction
-from ballbot.report.blocks import Block, Paragraph
-from ballbot.report.console import TextTable, table
+from ballbot.report.blocks import Block, Paragraph, Sheet, table
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.report.style import STATE_UNITS, drawn_picture
@@ -349,25 +348,23 @@ def identification_parts(
     found: Identification,
     selection: ModelSelection[Identification] | None,
     holdouts: Sequence[HoldoutResult],
-    *,
-    framed: bool,
 ) -> Iterator[RenderableType]:
     """Yield the verdict, the laws compared, the parameters, the errors on held-out windows, and the findings."""
     yield Text(found.verdict.sentence)
     if selection:
-        yield selection_table(selection, framed=framed)
-    yield parameter_table(found, framed=framed)
+        yield selection_table(selection)
+    yield parameter_table(found)
     sentences = (represents_sentence(found.names), coulomb_sentence(found.coulomb, found.names))
     yield from (Text(one) for one in sentences if one)
-    yield error_table(found, holdouts, framed=framed)
+    yield error_table(found, holdouts)
     for one in holdouts:
         if one.horizons:
-            yield horizon_table(one, framed=framed)
+            yield horizon_table(one)
     for finding in (*found.findings, *(finding for one in holdouts for finding in one.findings)):
         yield Text(finding.text)
 
 
-def parameter_table(found: Identification, *, framed: bool) -> TextTable:
+def parameter_table(found: Identification) -> Sheet:
     """Return each parameter that the law has with its standard error, both 95 % intervals and unit."""
     wheels = found.layout.wheel_count
     kinds = [BY_NAME[name] for name in found.layout.names for _ in range(len(BY_NAME[name].labels(wheels)))]
@@ -389,10 +386,10 @@ def parameter_table(found: Identification, *, framed: bool) -> TextTable:
     ]
     headings = ("parameter", "value", "standard error", "95 %", "95 %, another log")
     headings = (*headings, *([] if other is None else ["other optimum"]), "unit")
-    return table("Identified parameters", headings, rows, framed=framed)
+    return table("Identified parameters", headings, rows)
 
 
-def error_table(found: Identification, holdouts: Sequence[HoldoutResult], *, framed: bool) -> TextTable:
+def error_table(found: Identification, holdouts: Sequence[HoldoutResult]) -> Sheet:
     """Return the open-loop errors of each state (RMSE), and those with over those without friction on other logs."""
     ours = found.held_out
     rows = [
@@ -418,10 +415,10 @@ def error_table(found: Identification, holdouts: Sequence[HoldoutResult], *, fra
         "with / without",
         *(one.name for one in holdouts),
     )
-    return table(title, headings, rows, framed=framed)
+    return table(title, headings, rows)
 
 
-def horizon_table(holdout: HoldoutResult, *, framed: bool) -> TextTable:
+def horizon_table(holdout: HoldoutResult) -> Sheet:
     """Return the errors of the wheels' speeds and of the lean by horizon, on another log."""
     rows = [
         (
@@ -448,10 +445,10 @@ def horizon_table(holdout: HoldoutResult, *, framed: bool) -> TextTable:
         "without friction",
         "missing friction",
     )
-    return table(title, headings, rows, framed=framed)
+    return table(title, headings, rows)
 
 
-def selection_table(selection: ModelSelection[Identification], *, framed: bool) -> TextTable:
+def selection_table(selection: ModelSelection[Identification]) -> Sheet:
     """Return the laws with their errors and gains on windows held out."""
     rows = [
         (
@@ -465,9 +462,7 @@ def selection_table(selection: ModelSelection[Identification], *, framed: bool) 
         for one in selection.candidates
     ]
     headings = ("law", "friction", "error", "compared with", "gain, 95 % interval", "")
-    return table(
-        "Friction laws on held-out windows: error relative to no friction", headings, rows, framed=framed
-    )
+    return table("Friction laws on held-out windows: error relative to no friction", headings, rows)
 
 
 def _flat(values: dict[str, list[float] | float]) -> list[float]:

@@ -94,12 +94,12 @@ def _parameter_section(found: Identification, logs: Sequence[StudiedLog]) -> Sec
 
 def _parameter_sheet(found: Identification) -> Sheet:
     """Return the table that the command prints, with the robot file's values beside those found."""
-    made = parameter_table(found, framed=False)
+    made = parameter_table(found)
     before = dict(zip(found.labels, found.layout.nominal(found.predictor.robot), strict=True))
     allowed = dict(zip(found.labels, found.bounds.tolist(), strict=True))
     rows = [
         (label, unit, digits(before[label]), *numbers, _range(*allowed[label]))
-        for label, *numbers, unit in made.cells
+        for label, *numbers, unit in (map(str, row) for row in made.rows)
     ]
     name, _, *others, unit = made.headings
     headings = (name, unit, "in the robot file", "found", *others, "allowed")
@@ -247,19 +247,19 @@ def ladder_picture(selection: ModelSelection[Identification]) -> Picture:
 
 
 def _law_section(selection: ModelSelection[Identification], ladder: Picture) -> Section:
-    return section("Friction laws", Sheet.of(selection_table(selection, framed=False)), ladder)
+    return section("Friction laws", selection_table(selection), ladder)
 
 
 def _error_blocks(found: Identification, holdouts: Sequence[HoldoutResult]) -> Iterator[Block]:
-    made = error_table(found, holdouts, framed=False)
+    made = error_table(found, holdouts)
     yield Sheet(
         headings=made.headings,
-        rows=[(state_mark(row[0]), *row[1:]) for row in made.cells],
-        caption=f"{made.heading}: of all their samples together.",
+        rows=[(state_mark(str(row[0])), *row[1:]) for row in made.rows],
+        caption=f"{made.caption}: of all their samples together.",
     )
     for one in holdouts:
         if one.horizons:
-            yield Sheet.of(horizon_table(one, framed=False))
+            yield horizon_table(one)
 
 
 def _undecided(found: Identification, holdouts: Sequence[HoldoutResult]) -> list[str]:

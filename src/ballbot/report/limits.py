@@ -14,8 +14,7 @@ from matplotlib.projections.polar import PolarAxes
 from numpy.typing import NDArray
 
 from ballbot.control.overcompensation import has_friction
-from ballbot.report.blocks import Picture, Report, Sheet, section
-from ballbot.report.console import TextTable, table
+from ballbot.report.blocks import Picture, Report, Sheet, section, table
 from ballbot.report.palette import BLUE, GREEN, INK, LOWER, MUTED, ORANGE, UPPER, VIOLET, YELLOW
 from ballbot.report.provenance import Provenance
 from ballbot.report.style import drawn_picture, label_of
@@ -156,15 +155,15 @@ def _draw_polar(
 
 
 def limit_parts(
-    found: Mapping[str, RobotLimits], on_twin: Mapping[str, Sequence[TwinLimit]], *, framed: bool
-) -> Iterator[TextTable]:
+    found: Mapping[str, RobotLimits], on_twin: Mapping[str, Sequence[TwinLimit]]
+) -> Iterator[Sheet]:
     """Yield the table of each controller's limits on the model, and that of the twin if it was run."""
     headings = ("controller", "tilt at rest [deg]", "impulse [N s]")
     title = "Recovered from in every direction: no wheel slips / if wheels never slip"
-    yield table(title, headings, _limit_rows(found), framed=framed)
+    yield table(title, headings, _limit_rows(found))
     if on_twin:
         headings = ("controller", "limit", "towards", "no wheel slips", "on the twin", "wheels never slip")
-        yield table("On the twin", headings, _twin_rows(on_twin), framed=framed)
+        yield table("On the twin", headings, _twin_rows(on_twin))
 
 
 def _limit_rows(found: Mapping[str, RobotLimits]) -> list[list[str]]:
@@ -234,7 +233,7 @@ def limits_report(
         verdict.append((name, f"{text}: {words}." if not verdict else f"{text}."))
     if len(found) > 1 and not has_friction(robot.friction):
         verdict.append(("", NO_FRICTION))
-    tables = limit_parts(found, on_twin, framed=False)
+    tables = limit_parts(found, on_twin)
     return Report(
         title=f"{robot.name}: the largest tilts and impulses that it recovers from",
         lead=(
@@ -243,7 +242,7 @@ def limits_report(
         ),
         verdict=verdict,
         sections=[
-            section("Limits", *(Sheet.of(one) for one in tables)),
+            section("Limits", *(one for one in tables)),
             section("Over all directions", pictures["directions"]),
             section("Tilt and tilt rate", pictures["planes"]),
             section("Height of an impulse", pictures["heights"]),

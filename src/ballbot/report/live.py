@@ -9,7 +9,6 @@ from typing import Protocol
 
 import numpy as np
 from rich.console import RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from ballbot.control.safety import StopReason
@@ -18,7 +17,8 @@ from ballbot.link.live import Sample
 from ballbot.link.messages import State
 from ballbot.link.session import stop_reason
 from ballbot.link.wiring import Turn, WiringCheck
-from ballbot.report.console import finding_line, table
+from ballbot.report.blocks import Sheet, table
+from ballbot.report.console import finding_line
 from ballbot.rounding import percent, unit_heading
 from ballbot.workflows.alternation import Alternation, Gain
 from ballbot.workflows.controller_verdict import SHOWN
@@ -47,7 +47,7 @@ def sample_line(sample: Sample, *, torque_limit: float) -> str:
     )
 
 
-def sample_table(sample: Sample, *, torque_limit: float) -> Table:
+def sample_table(sample: Sample, *, torque_limit: float) -> Sheet:
     """Return a sample as a table for a terminal."""
     x, y, psi = sample.state[[0, 1, 4]]
     rows = [
@@ -59,7 +59,7 @@ def sample_table(sample: Sample, *, torque_limit: float) -> Table:
         ("torques", "  ".join(f"{one:+.2f}" for one in sample.torques) + " N m"),
         ("largest torque", f"{percent(_share(sample, torque_limit))} of the limit"),
     ]
-    return table("Armed (Ctrl-C disarms)", ("", ""), rows, framed=True)
+    return table("Armed (Ctrl-C disarms)", ("", ""), rows)
 
 
 def bench_line(sample: Sample, *, torque_limit: float) -> str:
@@ -72,7 +72,7 @@ def bench_line(sample: Sample, *, torque_limit: float) -> str:
     )
 
 
-def bench_table(sample: Sample, *, torque_limit: float) -> Table:
+def bench_table(sample: Sample, *, torque_limit: float) -> Sheet:
     """Return a sample of a held robot as a table for a terminal."""
     rows = [
         ("time", f"{sample.t:.1f} s"),
@@ -80,7 +80,7 @@ def bench_table(sample: Sample, *, torque_limit: float) -> Table:
         ("largest torque", f"{percent(_share(sample, torque_limit))} of the limit"),
         ("wheel speeds", "  ".join(f"{one:+.2f}" for one in sample.wheel_speeds) + " rad/s"),
     ]
-    return table("Armed and held (Ctrl-C disarms)", ("", ""), rows, framed=True)
+    return table("Armed and held (Ctrl-C disarms)", ("", ""), rows)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +100,7 @@ class SampleText(Protocol):
 class SampleTable(Protocol):
     """Returns a sample as a table."""
 
-    def __call__(self, sample: Sample, *, torque_limit: float) -> Table: ...
+    def __call__(self, sample: Sample, *, torque_limit: float) -> Sheet: ...
 
 
 BALANCING = View(line=sample_line, table=sample_table)
@@ -119,7 +119,7 @@ def state_line(state: State, *, wheel_count: int) -> str:
     )
 
 
-def state_table(state: State, *, wheel_count: int) -> Table:
+def state_table(state: State, *, wheel_count: int) -> Sheet:
     """Return a state as a table for a terminal."""
     rows = [
         ("self-test", _self_test(state)),
@@ -130,7 +130,7 @@ def state_table(state: State, *, wheel_count: int) -> Table:
         ("wheel speeds", "  ".join(f"{one:+7.2f}" for one in state.wheel_speeds[:wheel_count]) + " rad/s"),
     ]
     title = "Armed" if state.armed else "Disarmed"
-    return table(f"{title} (Ctrl-C ends the monitor)", ("", ""), rows, framed=True)
+    return table(f"{title} (Ctrl-C ends the monitor)", ("", ""), rows)
 
 
 def _self_test(state: State) -> str:
@@ -153,7 +153,7 @@ def _share(sample: Sample, torque_limit: float) -> float:
     return float(np.abs(sample.torques).max()) / torque_limit
 
 
-def wiring_parts(check: WiringCheck, *, framed: bool) -> Iterator[RenderableType]:
+def wiring_parts(check: WiringCheck) -> Iterator[RenderableType]:
     """Yield a wiring check: what each sensor measured of each movement, and what is wrong."""
     yield Text("The wiring is right." if check.passed else "The wiring is not right.", style="bold")
     rows = [(one.movement.words, *_turn_cells(one)) for one in check.turns]
@@ -161,7 +161,6 @@ def wiring_parts(check: WiringCheck, *, framed: bool) -> Iterator[RenderableType
         "Turns about x, y, z, and of each wheel",
         ("the robot was", "attitude [deg]", "gyro [deg]", "wheels [deg]"),
         rows,
-        framed=framed,
     )
     for finding in check.findings:
         yield finding_line(finding)
@@ -201,7 +200,7 @@ def _measured(turn: Turn) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 _GAIN_NAMES = {name: one.words for name, one in SHOWN.items()} | {"torque_margin": "torque used"}
 
 
-def alternation_parts(found: Alternation, *, framed: bool) -> Iterator[RenderableType]:
+def alternation_parts(found: Alternation) -> Iterator[RenderableType]:
     """Yield two controllers in turn: every run, the factors with the drift removed, and the verdicts."""
     runs = range(1, len(found.performances) + 1)
     rows = [
@@ -212,7 +211,7 @@ def alternation_parts(found: Alternation, *, framed: bool) -> Iterator[Renderabl
         for name, shown in SHOWN.items()
     ]
     headings = ("quantity", *(f"{k} {'after' if k % 2 == 0 else 'before'}" for k in runs))
-    yield table("Runs in turn", headings, rows, framed=framed)
+    yield table("Runs in turn", headings, rows)
     rows = [
         (
             _GAIN_NAMES[name],
@@ -227,7 +226,6 @@ def alternation_parts(found: Alternation, *, framed: bool) -> Iterator[Renderabl
         "After over before, the drift removed",
         ("quantity", "factor", "95 % interval", "", "drift from run to run"),
         rows,
-        framed=framed,
     )
     for k, one in enumerate(found.verdicts, start=1):
         yield Text(f"Run {2 * k} against the prediction: {one.recommendation}. {one.reason}")

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from ballbot.link.wiring import WiringCheck
 from ballbot.log import Log
 from ballbot.report.blocks import Bullets, Report, Sheet, section
-from ballbot.report.console import TextTable
 from ballbot.report.live import alternation_parts, conclusion, wiring_parts
 from ballbot.report.provenance import Provenance
 from ballbot.report.run import over_time, run_sections, run_verdict
@@ -43,7 +43,7 @@ def live_run_report(
 
 def wiring_report(check: WiringCheck, *, about: str, made: Provenance) -> Report:
     """Return the page of a wiring check and, if it passed, of the self-test that must then have passed, too."""
-    (turns,) = (one for one in wiring_parts(check, framed=False) if isinstance(one, TextTable))
+    (turns,) = (one for one in wiring_parts(check) if isinstance(one, Sheet))
     verdict = (
         "The wiring is right. Every motor turns its own encoder forward: the self-test passed."
         if check.passed
@@ -57,7 +57,7 @@ def wiring_report(check: WiringCheck, *, about: str, made: Provenance) -> Report
         title="Wiring of a robot",
         lead=about,
         verdict=[("", verdict)],
-        sections=[section("Turns by hand", Sheet.of(turns, caption=caption))],
+        sections=[section("Turns by hand", replace(turns, caption=caption))],
         undecided=[
             "Scale factors more exactly than the hand turns: `ballbot identify-geometry` finds them from logs.",
             *([] if check.passed else [untested]),
@@ -73,7 +73,7 @@ def alternation_report(
 ) -> Report:
     """Return the page of two controllers in turn; `controllers` names the files of the one before and the one after."""
     before, after = controllers
-    tables = [one for one in alternation_parts(found, framed=False) if isinstance(one, TextTable)]
+    tables = [one for one in alternation_parts(found) if isinstance(one, Sheet)]
     verdicts = [
         f"Run {2 * k} against the prediction: {one.recommendation}. {one.reason}"
         for k, one in enumerate(found.verdicts, start=1)
@@ -96,7 +96,7 @@ def alternation_report(
         lead=f"{about} Before: {before}. After: {after}.",
         verdict=[("", conclusion(found))],
         sections=[
-            section("Compared", *(Sheet.of(one) for one in tables), Bullets(items=verdicts)),
+            section("Compared", *(one for one in tables), Bullets(items=verdicts)),
             section(
                 "Over time",
                 TimeSeries(

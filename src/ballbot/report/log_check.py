@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,8 +20,8 @@ from ballbot.log.column_summary import ColumnSummary, summarize
 from ballbot.log.mapping_search.found import Proposal
 from ballbot.log.mapping_search.text import Evaluation, answer_lines
 from ballbot.log.pose import with_position, with_rates
-from ballbot.report.blocks import Report, Sheet, Verbatim, section
-from ballbot.report.console import TextTable, finding_line, table
+from ballbot.report.blocks import Report, Sheet, Verbatim, section, table
+from ballbot.report.console import finding_line
 from ballbot.report.provenance import Provenance
 from ballbot.report.run import over_time
 from ballbot.robot import Robot
@@ -124,21 +124,21 @@ def _agreement(examined: PhysicsOfLog, robot: Robot) -> str:
     return words
 
 
-def checked_log_parts(checked: CheckedLog, *, framed: bool) -> Iterator[RenderableType]:
+def checked_log_parts(checked: CheckedLog) -> Iterator[RenderableType]:
     """Yield the log's length, its columns, its wheels if they were compared, and the findings."""
     log = checked.log
     rate = f", {1.0 / log.sample_time:.4g} Hz" if len(log) > 1 else ""
     yield Text(f"{checked.file}: {len(log)} rows, {log.t[-1] - log.t[0]:.6g} s{rate}")
-    yield _column_table(checked.columns, framed=framed)
+    yield _column_table(checked.columns)
     if checked.wheels:
-        yield _wheel_table(checked.wheels, framed=framed)
+        yield _wheel_table(checked.wheels)
     for finding in checked.findings:
         yield finding_line(finding)
     if not checked.findings:
         yield Text("No problems were found.")
 
 
-def _column_table(summaries: tuple[ColumnSummary, ...], *, framed: bool) -> TextTable:
+def _column_table(summaries: tuple[ColumnSummary, ...]) -> Sheet:
     rows = [
         (
             column.name,
@@ -150,17 +150,17 @@ def _column_table(summaries: tuple[ColumnSummary, ...], *, framed: bool) -> Text
         for column in summaries
     ]
     headings = ("column", "unit", "from", "to", "changes per second", "missing")
-    return table("Columns", headings, rows, framed=framed)
+    return table("Columns", headings, rows)
 
 
-def _wheel_table(wheels: WheelAgreement, *, framed: bool) -> TextTable:
+def _wheel_table(wheels: WheelAgreement) -> Sheet:
     found = zip(wheels.order, wheels.signs, wheels.gains, wheels.correlations, strict=True)
     rows = [
         (str(i), str(place), f"{sign:+d}", f"{gain:.4f}", f"{correlation:.4f}")
         for i, (place, sign, gain, correlation) in enumerate(found, start=1)
     ]
     headings = ("robot's wheel", "log's wheel", "sign", "gain", "correlation")
-    return table("Wheels, compared with the robot's kinematics.", headings, rows, framed=framed)
+    return table("Wheels, compared with the robot's kinematics.", headings, rows)
 
 
 def log_check_report(checked: CheckedLog, robot: Robot | None, made: Provenance) -> Report:
@@ -178,8 +178,8 @@ def log_check_report(checked: CheckedLog, robot: Robot | None, made: Provenance)
         sections=[
             section(
                 "Columns",
-                Sheet.of(_column_table(checked.columns, framed=False), caption=""),
-                Sheet.of(_wheel_table(checked.wheels, framed=False)) if checked.wheels else None,
+                replace(_column_table(checked.columns), caption=""),
+                _wheel_table(checked.wheels) if checked.wheels else None,
             ),
             section("Over time", *over_time(log, robot)),
         ],
@@ -223,7 +223,7 @@ def proposal_report(found: Evaluation, robot: Robot, made: Provenance) -> Report
             section(
                 "What was found",
                 Verbatim(text=said),
-                Sheet.of(_placement_table(proposal, framed=False)) if proposal.tested else None,
+                _placement_table(proposal) if proposal.tested else None,
             ),
             section("The mapping file", Verbatim(text=found.text)),
             *([section("The log that it makes", *over_time(found.log, robot))] if found.log else []),
@@ -241,7 +241,7 @@ def proposal_parts(found: Evaluation) -> Iterator[RenderableType]:
         yield Text(line)
 
 
-def _placement_table(proposal: Proposal, *, framed: bool) -> TextTable:
+def _placement_table(proposal: Proposal) -> Sheet:
     placements = proposal.tested.placements if proposal.tested else ()
     least = min((one.misfit for one in placements), default=1.0)
     rows = [
@@ -263,7 +263,7 @@ def _placement_table(proposal: Proposal, *, framed: bool) -> TextTable:
         "wheels together [%]",
         "misfit",
     )
-    return table("Wheel orders, by the response of the lean", headings, rows, framed=framed)
+    return table("Wheel orders, by the response of the lean", headings, rows)
 
 
 def proposal_results(evaluated: Sequence[Evaluation]) -> dict[str, object]:

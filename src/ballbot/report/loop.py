@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -13,8 +14,7 @@ from numpy.typing import NDArray
 
 from ballbot.control.linear import RobotLoop, StepResponse, step_response
 from ballbot.control.margins import HEADINGS, MEANING, Margins
-from ballbot.report.blocks import Section, Sheet, section
-from ballbot.report.console import TextTable, table
+from ballbot.report.blocks import Section, Sheet, section, table
 from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE, SHADE, VIOLET, YELLOW
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.report.style import LineStyle, drawn_picture
@@ -65,10 +65,10 @@ def poles_figure(
     return figure
 
 
-def margins_table(margins: Margins, *, framed: bool) -> TextTable:
+def margins_table(margins: Margins) -> Sheet:
     """Return the margins of a loop as a table."""
     title = "Margins of the loop without friction, broken at the wheels' torques"
-    return table(title, HEADINGS, margins.rows(), framed=framed)
+    return table(title, HEADINGS, margins.rows())
 
 
 def loop_section(margins: Margins, *, of: str = "") -> Section:
@@ -82,7 +82,7 @@ def loop_section(margins: Margins, *, of: str = "") -> Section:
     )
     return section(
         f"Stability margins{f' with {of}' if of else ''}",
-        Sheet.of(margins_table(margins, framed=False), caption=MEANING),
+        replace(margins_table(margins), caption=MEANING),
         drawn_picture("bode", partial(bode_figure, margins), bode),
         *(step_series(loop, name) for name in STEPS),
     )

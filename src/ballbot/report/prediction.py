@@ -12,8 +12,7 @@ from rich.text import Text
 
 from ballbot.findings import Finding, finding_results, texts
 from ballbot.printable import shell_line
-from ballbot.report.blocks import Block, Bullets, Report, Section, Sheet, section
-from ballbot.report.console import table
+from ballbot.report.blocks import Block, Bullets, Report, Section, Sheet, section, table
 from ballbot.report.provenance import Provenance
 from ballbot.results import to_results
 from ballbot.rounding import unit_heading
@@ -223,14 +222,14 @@ def _interval(name: str, one: PredictionInterval) -> str:
 _PREDICTION_HEADINGS = ("quantity", "measured", "predicted", "95 % interval", "", "without compensation")
 
 
-def verdict_parts(verdict: Verdict, steps: Sequence[str], *, framed: bool) -> Iterator[RenderableType]:
+def verdict_parts(verdict: Verdict, steps: Sequence[str]) -> Iterator[RenderableType]:
     """Yield the verdict, its findings, the predicted and measured quantities, what differs, and the next steps."""
     yield Text(headline(verdict), style="bold")
     for finding in verdict.findings:
         yield Text(finding.text)
-    yield table("Predicted and measured", _PREDICTION_HEADINGS, quantity_rows(verdict), framed=framed)
+    yield table("Predicted and measured", _PREDICTION_HEADINGS, quantity_rows(verdict))
     if verdict.differences:
         rows = difference_rows(verdict)
-        yield table("What differs from the logs", _DIFFERENCE_HEADINGS, rows, framed=framed)
+        yield table("What differs from the logs", _DIFFERENCE_HEADINGS, rows)
     for line in steps:
         yield Text(line)

@@ -7,12 +7,12 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from ballbot.control.margins import MEANING
 from ballbot.control.presets import PRESETS
-from ballbot.report.console import finding_line, matrix_text, table
+from ballbot.report.blocks import Sheet, table
+from ballbot.report.console import finding_line, matrix_text
 from ballbot.report.loop import margins_table
 from ballbot.robot import Robot
 from ballbot.robot.derived import Derived
@@ -33,7 +33,7 @@ from ballbot.workflows.robot_check import (
 )
 
 
-def robot_check_parts(checked: CheckedRobot, *, framed: bool) -> list[RenderableType]:
+def robot_check_parts(checked: CheckedRobot) -> list[RenderableType]:
     """Return what `ballbot check` prints of a robot, top to bottom."""
     robot = checked.robot
     rows = [[one.meaning, f"{one.value:.5g}", _unit(one)] for one in checked.derived]
@@ -41,7 +41,7 @@ def robot_check_parts(checked: CheckedRobot, *, framed: bool) -> list[Renderable
         Text(f"{robot.name}: a robot with {robot.wheel_count} wheels. {sources_sentence(robot)}"),
         *(finding_line(one, accepted=one.severity == "error") for one in checked.findings),
         Text(""),
-        table("Derived quantities", ("quantity", "value", "unit"), rows, framed=framed),
+        table("Derived quantities", ("quantity", "value", "unit"), rows),
         Text("\nTransformation matrices", style="bold"),
     ]
     for name, meaning in MATRICES.items():
@@ -54,13 +54,13 @@ def robot_check_parts(checked: CheckedRobot, *, framed: bool) -> list[Renderable
         *_pole_lines(checked.poles),
         Text(uncertainty_sentence(checked.spread)),
     ]
-    parts += _loop_parts(checked.loop, framed=framed)
+    parts += _loop_parts(checked.loop)
     if checked.band:
-        parts += [Text(""), _band_table(checked.band, framed=framed)]
+        parts += [Text(""), _band_table(checked.band)]
     if checked.swing:
-        parts += _swing_parts(checked.swing, framed=framed)
+        parts += _swing_parts(checked.swing)
     if checked.following:
-        parts += _reference_parts(checked.following, framed=framed)
+        parts += _reference_parts(checked.following)
     return [*parts, Text("\nDrawing", style="bold"), Text(robot_drawing(robot))]
 
 
@@ -84,7 +84,7 @@ def sources_sentence(robot: Robot) -> str:
     return f"Sources of its parameters: {counts}."
 
 
-def _loop_parts(loop: CheckedLoop, *, framed: bool) -> list[RenderableType]:
+def _loop_parts(loop: CheckedLoop) -> list[RenderableType]:
     preset = loop.controller in PRESETS
     title = (
         f"\nLoop with the {loop.controller} controller"
@@ -93,7 +93,7 @@ def _loop_parts(loop: CheckedLoop, *, framed: bool) -> list[RenderableType]:
     )
     if loop.margins is None:
         return [Text(title, style="bold"), Text(loop.refusal)]
-    return [Text(title, style="bold"), margins_table(loop.margins, framed=framed), Text(MEANING)]
+    return [Text(title, style="bold"), margins_table(loop.margins), Text(MEANING)]
 
 
 def _pole_lines(poles: NDArray[np.complex128]) -> list[Text]:
@@ -135,11 +135,9 @@ def uncertainty_sentence(spread: PoleSpread | None) -> str:
     )
 
 
-def _band_table(band: PredictionBand, *, framed: bool) -> Table:
+def _band_table(band: PredictionBand) -> Sheet:
     title = f"Predictions after {band.t[-1]:g} s, root mean square over {len(band.starts)} windows of the log"
-    return table(
-        title, ("state", "spread by the standard deviations", "error"), band_rows(band), framed=framed
-    )
+    return table(title, ("state", "spread by the standard deviations", "error"), band_rows(band))
 
 
 def band_rows(band: PredictionBand) -> list[list[str]]:
@@ -150,18 +148,18 @@ def band_rows(band: PredictionBand) -> list[list[str]]:
     ]
 
 
-def _swing_parts(swing: CheckedSwing, *, framed: bool) -> list[RenderableType]:
+def _swing_parts(swing: CheckedSwing) -> list[RenderableType]:
     headings = ("quantity", "value, 95 %", "unit")
     title = f"Swing from {swing.fit.swing.source}"
     return [
         Text(""),
-        table(title, headings, swing.rows(), framed=framed),
+        table(title, headings, swing.rows()),
         *(finding_line(one, accepted=one.severity == "error") for one in swing.findings),
         *(Text(one.text) for one in swing.inertia_findings()),
     ]
 
 
-def _reference_parts(reference: CheckedReference, *, framed: bool) -> list[RenderableType]:
-    found = table("Largest use of each limit", MARGIN_HEADINGS, reference.rows(), framed=framed)
+def _reference_parts(reference: CheckedReference) -> list[RenderableType]:
+    found = table("Largest use of each limit", MARGIN_HEADINGS, reference.rows())
     sentences = [Text(line) for line in reference.verdict()]
     return [Text(f"\nFollowing {reference.name}", style="bold"), *sentences, found]

@@ -11,13 +11,12 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from ballbot.findings import finding_results
 from ballbot.fitting.comparison import verdicts
 from ballbot.log import STATE_NAMES
-from ballbot.report.console import table
+from ballbot.report.blocks import Sheet, table
 from ballbot.rounding import digits
 from ballbot.validation import ErrorPair, ModelPair, Validation, findings
 from ballbot.validation.prediction import HorizonComparison, Prediction
@@ -216,7 +215,7 @@ def _columns(values: NDArray[np.float64]) -> dict[str, list[float]]:
     return {name: values[:, index].tolist() for index, name in enumerate(STATE_NAMES)}
 
 
-def validation_parts(validation: Validation, *, framed: bool) -> Iterator[RenderableType]:
+def validation_parts(validation: Validation) -> Iterator[RenderableType]:
     """Yield the errors in open and in closed loop, where whole logs lie among runs of the models, and the findings."""
     if validation.no_evidence is not None:
         yield Text(validation.no_evidence)
@@ -227,14 +226,14 @@ def validation_parts(validation: Validation, *, framed: bool) -> Iterator[Render
     }
     for what, errors in loops.items():
         if errors is not None:
-            yield _error_table(what, errors, validation.models, framed=framed)
+            yield _error_table(what, errors, validation.models)
     for whole in validation.closed_loop.whole if validation.closed_loop else ():
-        yield _whole_log_table(whole, validation.models, framed=framed)
+        yield _whole_log_table(whole, validation.models)
     for finding in findings(validation):
         yield Text(finding.text)
 
 
-def _error_table(what: str, pair: ErrorPair, models: ModelPair, *, framed: bool) -> Table:
+def _error_table(what: str, pair: ErrorPair, models: ModelPair) -> Sheet:
     lower, upper = pair.ratio_interval()
     verdicts = pair.verdicts()
     rows = [
@@ -252,10 +251,10 @@ def _error_table(what: str, pair: ErrorPair, models: ModelPair, *, framed: bool)
     ]
     headings = ("state", "|e|/n A", "B", "B/A", "95 %", "A is", "RMSE A", "B")
     title = f"{what}, {pair.runs} runs; A {models.first.name}, B {models.second.name}"
-    return table(title, headings, rows, framed=framed)
+    return table(title, headings, rows)
 
 
-def _whole_log_table(whole: WholeLog, models: ModelPair, *, framed: bool) -> Table:
+def _whole_log_table(whole: WholeLog, models: ModelPair) -> Sheet:
     words = whole_log_words(whole)
     rows = [
         (
@@ -273,7 +272,7 @@ def _whole_log_table(whole: WholeLog, models: ModelPair, *, framed: bool) -> Tab
         f"closed loop over {whole.duration:.3g} s: the log's deviation from the reference, and where it lies in the "
         f"95 % range of {RUNS} runs; A {models.first.name}, B {models.second.name}"
     )
-    return table(title, headings, rows, framed=framed)
+    return table(title, headings, rows)
 
 
 def swing_digits(value: float) -> str:
