@@ -555,6 +555,6 @@ def _distance_figure(bench: Bench) -> Figure:
     figure = panels_figure([("distance from the\nreference [m]", distances), ("reference", wanted)])
     upper, lower = figure.axes
     upper.axvspan(ARRIVED, float(longest.t[-1]), color=SHADE)
-    upper.text(ARRIVED, 0.0, " arrived: the peak is taken here", va="bottom", fontsize=7.5)
+    upper.text(ARRIVED, 1.2, " arrived: the peak is taken here", fontsize=7.5)
     lower.legend(loc="upper right", ncols=3)
     return figure

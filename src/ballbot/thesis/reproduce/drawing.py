@@ -162,9 +162,9 @@ def coordinates_figure(robot: Robot) -> Figure:
             into, (0.0, 0.0), (-7, -13), textcoords="offset points", ha="right", fontsize=9, zorder=21
         )
     # seen along +y, a turn about y goes from z to x; theta's, about x, is seen from its edge
-    _draw_turn(side, (0.1 * r, 1.9 * r), (1.3 * r, 1.4 * r), r"$\varphi$", bend=-0.25)
+    _draw_turn(side, (0.1 * r, 1.9 * r), (1.0 * r, 1.65 * r), r"$\varphi$", bend=-0.25)
     _draw_turn(top, (1.8 * r, 0.6 * r), (0.9 * r, 1.6 * r), r"$\psi$", bend=0.25)
-    _draw_turn(top, (1.55 * r, -0.5 * r), (1.55 * r, 0.5 * r), r"$\theta$", bend=0.5)
+    _draw_turn(top, (-1.75 * r, -0.5 * r), (-1.75 * r, 0.5 * r), r"$\theta$", bend=0.5)
     return figure
 
 
