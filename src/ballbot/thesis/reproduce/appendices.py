@@ -45,19 +45,12 @@ def figure_i_1(bench: Bench) -> Item:
         ours=f"Ours is the same drawing with the numbers of the preset {bench.robot.name}; its formulas give "
         f"{wall:.2f} cm and {limit:.2f} rad/s.",
         checks=(
-            Check(
-                "the wall is 2.5 cm",
-                "by mass, radius and density",
-                wall,
-                unit="cm",
-                lowest=2.45,
-                highest=2.55,
-            ),
+            Check("the wall is 2.5 cm", "by mass, radius and density", wall, "cm", lowest=2.45, highest=2.55),
             Check(
                 "the wheels' speed limit is 27.59 rad/s",
                 "by supply, motor and gear",
                 limit,
-                unit="rad/s",
+                "rad/s",
                 lowest=27.585,
                 highest=27.595,
             ),
@@ -92,7 +85,7 @@ def figure_iii_1(bench: Bench) -> Item:
                 "the method finds the inertia that was simulated, 4.37 kg m^2",
                 "found from the swing, its difference from that",
                 [100.0 * abs(one / THESIS_INERTIA - 1.0) for one in pivots],
-                unit="%",
+                "%",
                 highest=0.1,
             ),
         ),
@@ -119,9 +112,7 @@ def figure_iv_1(bench: Bench) -> Item:
         ours=f"Theta and phi differ by {over_runs(near)} degrees (RMS, the larger); psi drifts by {over_runs(apart)} "
         f"degrees in {sensors[0].duration:.0f} s, as the twin's gyro was made to.",
         checks=(
-            Check.over(
-                "theta and phi stay close", "the larger RMS difference", near, unit="deg", highest=1.0
-            ),
+            Check.over("theta and phi stay close", "the larger RMS difference", near, "deg", highest=1.0),
             Check.over(
                 "psi drifts apart",
                 "its drift over the run, over the RMS about it",
@@ -150,7 +141,7 @@ def figure_iv_2(bench: Bench) -> Item:
                 "theta's and phi's errors peak just over 1 degree",
                 "the largest",
                 largest,
-                unit="deg",
+                "deg",
                 lowest=0.5,
                 highest=2.0,
             ),
@@ -158,7 +149,7 @@ def figure_iv_2(bench: Bench) -> Item:
                 "the heading drifts by about 16 degrees in 3 minutes",
                 "drift",
                 drift,
-                unit="deg",
+                "deg",
                 lowest=0.9 * THESIS_DRIFT,
                 highest=1.1 * THESIS_DRIFT,
             ),
@@ -181,7 +172,7 @@ def figure_iv_3(bench: Bench) -> Item:
                 "they match in the beginning",
                 f"largest distance in the first {_PART:g} s",
                 first,
-                unit="mm",
+                "mm",
                 highest=100.0,
             ),
             Check.over(

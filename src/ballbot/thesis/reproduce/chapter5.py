@@ -196,7 +196,7 @@ def figure_5_4(bench: Bench) -> Item:
                     f"with a {law} the difference is small",
                     "its size",
                     [abs(a - b) for a, b in zip(full, partial, strict=True)],
-                    unit="mm",
+                    "mm",
                     highest=50.0,
                 )
                 for law, (full, partial) in errors.items()
@@ -255,7 +255,7 @@ def figure_5_6(bench: Bench) -> Item:
                 "with compensation deviations are small",
                 "largest distance after arrival",
                 peaks["full"],
-                unit="mm",
+                "mm",
                 highest=100.0,
             ),
             Check.over(
@@ -320,7 +320,7 @@ def figure_5_8(bench: Bench) -> Item:
             f"{_WORDS[kind]} the peak error is about {THESIS_PEAKS[kind]:g} m",
             "largest distance after arrival",
             peaks[kind],
-            unit="m",
+            "m",
             lowest=0.5 * THESIS_PEAKS[kind],
             highest=2.0 * THESIS_PEAKS[kind],
         )
