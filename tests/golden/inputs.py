@@ -100,9 +100,9 @@ def reproduced_items(folder: Path) -> None:
     from ballbot.thesis.reproduce.mistakes import MISTAKES
 
     robot = Robot.load("alten")
-    bench = Bench(robot=robot, identify=lambda: robot, recordings={}, seed=0, folder=folder)
-    # these need recordings
-    recorded = {"rounded_constants", "residual_pairs"}
+    bench = Bench(robot=robot, seed=0, folder=folder)
+    # this needs recordings
+    recorded = {"residual_pairs"}
     items = (figure_2_1, figure_5_2, figure_i_1, figure_iii_1)
     results = {
         "items": _checks((make.__name__, make(bench).checks) for make in items),

@@ -1,9 +1,8 @@
-"""A balancing robot whose friction is known, and logs of it, also with play or torque ripple unknown to its model."""
+"""A balancing robot whose friction is known, and logs of it."""
 
 from __future__ import annotations
 
 from functools import cache
-from typing import Literal
 
 import numpy as np
 
@@ -66,36 +65,19 @@ def noisy_validation() -> Validation:
     return validate(true_robot(), noisy_log())
 
 
-SPOTS_PER_TURN, SPOT_TORQUE = 18, 0.05  # [-], [N m]
-PLAY = np.radians(1.0)
-
-Fault = Literal["none", "spots", "play"]
-_STEP = 1e-3  #: [s] of the motors in their play
-
-
 @cache
-def wheel_log(fault: Fault, *, duration: float = 60.0) -> Log:
-    """Return a noisy log of the known robot around a square, with encoders, its torques as they were commanded.
-
-    Spots: a torque that goes as the sine of the wheel's angle is added. Play: a motor that turns back crosses the play
-    with its own inertia and pushes nothing until it is through; the encoder is the motor's.
-    """
+def wheel_log(*, duration: float = 60.0) -> Log:
+    """Return a noisy log of the known robot around a square, with encoders, its torques as they were commanded."""
     model, controller = Model(true_robot()), Controller(true_robot(), gain())
     reference, h = square(period=16.0), controller.sample_time
-    state, angle, play = np.zeros(10), np.zeros(3), _Play()
+    state, angle = np.zeros(10), np.zeros(3)
     state[2:5] = 0.01, -0.015, 0.05
     rows = []
     for k in range(round(duration / h)):
         u = controller.update(k * h, state, reference(k * h))
         speed = model.wheel_speed(state[:5], state[5:])
-        seen = [angle + play.place, speed + play.speed]
-        rows.append(np.concatenate([[k * h], state, u, *seen, reference(k * h)[[0, 1, 4]]]))
-        if fault == "play":
-            for _ in range(round(h / _STEP)):
-                state = model.advance(state, play.passed(u, _STEP), _STEP)
-        else:
-            spots = SPOT_TORQUE * np.sin(SPOTS_PER_TURN * angle) if fault == "spots" else 0.0
-            state = model.advance(state, u + spots, h)
+        rows.append(np.concatenate([[k * h], state, u, angle, speed, reference(k * h)[[0, 1, 4]]]))
+        state = model.advance(state, u, h)
         angle = angle + h * 0.5 * (speed + model.wheel_speed(state[:5], state[5:]))
     names = (
         "t",
@@ -110,23 +92,6 @@ def wheel_log(fault: Fault, *, duration: float = 60.0) -> Log:
     log = Log(dict(zip(names, np.array(rows).T, strict=True)))
     noise = np.random.default_rng(9).normal(size=(len(log), 10)) * NOISE
     return log.with_columns({name: log[name] + noise[:, i] for i, name in enumerate(STATE_NAMES)})
-
-
-class _Play:
-    """Three motors between the stops of their gearboxes."""
-
-    def __init__(self) -> None:
-        drive = true_robot().drive
-        self.inertia = drive.gear_ratio**2 * (drive.motor_inertia + drive.gear_inertia)
-        self.place, self.speed = np.zeros(3), np.zeros(3)  # of the motor against its wheel
-
-    def passed(self, torque: np.ndarray, step: float) -> np.ndarray:
-        """Return what of the torques gets through, after the motors have moved for a step."""
-        speed = self.speed + step * torque / self.inertia
-        place = np.clip(self.place + step * speed, 0.0, PLAY)
-        at_stop = ((place == 0.0) & (torque < 0.0)) | ((place == PLAY) & (torque > 0.0))
-        self.place, self.speed = place, np.where(at_stop, 0.0, speed)
-        return np.where(at_stop, torque, 0.0)
 
 
 def _three(name: str) -> list[str]:

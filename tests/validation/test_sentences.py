@@ -16,7 +16,7 @@ from ballbot.vision.spin import rate_words
 
 def test_a_log_of_just_the_needed_length_is_long_enough():
     wheels = np.zeros((1, 3))
-    steps = SimpleNamespace(wheel_angles=wheels, wheel_speeds=wheels, segments=(3999,), sample_time=0.005)
+    steps = SimpleNamespace(wheel_speeds=wheels, segments=(3999,), sample_time=0.005)
     steps.residuals = np.zeros((3999, 10))
     assert _no_wheels(cast(Any, steps)) is None
     steps.residuals = np.zeros((3989, 10))

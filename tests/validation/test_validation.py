@@ -36,7 +36,6 @@ from ballbot.validation.models import forecast, recoverable_lean, stretches, the
 from ballbot.validation.open_loop import OpenLoop
 from ballbot.validation.prediction import compare_horizons, predict
 from ballbot.validation.result import weak_states
-from ballbot.validation.wheel_effects import find_dither
 from tests.support.validation_examples import (
     NOISE,
     gain,
@@ -297,36 +296,6 @@ def test_the_same_seed_gives_the_same_noise_floor():
     )
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
-
-
-def test_dither_is_separated_from_motion():
-    t = 0.005 * np.arange(4000)
-    slow, fast = np.sin(2.0 * np.pi * 0.3 * t), 0.2 * np.sin(2.0 * np.pi * 20.0 * t)
-    columns = {f"wheel{i}_dot": slow + fast for i in (1, 2, 3)}
-    log = _log_of(np.zeros((4000, 10)), np.zeros((4000, 3))).with_columns(columns)
-    dither = find_dither(Model(Robot.load("alten")), log)
-    assert dither is not None
-    # root mean squares of sines; the filter's edges at both ends cost about a percent
-    np.testing.assert_allclose(dither.motion, 1.0 / np.sqrt(2.0), rtol=0.02)
-    np.testing.assert_allclose(dither.dither, 0.2 / np.sqrt(2.0), rtol=0.02)
-    np.testing.assert_allclose(dither.reversals_of_motion, 0.6, atol=0.1)
-    assert np.all(dither.reversals > dither.reversals_of_motion)
-    assert find_dither(Model(Robot.load("alten")), perfect_log().select(slice(0, 100))) is None
-
-
-def test_dithering_rollers_are_given_as_the_reason_for_the_heading():
-    validation = noisy_validation()
-    assert validation.dither is not None
-    shaken = replace(
-        validation.dither, dither=np.full(3, 1.0), reversals=validation.dither.reversals_of_motion
-    )
-    loop = _open_loop(validation)
-    swapped = replace(loop.errors, first=loop.errors.second, second=loop.errors.first)
-    worse = replace(validation, dither=shaken, open_loop=replace(loop, errors=swapped))
-    reasons = {sentence.split(":")[0]: sentence for sentence in texts(weak_states(worse))}
-    assert tuple(reasons) == STATE_NAMES
-    assert "the rollers dither the wheels" in reasons["psi"]
-    assert "rollers" not in reasons["x"]
 
 
 # --- refusals ---

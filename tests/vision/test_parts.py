@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
 from ballbot.vision.rendering import Scene, motion_of, render, view_of, wandering, write_video
-from ballbot.vision.seam import SEAMS, exponential, logarithm, seam_named, seam_table, thesis_seam
+from ballbot.vision.seam import SEAMS, seam_named, seam_table, thesis_seam
 from ballbot.vision.tracking import Track, angular_velocity
 from ballbot.vision.video import frame_times
 from ballbot.vision.view import View, view_of_outline
@@ -88,15 +88,6 @@ def test_outline_is_where_rays_graze_the_ball_and_determines_the_view(view):
     np.testing.assert_allclose(
         [found.x, found.y, found.radius], [view.x, view.y, view.radius], rtol=0.0, atol=0.02
     )
-
-
-@settings(max_examples=30)
-@given(v=VECTOR, angle=st.floats(0.0, 3.1))
-def test_rotations_are_scipys(v, angle):
-    v = v / np.linalg.norm(v) * angle
-    R = exponential(v)
-    np.testing.assert_allclose(R, Rotation.from_rotvec(v).as_matrix(), rtol=0.0, atol=1e-12)
-    np.testing.assert_allclose(logarithm(R), v, rtol=0.0, atol=1e-9)
 
 
 def test_the_table_gives_the_distance_from_the_curve():

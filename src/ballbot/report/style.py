@@ -162,18 +162,10 @@ def plotted(draw: Callable[[T], Figure], value: T) -> Figure:
     return figure
 
 
-def drawn_picture(
-    name: str, draw: Callable[[], Figure], caption: str, *, narrow: Callable[[], Figure] | None = None
-) -> Picture:
+def drawn_picture(name: str, draw: Callable[[], Figure], caption: str) -> Picture:
     """Draw a figure for a page, and a second time for a phone if it is too wide for one; see `drawn`.
 
-    Parameters
-    ----------
-    name : str
-    draw : function
-    caption : str
-    narrow : function, optional
-        Makes the second figure; without it, the panels of the first one are placed one below another.
+    The second has the panels of the first one below another.
     """
     figure, markup = _drawn(draw, name)
     if figure.get_figwidth() <= NARROW:
@@ -183,7 +175,7 @@ def drawn_picture(
         make_narrow(figure)
         return figure
 
-    return Picture(markup=markup, narrow=drawn(narrow or narrowed, name=f"{name}-narrow"), caption=caption)
+    return Picture(markup=markup, narrow=drawn(narrowed, name=f"{name}-narrow"), caption=caption)
 
 
 def _svg(figure: Figure) -> str:

@@ -165,49 +165,22 @@ def _prediction_results(
         else {
             "resolution": found.spectrum.resolution,
             "peaks": [
-                {"frequency": peak.frequency, "states": peak.states, "cause": peak.cause}
-                for peak in found.peaks
+                {"frequency": peak.frequency, "state": STATE_NAMES[peak.state], "ratio": peak.ratio}
+                for peak in found.spectrum.peaks
             ],
         },
-        "renewed_at": {"torques": found.updates.torques, "states": found.updates.states},
-        "roller_passing": found.roller_passing,
-        "wheels": _wheel_results(found),
-    }
-
-
-def _wheel_results(found: ResidualAnalysis) -> dict[str, object]:
-    """Return the residual torques against the wheels' speed, travel and position."""
-    travel, position = found.by_travel, found.by_position
-    return {
-        "refused": found.no_wheels,
-        "by_speed": [
-            {
-                "speed": effect.speeds,
-                "torque": effect.torques,
-                "half_width": effect.half_widths,
-                "p_value": effect.p_value,
-            }
-            for effect in found.by_speed or ()
-        ],
-        "by_travel": None
-        if travel is None
-        else {
-            "travel": travel.travels,
-            "torque": travel.torques,
-            "half_width": travel.half_widths,
-            "p_value": travel.p_value,
-            "reversals": travel.reversals,
+        "wheels": {
+            "refused": found.no_wheels,
+            "by_speed": [
+                {
+                    "speed": effect.speeds,
+                    "torque": effect.torques,
+                    "half_width": effect.half_widths,
+                    "p_value": effect.p_value,
+                }
+                for effect in found.by_speed or ()
+            ],
         },
-        "by_position": None
-        if position is None
-        else {
-            "order": position.orders,
-            "amplitude": position.amplitudes,
-            "half_width": position.half_widths,
-            "significant": position.significant,
-            "turns": position.turns,
-        },
-        "position_refused": found.no_position,
     }
 
 

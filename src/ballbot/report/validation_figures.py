@@ -30,7 +30,6 @@ from ballbot.validation.models import ErrorPair
 from ballbot.validation.open_loop import OpenLoop
 from ballbot.validation.prediction import HorizonComparison
 from ballbot.validation.residuals import ResidualAnalysis
-from ballbot.validation.wheel_effects import PlayEffect, PositionEffect, SpeedEffect
 from ballbot.validation.whole_log import WholeLog
 
 #: ends of the ratios drawn for whole logs
@@ -239,54 +238,16 @@ def spectrum_figure(found: ResidualAnalysis) -> Figure:
 
 
 def wheels_figure(found: ResidualAnalysis) -> Figure:
-    """Return the wheels' residual torques against speed, and against travel and position where the log shows them."""
+    """Return the wheels' residual torques against their speed."""
     assert found.by_speed is not None
     figure = Figure(figsize=(7.4, 2.7), layout="constrained")
-    count = 1 + (found.by_travel is not None) + (found.by_position is not None)
-    first, *others = figure.subplots(1, count, squeeze=False)[0]
-    _draw_by_speed(first, found.by_speed)
-    if found.by_travel is not None:
-        _draw_by_travel(others.pop(0), found.by_travel)
-    if found.by_position is not None:
-        _draw_by_position(others.pop(0), found.by_position)
-    handles, labels = first.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper left", ncols=len(labels))
-    return figure
-
-
-def _draw_by_speed(axes: Axes, effects: tuple[SpeedEffect, ...]) -> None:
+    axes = figure.subplots()
     axes.axhline(0.0, color=INK, linewidth=0.8)
-    for wheel, effect in enumerate(effects):
+    for wheel, effect in enumerate(found.by_speed):
         color, marker = _WHEELS[wheel]
         axes.errorbar(effect.speeds, effect.torques, yerr=effect.half_widths, fmt=marker, color=color,
                       markersize=3.2, linewidth=0.9, label=f"wheel {wheel + 1}")  # fmt: skip
     axes.set_xlabel("wheel speed [rad/s]")
     axes.set_ylabel("residual torque [N m]")
-
-
-def _draw_by_travel(axes: Axes, effect: PlayEffect) -> None:
-    axes.set_xlabel("since the last reversal [deg]")
-    axes.set_ylabel("along the motion [N m]")
-    axes.axhline(0.0, color=INK, linewidth=0.8)
-    travels = np.degrees(effect.travels)
-    axes.errorbar(
-        travels, effect.torques, yerr=effect.half_widths, fmt="o", color=INK, markersize=3.2, linewidth=0.9
-    )
-    axes.set_xscale("log")
-    axes.set_xticks([0.1, 1.0], ["0.1", "1"])
-    axes.xaxis.set_minor_locator(NullLocator())
-
-
-def _draw_by_position(axes: Axes, effect: PositionEffect) -> None:
-    axes.set_xlabel("times a turn of the wheel")
-    axes.set_ylabel("amplitude [N m]")
-    for wheel, (amplitudes, significant) in enumerate(
-        zip(effect.amplitudes.T, effect.significant.T, strict=True)
-    ):
-        color, marker = _WHEELS[wheel]
-        for which, face in ((significant, color), (~significant, "white")):
-            axes.plot(effect.orders[which], amplitudes[which], marker, color=color, markerfacecolor=face,
-                      markersize=3.2, linestyle="none")  # fmt: skip
-    axes.plot(effect.orders, effect.half_widths.mean(axis=1), color=MUTED, linestyle=":", linewidth=1.1)
-    axes.set_xticks(np.arange(0, effect.orders[-1] + 1, effect.per_row))
-    axes.set_ylim(bottom=0.0)
+    figure.legend(loc="outside upper left", ncols=len(found.by_speed))
+    return figure

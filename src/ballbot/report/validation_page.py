@@ -30,7 +30,7 @@ from ballbot.rounding import unit_heading
 from ballbot.summary import counted
 from ballbot.validation import ErrorPair, Validation
 from ballbot.validation.models import ModelPair, Trajectories
-from ballbot.validation.residuals import ResidualAnalysis, residual_findings
+from ballbot.validation.residuals import residual_findings
 from ballbot.validation.result import model_findings, whole_log_verdict
 from ballbot.validation.statistics import Whiteness
 from ballbot.validation.whole_log import RUNS, WholeLog
@@ -90,9 +90,8 @@ def undecided_by(validation: Validation) -> list[str]:
                     f"{loop}: the interval of the ratio of errors contains one."
                 )
     found = validation.residuals
-    refusals = (found.no_wheels, found.no_position)
-    missing = dict.fromkeys(text.rstrip(".") for text in refusals if text)  # both may lack the same
-    sentences += [f"What the wheels' residual torques depend on: {text}." for text in missing]
+    if found.no_wheels:
+        sentences.append(f"Whether the wheels' residual torques depend on their speeds: {found.no_wheels}.")
     return [*sentences, "How well either model predicts motions, floors or loads that are not in these logs."]
 
 
@@ -258,7 +257,7 @@ def _residual_section(validation: Validation) -> Section:
         "Correlation of residuals and torques; cells below 0.1 carry no number. Framed "
         "cells are significant: the memory of both series counted, and the chance of any false frame 5 %."
     )
-    peaks = " Arrows and numbers: peaks [Hz]." if found.peaks else ""
+    peaks = " Arrows and numbers: peaks [Hz]." if found.spectrum and found.spectrum.peaks else ""
     return section(
         "Residuals of the next sample",
         Paragraph(text=words),
@@ -270,27 +269,14 @@ def _residual_section(validation: Validation) -> Section:
         )
         if found.spectrum
         else None,
-        drawn_picture("wheels", partial(wheels_figure, found), _wheels_caption(found))
+        drawn_picture(
+            "wheels",
+            partial(wheels_figure, found),
+            "The residuals as wheel torques: what each wheel would have had to push more for the model to be right, "
+            "against its speed. Bars: 95 %.",
+        )
         if found.by_speed
         else None,
-    )
-
-
-def _wheels_caption(found: ResidualAnalysis) -> str:
-    """Return what the figure's panels show: those that there are."""
-    parts = ["against its speed"]
-    if found.by_travel is not None:
-        parts.append(
-            "along the motion against its travel since it last turned back, less what its speed explains"
-        )
-    if found.by_position is not None:
-        parts.append(
-            "by how often a part of it comes back in a turn of the wheel, significant ones filled, dotted what noise "
-            "makes"
-        )
-    return (
-        "The residuals as wheel torques: what each wheel would have had to push more for the model to be right, "
-        f"{'; '.join(parts)}. Bars: 95 %."
     )
 
 

@@ -251,7 +251,7 @@ def kinetic_energy_body(
     """
     w = motion.turned_back if corrections.body_rates else motion.Omega_body
     J = s.J_com if corrections.inertia_about_center_of_mass else s.J_given
-    energy = s.m_r * _dot(motion.v_body, motion.v_body) / 2 + _dot(w, J.matrix() * w) / 2
+    energy = s.m_r * _dot(motion.v_body, motion.v_body) / 2 + _dot(w, J * w) / 2
     if corrections.locked_wheels_once:
         locked_spin = T.axles.T * motion.turned_back
         energy -= s.j_w * _dot(locked_spin, locked_spin) / 2
@@ -368,7 +368,7 @@ class Equations:
         dynamics = _precise_dynamics(self.robot.wheel_count, self.corrections)
         with mpmath.workdps(digits):
             numbers = [[mpmath.mpf(float(v)) for v in np.asarray(a, float)] for a in (q, q_dot, u)]
-            M, bias, Q = dynamics(*numbers, [mpmath.mpf(v) for v in _numbers(self.robot)])
+            M, bias, Q = dynamics(*numbers, [mpmath.mpf(v) for v in parameter_numbers(self.robot)])
             return np.array([float(v) for v in mpmath.lu_solve(M, Q - bias)])
 
     def wheel_speed(self, q: ArrayLike, q_dot: ArrayLike) -> NDArray[np.float64]:
@@ -396,12 +396,12 @@ class Equations:
         return _functions(self.robot.wheel_count, self.corrections)
 
     def _arguments(self, q: ArrayLike, q_dot: ArrayLike) -> tuple[ArrayLike, ArrayLike, NDArray, list[float]]:
-        return q, q_dot, np.zeros(self.robot.wheel_count), _numbers(self.robot)
+        return q, q_dot, np.zeros(self.robot.wheel_count), parameter_numbers(self.robot)
 
     def _dynamics(
         self, q: ArrayLike, q_dot: ArrayLike, u: ArrayLike
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        M, bias, Q = self._functions.dynamics(q, q_dot, u, _numbers(self.robot))
+        M, bias, Q = self._functions.dynamics(q, q_dot, u, parameter_numbers(self.robot))
         return np.asarray(M, dtype=float), np.asarray(bias, float).ravel(), np.asarray(Q, float).ravel()
 
 
@@ -448,9 +448,3 @@ def _precise_dynamics(wheel_count: int, corrections: Corrections) -> Callable:
 def _lambda_arguments(d: Derivation) -> list[list[sp.Symbol]]:
     s = d.symbols
     return [list(s.q), list(s.q_dot), list(s.u), parameter_symbols(s)]
-
-
-def _numbers(robot: Robot) -> list[float]:
-    s = symbols(robot.wheel_count)
-    numbers = parameter_numbers(s, robot)
-    return [numbers[symbol] for symbol in parameter_symbols(s)]

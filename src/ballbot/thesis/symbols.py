@@ -6,7 +6,9 @@ nowhere else.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from types import MappingProxyType
 
 import sympy as sp
 
@@ -51,24 +53,6 @@ class Corrections:
     no work (Chaplygin's or Voronets's terms), is subtracted."""
 
 
-_NO_CORRECTIONS = Corrections(
-    body_rates=False,
-    inertia_about_center_of_mass=False,
-    locked_wheels_once=False,
-    reflected_rotors=False,
-    counter_torque=False,
-    nonholonomic_wheels=False,
-)
-_ALL_CORRECTIONS = Corrections(
-    body_rates=True,
-    inertia_about_center_of_mass=True,
-    locked_wheels_once=True,
-    reflected_rotors=True,
-    counter_torque=True,
-    nonholonomic_wheels=True,
-)
-
-
 def corrections_of(formulation: Formulation) -> Corrections:
     """Return what the named formulation corrects: everything ("exact") or nothing ("thesis").
 
@@ -77,29 +61,33 @@ def corrections_of(formulation: Formulation) -> Corrections:
     InputError
         If the name is neither of the two.
     """
-    named: dict[str, Corrections] = {"exact": _ALL_CORRECTIONS, "thesis": _NO_CORRECTIONS}
+    named: dict[str, bool] = {"exact": True, "thesis": False}
     if formulation not in named:
         raise InputError(
             f"There is no formulation {formulation!r}; the formulations are 'exact' and 'thesis'"
         )
-    return named[formulation]
+    return Corrections(**dict.fromkeys([one.name for one in fields(Corrections)], named[formulation]))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Inertia:
-    """The six entries of a symmetric inertia matrix."""
-
-    xx: sp.Symbol
-    xy: sp.Symbol
-    xz: sp.Symbol
-    yy: sp.Symbol
-    yz: sp.Symbol
-    zz: sp.Symbol
-
-    def matrix(self) -> sp.Matrix:
-        """Return the matrix (3, 3)."""
-        rows = [[self.xx, self.xy, self.xz], [self.xy, self.yy, self.yz], [self.xz, self.yz, self.zz]]
-        return sp.Matrix(rows)
+#: the parameters that are one number, SI units and radians
+_SCALARS: Mapping[str, Callable[[Robot], float]] = MappingProxyType(
+    {
+        "r_b": lambda robot: robot.ball.radius,
+        "m_b": lambda robot: robot.ball.mass,
+        "j_b": lambda robot: robot.ball.inertia,
+        "l": lambda robot: robot.body.center_of_mass,
+        "m_r": lambda robot: robot.body.mass,
+        "r_w": lambda robot: robot.wheels.radius,
+        "j_w": lambda robot: robot.wheels.inertia,
+        "alpha": lambda robot: robot.wheels.tilt,
+        "n": lambda robot: robot.drive.gear_ratio,
+        "j_m": lambda robot: robot.drive.motor_inertia,
+        "j_g": lambda robot: robot.drive.gear_inertia,
+        "g": lambda robot: robot.gravity,
+    }
+)
+#: rows and columns of a symmetric matrix's upper half
+_UPPER = tuple((i, j) for i in range(3) for j in range(i, 3))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,8 +102,8 @@ class Symbols:
     j_b: sp.Symbol
     l: sp.Symbol  # noqa: E741 (the thesis's letter for the height of the body's centre of mass)
     m_r: sp.Symbol
-    J_given: Inertia  #: (II.22) the body's, as the robot file gives it
-    J_com: Inertia  #: the body's, about its centre of mass
+    J_given: sp.Matrix  #: (II.22) the body's, as the robot file gives it
+    J_com: sp.Matrix  #: the body's, about its centre of mass
     r_w: sp.Symbol
     j_w: sp.Symbol
     alpha: sp.Symbol
@@ -129,76 +117,39 @@ class Symbols:
 
 def symbols(wheel_count: int) -> Symbols:
     """Return the symbols for a robot with that many wheels."""
+    coordinates = ("x", "y", "theta", "phi", "psi")
     return Symbols(
-        q=tuple(_real(name) for name in ("x", "y", "theta", "phi", "psi")),
-        q_dot=tuple(_real(f"{name}_dot") for name in ("x", "y", "theta", "phi", "psi")),
+        q=tuple(map(_real, coordinates)),
+        q_dot=tuple(_real(f"{name}_dot") for name in coordinates),
         u=_numbered("u", wheel_count),
-        r_b=_positive("r_b"),
-        m_b=_positive("m_b"),
-        j_b=_positive("j_b"),
-        l=_positive("l"),
-        m_r=_positive("m_r"),
         J_given=_inertia("j_r"),
         J_com=_inertia("j_c"),
-        r_w=_positive("r_w"),
-        j_w=_positive("j_w"),
-        alpha=_positive("alpha"),
         beta=_numbered("beta", wheel_count),
-        n=_positive("n"),
-        j_m=_positive("j_m"),
-        j_g=_positive("j_g"),
-        g=_positive("g"),
         b=_numbered("b", wheel_count),
+        **{name: sp.Symbol(name, positive=True) for name in _SCALARS},
     )
-
-
-def parameter_numbers(s: Symbols, robot: Robot) -> dict[sp.Symbol, float]:
-    """Return the robot's number for every parameter's symbol, SI units and radians."""
-    scalars = {
-        s.r_b: robot.ball.radius,
-        s.m_b: robot.ball.mass,
-        s.j_b: robot.ball.inertia,
-        s.l: robot.body.center_of_mass,
-        s.m_r: robot.body.mass,
-        s.r_w: robot.wheels.radius,
-        s.j_w: robot.wheels.inertia,
-        s.alpha: robot.wheels.tilt,
-        s.n: robot.drive.gear_ratio,
-        s.j_m: robot.drive.motor_inertia,
-        s.j_g: robot.drive.gear_inertia,
-        s.g: robot.gravity,
-    }
-    azimuths = dict(zip(s.beta, robot.wheels.azimuths, strict=True))
-    viscous = dict(zip(s.b, robot.friction.viscous, strict=True))
-    given = _inertia_numbers(s.J_given, robot.body.inertia_matrix().tolist())
-    com = _inertia_numbers(s.J_com, robot.body.inertia_about_center_of_mass().tolist())
-    return scalars | azimuths | viscous | given | com
 
 
 def parameter_symbols(s: Symbols) -> list[sp.Symbol]:
-    """Return every parameter's symbol, in a fixed order."""
-    scalars = [s.r_b, s.m_b, s.j_b, s.l, s.m_r, s.r_w, s.j_w, s.alpha, s.n, s.j_m, s.j_g, s.g]
-    return [*scalars, *s.beta, *s.b, *_entries(s.J_given), *_entries(s.J_com)]
+    """Return every parameter's symbol, in the order of `parameter_numbers`."""
+    inertias = [J[place] for J in (s.J_given, s.J_com) for place in _UPPER]
+    return [*(getattr(s, name) for name in _SCALARS), *s.beta, *s.b, *inertias]
 
 
-def _inertia_numbers(J: Inertia, numbers: list[list[float]]) -> dict[sp.Symbol, float]:
-    upper = [numbers[i][j] for i in range(3) for j in range(i, 3)]
-    return dict(zip(_entries(J), upper, strict=True))
+def parameter_numbers(robot: Robot) -> list[float]:
+    """Return the robot's number for every parameter's symbol, SI units and radians."""
+    body = robot.body
+    inertias = [
+        float(J[place])
+        for J in (body.inertia_matrix(), body.inertia_about_center_of_mass())
+        for place in _UPPER
+    ]
+    scalars = (number_of(robot) for number_of in _SCALARS.values())
+    return [*scalars, *robot.wheels.azimuths, *robot.friction.viscous, *inertias]
 
 
-def _entries(J: Inertia) -> tuple[sp.Symbol, ...]:
-    return J.xx, J.xy, J.xz, J.yy, J.yz, J.zz
-
-
-def _inertia(name: str) -> Inertia:
-    return Inertia(
-        xx=_real(name + "xx"),
-        xy=_real(name + "xy"),
-        xz=_real(name + "xz"),
-        yy=_real(name + "yy"),
-        yz=_real(name + "yz"),
-        zz=_real(name + "zz"),
-    )
+def _inertia(name: str) -> sp.Matrix:
+    return sp.Matrix(3, 3, lambda i, j: _real(name + "".join("xyz"[k] for k in sorted((int(i), int(j))))))
 
 
 def _numbered(name: str, count: int) -> tuple[sp.Symbol, ...]:
@@ -207,7 +158,3 @@ def _numbered(name: str, count: int) -> tuple[sp.Symbol, ...]:
 
 def _real(name: str) -> sp.Symbol:
     return sp.Symbol(name, real=True)
-
-
-def _positive(name: str) -> sp.Symbol:
-    return sp.Symbol(name, positive=True)

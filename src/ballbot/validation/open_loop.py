@@ -27,7 +27,7 @@ from ballbot.validation.models import (
     rows_after,
     window_starts,
 )
-from ballbot.validation.resolution import rounding_errors
+from ballbot.validation.resolution import rounding_floor
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,15 +86,11 @@ def open_loop(
     states = forecast(models.both, log, starts, samples)
     measured = log.states[rows_after(starts, samples)]
     lengths = np.array([_samples_upright(runs, limit) for runs in states.swapaxes(0, 1)])
-    rounding = [
-        StateErrors.of_runs([run[:n] for run, n in zip(of_model, lengths, strict=True)]).rmse
-        for of_model in rounding_errors(models, log, starts, states, seed=seed)
-    ]
     errors = ErrorPair.of_runs(
         [run[:n] for run, n in zip(measured, lengths, strict=True)],
         *([run[:n] for run, n in zip(of_model, lengths, strict=True)] for of_model in states),
         overlap=-(-int(np.median(lengths)) // every),
-        floor=np.max(rounding, axis=0),
+        floor=rounding_floor(log),
     )
     shifted = _noisy(log.states[starts], start_covariance, seed)
     noisy = forecast([models.first.model], log, starts, samples, initial=shifted)[0]

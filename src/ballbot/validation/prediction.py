@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from ballbot.fitting.comparison import HorizonErrors
 from ballbot.log import STATE_NAMES, Log
-from ballbot.log.columns import wheel_angle_names, wheel_speed_names
+from ballbot.log.columns import wheel_speed_names
 from ballbot.validation.models import ErrorPair, ModelPair, forecast, rows_after, window_starts
-from ballbot.validation.resolution import column_resolution, rounding_errors
+from ballbot.validation.resolution import rounding_floor
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,12 +32,10 @@ class Prediction:
     measured: NDArray[np.float64]  #: (steps, 10) the states that were predicted
     torques: NDArray[np.float64]  #: (steps, n)
     heading: NDArray[np.float64]  #: (steps,) psi [rad] that each step started from
-    wheel_angles: NDArray[np.float64] | None  #: (steps, n) [rad] by the encoders; None if a log lacks them
-    wheel_speeds: NDArray[np.float64] | None  #: (steps, n) [rad/s] by the encoders
+    wheel_speeds: NDArray[np.float64] | None  #: (steps, n) [rad/s] by the encoders; None if a log lacks them
     segments: tuple[int, ...]  #: lengths of the runs of steps that follow each other without a gap
-    logs: tuple[int, ...]  #: how many steps are of each log
     sample_time: float  #: [s]
-    resolution: NDArray[np.float64]  #: (10,) step in which the log's states are rounded
+    floor: NDArray[np.float64]  #: (10,) RMSE that the rounding of the log's states explains
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -53,8 +51,7 @@ class Prediction:
             [measured],
             [measured - self.residuals],
             [measured - self.residuals_second],
-            # a step's start and its end are rounded, each by up to half a step of the grid either way
-            floor=self.resolution * np.sqrt(2.0 / 12.0),
+            floor=self.floor,
         )
 
     @property
@@ -79,12 +76,10 @@ def predict(models: ModelPair, log: Log, parts: Sequence[range]) -> Prediction:
         measured=measured,
         torques=log.torques[starts],
         heading=log["psi"][starts],
-        wheel_angles=_columns(log, wheel_angle_names(count), starts),
         wheel_speeds=_columns(log, wheel_speed_names(count), starts),
         segments=tuple(len(part) - 1 for part in parts),
-        logs=(len(starts),),
         sample_time=log.sample_time,
-        resolution=np.array([column_resolution(log[name]) for name in STATE_NAMES]),
+        floor=rounding_floor(log),
     )
 
 
@@ -101,12 +96,10 @@ def join_predictions(predictions: Sequence[Prediction]) -> Prediction:
         measured=np.concatenate([part.measured for part in predictions]),
         torques=np.concatenate([part.torques for part in predictions]),
         heading=np.concatenate([part.heading for part in predictions]),
-        wheel_angles=together([part.wheel_angles for part in predictions]),
         wheel_speeds=together([part.wheel_speeds for part in predictions]),
         segments=tuple(length for part in predictions for length in part.segments),
-        logs=tuple(length for part in predictions for length in part.logs),
         sample_time=predictions[0].sample_time,
-        resolution=np.max([part.resolution for part in predictions], axis=0),
+        floor=np.max([part.floor for part in predictions], axis=0),
     )
 
 
@@ -166,14 +159,13 @@ def compare_horizons(
     noise = random.multivariate_normal(np.zeros(10), start_covariance, size=(2, len(starts)), method="eigh")
     noisy = forecast([models.first.model], log, starts, samples, initial=log.states[starts] + noise[0])[0]
     floor = (noisy + noise[1][:, None] - states[0])[:, ahead - 1]
-    rounding = rounding_errors(models, log, starts, states, seed=seed)[:, :, ahead - 1]
     horizons = ahead * step
     return HorizonComparison(
         errors=HorizonErrors(
             horizons=horizons,
             differences=(states - measured)[:, :, ahead - 1],
             overlap=int(-(-horizons[-1] // _SPACING)),
-            floor=np.sqrt(np.mean(rounding**2, axis=1)).max(axis=0),
+            floor=np.tile(rounding_floor(log), (len(ahead), 1)),
         ),
         noise_floor=np.sqrt(np.mean(floor**2, axis=0)),
         spread=np.std(np.concatenate([log.states[part.start : part.stop] for part in parts]), axis=0),

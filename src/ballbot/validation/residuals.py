@@ -1,7 +1,14 @@
 """Analysis of a model's one-step residuals, and the findings: each is stated only where its test is significant.
 
-Correlation, whiteness and spectrum are in `ballbot.validation.statistics`, the
-dependence on the wheels' motion in `ballbot.validation.wheel_effects`.
+Correlation, whiteness and spectrum are in `ballbot.validation.statistics`. The residuals are also taken as wheel
+torques: what the wheels would have had to push more for the model to be right. In the heading frame and upright, a
+torque more of du makes the rates h M^-1 W^T du higher after a sample of h. With S the covariance of the rates'
+residuals e, least squares weighted by what each rate is known to gives
+
+    du = (J^T S^-1 J)^-1 J^T S^-1 e,      J = h M^-1 W^T
+
+What of it depends on a wheel's speed is friction that the model's law lacks or has too much of. A measured sample is in
+its residual with its noise, so the speed is that of some rows earlier.
 """
 
 from __future__ import annotations
@@ -12,37 +19,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.findings import Finding, note
+from ballbot.fitting.least_squares import fit_linear
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.model import Model
-from ballbot.robot import Robot
-from ballbot.robot.derived import encoder_step
 from ballbot.validation.prediction import Prediction
 from ballbot.validation.statistics import (
     LEAST_STEPS,
-    Clues,
     Colour,
     Correlations,
-    NamedPeak,
     Spectrum,
-    Updates,
     Whiteness,
     blocks_of,
     correlations,
+    indicators,
     lagged,
-    named_peaks,
-    slices,
     spectrum,
     whiteness,
-)
-from ballbot.validation.wheel_effects import (
-    TRAVEL_EDGES,
-    PlayEffect,
-    PositionEffect,
-    SpeedEffect,
-    play_effect,
-    position_effect,
-    speed_effect,
-    wheel_torque_residuals,
 )
 
 #: errors are clustered over this [s]
@@ -51,8 +43,6 @@ _BLOCK = 0.25
 LEAST_BLOCKS = 80
 #: a speed so many rows earlier shares no noise with the residual
 _EARLIER = 3
-#: a turn back by less than so many encoder steps, and by less than this [rad], is noise
-_STEPS, _LEAST_TURN = 3.0, 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,54 +52,34 @@ class ResidualAnalysis:
     correlations: Correlations
     whiteness: Whiteness | None
     spectrum: Spectrum | None
-    peaks: tuple[NamedPeak, ...]  #: of the spectrum
-    updates: Updates
     by_speed: tuple[SpeedEffect, ...] | None  #: by wheel
-    by_travel: PlayEffect | None
-    by_position: PositionEffect | None
-    roller_passing: (
-        NDArray[np.float64] | None
-    )  #: (3,) [Hz] of a ring, at 10, 50 and 90 % of the wheels' speeds
-    no_wheels: str | None  #: why the wheels' speed and travel are not analysed
-    no_position: str | None  #: why their position is not analysed
+    no_wheels: str | None  #: why the wheels' speed is not analysed
 
 
-def analyse_residuals(prediction: Prediction, model: Model, updates: Updates) -> ResidualAnalysis:
+def analyse_residuals(prediction: Prediction, model: Model) -> ResidualAnalysis:
     """Ask the residuals of a prediction by `model` everything that its log allows."""
-    columns = np.hstack([prediction.residuals, prediction.torques])
-    no_wheels = _no_wheels(prediction)
-    by_speed, by_travel, by_position, no_position = None, None, None, no_wheels
+    residuals, segments = prediction.residuals, prediction.segments
+    no_wheels, by_speed = _no_wheels(prediction), None
     if no_wheels is None:
+        assert prediction.wheel_speeds is not None
         torques = wheel_torque_residuals(prediction, model)
-        blocks = _blocks(prediction)
-        by_speed, by_travel = _motion_effects(prediction, torques, blocks, model.robot)
-        by_position, no_position = _position_effect_of_log(prediction, torques, blocks, model.robot)
-    turning = _wheel_turning(prediction)
-    orders = () if by_position is None else by_position.found
-    clues = Clues(updates=updates, turning=turning, rollers=model.robot.wheels.rollers, orders=orders)
-    of_all = spectrum(prediction.residuals, prediction.segments, sample_time=prediction.sample_time)
+        blocks = blocks_of(segments, length=max(1, round(_BLOCK / prediction.sample_time)))
+        earlier = lagged(prediction.wheel_speeds, segments, lag=_EARLIER)
+        by_speed = tuple(
+            speed_effect(torque, speed, blocks) for torque, speed in zip(torques.T, earlier.T, strict=True)
+        )
     return ResidualAnalysis(
-        correlations=correlations(columns, prediction.labels, prediction.segments),
-        whiteness=whiteness(prediction.residuals, prediction.segments),
-        spectrum=of_all,
-        peaks=named_peaks(of_all, clues) if of_all else (),
-        updates=updates,
+        correlations=correlations(np.hstack([residuals, prediction.torques]), prediction.labels, segments),
+        whiteness=whiteness(residuals, segments),
+        spectrum=spectrum(residuals, segments, sample_time=prediction.sample_time),
         by_speed=by_speed,
-        by_travel=by_travel,
-        by_position=by_position,
-        roller_passing=None if turning is None else model.robot.wheels.rollers.per_row * turning,
         no_wheels=no_wheels,
-        no_position=no_position,
     )
 
 
-def _blocks(prediction: Prediction) -> NDArray[np.int64]:
-    return blocks_of(prediction.segments, length=max(1, round(_BLOCK / prediction.sample_time)))
-
-
 def _no_wheels(prediction: Prediction) -> str | None:
-    if prediction.wheel_angles is None or prediction.wheel_speeds is None:
-        return "the log lacks the encoder angles or speeds"
+    if prediction.wheel_speeds is None:
+        return "the log lacks the encoder speeds"
     # a log of N rows has N - 1 steps, and lasts as long as it has rows
     seconds = (len(prediction.residuals) + len(prediction.segments)) * prediction.sample_time
     least = LEAST_BLOCKS * _BLOCK
@@ -118,55 +88,69 @@ def _no_wheels(prediction: Prediction) -> str | None:
     return None
 
 
-def _motion_effects(
-    prediction: Prediction, torques: NDArray[np.float64], blocks: NDArray[np.int64], robot: Robot
-) -> tuple[tuple[SpeedEffect, ...], PlayEffect | None]:
-    assert prediction.wheel_angles is not None
-    assert prediction.wheel_speeds is not None
-    earlier = lagged(prediction.wheel_speeds, prediction.segments, lag=_EARLIER)
-    sensors, drive = robot.sensors, robot.drive
-    step = encoder_step(encoder_counts=sensors.encoder_counts, gear_ratio=drive.gear_ratio)
-    by_speed = tuple(
-        speed_effect(torque, speed, blocks) for torque, speed in zip(torques.T, earlier.T, strict=True)
+_HORIZONTAL_PAIRS = ((0, 1), (2, 3))
+#: a covariance's smallest directions are lifted to this share of its largest, so that it has an inverse
+_LIFT = 1e-10
+
+
+def wheel_torque_residuals(prediction: Prediction, model: Model) -> NDArray[np.float64]:
+    """Return the residual torques (steps, n) [N m]."""
+    rates = prediction.residuals[:, 5:].copy()
+    c, s = np.cos(prediction.heading), np.sin(prediction.heading)
+    for first, second in _HORIZONTAL_PAIRS:
+        forward, left = rates[:, first].copy(), rates[:, second].copy()
+        rates[:, first], rates[:, second] = c * forward + s * left, c * left - s * forward
+    upright = np.zeros(5)
+    J = prediction.sample_time * np.linalg.solve(model.mass_matrix(upright), model.wheel_jacobian(upright).T)
+    scale = np.sqrt(np.mean(rates**2, axis=0)) + np.finfo(float).tiny
+    S = np.cov(rates / scale, rowvar=False) + _LIFT * np.eye(len(scale))
+    weighted = np.linalg.solve(S, J / scale[:, None])
+    gain = np.linalg.solve(weighted.T @ (J / scale[:, None]), weighted.T)
+    return (rates / scale) @ gain.T
+
+
+_BINS = 8
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SpeedEffect:
+    """Mean residual torque of one wheel at speeds that are equally frequent."""
+
+    speeds: NDArray[np.float64]  #: (b,) [rad/s] mean of each bin
+    torques: NDArray[np.float64]  #: (b,) [N m]
+    half_widths: NDArray[np.float64]  #: (b,) of the 95 % intervals
+    p_value: float  #: of no torque at any speed; NaN if a speed was seldom had
+
+    @property
+    def largest(self) -> int:
+        """The bin whose torque is the furthest from zero, in errors."""
+        return int(np.argmax(np.abs(self.torques) / self.half_widths))
+
+
+def speed_effect(
+    torque: NDArray[np.float64], speed: NDArray[np.float64], blocks: NDArray[np.int64]
+) -> SpeedEffect:
+    """Return one wheel's mean residual torque (n,) against its earlier speed (n,); NaN is passed over."""
+    known = np.isfinite(speed)
+    torque, speed, blocks = torque[known], speed[known], blocks[known]
+    edges = np.unique(np.quantile(speed, np.linspace(0.0, 1.0, _BINS + 1)))
+    if len(edges) < 2:  # a wheel that stood still
+        edges = np.array([-np.inf, np.inf])
+    place = np.clip(np.searchsorted(edges, speed, side="right") - 1, 0, len(edges) - 2)
+    columns = indicators(place, len(edges) - 1)
+    found = fit_linear(columns, torque, blocks)
+    return SpeedEffect(
+        speeds=columns.T @ speed / columns.sum(axis=0),
+        torques=found.values,
+        half_widths=found.half_widths,
+        p_value=found.p_value(range(columns.shape[1])),
     )
-    by_travel = play_effect(
-        torques,
-        earlier,
-        prediction.wheel_angles,
-        blocks,
-        prediction.segments,
-        least_turn=max(_STEPS * step, _LEAST_TURN),
-    )
-    return by_speed, by_travel
-
-
-def _position_effect_of_log(
-    prediction: Prediction, torques: NDArray[np.float64], blocks: NDArray[np.int64], robot: Robot
-) -> tuple[PositionEffect | None, str | None]:
-    """Return the effect in the log whose wheels turned furthest, as each log has its own zero, or why it is unknown."""
-    angles = prediction.wheel_angles
-    assert angles is not None
-    where = max(slices(prediction.logs), key=lambda rows: float(np.ptp(angles[rows], axis=0).min()))
-    found = position_effect(torques[where], angles[where], blocks[where], rollers=robot.wheels.rollers)
-    turned = float(np.ptp(angles[where], axis=0).min()) / (2.0 * np.pi)
-    return found, None if found else (
-        f"the wheels covered {turned:.2f} of a turn; at least a whole turn is needed"
-    )
-
-
-def _wheel_turning(prediction: Prediction) -> NDArray[np.float64] | None:
-    """Return 10 %, 50 % and 90 % of the wheels' speeds (3,) [turns/s]."""
-    if prediction.wheel_speeds is None:
-        return None
-    return np.quantile(np.abs(prediction.wheel_speeds), (0.1, 0.5, 0.9)) / (2.0 * np.pi)
 
 
 #: chance of a false finding of one test on the wheels
 WHEEL_LEVEL = 0.01
 #: significant pairs are named where they correlate this strongly
 _STRONG, _WEAK = 0.5, 0.15
-#: no gearbox has more play than this [rad]
-_PLAY = 0.05
 
 #: pairs of residuals that are to be expected, and why
 _ROLLING = (
@@ -201,8 +185,8 @@ def residual_findings(analysis: ResidualAnalysis) -> list[Finding]:
         *_pair_findings(analysis.correlations),
         named_pairs(analysis.correlations),
         _whiteness_finding(analysis.whiteness),
-        _peak_finding(analysis),
-        *_wheel_findings(analysis),
+        _peak_finding(analysis.spectrum),
+        _speed_finding(analysis),
     ]
     return [note("residuals", sentence) for sentence in sentences]
 
@@ -275,29 +259,25 @@ def _whiteness_finding(found: Whiteness | None) -> str:
     return f"Whiteness. {'; '.join(parts)}."
 
 
-def _peak_finding(analysis: ResidualAnalysis) -> str:
-    if analysis.spectrum is None:
+def _peak_finding(found: Spectrum | None) -> str:
+    if found is None:
         return "The log is too short for a spectrum of the residuals."
-    if not analysis.peaks:
+    if not found.peaks:
         return "The spectrum of the residuals has no distinct peak."
-    peaks = "; ".join(
-        f"{peak.frequency:.1f} Hz in {', '.join(f'e_{name}' for name in peak.states)}: {peak.cause}"
-        for peak in analysis.peaks
-    )
+    at: dict[float, list[str]] = {}
+    for peak in sorted(found.peaks, key=lambda one: -one.ratio):
+        near = [one for one in at if abs(one - peak.frequency) <= found.resolution]
+        at.setdefault(near[0] if near else peak.frequency, []).append(f"e_{STATE_NAMES[peak.state]}")
+    peaks = "; ".join(f"{frequency:.1f} Hz in {', '.join(at[frequency])}" for frequency in sorted(at))
     return (
-        "Peaks of the residuals' spectrum, with a resolution "
-        f"of {analysis.spectrum.resolution:.2g} Hz: {peaks}."
+        f"Peaks of the residuals' spectrum, with a resolution of {found.resolution:.2g} Hz: {peaks}. The model lacks a "
+        "resonance or the rollers' passing there, or a column of the log is renewed less often than its rows."
     )
-
-
-def _wheel_findings(analysis: ResidualAnalysis) -> list[str]:
-    if analysis.no_wheels is not None:
-        return [f"The residuals are not compared with the motion of the wheels: {analysis.no_wheels}."]
-    return [_speed_finding(analysis), _travel_finding(analysis), _position_finding(analysis)]
 
 
 def _speed_finding(analysis: ResidualAnalysis) -> str:
-    assert analysis.by_speed is not None
+    if analysis.by_speed is None:
+        return f"The residuals are not compared with the motion of the wheels: {analysis.no_wheels}."
     found = []
     for wheel, effect in enumerate(analysis.by_speed, start=1):
         if effect.p_value < WHEEL_LEVEL / len(analysis.by_speed):
@@ -317,53 +297,3 @@ def _speed_finding(analysis: ResidualAnalysis) -> str:
         f"The residual torque depends on the speed of {', '.join(found)}: the friction law is wrong "
         "there by as much. Torque along the motion means that there is less friction than in the model."
     )
-
-
-def _travel_finding(analysis: ResidualAnalysis) -> str:
-    effect = analysis.by_travel
-    if effect is None or np.isnan(effect.p_value):
-        return "The wheels reversed too seldom to detect play."
-    if not effect.p_value < WHEEL_LEVEL:
-        return (
-            "After a reversal of a wheel, its speed explains the "
-            "whole residual torque: there is no sign of play."
-        )
-    place = effect.clearest
-    torque = (
-        f"After a reversal a torque of {effect.torques[place]:+.3f} ± {effect.half_widths[place]:.3f} N m along the "
-        "motion is not modelled, clearest"
-    )
-    turned = np.degrees((0.0, *TRAVEL_EDGES)[place : place + 2])
-    where = f"{torque} {turned[0]:.1f} to {turned[1]:.1f} degrees of the wheel after it"
-    if TRAVEL_EDGES[place] > _PLAY:
-        return f"{where}: too far for play."
-    return f"{where}: play of the gearbox, or friction that gives way before it slips."
-
-
-def _position_finding(analysis: ResidualAnalysis) -> str:
-    effect = analysis.by_position
-    if effect is None:
-        return f"Torque ripple over the turn of the wheels is not examined: {analysis.no_position}."
-    places = np.argwhere(effect.significant)
-    if len(places) == 0:
-        return "The wheels show no torque ripple: no residual torque recurs with a turn or a fraction of one."
-    by_order: dict[int, list[str]] = {}
-    for place, wheel in places:
-        by_order.setdefault(int(effect.orders[place]), []).append(
-            f"wheel {wheel + 1} {effect.amplitudes[place, wheel]:.3f} N m"
-        )
-    words = "; ".join(
-        f"{order} times a turn{_of_rollers(order, effect.per_row)} ({', '.join(wheels)})"
-        for order, wheels in by_order.items()
-    )
-    passing = ""
-    if analysis.roller_passing is not None and any(order % effect.per_row == 0 for order in by_order):
-        slow, _, fast = analysis.roller_passing
-        passing = f" At these speeds the rollers of a ring pass {slow:.1f} to {fast:.1f} times per second."
-    return f"A residual torque recurs with the angles of the wheels: {words}.{passing}"
-
-
-def _of_rollers(order: int, per_row: int) -> str:
-    if order == 1:
-        return ", an eccentric wheel"
-    return f", the rollers' passing ({per_row} in a ring)" if order % per_row == 0 else ", torque ripple"

@@ -16,7 +16,6 @@ from ballbot.validation.models import ErrorPair, ModelPair
 from ballbot.validation.open_loop import OpenLoop
 from ballbot.validation.prediction import HorizonComparison, Prediction
 from ballbot.validation.residuals import ResidualAnalysis, residual_findings
-from ballbot.validation.wheel_effects import Dither
 from ballbot.validation.whole_log import RUNS, WholeLog
 
 if TYPE_CHECKING:
@@ -37,7 +36,6 @@ class Validation:
     residuals: ResidualAnalysis  #: of the first model
     horizon: HorizonComparison
     recovered: RecoveredGain | None  #: the log's own gain, where no controller was given
-    dither: Dither | None  #: None if the log lacks wheel speeds
     duration: float  #: of the stretches compared [s]
     sample_time: float  #: of the log [s]
     log_findings: tuple[Finding, ...] = ()  #: of the checks of the log
@@ -73,10 +71,6 @@ class Validation:
 
 #: a state's error is put down to the noise of its start from this share on
 _NOISE_SHARE = 0.7
-#: dither counts as fast from this share of the motion of turning on
-_DITHER_SHARE = 0.5
-#: reversals this many times as frequent as the motion's own are chatter
-_CHATTER = 5.0
 #: a model that falls at less than this times another's rate falls more slowly
 _SLOWER = 0.95
 
@@ -151,26 +145,6 @@ def better_in(errors: ErrorPair, models: ModelPair) -> str:
     return better + (f", and worse in {', '.join(worse)}" if worse else "")
 
 
-def describe_dither(validation: Validation) -> str | None:
-    """Return the finding about the rollers' dither in the wheels' speeds, or None if the log has no wheel speeds."""
-    dither = validation.dither
-    if dither is None:
-        return None
-    friction = validation.models.first.model.robot.friction
-    has_stribeck = any(one > 0.0 for one in friction.stribeck)
-    fades = f", and the Stribeck speed is {friction.stribeck_speed:.2f} rad/s" if has_stribeck else ""
-    fast, heading, reversals, slow_reversals = (
-        float(values.mean())
-        for values in (dither.dither, dither.heading, dither.reversals, dither.reversals_of_motion)
-    )
-    return (
-        f"Above {dither.corner:.1f} Hz, faster than the robot can balance, the wheel speeds shake by "
-        f"{fast:.3f} rad/s RMS ({dither.encoder:.3f} of it is encoder quantisation). Turning about the "
-        f"vertical asks for {heading:.3f} rad/s{fades}. The wheels "
-        f"reverse {reversals:.2f} times a second, {slow_reversals:.2f} times without the shaking."
-    )
-
-
 def _reason(validation: Validation, index: int) -> str:
     """Return the reason that the data show for a state that the first model does not predict better."""
     loop = validation.open_loop
@@ -191,26 +165,12 @@ def _reason(validation: Validation, index: int) -> str:
             f"Reason: the noise of the measured start alone causes {100 * share:.0f} "
             "% of the error, so this state cannot show which model is better."
         )
-    dither = validation.dither if first.robot.friction != second.robot.friction else None
-    if dither is not None and _chatters(dither):
-        return f"Reason: the wheels chatter. {describe_dither(validation)}"
-    if dither is not None and STATE_NAMES[index] in ("psi", "psi_dot") and _dithers(dither):
-        return f"Reason: the rollers dither the wheels. {describe_dither(validation)}"
     if loop.errors.verdicts()[index] == "undecided":
         return f"Reason: the {loop.errors.runs} runs vary too much to decide."
     return (
         f"No reason was found in the data: the noise of the start causes {100 * share:.0f} "
         "% of the error, so the model itself lacks something for this state."
     )
-
-
-def _dithers(dither: Dither) -> bool:
-    real = np.sqrt(np.maximum(dither.dither**2 - dither.encoder**2, 0.0))
-    return bool(np.mean(real) > _DITHER_SHARE * np.mean(dither.heading))
-
-
-def _chatters(dither: Dither) -> bool:
-    return bool(np.mean(dither.reversals) > _CHATTER * np.mean(dither.reversals_of_motion))
 
 
 def _open_loop_verdict(validation: Validation) -> str:

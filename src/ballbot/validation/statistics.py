@@ -28,12 +28,6 @@ the density (M. Bartlett and D. Kendall, Supplement to the Journal of the Royal 
 windows that overlap count as K / 1.056. So a bin is a peak where it stands above its surroundings by more than chance
 does once in a hundred logs, over all bins and states. Its surroundings are the larger of the medians on either side: on
 a slope, one of them is above any bin between.
-
-A column that is updated every 1/f s makes lines at multiples of f, and those above half the sampling rate are folded
-down. Rollers pass at a rate that follows the wheel's speed. If the wheels turn evenly, that names a peak; over uneven
-speeds `ballbot.validation.wheel_effects` finds what recurs with their position, and a peak at a frequency at which that
-recurs may be it. A peak of neither kind is a resonance, of the robot or of the loop; one above half the sampling rate
-shows folded down as well.
 """
 
 from __future__ import annotations
@@ -46,10 +40,6 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 from scipy import linalg
-
-from ballbot.log import STATE_NAMES, Log
-from ballbot.log.columns import torque_names
-from ballbot.robot import Rollers
 
 
 def slices(lengths: Sequence[int]) -> Iterator[slice]:
@@ -242,39 +232,6 @@ def _predicted_share(memory: NDArray[np.float64]) -> float:
     return float(np.clip(past @ memory[1:], 0.0, 1.0))
 
 
-#: a column is slower than the log where it is renewed every so many rows or more on average
-_SLOWER = 1.2
-#: and as good as evenly: this share of the renewals no more than a row off the average
-_EVEN_SHARE = 0.9
-_LEAST_RENEWALS = 20
-
-
-@dataclass(frozen=True, kw_only=True)
-class Updates:
-    """Rates [Hz] of the columns that are renewed less often than the log has rows."""
-
-    torques: float | None  #: the control rate
-    states: dict[str, float]  #: by the state's name
-
-
-def find_updates(log: Log) -> Updates:
-    """Return the columns of a log that are renewed less often than once a row, at even intervals."""
-    count = log.torques.shape[1]
-    torques = [rate for name in torque_names(count) if (rate := _update_rate(log, name)) is not None]
-    states = {name: rate for name in STATE_NAMES if (rate := _update_rate(log, name)) is not None}
-    return Updates(torques=max(torques) if len(torques) == count else None, states=states)
-
-
-def _update_rate(log: Log, name: str) -> float | None:
-    renewed = np.flatnonzero(np.diff(log[name]) != 0.0)
-    if len(renewed) < _LEAST_RENEWALS:
-        return None
-    between = np.diff(renewed)
-    average = float(between.mean())
-    even = np.mean(np.abs(between - average) < 1.0)
-    return 1.0 / (average * log.sample_time) if average > _SLOWER and even > _EVEN_SHARE else None
-
-
 #: length of a window [s] if the log allows it; its resolution is 1.5 over its length
 _WINDOW = 2.56
 _LEAST_WINDOWS = 8
@@ -297,7 +254,6 @@ class Peak:
     state: int
     frequency: float  #: [Hz]
     ratio: float  #: density over that of its surroundings
-    rms: float  #: its contribution, in the state's unit
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -348,24 +304,16 @@ def _log_density(part: NDArray[np.float64], rate: float) -> NDArray[np.float64]:
 
 
 def _peaks(frequencies: NDArray[np.float64], logs: NDArray[np.float64], windows: int) -> tuple[Peak, ...]:
-    around = _surroundings(logs)
+    above = logs - _surroundings(logs)
     error = np.pi / np.sqrt(6.0) * np.sqrt(1.056 / windows)
     limit = max(np.log(_LEAST_RATIO), scipy.stats.norm.isf(PEAK_LEVEL / logs.size) * error)
     found = []
-    for place, state in np.argwhere(logs - around > limit):
-        near = slice(max(0, place - _GUARD), place + _GUARD + 1)
-        if logs[place, state] < logs[near, state].max():
-            continue
-        more = np.maximum(np.exp(logs[near, state]) - np.exp(around[place, state]), 0.0)
-        found.append(
-            Peak(
-                state=int(state),
-                frequency=_vertex(frequencies, logs[:, state], int(place)),
-                ratio=float(np.exp(logs[place, state] - around[place, state])),
-                rms=float(np.sqrt(more.sum() * (frequencies[1] - frequencies[0]))),
-            )
-        )
-    return tuple(sorted(found, key=lambda peak: (peak.state, peak.frequency)))
+    for state, place in np.argwhere(limit < above.T):
+        near = logs[max(0, place - _GUARD) : place + _GUARD + 1, state]
+        if logs[place, state] == near.max():
+            ratio = float(np.exp(above[place, state]))
+            found.append(Peak(state=int(state), frequency=float(frequencies[place]), ratio=ratio))
+    return tuple(found)
 
 
 def _surroundings(logs: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -380,102 +328,3 @@ def _surroundings(logs: NDArray[np.float64]) -> NDArray[np.float64]:
         above = np.median(mirrored[here + _GUARD + 1 : here + far + 1], axis=0)
         around[place] = np.maximum(below, above)
     return around
-
-
-def _vertex(frequencies: NDArray[np.float64], logs: NDArray[np.float64], place: int) -> float:
-    """Return where the parabola through a peak and its neighbours is highest."""
-    if not 0 < place < len(logs) - 1:
-        return float(frequencies[place])
-    before, at, after = logs[place - 1 : place + 2]
-    shift = 0.5 * (before - after) / (before - 2.0 * at + after)
-    return float(frequencies[place] + shift * (frequencies[1] - frequencies[0]))
-
-
-#: multiples of a rate that are looked at
-_HARMONICS = 6
-#: wheels turn evenly where 80 % of their speeds are within this part of the median
-_EVEN_SPEEDS = 0.2
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Clues:
-    """Known frequencies of a log that can cause a peak."""
-
-    updates: Updates
-    turning: NDArray[np.float64] | None  #: (3,) [turns/s] 10 %, 50 % and 90 % of the wheels' speeds
-    rollers: Rollers
-    orders: tuple[int, ...]  #: times a turn of a wheel at which a residual torque comes back
-
-
-@dataclass(frozen=True, kw_only=True)
-class NamedPeak:
-    """A frequency at which one state's residual or several have a peak."""
-
-    frequency: float  #: [Hz]
-    states: tuple[str, ...]
-    cause: str
-
-
-def named_peaks(found: Spectrum, clues: Clues) -> tuple[NamedPeak, ...]:
-    """Return the peaks of all states, those within the resolution of each other as one, in order of frequency."""
-    causes = [*_of_updates(found, clues), *_of_rollers(clues)]
-    named = []
-    for group in _peak_groups(found):
-        strongest = max(group, key=lambda peak: peak.ratio)
-        frequency, apart = strongest.frequency, found.resolution
-        near = [words for low, high, words in causes if low - apart <= frequency <= high + apart]
-        states = tuple(STATE_NAMES[index] for index in sorted({peak.state for peak in group}))
-        cause = near[0] if near else "a resonance, of the robot or of the loop, that the model lacks"
-        named.append(NamedPeak(frequency=frequency, states=states, cause=cause))
-    return tuple(named)
-
-
-def _peak_groups(found: Spectrum) -> Iterator[list[Peak]]:
-    group: list[Peak] = []
-    for peak in sorted(found.peaks, key=lambda one: one.frequency):
-        if group and peak.frequency - group[-1].frequency > found.resolution:
-            yield group
-            group = []
-        group.append(peak)
-    if group:
-        yield group
-
-
-def _of_updates(found: Spectrum, clues: Clues) -> Iterator[tuple[float, float, str]]:
-    """Yield from and to which frequency [Hz] what is slower than the log shows, and what that is."""
-    rate, updates = 2.0 * float(found.frequencies[-1]), clues.updates
-    slow = [
-        (renewed, f"{name} is updated at only {renewed:.4g} Hz") for name, renewed in updates.states.items()
-    ]
-    if updates.torques is not None:
-        slow.append((updates.torques, f"the control rate, {updates.torques:.4g} Hz"))
-    for renewed, words in slow:
-        for multiple in range(1, _HARMONICS + 1):
-            folded = _folded(multiple * renewed, rate)
-            yield folded, folded, words
-
-
-def _of_rollers(clues: Clues) -> Iterator[tuple[float, float, str]]:
-    """Yield from and to which frequency [Hz] what comes back with the wheels' position shows, and what that is."""
-    if clues.turning is None:
-        return
-    slow, usual, fast = clues.turning
-    if usual > 0.0 and fast - slow < _EVEN_SPEEDS * usual:
-        for rings in range(1, clues.rollers.rows + 1):
-            passing = rings * clues.rollers.per_row * usual
-            yield (
-                passing,
-                passing,
-                f"rollers of {'one ring' if rings == 1 else 'all rings'} passing the contact",
-            )
-    for order in clues.orders:
-        yield (
-            order * slow,
-            order * fast,
-            f"something that recurs {order} times per turn of the wheels, or a resonance",
-        )
-
-
-def _folded(frequency: float, rate: float) -> float:
-    """Return where a frequency appears when sampled at `rate`."""
-    return abs(frequency - rate * round(frequency / rate))

@@ -45,8 +45,6 @@ from ballbot.validation.prediction import (
 from ballbot.validation.residuals import analyse_residuals
 from ballbot.validation.resolution import no_evidence
 from ballbot.validation.result import Validation
-from ballbot.validation.statistics import find_updates
-from ballbot.validation.wheel_effects import find_dither
 
 
 @checked_arguments
@@ -188,7 +186,7 @@ def validate_pair(
     covariance = prediction.start_covariance
     _report(run, 1)
     horizon = compare_horizons(models, log, parts, start_covariance=covariance, seed=run.seed)
-    nothing_shown = no_evidence(models, log, parts, horizon.errors)
+    nothing_shown = no_evidence(models, log, parts, prediction.errors)
     disturbed = next((found.text for found in check_disturbance(log, models.first.model.robot)), None)
     refused = nothing_shown or disturbed
     _report(run, 2)
@@ -211,10 +209,9 @@ def validate_pair(
         closed_loop=closed,
         no_closed_loop=refusal,
         prediction=prediction,
-        residuals=analyse_residuals(prediction, models.first.model, find_updates(log)),
+        residuals=analyse_residuals(prediction, models.first.model),
         horizon=horizon,
         recovered=recovered,
-        dither=find_dither(models.first.model, log),
         duration=sum(len(part) for part in parts) * log.sample_time,
         sample_time=log.sample_time,
         no_evidence=nothing_shown,
@@ -279,8 +276,8 @@ def validate_logs(
 def join_validations(parts: Sequence[Validation]) -> Validation:
     """Return the validations of several logs as one, over the runs of all that can show which model is better.
 
-    Examples, the recovered gain, the dither and the update rates are those of the first log that has them. The logs
-    that cannot are left out, and `Validation.left_out` says why; if there are no others, none is.
+    Examples and the recovered gain are those of the first log that has them. The logs that cannot are left out, and
+    `Validation.left_out` says why; if there are no others, none is.
     """
     if len(parts) == 1:
         return parts[0]
@@ -302,10 +299,9 @@ def join_validations(parts: Sequence[Validation]) -> Validation:
         closed_loop=join_closed_loops(closed) if closed else None,
         no_closed_loop=None if closed else first.no_closed_loop,
         prediction=prediction,
-        residuals=analyse_residuals(prediction, first.models.first.model, first.residuals.updates),
+        residuals=analyse_residuals(prediction, first.models.first.model),
         horizon=join_horizons([part.horizon for part in parts]),
         recovered=next((part.recovered for part in parts if part.recovered), None),
-        dither=next((part.dither for part in parts if part.dither), None),
         duration=sum(part.duration for part in parts),
         log_findings=by_severity(finding for part in parts for finding in part.log_findings),
     )

@@ -168,27 +168,12 @@ def _within(view: View) -> View:
 
 #: so much of the video [s], by so many frames of it, or not with fewer than the least
 _TIME, _FRAMES, _LEAST_FRAMES = 5.0, 24, 6
-#: where less than this share of it is tracked, the distance may be other than assumed: the seam decides which of these
-#: closenesses is the best, in so many frames
-_DOUBTFUL_SHARE = 0.9
-_CLOSENESSES = (0.04, 0.12, 0.22, 0.34)
-_LOCALISED_FRAMES = 4
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Pass:
-    """The first seconds followed under one view."""
-
-    frames: list[NDArray[np.uint8]]  #: tracked ones, spread evenly
-    orientations: list[NDArray[np.float64]]
-    tracked: float  #: share
 
 
 def calibrated_view(
     video: Video,
     points: NDArray[np.float64],
     closeness: float,
-    samples: Sequence[NDArray[np.uint8]],
     *,
     colour: SeamColour,
     table: SeamTable,
@@ -205,8 +190,6 @@ def calibrated_view(
         Of the outline [pixels].
     closeness : float
         1/D, assumed where `distance` is not given.
-    samples : sequence of ndarray
-        Some frames, from `Video.samples`.
     colour : SeamColour
     table : SeamTable
     found : bool
@@ -217,33 +200,18 @@ def calibrated_view(
         Called after each frame.
     """
     view = view_of_outline(points, size=video.size, closeness=closeness)
-    first = _followed(video, view, colour, table, progress)
-    if first.tracked < _DOUBTFUL_SHARE and distance is None:
-        likelier = _likeliest(points, samples, colour, table)
-        if likelier.closeness != view.closeness:
-            view = likelier
-            first = _followed(video, view, colour, table, progress)
-    if len(first.frames) < _LEAST_FRAMES:
+    frames, orientations = _followed(video, view, colour, table, progress)
+    if len(frames) < _LEAST_FRAMES:
         return None
     return calibrate(
-        view,
-        points,
-        first.frames,
-        first.orientations,
-        table=table,
-        colour=colour,
-        found=found,
-        distance=distance,
+        view, points, frames, orientations, table=table, colour=colour, found=found, distance=distance
     )
 
 
 def _followed(
-    video: Video,
-    view: View,
-    colour: SeamColour,
-    table: SeamTable,
-    progress: ProgressCallback,
-) -> _Pass:
+    video: Video, view: View, colour: SeamColour, table: SeamTable, progress: ProgressCallback
+) -> tuple[list[NDArray[np.uint8]], list[NDArray[np.float64]]]:
+    """Return tracked frames of the first seconds, spread evenly, and their orientations."""
     wanted = max(2, round(_TIME * video.frame_rate))
     if video.stated_frames:
         wanted = min(wanted, video.stated_frames)
@@ -264,30 +232,4 @@ def _followed(
         progress=progress, frame_count=wanted,
     )  # fmt: skip
     rows = [row for row in range(len(kept)) if track.tracked[row * every]]
-    return _Pass(
-        frames=[kept[row] for row in rows],
-        orientations=[track.R[row * every] for row in rows],
-        tracked=float(np.mean(track.tracked)),
-    )
-
-
-def _likeliest(
-    points: NDArray[np.float64],
-    samples: Sequence[NDArray[np.uint8]],
-    colour: SeamColour,
-    table: SeamTable,
-) -> View:
-    """Return the view with the closeness under which the seam fits some frames best, each by itself."""
-    frames = samples[:: max(1, len(samples) // _LOCALISED_FRAMES)][:_LOCALISED_FRAMES]
-    size = (frames[0].shape[1], frames[0].shape[0])
-
-    def quality(view: View) -> float:
-        pixels = ball_pixels(view, size)
-        finder, search = seam_finder(pixels, colour), orientation_search(table, pixels)
-        total = 0.0
-        for frame in frames:
-            seen, share = finder.find(frame)
-            total += search.localise(seen, share, near=None).quality if len(seen.p) else 0.0
-        return total
-
-    return max((view_of_outline(points, size=size, closeness=one) for one in _CLOSENESSES), key=quality)
+    return [kept[row] for row in rows], [track.R[row * every] for row in rows]

@@ -38,6 +38,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError, suggest
 
@@ -185,24 +186,6 @@ def cell_directions(side: int) -> NDArray[np.float64]:
     return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
-def exponential(v: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation (3, 3) about v (3,) by its length [rad] (Rodrigues)."""
-    angle = float(np.sqrt(v @ v))
-    x, y, z = v
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    if angle < 1e-8:
-        return np.eye(3) + K
-    return np.eye(3) + np.sin(angle) / angle * K + (1.0 - np.cos(angle)) / angle**2 * (K @ K)
-
-
-def logarithm(R: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return v (3,) with exponential(v) = R, for rotations by less than half a turn."""
-    odd = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    sine = float(np.sqrt(odd @ odd))
-    angle = float(np.arctan2(sine, 0.5 * (np.trace(R) - 1.0)))
-    return odd if sine < 1e-12 else odd * (angle / sine)
-
-
 #: of the start, as a fraction of the points' mean information: directions that they do not determine keep the
 #: prediction
 TRUST = 5e-4
@@ -262,9 +245,9 @@ def fit_rotation(
         lever = crossed(q, n)
         H = (lever * w[:, None]).T @ lever
         trust = TRUST / 3.0 * max(float(np.trace(H)), 1e-9)
-        g = (lever.T @ (w * r)).astype(np.float64) - trust * logarithm(start.T @ R)
+        g = (lever.T @ (w * r)).astype(np.float64) - trust * Rotation.from_matrix(start.T @ R).as_rotvec()
         d = np.linalg.solve(H.astype(np.float64) + trust * np.eye(3), g).astype(np.float64)
-        R = R @ exponential(d)
+        R = R @ Rotation.from_rotvec(d).as_matrix()
         if float(d @ d) < _SMALL**2 and reach == reaches[-1]:
             break
     return _scored(table, seen, R, reaches[-1], float(np.linalg.norm(d)))

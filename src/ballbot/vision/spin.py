@@ -146,7 +146,7 @@ def measure_spin(
     )
     table = seam_table(seam)
     calibration = calibrated_view(
-        video, points, closeness, samples, colour=colour, table=table, found=setup.circle is None,
+        video, points, closeness, colour=colour, table=table, found=setup.circle is None,
         distance=setup.distance, progress=in_stage(progress, "calibrating"),
     )  # fmt: skip
     calibrated = calibration is not None

@@ -26,7 +26,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +33,7 @@ from scipy import optimize
 from scipy.spatial.transform import Rotation
 
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
-from ballbot.vision.seam import Fit, SeamPoints, SeamTable, exponential, fit_rotation, logarithm
+from ballbot.vision.seam import Fit, SeamPoints, SeamTable, fit_rotation
 from ballbot.vision.seam_pixels import BallPixels, SeamFinder
 from ballbot.vision.video import LEAST_FRAMES
 
@@ -189,9 +188,9 @@ class _Follower:
         if self._last is None or self._lost > 1:
             return None
         turn = self._turn * (1.0 + self._lost)
-        predicted = exponential(turn) @ self._last
+        predicted = Rotation.from_rotvec(turn).as_matrix() @ self._last
         scored = self._search.score(fit_rotation(self._search.table, seen, predicted, reaches=_REACHES), seam)
-        jump = float(np.linalg.norm(logarithm(scored.fit.R @ predicted.T)))
+        jump = float(Rotation.from_matrix(scored.fit.R @ predicted.T).magnitude())
         if scored.quality < _TRACKED or jump > _LARGEST_JUMP:
             if self._settled:
                 return None
@@ -199,7 +198,7 @@ class _Follower:
             scored = self._search.localise(seen, seam, near=self._last)
             if scored.quality < _FOUND:
                 return None
-        whole = logarithm(scored.fit.R @ self._last.T) / (1.0 + self._lost)
+        whole = Rotation.from_matrix(scored.fit.R @ self._last.T).as_rotvec() / (1.0 + self._lost)
         if np.linalg.norm(whole) > 1.0:  # another of the symmetric selves
             return None
         self._turn, self._last, self._settled = whole, scored.fit.R, True
@@ -339,23 +338,28 @@ def _stretches(track: Track) -> list[NDArray[np.intp]]:
 
 def _first_guess(track: Track, rows: NDArray[np.intp]) -> float:
     """Return s^2 by third differences of the orientations, in which smooth motion is small and noise twenty-fold."""
-    turns = np.array([logarithm(track.R[b] @ track.R[a].T) for a, b in pairwise(rows)])
-    third = np.diff(turns, n=2, axis=0)
+    third = np.diff(_turns(track, rows).as_rotvec(), n=2, axis=0)
     if len(third) == 0:
         return 1e-3
     sizes = np.einsum("ki,kij,kj->k", third, track.information[rows[1:-2]], third) / 60.0
     return max(float(np.median(sizes)), 1e-9)
 
 
+def _turns(track: Track, rows: NDArray[np.intp]) -> Rotation:
+    """Return the rotations from each row to the next."""
+    orientations = Rotation.from_matrix(track.R[rows])
+    return orientations[1:] * orientations[:-1].inv()
+
+
 def _made_ready(t: NDArray[np.float64], track: Track, rows: NDArray[np.intp]) -> _Steps:
     steps = np.diff(t[rows])
     F, shift = np.zeros((len(steps), 9, 9)), np.zeros((len(steps), 9))
-    for k, (a, b, dt) in enumerate(zip(rows, rows[1:], steps, strict=False)):
-        f = logarithm(track.R[b] @ track.R[a].T)
-        bend = _EYE + 0.5 * np.array([[0.0, -f[2], f[1]], [f[2], 0.0, -f[0]], [-f[1], f[0], 0.0]])
-        F[k, :3, :3], F[k, :3, 3:6], F[k, :3, 6:] = exponential(f), dt * bend, 0.5 * dt**2 * bend
-        F[k, 3:6, 3:6], F[k, 3:6, 6:], F[k, 6:, 6:] = _EYE, dt * _EYE, _EYE
-        shift[k, :3] = -bend @ f
+    turns, dt = _turns(track, rows), steps[:, None, None]
+    f = turns.as_rotvec()
+    bend = _EYE + 0.5 * np.cross(f[:, None], _EYE).swapaxes(1, 2)
+    F[:, :3, :3], F[:, :3, 3:6], F[:, :3, 6:] = turns.as_matrix(), dt * bend, 0.5 * dt**2 * bend
+    F[:, 3:6, 3:6], F[:, 3:6, 6:], F[:, 6:, 6:] = _EYE, dt * _EYE, _EYE
+    shift[:, :3] = -np.einsum("kij,kj->ki", bend, f)
     sizes, axes = np.linalg.eigh(track.information[rows])
     believed = np.maximum(sizes - _UNBELIEVED * sizes.sum(axis=1, keepdims=True), 0.0)
     return _Steps(F=F, shift=shift, steps=steps, H=np.einsum("kij,kj,klj->kil", axes, believed, axes))

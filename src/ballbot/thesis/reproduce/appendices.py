@@ -7,19 +7,27 @@ a video of the twin upside down.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
 from ballbot.identification.inertia import Pivot, inertia_of_swing
+from ballbot.report.alignment import smoothed
+from ballbot.report.bench import swing_figure
+from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
+from ballbot.report.spin import velocity_figure
+from ballbot.report.style import MEASURED, STATE_SYMBOLS, WITHOUT_FRICTION, LineStyle
+from ballbot.robot import Robot
 from ballbot.robot.derived import shell_wall, wheel_speed_limit
-from ballbot.thesis.reproduce.bench import Bench
+from ballbot.thesis.reproduce.bench import BallVideo, Bench
+from ballbot.thesis.reproduce.drawing import Arrow, Curve, blocks_figure, panels_figure
 from ballbot.thesis.reproduce.item import Check, Item, over_runs
+from ballbot.thesis.reproduce.mistakes import RUBBER
 from ballbot.validation.alignment import Alignment, SensorErrors
 from ballbot.workflows.metrics import rms
-
-#: of the ball's rubber, by Appendix I [kg/m^3]
-RUBBER = 1000.0
 
 
 def figure_i_1(bench: Bench) -> Item:
@@ -37,23 +45,17 @@ def figure_i_1(bench: Bench) -> Item:
         ours=f"Ours is the same drawing with the numbers of the preset {bench.robot.name}; its formulas give "
         f"{wall:.2f} cm and {limit:.2f} rad/s.",
         checks=(
+            Check("the wall is 2.5 cm", "by mass, radius and density", wall, "cm", lowest=2.45, highest=2.55),
             Check(
-                claim="the wall is 2.5 cm",
-                quantity="by mass, radius and density",
-                value=wall,
-                unit="cm",
-                lowest=2.45,
-                highest=2.55,
-            ),
-            Check(
-                claim="the wheels' speed limit is 27.59 rad/s",
-                quantity="by supply, motor and gear",
-                value=limit,
-                unit="rad/s",
+                "the wheels' speed limit is 27.59 rad/s",
+                "by supply, motor and gear",
+                limit,
+                "rad/s",
                 lowest=27.585,
                 highest=27.595,
             ),
         ),
+        figure=lambda: _architecture(bench.robot),
     )
 
 
@@ -80,13 +82,14 @@ def figure_iii_1(bench: Bench) -> Item:
         "thesis's number.",
         checks=(
             Check.over(
+                "the method finds the inertia that was simulated, 4.37 kg m^2",
+                "found from the swing, its difference from that",
                 [100.0 * abs(one / THESIS_INERTIA - 1.0) for one in pivots],
-                claim="the method finds the inertia that was simulated, 4.37 kg m^2",
-                quantity="found from the swing, its difference from that",
-                unit="%",
+                "%",
                 highest=0.1,
             ),
         ),
+        figure=lambda: swing_figure(fit, label="simulated, with the tracking's error"),
     )
 
 
@@ -109,20 +112,15 @@ def figure_iv_1(bench: Bench) -> Item:
         ours=f"Theta and phi differ by {over_runs(near)} degrees (RMS, the larger); psi drifts by {over_runs(apart)} "
         f"degrees in {sensors[0].duration:.0f} s, as the twin's gyro was made to.",
         checks=(
+            Check.over("theta and phi stay close", "the larger RMS difference", near, "deg", highest=1.0),
             Check.over(
-                near,
-                claim="theta and phi stay close",
-                quantity="the larger RMS difference",
-                unit="deg",
-                highest=1.0,
-            ),
-            Check.over(
+                "psi drifts apart",
+                "its drift over the run, over the RMS about it",
                 [a / w for a, w in zip(apart, wander, strict=True)],
-                claim="psi drifts apart",
-                quantity="its drift over the run, over the RMS about it",
                 lowest=10.0,
             ),
         ),
+        figure=lambda: _both(bench.alignments[0], ("theta", "phi", "psi")),
     )
 
 
@@ -140,22 +138,23 @@ def figure_iv_2(bench: Bench) -> Item:
         f"{over_runs(drift)} degrees in 3 minutes.",
         checks=(
             Check.over(
+                "theta's and phi's errors peak just over 1 degree",
+                "the largest",
                 largest,
-                claim="theta's and phi's errors peak just over 1 degree",
-                quantity="the largest",
-                unit="deg",
+                "deg",
                 lowest=0.5,
                 highest=2.0,
             ),
             Check.over(
+                "the heading drifts by about 16 degrees in 3 minutes",
+                "drift",
                 drift,
-                claim="the heading drifts by about 16 degrees in 3 minutes",
-                quantity="drift",
-                unit="deg",
+                "deg",
                 lowest=0.9 * THESIS_DRIFT,
                 highest=1.1 * THESIS_DRIFT,
             ),
         ),
+        figure=lambda: _errors(bench.alignments[0], ("theta", "phi", "psi")),
     )
 
 
@@ -170,19 +169,20 @@ def figure_iv_3(bench: Bench) -> Item:
         "in the last.",
         checks=(
             Check.over(
+                "they match in the beginning",
+                f"largest distance in the first {_PART:g} s",
                 first,
-                claim="they match in the beginning",
-                quantity=f"largest distance in the first {_PART:g} s",
-                unit="mm",
+                "mm",
                 highest=100.0,
             ),
             Check.over(
+                "they drift apart",
+                "the last part's largest over the first's",
                 [b / a for a, b in zip(first, last, strict=True)],
-                claim="they drift apart",
-                quantity="the last part's largest over the first's",
                 lowest=2.0,
             ),
         ),
+        figure=lambda: _both(bench.alignments[0], ("x", "y")),
     )
 
 
@@ -202,18 +202,19 @@ def figure_iv_4(bench: Bench) -> Item:
         "position error's square.",
         checks=(
             Check.over(
+                "each error goes with the other coordinate's movement",
+                "the smaller correlation",
                 follows,
-                claim="each error goes with the other coordinate's movement",
-                quantity="the smaller correlation",
                 lowest=0.5,
             ),
             Check.over(
+                "the heading's drift makes them",
+                "share of the error's square that it explains",
                 shares,
-                claim="the heading's drift makes them",
-                quantity="share of the error's square that it explains",
                 lowest=0.5,
             ),
         ),
+        figure=lambda: _errors(bench.alignments[0], ("x", "y")),
     )
 
 
@@ -266,19 +267,15 @@ def figure_v_1(bench: Bench) -> Item:
         f"{1e3 * half_band:.0f} mrad to either side. The curve is (V.4) with both misprints mended (mistake "
         "10).",
         checks=(
+            Check("the curve is fitted to every frame", "share of the frames", tracked, lowest=0.99),
             Check(
-                claim="the curve is fitted to every frame",
-                quantity="share of the frames",
-                value=tracked,
-                lowest=0.99,
-            ),
-            Check(
-                claim="the curve lies on the seam",
-                quantity="RMS distance of the seam's pixels, over half its width",
-                value=off / half_band,
+                "the curve lies on the seam",
+                "RMS distance of the seam's pixels, over half its width",
+                off / half_band,
                 highest=1.0,
             ),
         ),
+        figure=lambda: _seam_figure(video),
     )
 
 
@@ -297,16 +294,116 @@ def figure_v_2(bench: Bench) -> Item:
         f"{found.peak:.1f} rad/s; video over wheels is {gains} about x, y and z.",
         checks=(
             Check(
-                claim="both match",
-                quantity="largest RMS difference about an axis over the peak",
-                value=off / found.peak,
+                "both match",
+                "largest RMS difference about an axis over the peak",
+                off / found.peak,
                 highest=_MATCH,
             ),
             Check(
-                claim="the transformation is right",
-                quantity="how far video over wheels is from 1, at most",
-                value=float(np.abs(found.gain - 1.0).max()),
+                "the transformation is right",
+                "how far video over wheels is from 1, at most",
+                float(np.abs(found.gain - 1.0).max()),
                 highest=_MATCH,
             ),
         ),
+        figure=lambda: velocity_figure(bench.ball_video.spin, found),
     )
+
+
+def _architecture(robot: Robot) -> Figure:
+    """Return the architecture with the robot's numbers."""
+    drive, sensors, n = robot.drive, robot.sensors, robot.wheel_count
+    left, right = 0.26, 0.78
+    wheels, ball = f"{2e3 * robot.wheels.radius:g} mm", robot.ball
+    return blocks_figure(
+        (
+            ("IMU MTi-3 AHRS\nlean, heading, rates", (left, 0.92), (0.42, 0.14)),
+            (f"batteries\n{drive.supply_voltage:g} V", (right, 0.92), (0.36, 0.14)),
+            (f"controller STM32F303\n{1.0 / sensors.sample_time:g} Hz", (left, 0.65), (0.42, 0.16)),
+            (f"{n} drivers\nESCON 36/3 EC", (right, 0.65), (0.36, 0.16)),
+            (f"{n} encoders HEDL 5540\n{sensors.encoder_counts} counts a turn", (left, 0.36), (0.46, 0.16)),
+            (f"{n} motors EC-i 40\ngears {drive.gear_ratio:g} : 1", (right, 0.36), (0.36, 0.16)),
+            (f"ball\n{ball.mass:g} kg, {200.0 * ball.radius:g} cm", (left, 0.08), (0.42, 0.14)),
+            (f"{n} omni-wheels\n{wheels}", (right, 0.08), (0.36, 0.14)),
+        ),
+        (
+            Arrow(path=((left, 0.85), (left, 0.73))),
+            Arrow(path=((right, 0.85), (right, 0.73))),
+            Arrow(path=((0.47, 0.65), (0.60, 0.65)), label="torque"),
+            Arrow(path=((right, 0.57), (right, 0.44)), label="current"),
+            Arrow(path=((0.60, 0.36), (0.49, 0.36))),
+            Arrow(path=((left, 0.44), (left, 0.57))),
+            Arrow(path=((right, 0.28), (right, 0.15))),
+            Arrow(path=((0.60, 0.08), (0.47, 0.08)), both_ways=True),
+        ),
+        height=4.0,
+    )
+
+
+_THIN: LineStyle = {"color": MUTED, "linestyle": "-", "linewidth": 0.6}
+
+
+def _both(found: Alignment, names: Sequence[str]) -> Figure:
+    """Return states on board and by the cameras, angles in degrees."""
+    log, panels = found.log, []
+    for name in names:
+        scale, unit = (1.0, "m") if name in ("x", "y") else (float(np.degrees(1.0)), "deg")
+        curves: list[Curve] = [
+            ("cameras", log.t, scale * log[f"mocap_{name}"], MEASURED),
+            ("on board", log.t, scale * log[name], WITHOUT_FRICTION),
+        ]
+        panels.append((f"{STATE_SYMBOLS[name]} [{unit}]", curves))
+    return panels_figure(panels)
+
+
+def _errors(found: Alignment, names: Sequence[str]) -> Figure:
+    """Return errors, and beside those of angles their drift, those of places what the heading's error makes of them."""
+    assert found.sensors is not None  # as in `_sensors`
+    t, place, panels = found.log.t, found.sensors.position, []
+    for name in names:
+        scale, unit = (1e3, "mm") if name in ("x", "y") else (float(np.degrees(1.0)), "deg")
+        error = scale * found.sensors.errors[name]
+        if name in ("x", "y"):
+            label = "made by the heading's error"
+            other = np.full(len(t), np.nan) if place is None else scale * place.predicted[:, "xy".index(name)]
+        else:
+            known, label = np.isfinite(error), "drift"
+            other = error[known].mean() + scale * found.sensors.of[name].drift * (t - t[known].mean())
+        mean = smoothed(error, max(1, round(1.0 / found.log.sample_time)))
+        curves: list[Curve] = [
+            ("each sample", t, error, _THIN),
+            ("mean over 1 s", t, mean, MEASURED),
+            (label, t, other, WITHOUT_FRICTION),
+        ]
+        panels.append((f"error of {STATE_SYMBOLS[name]} [{unit}]", curves))
+    return panels_figure(panels)
+
+
+#: of what was seen of the seam, about so many points are drawn
+_POINTS = 600
+
+
+def _seam_figure(video: BallVideo) -> Figure:
+    """Return a frame of the video, and beside it the sphere with the seam that is seen and the curve fitted."""
+    figure = Figure(figsize=(7.4, 3.6), layout="constrained")
+    picture, sphere = figure.subplots(1, 2)
+    view = video.spin.view
+    picture.imshow(video.frame[:, :, ::-1])
+    picture.plot(*view.outline().T, color="white", linewidth=0.8, linestyle="--")
+    reach = 1.2 * view.radius
+    picture.set(xlim=(view.x - reach, view.x + reach), ylim=(view.y + reach, view.y - reach))
+    picture.set(title=f"Frame {video.row} and the ball's outline found", xlabel="pixels", ylabel="pixels")
+    picture.grid(visible=False)
+    # the unit sphere as the camera sees it from far away, x to the right, y down
+    sphere.add_patch(Circle((0.0, 0.0), 1.0, facecolor="none", edgecolor=INK, linewidth=1.0))
+    seen = video.seen[:: max(1, len(video.seen) // _POINTS)]
+    sphere.plot(seen[:, 0], seen[:, 1], ".", color=ORANGE, markersize=2.5, label="seam seen")
+    near = video.curve[:, 2:] < 0.0  # the camera looks along +z
+    curves = ((~near, ":", MUTED, "on the far side"), (near, "-", BLUE, "curve fitted"))
+    for side, style, color, label in curves:
+        places = np.where(side, video.curve, np.nan)
+        sphere.plot(places[:, 0], places[:, 1], linestyle=style, linewidth=1.2, color=color, label=label)
+    sphere.set(xlim=(-1.2, 1.2), ylim=(1.2, -1.2), aspect="equal", title="Seam and curve on the ball")
+    sphere.set(xlabel="$x$ [ball radii]", ylabel="$y$ [ball radii]")
+    figure.legend(loc="outside lower right", ncols=3, markerscale=2.0)
+    return figure

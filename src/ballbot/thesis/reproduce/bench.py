@@ -8,8 +8,8 @@ recorded on video and tracked (Appendix V).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -24,16 +24,18 @@ from ballbot.control.presets import design_gain, nominal_controller
 from ballbot.control.references import Reference, change_pose, hold
 from ballbot.fitting.run import Run
 from ballbot.identification.driveline import DrivelineFit, Sweep, fit_driveline, sweeps_of
+from ballbot.identification.identify import identify
 from ballbot.identification.swing import SwingFit, fit_swing, follow_pendulum, swing_of
 from ballbot.identification.upside_down import identify_upside_down
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
+from ballbot.progress import ProgressCallback, ignore_progress, in_stage
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import sample_count, simulate
-from ballbot.thesis.reproduce.item import LONG_RUNS, RUNS, run_seed
-from ballbot.thesis.reproduce.recordings import CHANGE, CHANGE_RUN, VIDEO_LENGTH, Logs, ModelOnGrid
+from ballbot.thesis.reproduce.item import RUNS, run_seed
+from ballbot.thesis.reproduce.recordings import CHANGE, CHANGE_RUN, Logs, ModelOnGrid, record
 from ballbot.thesis.reproduce.runs import Validated, validated
 from ballbot.validation.alignment import Alignment, align
 from ballbot.vision.rendering import MPEG4, Scene, motion_of, render, write_video
@@ -46,6 +48,8 @@ from ballbot.workflows.ball_movement import BallMovement, ball_movement
 _FORWARD = 0.4
 #: the renderer's motion has so many rows a second
 _ROWS = 1000.0
+#: the video shows the beginning of the ball on the wheels of the robot upside down [s]
+_VIDEO_LENGTH = 8.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,18 +66,10 @@ class BallVideo:
     distances: NDArray[np.float64]  #: (k,) of what was seen from the curve [rad]
 
 
-def ball_video_of(robot: Robot, logs: Logs, *, path: Path, seed: int) -> BallVideo:
+def _ball_video(robot: Robot, logs: Logs, *, path: Path, seed: int) -> BallVideo:
     """Film the ball of a bench run with a real codec, follow its seam, and set it against the wheels.
 
-    Parameters
-    ----------
-    robot : Robot
-    logs : mapping
-        "log" and "truth" of the ball on the clamped wheels.
-    path : Path
-        Path of the video, .mp4.
-    seed : int
-        Of the camera's noise.
+    What is shown is the middle one of the tracked frames.
     """
     scene, truth = Scene(), logs["truth"]
     t = np.arange(0.0, truth.t[-1], 1.0 / _ROWS)
@@ -85,11 +81,7 @@ def ball_video_of(robot: Robot, logs: Logs, *, path: Path, seed: int) -> BallVid
     write_video(path, render(scene, motion, duration=duration, seed=seed), frame_rate=rate, codec=MPEG4)
     spin = measure_spin(open_video(path))
     comparison = compare_with_wheels(spin, logs["log"], robot)
-    return _looked_at(scene, spin.turned(comparison.robot_camera), comparison)
-
-
-def _looked_at(scene: Scene, spin: Spin, comparison: WheelComparison) -> BallVideo:
-    """Return the results from the video, with the middle one of its tracked frames."""
+    spin = spin.turned(comparison.robot_camera)
     tracked = np.flatnonzero(spin.track.tracked)
     row = int(tracked[len(tracked) // 2])
     frame = next(frame for k, (_, frame) in enumerate(spin.video.frames()) if k == row)
@@ -97,7 +89,7 @@ def _looked_at(scene: Scene, spin: Spin, comparison: WheelComparison) -> BallVid
     seen = np.asarray(finder.find(frame)[0].p, dtype=np.float64)
     curve = spin.seam.points @ spin.track.R[row].T
     # chords are as good as arcs at these distances
-    distances, _ = KDTree(curve).query(seen)
+    distances = np.asarray(KDTree(curve).query(seen)[0], dtype=np.float64)
     return BallVideo(
         scene=scene,
         spin=spin,
@@ -106,7 +98,7 @@ def _looked_at(scene: Scene, spin: Spin, comparison: WheelComparison) -> BallVid
         frame=frame,
         seen=seen,
         curve=curve,
-        distances=np.asarray(distances, dtype=np.float64),
+        distances=distances,
     )
 
 
@@ -145,15 +137,26 @@ class Bench:
     """Recordings, and the robot identified from them."""
 
     robot: Robot  #: without friction
-    identify: Callable[[], Robot]  #: gives the robot with the friction of balancing
-    recordings: Mapping[str, Logs]
     seed: int
     folder: Path  #: for what is made on the way
+    progress: ProgressCallback = ignore_progress
+    _recorded: dict[str, list[Logs]] = field(default_factory=dict[str, list[Logs]], init=False)
+
+    def recorded(self, kind: str) -> list[Logs]:
+        """Return the twin's recordings of a kind; see `recordings.KINDS`."""
+        if kind not in self._recorded:
+            robot = self.identified if kind == "with_compensation" else self.robot
+            self._recorded[kind] = record(
+                kind, robot, seed=self.seed, folder=self.folder, progress=self.progress
+            )
+        return self._recorded[kind]
 
     @cached_property
     def identified(self) -> Robot:
         """The robot with the friction of balancing, identified from two recordings."""
-        return self.identify()
+        logs = [one["log"].without_truth() for one in self.recorded("fit")]
+        run = Run(seed=self.seed, progress=in_stage(self.progress, "identifying the friction"))
+        return rounded_friction(identify(self.robot, logs, run=run).robot)
 
     @cached_property
     def design(self) -> LqrDesign:
@@ -163,7 +166,7 @@ class Bench:
     @cached_property
     def sweeps(self) -> list[Sweep]:
         """The drivelines' sweeps (Figure 3.1)."""
-        return sweeps_of(self.robot, self.recordings["driveline_sweep"]["log"])
+        return sweeps_of(self.robot, self.recorded("driveline_sweep")[0]["log"])
 
     @cached_property
     def driveline_fit(self) -> DrivelineFit:
@@ -173,7 +176,7 @@ class Bench:
     @cached_property
     def contact(self) -> Robot:
         """The robot with the friction of drivelines and contacts, identified upside down as section 3.2 has it."""
-        log = self.recordings["upside_down"]["log"]
+        log = self.recorded("upside_down")[0]["log"]
         return rounded_friction(identify_upside_down(self.robot, log, run=Run(seed=self.seed)).robot)
 
     @cached_property
@@ -226,15 +229,15 @@ class Bench:
     @cached_property
     def twin_changes(self) -> dict[str, tuple[Log, ...]]:
         """The twin through it, "none" and "full" compensation."""
-        return {"none": self.uncompensated, "full": self._changed("with_compensation")}
+        return {"none": self.uncompensated, "full": self._logs("with_compensation")}
 
     @cached_property
     def uncompensated(self) -> tuple[Log, ...]:
         """The twin through it without compensation."""
-        return self._changed("without_compensation")
+        return self._logs("without_compensation")
 
-    def _changed(self, name: str) -> tuple[Log, ...]:
-        return tuple(self.recordings[f"{name}_{k}"]["log"] for k in range(RUNS))
+    def _logs(self, kind: str) -> tuple[Log, ...]:
+        return tuple(one["log"] for one in self.recorded(kind))
 
     @cached_property
     def validations(self) -> tuple[Validated, ...]:
@@ -246,8 +249,7 @@ class Bench:
     @cached_property
     def alignments(self) -> tuple[Alignment, ...]:
         """The three-minute runs beside motion capture (Appendix IV)."""
-        pairs = [self.recordings[f"drifting_{k}"] for k in range(LONG_RUNS)]
-        return tuple(align(pair["log"].without_truth(), pair["mocap"]) for pair in pairs)
+        return tuple(align(pair["log"].without_truth(), pair["mocap"]) for pair in self.recorded("drifting"))
 
     @cached_property
     def swings(self) -> tuple[SwingFit, ...]:
@@ -271,8 +273,10 @@ class Bench:
     @cached_property
     def ball_video(self) -> BallVideo:
         """The ball of the robot held upside down, recorded on video and tracked (Appendix V)."""
-        logs = {name: log.between(0.0, VIDEO_LENGTH) for name, log in self.recordings["upside_down"].items()}
-        return ball_video_of(self.robot, logs, path=self.folder / "ball.mp4", seed=self.seed)
+        logs = {
+            name: log.between(0.0, _VIDEO_LENGTH) for name, log in self.recorded("upside_down")[0].items()
+        }
+        return _ball_video(self.robot, logs, path=self.folder / "ball.mp4", seed=self.seed)
 
     def _linear(self, formulation: Formulation, reference: Reference) -> Log:
         gain = self.design.gain
@@ -302,17 +306,11 @@ def rounded_friction(robot: Robot) -> Robot:
     def rounded(value: float) -> float:
         return float(f"{value:.{_FRICTION_DIGITS}g}")
 
-    friction = robot.friction
-    return robot.replace(
-        friction=Friction(
-            viscous=tuple(map(rounded, friction.viscous)),
-            coulomb=tuple(map(rounded, friction.coulomb)),
-            stribeck=tuple(map(rounded, friction.stribeck)),
-            stribeck_speed=rounded(friction.stribeck_speed),
-            stribeck_exponent=rounded(friction.stribeck_exponent),
-            rolling=rounded(friction.rolling),
-        )
-    )
+    values = {
+        name: tuple(map(rounded, value)) if isinstance(value, tuple) else rounded(value)
+        for name, value in vars(robot.friction).items()
+    }
+    return robot.replace(friction=replace(robot.friction, **values))
 
 
 def straight(step: float) -> Reference:

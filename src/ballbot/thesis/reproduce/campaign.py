@@ -1,29 +1,19 @@
-"""The work of `ballbot reproduce`: record, identify, compensate, then measure each figure in the thesis's order."""
+"""The work of `ballbot reproduce`: each figure and table in the thesis's order, then the mistakes."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from ballbot.errors import InputError
-from ballbot.fitting.run import Run
-from ballbot.identification.identify import identify
-from ballbot.progress import Progress, ProgressCallback, in_stage
+from ballbot.progress import Progress, ProgressCallback
 from ballbot.robot import Friction, Robot
 from ballbot.thesis.reproduce import appendices, chapter5, chapters_2_to_4
-from ballbot.thesis.reproduce.bench import Bench, rounded_friction
+from ballbot.thesis.reproduce.bench import Bench
 from ballbot.thesis.reproduce.item import VERDICTS, Item, Mistake, Verdict
 from ballbot.thesis.reproduce.mistakes import MISTAKES
-from ballbot.thesis.reproduce.recordings import (
-    FIRST,
-    SECOND,
-    Logs,
-    Recorded,
-    Recording,
-    record_all,
-)
 
 ITEMS: tuple[Callable[[Bench], Item], ...] = (
     chapters_2_to_4.figure_2_1,
@@ -53,10 +43,6 @@ ITEMS: tuple[Callable[[Bench], Item], ...] = (
     appendices.figure_v_1,
     appendices.figure_v_2,
 )
-
-
-#: the logs that friction is identified from
-_FITTED = ("fit_square", "fit_eight")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -120,7 +106,9 @@ def reproduce(
         Called with the progress.
     """
     chosen, mistaken = items_named(only), () if only else MISTAKES
-    bench = make_bench(folder, seed=seed, at_once=only is None, progress=progress)
+    alten = Robot.load("alten")
+    robot = alten.replace(friction=Friction.none(alten.wheel_count))
+    bench = Bench(robot=robot, seed=seed, folder=folder, progress=progress)
     total = len(chosen) + len(mistaken)
     items, mistakes = [], []
     for done, make in enumerate(chosen):
@@ -130,44 +118,3 @@ def reproduce(
         progress(Progress(stage="mistakes", done=done, total=total))
         mistakes.append(make(bench))
     return Reproduction(bench=bench, items=tuple(items), mistakes=tuple(mistakes))
-
-
-def make_bench(folder: Path, *, seed: int, at_once: bool, progress: ProgressCallback) -> Bench:
-    """Return the twin's recordings and the robot with its friction; see `reproduce`.
-
-    Made `at_once`, or each when it is first needed.
-    """
-    alten = Robot.load("alten")
-    robot = alten.replace(friction=Friction.none(alten.wheel_count))
-
-    def record(chosen: tuple[Recording, ...]) -> dict[str, Logs]:
-        first = not set(chosen) & set(SECOND)
-        return record_all(
-            chosen,
-            robot if first else bench.identified,
-            seed=seed,
-            folder=folder / ("first" if first else "compensated"),
-            progress=progress,
-        )
-
-    recordings = Recorded(record)
-    bench = Bench(
-        robot=robot,
-        identify=lambda: _identified(robot, recordings, seed=seed, progress=progress),
-        recordings=recordings,
-        seed=seed,
-        folder=folder,
-    )
-    if at_once:
-        recordings.make(FIRST)
-        recordings.make(SECOND)
-    return bench
-
-
-def _identified(
-    robot: Robot, recordings: Mapping[str, Logs], *, seed: int, progress: ProgressCallback
-) -> Robot:
-    """Return the robot with the friction identified from two recordings."""
-    logs = [recordings[name]["log"].without_truth() for name in _FITTED]
-    found = identify(robot, logs, run=Run(seed=seed, progress=in_stage(progress, "identifying the friction")))
-    return rounded_friction(found.robot)

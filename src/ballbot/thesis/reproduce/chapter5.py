@@ -13,23 +13,38 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from ballbot.log import Log
 from ballbot.mechanics.parameters import Formulation
+from ballbot.report.comparison import RUN_LINES
+from ballbot.report.palette import BLUE, INK, MUTED, ORANGE, SHADE
+from ballbot.report.style import STATE_SYMBOLS, WITH_FRICTION, WITHOUT_FRICTION, LineStyle
 from ballbot.thesis.reproduce.bench import BASIC, STEPS, Bench
+from ballbot.thesis.reproduce.drawing import (
+    BASIC_LABELS,
+    THESIS_EQUATIONS,
+    Arrow,
+    Curve,
+    Shown,
+    blocks_figure,
+    panels_figure,
+    paths_figure,
+    state_panels,
+)
 from ballbot.thesis.reproduce.item import Check, Item, Rows, over_runs
-from ballbot.thesis.reproduce.recordings import ARRIVED
+from ballbot.thesis.reproduce.mistakes import largest_lean
+from ballbot.thesis.reproduce.recordings import ARRIVED, CHANGE_RUN
 from ballbot.thesis.reproduce.runs import (
     above,
     apart,
     distance_at,
     largest_apart,
-    largest_lean,
     peak_after_arrival,
     steady_error,
     way_apart,
 )
-from ballbot.workflows.metrics import rms
+from ballbot.workflows.metrics import position_error, rms
 
 #: what the thesis reads from Figure 5.8 [m]
 THESIS_PEAKS = {"none": 1.0, "full": 0.2}
@@ -91,6 +106,7 @@ def figure_5_1(bench: Bench) -> Item:
                 for k, step in enumerate(STEPS)
             ),
         ),
+        figure=lambda: _linear_figure(bench),
     )
 
 
@@ -104,6 +120,7 @@ def figure_5_2(bench: Bench) -> Item:
         ours="Ours has one block more: the error is turned by S(psi) into the heading's frame before the "
         "gain, as the wheels turn with the body; and the torque is limited, here to "
         f"{bench.robot.drive.torque_limit:g} N m.",
+        figure=_compensation,
     )
 
 
@@ -118,6 +135,7 @@ def figure_5_3(bench: Bench) -> Item:
         kind: [1e3 * steady_error(log) for log in bench.changes[kind]]
         for kind in ("none", "full", "full_sign")
     }
+    shown = _shown(bench, ("none", "full"))
     return Item(
         name="Figure 5.3",
         title="Position of the linear model, and of the nonlinear one with and without compensation",
@@ -129,18 +147,19 @@ def figure_5_3(bench: Bench) -> Item:
         "the range.",
         checks=(
             Check.over(
+                "compensation brings it nearer to the linear model",
+                "RMS difference without compensation over that with",
                 _ratios(off["none"], off["full"]),
-                claim="compensation brings it nearer to the linear model",
-                quantity="RMS difference without compensation over that with",
                 lowest=1.0,
             ),
             Check.over(
+                "compensation makes it follow the reference better",
+                "mean distance over the last 5 s, without over with",
                 _ratios(ends["none"], ends["full"]),
-                claim="compensation makes it follow the reference better",
-                quantity="mean distance over the last 5 s, without over with",
                 lowest=1.0,
             ),
         ),
+        figure=lambda: panels_figure(state_panels(shown, ("x", "y"), end=CHANGE_RUN), columns=2),
     )
 
 
@@ -165,24 +184,25 @@ def figure_5_4(bench: Bench) -> Item:
         checks=(
             *(
                 Check.over(
+                    f"with a {law} partial compensation has less steady error",
+                    "full over partial",
                     _ratios(full, partial),
-                    claim=f"with a {law} partial compensation has less steady error",
-                    quantity="full over partial",
                     lowest=_CLEARLY,
                 )
                 for law, (full, partial) in errors.items()
             ),
             *(
                 Check.over(
+                    f"with a {law} the difference is small",
+                    "its size",
                     [abs(a - b) for a, b in zip(full, partial, strict=True)],
-                    claim=f"with a {law} the difference is small",
-                    quantity="its size",
-                    unit="mm",
+                    "mm",
                     highest=50.0,
                 )
                 for law, (full, partial) in errors.items()
             ),
         ),
+        figure=lambda: _partial_figure(bench),
     )
 
 
@@ -202,12 +222,13 @@ def figure_5_5(bench: Bench) -> Item:
         "wheel turns from driving to braking. The linear model, which knows no heading, is left out.",
         checks=(
             Check.over(
+                "partial compensation oscillates more",
+                f"RMS above {FAST:g} Hz, partial over full",
                 _ratios(fast["partial"], fast["full"]),
-                claim="partial compensation oscillates more",
-                quantity=f"RMS above {FAST:g} Hz, partial over full",
                 lowest=_CLEARLY,
             ),
         ),
+        figure=lambda: _wheels_figure(bench),
     )
 
 
@@ -231,25 +252,26 @@ def figure_5_6(bench: Bench) -> Item:
         f"{over_runs(ways['none'])} mm without.",
         checks=(
             Check.over(
+                "with compensation deviations are small",
+                "largest distance after arrival",
                 peaks["full"],
-                claim="with compensation deviations are small",
-                quantity="largest distance after arrival",
-                unit="mm",
+                "mm",
                 highest=100.0,
             ),
             Check.over(
+                "without compensation it does not follow",
+                "largest distance without over that with",
                 _ratios(peaks["none"], peaks["full"]),
-                claim="without compensation it does not follow",
-                quantity="largest distance without over that with",
                 lowest=2.0,
             ),
             Check.over(
+                "on the way compensation keeps it nearer to the linear model's path",
+                "largest distance from that path, without over with",
                 _ratios(ways["none"], ways["full"]),
-                claim="on the way compensation keeps it nearer to the linear model's path",
-                quantity="largest distance from that path, without over with",
                 lowest=_CLEARLY,
             ),
         ),
+        figure=lambda: paths_figure(_all(bench.changes), ball_radius=bench.robot.ball.radius, goal=True),
     )
 
 
@@ -273,18 +295,19 @@ def figure_5_7(bench: Bench) -> Item:
         f"linear model with compensation, {over_runs(ways['none'])} mm without.",
         checks=(
             Check.over(
+                "compensation helps the robot",
+                "largest distance without compensation over that with",
                 _ratios(peaks["none"], peaks["full"]),
-                claim="compensation helps the robot",
-                quantity="largest distance without compensation over that with",
                 lowest=1.5,
             ),
             Check.over(
+                "the robot follows less closely than the model",
+                "the twin's largest distance over the model's",
                 _ratios([1e3 * one for one in peaks["full"]], simulated),
-                claim="the robot follows less closely than the model",
-                quantity="the twin's largest distance over the model's",
                 lowest=1.0,
             ),
         ),
+        figure=lambda: paths_figure(_all(bench.twin_changes), ball_radius=bench.robot.ball.radius, goal=True),
     )
 
 
@@ -294,10 +317,10 @@ def figure_5_8(bench: Bench) -> Item:
     ratios = _ratios(peaks["none"], peaks["full"])
     within_two = tuple(
         Check.over(
+            f"{_WORDS[kind]} the peak error is about {THESIS_PEAKS[kind]:g} m",
+            "largest distance after arrival",
             peaks[kind],
-            claim=f"{_WORDS[kind]} the peak error is about {THESIS_PEAKS[kind]:g} m",
-            quantity="largest distance after arrival",
-            unit="m",
+            "m",
             lowest=0.5 * THESIS_PEAKS[kind],
             highest=2.0 * THESIS_PEAKS[kind],
         )
@@ -314,14 +337,15 @@ def figure_5_8(bench: Bench) -> Item:
         checks=(
             *within_two,
             Check.over(
+                "compensation makes the peak several times smaller",
+                "the one over the other",
                 ratios,
-                claim="compensation makes the peak several times smaller",
-                quantity="the one over the other",
                 lowest=2.5,
                 highest=10.0,
             ),
         ),
         table=_runs_table(bench, peaks),
+        figure=lambda: _distance_figure(bench),
     )
 
 
@@ -332,26 +356,26 @@ def _linear_checks(
     return (
         *(
             Check(
-                claim=f"the linear and the nonlinear model overlap ({BASIC[name]})",
-                quantity="largest RMS difference of a state, of its range",
-                value=value,
+                f"the linear and the nonlinear model overlap ({BASIC[name]})",
+                "largest RMS difference of a state, of its range",
+                value,
                 highest=_OVERLAPPING,
             )
             for name, value in near.items()
         ),
         *(
             Check(
-                claim=f"they part more with a larger lean ({BASIC[name]})",
-                quantity="smallest ratio of a difference to the one before, the way doubled each time",
-                value=float(np.min(np.divide(values[1:], values[:-1]))),
+                f"they part more with a larger lean ({BASIC[name]})",
+                "smallest ratio of a difference to the one before, the way doubled each time",
+                float(np.min(np.divide(values[1:], values[:-1]))),
                 lowest=_CLEARLY,
             )
             for name, values in growth.items()
         ),
         Check.over(
+            "friction changes the behaviour drastically",
+            "RMS difference of x with friction, of its range",
             far,
-            claim="friction changes the behaviour drastically",
-            quantity="RMS difference of x with friction, of its range",
             lowest=2.0 * _OVERLAPPING,
         ),
     )
@@ -392,3 +416,145 @@ def _ratios(first: Sequence[float], second: Sequence[float]) -> list[float]:
 
 def _percent(values: Sequence[float]) -> list[float]:
     return [100.0 * one for one in values]
+
+
+_LINEAR: LineStyle = {"color": INK, "linestyle": "-", "linewidth": 1.8}
+#: as the way and the lean grow
+_GROWING: tuple[LineStyle, ...] = (
+    {"color": MUTED, "linestyle": ":", "linewidth": 1.4},
+    {"color": BLUE, "linestyle": "-.", "linewidth": 1.1},
+    {"color": ORANGE, "linestyle": "--", "linewidth": 1.1},
+    {"color": INK, "linestyle": "-", "linewidth": 1.1},
+)
+_KINDS = {"none": "no compensation", "full": "full compensation", "partial": "partial compensation"}
+
+
+def _shown(bench: Bench, kinds: Sequence[str], suffix: str = "") -> list[Shown]:
+    """Return the linear model and the first run with friction of each kind of compensation."""
+    return [
+        Shown(label="linear", log=bench.linear["exact"], line=_LINEAR),
+        *(
+            Shown(label=_KINDS[kind], log=bench.changes[f"{kind}{suffix}"][0], line=RUN_LINES[kind])
+            for kind in kinds
+        ),
+    ]
+
+
+def _all(runs: Mapping[str, Sequence[Log]]) -> list[Shown]:
+    """Return all runs without and with compensation: the first of each bold and named, the others thin."""
+    return [
+        Shown(
+            label=label if number == 0 else "_" + label,
+            log=log,
+            line=RUN_LINES[kind] if number == 0 else {**RUN_LINES[kind], "linewidth": 0.35},
+        )
+        for kind, label in (("none", "no compensation"), ("full", "compensation"))
+        for number, log in enumerate(runs[kind])
+    ]
+
+
+def _linear_figure(bench: Bench) -> Figure:
+    """Return states of the linear model and of the nonlinear ones, and how far the two part as the lean grows."""
+    end, basic = 20.0, bench.basic
+    shown = [
+        Shown(label="linear", log=bench.linear["exact"], line=_LINEAR),
+        Shown(label=f"nonlinear, {BASIC_LABELS['exact']}", log=basic["exact"], line=WITHOUT_FRICTION),
+        Shown(label=f"nonlinear, {BASIC_LABELS['thesis']}", log=basic["thesis"], line=THESIS_EQUATIONS),
+        Shown(label="nonlinear, friction", log=bench.changes["none"][0], line=WITH_FRICTION),
+    ]
+    panels = state_panels(shown, ("x", "y", "theta", "phi", "psi", "psi_dot"), end=end)
+    for name, unit in (("theta", "mrad"), ("x", "mm")):
+        curves: list[Curve] = []
+        for (straight, bent), line in zip(bench.parting["exact"], _GROWING, strict=True):
+            rows = bent.t <= end
+            label = f"lean up to {np.degrees(largest_lean(bent)):.1f}°"
+            curves.append((label, bent.t[rows], 1e3 * (bent[name] - straight[name])[rows], line))
+        panels.append((f"{STATE_SYMBOLS[name]}: nonlinear\nless linear [{unit}]", curves))
+    figure = panels_figure(panels, columns=2)
+    for axes in figure.axes[-2:]:
+        axes.set_yscale("symlog", linthresh=1.0)
+    figure.axes[-1].legend(loc="upper right", ncols=2, fontsize=7)
+    return figure
+
+
+def _compensation() -> Figure:
+    """Return the block diagram of model-based compensation."""
+    return blocks_figure(
+        (
+            ("$r - x$", (0.15, 0.86), (0.20, 0.18)),
+            ("$S(\\psi)$\nheading frame", (0.49, 0.86), (0.32, 0.20)),
+            ("LQR\n$K$", (0.85, 0.86), (0.22, 0.20)),
+            ("robot", (0.15, 0.50), (0.22, 0.18)),
+            ("torque\nlimit", (0.49, 0.50), (0.22, 0.20)),
+            ("$+$", (0.85, 0.50), (0.12, 0.18)),
+            ("wheel speeds\n(3.9)", (0.44, 0.12), (0.30, 0.20)),
+            ("friction model\n(3.7), (3.8)", (0.83, 0.12), (0.32, 0.20)),
+        ),
+        (
+            Arrow(path=((0.0, 0.86), (0.05, 0.86)), label="$r$"),
+            Arrow(path=((0.25, 0.86), (0.33, 0.86))),
+            Arrow(path=((0.65, 0.86), (0.74, 0.86))),
+            Arrow(path=((0.85, 0.76), (0.85, 0.59))),
+            Arrow(path=((0.79, 0.50), (0.60, 0.50)), label="$u$"),
+            Arrow(path=((0.38, 0.50), (0.26, 0.50))),
+            Arrow(path=((0.15, 0.59), (0.15, 0.77)), label="$x$"),
+            Arrow(path=((0.15, 0.41), (0.15, 0.12), (0.29, 0.12)), label="$x$"),
+            Arrow(path=((0.59, 0.12), (0.67, 0.12))),
+            Arrow(path=((0.85, 0.22), (0.85, 0.41))),
+        ),
+        height=3.2,
+    )
+
+
+def _partial_figure(bench: Bench) -> Figure:
+    """Return the position of the linear model and with full and partial compensation: a bare sign, and a ramp."""
+    panels = []
+    for suffix, law in (("_sign", ", bare sign"), ("", ", ramp")):
+        shown = _shown(bench, ("full", "partial"), suffix)
+        panels += state_panels(shown, ("x", "y"), end=CHANGE_RUN, note=law)
+    return panels_figure(panels, columns=2)
+
+
+def _wheels_figure(bench: Bench) -> Figure:
+    """Return the wheels' speeds with full and partial compensation, and what of them is fast."""
+    first, last, h = 2.5, 8.0, bench.robot.sensors.sample_time
+    panels, reach = [], 0.0
+    for wheel in range(bench.robot.wheel_count):
+        whole: list[Curve] = []
+        part: list[Curve] = []
+        for kind in ("full", "partial"):
+            log = bench.changes[kind][0]
+            rows, t = (log.t >= first) & (log.t <= last), log.t
+            fast = 1e3 * above(log.wheel_speeds, h, FAST)[:, wheel]
+            whole.append((_KINDS[kind], t[rows], log.wheel_speeds[rows, wheel], RUN_LINES[kind]))
+            part.append((_KINDS[kind], t[rows], fast[rows], RUN_LINES[kind]))
+            reach = max(reach, 1.2 * float(np.abs(fast[(t >= MOVING[0]) & (t <= last)]).max()))
+        panels += [(f"wheel {wheel + 1} [rad/s]", whole), (f"above {FAST:g} Hz\n[mrad/s]", part)]
+    figure = panels_figure(panels, columns=2)
+    for axes in figure.axes[1::2]:
+        axes.set_ylim(-reach, reach)  # the step's jump goes beyond
+    return figure
+
+
+def _distance_figure(bench: Bench) -> Figure:
+    """Return the twin's distance from the reference over time, of every run, and the reference."""
+    longest = bench.twin_changes["none"][0]
+    distances: list[Curve] = [
+        (one.label, one.log.t, position_error(one.log), one.line) for one in _all(bench.twin_changes)
+    ]
+    dashes = (("x", "-", "m"), ("y", "--", "m"), ("psi", "-.", "rad"))
+    wanted: list[Curve] = [
+        (
+            f"{STATE_SYMBOLS[name]} [{unit}]",
+            longest.t,
+            longest[f"ref_{name}"],
+            {"color": INK, "linestyle": dash, "linewidth": 1.2},
+        )
+        for name, dash, unit in dashes
+    ]
+    figure = panels_figure([("distance from the\nreference [m]", distances), ("reference", wanted)])
+    upper, lower = figure.axes
+    upper.axvspan(ARRIVED, float(longest.t[-1]), color=SHADE)
+    upper.text(ARRIVED, 1.2, " arrived: the peak is taken here", fontsize=7.5)
+    lower.legend(loc="upper right", ncols=3)
+    return figure

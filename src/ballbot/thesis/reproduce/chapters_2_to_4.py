@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.identification.driveline import Sweep
-from ballbot.log import STATE_NAMES
+from ballbot.log import STATE_NAMES, Log
+from ballbot.report.bench import movement_figure
+from ballbot.report.driveline import measured_figure, torque_speed_figure
+from ballbot.report.style import MEASURED, WITH_FRICTION, WITHOUT_FRICTION
+from ballbot.report.validation_figures import correlation_figure, symbols
 from ballbot.thesis.reproduce.bench import BASIC, FIRST_LEAN, Bench
+from ballbot.thesis.reproduce.drawing import (
+    BASIC_LABELS,
+    THESIS_EQUATIONS,
+    Shown,
+    coordinates_figure,
+    panels_figure,
+    paths_figure,
+    state_panels,
+)
 from ballbot.thesis.reproduce.item import RUNS, Check, Item, Rows, over_runs
-from ballbot.thesis.reproduce.mistakes import LEANING_PAIRS, NAMED_PAIRS, clear_correlation
+from ballbot.thesis.reproduce.mistakes import clear_correlation, velocity_pairs
 from ballbot.thesis.reproduce.runs import AHEAD, MODELS, RESTART, Validated, above
 from ballbot.validation.statistics import Correlations
 from ballbot.workflows.comparison import median_with_interval
@@ -28,6 +41,7 @@ def figure_2_1(bench: Bench) -> Item:
         ours=f"Ours is drawn to scale from the parameters of Appendix III ({bench.robot.name}), from its "
         "right and from above, with the same coordinates: x forward, y left, z up, and R = Rx(theta) "
         "Ry(phi) Rz(psi).",
+        figure=lambda: coordinates_figure(bench.robot),
     )
 
 
@@ -52,20 +66,21 @@ def figure_3_1(bench: Bench) -> Item:
         f"{', '.join(f'{torque:.3f}' for torque in torques)} N m.",
         checks=(
             Check(
-                claim="the speed limit is at 27.7 rad/s",
-                quantity="greatest speed of a wheel",
-                value=fastest,
-                unit="rad/s",
+                "the speed limit is at 27.7 rad/s",
+                "greatest speed of a wheel",
+                fastest,
+                "rad/s",
                 lowest=0.99 * THESIS_LIMIT,
                 highest=1.01 * THESIS_LIMIT,
             ),
             Check(
-                claim="all wheels are roughly the same",
-                quantity=f"spread of their torques at {_SPEED:g} rad/s, of the largest",
-                value=spread,
+                "all wheels are roughly the same",
+                f"spread of their torques at {_SPEED:g} rad/s, of the largest",
+                spread,
                 highest=_ROUGHLY,
             ),
         ),
+        figure=lambda: measured_figure(bench.sweeps),
     )
 
 
@@ -86,18 +101,14 @@ def figure_3_2(bench: Bench) -> Item:
         f"are {100.0 * share:.0f} % of it, summed over the sweep.",
         checks=(
             Check(
-                claim="the model with friction is closer",
-                quantity="RMS error without friction over that with",
-                value=fit.rmse_without / fit.rmse,
+                "the model with friction is closer",
+                "RMS error without friction over that with",
+                fit.rmse_without / fit.rmse,
                 lowest=1.0,
             ),
-            Check(
-                claim="most of the friction is viscous and Coulomb",
-                quantity="their share",
-                value=share,
-                lowest=0.5,
-            ),
+            Check("most of the friction is viscous and Coulomb", "their share", share, lowest=0.5),
         ),
+        figure=lambda: torque_speed_figure(sweep, fit),
     )
 
 
@@ -125,31 +136,32 @@ def figure_3_4(bench: Bench) -> Item:
         f"{1e3 * movement.off_axis_with_friction:.0f} mrad with friction.",
         checks=(
             Check(
-                claim="without friction there is no steady error",
-                quantity="fraction of the angle missed at the end",
-                value=missed["without"],
+                "without friction there is no steady error",
+                "fraction of the angle missed at the end",
+                missed["without"],
                 highest=1e-5,
             ),
             Check(
-                claim="with friction there is one",
-                quantity="fraction of the angle missed at the end",
-                value=missed["with"],
+                "with friction there is one",
+                "fraction of the angle missed at the end",
+                missed["with"],
                 lowest=0.05,
             ),
             Check(
-                claim="friction moves the ball about axes that were not commanded",
-                quantity="largest turn about one with friction",
-                value=1e3 * movement.off_axis_with_friction,
-                unit="mrad",
+                "friction moves the ball about axes that were not commanded",
+                "largest turn about one with friction",
+                1e3 * movement.off_axis_with_friction,
+                "mrad",
                 lowest=5.0,
             ),
             Check(
-                claim="and does so more than the controller alone",
-                quantity="the same over that without friction, 1e-9 rad at least",
-                value=min(ratio, 1e3),
+                "and does so more than the controller alone",
+                "the same over that without friction, 1e-9 rad at least",
+                min(ratio, 1e3),
                 lowest=10.0,
             ),
         ),
+        figure=lambda: movement_figure(movement),
     )
 
 
@@ -159,6 +171,7 @@ def figure_3_5(bench: Bench) -> Item:
         name: [1e3 * float(position_error(log)[log.t >= 0.5 * log.t[-1]].max()) for log in logs]
         for name, logs in bench.standing.items()
     }
+    shown = _shown({name: logs[0] for name, logs in bench.standing.items()})
     return Item(
         name="Figure 3.5",
         title="The models with and without friction, holding the origin from a small lean",
@@ -170,22 +183,23 @@ def figure_3_5(bench: Bench) -> Item:
         checks=(
             *(
                 Check.over(
+                    f"the basic model stands still at the origin ({BASIC[name]})",
+                    "its largest distance in the last half minute",
                     late[name],
-                    claim=f"the basic model stands still at the origin ({BASIC[name]})",
-                    quantity="its largest distance in the last half minute",
-                    unit="mm",
+                    "mm",
                     highest=1e-3,
                 )
                 for name in BASIC
             ),
             Check.over(
+                "the model with friction moves around it",
+                "its largest distance in the last half minute",
                 late["friction"],
-                claim="the model with friction moves around it",
-                quantity="its largest distance in the last half minute",
-                unit="mm",
+                "mm",
                 lowest=20.0,
             ),
         ),
+        figure=lambda: paths_figure(shown, ball_radius=bench.robot.ball.radius, goal=False),
     )
 
 
@@ -222,6 +236,7 @@ def figure_4_1(bench: Bench) -> Item:
     shaken, truly = (
         list(ratios) for ratios in zip(*(_shaking(bench, k) for k in range(len(found))), strict=True)
     )
+    runs = {"measured": found[0].log.without_truth()} | found[0].runs
     return Item(
         name="Figure 4.1",
         title="Closed loop: measured, and simulated with and without friction",
@@ -235,26 +250,27 @@ def figure_4_1(bench: Bench) -> Item:
         checks=(
             *(
                 Check.over(
+                    f"{name} is closer with friction",
+                    "error without friction over that with, whole run",
                     values,
-                    claim=f"{name} is closer with friction",
-                    quantity="error without friction over that with, whole run",
                     lowest=1.0,
                 )
                 for name, values in closer.items()
             ),
             Check.over(
+                "the lean matches neither model",
+                "RMS error of theta or phi with friction over its standard deviation, the smaller",
                 missed,
-                claim="the lean matches neither model",
-                quantity="RMS error of theta or phi with friction over its standard deviation, the smaller",
                 lowest=_NO_MATCH,
             ),
             Check.over(
+                "the measured lean oscillates more than the model's",
+                f"RMS of theta and phi above {_FAST:g} Hz, measured over modelled",
                 shaken,
-                claim="the measured lean oscillates more than the model's",
-                quantity=f"RMS of theta and phi above {_FAST:g} Hz, measured over modelled",
                 lowest=1.0,
             ),
         ),
+        figure=lambda: panels_figure(state_panels(_shown(runs), _STATES), columns=2),
     )
 
 
@@ -302,25 +318,26 @@ def figure_4_2(bench: Bench) -> Item:
         f"medians over these, {AHEAD:g} s at most. Each is drawn until its own lean is past recovery.",
         checks=(
             Check.over(
+                "the lean of the model with friction runs away later",
+                "time until past recovery, with over without",
                 later["exact"],
-                claim="the lean of the model with friction runs away later",
-                quantity="time until past recovery, with over without",
                 lowest=1.0,
             ),
             Check.over(
+                "and later than by the thesis's own equations",
+                "time until past recovery, with over without by these",
                 later["thesis"],
-                claim="and later than by the thesis's own equations",
-                quantity="time until past recovery, with over without by these",
                 lowest=1.0,
             ),
             Check.over(
+                "both follow for a short while",
+                "time of the model without friction",
                 times["exact"],
-                claim="both follow for a short while",
-                quantity="time of the model without friction",
-                unit="s",
+                "s",
                 lowest=0.2,
             ),
         ),
+        figure=lambda: panels_figure(state_panels(_shown(bench.validations[0].example), _STATES), columns=2),
     )
 
 
@@ -342,10 +359,7 @@ def table_4_2(bench: Bench) -> Item:
 def figure_4_3(bench: Bench) -> Item:
     """Correlation of the one-step residuals with each other and with the torques."""
     found = [one.correlations for one in bench.validations]
-    x_phi, y_theta, named = (
-        [one.between(f"e_{first}", f"e_{second}")[0] for one in found]
-        for first, second in LEANING_PAIRS + NAMED_PAIRS
-    )
+    x_phi, y_theta, named = velocity_pairs(found)
     clear = max(clear_correlation(one) for one in found)
     others = [_largest_other(one) for one in found]
     weaker = [min(abs(a), abs(b)) for a, b in zip(x_phi, y_theta, strict=True)]
@@ -360,21 +374,35 @@ def figure_4_3(bench: Bench) -> Item:
         "velocities.",
         checks=(
             Check.over(
+                "the ball's velocity goes with the body's rate of lean",
+                "the smaller of (6, 9) and (7, 8), its size",
                 weaker,
-                claim="the ball's velocity goes with the body's rate of lean",
-                quantity="the smaller of (6, 9) and (7, 8), its size",
                 lowest=clear,
             ),
-            Check.over(named, claim="7 and 9 go together", quantity="their correlation", lowest=clear),
-            Check.over(x_phi, claim="6 and 9 go oppositely", quantity="their correlation", highest=-clear),
-            Check.over(
-                [size for size, _ in others],
-                claim="all others are low",
-                quantity="the largest other",
-                highest=0.5,
-            ),
+            Check.over("7 and 9 go together", "their correlation", named, lowest=clear),
+            Check.over("6 and 9 go oppositely", "their correlation", x_phi, highest=-clear),
+            Check.over("all others are low", "the largest other", [size for size, _ in others], highest=0.5),
+        ),
+        figure=lambda: correlation_figure(
+            symbols(found[0].labels), found[0].matrix, marked=found[0].significant
         ),
     )
+
+
+#: as drawn over time
+_STATES = ("x", "y", "theta", "phi", "psi", "psi_dot")
+
+
+def _shown(logs: Mapping[str, Log]) -> list[Shown]:
+    looks = {
+        "measured": ("measured", MEASURED),
+        "friction": ("model with friction", WITH_FRICTION),
+        "thesis": (BASIC_LABELS["thesis"], THESIS_EQUATIONS),
+        "exact": (BASIC_LABELS["exact"], WITHOUT_FRICTION),
+    }
+    return [
+        Shown(label=label, log=logs[name], line=line) for name, (label, line) in looks.items() if name in logs
+    ]
 
 
 def _whole(model: int) -> Ratios:
@@ -428,9 +456,9 @@ def _better(found: Sequence[Validated], ratios: Ratios) -> str:
 def _table_checks(found: Sequence[Validated], ratios: Ratios) -> tuple[Check, ...]:
     return tuple(
         Check.over(
+            f"the error of {name} is smaller with friction",
+            "error without friction over that with",
             _over(found, ratios, name),
-            claim=f"the error of {name} is smaller with friction",
-            quantity="error without friction over that with",
             lowest=1.0,
         )
         for name in STATE_NAMES

@@ -1,4 +1,4 @@
-"""What several figures draw: block diagrams, states over time of some runs, and their paths over the floor.
+"""What several figures draw: block diagrams, quantities over time, the paths of runs over the floor, and the robot.
 
 A block diagram is boxes with words, and arrows along straight lines; its coordinates are fractions of the figure.
 """
@@ -9,26 +9,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyArrowPatch, FancyBboxPatch
+from numpy.typing import NDArray
 
 from ballbot.log import Log
 from ballbot.mechanics.parameters import Formulation
+from ballbot.report.narrow import NARROW
 from ballbot.report.palette import GREEN, INK, MUTED, SHADE
-from ballbot.report.style import REFERENCE, STATE_SYMBOLS, STATE_UNITS, LineStyle, thinned
+from ballbot.report.style import REFERENCE, STATE_SYMBOLS, STATE_UNITS, LineStyle, thinned, with_peaks
+from ballbot.robot import Robot
+from ballbot.robot.figure import robot_figure
 from ballbot.workflows.metrics import true_place
 
 Point = tuple[float, float]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Block:
-    """A box."""
-
-    text: str
-    at: Point  #: its middle
-    size: Point  #: width and height
+#: text, middle, and width and height
+Block = tuple[str, Point, Point]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,63 +38,37 @@ class Arrow:
     both_ways: bool = False
 
 
-@dataclass(frozen=True, kw_only=True)
-class Diagram:
-    """Boxes and arrows."""
-
-    size: Point  #: [inch]
-    blocks: tuple[Block, ...]
-    arrows: tuple[Arrow, ...]
-
-
-def blocks_figure(diagram: Diagram) -> Figure:
-    """Return a block diagram."""
-    figure = Figure(figsize=diagram.size)
+def blocks_figure(blocks: Sequence[Block], arrows: Sequence[Arrow], *, height: float) -> Figure:
+    """Return a block diagram as wide as a phone, and so many inches high."""
+    figure = Figure(figsize=(NARROW, height))
     axes = figure.add_axes((0.01, 0.02, 0.98, 0.96))
     axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
     axes.set_axis_off()
-    for arrow in diagram.arrows:
+    for arrow in arrows:
         _draw_arrow(axes, arrow)
-    for block in diagram.blocks:
-        (x, y), (width, height) = block.at, block.size
+    for text, (x, y), (wide, high) in blocks:
+        corner, style = (x - 0.5 * wide, y - 0.5 * high), "round,pad=0,rounding_size=0.01"
         axes.add_patch(
-            FancyBboxPatch(
-                (x - 0.5 * width, y - 0.5 * height),
-                width,
-                height,
-                boxstyle="round,pad=0,rounding_size=0.01",
-                facecolor=SHADE,
-                edgecolor=INK,
-                linewidth=1.0,
-            )
+            FancyBboxPatch(corner, wide, high, boxstyle=style, facecolor=SHADE, edgecolor=INK, linewidth=1.0)
         )
-        axes.text(x, y, block.text, ha="center", va="center", fontsize=8.5, color=INK)
+        axes.text(x, y, text, ha="center", va="center", fontsize=8.5, color=INK)
     return figure
 
 
 def _draw_arrow(axes: Axes, arrow: Arrow) -> None:
     *bends, last, end = arrow.path
-    if bends:
-        points = [*bends, last]
-        axes.plot([x for x, _ in points], [y for _, y in points], color=INK, linewidth=1.0)
+    axes.plot(*zip(*bends, last, strict=True), color=INK, linewidth=1.0)
     style = "<|-|>" if arrow.both_ways else "-|>"
     axes.add_patch(
         FancyArrowPatch(
             last, end, arrowstyle=style, mutation_scale=9, color=INK, linewidth=1.0, shrinkA=0, shrinkB=0
         )
     )
-    if arrow.label:
-        (x0, y0), (x1, y1) = arrow.path[:2]
-        upright = x0 == x1
-        axes.text(
-            0.5 * (x0 + x1) + 0.02 * upright,
-            0.5 * (y0 + y1) + 0.02 * (not upright),
-            arrow.label,
-            ha="left" if upright else "center",
-            va="center" if upright else "bottom",
-            fontsize=9,
-            color=INK,
-        )
+    (x0, y0), (x1, y1) = arrow.path[:2]
+    upright = x0 == x1
+    x, y = 0.5 * (x0 + x1) + 0.02 * upright, 0.5 * (y0 + y1) + 0.02 * (not upright)
+    across, above = ("left", "center") if upright else ("center", "bottom")
+    axes.text(x, y, arrow.label, ha=across, va=above, fontsize=9, color=INK)
 
 
 #: the model without friction, by its equations
@@ -115,80 +87,101 @@ class Shown:
     line: LineStyle
 
 
-def states_figure(
-    runs: Sequence[Shown], states: Sequence[str], *, start: float, end: float, columns: int = 2
-) -> Figure:
-    """Return states over time from `start` to `end` [s], a panel each, with the reference where there is one."""
-    rows = -(-len(states) // columns)
+#: label, time [s], values and style
+Curve = tuple[str, NDArray[np.float64], NDArray[np.float64], LineStyle]
+
+
+def panels_figure(panels: Sequence[tuple[str, Sequence[Curve]]], *, columns: int = 1) -> Figure:
+    """Return curves over time, a panel for each label of an axis; the first panel's names are the legend's."""
+    rows = -(-len(panels) // columns)
     figure = Figure(figsize=(7.4, 0.5 + 1.45 * rows), layout="constrained")
-    panels = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
-    for axes, name in zip(panels, states, strict=False):
-        draw_state(axes, runs, name, start=start, end=end)
-        axes.set_ylabel(f"{STATE_SYMBOLS[name]} [{STATE_UNITS[name]}]")
-    for axes in panels[len(states) :]:
-        axes.set_visible(False)
-    # the lowest panel of each column has the axis, also where the last row is short
-    for column in range(columns):
-        last = max(index for index in range(len(states)) if index % columns == column)
-        panels[last].set_xlabel("time [s]")
-        panels[last].tick_params(labelbottom=True)
-    handles, labels = panels[0].get_legend_handles_labels()
+    grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
+    for axes, (label, curves) in zip(grid.flat, panels, strict=True):
+        for name, t, values, line in curves:
+            axes.plot(*with_peaks(t, values), label=name, **line)
+        axes.set_ylabel(label)
+        axes.margins(x=0.0)
+    for axes in grid[-1]:
+        axes.set_xlabel("time [s]")
+    handles, labels = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 4))
     return figure
 
 
-def draw_state(axes: Axes, runs: Sequence[Shown], name: str, *, start: float, end: float) -> None:
-    """Draw a state of some runs from `start` to `end` [s], with the reference where there is one."""
-    _reference(axes, runs[0].log, name, start, end)
-    for run in runs:
-        rows = (run.log.t >= start) & (run.log.t <= end)
-        axes.plot(*thinned(run.log.t[rows], run.log[name][rows]), label=run.label, **run.line)
-    axes.set_xlim(start, end)
+def state_panels(
+    runs: Sequence[Shown], names: Sequence[str], *, end: float = np.inf, note: str = ""
+) -> list[tuple[str, list[Curve]]]:
+    """Return the panels of states of some runs up to a time [s], with the reference where there is one."""
+    panels = []
+    for name in names:
+        reference = f"ref_{name}"
+        columns = [(one.label, one.log, name, one.line) for one in runs]
+        if reference in runs[0].log:
+            columns.insert(0, ("reference", runs[0].log, reference, REFERENCE))
+        rows = [log.t <= end for _, log, _, _ in columns]
+        curves = [
+            (label, log.t[row], log[column][row], line)
+            for row, (label, log, column, line) in zip(rows, columns, strict=True)
+        ]
+        panels.append((f"{STATE_SYMBOLS[name]}{note} [{STATE_UNITS[name]}]", curves))
+    return panels
 
 
 def paths_figure(runs: Sequence[Shown], *, ball_radius: float, goal: bool) -> Figure:
     """Return paths over the floor, with the ball for size; and the reference's two places and the way between."""
     figure = Figure(figsize=(4.6, 4.2), layout="constrained")
     axes = figure.subplots()
-    place = runs[0].log
+    ends = np.column_stack([runs[0].log["ref_x"], runs[0].log["ref_y"]])[[0, -1]]
     if goal:
-        ends = [0, -1]
-        axes.plot(
-            place["ref_x"][ends],
-            place["ref_y"][ends],
-            label="reference",
-            marker="s",
-            markersize=4,
-            **REFERENCE,
-        )
+        axes.plot(*ends.T, label="reference", marker="s", markersize=4, **REFERENCE)
     for run in runs:
         truth = true_place(run.log)
         axes.plot(*thinned(truth["x"], truth["y"]), label=run.label, **run.line)
-    where = (float(place["ref_x"][-1]), float(place["ref_y"][-1]))
-    axes.add_patch(
-        Circle(where, ball_radius, facecolor="none", edgecolor=MUTED, linewidth=0.9, linestyle=(0, (4, 2)))
+    x, y = map(float, ends[-1])
+    ball = Circle(
+        (x, y), ball_radius, facecolor="none", edgecolor=MUTED, linewidth=0.9, linestyle=(0, (4, 2))
     )
-    below = (where[0], where[1] - ball_radius)
-    axes.annotate(
-        "the ball",
-        below,
-        (0, -3),
-        textcoords="offset points",
-        ha="center",
-        va="top",
-        fontsize=7.5,
-        color=INK,
-        bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5},
-        zorder=3,
-    )
+    axes.add_patch(ball)
+    axes.text(x, y - 1.1 * ball_radius, "the ball", ha="center", va="top", fontsize=7.5, color=INK)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel="$x$ [m]", ylabel="$y$ [m]")
     figure.legend(loc="outside upper center", ncols=3)
     return figure
 
 
-def _reference(axes: Axes, log: Log, name: str, start: float, end: float) -> None:
-    column = f"ref_{name}"
-    if column in log:
-        rows = (log.t >= start) & (log.t <= end)
-        axes.plot(*thinned(log.t[rows], log[column][rows]), label="reference", **REFERENCE)
+def coordinates_figure(robot: Robot) -> Figure:
+    """Return the robot to scale from its right and from above, with x, y, z and theta, phi, psi."""
+    figure = robot_figure(robot)
+    side, top = figure.axes[:2]
+    r = robot.ball.radius
+    for axes, up, into, length in ((side, "$z$", "$y$, away", 2.4 * r), (top, "$y$", "$z$, up", 1.9 * r)):
+        _draw_turn(axes, (0.0, 0.0), (length, 0.0), "$x$", bend=0.0)
+        _draw_turn(axes, (0.0, 0.0), (0.0, length), up, bend=0.0)
+        axes.plot(0.0, 0.0, "o", markersize=6, markerfacecolor="white", color=INK, zorder=21)
+        axes.annotate(
+            into, (0.0, 0.0), (-7, -13), textcoords="offset points", ha="right", fontsize=9, zorder=21
+        )
+    # seen along +y, a turn about y goes from z to x; theta's, about x, is seen from its edge
+    _draw_turn(side, (0.1 * r, 1.9 * r), (1.0 * r, 1.65 * r), r"$\varphi$", bend=-0.25)
+    _draw_turn(top, (1.8 * r, 0.6 * r), (0.9 * r, 1.6 * r), r"$\psi$", bend=0.25)
+    _draw_turn(top, (-1.75 * r, -0.5 * r), (-1.75 * r, 0.5 * r), r"$\theta$", bend=0.5)
+    return figure
+
+
+def _draw_turn(axes: Axes, start: Point, end: Point, label: str, *, bend: float) -> None:
+    """Draw an arrow, straight or bent, with its label at its end."""
+    arrow = FancyArrowPatch(
+        start,
+        end,
+        connectionstyle=f"arc3,rad={bend}",
+        arrowstyle="-|>",
+        mutation_scale=12,
+        color=INK,
+        linewidth=1.4,
+        shrinkA=0,
+        shrinkB=0,
+        zorder=20,
+        clip_on=False,
+    )
+    axes.add_patch(arrow)
+    axes.annotate(label, end, (-9, -9), textcoords="offset points", ha="center", fontsize=11, zorder=20)

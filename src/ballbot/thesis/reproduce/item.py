@@ -6,12 +6,13 @@ Numbers over several seeds are their median with an interval that assumes nothin
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
 from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from ballbot.results import reported
 from ballbot.workflows.comparison import median_with_interval
@@ -42,7 +43,7 @@ VERDICTS: Mapping[Verdict, str] = MappingProxyType(
 _ROUNDING = 1e-9
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Check:
     """A claim, and our number that decides it.
 
@@ -54,6 +55,7 @@ class Check:
     quantity: str  #: what is measured, in words
     value: float
     unit: str = ""
+    _: KW_ONLY
     lowest: float = -math.inf
     highest: float = math.inf
     interval: tuple[float, float] | None = None  #: of the median, 95 %; None for a number without chance
@@ -61,25 +63,19 @@ class Check:
 
     @staticmethod
     def over(
-        values: Sequence[float],
-        *,
         claim: str,
         quantity: str,
+        values: Sequence[float],
         unit: str = "",
+        *,
         lowest: float = -math.inf,
         highest: float = math.inf,
     ) -> Check:
         """Return the check of the median of a number over several runs, with its 95 % interval by rank."""
         found = median_with_interval(values)
+        interval, runs = (found.low, found.high), len(values)
         return Check(
-            claim=claim,
-            quantity=quantity,
-            value=found.median,
-            unit=unit,
-            lowest=lowest,
-            highest=highest,
-            interval=(found.low, found.high),
-            runs=len(values),
+            claim, quantity, found.median, unit, lowest=lowest, highest=highest, interval=interval, runs=runs
         )
 
     @reported
@@ -95,27 +91,17 @@ class Check:
         return not self.agrees and lower <= self.highest and upper >= self.lowest
 
     @property
-    def outcome(self) -> str:
-        """Yes, no or undecided."""
-        return "yes" if self.agrees else "undecided" if self.undecided else "no"
-
-    @property
-    def criterion(self) -> str:
-        """The criterion in words."""
-        unit = f" {self.unit}" if self.unit else ""
-        if math.isinf(self.lowest):
-            return f"at most {_digits(self.highest, exact=True)}{unit}"
-        if math.isinf(self.highest):
-            return f"at least {_digits(self.lowest, exact=True)}{unit}"
-        return f"{_digits(self.lowest, exact=True)} to {_digits(self.highest, exact=True)}{unit}"
-
-    @property
-    def measured(self) -> str:
-        """The number with its unit, and its interval if it has one."""
-        unit = f" {self.unit}" if self.unit else ""
-        if self.interval is None:
-            return f"{_digits(self.value)}{unit}"
-        return f"{spread_text(self.value, self.interval)}{unit}, {self.runs} runs"
+    def cells(self) -> tuple[str, str, str, str, str]:
+        """Claim, quantity, number with unit and interval, criterion, and yes, no or undecided."""
+        unit, number = f" {self.unit}" if self.unit else "", _digits(self.value)
+        measured, lowest, highest = f"{number}{unit}", _written(self.lowest), _written(self.highest)
+        if self.interval:
+            measured = f"{spread_text(self.value, self.interval)}{unit}, {self.runs} runs"
+        criterion = f"{lowest} to {highest}"
+        if math.isinf(self.lowest) or math.isinf(self.highest):
+            criterion = f"at most {highest}" if math.isinf(self.lowest) else f"at least {lowest}"
+        outcome = "yes" if self.agrees else "undecided" if self.undecided else "no"
+        return self.claim, self.quantity, measured, f"{criterion}{unit}", outcome
 
 
 def spread_text(value: float, interval: tuple[float, float]) -> str:
@@ -138,7 +124,7 @@ class Rows:
     rows: tuple[tuple[str, ...], ...]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Item:
     """A figure or table of the thesis beside ours."""
 
@@ -148,6 +134,7 @@ class Item:
     ours: str  #: what ours shows, a sentence or two
     checks: tuple[Check, ...] = ()  #: none for a drawing
     table: Rows | None = None
+    figure: Callable[[], Figure] | None = None
 
     @property
     def key(self) -> str:
@@ -192,17 +179,20 @@ class Mistake:
     right: str  #: what is right
     shown_by: tuple[Check, ...]  #: numbers that would differ if the thesis were right
 
-    @property
+    @reported
     def proven(self) -> bool:
         """Whether every number shows it."""
         return all(check.agrees for check in self.shown_by)
 
 
 def _missing(check: Check) -> str:
-    return f"{check.claim} ({check.quantity}: {check.measured}; required: {check.criterion})"
+    claim, quantity, measured, criterion, _ = check.cells
+    return f"{claim} ({quantity}: {measured}; required: {criterion})"
 
 
-def _digits(value: float, *, exact: bool = False) -> str:
-    if abs(value) < _ROUNDING and not exact:
-        return "0"
+def _digits(value: float) -> str:
+    return "0" if abs(value) < _ROUNDING else _written(value)
+
+
+def _written(value: float) -> str:
     return f"{value:.5g}" if abs(value) >= 10.0 else f"{value:.4g}"

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 
 from markupsafe import Markup
-from matplotlib.figure import Figure
 
 from ballbot.file_formats import results_text
 from ballbot.files import write_text
@@ -21,20 +18,16 @@ from ballbot.report.style import drawn_picture
 from ballbot.report.words import with_powers, with_symbols
 from ballbot.results import to_results
 from ballbot.robot import Friction
-from ballbot.thesis.reproduce import figures
-from ballbot.thesis.reproduce.bench import Bench
 from ballbot.thesis.reproduce.campaign import ITEMS, Reproduction
-from ballbot.thesis.reproduce.figures import NARROW_DRAWINGS
 from ballbot.thesis.reproduce.item import RUNS, VERDICTS, Check, Item, Mistake
 
-Drawing = Callable[[Bench], Figure]
-
-#: by `Item.key`, in the thesis's order; tables have none
-DRAWINGS: Mapping[str, Drawing] = MappingProxyType(
-    {item.__name__: vars(figures)[item.__name__] for item in ITEMS if item.__name__.startswith("figure_")}
+_DRAWN = tuple(make.__name__ for make in ITEMS if make.__name__.startswith("figure_"))
+REPRODUCTION_FILES = (
+    "report.html",
+    "reproduce.md",
+    "results.json",
+    *(f"figures/{key}.svg" for key in _DRAWN),
 )
-
-
 _HEADINGS = ("claim", "quantity", "value", "criterion", "agrees")
 
 _HEAD = """\
@@ -53,8 +46,7 @@ mistakes by numbers. It takes about ten minutes on two cores. Run the command ag
 | `thesis/reproduce.md` | this page |
 | `thesis/runs/` | the recordings, the identified friction and the video of the ball, kept for the next run |
 
-Each figure is a function of its name: Figure 5.6 is `figure_5_6` in `ballbot.thesis.reproduce.chapter5`, and its
-drawing in `ballbot.thesis.reproduce.figures`.
+Each figure is a function of its name: Figure 5.6 is `figure_5_6` in `ballbot.thesis.reproduce.chapter5`.
 
 ## What it can show
 
@@ -131,21 +123,9 @@ def item_markdown(item: Item) -> str:
 
 def mistake_markdown(mistake: Mistake) -> str:
     """Return a mistake's paragraph and the table of its numbers."""
-    rows = tuple(_check_cells(check) for check in mistake.shown_by)
+    rows = tuple(check.cells for check in mistake.shown_by)
     words = f"**{mistake.number}. {mistake.where}.** *Printed:* {mistake.thesis} *Right:* {mistake.right}"
     return with_symbols(f"{words}\n\n{markdown_table(_HEADINGS, rows)}")
-
-
-def _check_cells(check: Check) -> tuple[str, ...]:
-    return check.claim, check.quantity, check.measured, check.criterion, check.outcome
-
-
-REPRODUCTION_FILES = (
-    "report.html",
-    "reproduce.md",
-    "results.json",
-    *(f"figures/{key}.svg" for key in DRAWINGS),
-)
 
 
 def write_reproduction(
@@ -161,19 +141,13 @@ def write_reproduction(
     progress : callable
         Called before each figure.
     """
-    shown = [item for item in made.items if item.key in DRAWINGS]
     figures: dict[str, Picture] = {}
-    for done, item in enumerate(shown):
-        progress(Progress(stage=f"drawing {item.name}", done=done, total=len(shown)))
-        narrow = NARROW_DRAWINGS.get(item.key)
-        picture = drawn_picture(
-            item.key.replace("_", "-"),
-            partial(DRAWINGS[item.key], made.bench),
-            _caption(item),
-            narrow=partial(narrow, made.bench) if narrow else None,
-        )
-        figures[item.key] = picture
-        write_text(folder / "figures" / f"{item.key}.svg", str(picture.markup))
+    for done, item in enumerate(made.items):
+        progress(Progress(stage=f"drawing {item.name}", done=done, total=len(made.items)))
+        if item.figure:
+            picture = drawn_picture(item.key.replace("_", "-"), item.figure, _caption(item))
+            figures[item.key] = picture
+            write_text(folder / "figures" / f"{item.key}.svg", str(picture.markup))
     results = reproduction_results(made) | {"provenance": to_results(provenance)}
     write_text(folder / "results.json", results_text(results))
     write_text(folder / "reproduce.md", reproduction_markdown(made))
@@ -247,7 +221,7 @@ def _labelled(label: str, text: str) -> Paragraph:
 def _checks_sheet(caption: str, checks: Sequence[Check]) -> Sheet:
     return Sheet(
         headings=_HEADINGS,
-        rows=[[with_powers(with_symbols(cell)) for cell in _check_cells(check)] for check in checks],
+        rows=[[with_powers(with_symbols(cell)) for cell in check.cells] for check in checks],
         caption=with_symbols(caption),
         shaded=frozenset(place for place, check in enumerate(checks) if not check.agrees),
     )
@@ -257,13 +231,13 @@ def _mistake_section(mistakes: Sequence[Mistake]) -> Section:
     return section(
         "The thesis's misprints and mistakes",
         Paragraph(text="Each with computed numbers that would differ if the thesis were right."),
-        *(_mistake_sheet(mistake) for mistake in mistakes),
+        *(
+            _checks_sheet(
+                f"{one.number}. {one.where}. The thesis prints: {one.thesis} Right: {one.right}", one.shown_by
+            )
+            for one in mistakes
+        ),
     )
-
-
-def _mistake_sheet(mistake: Mistake) -> Sheet:
-    caption = f"{mistake.number}. {mistake.where}. The thesis prints: {mistake.thesis} Right: {mistake.right}"
-    return _checks_sheet(caption, mistake.shown_by)
 
 
 def reproduction_results(made: Reproduction) -> dict[str, object]:
@@ -275,7 +249,7 @@ def reproduction_results(made: Reproduction) -> dict[str, object]:
         else None,
         "runs": RUNS,
         "items": [_item_results(item) for item in made.items],
-        "mistakes": [_mistake_results(mistake) for mistake in made.mistakes],
+        "mistakes": made.mistakes,
     }
 
 
@@ -288,16 +262,5 @@ def _item_results(item: Item) -> dict[str, object]:
         "verdict": item.verdict,
         "checks": item.checks,
         "table": None if item.table is None else [item.table.headings, *item.table.rows],
-        "figure": f"figures/{item.key}.svg" if item.key in DRAWINGS else None,
-    }
-
-
-def _mistake_results(mistake: Mistake) -> dict[str, object]:
-    return {
-        "number": mistake.number,
-        "where": mistake.where,
-        "thesis": mistake.thesis,
-        "right": mistake.right,
-        "proven": mistake.proven,
-        "shown_by": mistake.shown_by,
+        "figure": f"figures/{item.key}.svg" if item.figure else None,
     }

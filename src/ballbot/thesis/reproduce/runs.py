@@ -60,11 +60,6 @@ def largest_apart(first: Log, second: Log, names: Sequence[str] = STATE_NAMES) -
     return max(apart(first, second, name) for name in names)
 
 
-def largest_lean(log: Log) -> float:
-    """Return the largest of theta and phi [rad]."""
-    return float(np.abs(log.states[:, 2:4]).max())
-
-
 def way_apart(first: Log, second: Log) -> float:
     """Return the largest distance of the second run's place, on its way, from the first run's path [m]."""
     paths = [true_place(log) for log in (first, second)]
@@ -105,11 +100,9 @@ class Validated:
     whole: NDArray[np.float64]  #: (3, 10) their errors
     rmse: NDArray[np.float64]  #: (3, 10) alike, by the root mean square
     restarted: NDArray[np.float64]  #: (3, 10) mean errors over the restarted runs
-    samples: tuple[int, int]  #: of the whole run, and of a restarted one
     falls: NDArray[np.float64]  #: (3,) median time until a model's lean is past recovery in open loop [s]
-    fallen: NDArray[np.float64]  #: (3,) share of the open-loop runs that got there
     #: (2, 2, 10) mean errors in open loop of friction and one model without, until the first of the two is past
-    #: recovery
+    #: recovery, as Table 4.2
     open_loop: NDArray[np.float64]
     #: an open-loop run, "measured" and each model until its own lean is past recovery
     example: dict[str, Log]
@@ -128,44 +121,36 @@ def validated(robot: Robot, identified: Robot, log: Log) -> Validated:
     log : Log
         As measured, under the nominal controller without compensation.
     """
-    models = {
-        "friction": Model(identified),
-        "exact": Model(robot),
-        "thesis": Model(robot, formulation="thesis"),
-    }
-    runs = {name: closed_run(model, log, 0, len(log)) for name, model in models.items()}
-    differences = {name: log.states[: len(run)] - run.states for name, run in runs.items()}
-    samples = round(RESTART / log.sample_time)
-    opened = _OpenLoop.of(models, log)
+    models = (Model(identified), Model(robot), Model(robot, formulation="thesis"))
+    runs = [_closed_run(model, log, 0, len(log)) for model in models]
+    differences = [log.states[: len(run)] - run.states for run in runs]
     pair = ModelPair(
-        first=NamedModel(name="with friction", model=models["friction"]),
-        second=NamedModel(name="without friction", model=models["exact"]),
+        first=NamedModel(name="with friction", model=models[0]),
+        second=NamedModel(name="without friction", model=models[1]),
     )
     prediction = predict(pair, log, [range(len(log))])
+    falls, open_loop, example = _open_loop(models, log)
     return Validated(
         log=log,
-        runs=runs,
-        whole=np.array([thesis_error(one) for one in differences.values()]),
-        rmse=np.array([np.sqrt(np.mean(one**2, axis=0)) for one in differences.values()]),
-        restarted=np.array([_restarted(model, log, samples) for model in models.values()]),
-        samples=(len(log), samples),
-        falls=np.median(opened.lengths, axis=1) * log.sample_time,
-        fallen=np.mean(opened.lengths < opened.samples, axis=1),
-        open_loop=np.array([opened.errors(0, other) for other in (1, 2)]),
-        example=opened.example(log),
+        runs=dict(zip(MODELS, runs, strict=True)),
+        whole=np.array([thesis_error(one) for one in differences]),
+        rmse=np.array([np.sqrt(np.mean(one**2, axis=0)) for one in differences]),
+        restarted=np.array([_restarted(model, log, round(RESTART / log.sample_time)) for model in models]),
+        falls=falls,
+        open_loop=open_loop,
+        example=example,
         correlations=correlations(
             np.hstack([prediction.residuals, prediction.torques]), prediction.labels, prediction.segments
         ),
     )
 
 
-def closed_run(model: Model, log: Log, start: int, samples: int) -> Log:
+def _closed_run(model: Model, log: Log, start: int, samples: int) -> Log:
     """Return a model's run from the measured state of a row on, under the controller that recorded the log."""
-    controller = nominal_controller(model.robot)
     begin = float(log.t[start])
     return simulate(
         ModelOnGrid(model),
-        controller,
+        nominal_controller(model.robot),
         lambda t: CHANGE(begin + t),
         duration=samples * log.sample_time,
         initial_state=log.states[start],
@@ -175,61 +160,39 @@ def closed_run(model: Model, log: Log, start: int, samples: int) -> Log:
 def _restarted(model: Model, log: Log, samples: int) -> NDArray[np.float64]:
     errors = []
     for start in range(0, len(log) - samples + 1, samples):
-        run = closed_run(model, log, start, samples)
+        run = _closed_run(model, log, start, samples)
         errors.append(thesis_error(log.states[start : start + len(run)] - run.states))
     return np.mean(errors, axis=0)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _OpenLoop:
-    """Forecasts of the models under the measured torques, from starts that can be recovered from."""
+def _open_loop(
+    models: Sequence[Model], log: Log
+) -> tuple[NDArray[np.float64], NDArray[np.float64], dict[str, Log]]:
+    """Return `falls`, `open_loop` and `example` of `Validated`, from starts that can be recovered from."""
+    samples = round(AHEAD / log.sample_time)
+    # the exact equations give the lean beyond which the motors no longer bring the body back up
+    limit = recoverable_lean(models[1])
+    starts = np.arange(0, len(log) - samples, round(EVERY / log.sample_time), dtype=np.int64)
+    starts = starts[np.abs(log.states[starts, 2:4]).max(axis=1) < limit]
+    states = forecast(models, log, starts, samples)  # (3, starts, samples, 10)
+    past = ~(np.abs(states[..., 2:4]).max(axis=-1) < limit)
+    lengths = np.where(past.any(axis=-1), np.maximum(past.argmax(axis=-1), 1), samples)
+    off = log.states[rows_after(starts, samples)] - states
 
-    starts: NDArray[np.int64]
-    states: NDArray[np.float64]  #: (3, starts, samples, 10)
-    measured: NDArray[np.float64]  #: (starts, samples, 10)
-    lengths: NDArray[np.int64]  #: (3, starts) samples until the model's own lean is past recovery
+    def errors(model: int, other: int) -> NDArray[np.float64]:
+        shorter = np.minimum(lengths[0], lengths[other])
+        return np.mean([thesis_error(off[model, k, :n]) for k, n in enumerate(shorter)], axis=0)
 
-    @property
-    def samples(self) -> int:
-        return self.states.shape[2]
-
-    @staticmethod
-    def of(models: dict[str, Model], log: Log) -> _OpenLoop:
-        samples = round(AHEAD / log.sample_time)
-        # the exact equations give the lean beyond which the motors no longer bring the body back up
-        limit = recoverable_lean(models["exact"])
-        starts = np.arange(0, len(log) - samples, round(EVERY / log.sample_time), dtype=np.int64)
-        starts = starts[np.abs(log.states[starts, 2:4]).max(axis=1) < limit]
-        states = forecast([*models.values()], log, starts, samples)
-        past = ~(np.abs(states[..., 2:4]).max(axis=-1) < limit)
-        lengths = np.where(past.any(axis=-1), np.maximum(past.argmax(axis=-1), 1), samples)
-        measured = log.states[rows_after(starts, samples)]
-        return _OpenLoop(starts=starts, states=states, measured=measured, lengths=lengths)
-
-    def errors(self, first: int, second: int) -> NDArray[np.float64]:
-        """Return both models' mean errors (2, 10), each start's runs cut to the shorter one's samples, as Table 4.2."""
-        shorter = np.minimum(self.lengths[first], self.lengths[second])
-        return np.array(
-            [
-                np.mean(
-                    [
-                        thesis_error(self.measured[k, :n] - self.states[model, k, :n])
-                        for k, n in enumerate(shorter)
-                    ],
-                    axis=0,
-                )
-                for model in (first, second)
-            ]
-        )
-
-    def example(self, log: Log) -> dict[str, Log]:
-        """Return the start at which the model with friction lasts as long as it does at the median start."""
-        k = int(np.argsort(self.lengths[0], kind="stable")[len(self.starts) // 2])
-        row = int(self.starts[k])
-        longest = int(self.lengths[:, k].max())
-        shown = {"measured": log.select(slice(row, row + longest + 1))}
-        for name, states, length in zip(MODELS, self.states[:, k], self.lengths[:, k], strict=True):
-            run = np.vstack([log.states[row], states[:length]])
-            columns = {"t": log.t[row : row + length + 1]} | dict(zip(STATE_NAMES, run.T, strict=True))
-            shown[name] = Log(columns)
-        return shown
+    # the example is the start at which the model with friction lasts as long as it does at the median start
+    k = int(np.argsort(lengths[0], kind="stable")[len(starts) // 2])
+    row = int(starts[k])
+    example = {"measured": log.select(slice(row, row + int(lengths[:, k].max()) + 1))}
+    for name, found, length in zip(MODELS, states[:, k], lengths[:, k], strict=True):
+        run = np.vstack([log.states[row], found[:length]])
+        times = log.t[row : row + length + 1]
+        example[name] = Log({"t": times} | dict(zip(STATE_NAMES, run.T, strict=True)))
+    return (
+        np.median(lengths, axis=1) * log.sample_time,
+        np.array([[errors(0, other), errors(other, other)] for other in (1, 2)]),
+        example,
+    )

@@ -86,8 +86,6 @@ class MotionFit:
     error: float  #: rms of an increment's error, a component [rad]
     motion: float  #: rms of an increment, a component [rad]
     increments: int
-    residual_t: NDArray[np.float64]  #: (n,) [s], the log's clock
-    residuals: NDArray[np.float64]  #: (n, 3) [rad], body frame
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -256,8 +254,6 @@ def _with_half_widths(
         error=_rms(residuals),
         motion=_rms(_centred(increments.turned)),
         increments=len(residuals),
-        residual_t=clock.to_log(0.5 * (increments.start + increments.end)),
-        residuals=residuals,
     )
 
 
