@@ -6,7 +6,6 @@ transport    serial port and UDP behind three functions
 datagram     datagrams signed with the robot's key
 session      handshake, watchdogs, arming in two steps, parameters: the host's side of a connection
 emulated     firmware in lock-step with a plant, behind a transport
-header       the messages as a header of the firmware
 recorder     a log that is written while the robot runs and survives a pulled plug
 references   where the robot is asked to be: courses, files, the keyboard, a gamepad
 live         a robot from arming to disarming, and the log of it
