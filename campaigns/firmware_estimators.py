@@ -37,10 +37,10 @@ from ballbot.firmware.estimators import (
     step_of,
 )
 from ballbot.firmware.header import SOURCES
-from ballbot.firmware.host import library
 from ballbot.firmware.processor_load import readings
 from ballbot.mechanics.geometry import transforms
 from campaigns.section import Section
+from tests.support.compiled_firmware import library
 
 H = 0.005  #: [s]
 #: included before a source, it is compiled in double precision

@@ -25,9 +25,7 @@ from ballbot.control.references import circle
 from ballbot.control.safety import SafetyLimits
 from ballbot.estimation import named_estimator
 from ballbot.firmware.estimators import reading_record
-from ballbot.firmware.host import CompiledController, Firmware
 from ballbot.firmware.records import parameter_record
-from ballbot.link.lock_step import ReadingTap
 from ballbot.rounding import unit_heading
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.sensed_plant import SensedPlant
@@ -36,6 +34,8 @@ from ballbot.workflows.courses import LEAGUE, choose_courses
 from ballbot.workflows.league import METRIC_BY_KEY, League, run_league, standing
 from campaigns.firmware_estimators import Rounded
 from campaigns.section import Section
+from tests.support.board_controller import ReadingTap
+from tests.support.compiled_firmware import CompiledController, Firmware
 
 #: what Python's law takes from the firmware beside it
 Taken = Literal["nothing", "state", "memory"]

@@ -27,9 +27,9 @@ from ballbot.control.law import LAW, MEMORY, MEMORY_SIZE, control_law
 from ballbot.control.parts import KINDS, Parts
 from ballbot.control.presets import adaptive, nominal_controller, precise_controller
 from ballbot.control.records import converted
-from ballbot.firmware.host import Library, library
 from ballbot.twin import Scenario
 from campaigns.section import Section
+from tests.support.compiled_firmware import Library, library
 from tests.support.control_examples import everything, four_wheeled
 
 #: largest difference of a torque, over the torque limit

@@ -30,13 +30,13 @@ from ballbot.firmware.cortex_m4 import CLOCK
 from ballbot.firmware.emulator import Board, Image, Run, compile_image
 from ballbot.firmware.estimators import reading_record
 from ballbot.firmware.export import export_controller
-from ballbot.firmware.host import Firmware, library
 from ballbot.firmware.processor_load import SAMPLES, Update, readings, rehearse
 from ballbot.firmware.records import PARAMETERS, STATE
 from ballbot.twin import Scenario
 from campaigns.firmware_estimators import Compiled
 from campaigns.firmware_numbers import controllers, updates
 from campaigns.section import Section
+from tests.support.compiled_firmware import Firmware, library
 
 _SAMPLES = 400  # of each estimator
 _UPDATES = 40  # of each of ten lanes of a controller

@@ -19,7 +19,7 @@ from ballbot.estimation.onboard import OnboardState
 from ballbot.firmware.build import compilers
 from ballbot.firmware.estimators import reading_record
 from ballbot.firmware.export import export_controller
-from ballbot.firmware.host import CompiledController, Firmware, library
+from tests.support.compiled_firmware import CompiledController, Firmware, library
 from tests.support.control_examples import FRICTION, alten
 
 ROBOT = alten(FRICTION)

@@ -16,9 +16,9 @@ from ballbot.control.safety import SafetyLimits
 from ballbot.firmware.build import compile_sources, compilers, source_files
 from ballbot.firmware.export import PROJECT
 from ballbot.firmware.header import SOURCES
-from ballbot.firmware.host import Firmware
 from ballbot.firmware.records import PARAMETERS, READING, parameter_record
 from ballbot.link.emulated import HARDWARE
+from tests.support.compiled_firmware import Firmware
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
 
 pytestmark = pytest.mark.board

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from ballbot.firmware.build import compilers
-from ballbot.firmware.host import library
 from ballbot.mechanics.geometry import rotation
+from tests.support.compiled_firmware import library
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 

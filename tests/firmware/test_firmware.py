@@ -22,10 +22,10 @@ from ballbot.estimation.interface import Reading
 from ballbot.firmware.build import compile_sources, compilers, source_files
 from ballbot.firmware.estimators import reading_record
 from ballbot.firmware.export import PROJECT
-from ballbot.firmware.host import CompiledController, Firmware, SelfTestOutcome, library
-from ballbot.firmware.records import SafetyRecord, SafetyState, parameter_record
+from ballbot.firmware.records import SafetyRecord, SafetyState, SelfTestOutcome, parameter_record
 from campaigns.firmware_estimators import ROUNDOFF
 from campaigns.firmware_loop import beside, without_sums
+from tests.support.compiled_firmware import CompiledController, Firmware, library
 from tests.support.control_examples import FRICTION, alten
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")

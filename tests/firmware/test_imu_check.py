@@ -10,8 +10,8 @@ from ballbot.control.imu_check import ImuCheck, ImuStage
 from ballbot.control.presets import nominal_controller
 from ballbot.control.safety import SafetyLimits
 from ballbot.firmware.build import compilers
-from ballbot.firmware.host import Firmware, SelfTestOutcome
-from ballbot.firmware.records import READING, parameter_record
+from ballbot.firmware.records import READING, SelfTestOutcome, parameter_record
+from tests.support.compiled_firmware import Firmware
 from tests.support.control_examples import alten
 
 H = 0.02

@@ -14,10 +14,10 @@ from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.records import converted
 from ballbot.firmware.build import compile_sources, compilers
 from ballbot.firmware.header import SOURCES
-from ballbot.firmware.host import Library, library
 from campaigns import firmware_numbers
 from campaigns.firmware_estimators import DOUBLE
 from campaigns.firmware_numbers import TOLERANCE, Update, compare, of_a_branch, python_torques, updates
+from tests.support.compiled_firmware import Library, library
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")

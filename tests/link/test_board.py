@@ -21,12 +21,11 @@ from ballbot.estimation import named_estimator
 from ballbot.firmware.build import compilers
 from ballbot.firmware.estimators import ReadingRecord
 from ballbot.firmware.export import export_controller
-from ballbot.firmware.host import Firmware, SelfTestOutcome
 from ballbot.firmware.processor_load import readings
 from ballbot.firmware.qemu import SILENCE, QemuBoard, build_board, toolchains, what_to_install
-from ballbot.firmware.records import parameter_record
+from ballbot.firmware.records import SelfTestOutcome, parameter_record
 from ballbot.link.emulated import CompiledRobot, EmulatedRobot
-from ballbot.link.lock_step import BoardLine, FirmwareController, LockStep, ReadingTap, sensors_of
+from ballbot.link.lock_step import BoardLine, LockStep, sensors_of
 from ballbot.link.messages import Capability, Result, State
 from ballbot.link.session import Session
 from ballbot.link.transport import LinkError, Transport
@@ -35,6 +34,8 @@ from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Twin
 from campaigns.board import board_log, courses, pairs_needed, python_log
 from tests.link.test_faults import FAULTS, Recording, drive
+from tests.support.board_controller import FirmwareController, ReadingTap
+from tests.support.compiled_firmware import Firmware
 from tests.support.control_examples import FRICTION, alten
 from tests.support.faulty_transport import FaultyTransport
 from tests.support.processes import PATIENCE

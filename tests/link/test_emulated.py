@@ -11,8 +11,7 @@ from ballbot.control.safety import SafetyLimits, StopReason
 from ballbot.errors import InputError
 from ballbot.firmware.build import compile_sources, compilers
 from ballbot.firmware.export import PROJECT
-from ballbot.firmware.host import SelfTestOutcome
-from ballbot.firmware.records import parameter_record
+from ballbot.firmware.records import SelfTestOutcome, parameter_record
 from ballbot.link.emulated import HARDWARE, CompiledRobot, EmulatedRobot, emulated_robot
 from ballbot.link.lock_step import LockStep
 from ballbot.link.messages import Capability, ControllerPlace, Result, State

@@ -14,7 +14,7 @@ from ballbot.control.safety import StopReason
 from ballbot.errors import InputError
 from ballbot.firmware.build import compile_sources, compilers, source_files
 from ballbot.firmware.export import PROJECT
-from ballbot.firmware.host import SelfTestOutcome
+from ballbot.firmware.records import SelfTestOutcome
 from ballbot.link.emulated import HARDWARE, EmulatedRobot
 from ballbot.link.frames import Frame, FrameReader, LayerCounts, decode, encode, is_newer, message_of
 from ballbot.link.messages import (

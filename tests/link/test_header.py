@@ -2,13 +2,13 @@
 
 import re
 
-from ballbot.link.header import HEADER, messages_header
 from ballbot.link.messages import MESSAGES, TO_HOST, TO_ROBOT, Layer
+from tests.support.link_header import HEADER, messages_header
 from tests.support.paths import ROOT
 
 
 def test_messages_in_the_sources_are_those_of_the_package():
-    assert HEADER.read_text() == messages_header(), "run: python -m ballbot.link.header"
+    assert HEADER.read_text() == messages_header(), "run: python -m tests.support.link_header"
 
 
 def test_document_includes_every_message_and_layer():

@@ -11,7 +11,7 @@ from ballbot.control.references import square
 from ballbot.errors import InputError
 from ballbot.firmware.build import compilers
 from ballbot.firmware.export import export_controller
-from ballbot.firmware.host import SelfTestOutcome
+from ballbot.firmware.records import SelfTestOutcome
 from ballbot.link.emulated import CompiledRobot, EmulatedRobot
 from ballbot.link.frames import FrameReader, message_of
 from ballbot.link.live import ControlFromHost, FollowReference, LiveRobot, TorqueProgram, log_columns

@@ -11,7 +11,7 @@ import pytest
 
 from ballbot.control.safety import StopReason
 from ballbot.firmware.build import compilers
-from ballbot.firmware.host import SelfTestOutcome
+from ballbot.firmware.records import SelfTestOutcome
 from ballbot.link.messages import WATCHDOG, Layer, Result
 from ballbot.link.session import Session, stop_reason
 from ballbot.link.transport import LinkError, SerialTransport, Transport, open_transport

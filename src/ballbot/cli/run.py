@@ -78,7 +78,7 @@ def balance(
     Parameters
     ----------
     port
-        A serial port such as /dev/ttyACM0?baud=921600, udp://HOST:PORT or tcp://HOST:PORT.
+        A serial port such as /dev/ttyACM0?baud=921600, or udp://HOST:PORT.
     reference
         hold, square, change_pose, circle, figure_eight, a file with t, ref_x, ref_y and ref_psi; keyboard (arrow keys,
         comma and full stop turn, e ends); gamepad, or a joystick device such as /dev/input/js1. It begins where the

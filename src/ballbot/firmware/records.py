@@ -7,6 +7,7 @@ Its digest is compiled into the C library and written into every exported contro
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
+from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +44,25 @@ DIGEST_WORDS = 8
 
 #: number of each estimator in C
 ESTIMATORS: dict[EstimatorName, int] = {"onboard": 0, "kalman": 1}
+
+
+class SelfTestOutcome(IntEnum):
+    """The results of the firmware's self-test, with the numbers that they have in C."""
+
+    NOT_RUN = 0
+    RUNNING = 1
+    PASSED = 2
+    DEAD_MOTOR = 3
+    TORQUE_ORDER = 4
+    TORQUE_SIGN = 5
+    STOPPED = 6
+    HOLD_UPRIGHT = 7
+    TILT_FORWARD = 8
+    TILT_LEFT = 9
+    TURN_LEFT = 10
+    IMU_PASSED = 11
+    IMU_AXES = 12
+    IMU_GYRO = 13
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

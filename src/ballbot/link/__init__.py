@@ -2,11 +2,10 @@
 
 messages     what host and robot send each other: one schema each, from which the structs in C are written too
 frames       messages to bytes and back, with every check that a frame must pass
-transport    serial port, UDP and TCP behind three functions
+transport    serial port and UDP behind three functions
 datagram     datagrams signed with the robot's key
 session      handshake, watchdogs, arming in two steps, parameters: the host's side of a connection
 emulated     firmware in lock-step with a plant, behind a transport
-header       the messages as a header of the firmware
 recorder     a log that is written while the robot runs and survives a pulled plug
 references   where the robot is asked to be: courses, files, the keyboard, a gamepad
 live         a robot from arming to disarming, and the log of it

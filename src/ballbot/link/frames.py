@@ -66,10 +66,6 @@ class LayerCounts:
         """All frames so far."""
         return self.accepted + sum(self.refused)
 
-    def by_layer(self) -> dict[str, int]:
-        """Return the refused frames by the layer's name."""
-        return {one.name.lower(): self.refused[one] for one in Layer}
-
 
 def encode(message: Message, *, session: int, sequence: int) -> bytes:
     """Return the frame of a message, with its zero byte.

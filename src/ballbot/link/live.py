@@ -28,8 +28,7 @@ from ballbot.control.interface import Feedback
 from ballbot.control.parts import KINDS
 from ballbot.control.safety import StopReason
 from ballbot.errors import InputError
-from ballbot.firmware.host import SelfTestOutcome
-from ballbot.firmware.records import ESTIMATORS
+from ballbot.firmware.records import ESTIMATORS, SelfTestOutcome
 from ballbot.link.messages import ControllerPlace, Result, State
 from ballbot.link.operators import MOVEMENTS, Operator
 from ballbot.link.references import LiveReference, in_robot_frame, in_start_frame

@@ -26,8 +26,7 @@ from ballbot.arrays import real_array
 from ballbot.control.records import MAX_WHEELS
 from ballbot.control.safety import StopReason
 from ballbot.errors import InputError
-from ballbot.firmware.host import SelfTestOutcome
-from ballbot.firmware.records import PARAMETERS
+from ballbot.firmware.records import PARAMETERS, SelfTestOutcome
 from ballbot.link.frames import Frame, FrameReader, LayerCounts, encode, is_newer, message_of
 from ballbot.link.messages import (
     LONGEST_RAMP,

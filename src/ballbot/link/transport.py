@@ -1,8 +1,7 @@
-"""Transports: bytes to and from a robot over a serial port, UDP or TCP.
+"""Transports: bytes to and from a robot over a serial port or UDP.
 
     /dev/ttyACM0?baud=921600     a serial port
     udp://127.0.0.1:5005         a robot, or a bridge to one, that listens for datagrams
-    tcp://127.0.0.1:5006         the serial line of an emulated board
 
 A transport promises nothing: bytes may be lost, repeated, changed or late. Frames find that out.
 
@@ -56,7 +55,7 @@ def open_transport(address: str, *, key: bytes | None = None) -> Transport:
     Parameters
     ----------
     address : str
-        "udp://HOST:PORT", "tcp://HOST:PORT", or a serial port with "?baud=N" if it is not 921600.
+        "udp://HOST:PORT", or a serial port with "?baud=N" if it is not 921600.
     key : bytes, optional
         That this robot's datagrams are signed with; needed for UDP to another computer.
 
@@ -67,11 +66,8 @@ def open_transport(address: str, *, key: bytes | None = None) -> Transport:
     LinkError
         If the transport cannot be opened.
     """
-    parts = urlsplit(address)
-    if parts.scheme in ("udp", "tcp"):
+    if urlsplit(address).scheme == "udp":
         host, port = _host_and_port(address)
-        if parts.scheme == "tcp":
-            return connect_tcp(host, port)
         return UdpTransport(host, port, key=key)
     path, _, query = address.partition("?")
     baud = parse_qs(query).get("baud", [str(DEFAULT_BAUD)])[0]
@@ -87,7 +83,7 @@ def _host_and_port(address: str) -> tuple[str, int]:
     except ValueError:
         host, port = None, None
     if not host or not port:
-        raise InputError(f"{address!r} needs a host and a port, as in {parts.scheme}://127.0.0.1:5005.")
+        raise InputError(f"{address!r} needs a host and a port, as in udp://127.0.0.1:5005.")
     return host, port
 
 
@@ -139,7 +135,7 @@ class SerialTransport:
 
 
 class SocketTransport:
-    """A connected stream of bytes: TCP, or one end of a pair of sockets.
+    """A connected stream of bytes, such as one end of a pair of sockets.
 
     Parameters
     ----------
@@ -174,22 +170,6 @@ class SocketTransport:
     def close(self) -> None:
         """Close the connection."""
         self._socket.close()
-
-
-def connect_tcp(host: str, port: int) -> SocketTransport:
-    """Return a TCP connection, such as to the serial line of an emulated board.
-
-    Raises
-    ------
-    LinkError
-        If there is no answer.
-    """
-    try:
-        connected = socket.create_connection((host, port), timeout=2.0)
-    except OSError as problem:
-        raise LinkError(f"tcp://{host}:{port} does not answer: {problem}") from None
-    connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    return SocketTransport(connected)
 
 
 class UdpTransport:

@@ -12,7 +12,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from ballbot.control.safety import StopReason
-from ballbot.firmware.host import SelfTestOutcome
+from ballbot.firmware.records import SelfTestOutcome
 from ballbot.link.live import Sample
 from ballbot.link.messages import State
 from ballbot.link.session import stop_reason

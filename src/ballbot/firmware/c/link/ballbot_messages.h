@@ -1,6 +1,6 @@
 /* What robot and host send each other.
  *
- * Generated from the messages of the Python package by `python -m ballbot.link.header`; do not edit.
+ * Generated from the messages of the Python package by `python -m tests.support.link_header`; do not edit.
  * A body has the bytes of its struct on a little-endian processor. A message without a struct has no body.
  * Units are SI and stand behind each member; [1] is a number without a unit.
  */

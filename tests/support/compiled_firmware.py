@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass
-from enum import IntEnum
 from functools import cache
 from pathlib import Path
 
@@ -22,7 +21,7 @@ from ballbot.control.records import MAX_WHEELS, converted
 from ballbot.control.safety import StopReason
 from ballbot.errors import InputError
 from ballbot.firmware.build import shared_library, source_files
-from ballbot.firmware.records import STATE
+from ballbot.firmware.records import STATE, SelfTestOutcome
 
 
 @dataclass(frozen=True)
@@ -168,25 +167,6 @@ class CompiledController:
         if place != ALLOWED:
             raise InputError(refusal(int(place), float(wanted[0, place])))
         return torques[0].astype(np.float64)
-
-
-class SelfTestOutcome(IntEnum):
-    """The results of the firmware's self-test, with the numbers that they have in C."""
-
-    NOT_RUN = 0
-    RUNNING = 1
-    PASSED = 2
-    DEAD_MOTOR = 3
-    TORQUE_ORDER = 4
-    TORQUE_SIGN = 5
-    STOPPED = 6
-    HOLD_UPRIGHT = 7
-    TILT_FORWARD = 8
-    TILT_LEFT = 9
-    TURN_LEFT = 10
-    IMU_PASSED = 11
-    IMU_AXES = 12
-    IMU_GYRO = 13
 
 
 class Firmware:
