@@ -30,7 +30,7 @@ q = P h and s = h^T q + r, it is
 
     k = q / s        P+ = P - k q^T - (q - s k) k^T
 
-The filter is written once, for robots side by side (`sample_block`): rows of a work array, a robot a column, as the
+The filter is written and compiled once, for robots side by side (`sample_code`): rows of a work array, a robot a column, as the
 engine has them (`ballbot.mechanics.engine.lanes`). A single filter is a block of one. Of P only the lower triangle is
 kept, and only the entries of F that are not those of the unit matrix.
 """
@@ -39,16 +39,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.mechanics.engine.compiled import called, compiled, inlined
+from ballbot.mechanics.engine.compiled import c_code, compiled, inlined
 from ballbot.mechanics.engine.elementary import sine_cosine
 from ballbot.mechanics.engine.lanes import entry, put, restored, stored
-from ballbot.mechanics.engine.tracing import greatest, lanes, root, traced, where
+from ballbot.mechanics.engine.tracing import greatest, lanes, outside, root, traced, where
 from ballbot.mechanics.engine.vector import add, dot, scale, summed
 from ballbot.robot import Robot
 
@@ -378,7 +379,7 @@ def _product_of(place: int, row: dict, column: list):
 _GYRO_VARIANCE = 13
 
 
-@called
+@inlined
 def _weigh(work, width, number, counts):
     """Leave q = P h, s and 1/s of a seen number, and correct the state; 1/s is zero where it does not count."""
     first, last = _SEEN_FIRST[number], _SEEN_FIRST[number + 1]
@@ -429,21 +430,7 @@ def _correct(work, width):
                 put(work, place, lane, entry(work, place, lane) - k[i] * q[j] - rest[i] * k[j])
 
 
-@called
-def _absorb(work, width, first, last):
-    """Take in the seen numbers first .. last - 1, one after another."""
-    for i in range(STATES):
-        for lane in range(width):
-            put(work, _CHANGE + i, lane, 0.0)
-    for number in range(first, last):
-        _weigh(work, width, number, 1.0 if number == 2 else 0.0)
-        _correct(work, width)
-    for i in range(STATES):
-        for lane in range(width):
-            put(work, STATE + i, lane, entry(work, STATE + i, lane) + entry(work, _CHANGE + i, lane))
-
-
-@called
+@inlined
 def _see_attitudes(work, width):
     for lane in range(width):
         for i in range(2):
@@ -453,20 +440,44 @@ def _see_attitudes(work, width):
         put(work, _RESIDUAL + 5, lane, entry(work, HEADING, lane) - expected)
 
 
-@called
-def sample_block(work, width):
+@cache
+def sample_code() -> int:
+    """Return the address of the code for `sample_block`; the first call compiles, or reads what was compiled."""
+
+    @c_code("void(CPointer(float64), int64)")
+    def address(work, width):
+        _motion(work, width)
+        _propagate(work, width)
+        for first in range(0, len(_SEEN), 3):  # the wheels' numbers, then the AHRS's, one after another
+            if first > 0:
+                _see_attitudes(work, width)
+            for i in range(STATES):
+                for lane in range(width):
+                    put(work, _CHANGE + i, lane, 0.0)
+            for number in range(first, first + 3):
+                _weigh(work, width, number, 1.0 if number == 2 else 0.0)
+                _correct(work, width)
+            for i in range(STATES):
+                for lane in range(width):
+                    put(work, STATE + i, lane, entry(work, STATE + i, lane) + entry(work, _CHANGE + i, lane))
+
+    return address
+
+
+@traced
+def sample_block(code, work, width):
     """Take the filters of the first lanes over a sample; see the rows `GYRO_BEFORE` to `PIVOTING` for the inputs."""
-    _motion(work, width)
-    _propagate(work, width)
-    _absorb(work, width, 0, 3)
-    _see_attitudes(work, width)
-    _absorb(work, width, 3, 6)
+    outside(code, work, width)
 
 
 @compiled
-def sample(work):
+def _sample(code, work):
+    sample_block(code, work, 1)
+
+
+def sample(work: NDArray[np.float64]) -> None:
     """Take a single filter, the first lane of a block's work array, over a sample."""
-    sample_block(work, 1)
+    _sample(sample_code(), work)
 
 
 @compiled

@@ -18,14 +18,16 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arguments import checked_arguments
 from ballbot.arrays import real_array, whole_number
 from ballbot.control.controller import Controller, refusal
-from ballbot.control.law import LAW_TYPE
+from ballbot.control.law import LAW_TYPE, law_code
 from ballbot.control.presets import ControllerLike, as_controller
 from ballbot.control.records import fill_record
 from ballbot.control.references import Reference, ReferenceLike, as_reference
 from ballbot.errors import InputError
 from ballbot.estimation.heading import JUMP, Heading
 from ballbot.estimation.kalman import filter_row
+from ballbot.estimation.kalman_model import sample_code
 from ballbot.mechanics.engine.lanes import LANES
+from ballbot.mechanics.engine.play import play_code_of
 from ballbot.mechanics.engine.run import code_of, over_threads
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.friction import wheel_law
@@ -176,6 +178,9 @@ def simulate_batch(
     loops, filters = _loops(borne, robots, controllers, sample_time)
     inputs = Inputs(
         code=code_of(selected),
+        play_code=play_code_of(selected) if any(one.backlash > 0.0 for one in borne) else 0,
+        law_code=law_code(),
+        filter_code=sample_code() if len(filters) else 0,
         parameters=_rows(lambda one: one.packed_under(law), models),
         lift_offs=_rows(lift_off, robots),
         laws=np.stack([one.packed for one in controllers]).view(LAW_TYPE)[:, 0],

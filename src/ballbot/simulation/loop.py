@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.law import MEMORY_TYPE, record_law
+from ballbot.control.law import MEMORY_TYPE, decide_torques
 from ballbot.estimation.kalman_model import (
     BALL_RATE,
     BIAS,
@@ -72,9 +72,12 @@ from ballbot.simulation.model_plant import friction_needed, sinking, wheel_force
 
 
 class Inputs(NamedTuple):
-    """The code of a step, and each robot's numbers; one row may hold for every robot."""
+    """Compiled code, and each robot's numbers; one row may hold for every robot."""
 
-    code: Code
+    code: Code  #: of the mechanics' steps
+    play_code: int  #: of steps with play; 0 without play
+    law_code: int  #: 0 without laws
+    filter_code: int  #: 0 without Kalman filters
     parameters: NDArray[np.float64]  #: rows of `pack`
     lift_offs: NDArray[np.float64]
     laws: NDArray[np.void]  #: records of `ballbot.control.law.LAW`
@@ -611,8 +614,9 @@ def _command(inputs, block, robot, first, sample, reference):
     if own.missing_from <= sample < own.missing_until:
         state[0] = np.nan
     fill(block.last[robot], held)
-    law = inputs.laws[_row_of(inputs.laws, first + robot)]
-    record_law(law, block.memories[robot], state, reference, held)
+    row = _row_of(inputs.laws, first + robot)
+    law, memory = inputs.laws[row : row + 1], block.memories[robot : robot + 1]
+    decide_torques(inputs.law_code, law, memory, state, reference, held, len(held))
 
 
 @inlined
@@ -769,7 +773,7 @@ def _move(selected, work, width, inputs, block, sampling, first):
     for step in range(sampling.steps):
         _put_torques(selected, work, width, inputs, block, first, h, step * h)
         if plays:
-            play_block(selected, work, width)
+            play_block(inputs.play_code, work, width)
         else:
             take_steps(inputs.code, work, width, 1)
 
@@ -790,7 +794,7 @@ def run_block(selected, inputs, draws, sampling, first, width, out):
                 if _runs(work, lane, out, first, samples):
                     _measure(selected, work, lane, inputs, draws, block, first, sample)
             if filtering and sample > 0:
-                sample_block(block.filters, width)
+                sample_block(inputs.filter_code, block.filters, width)
             for lane in range(width):
                 if _runs(work, lane, out, first, samples):
                     robot = robot_in(work, lane)

@@ -17,6 +17,7 @@ from ballbot.errors import InputError
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import Estimator, EstimatorName
 from ballbot.mechanics.engine.lanes import AHEAD, LANES, PASSED
+from ballbot.mechanics.engine.play import play_code_of
 from ballbot.mechanics.engine.run import code_of
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
@@ -85,7 +86,10 @@ class SensedPlant:
         )
         record = loop_record(imperfections, robot, estimator=None, sample_time=self._sample_time)
         self._inputs = Inputs(
-            code=code_of(self.model.selected),
+            code=code_of(model.selected),
+            play_code=play_code_of(model.selected) if imperfections.backlash > 0.0 else 0,
+            law_code=0,
+            filter_code=0,
             parameters=model.packed[None],
             lift_offs=np.array([lift_off(robot)]),
             laws=np.zeros(1, LAW_TYPE),
