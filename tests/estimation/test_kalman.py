@@ -38,7 +38,6 @@ from ballbot.estimation.kalman_model import (
     G,
     S,
     X,
-    _absorb,
     _Numbers,
     _propagate,
     _tilt,
@@ -126,7 +125,7 @@ def test_only_gravity_changes_the_momentum_whatever_the_driveline_does() -> None
 @compiled
 def _propagate_and_absorb(work):
     _propagate(work, 1)
-    _absorb(work, 1, 0, 6)
+    _absorb(work, 1, 0, len(_SEEN))
 
 
 def numbers_of(model: FilterModel) -> _Numbers:
