@@ -57,7 +57,7 @@ from ballbot.mechanics.engine.tracing import greatest, lanes, least, outside, ro
 from ballbot.mechanics.engine.vector import add, advanced, inner, scale, subtract
 from ballbot.mechanics.equations import balancing_attitude
 from ballbot.mechanics.friction import NO_TERMS, dry_friction, friction_shift, has_directions
-from ballbot.mechanics.parameters import MAX_WHEELS, DirectedWheel, Exact, Pivoting, Wheel
+from ballbot.mechanics.parameters import MAX_WHEELS, DirectedWheel, Exact, Pivoting, Thesis, Wheel
 
 _SWEEPS = 100
 #: a sweep that changes no contact's speed by more than this is the last [rad/s, m/s]
@@ -256,13 +256,13 @@ def _ends(selected, work, first, last):
             put(work, ANGLE + i, lane, entry(work, ANGLE + i, lane) + turned)
 
 
-def play_code_of(selected: Exact | Pivoting) -> int:
+def play_code_of(selected: Exact | Thesis | Pivoting) -> int:
     """Return the address of the code for `play_block`; the first call compiles, or reads what was compiled."""
     return _play_code_of(selected, type(selected), type(selected.law))
 
 
 @cache
-def _play_code_of(selected: Exact | Pivoting, *kinds: type) -> int:
+def _play_code_of(selected: Exact | Thesis | Pivoting, *kinds: type) -> int:
     # tuples with the same numbers are equal, whatever their kinds
     @c_code("void(CPointer(float64), int64)")
     def address(work, width):
