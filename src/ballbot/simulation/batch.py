@@ -36,7 +36,7 @@ from ballbot.mechanics.parameters import selector
 from ballbot.robot import Robot
 from ballbot.simulation.batch_result import ClosedLoopBatch
 from ballbot.simulation.imperfections import LOOP, Imperfections, LoopRecord, loop_record
-from ballbot.simulation.loop import Draws, Inputs, Outcome, Sampling, run_block
+from ballbot.simulation.loop import Draws, Inputs, Outcome, Sampling, new_block, run_block
 from ballbot.simulation.model_plant import checked_states, lift_off, pack_contacts
 from ballbot.simulation.run import initial_state_of, sample_count
 
@@ -207,7 +207,8 @@ def simulate_batch(
         runs = range(first, first + width) if borne else ()
         which = [(borne[0], borne[0].seed + k) if alone else (borne[k], borne[k].seed) for k in runs]
         draws = draws_of(which, width, n=n, samples=samples, sample_time=sample_time)
-        run_block(selected, inputs, draws, sampling, first, width, out)
+        block = new_block(inputs.loops, width, n, filtering=len(filters) > 0)
+        run_block(selected, inputs, draws, sampling, block, first, width, out)
 
     over_threads(run, lanes, threads)
     leans = np.array([one.fallen_lean for one in borne] or [LARGEST_LEAN])

@@ -133,7 +133,7 @@ class Outcome(NamedTuple):
     changes: NDArray[np.float64]  #: sum of the squared changes of its torques
 
 
-class _Block(NamedTuple):
+class Block(NamedTuple):
     """What the loop remembers of each robot of a block from sample to sample."""
 
     memories: NDArray[np.void]  #: of the laws, records of `ballbot.control.law.MEMORY`
@@ -175,20 +175,6 @@ def _row_of(rows, robot):
 @inlined
 def _loop_of(inputs, robot):
     return inputs.loops[_row_of(inputs.loops, robot)]
-
-
-@inlined
-def _longest(loops):
-    """Return the longest delay, latency and window in samples, and whether torques change within a sample."""
-    delay, latency, window, by_steps = 0, 0, 1, False
-    for one in loops:
-        delay, latency, window = (
-            max(delay, one.delay),
-            max(latency, one.latency),
-            max(window, one.speed_window),
-        )
-        by_steps = by_steps or one.lag > 0.0 or one.pitch > 0.0
-    return delay, latency, window, by_steps
 
 
 @inlined
@@ -721,11 +707,12 @@ def _runs(work, lane, out, first, samples):
     return out.ended[robot] == samples and out.settled[robot] == samples
 
 
-@inlined
-def _new_block(loops, width, n, filtering):
-    """Return the memory of a block whose robots all begin."""
-    delay, latency, window, by_steps = _longest(loops)
-    return _Block(
+def new_block(loops: NDArray[np.void], width: int, n: int, *, filtering: bool) -> Block:
+    """Return the memory of a block whose robots all begin; n is the number of wheels."""
+    delay, latency = int(loops["delay"].max()), int(loops["latency"].max())
+    window = max(1, int(loops["speed_window"].max()))
+    by_steps = bool(((loops["lag"] > 0.0) | (loops["pitch"] > 0.0)).any())
+    return Block(
         np.zeros(width, MEMORY_TYPE),
         by_steps,
         np.zeros((1 + delay, width, n)),
@@ -779,12 +766,11 @@ def _move(selected, work, width, inputs, block, sampling, first):
 
 
 @compiled
-def run_block(selected, inputs, draws, sampling, first, width, out):
-    """Run robots first .. first + width - 1; `draws` are of these alone."""
+def run_block(selected, inputs, draws, sampling, block, first, width, out):
+    """Run robots first .. first + width - 1; `draws` and `block` are of these alone."""
     samples, n = len(sampling.references), out.torques.shape[2]
     filtering = len(inputs.filters) > 0
     work, state = new_work(), np.empty(10)
-    block = _new_block(inputs.loops, width, n, filtering)
     _start(selected, work, width, inputs, draws, sampling, first, block, state)
     moving = width
     for sample in range(samples):
@@ -822,13 +808,12 @@ def run_block(selected, inputs, draws, sampling, first, width, out):
 
 
 @compiled
-def start_alone(selected, inputs, draws, sampling):
-    """Return the work array and the block of a robot at its start, whose controller is called from outside."""
+def start_alone(selected, inputs, draws, sampling, block):
+    """Return the work array of a robot at its start, whose controller is called from outside."""
     work, state = new_work(), np.empty(10)
-    block = _new_block(inputs.loops, 1, draws.turns.shape[1], False)
     _start(selected, work, 1, inputs, draws, sampling, 0, block, state)
     _measure(selected, work, 0, inputs, draws, block, 0, 0)
-    return work, block
+    return work
 
 
 @compiled

@@ -24,7 +24,7 @@ from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.simulation.batch import draws_of, empty_outcome, push_table
 from ballbot.simulation.imperfections import LOOP, Imperfections, loop_record
-from ballbot.simulation.loop import Inputs, Sampling, start_alone, step_alone
+from ballbot.simulation.loop import Inputs, Sampling, new_block, start_alone, step_alone
 from ballbot.simulation.model_plant import FALLEN, LIFTED, checked_states, lift_off, pack_contacts
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.sensors import SensorSuite, sensor_samples
@@ -163,7 +163,8 @@ class SensedPlant:
         self._draws = drawn._replace(noise=np.zeros((1, n)), durations=np.zeros((1, 1)))
         self._sample, self._late = 0, 0.0
         self._out = empty_outcome(1, 0, np.iinfo(np.int64).max, n)
-        self._work, self._block = start_alone(self.model.selected, self._inputs, self._draws, self._sampling)
+        self._block = new_block(self._inputs.loops, 1, n, filtering=False)
+        self._work = start_alone(self.model.selected, self._inputs, self._draws, self._sampling, self._block)
         self._sensors.reset(self._random, self.motor_angles)
         self._estimator.reset(position=(float(state[0]), float(state[1])))
         return self._measure()
