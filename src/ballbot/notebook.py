@@ -66,7 +66,7 @@ class NotebookProgress:
 
     def __call__(self, progress: Progress) -> None:
         """Show how far work has come, if it is time to."""
-        shell = _notebook()
+        shell = running_notebook()
         if shell is None:
             return
         self._wait_for_end_of_cell(shell)
@@ -100,7 +100,7 @@ class NotebookProgress:
         self._begin()
 
 
-def _notebook() -> Any:
+def running_notebook() -> Any:
     """Return the shell of the notebook that this process works for; None if it works for none."""
     ipython = sys.modules.get("IPython")  # a notebook has imported it
     shell = ipython.get_ipython() if ipython is not None else None

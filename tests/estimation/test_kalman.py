@@ -49,6 +49,7 @@ from ballbot.estimation.kalman_model import (
 )
 from ballbot.mechanics.engine.compiled import compiled
 from ballbot.mechanics.engine.lanes import LANES
+from ballbot.mechanics.engine.tracing import traced
 from ballbot.mechanics.geometry import attitude_of_swing, body_rates_matrix, heading_of, lean_of, rotation
 from ballbot.mechanics.model import Model, contact_momentum
 from ballbot.robot import Friction
@@ -123,10 +124,15 @@ def test_only_gravity_changes_the_momentum_whatever_the_driveline_does() -> None
     assert np.linalg.norm(state[5:7] - [0.1, -0.05] - by_gravity) > 0.5 * np.linalg.norm(by_gravity)
 
 
+@traced
+def _absorb_all(work):
+    _absorb(work, 1, range(len(_SEEN)))
+
+
 @compiled
 def _propagate_and_absorb(work):
     _propagate(work, 1)
-    _absorb(work, 1, 0, 6)
+    _absorb_all(work)
 
 
 def numbers_of(model: FilterModel) -> _Numbers:

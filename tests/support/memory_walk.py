@@ -556,7 +556,7 @@ def overrun() -> str:
     from ballbot.control.law import MEMORY_SIZE, control_law
 
     try:
-        control_law(CONTROLLER.packed, np.zeros(MEMORY_SIZE), np.zeros(9), np.zeros(10), np.zeros(3))
+        control_law(CONTROLLER.packed, np.zeros(MEMORY_SIZE), np.zeros(10), np.zeros(9), np.zeros(3))
     except IndexError as error:
         return str(error)
     return "not caught"

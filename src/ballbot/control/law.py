@@ -16,9 +16,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
-from functools import reduce
+from functools import cache, reduce
 
 import numpy as np
+from numba import carray
 from numpy.typing import NDArray
 
 from ballbot.control.interface import LARGEST_STATE
@@ -35,7 +36,8 @@ from ballbot.control.parts.part import (
 )
 from ballbot.control.records import MAX_WHEELS, Schema, fill_record, number, schema_of, whole
 from ballbot.estimation.heading import TURN, compiled_turns_after
-from ballbot.mechanics.engine.compiled import called, compiled, inlined
+from ballbot.mechanics.engine.compiled import c_code, compiled, inlined
+from ballbot.mechanics.engine.tracing import outside, traced
 from ballbot.mechanics.equations import attitude
 
 #: result of `control_law` if the reference is allowed
@@ -261,7 +263,7 @@ def _is_state(measured):
     return True
 
 
-@called
+@inlined
 def _decide(law, memory, measured, reference, torques):
     """Fill `torques` (n,) for a state and a reference that are valid; see `control_law`."""
     n = len(torques)
@@ -283,20 +285,47 @@ def _decide(law, memory, measured, reference, torques):
     _learn_stage(law, memory, now, torque_limited or error_limited)
 
 
-@called
-def record_law(law, memory, measured, reference, torques):
-    """Do as `control_law`, whose arrays of numbers are records here."""
-    refused = _forbidden(reference)
-    if refused != ALLOWED or not _is_state(measured):
-        for i in range(len(torques)):
-            torques[i] = 0.0
-        return refused
-    _decide(law, memory, measured, reference, torques)
-    return ALLOWED
+@cache
+def law_code() -> int:
+    """Return the address of the law's code; the first call compiles, or reads what was compiled."""
+
+    @c_code("void(voidptr, voidptr, CPointer(float64), CPointer(float64), CPointer(float64), int64)")
+    def address(laws, memories, measured, reference, torques, n):
+        state, held = carray(measured, 10), carray(torques, n)
+        if _is_state(state):
+            law, memory = carray(laws, 1, LAW_TYPE)[0], carray(memories, 1, MEMORY_TYPE)[0]
+            _decide(law, memory, state, carray(reference, 10), held)
+        else:
+            for i in range(n):
+                held[i] = 0.0
+
+    return address
+
+
+@traced
+def decide_torques(code, law, memory, measured, reference, torques, n):
+    """Do as `control_law`, with a reference that is allowed, by `law_code`; law and memory are arrays of one record."""
+    outside(code, law, memory, measured, reference, torques, n)
 
 
 @compiled
-def control_law(law, memory, measured, reference, torques):
+def _control_law(code, law, memory, measured, reference, torques):
+    refused = _forbidden(reference)
+    if refused == ALLOWED:
+        decide_torques(code, law, memory, measured, reference, torques, len(torques))
+    else:
+        for i in range(len(torques)):
+            torques[i] = 0.0
+    return refused
+
+
+def control_law(
+    law: NDArray[np.float64],
+    memory: NDArray[np.float64],
+    measured: NDArray[np.float64],
+    reference: NDArray[np.float64],
+    torques: NDArray[np.float64],
+) -> int:
     """Fill `torques` (n,) and return `ALLOWED`, or the place in the reference at which A r is not 0.
 
     Without a valid state, or with a reference that is refused, the torques are zero and the memory stays as it is.
@@ -311,4 +340,4 @@ def control_law(law, memory, measured, reference, torques):
     torques : ndarray (n,)
         [N m]
     """
-    return record_law(law.view(LAW_TYPE)[0], memory.view(MEMORY_TYPE)[0], measured, reference, torques)
+    return _control_law(law_code(), law, memory, measured, reference, torques)

@@ -30,25 +30,27 @@ q = P h and s = h^T q + r, it is
 
     k = q / s        P+ = P - k q^T - (q - s k) k^T
 
-The filter is written once, for robots side by side (`sample_block`): rows of a work array, a robot a column, as the
-engine has them (`ballbot.mechanics.engine.lanes`). A single filter is a block of one. Of P only the lower triangle is
-kept, and only the entries of F that are not those of the unit matrix.
+The filter is written and compiled once, for robots side by side (`sample_code`): rows of a work array, a robot a
+column, as the engine has them (`ballbot.mechanics.engine.lanes`). A single filter is a block of one. Of P only the
+lower triangle is kept, and only the entries of F that are not those of the unit matrix.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from functools import cache
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.mechanics.engine.compiled import called, compiled, inlined
+from ballbot.mechanics.engine.compiled import c_code, compiled, inlined
 from ballbot.mechanics.engine.elementary import sine_cosine
 from ballbot.mechanics.engine.lanes import entry, put, restored, stored
-from ballbot.mechanics.engine.tracing import greatest, lanes, root, traced, where
+from ballbot.mechanics.engine.tracing import both, greatest, lanes, outside, root, traced, where
 from ballbot.mechanics.engine.vector import add, dot, scale, summed
 from ballbot.robot import Robot
 
@@ -149,8 +151,8 @@ _SEEN = (
     (G + 1, LEAN_ERROR + 1),
     (PSI, HEADING_ERROR),
 )
-_SEEN_STATES = np.array([state for states in _SEEN for state in states])
-_SEEN_FIRST = np.cumsum([0, *(len(states) for states in _SEEN)])
+_SEEN_FIRST = [0, *accumulate(len(states) for states in _SEEN)]
+_PIVOTING_SEEN = 2  # Omega_z, which is not zero where the ball pivots
 
 
 def _triangle(i: int, j: int) -> int:
@@ -158,7 +160,6 @@ def _triangle(i: int, j: int) -> int:
     return max(i, j) * (max(i, j) + 1) // 2 + min(i, j)
 
 
-_TRIANGLE = np.array([[_triangle(i, j) for j in range(STATES)] for i in range(STATES)])
 _TRIANGLE_SIZE = _triangle(STATES - 1, STATES - 1) + 1
 #: rows and columns of its entries, in their order
 LOWER_TRIANGLE = np.tril_indices(STATES)
@@ -178,12 +179,9 @@ PIVOTS = HEADING + 1  #: 1 if the ball turns on the spot, so that Omega_z = 0 do
 PIVOTING = PIVOTS + 1  #: result: Omega_z as the wheels have it [rad/s]
 _F = PIVOTING + 1
 _ROWS_SEEN = _F + len(_ENTRIES)  # h, the entries of `_SEEN`
-_RESIDUAL = _ROWS_SEEN + len(_SEEN_STATES)
+_RESIDUAL = _ROWS_SEEN + _SEEN_FIRST[-1]
 _CHANGE = _RESIDUAL + len(_SEEN)
-_Q = _CHANGE + STATES
-_VARIANCE = _Q + STATES
-_INVERSE = _VARIANCE + 1
-ROWS = _INVERSE + 1
+ROWS = _CHANGE + STATES
 
 
 class _Numbers(NamedTuple):
@@ -378,95 +376,85 @@ def _product_of(place: int, row: dict, column: list):
 _GYRO_VARIANCE = 13
 
 
-@called
-def _weigh(work, width, number, counts):
-    """Leave q = P h, s and 1/s of a seen number, and correct the state; 1/s is zero where it does not count."""
-    first, last = _SEEN_FIRST[number], _SEEN_FIRST[number + 1]
-    for lane in range(width):
-        put(work, _VARIANCE, lane, entry(work, _VARIANCES + number, lane))
+def _absorb(work, width, numbers):
+    """Take in the seen numbers, known when compiling, one after another."""
+    for lane in lanes(0, width):
+        stored(work, _CHANGE, lane, _STATE_SHAPE)
+    for number in numbers:
+        for lane in lanes(0, width):
+            _take_in(work, lane, number)
+    for lane in lanes(0, width):
+        x, change = restored(_STATE_SHAPE, work, STATE, lane), restored(_STATE_SHAPE, work, _CHANGE, lane)
+        stored(work, STATE, lane, add(x, change))
+
+
+def _take_in(work, lane, number):
+    """Correct a lane's state and covariance by a seen number, unless it is missing or does not count."""
+    p = restored((0.0,) * _TRIANGLE_SIZE, work, COVARIANCE, lane)
+    h = restored((0.0,) * len(_SEEN[number]), work, _ROWS_SEEN + _SEEN_FIRST[number], lane)
+    change = restored(_STATE_SHAPE, work, _CHANGE, lane)
+    q = tuple(
+        summed([p[_triangle(i, state)] * one for state, one in zip(_SEEN[number], h, strict=True)])
+        for i in range(STATES)
+    )
+    s, residual = entry(work, _VARIANCES + number, lane), entry(work, _RESIDUAL + number, lane)
+    for state, one in zip(_SEEN[number], h, strict=True):
+        s, residual = s + one * q[state], residual - one * change[state]
+    taken = residual == residual
+    if number == _PIVOTING_SEEN:
+        taken = both(taken, entry(work, PIVOTS, lane) == 0.0)
+    k = scale(q, where(taken, 1.0 / s, 0.0))
+    stored(work, _CHANGE, lane, add(change, scale(k, where(taken, residual, 0.0))))
+    rest = [one - s * gain for one, gain in zip(q, k, strict=True)]
     for i in range(STATES):
-        for lane in range(width):
-            put(work, _Q + i, lane, 0.0)
-        for k in range(first, last):
-            place = COVARIANCE + _TRIANGLE[i, _SEEN_STATES[k]]
-            for lane in range(width):
-                q = entry(work, _Q + i, lane) + entry(work, place, lane) * entry(work, _ROWS_SEEN + k, lane)
-                put(work, _Q + i, lane, q)
-    for k in range(first, last):
-        state = _SEEN_STATES[k]
-        for lane in range(width):
-            h = entry(work, _ROWS_SEEN + k, lane)
-            put(work, _VARIANCE, lane, entry(work, _VARIANCE, lane) + h * entry(work, _Q + state, lane))
-            less = h * entry(work, _CHANGE + state, lane)
-            put(work, _RESIDUAL + number, lane, entry(work, _RESIDUAL + number, lane) - less)
-    for lane in range(width):
-        residual = entry(work, _RESIDUAL + number, lane)
-        taken = residual == residual and counts * entry(work, PIVOTS, lane) == 0.0
-        put(work, _INVERSE, lane, 1.0 / entry(work, _VARIANCE, lane) if taken else 0.0)
-        put(work, _RESIDUAL + number, lane, residual if taken else 0.0)
-    for i in range(STATES):
-        for lane in range(width):
-            gain = entry(work, _INVERSE, lane) * entry(work, _Q + i, lane)
-            put(
-                work,
-                _CHANGE + i,
-                lane,
-                entry(work, _CHANGE + i, lane) + gain * entry(work, _RESIDUAL + number, lane),
-            )
+        for j in range(i + 1):
+            place = _triangle(i, j)
+            put(work, COVARIANCE + place, lane, p[place] - k[i] * q[j] - rest[i] * k[j])
 
 
 @traced
-def _correct(work, width):
-    """Take a seen number into the covariances."""
-    for lane in lanes(0, width):
-        q = restored(_STATE_SHAPE, work, _Q, lane)
-        s, inverse = entry(work, _VARIANCE, lane), entry(work, _INVERSE, lane)
-        k = scale(q, inverse)
-        rest = [one - s * gain for one, gain in zip(q, k, strict=True)]
-        for i in range(STATES):
-            for j in range(i + 1):
-                place = COVARIANCE + _triangle(i, j)
-                put(work, place, lane, entry(work, place, lane) - k[i] * q[j] - rest[i] * k[j])
+def _see_wheels(work, width):
+    _absorb(work, width, range(3))
 
 
-@called
-def _absorb(work, width, first, last):
-    """Take in the seen numbers first .. last - 1, one after another."""
-    for i in range(STATES):
-        for lane in range(width):
-            put(work, _CHANGE + i, lane, 0.0)
-    for number in range(first, last):
-        _weigh(work, width, number, 1.0 if number == 2 else 0.0)
-        _correct(work, width)
-    for i in range(STATES):
-        for lane in range(width):
-            put(work, STATE + i, lane, entry(work, STATE + i, lane) + entry(work, _CHANGE + i, lane))
-
-
-@called
+@traced
 def _see_attitudes(work, width):
-    for lane in range(width):
-        for i in range(2):
-            expected = entry(work, STATE + G + i, lane) + entry(work, STATE + LEAN_ERROR + i, lane)
-            put(work, _RESIDUAL + 3 + i, lane, entry(work, LEAN + i, lane) - expected)
-        expected = entry(work, STATE + PSI, lane) + entry(work, STATE + HEADING_ERROR, lane)
-        put(work, _RESIDUAL + 5, lane, entry(work, HEADING, lane) - expected)
+    for lane in lanes(0, width):
+        x = restored(_STATE_SHAPE, work, STATE, lane)
+        seen = restored(_THREE, work, LEAN, lane)  # and the heading
+        expected = (x[G] + x[LEAN_ERROR], x[G + 1] + x[LEAN_ERROR + 1], x[PSI] + x[HEADING_ERROR])
+        stored(work, _RESIDUAL + 3, lane, _less(seen, expected))
+    _absorb(work, width, range(3, len(_SEEN)))
 
 
-@called
-def sample_block(work, width):
+@cache
+def sample_code() -> int:
+    """Return the address of the code for `sample_block`; the first call compiles, or reads what was compiled."""
+
+    @c_code("void(CPointer(float64), int64)")
+    def address(work, width):
+        _motion(work, width)
+        _propagate(work, width)
+        _see_wheels(work, width)
+        _see_attitudes(work, width)
+
+    return address
+
+
+@traced
+def sample_block(code, work, width):
     """Take the filters of the first lanes over a sample; see the rows `GYRO_BEFORE` to `PIVOTING` for the inputs."""
-    _motion(work, width)
-    _propagate(work, width)
-    _absorb(work, width, 0, 3)
-    _see_attitudes(work, width)
-    _absorb(work, width, 3, 6)
+    outside(code, work, width)
 
 
 @compiled
-def sample(work):
+def _sample(code, work):
+    sample_block(code, work, 1)
+
+
+def sample(work: NDArray[np.float64]) -> None:
     """Take a single filter, the first lane of a block's work array, over a sample."""
-    sample_block(work, 1)
+    _sample(sample_code(), work)
 
 
 @compiled

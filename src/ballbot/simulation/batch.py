@@ -18,14 +18,16 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arguments import checked_arguments
 from ballbot.arrays import real_array, whole_number
 from ballbot.control.controller import Controller, refusal
-from ballbot.control.law import LAW_TYPE
+from ballbot.control.law import LAW_TYPE, law_code
 from ballbot.control.presets import ControllerLike, as_controller
 from ballbot.control.records import fill_record
 from ballbot.control.references import Reference, ReferenceLike, as_reference
 from ballbot.errors import InputError
 from ballbot.estimation.heading import JUMP, Heading
 from ballbot.estimation.kalman import filter_row
+from ballbot.estimation.kalman_model import sample_code
 from ballbot.mechanics.engine.lanes import LANES
+from ballbot.mechanics.engine.play import play_code_of
 from ballbot.mechanics.engine.run import code_of, over_threads
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.friction import wheel_law
@@ -34,7 +36,7 @@ from ballbot.mechanics.parameters import selector
 from ballbot.robot import Robot
 from ballbot.simulation.batch_result import ClosedLoopBatch
 from ballbot.simulation.imperfections import LOOP, Imperfections, LoopRecord, loop_record
-from ballbot.simulation.loop import Draws, Inputs, Outcome, Sampling, run_block
+from ballbot.simulation.loop import Draws, Inputs, Outcome, Sampling, new_block, run_block
 from ballbot.simulation.model_plant import checked_states, lift_off, pack_contacts
 from ballbot.simulation.run import initial_state_of, sample_count
 
@@ -176,6 +178,9 @@ def simulate_batch(
     loops, filters = _loops(borne, robots, controllers, sample_time)
     inputs = Inputs(
         code=code_of(selected),
+        play_code=play_code_of(selected) if any(one.backlash > 0.0 for one in borne) else 0,
+        law_code=law_code(),
+        filter_code=sample_code() if len(filters) else 0,
         parameters=_rows(lambda one: one.packed_under(law), models),
         lift_offs=_rows(lift_off, robots),
         laws=np.stack([one.packed for one in controllers]).view(LAW_TYPE)[:, 0],
@@ -202,7 +207,8 @@ def simulate_batch(
         runs = range(first, first + width) if borne else ()
         which = [(borne[0], borne[0].seed + k) if alone else (borne[k], borne[k].seed) for k in runs]
         draws = draws_of(which, width, n=n, samples=samples, sample_time=sample_time)
-        run_block(selected, inputs, draws, sampling, first, width, out)
+        block = new_block(inputs.loops, width, n, filtering=len(filters) > 0)
+        run_block(selected, inputs, draws, sampling, block, first, width, out)
 
     over_threads(run, lanes, threads)
     leans = np.array([one.fallen_lean for one in borne] or [LARGEST_LEAN])

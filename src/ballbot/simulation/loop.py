@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.law import MEMORY_TYPE, record_law
+from ballbot.control.law import MEMORY_TYPE, decide_torques
 from ballbot.estimation.kalman_model import (
     BALL_RATE,
     BIAS,
@@ -72,9 +72,12 @@ from ballbot.simulation.model_plant import friction_needed, sinking, wheel_force
 
 
 class Inputs(NamedTuple):
-    """The code of a step, and each robot's numbers; one row may hold for every robot."""
+    """Compiled code, and each robot's numbers; one row may hold for every robot."""
 
-    code: Code
+    code: Code  #: of the mechanics' steps
+    play_code: int  #: of steps with play; 0 without play
+    law_code: int  #: 0 without laws
+    filter_code: int  #: 0 without Kalman filters
     parameters: NDArray[np.float64]  #: rows of `pack`
     lift_offs: NDArray[np.float64]
     laws: NDArray[np.void]  #: records of `ballbot.control.law.LAW`
@@ -130,7 +133,7 @@ class Outcome(NamedTuple):
     changes: NDArray[np.float64]  #: sum of the squared changes of its torques
 
 
-class _Block(NamedTuple):
+class Block(NamedTuple):
     """What the loop remembers of each robot of a block from sample to sample."""
 
     memories: NDArray[np.void]  #: of the laws, records of `ballbot.control.law.MEMORY`
@@ -172,20 +175,6 @@ def _row_of(rows, robot):
 @inlined
 def _loop_of(inputs, robot):
     return inputs.loops[_row_of(inputs.loops, robot)]
-
-
-@inlined
-def _longest(loops):
-    """Return the longest delay, latency and window in samples, and whether torques change within a sample."""
-    delay, latency, window, by_steps = 0, 0, 1, False
-    for one in loops:
-        delay, latency, window = (
-            max(delay, one.delay),
-            max(latency, one.latency),
-            max(window, one.speed_window),
-        )
-        by_steps = by_steps or one.lag > 0.0 or one.pitch > 0.0
-    return delay, latency, window, by_steps
 
 
 @inlined
@@ -611,8 +600,9 @@ def _command(inputs, block, robot, first, sample, reference):
     if own.missing_from <= sample < own.missing_until:
         state[0] = np.nan
     fill(block.last[robot], held)
-    law = inputs.laws[_row_of(inputs.laws, first + robot)]
-    record_law(law, block.memories[robot], state, reference, held)
+    row = _row_of(inputs.laws, first + robot)
+    law, memory = inputs.laws[row : row + 1], block.memories[robot : robot + 1]
+    decide_torques(inputs.law_code, law, memory, state, reference, held, len(held))
 
 
 @inlined
@@ -717,11 +707,12 @@ def _runs(work, lane, out, first, samples):
     return out.ended[robot] == samples and out.settled[robot] == samples
 
 
-@inlined
-def _new_block(loops, width, n, filtering):
-    """Return the memory of a block whose robots all begin."""
-    delay, latency, window, by_steps = _longest(loops)
-    return _Block(
+def new_block(loops: NDArray[np.void], width: int, n: int, *, filtering: bool) -> Block:
+    """Return the memory of a block whose robots all begin; n is the number of wheels."""
+    delay, latency = int(loops["delay"].max()), int(loops["latency"].max())
+    window = max(1, int(loops["speed_window"].max()))
+    by_steps = bool(((loops["lag"] > 0.0) | (loops["pitch"] > 0.0)).any())
+    return Block(
         np.zeros(width, MEMORY_TYPE),
         by_steps,
         np.zeros((1 + delay, width, n)),
@@ -769,18 +760,17 @@ def _move(selected, work, width, inputs, block, sampling, first):
     for step in range(sampling.steps):
         _put_torques(selected, work, width, inputs, block, first, h, step * h)
         if plays:
-            play_block(selected, work, width)
+            play_block(inputs.play_code, work, width)
         else:
             take_steps(inputs.code, work, width, 1)
 
 
 @compiled
-def run_block(selected, inputs, draws, sampling, first, width, out):
-    """Run robots first .. first + width - 1; `draws` are of these alone."""
+def run_block(selected, inputs, draws, sampling, block, first, width, out):
+    """Run robots first .. first + width - 1; `draws` and `block` are of these alone."""
     samples, n = len(sampling.references), out.torques.shape[2]
     filtering = len(inputs.filters) > 0
     work, state = new_work(), np.empty(10)
-    block = _new_block(inputs.loops, width, n, filtering)
     _start(selected, work, width, inputs, draws, sampling, first, block, state)
     moving = width
     for sample in range(samples):
@@ -790,7 +780,7 @@ def run_block(selected, inputs, draws, sampling, first, width, out):
                 if _runs(work, lane, out, first, samples):
                     _measure(selected, work, lane, inputs, draws, block, first, sample)
             if filtering and sample > 0:
-                sample_block(block.filters, width)
+                sample_block(inputs.filter_code, block.filters, width)
             for lane in range(width):
                 if _runs(work, lane, out, first, samples):
                     robot = robot_in(work, lane)
@@ -818,13 +808,12 @@ def run_block(selected, inputs, draws, sampling, first, width, out):
 
 
 @compiled
-def start_alone(selected, inputs, draws, sampling):
-    """Return the work array and the block of a robot at its start, whose controller is called from outside."""
+def start_alone(selected, inputs, draws, sampling, block):
+    """Return the work array of a robot at its start, whose controller is called from outside."""
     work, state = new_work(), np.empty(10)
-    block = _new_block(inputs.loops, 1, draws.turns.shape[1], False)
     _start(selected, work, 1, inputs, draws, sampling, 0, block, state)
     _measure(selected, work, 0, inputs, draws, block, 0, 0)
-    return work, block
+    return work
 
 
 @compiled

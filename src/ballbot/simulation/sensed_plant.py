@@ -17,13 +17,14 @@ from ballbot.errors import InputError
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import Estimator, EstimatorName
 from ballbot.mechanics.engine.lanes import AHEAD, LANES, PASSED
+from ballbot.mechanics.engine.play import play_code_of
 from ballbot.mechanics.engine.run import code_of
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.simulation.batch import draws_of, empty_outcome, push_table
 from ballbot.simulation.imperfections import LOOP, Imperfections, loop_record
-from ballbot.simulation.loop import Inputs, Sampling, start_alone, step_alone
+from ballbot.simulation.loop import Inputs, Sampling, new_block, start_alone, step_alone
 from ballbot.simulation.model_plant import FALLEN, LIFTED, checked_states, lift_off, pack_contacts
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.sensors import SensorSuite, sensor_samples
@@ -85,7 +86,10 @@ class SensedPlant:
         )
         record = loop_record(imperfections, robot, estimator=None, sample_time=self._sample_time)
         self._inputs = Inputs(
-            code=code_of(self.model.selected),
+            code=code_of(model.selected),
+            play_code=play_code_of(model.selected) if imperfections.backlash > 0.0 else 0,
+            law_code=0,
+            filter_code=0,
             parameters=model.packed[None],
             lift_offs=np.array([lift_off(robot)]),
             laws=np.zeros(1, LAW_TYPE),
@@ -159,7 +163,8 @@ class SensedPlant:
         self._draws = drawn._replace(noise=np.zeros((1, n)), durations=np.zeros((1, 1)))
         self._sample, self._late = 0, 0.0
         self._out = empty_outcome(1, 0, np.iinfo(np.int64).max, n)
-        self._work, self._block = start_alone(self.model.selected, self._inputs, self._draws, self._sampling)
+        self._block = new_block(self._inputs.loops, 1, n, filtering=False)
+        self._work = start_alone(self.model.selected, self._inputs, self._draws, self._sampling, self._block)
         self._sensors.reset(self._random, self.motor_angles)
         self._estimator.reset(position=(float(state[0]), float(state[1])))
         return self._measure()

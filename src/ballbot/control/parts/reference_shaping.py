@@ -122,9 +122,9 @@ def _shaped(own, memory, state, wanted):
     _follow(own, p, last, x, y, psi)
     change[0], change[1], change[2] = d_x, d_y, d_psi
     return (
-        _lagged(place, memory.lags, 0, p[0] + lead_x),
-        _lagged(place, memory.lags, 1, p[1] + lead_y),
-        _lagged(heading, memory.lags, 2, p[2] + lead_psi),
+        _lagged(place, memory.lags[0], p[0] + lead_x),
+        _lagged(place, memory.lags[1], p[1] + lead_y),
+        _lagged(heading, memory.lags[2], p[2] + lead_psi),
     )
 
 
@@ -166,16 +166,16 @@ def _follow(own, p, last, x, y, psi):
 
 
 @inlined
-def _lagged(lags, memory, axis, target):
+def _lagged(lags, memory, target):
     """Return an axis's `Smooth` at the sample and step its four lags on to the next."""
     w, a, g = lags.frequency, lags.decay, lags.step
-    d_1, d_2 = memory[axis, 0] - target, memory[axis, 1] - target
-    d_3, d_4 = memory[axis, 2] - target, memory[axis, 3] - target
+    d_1, d_2 = memory[0] - target, memory[1] - target
+    d_3, d_4 = memory[2] - target, memory[3] - target
     half, sixth = 0.5 * g * g, g * g * g / 6.0
-    memory[axis, 0] = target + a * d_1
-    memory[axis, 1] = target + a * (d_2 + g * d_1)
-    memory[axis, 2] = target + a * (d_3 + g * d_2 + half * d_1)
-    memory[axis, 3] = target + a * (d_4 + g * d_3 + half * d_2 + sixth * d_1)
+    memory[0] = target + a * d_1
+    memory[1] = target + a * (d_2 + g * d_1)
+    memory[2] = target + a * (d_3 + g * d_2 + half * d_1)
+    memory[3] = target + a * (d_4 + g * d_3 + half * d_2 + sixth * d_1)
     w_2 = w * w
     return Smooth(
         target + d_4,

@@ -6,18 +6,23 @@ compiled code calls is small, or is called from one place. "No NaNs" and "no inf
 stays visible.
 """
 
+import os
+import sys
 import warnings
 from collections.abc import Callable
 from functools import cache, partial
 from hashlib import sha256
+from multiprocessing import parent_process
 from pathlib import Path
 from types import CellType, FunctionType
 
 from numba import cfunc, njit
+from numba.core.event import Event, Listener, register
 from numba.extending import overload
 
 from ballbot.errors import CompiledCodeNotKept
 from ballbot.mechanics.engine.tracing import FAST
+from ballbot.notebook import running_notebook
 
 #: what only compiled code calls needs no entry from outside
 _INSIDE = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
@@ -70,6 +75,7 @@ def _kept(function: Callable, compiler: Callable = njit, **options: object) -> C
     package = function.__module__.partition(".")[2].partition(".")[0]
     keyed = _with_closure(function, _sources_digest(package))
     try:
+        _remove_damaged(njit(cache=True)(keyed).stats.cache_path)
         return compiler(error_model="numpy", cache=True, **options)(keyed)
     except RuntimeError:  # Numba finds no folder that it may write to
         warn_that_code_is_not_kept()
@@ -93,6 +99,38 @@ def _sources_digest(package: str) -> str:
     ]
     sources = (file.read_bytes() for file in files)
     return sha256(b"".join(text for text in sources if b"ballbot.mechanics.engine" in text)).hexdigest()
+
+
+@cache
+def _remove_damaged(folder: str) -> None:
+    """Remove files of Numba's cache that a full disk or a broken copy has cut short; their code is compiled again."""
+    for file in Path(folder).glob("*.nb[ic]"):
+        with file.open("rb") as opened:
+            opened.seek(max(opened.seek(0, os.SEEK_END) - 1, 0))
+            whole = opened.read(1) == b"."  # pickle's last byte
+        if not whole:
+            file.unlink(missing_ok=True)
+
+
+class _Notice(Listener):
+    """Says, once, that Ballbot's code is compiled; nothing is compiled where all is on disk."""
+
+    def on_start(self, event: Event) -> None:
+        if event.data["dispatcher"].py_func.__module__.startswith("ballbot."):
+            _say_that_it_compiles()
+
+    def on_end(self, event: Event) -> None:
+        pass
+
+
+@cache
+def _say_that_it_compiles() -> None:
+    shown = sys.stderr is not None and (sys.stderr.isatty() or running_notebook() is not None)
+    if shown and parent_process() is None:
+        print("Ballbot compiles its code for this machine, once: about 20 s.", file=sys.stderr)
+
+
+register("numba:compile", _Notice())
 
 
 @cache

@@ -17,6 +17,8 @@ contact and dry friction in finite freedom dynamics, 1988. Velocities are of fir
 over its contacts, the end. A lane that has settled stays as it is while its neighbours go on.
 """
 
+from functools import cache
+
 from ballbot.mechanics.accelerations import solve
 from ballbot.mechanics.contacts import (
     contact_matrix,
@@ -28,7 +30,7 @@ from ballbot.mechanics.contacts import (
     parted,
     responses,
 )
-from ballbot.mechanics.engine.compiled import called
+from ballbot.mechanics.engine.compiled import c_code, inlined
 from ballbot.mechanics.engine.convex import less_response
 from ballbot.mechanics.engine.lanes import (
     AHEAD,
@@ -51,11 +53,11 @@ from ballbot.mechanics.engine.lanes import (
 )
 from ballbot.mechanics.engine.loading import load, state_like
 from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, is_upright
-from ballbot.mechanics.engine.tracing import greatest, lanes, least, root, traced, where
+from ballbot.mechanics.engine.tracing import greatest, lanes, least, outside, root, traced, where
 from ballbot.mechanics.engine.vector import add, advanced, inner, scale, subtract
 from ballbot.mechanics.equations import balancing_attitude
 from ballbot.mechanics.friction import NO_TERMS, dry_friction, friction_shift, has_directions
-from ballbot.mechanics.parameters import MAX_WHEELS, DirectedWheel, Wheel
+from ballbot.mechanics.parameters import MAX_WHEELS, DirectedWheel, Exact, Pivoting, Thesis, Wheel
 
 _SWEEPS = 100
 #: a sweep that changes no contact's speed by more than this is the last [rad/s, m/s]
@@ -210,7 +212,7 @@ def _sweep_lane(selected, work, lane):
             put(work, row + i, lane, where(moving, number, entry(work, row + i, lane)))
 
 
-@called
+@inlined
 def _moves(work, first, last):
     most = 0.0
     for lane in range(first, last):
@@ -254,16 +256,31 @@ def _ends(selected, work, first, last):
             put(work, ANGLE + i, lane, entry(work, ANGLE + i, lane) + turned)
 
 
-@called
-def play_block(selected, work, width):
+def play_code_of(selected: Exact | Thesis | Pivoting) -> int:
+    """Return the address of the code for `play_block`; the first call compiles, or reads what was compiled."""
+    return _play_code_of(selected, type(selected), type(selected.law))
+
+
+@cache
+def _play_code_of(selected: Exact | Thesis | Pivoting, *kinds: type) -> int:
+    # tuples with the same numbers are equal, whatever their kinds
+    @c_code("void(CPointer(float64), int64)")
+    def address(work, width):
+        for first in range(0, width, GROUP):
+            last = min(first + GROUP, width)
+            _problems(selected, work, first, last)
+            _motors(selected, work, first, last)
+            _start_from_last_forces(selected, work, first, last)
+            for _ in range(_SWEEPS):
+                if not _moves(work, first, last):
+                    break
+                _sweep(selected, work, first, last)
+            _ends(selected, work, first, last)
+
+    return address
+
+
+@traced
+def play_block(code, work, width):
     """Advance every lane of a block by one step with its motors' torques and its wheels' loads held."""
-    for first in range(0, width, GROUP):
-        last = min(first + GROUP, width)
-        _problems(selected, work, first, last)
-        _motors(selected, work, first, last)
-        _start_from_last_forces(selected, work, first, last)
-        for _ in range(_SWEEPS):
-            if not _moves(work, first, last):
-                break
-            _sweep(selected, work, first, last)
-        _ends(selected, work, first, last)
+    outside(code, work, width)

@@ -1,0 +1,33 @@
+"""Compiled code on disk: said where it is made, read where it is whole."""
+
+import os
+import subprocess
+import sys
+
+SHAPE = """
+import sys
+import numpy as np
+sys.stderr.isatty = lambda: True
+from ballbot.control.parts.reference_shaping import ReferenceShaping, shape_references
+print(shape_references(ReferenceShaping(), np.eye(10), 0.005).sum())
+"""
+
+
+def test_a_damaged_cache_is_compiled_again_and_compilation_is_said_once(tmp_path):
+    def run() -> tuple[str, int]:
+        done = subprocess.run(
+            [sys.executable, "-c", SHAPE],
+            env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        return done.stdout, done.stderr.count("compiles")
+
+    first = run()
+    assert first[1] == 1
+    assert run() == (first[0], 0)
+    for ending, size in (("nbi", -20), ("nbc", 0)):
+        (file,) = tmp_path.rglob(f"*.{ending}")
+        file.write_bytes(file.read_bytes()[:size])
+        assert run() == first
