@@ -56,9 +56,10 @@ _RADIUS, _NARROWER, _WIDER = 0.3, 0.3, 2.5
 #: curvature in the flattest direction, of the steepest one's
 _FLATTEST = 1e-12
 #: where so many steps one after another gain less than the first, and promise no more or are shorter than the last,
-#: windows are begun again, until that finds nothing, but not more often; then the descent ends by the second
+#: windows are begun again; then the descent ends by the second
 _PATIENCE, _SLOW, _LITTLE, _SHORT = 2, 1e-5, 5e-7, 1e-3
-_RENEWALS = 3
+#: until that gains less of the cost, but not more often: a level valley is left by one better start of a window
+_RENEWALS, _WORTH = 8, 1e-6
 #: a start has settled where a step promises less, in squares of a residual's deviation; steps at most
 _SETTLED, _ROUNDS = 1e-3, 5
 #: a step along one side's slopes holds if it gains this share of what they promise, and needs no new slopes with that
@@ -67,7 +68,7 @@ _HOLDS, _STRAIGHT = 0.5, 0.9
 _TIE = 1e6
 #: random starts of each window, from so many times to so many the deviations that its residuals leave, and how many of
 #: those that lie in other basins settle
-_DRAWN, _SPREADS, _RENEWED = 12, (0.5, 3.0), 3
+_DRAWN, _SPREADS, _RENEWED = 48, (0.5, 3.0), 3
 #: they lie there if their cost, starts eliminated, differs by more, in squares; above the most they cannot be better
 _APART, _FAR, _BETTER = 0.02, 60.0, 0.01
 _STATES = 10
@@ -241,7 +242,7 @@ def descend(
         short_steps, fixed = short_steps + 1 if short else 0, np.zeros(len(point))
         if short_steps == _PATIENCE and renewals < _RENEWALS:
             renewed = _renewed(problem, at, seed=renewals)
-            renewals = renewals + 1 if renewed.cost < at.cost - _SLOW else _RENEWALS
+            renewals = renewals + 1 if renewed.cost < at.cost - _WORTH else _RENEWALS
             at, radius, short_steps = min(renewed, at, key=lambda one: one.cost), _RADIUS, 0
         history.append(at.cost)
         run.progress(Progress(stage="gauss_newton", done=number, total=most_steps, cost=at.cost))
