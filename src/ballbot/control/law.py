@@ -19,7 +19,7 @@ from dataclasses import dataclass, field, fields
 from functools import cache, reduce
 
 import numpy as np
-from numba import carray
+from numba import carray  # pyright: ignore[reportPrivateImportUsage] (documented by Numba)
 from numpy.typing import NDArray
 
 from ballbot.control.interface import LARGEST_STATE

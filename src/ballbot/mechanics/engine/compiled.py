@@ -116,6 +116,7 @@ class _Notice(Listener):
     """Says, once, that Ballbot's code is compiled; nothing is compiled where all is on disk."""
 
     def on_start(self, event: Event) -> None:
+        assert event.data is not None
         if event.data["dispatcher"].py_func.__module__.startswith("ballbot."):
             _say_that_it_compiles()
 
