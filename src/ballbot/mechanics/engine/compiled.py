@@ -10,6 +10,7 @@ import os
 import sys
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache, partial
 from hashlib import sha256
 from multiprocessing import parent_process
@@ -105,11 +106,12 @@ def _sources_digest(package: str) -> str:
 def _remove_damaged(folder: str) -> None:
     """Remove files of Numba's cache that a full disk or a broken copy has cut short; their code is compiled again."""
     for file in Path(folder).glob("*.nb[ic]"):
-        with file.open("rb") as opened:
-            opened.seek(max(opened.seek(0, os.SEEK_END) - 1, 0))
-            whole = opened.read(1) == b"."  # pickle's last byte
-        if not whole:
-            file.unlink(missing_ok=True)
+        with suppress(OSError):  # another process has removed it
+            with file.open("rb") as opened:
+                opened.seek(max(opened.seek(0, os.SEEK_END) - 1, 0))
+                whole = opened.read(1) == b"."  # pickle's last byte
+            if not whole:
+                file.unlink()
 
 
 class _Notice(Listener):
