@@ -33,12 +33,12 @@ from ballbot.identification.parameters import read_bounds
 from ballbot.identification.sweep import read_sweep
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks import check
-from ballbot.log.column_summary import summarize
 from ballbot.log.formats import WRITTEN_SUFFIXES, read_foreign_table
 from ballbot.log.log import LONGEST
 from ballbot.log.mapping_file import parse_mapping, read_mapping
 from ballbot.log.pose import read_poses
 from ballbot.mechanics.model import Model
+from ballbot.report.log_check import summarize
 from ballbot.robot import Robot
 from ballbot.robot.components import PARAMETERS
 from ballbot.robot.derived import derived_quantities

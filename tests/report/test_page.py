@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from markupsafe import Markup
 
 from ballbot.control.linear import robot_loop
 from ballbot.control.presets import nominal_controller
@@ -238,6 +239,18 @@ def test_a_table_of_many_blocks_is_folded_on_a_phone():
     assert "Show the table (30 rows)" in page(Sheet(headings=headings, rows=rows))
     assert "Show the table" not in page(Sheet(headings=headings, rows=rows[:4]))
     assert "Show the table" not in page(Sheet(headings=("file", "bytes"), rows=[("law.c", "12")] * 20))
+
+
+def test_a_table_shows_texts_with_brackets_and_spaces_as_they_are_and_markup_without_its_tags():
+    out = io.StringIO()
+    rows = [("<b> & x", "+0.100  +0.200 m"), (Markup("v<sub>s</sub>"), "1")]
+    PlainConsole(file=out, width=60).print(
+        Sheet(headings=("a", "b"), rows=[[Cell(text=c) for c in row] for row in rows])
+    )
+    shown = out.getvalue()
+    assert "<b> & x" in shown
+    assert "+0.100  +0.200 m" in shown
+    assert "vs" in shown
 
 
 @pytest.mark.parametrize("terminal", [True, False])

@@ -14,7 +14,8 @@ from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.log import Log
 from ballbot.log.formats import is_foreign
-from ballbot.log.mapping_search.found import Kind, Proposal, Stated
+from ballbot.log.mapping_search.found import Proposal, Stated
+from ballbot.log.mapping_search.name_words import InputKind
 from ballbot.log.mapping_search.proposal import agreement, propose
 from ballbot.log.mapping_search.text import Evaluation, evaluate, surest
 from ballbot.printable import shell_line
@@ -38,7 +39,7 @@ def check_log(
     *others: Path,
     robot: str | None = None,
     mapping: Path | None = None,
-    command: Kind | None = None,
+    command: InputKind | None = None,
     full_scale: float | None = None,
     counts_per_turn: float | None = None,
     columns: str | None = None,

@@ -41,9 +41,8 @@ from ballbot.log.imu_angles import (
     quaternion_angles,
     yaw_ahead,
 )
-from ballbot.log.resampling import ROUNDING, acting_at, mean_acting, measured_at
 from ballbot.log.row_order import later_runs, repeated_rows, rows_in_order, rows_with_times
-from ballbot.log.signals import sampling_times, unwrapped, without_holes, without_resets
+from ballbot.log.signals import new_messages, sampling_times, unwrapped, without_holes, without_resets
 from ballbot.log.wrapping import continuous_clock, continuous_headings
 
 
@@ -270,7 +269,7 @@ def _applied(
     for name in raw:
         if name != "t":
             delay = mapping.columns[mapping.integrals.get(name, name)].delay
-            columns[name] = measured_at(rows, sampled, raw[name], delay, shift=shift)
+            columns[name] = _measured_at(rows, sampled, raw[name], delay, shift=shift)
     if mapping.attitude is not None:
         columns |= _attitude(mapping.attitude, table, rows, sampled, shift=shift)
     if mapping.motors is not None:
@@ -409,9 +408,9 @@ def _attitude(
             values = less_half_a_turn(values, math.pi)
         if place == 2:
             values = unwrapped(values)
-        angles[:, place] = measured_at(rows, sampled, values, source.delay, shift=shift)
+        angles[:, place] = _measured_at(rows, sampled, values, source.delay, shift=shift)
     measured = [
-        measured_at(rows, sampled, _scaled(name, source, table), source.delay, shift=shift)
+        _measured_at(rows, sampled, _scaled(name, source, table), source.delay, shift=shift)
         for name, source in zip(_GYRO_NAMES, attitude.rates, strict=bool(attitude.rates))
     ]
     if len(attitude.sources) == 2:
@@ -440,7 +439,7 @@ def _commands(
     for i, source in enumerate(motors.sources, start=1):
         acting = motors.drive.acting(_scaled(f"u{i}", source, table))
         columns[f"u{i}"] = (
-            mean_acting(t, rows, acting, source.delay) if even else acting_at(t, acting, source.delay)
+            _mean_acting(t, rows, acting, source.delay) if even else _acting_at(t, acting, source.delay)
         )
     return columns
 
@@ -457,7 +456,7 @@ def _cut(columns: Columns, t: NDArray[np.float64], measured: list[float], comman
     """Return the rows for which every delayed column has a value in the file, whose times are t."""
     rows = columns["t"]
     ahead = [*measured, *(-delay for delay in commanded)]
-    kept = (rows + min(ahead) >= t[0] - ROUNDING) & (rows + max(ahead) <= t[-1] + ROUNDING)
+    kept = (rows + min(ahead) >= t[0] - _ROUNDING) & (rows + max(ahead) <= t[-1] + _ROUNDING)
     if not kept.any():
         raise InputError("The delays in the mapping are longer than the log; give delays in seconds.")
     return {name: values[kept] for name, values in columns.items()}
@@ -492,3 +491,47 @@ def _kept(columns: Columns, spans: tuple[tuple[float, float], ...] | None) -> Co
     if not kept.any():
         raise InputError(f"[time] keep selects no row of the file, which runs from {t[0]:g} to {t[-1]:g} s.")
     return {name: values[kept] for name, values in columns.items()}
+
+
+#: [s] by which rounding may move a delayed row past the one it belongs to
+_ROUNDING = 1e-9
+
+
+def _measured_at(
+    rows: NDArray[np.float64],
+    sampled: NDArray[np.float64],
+    values: NDArray[np.float64],
+    delay: float,
+    *,
+    shift: bool,
+) -> NDArray[np.float64]:
+    """Return a sensor's values (N,) reported `delay` after the rows' times, interpolated linearly."""
+    if not (shift or delay):
+        return values
+    first = new_messages(sampled) if shift else slice(None)
+    return np.interp(rows + delay, sampled[first], without_holes(sampled[first], values[first]))
+
+
+def _acting_at(t: NDArray[np.float64], values: NDArray[np.float64], delay: float) -> NDArray[np.float64]:
+    """Return the command that acts at t: the last one logged at t - delay or before."""
+    if not delay:
+        return values
+    latest = np.searchsorted(t, t - delay + _ROUNDING, side="right") - 1
+    return values[np.maximum(latest, 0)]
+
+
+def _mean_acting(
+    t: NDArray[np.float64], rows: NDArray[np.float64], values: NDArray[np.float64], delay: float
+) -> NDArray[np.float64]:
+    """Return the mean of the command that acts from each row to the next; missing where a part of it is."""
+    step = rows[1] - rows[0] if len(rows) > 1 else 1.0
+    edges = np.append(rows, rows[-1] + step) - delay
+    values = without_holes(t, values, held=True)
+    known = np.isfinite(values)
+
+    def mean(acting: NDArray[np.float64]) -> NDArray[np.float64]:
+        impulse = np.concatenate(([0.0], np.cumsum(acting[:-1] * np.diff(t))))
+        return np.diff(np.interp(edges, t, impulse)) / step
+
+    means = mean(np.where(known, values, 0.0))
+    return means if known.all() else np.where(mean((~known).astype(float)) > 1e-9, np.nan, means)

@@ -89,7 +89,7 @@ class Sheet:
         for heading, numeric in zip(self.headings, self.numeric, strict=True):
             made.add_column(Text(printable_line(heading)), justify="right" if numeric else "left")
         for row in self.cells:
-            made.add_row(*(Text(printable(Markup(cell.text).striptags())) for cell in row))
+            made.add_row(*(Text(printable(_plain(cell.text))) for cell in row))
         yield made
 
     @property
@@ -156,6 +156,11 @@ class Sheet:
                     columns[place].append(cell)
                 place += cell.span
         return columns
+
+
+def _plain(text: str | Markup) -> str:
+    """Return the words of a cell: only markup has tags, and a text keeps its spaces and brackets."""
+    return text.striptags() if isinstance(text, Markup) else text
 
 
 def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Sheet:

@@ -242,7 +242,7 @@ def limits_report(
         ),
         verdict=verdict,
         sections=[
-            section("Limits", *(one for one in tables)),
+            section("Limits", *tables),
             section("Over all directions", pictures["directions"]),
             section("Tilt and tilt rate", pictures["planes"]),
             section("Height of an impulse", pictures["heights"]),

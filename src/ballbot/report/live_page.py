@@ -96,7 +96,7 @@ def alternation_report(
         lead=f"{about} Before: {before}. After: {after}.",
         verdict=[("", conclusion(found))],
         sections=[
-            section("Compared", *(one for one in tables), Bullets(items=verdicts)),
+            section("Compared", *tables, Bullets(items=verdicts)),
             section(
                 "Over time",
                 TimeSeries(

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
@@ -16,7 +17,7 @@ from ballbot.findings import Finding, by_severity, note
 from ballbot.log import Log
 from ballbot.log.checks import check
 from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
-from ballbot.log.column_summary import ColumnSummary, summarize
+from ballbot.log.columns import unit_of
 from ballbot.log.mapping_search.found import Proposal
 from ballbot.log.mapping_search.text import Evaluation, answer_lines
 from ballbot.log.pose import with_position, with_rates
@@ -29,6 +30,39 @@ from ballbot.summary import counted
 
 if TYPE_CHECKING:
     from ballbot.log.checks.physics import PhysicsOfLog
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColumnSummary:
+    """One column of a log."""
+
+    name: str
+    unit: str | None  #: None for a name that is not Ballbot's
+    least: float | None  #: of the finite values; None if no value is finite
+    greatest: float | None
+    missing: int  #: cells that are NaN or infinite
+    change_rate: float  #: changes of the value per second; for a slow sensor its own rate
+
+
+def summarize(log: Log) -> tuple[ColumnSummary, ...]:
+    """Return a summary of each of the log's columns, in their order."""
+    duration = float(log.t[-1] - log.t[0])
+    summaries = []
+    for name in log.names:
+        values = log[name]
+        finite = values[np.isfinite(values)]
+        changes = int(np.count_nonzero(np.diff(finite)))
+        summaries.append(
+            ColumnSummary(
+                name=name,
+                unit=unit_of(name),
+                least=float(finite.min()) if finite.size else None,
+                greatest=float(finite.max()) if finite.size else None,
+                missing=len(values) - finite.size,
+                change_rate=changes / duration if duration > 0.0 else 0.0,
+            )
+        )
+    return tuple(summaries)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

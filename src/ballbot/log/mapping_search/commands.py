@@ -27,6 +27,7 @@ from scipy.optimize import nnls
 from ballbot.log.checks.lean import clarity
 from ballbot.log.checks.torque_balance import TURNED_POWER, Driving
 from ballbot.log.mapping_search.evidence import (
+    ERRORS_WEIGHT,
     MOST,
     jackknife_error,
     probabilities,
@@ -126,8 +127,6 @@ def _by_wheel(
     return (commands * np.asarray(signs, dtype=np.float64))[:, np.argsort(order)]
 
 
-#: part of the standard errors by which one assignment is behind another that is believed
-BELIEVED_ERRORS = 0.6
 #: logarithm of the ratio of two squared errors from which it counts, too, and its weight for each second;
 #: chosen so that of windows of 4 to 12 s of the campaign's recordings fewest are wrong with confidence
 LEAST_RATIO, EACH_SECOND = 0.15, 1.5
@@ -141,7 +140,7 @@ def _log_odds(total: NDArray[np.float64], least: NDArray[np.float64]) -> float:
 
     Either the difference repeats in every block of a second, or it is so large that few blocks are enough.
     """
-    z = BELIEVED_ERRORS * min(max(clarity(total - least), 0.0), 60.0)
+    z = ERRORS_WEIGHT * min(max(clarity(total - least), 0.0), 60.0)
     ratio = math.log(max(float(total.sum()), 1e-12) / max(float(least.sum()), 1e-12))
     return max(0.5 * z**2, EACH_SECOND * len(total) * max(ratio - LEAST_RATIO, 0.0))
 
@@ -265,7 +264,7 @@ def _block_products(
 DELAYS, DELAY_WIDTH = INTERVAL * np.arange(-1.0, 9.0), 0.02
 #: part of the signals' own size that is added to the normal equations: commands sum to nearly zero
 RIDGE = 1e-3
-#: a delay is believed if the commands explain this share of the wheels' accelerations
+#: a delay is accepted if the commands explain this share of the wheels' accelerations
 LEAST_EXPLAINED = 0.4
 
 

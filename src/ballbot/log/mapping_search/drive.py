@@ -10,21 +10,24 @@ import numpy as np
 from ballbot.errors import InputError
 from ballbot.log.checks.lean import motion_of, usable_rows
 from ballbot.log.checks.torque_balance import driving_of, gravity_need
-from ballbot.log.mapping_search.commands import Assignment, Response, assign, command_delay, response
-from ballbot.log.mapping_search.found import KINDS, Drive, Kind, Proposal
+from ballbot.log.mapping_search.commands import (
+    DELAY_WIDTH,
+    Assignment,
+    Response,
+    assign,
+    command_delay,
+    response,
+)
+from ballbot.log.mapping_search.found import KINDS, Drive, Proposal
 from ballbot.log.mapping_search.motion import Columned, Motion
+from ballbot.log.mapping_search.name_words import INPUT_OF_UNIT, InputKind
 from ballbot.log.mapping_search.text import raw_log
-from ballbot.log.mapping_search.units import (
-    fastest,
-)
+from ballbot.log.mapping_search.units import fastest
 from ballbot.log.pose import with_odometry
-from ballbot.log.signals import (
-    new_messages,
-    smooth,
-)
+from ballbot.log.signals import new_messages, smooth
 from ballbot.robot import Robot
 
-#: full scales of a duty in use; 1023, 1024 and 1000 are one to 3 %, which the largest command tells apart
+#: full scales of a duty in use; 1000 and 1023 differ by 2 %, and the largest command separates them
 FULL_SCALES = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 32767.0, 65535.0)
 #: a scale is taken by the motion if it is this much [log] nearer than the next one; and the largest ratio of torques,
 #: in either direction, that friction which the law lacks explains in a weak motion (2.8 on a real log)
@@ -33,18 +36,8 @@ CLEARLY_NEARER, LARGEST_RATIO = 0.5, 4.0
 FULL_SCALE_FITS = 0.35
 #: correlation of a free wheel's speed with its command
 FOLLOWED = 0.8
-#: kinds are stated by headings with these units
-_KIND_OF_UNIT: dict[str, Kind] = {
-    "N m": "torque",
-    "mN m": "torque",
-    "N cm": "torque",
-    "A": "current",
-    "mA": "current",
-    "V": "voltage",
-    "mV": "voltage",
-    "%": "duty",
-}
-_SCALES: dict[Kind, dict[str, float]] = {
+#: what turns a number in a unit into N m, A, V or a duty
+_SCALES: dict[InputKind, dict[str, float]] = {
     "torque": {"N m": 1.0, "mN m": 1e-3, "N cm": 1e-2},
     "current": {"A": 1.0, "mA": 1e-3},
     "voltage": {"V": 1.0, "mV": 1e-3},
@@ -119,12 +112,11 @@ def _delay(base: Columned, motion: Motion) -> tuple[float, float]:
         return math.nan, math.inf
     if np.allclose(held, held[:, :1]):
         held = held[:, :1]
-    width = 0.02
-    wheels = smooth(rows, motion.sampled[kept], motion.angles[kept], width=width)
-    return command_delay(wheels, smooth(rows, rows, held, width=width).value, usable)
+    wheels = smooth(rows, motion.sampled[kept], motion.angles[kept], width=DELAY_WIDTH)
+    return command_delay(wheels, smooth(rows, rows, held, width=DELAY_WIDTH).value, usable)
 
 
-def standstill(kind: Kind, robot: Robot) -> float:
+def standstill(kind: InputKind, robot: Robot) -> float:
     """Return the torque [N m] at standstill of one N m, A, V or full duty: full duty gives the torque limit."""
     drive = robot.drive
     return {
@@ -137,10 +129,10 @@ def standstill(kind: Kind, robot: Robot) -> float:
 
 def _scale_of(
     base: Columned, found: Response | None, motion: Motion
-) -> tuple[Kind | None, float, str, dict[Kind, tuple[float, float]]]:
+) -> tuple[InputKind | None, float, str, dict[InputKind, tuple[float, float]]]:
     """Return the kind that is stated, its scale and why, and the likeliest scale and ratio of every kind."""
     named = base.roles.unit(base.roles.commands)
-    of_unit = _KIND_OF_UNIT.get(named or "")
+    of_unit = INPUT_OF_UNIT.get(named or "")
     kind = base.stated.command or of_unit
     if of_unit is not None and kind != of_unit:
         raise InputError(
@@ -153,11 +145,14 @@ def _scale_of(
     if not base.roles.attitude and largest > 0.0:
         # a free wheel turns at the speed whose back-EMF is the voltage: of a full duty, the supply's
         turned = float(np.abs(motion.signals.wheels.rate).max()) / fastest(base.robot) / largest
-        free: dict[Kind, float] = {"duty": 1.0 / turned, "voltage": base.robot.drive.supply_voltage / turned}
+        free: dict[InputKind, float] = {
+            "duty": 1.0 / turned,
+            "voltage": base.robot.drive.supply_voltage / turned,
+        }
         gains = {one: value / standstill(one, base.robot) for one, value in free.items() if turned > 0.0}
     else:
         gains = dict.fromkeys(KINDS, gain)
-    ratios: dict[Kind, tuple[float, float]] = {}
+    ratios: dict[InputKind, tuple[float, float]] = {}
     words = ""
     for one in KINDS:
         scales = dict(_SCALES[one])

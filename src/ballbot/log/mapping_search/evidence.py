@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 #: below this confidence a conclusion is undetermined
 CONFIDENT = 0.9
+#: weight of standard errors over blocks of a second: these are not independent, and the best of several explanations
+#: fits better by chance
+ERRORS_WEIGHT = 0.6
 #: no log gives more confidence than this
 MOST = 0.999
 #: smallest normal number: a denominator of at least this keeps the ratio of two zeros finite
@@ -28,14 +31,14 @@ def probabilities(log_weights: Mapping[Candidate, float]) -> dict[Candidate, flo
     return {one: weights[one] / total for one in ranked}
 
 
-def advantage_confidence(z: float, *, believed: float = 0.6) -> float:
+def advantage_confidence(z: float, *, weight: float = ERRORS_WEIGHT) -> float:
     """Return the confidence in an explanation that is better than the next by z standard errors.
 
-    Blocks of a second are not independent, and the best of several explanations is flattered: part of z is believed.
+    They count by the weight.
     """
     if math.isnan(z):
         return 0.5
-    return min(0.5 * math.erfc(-believed * max(z, -10.0) / math.sqrt(2.0)), MOST)
+    return min(0.5 * math.erfc(-weight * max(z, -10.0) / math.sqrt(2.0)), MOST)
 
 
 def jackknife_error(estimates: NDArray[np.float64]) -> float:

@@ -15,17 +15,13 @@ from ballbot.log.columns import Columns
 from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.mapping_search.commands import Assignment, Response
 from ballbot.log.mapping_search.frame import Frame, HeadingTest
+from ballbot.log.mapping_search.name_words import InputKind
 from ballbot.log.mapping_search.placement import LeanTest
 from ballbot.log.mapping_search.roles import Roles
-from ballbot.log.mapping_search.units import (
-    Unit,
-)
-from ballbot.log.signals import (
-    Smooth,
-)
+from ballbot.log.mapping_search.units import Unit
+from ballbot.log.signals import Smooth
 
-Kind = Literal["torque", "current", "voltage", "duty"]
-KINDS: tuple[Kind, ...] = ("torque", "current", "voltage", "duty")
+KINDS: tuple[InputKind, ...] = ("torque", "current", "voltage", "duty")
 What = Literal["balancing", "held by hand", "free wheels", "IMU only"]
 
 
@@ -33,7 +29,7 @@ What = Literal["balancing", "held by hand", "free wheels", "IMU only"]
 class Stated:
     """What the user says of the firmware that wrote the log."""
 
-    command: Kind | None = None
+    command: InputKind | None = None
     full_scale: float | None = None  #: the file's number for full duty
     counts_per_turn: float | None = None  #: of a wheel's encoder
     columns: Sequence[str] | None = None  #: names in the file's order
@@ -70,11 +66,11 @@ class Drive:
 
     assigned: Assignment | None  #: None if the motion cannot be compared with them
     response: Response | None
-    kind: Kind | None  #: None if nobody states it
+    kind: InputKind | None  #: None if nobody states it
     scale: float  #: what turns the file's number into N m, A, V or a duty
     reason: str
     #: by kind, the likeliest scale and how many times as large as the motion needs the torques then are
-    ratios: dict[Kind, tuple[float, float]]
+    ratios: dict[InputKind, tuple[float, float]]
     delay: float  #: [s]
     delay_error: float
 

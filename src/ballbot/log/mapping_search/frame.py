@@ -27,8 +27,8 @@ from ballbot.robot import Robot
 
 #: lean and yaw are taken to be of the same handedness with this probability before the log is seen
 SAME_HANDEDNESS, SAME_IF_MIRRORED = 0.95, 0.6
-#: part of the standard errors of the handedness that is believed; less of a heading that turns by less than this [rad]
-BELIEVED_HANDEDNESS, STILL_HEADING, BELIEVED_IF_STILL = 0.8, 0.02, 0.3
+#: weight of the standard errors of the handedness, and of a heading that turns by less than this [rad]
+HANDEDNESS_WEIGHT, STILL_HEADING, STILL_WEIGHT = 0.8, 0.02, 0.3
 #: a heading by the wheels that turns by less than this [rad]: both directions in which all wheels may count make nearly
 #: the same log, and this is the confidence in either
 TURNING_BY_WHEELS, EQUAL_DIRECTIONS = 0.1, 0.95
@@ -120,8 +120,8 @@ def frame_of(robot: Robot, tested: LeanTest | None, heading: HeadingTest | None)
 def _same_handedness(tested: LeanTest, *, mirrored: bool) -> float:
     """Return the probability that lean and yaw have the same handedness."""
     prior = SAME_IF_MIRRORED if mirrored else SAME_HANDEDNESS
-    believed = BELIEVED_IF_STILL if tested.headings < STILL_HEADING else BELIEVED_HANDEDNESS
-    seen = max(advantage_confidence(tested.same_handedness, believed=believed), 1.0 - MOST)
+    weight = STILL_WEIGHT if tested.headings < STILL_HEADING else HANDEDNESS_WEIGHT
+    seen = max(advantage_confidence(tested.same_handedness, weight=weight), 1.0 - MOST)
     odds = prior / (1.0 - prior) * seen / (1.0 - seen)
     return odds / (1.0 + odds)
 

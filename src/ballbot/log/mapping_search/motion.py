@@ -207,6 +207,7 @@ def _with_units(
 def balancing_of(
     t: NDArray[np.float64], angles: NDArray[np.float64], attitude: NDArray[np.float64]
 ) -> Balancing:
+    """Return times (N,) [s], wheel angles (N, n) and roll, pitch and perhaps yaw (N, 2 or 3) [rad], named."""
     yaw = np.unwrap(attitude[:, 2]) if attitude.shape[1] > 2 else None
     return Balancing(t=t, wheels=angles, lean=attitude[:, :2], heading=yaw)
 

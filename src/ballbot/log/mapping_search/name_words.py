@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-InputKind = Literal["torque", "current", "duty", "voltage"]
+InputKind = Literal["torque", "current", "voltage", "duty"]
 
 #: by unit, how names write it: lower case, without separators
 UNITS: dict[str, tuple[str, ...]] = {

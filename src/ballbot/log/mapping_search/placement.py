@@ -42,9 +42,8 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from ballbot.log.checks.lean import block_sums, clarity
-from ballbot.log.mapping_search.evidence import jackknife_error
+from ballbot.log.mapping_search.evidence import ERRORS_WEIGHT, jackknife_error
 from ballbot.log.mapping_search.placements import (
-    BELIEVED_ERRORS,
     LEAST_RATIO,
     Placement,
     block_numbers,
@@ -303,7 +302,7 @@ def _advantage(one: NDArray[np.float64], other: NDArray[np.float64], weights: ND
         return 0.0
     repeated = float(norm.isf(student.sf(abs(clarity(gained)), len(gained) - 1)))
     ratio = math.log(float(other[used].sum()) / float(one[used].sum()))
-    large = math.sqrt(len(gained) * max(abs(ratio) - LEAST_RATIO, 0.0)) / BELIEVED_ERRORS
+    large = math.sqrt(len(gained) * max(abs(ratio) - LEAST_RATIO, 0.0)) / ERRORS_WEIGHT
     return math.copysign(max(repeated, large), ratio)
 
 

@@ -15,7 +15,14 @@ from itertools import permutations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.log.mapping_search.evidence import CONFIDENT, MOST, TINY, jackknife_error, probabilities
+from ballbot.log.mapping_search.evidence import (
+    CONFIDENT,
+    ERRORS_WEIGHT,
+    MOST,
+    TINY,
+    jackknife_error,
+    probabilities,
+)
 from ballbot.log.signals import INTERVAL, Smooth
 from ballbot.robot import Robot
 
@@ -23,7 +30,7 @@ from ballbot.robot import Robot
 BLOCK = 1.0
 #: below this many seconds an order or a sign must fit `SHORT_MARGIN` times better than any other
 SHORT_TIME, SHORT_MARGIN = 8.0, 2.0
-#: share of the lean's acceleration that may be left, and at which nothing is believed
+#: share of the lean's acceleration that may be left, and at which the confidence is zero
 USUAL_REST, LARGEST_REST = 0.5, 0.85
 #: share of the wheels' motion that rollers and slip leave anyway
 LEAST_TOGETHER = 0.003
@@ -32,9 +39,9 @@ LEAST_TOGETHER = 0.003
 UNKNOWN_HEADING = 0.3
 #: before the log is seen: wheels in the robot's order, and in the opposite one; wheels of equal signs
 OWN_ORDER, MIRRORED_ORDER, EQUAL_SIGNS = 0.55, 0.25, 0.6
-#: part of the standard errors by which a placement is behind the best that is believed, and power of the prior in the
-#: confidence: a usual order is preferred among placements that fit alike, but does not make one certain
-BELIEVED_ERRORS, BELIEVED_USUAL = 0.6, 0.7
+#: power of the prior in the confidence: a usual order is preferred among placements that fit alike, but does not make
+#: one certain
+PRIOR_POWER = 0.7
 #: logarithm of the ratio of two misfits from which it counts, too, and its weight for each second;
 #: chosen so that of windows of 4 to 12 s of the campaign's recordings fewest are wrong with confidence
 LEAST_RATIO, EACH_SECOND = 0.2, 0.6
@@ -129,7 +136,7 @@ def ranked_placements(
             for one, other in zip(lean_sums, wheel_sums, strict=True)
         ]
     )
-    likely, found = (_weighed(every, total.score, blocks, usual=part) for part in (1.0, BELIEVED_USUAL))
+    likely, found = (_weighed(every, total.score, blocks, usual=part) for part in (1.0, PRIOR_POWER))
     ranked = list(likely)
     ranked = [ranked[0], *sorted(ranked[1:], key=lambda one: (-likely[one], total.score[one]))]
     same = [
@@ -137,9 +144,9 @@ def ranked_placements(
         for h in ranked[1:]
         if found[h] > TINY_PROBABILITY and _same_wheels(wheels.value, every[ranked[0]], every[h])
     ]
-    believed = (LARGEST_REST - float(total.unexplained.min())) / (LARGEST_REST - USUAL_REST)
+    explained = (LARGEST_REST - float(total.unexplained.min())) / (LARGEST_REST - USUAL_REST)
     confidence = min(found[ranked[0]] + sum(found[h] for h in same), MOST) * float(
-        np.clip(believed, 0.0, 1.0)
+        np.clip(explained, 0.0, 1.0)
     )
     placements = [
         Placement(
@@ -215,7 +222,7 @@ def _weighed(
     for other, (order, signs) in enumerate(every):
         gained = float(score[other] - score[best])
         error = jackknife_error(blocks[:, other] - blocks[:, best])
-        z = BELIEVED_ERRORS * min(gained / error, 60.0) if error > 0.0 else 0.0
+        z = ERRORS_WEIGHT * min(gained / error, 60.0) if error > 0.0 else 0.0
         if seconds < SHORT_TIME and gained < math.log(SHORT_MARGIN):
             z = min(z, 1.0)
         behind = max(0.5 * z**2, EACH_SECOND * seconds * max(gained - LEAST_RATIO, 0.0))

@@ -7,7 +7,7 @@ motion the order and signs of wheels and commands and how the IMU sits. Every qu
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -107,7 +107,7 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
         proposal = replace(proposal, drive=drive_of(proposal, base, motion))
     return replace(
         proposal,
-        questions=_questions(proposal, motion),
+        questions=tuple(_questions(proposal, motion)),
         contradiction=_contradiction(proposal, base),
         findings=(*notes, *_findings(proposal, base, motion)),
     )
@@ -202,18 +202,17 @@ def _sample_time(t: NDArray[np.float64]) -> float:
     return max(0.005 * int(float(np.median(np.diff(t))) / 0.005 + 0.1), 0.001)
 
 
-def _questions(proposal: Proposal, motion: Motion | None) -> tuple[Question, ...]:
-    """Return everything that the log and its user leave open."""
-    found = list[Question]()
+def _question(key: str, name: str, answers: Sequence[str], evidence: str) -> Question:
+    return Question(key=key, name=name, answers=tuple(answers), evidence=evidence)
 
-    def ask(key: str, name: str, answers: Sequence[str], evidence: str) -> None:
-        found.append(Question(key=key, name=name, answers=tuple(answers), evidence=evidence))
 
+def _questions(proposal: Proposal, motion: Motion | None) -> Iterator[Question]:
+    """Yield everything that the log and its user leave open."""
     roles = proposal.roles
     if roles.doubt:
-        ask("--columns", "columns", (roles.doubt,), "the names leave it open")
+        yield _question("--columns", "columns", (roles.doubt,), "the names leave it open")
     if motion is None or proposal.what == "held by hand":
-        return tuple(found)
+        return
     keys = ("[attitude] unit", "[wheels] angle", "[attitude] unit of the yaw")
     for place, (key, name) in enumerate(zip(keys, ("lean", "wheels", "heading"), strict=True)):
         shares: dict[str, float] = {}
@@ -222,33 +221,28 @@ def _questions(proposal: Proposal, motion: Motion | None) -> tuple[Question, ...
         ranked = sorted(shares, key=lambda one: -shares[one])[:3]
         if shares[ranked[0]] < CONFIDENT:
             shown = ", ".join(f"{100.0 * shares[one]:.0f} %" for one in ranked)
-            ask(key, f"unit of the {name}", ranked, f"probabilities {shown}")
-    found += _frame_questions(proposal)
+            yield _question(key, f"unit of the {name}", ranked, f"probabilities {shown}")
+    yield from _frame_questions(proposal)
     if proposal.drive is not None:
-        found += _command_questions(proposal, proposal.drive)
-    return tuple(found)
+        yield from _command_questions(proposal, proposal.drive)
 
 
-def _frame_questions(proposal: Proposal) -> list[Question]:
-    tested, frame, found = proposal.tested, proposal.frame, list[Question]()
-
-    def ask(key: str, name: str, answers: Sequence[str], evidence: str) -> None:
-        found.append(Question(key=key, name=name, answers=tuple(answers), evidence=evidence))
-
+def _frame_questions(proposal: Proposal) -> Iterator[Question]:
+    tested, frame = proposal.tested, proposal.frame
     if tested is None:
         if proposal.roles.attitude:
-            ask(
+            yield _question(
                 "[wheels] order",
                 "order and signs of the wheels",
                 ("as in the file",),
                 "the robot hardly moves",
             )
-        return found
+        return
     best, other = tested.placements[:2]
     error = tested.phase_error
     if tested.confidence < CONFIDENT:
         evidence = f"the first fits {tested.margin:.2f} times better than the second"
-        ask(
+        yield _question(
             "[wheels] order",
             "order and signs of the wheels",
             (best.description, other.description),
@@ -257,7 +251,7 @@ def _frame_questions(proposal: Proposal) -> list[Question]:
     elif frame.direction < CONFIDENT:
         opposite = str([-sign for sign in frame.signs])
         evidence = "the heading turns too little; with the other signs the IMU is turned by half a turn more"
-        ask(
+        yield _question(
             "[wheels] sign",
             "direction in which all wheels count",
             (str(list(frame.signs)), opposite),
@@ -265,7 +259,7 @@ def _frame_questions(proposal: Proposal) -> list[Question]:
         )
     elif frame.handedness < CONFIDENT:
         evidence = f"the turning of the heading shows it by {abs(tested.same_handedness):.1f} standard errors"
-        ask(
+        yield _question(
             "[attitude] sign",
             "axes of the IMU",
             (str(list(frame.axis_signs)), "one axis reversed"),
@@ -273,7 +267,7 @@ def _frame_questions(proposal: Proposal) -> list[Question]:
         )
     if tested.body_frame < -WORLD_BETTER:
         evidence = f"the world's fit {-tested.body_frame:.1f} standard errors better"
-        ask(
+        yield _question(
             "[attitude] from",
             "axes of the lean",
             ("about the world's axes", "about the IMU's axes"),
@@ -281,21 +275,15 @@ def _frame_questions(proposal: Proposal) -> list[Question]:
         )
     if error is None or error > CLEAR_TURN:
         shown = "unknown" if error is None else f"{math.degrees(error):.0f} deg"
-        ask(
+        yield _question(
             "[attitude] turn",
             "turn of the IMU",
             (f"{math.degrees(frame.turn):.0f} deg",),
             f"known to {shown}",
         )
-    return found
 
 
-def _command_questions(proposal: Proposal, drive: Drive) -> list[Question]:
-    found = list[Question]()
-
-    def ask(key: str, name: str, answers: Sequence[str], evidence: str) -> None:
-        found.append(Question(key=key, name=name, answers=tuple(answers), evidence=evidence))
-
+def _command_questions(proposal: Proposal, drive: Drive) -> Iterator[Question]:
     _, ratio = drive.ratios.get(drive.kind, (1.0, math.nan)) if drive.kind else (1.0, math.nan)
     if drive.kind is None:
         shown = [
@@ -303,30 +291,33 @@ def _command_questions(proposal: Proposal, drive: Drive) -> list[Question]:
             for one, (_, times) in drive.ratios.items()
             if math.isfinite(times)
         ]
-        ask("[input] kind", "kind of the command", KINDS, "; ".join(shown) or "say it with --command")
+        yield _question(
+            "[input] kind", "kind of the command", KINDS, "; ".join(shown) or "state it with --command"
+        )
     elif drive.reason:
         name = "full scale of the duty" if drive.kind == "duty" else f"unit of the {drive.kind}"
-        ask("[input] scale", name, drive.reason.split(" or "), "the motion does not tell them apart")
+        yield _question("[input] scale", name, drive.reason.split(" or "), "the motion fits both")
     elif math.isfinite(ratio) and not 1.0 / LARGEST_RATIO < ratio < LARGEST_RATIO:
         evidence = f"as it is stated the torques are {ratio:.2g} times those that the motion needs"
-        ask("[input] scale", "kind and scale of the command", (drive.kind, "another"), evidence)
+        yield _question("[input] scale", "kind and scale of the command", (drive.kind, "another"), evidence)
     if proposal.tested is None:
-        return found
+        return
     values = np.column_stack([proposal.cut[name] for name in proposal.roles.commands])
     one = drive.assigned
     if not np.nanmin(values) < 0.0:
         evidence = f"they stay between {np.nanmin(values):g} and {np.nanmax(values):g}"
         answers = f"zero = {np.nanmedian(values):.4g}", "direction = [..], columns with their directions"
-        ask("[input] zero", "sign of the commands", answers, evidence)
+        yield _question("[input] zero", "sign of the commands", answers, evidence)
     elif one is None:
-        ask("[input] sign", "order and signs of the commands", ("as numbered",), "too little motion")
+        yield _question(
+            "[input] sign", "order and signs of the commands", ("as numbered",), "too little motion"
+        )
     elif one.confidence < CONFIDENT:
         wheels = f"for wheels {[wheel + 1 for wheel in one.wheels]}, signs {list(one.signs)}"
         evidence = (
             f"the first explains {100.0 * one.explained:.0f} %, {one.advantage:.1f} standard errors better"
         )
-        ask("[input] sign", "order and signs of the commands", (wheels, one.next_best), evidence)
-    return found
+        yield _question("[input] sign", "order and signs of the commands", (wheels, one.next_best), evidence)
 
 
 def _finding(severity: Severity, code: str, sentence: str, columns: tuple[str, ...] = ()) -> Finding:
@@ -371,7 +362,11 @@ def _findings(proposal: Proposal, base: Columned, motion: Motion | None) -> list
     if tested is not None and tested.pushed.any():
         seconds = float(tested.pushed.sum()) * INTERVAL
         found.append(
-            _finding("warning", "hands", f"For {seconds:.1f} s hands or pushes move the robot; left out.")
+            _finding(
+                "warning",
+                "hands",
+                f"For {seconds:.1f} s something other than the wheels moves the robot; left out.",
+            )
         )
     if tested is not None and tested.lag > 0.01 + tested.lag_error:
         sentence = (

@@ -16,7 +16,8 @@ from ballbot.log.checks.kinematics import disturbance_findings
 from ballbot.log.log import Log
 from ballbot.log.mapping import apply_mapping
 from ballbot.log.mapping_file import parse_mapping
-from ballbot.log.mapping_search.found import KINDS, Kind, Proposal, Question
+from ballbot.log.mapping_search.found import KINDS, Proposal, Question
+from ballbot.log.mapping_search.name_words import InputKind
 from ballbot.printable import printable_line
 from ballbot.robot import Robot
 from ballbot.schema import toml_line
@@ -333,7 +334,7 @@ def _listed(proposal: Proposal, by_wheel: list[str], signs: list[int]) -> list[s
     ]
 
 
-def kind_lines(kind: Kind, scale: float, robot: Robot, *, stated: bool) -> list[str]:
+def kind_lines(kind: InputKind, scale: float, robot: Robot, *, stated: bool) -> list[str]:
     """Return the lines of [input] that depend on the kind of the command."""
     drive, source = robot.drive, "from the robot file"
     lines = [

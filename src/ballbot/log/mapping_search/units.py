@@ -1,6 +1,6 @@
 """In which units a foreign file has its time, wheels, lean and heading: by its headings, else by what physics supports.
 
-A unit in a heading is believed. Without one every choice of units has a weight: the encoder's step, the size of the
+A unit in a heading is taken. Without one every choice of units has a weight: the encoder's step, the size of the
 lean, and the response of the lean to the wheels, which must be the robot's (`placement`), and the turning of the wheels
 with the heading, which must be that of a ball that does not pivot.
 """

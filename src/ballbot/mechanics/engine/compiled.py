@@ -130,7 +130,7 @@ class _Notice(Listener):
 def _say_that_it_compiles() -> None:
     shown = sys.stderr is not None and (sys.stderr.isatty() or running_notebook() is not None)
     if shown and parent_process() is None:
-        print("Ballbot compiles its code for this machine, once: about 20 s.", file=sys.stderr)
+        print("Ballbot compiles its code for this machine, once: up to half a minute.", file=sys.stderr)
 
 
 register("numba:compile", _Notice())
