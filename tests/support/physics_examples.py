@@ -141,7 +141,7 @@ MISTAKES: dict[str, tuple[Callable[[Log], Log], str, str]] = {
             dict(zip(TORQUES, np.random.default_rng(0).standard_normal((3, len(log))), strict=True))
         ),
         "torque-unrelated",
-        "unrelated to the motion",
+        "u1, u2 and u3: the motion explains",
     ),
     "torques 80 ms late": (lambda log: delayed(log, 0.08, *TORQUES), "torque-delay", "80 ms too late"),
     "torques 50 ms early": (lambda log: delayed(log, -0.05, *TORQUES), "torque-delay", "50 ms too early"),
