@@ -97,10 +97,10 @@ def test_one_stray_time_is_reported(tmp_path, capsys, place):
     assert f"at row {max(place, 1) + 1}. Correct that time" in said
 
 
-@pytest.mark.parametrize(("per_second", "unit"), [(1e9, "nanoseconds"), (1e6, "microseconds")])
-def test_time_in_other_units_is_reported(tmp_path, capsys, per_second, unit):
+@pytest.mark.parametrize("per_second", [1e9, 1e6])
+def test_time_in_other_units_is_reported(tmp_path, capsys, per_second):
     said = refused(capsys, "check-log", log_file(tmp_path / "log.csv", per_second * 0.005 * np.arange(400.0)))
-    assert f"t is in seconds and is perhaps in {unit}" in said
+    assert "t is in seconds; convert it" in said
 
 
 MAPPING = """
