@@ -204,10 +204,6 @@ class CheckedLogs:
         """Return a log that Ballbot has just simulated, which needs no checks."""
         return cls(logs={"": log}, findings=())
 
-    def with_logs(self, logs: Mapping[str, Log]) -> CheckedLogs:
-        """Return the findings with logs derived from the checked ones, such as parts of them."""
-        return replace(self, logs=logs)
-
 
 def checked_logs(
     robot: RobotLike | None,
