@@ -190,7 +190,7 @@ def read_units(path: str | Path) -> dict[str, str]:
 
 
 def read_foreign_table(path: str | Path, *, names: Sequence[str] | None = None) -> ForeignTable:
-    """Read a table of any format, and of text in any layout.
+    """Read a table of any format, and of text in any layout, whatever its suffix.
 
     Raises
     ------
@@ -198,9 +198,8 @@ def read_foreign_table(path: str | Path, *, names: Sequence[str] | None = None) 
         If the file cannot be read or has no table of numbers.
     """
     one = _format_of(path)
-    if one is None:
-        _check_unpacked(Path(path))
     if one is None or one.is_text:
+        _check_unpacked(Path(path))
         return infer_text_table(path, given_names=names)
     columns = _table(one, Path(path))
     if names is not None:
@@ -228,12 +227,12 @@ def write_columns(
     """
     one = written_format(path)
     check_column_names(columns, source=str(path))
-    if decimal_comma:
-        if not one.is_text:
-            raise InputError(f"{path} cannot have decimal commas; only CSV has them.")
-        write_text_table(path, columns, SEMICOLON_LAYOUT)
-    elif one.write:
-        with _needing(one):
+    if decimal_comma and not one.is_text:
+        raise InputError(f"{path} cannot have decimal commas; only CSV has them.")
+    with _needing(one):
+        if decimal_comma:
+            write_text_table(path, columns, SEMICOLON_LAYOUT)
+        elif one.write:
             one.write(Path(path), columns)
 
 
@@ -267,12 +266,11 @@ def _format_of(path: str | Path) -> LogFormat | None:
 
 
 def _known_format(path: str | Path) -> LogFormat:
-    path = Path(path)
     one = _format_of(path)
     if one is not None:
         return one
-    _check_unpacked(path)
-    near = nearest(path.suffix.lower(), _suffixes())
+    _check_unpacked(Path(path))
+    near = nearest(Path(path).suffix.lower(), _suffixes())
     hint = f"did you mean {near[0]}? Its name must end" if near else "give a file that ends"
     raise InputError(f"{path} is not a log that Ballbot reads; {hint} in {either(_suffixes())}.")
 
@@ -297,14 +295,8 @@ def _read(one: LogFormat, path: Path) -> Columns:
     size = 0 if one is _FOLDER else check_regular(path)
     if size > LARGEST_TABLE:
         raise InputError(f"{path} has {format_bytes(size)}; at most {format_bytes(LARGEST_TABLE)} are read.")
-    try:
-        with _needing(one):
-            variables = one.read(path)
-    except InputError:
-        raise
-    except Exception as error:  # whatever a library raises on a damaged file
-        reason = printable_line(f"{type(error).__name__}: {error}")
-        raise InputError(f"{path} cannot be read: it is not a complete {one.name} file ({reason}).") from None
+    with _needing(one, reading=path):
+        variables = one.read(path)
     if not any(len(values) for values in variables.values()):
         raise InputError(f"{path} is empty; a log needs columns and rows of numbers.")
     check_column_names(variables, source=str(path))
@@ -312,13 +304,22 @@ def _read(one: LogFormat, path: Path) -> Columns:
 
 
 @contextmanager
-def _needing(one: LogFormat) -> Iterator[None]:
-    """Raise InputError if a package is missing that the format needs."""
+def _needing(one: LogFormat, *, reading: Path | None = None) -> Iterator[None]:
+    """Raise InputError if a package is missing that the format needs, or on what a library raises while reading."""
     try:
         yield
     except ModuleNotFoundError as error:
         raise InputError(
             f"{one.name} files need {error.name}: pip install 'ballbot[{one.extra}]'. Or use CSV."
+        ) from None
+    except InputError:
+        raise
+    except Exception as error:  # of a damaged file
+        if reading is None:
+            raise
+        reason = printable_line(f"{type(error).__name__}: {error}")
+        raise InputError(
+            f"{reading} cannot be read: it is not a complete {one.name} file ({reason})."
         ) from None
 
 
