@@ -98,7 +98,7 @@ def test_the_scene_has_every_shape_once_in_its_frame(messages, log):
     (sphere,) = next(one["spheres"] for one in entities if one["id"] == "ball")
     assert sphere["size"]["x"] == 2.0 * ALTEN.ball.radius
     assert len(messages["/tf"]) == len(log)
-    assert [time for time, _ in messages["/tf"]] == [time for time, _ in messages["/angle_rad"]]
+    assert [time for time, _ in messages["/tf"]] == [time for time, _ in messages["/log"]]
 
 
 def test_frames_have_the_pose_of_the_log(messages, log):

@@ -1,9 +1,8 @@
 """MCAP files: JSON messages on topics, as Foxglove and PlotJuggler show them, read and written by the library mcap.
 
-A log is written with a topic for each unit, such as /angle_rad or /torque_N_m. Each row of the log is a message with
-`t` and the columns of that unit, and a missing value is left out. The schema of a topic states the unit of each field;
-the file's metadata "ballbot" has the columns' names in their order. `replay` topics may be added: the scene of
-`ballbot.viewer.foxglove`.
+A log is written on one topic, /log: each row is a message with `t` and the other columns, and a missing value is left
+out. The topic's schema states the unit of each field; the file's metadata "ballbot" has the columns' names in their
+order. `replay` topics may be added: the scene of `ballbot.viewer.foxglove`.
 
 Files of others are read by the times and names of their messages (`ballbot.log.formats.messages`): JSON, and ROS 2
 messages (`ballbot.log.formats.ros`). Messages in other encodings are skipped.
@@ -13,7 +12,8 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from operator import itemgetter
@@ -29,17 +29,7 @@ from ballbot.log.formats.json import flattened
 from ballbot.log.formats.messages import Topic, first_time, joined, nanoseconds
 from ballbot.log.formats.ros import read_bag
 
-_METADATA = "ballbot"
-#: topics by the unit of their columns
-_TOPICS = {
-    "m": "/position_m",
-    "m/s": "/velocity_m_s",
-    "rad": "/angle_rad",
-    "rad/s": "/angular_velocity_rad_s",
-    "m/s^2": "/acceleration_m_s2",
-    "N m": "/torque_N_m",
-    None: "/other",
-}
+_METADATA, _LOG = "ballbot", "/log"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +64,10 @@ def read_mcap(path: Path) -> Columns:
                 topic = topics.setdefault(channel.topic, Topic(name=channel.topic))
                 topic.times.append(message.log_time)
                 topic.messages.append(flattened(fields) if isinstance(fields, dict) else {})
-    return _own_columns(json.loads(own[0]), topics) if own else joined(topics.values())
+    if not own or _LOG not in topics:
+        return joined(topics.values())
+    rows = topics[_LOG].messages
+    return {name: np.array([row.get(name, np.nan) for row in rows]) for name in json.loads(own[0])}
 
 
 def write_mcap(
@@ -101,7 +94,7 @@ def write_mcap(
     writer.start(library=f"ballbot {version('ballbot')}")
     origin = first_time(columns)
     messages: list[tuple[int, int, bytes]] = []
-    for channel in (*_channels(columns), *replay):
+    for channel in (_log_channel(columns), *replay):
         schema = writer.register_schema(
             name=channel.schema, encoding="jsonschema", data=json.dumps(channel.definition).encode()
         )
@@ -117,50 +110,21 @@ def write_mcap(
     write_bytes(path, stream.getvalue())
 
 
-def _channels(columns: Mapping[str, NDArray[np.float64]]) -> Iterator[Channel]:
-    """Yield the topics of a log's columns."""
-    count = len(next(iter(columns.values())))
-    t = columns.get("t", np.arange(count, dtype=np.float64))
-    clock = {"t": columns["t"]} if "t" in columns else {}
-    for unit, topic in _TOPICS.items():
-        named = {name: values for name, values in columns.items() if name != "t" and unit_of(name) == unit}
-        if named or (unit is None and list(columns) == ["t"]):
-            fields = clock | named
-            properties = {name: _property(name) for name in fields}
-            yield Channel(
-                topic=topic,
-                schema=f"ballbot.{topic[1:]}",
-                definition={"title": topic[1:], "type": "object", "properties": properties},
-                t=t,
-                messages=_rows(fields),
-            )
-
-
-def _property(name: str) -> dict[str, str]:
-    unit = unit_of(name)
-    return (
-        {"type": "number"} if unit is None else {"type": "number", "unit": unit, "description": f"[{unit}]"}
+def _log_channel(columns: Mapping[str, NDArray[np.float64]]) -> Channel:
+    """Return the topic of a log's columns."""
+    properties = {name: {"type": "number"} for name in columns}
+    for name in columns:
+        if unit := unit_of(name):
+            properties[name] |= {"unit": unit, "description": f"[{unit}]"}
+    rows = np.column_stack(list(columns.values()))
+    known = np.isfinite(rows).all()
+    messages = [dict(zip(columns, row, strict=True)) for row in rows.tolist()]
+    if not known:
+        messages = [{name: one for name, one in row.items() if math.isfinite(one)} for row in messages]
+    return Channel(
+        topic=_LOG,
+        schema="ballbot.log",
+        definition={"title": "log", "type": "object", "properties": properties},
+        t=columns.get("t", np.arange(len(rows), dtype=np.float64)),
+        messages=messages,
     )
-
-
-def _rows(fields: Mapping[str, NDArray[np.float64]]) -> list[dict[str, object]]:
-    lists = [np.asarray(values).tolist() for values in fields.values()]
-    missing = [~np.isfinite(values) for values in fields.values()]
-    if not any(one.any() for one in missing):
-        return [dict(zip(fields, row, strict=True)) for row in zip(*lists, strict=True)]
-    infinite = float("inf")
-    return [
-        {name: one for name, one in zip(fields, row, strict=True) if -infinite < one < infinite}
-        for row in zip(*lists, strict=True)
-    ]
-
-
-def _own_columns(names: Sequence[str], topics: Mapping[str, Topic]) -> Columns:
-    """Return the columns of a file that `write_mcap` wrote."""
-    by_topic = {name: one.messages for name, one in topics.items()}
-    clock = next((by_topic[topic] for topic in _TOPICS.values() if topic in by_topic), [])
-    columns: Columns = {}
-    for name in names:
-        messages = clock if name == "t" else by_topic.get(_TOPICS[unit_of(name)], [])
-        columns[name] = np.array([message.get(name, np.nan) for message in messages], dtype=np.float64)
-    return columns
