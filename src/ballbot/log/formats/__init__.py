@@ -285,13 +285,7 @@ def _check_unpacked(path: Path) -> None:
 def _read(one: LogFormat, path: Path) -> Columns:
     """Return a file's variables, checked as `LogFormat` promises."""
     if one is _FOLDER and not is_bag_folder(path):
-        parts = sorted(path.glob("*.db3")) + sorted(path.glob("*.mcap"))
-        if not parts:
-            raise folder_refusal(path)
-        raise InputError(
-            f"{path} is a folder without metadata.yaml, which names the files of a ROS 2 bag; write it with: ros2 bag "
-            f"reindex {path}. Or give a file in the folder: {parts[0]}."
-        )
+        raise folder_refusal(path)
     size = 0 if one is _FOLDER else check_regular(path)
     if size > LARGEST_TABLE:
         raise InputError(f"{path} has {format_bytes(size)}; at most {format_bytes(LARGEST_TABLE)} are read.")
