@@ -1,8 +1,7 @@
 """File formats of logs: each is one file here and one line in `FORMATS`, and every command reads and writes through it.
 
-text      tables of text: Ballbot's own CSV, and others by a `TextLayout`
-inference the layout of a table of text that is not Ballbot's own
-serial    text as the Arduino IDE shows it: time stamps, labels before the numbers
+text      tables of text by a `TextLayout`
+inference the layout that a table of text shows
 json      JSON, a list of objects or an object of lists
 parquet   Parquet, by pyarrow
 npz       NumPy archives
