@@ -44,13 +44,13 @@ def wrong(spoil, code, *words):
 
 
 WRONG_LOGS = {
-    "dead motor": wrong(lambda log: scaled(log, 0.0, "u2"), "dead-motor", "u2: zero"),
+    "dead motor": wrong(lambda log: scaled(log, 0.0, "u2"), "dead-motor", "u2 is 0 N m"),
     "torque 100 times too small at one motor": wrong(
-        lambda log: scaled(log, 0.01, "u3"), "dead-motor", "u3: zero"
+        lambda log: scaled(log, 0.01, "u3"), "torque-scale", "u3 is"
     ),
-    "one torque constant": wrong(lambda log: constant(log, 0.3, "u2"), "dead-motor", "u2: constant"),
+    "one torque constant": wrong(lambda log: constant(log, 0.3, "u2"), "dead-motor", "u2 is 0.3 N m"),
     "all torques constant": wrong(lambda log: constant(log, 0.3, *TORQUES), "dead-motor", "not recorded"),
-    "motors off": wrong(lambda log: constant(log, 0.0, *TORQUES), "dead-motor", "zero"),
+    "motors off": wrong(lambda log: constant(log, 0.0, *TORQUES), "dead-motor", "u3 is 0 N m"),
     "all torques negated": wrong(
         lambda log: scaled(log, -1.0, *TORQUES), "torque-sign", "all torques have the opposite sign"
     ),

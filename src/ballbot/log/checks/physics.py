@@ -65,7 +65,7 @@ def examine(log: Log, robot: Robot) -> PhysicsOfLog:
         Gives the rigid body and the geometry; its friction is not used.
     """
     names = torque_names(robot.wheel_count)
-    found = PhysicsOfLog(findings=tuple(check_torques(log, robot=robot) or delay_findings(log, robot)))
+    found = PhysicsOfLog(findings=tuple(check_torques(log) or delay_findings(log, robot)))
     rows = usable_rows(log, robot)
     if rows is None:
         return found
