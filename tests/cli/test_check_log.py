@@ -33,9 +33,9 @@ def test_a_clean_log_shows_its_columns_and_writes_results(tmp_path, capsys):
 
 def test_warning_is_shown_and_exit_code_is_zero(tmp_path, capsys):
     log = smooth_log()
-    log.with_columns({"u1": np.zeros(len(log))}).write(tmp_path / "log.csv")
+    log.with_columns({"acc_x": np.zeros(len(log))}).write(tmp_path / "log.csv")
     check_log(tmp_path / "log.csv")
-    assert "warning: u1 is 0 throughout" in capsys.readouterr().out
+    assert "warning: acc_x is 0 throughout" in capsys.readouterr().out
 
 
 def test_an_error_ends_in_one_sentence_after_the_table(tmp_path, capsys):

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.findings import Finding, Place
+from ballbot.findings import Finding, note
 from ballbot.summary import counted
 
 #: a step of a heading that stays within one turn is the end of the turn if it is larger [rad]: a robot does not turn so
@@ -76,13 +76,11 @@ def continuous_headings(
             continue
         continued[name] = heading
         time = float(t[rows[0]])
-        sentence = (
+        text = (
             f"{name} is kept within one turn and jumps from end to end {counted(rows.size, 'time')}, first at row "
             f"{rows[0] + 1} (t = {time:.6g} s): it is continued there."
         )
-        found.append(
-            Finding(code="wrap", severity="note", text=sentence, where=Place(columns=(name,), time=time))
-        )
+        found.append(note("wrap", text, name, time=time))
     return continued, found
 
 
