@@ -269,11 +269,13 @@ LEAST_EXPLAINED = 0.4
 
 
 def command_delay(
-    wheels: Smooth, commands: NDArray[np.float64], usable: NDArray[np.bool_]
+    wheels: Smooth, commands: NDArray[np.float64], usable: NDArray[np.bool_], driven: NDArray[np.float64]
 ) -> tuple[float, float]:
     """Return how late the wheels (N, n) answer to commands (N, k) [s], and its standard error; nan, inf if unknown.
 
-    The lean is not among what explains them: commands are made of it, and would share its gain.
+    The lean is not among what explains them: commands are made of it, and would share its gain. Commands that chatter
+    fit half a period later, too, with all signs turned: `driven` (k, n), 1 or -1 where a command drives a wheel and 0
+    elsewhere, tells the two apart.
     """
     if usable.sum() * INTERVAL < 3.0:
         return math.nan, math.inf
@@ -286,7 +288,9 @@ def command_delay(
         X = np.column_stack([late, speed, np.tanh(speed / 0.3), np.ones(len(late))])[usable]
         size = np.sqrt((X**2).mean(axis=0)) + 1e-12
         normal = (X / size).T @ (X / size) + RIDGE * len(X) * np.eye(X.shape[1])
-        rest = y - X / size @ np.linalg.solve(normal, (X / size).T @ y)
+        factors = np.linalg.solve(normal, (X / size).T @ y)
+        backwards = float((factors[: len(driven)] / size[: len(driven), None] * driven).sum()) <= 0.0
+        rest = y if backwards else y - X / size @ factors
         left.append(np.bincount(blocks, weights=(rest**2).sum(axis=1)) / float((y**2).sum()))
     if 1.0 - min(float(one.sum()) for one in left) < LEAST_EXPLAINED:
         return math.nan, math.inf

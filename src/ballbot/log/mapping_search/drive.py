@@ -19,6 +19,7 @@ from ballbot.log.mapping_search.commands import (
     response,
 )
 from ballbot.log.mapping_search.found import KINDS, Drive, Proposal
+from ballbot.log.mapping_search.frame import Frame
 from ballbot.log.mapping_search.motion import Columned, Motion
 from ballbot.log.mapping_search.name_words import INPUT_OF_UNIT, InputKind
 from ballbot.log.mapping_search.text import raw_log
@@ -65,7 +66,7 @@ def drive_of(proposal: Proposal, base: Columned, motion: Motion) -> Drive:
     if not roles.attitude:
         assigned = turned_by(base, motion)
     kind, scale, reason, ratios = _scale_of(base, found, motion)
-    delay, error = _delay(base, motion)
+    delay, error = _delay(base, motion, frame, assigned)
     return Drive(
         assigned=assigned,
         response=found,
@@ -103,7 +104,15 @@ def turned_by(base: Columned, motion: Motion) -> Assignment | None:
     )
 
 
-def _delay(base: Columned, motion: Motion) -> tuple[float, float]:
+def _delay(base: Columned, motion: Motion, frame: Frame, assigned: Assignment | None) -> tuple[float, float]:
+    if assigned is None:
+        return math.nan, math.inf
+    driven = np.zeros((len(frame.order), len(frame.order)))
+    for j, wheel in enumerate(
+        assigned.wheels
+    ):  # commands and wheels in the order of the log that was compared
+        place = frame.order[wheel] - 1
+        driven[frame.order[j] - 1, place] = assigned.signs[j] * frame.signs[place]
     commands = base.stacked(base.roles.commands)
     rows, kept = motion.signals.rows, new_messages(motion.sampled)
     held = commands[np.maximum(np.searchsorted(base.t, rows, side="right") - 1, 0)]
@@ -111,9 +120,9 @@ def _delay(base: Columned, motion: Motion) -> tuple[float, float]:
     if not np.all(held[usable].std(axis=0) > 0.0):
         return math.nan, math.inf
     if np.allclose(held, held[:, :1]):
-        held = held[:, :1]
+        held, driven = held[:, :1], driven.sum(axis=0, keepdims=True)
     wheels = smooth(rows, motion.sampled[kept], motion.angles[kept], width=DELAY_WIDTH)
-    return command_delay(wheels, smooth(rows, rows, held, width=DELAY_WIDTH).value, usable)
+    return command_delay(wheels, smooth(rows, rows, held, width=DELAY_WIDTH).value, usable, driven)
 
 
 def standstill(kind: InputKind, robot: Robot) -> float:

@@ -27,6 +27,9 @@ from ballbot.schema import toml_line
 OF_THE_RECORDING = frozenset(
     ("copied", "corrupted", "gap", "held", "jump", "missing", "rows", "spike", "stuck", "torque-clipped")
 )
+#: largest share of the torques' variance that may change from row to row, 1 - cos(2 pi / 8): a sine of fewer than 8 rows
+#: a period shows neither when a torque acts nor, of a voltage or duty, the back-EMF of the wheel's speed
+MOST_CHANGE = 0.3
 #: a delay of the commands is written if it is this many standard errors from zero
 CLEAR_DELAY = 2.0
 
@@ -78,9 +81,26 @@ def evaluate(proposal: Proposal, robot: Robot, *, common: Proposal | None = None
         findings = by_severity((*findings, *errors))
         if wrong:
             refusal = f"the log contradicts the robot {robot.name}: {wrong[0].text}"
+        refusal = refusal or _too_coarse(log)
     if proposal.tested is not None:
         findings = by_severity((*findings, *disturbance_findings(proposal.tested.disturbance)))
     return Evaluation(proposal=proposal, findings=findings, text=text, log=log, refusal=refusal)
+
+
+def _too_coarse(log: Log) -> str:
+    """Return why the rows of a log are too far apart for its torques; empty if they are not."""
+    if "u1" not in log:
+        return ""
+    u = log.torques
+    power = 2.0 * float(np.var(u, axis=0).sum())
+    share = float(np.var(np.diff(u, axis=0), axis=0).sum()) / power if power > 0.0 else 0.0
+    if share <= MOST_CHANGE:
+        return ""
+    interval = f"{1e3 * log.sample_time:.3g} ms"
+    return (
+        f"the torques change by {100.0 * share:.0f} % of their variance from row to row, {interval} apart: they chatter "
+        "too fast for these rows to show when they act. Log every control period."
+    )
 
 
 def _answered(proposal: Proposal, common: Proposal) -> Proposal:
