@@ -65,8 +65,9 @@ def assign(driving: Driving, expected: Sequence[tuple[int, int]]) -> Assignment:
     """
     totals = _left(driving)
     least = min(totals.values(), key=lambda one: float(one.sum()))
-    weights = {one: _usual(one, expected) - _log_odds(total, least) for one, total in totals.items()}
-    found = probabilities(weights)
+    odds = {one: -_log_odds(total, least) for one, total in totals.items()}
+    found = probabilities({one: _usual(one, expected) + odd for one, odd in odds.items()})
+    seen = probabilities(odds)  # what is usual is preferred among what fits alike, but makes nothing certain
     (wheels, signs), (other, other_signs) = list(found)[:2]
     explained = 1.0 - float(totals[wheels, signs].sum())
     # what explains little may be chance however often it repeats
@@ -78,7 +79,9 @@ def assign(driving: Driving, expected: Sequence[tuple[int, int]]) -> Assignment:
         explained=explained,
         advantage=clarity(totals[other, other_signs] - totals[wheels, signs]),
         next_best=f"commands for wheels {tuple(i + 1 for i in other)} with signs {other_signs}",
-        confidence=min(_probability(found, driving.torque), MOST) * enough * (0.5 if mixed else 1.0),
+        confidence=min(_probability((wheels, signs), seen, driving.torque), MOST)
+        * enough
+        * (0.5 if mixed else 1.0),
         mixed=mixed,
     )
 
@@ -104,13 +107,14 @@ SAME_TORQUES = 0.1
 
 
 def _probability(
-    found: dict[tuple[tuple[int, ...], tuple[int, ...]], float], commands: NDArray[np.float64]
+    best: tuple[tuple[int, ...], tuple[int, ...]],
+    found: dict[tuple[tuple[int, ...], tuple[int, ...]], float],
+    commands: NDArray[np.float64],
 ) -> float:
     """Return the probability of the best assignment and of those that make nearly the same torques.
 
     With four wheels and a still heading, opposite wheels have opposite commands.
     """
-    best = next(iter(found))
     own = _by_wheel(commands, best)
     size = float(np.std(own))
     return sum(

@@ -30,9 +30,8 @@ from ballbot.robot import Robot
 
 #: full scales of a duty in use; 1000 and 1023 differ by 2 %, and the largest command separates them
 FULL_SCALES = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 32767.0, 65535.0)
-#: a scale is taken by the motion if it is this much [log] nearer than the next one; and the largest ratio of torques,
-#: in either direction, that friction which the law lacks explains in a weak motion (2.8 on a real log)
-CLEARLY_NEARER, LARGEST_RATIO = 0.5, 4.0
+#: a scale is taken by the motion if it is this much [log], and this many standard errors, nearer than the next one
+CLEARLY_NEARER, NEARER_ERRORS = 0.5, 3.0
 #: a full scale that nobody states must fit the motion this well [log]: others, 400 or 500, are in use, too
 FULL_SCALE_FITS = 0.35
 #: correlation of a free wheel's speed with its command
@@ -151,6 +150,7 @@ def _scale_of(
     commands = base.stacked(base.roles.commands)
     largest = float(np.abs(commands).max())
     gain = found.gain if found is not None and math.isfinite(found.gain) else math.nan
+    nearer = CLEARLY_NEARER + (NEARER_ERRORS * found.gain_error if found is not None else 0.0)
     if not base.roles.attitude and largest > 0.0:
         # a free wheel turns at the speed whose back-EMF is the voltage: of a full duty, the supply's
         turned = float(np.abs(motion.signals.wheels.rate).max()) / fastest(base.robot) / largest
@@ -190,7 +190,7 @@ def _scale_of(
         if one != kind:
             continue
         others = [name for name in ranked[1:] if abs(math.log(scales[name] / scale)) > math.log(1.2)]
-        clear = bool(others) and by_motion[others[0]] - by_motion[ranked[0]] > CLEARLY_NEARER
+        clear = bool(others) and by_motion[others[0]] - by_motion[ranked[0]] > nearer
         if others and not (clear and (one != "duty" or by_motion[ranked[0]] < FULL_SCALE_FITS)):
             words = " or ".join([ranked[0], *others[:3]])
     scale, _ = ratios.get(kind, (1.0, math.nan)) if kind else (1.0, math.nan)

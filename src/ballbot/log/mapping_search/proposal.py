@@ -48,9 +48,9 @@ GAIN_RANGE = (0.5, 2.0)
 HELD = 0.8
 #: no robot on a ball leans further than this [rad] in a tenth of the time in which its wheels turn
 LARGEST_LEAN = 0.2
-#: a scale is taken by the motion if it is this much [log] nearer than the next one; and the largest ratio of torques,
-#: in either direction, that friction which the law lacks explains in a weak motion (2.8 on a real log)
-CLEARLY_NEARER, LARGEST_RATIO = 0.5, 4.0
+#: the largest ratio of torques, in either direction, that friction which the law lacks explains in a weak motion (2.8
+#: on a real log)
+LARGEST_RATIO = 4.0
 
 
 def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Proposal:

@@ -27,8 +27,8 @@ from ballbot.schema import toml_line
 OF_THE_RECORDING = frozenset(
     ("copied", "corrupted", "gap", "held", "jump", "missing", "rows", "spike", "stuck", "torque-clipped")
 )
-#: largest share of the torques' variance that may change from row to row, 1 - cos(2 pi / 8): a sine of fewer than 8 rows
-#: a period shows neither when a torque acts nor, of a voltage or duty, the back-EMF of the wheel's speed
+#: largest share of the torques' variance that may change from row to row, 1 - cos(2 pi / 8): a sine of fewer than 8
+#: rows a period shows neither when a torque acts nor, of a voltage or duty, the back-EMF of the wheel's speed
 MOST_CHANGE = 0.3
 #: a delay of the commands is written if it is this many standard errors from zero
 CLEAR_DELAY = 2.0
@@ -96,10 +96,9 @@ def _too_coarse(log: Log) -> str:
     share = float(np.var(np.diff(u, axis=0), axis=0).sum()) / power if power > 0.0 else 0.0
     if share <= MOST_CHANGE:
         return ""
-    interval = f"{1e3 * log.sample_time:.3g} ms"
     return (
-        f"the torques change by {100.0 * share:.0f} % of their variance from row to row, {interval} apart: they chatter "
-        "too fast for these rows to show when they act. Log every control period."
+        f"the torques change by {100.0 * share:.0f} % of their variance from row to row, {1e3 * log.sample_time:.3g} "
+        "ms apart, which is too coarse to show when they act. Log every control period."
     )
 
 
