@@ -21,7 +21,7 @@ from ballbot.log.mapping_search.commands import (
 from ballbot.log.mapping_search.found import KINDS, Drive, Proposal
 from ballbot.log.mapping_search.frame import Frame
 from ballbot.log.mapping_search.motion import Columned, Motion
-from ballbot.log.mapping_search.name_words import INPUT_OF_UNIT, InputKind
+from ballbot.log.mapping_search.names import INPUT_OF_UNIT, InputKind
 from ballbot.log.mapping_search.text import raw_log
 from ballbot.log.mapping_search.units import fastest
 from ballbot.log.pose import with_odometry

@@ -15,7 +15,7 @@ from ballbot.log.columns import Columns
 from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.mapping_search.commands import Assignment, Response
 from ballbot.log.mapping_search.frame import Frame, HeadingTest
-from ballbot.log.mapping_search.name_words import InputKind
+from ballbot.log.mapping_search.names import InputKind
 from ballbot.log.mapping_search.placement import LeanTest
 from ballbot.log.mapping_search.roles import Roles
 from ballbot.log.mapping_search.units import Unit
@@ -39,7 +39,7 @@ class Stated:
 class Question:
     """What the log and its user leave open."""
 
-    key: str  #: where the answer stands: "[input] kind", "--columns"
+    key: str  #: where the answer stands: "[input] kind"
     name: str  #: "kind of the command"
     answers: tuple[str, ...]  #: the likeliest first
     evidence: str

@@ -24,7 +24,7 @@ from ballbot.log.mapping_search.evidence import CONFIDENT
 from ballbot.log.mapping_search.found import KINDS, Continued, Drive, Proposal, Question, Stated, What
 from ballbot.log.mapping_search.frame import frame_of
 from ballbot.log.mapping_search.motion import Columned, Motion, balancing_of, motion_of_file
-from ballbot.log.mapping_search.roles import Roles, roles_of, unused
+from ballbot.log.mapping_search.roles import Roles, roles_of
 from ballbot.log.mapping_search.units import (
     Unit,
     lean_units,
@@ -208,9 +208,6 @@ def _question(key: str, name: str, answers: Sequence[str], evidence: str) -> Que
 
 def _questions(proposal: Proposal, motion: Motion | None) -> Iterator[Question]:
     """Yield everything that the log and its user leave open."""
-    roles = proposal.roles
-    if roles.doubt:
-        yield _question("--columns", "columns", (roles.doubt,), "the names leave it open")
     if motion is None or proposal.what == "held by hand":
         return
     keys = ("[attitude] unit", "[wheels] angle", "[attitude] unit of the yaw")
@@ -353,10 +350,10 @@ def _findings(proposal: Proposal, base: Columned, motion: Motion | None) -> list
         )
         found.append(_finding("warning", "columns", sentence, roles.gyro))
     if not roles.commands:
-        perhaps = unused(proposal.table.columns, roles)
-        hint = f" If {', '.join(perhaps)} are, name them u1, u2, .. with --columns." if perhaps else ""
-        body = f" {', '.join(roles.body_commands)} are about the body's axes." if roles.body_commands else ""
-        sentence = f"No column is a command of a motor, so that the log has no torques.{body}{hint}"
+        sentence = (
+            "No column is named as a command of a motor, so that the log has no torques. If some are commands, name "
+            "them u1, u2, .. with --columns."
+        )
         found.append(_finding("warning", "columns", sentence))
     tested, drive = proposal.tested, proposal.drive
     if tested is not None and tested.pushed.any():

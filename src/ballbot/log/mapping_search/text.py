@@ -17,7 +17,7 @@ from ballbot.log.log import Log
 from ballbot.log.mapping import apply_mapping
 from ballbot.log.mapping_file import parse_mapping
 from ballbot.log.mapping_search.found import KINDS, Proposal, Question
-from ballbot.log.mapping_search.name_words import InputKind
+from ballbot.log.mapping_search.names import InputKind
 from ballbot.printable import printable_line
 from ballbot.robot import Robot
 from ballbot.schema import toml_line
@@ -179,8 +179,6 @@ def _asked(lines: list[str], questions: Sequence[Question]) -> list[str]:
     for line in lines:
         table = line if line.startswith("[") else table
         found = asked.get(f"{table} {line.split(' = ')[0].lstrip('# ')}")
-        if found is None and line.startswith("complete"):
-            found = asked.get("--columns")
         if found is None and table == line == "[input]":
             found = asked.get("[input] zero")
         if found is not None:
@@ -230,11 +228,7 @@ def _time_lines(proposal: Proposal) -> list[str]:
 
 def _column_lines(proposal: Proposal) -> list[str]:
     roles, time = proposal.roles, proposal.time
-    source: object = roles.time
-    if roles.time_parts:
-        source = dict(zip(("from", "nanoseconds"), roles.time_parts, strict=True))
-    elif time.name != "s":
-        source = {"from": roles.time, "unit": time.name}
+    source = roles.time if time.name == "s" else {"from": roles.time, "unit": time.name}
     lines = ["[columns]", toml_line("t", source, time.reason)]
     if roles.attitude and proposal.gyro is None:
         lines += [toml_line(f"{name}_dot", {"derivative_of": name}) for name in ("theta", "phi", "psi")]
