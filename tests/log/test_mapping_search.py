@@ -8,7 +8,7 @@ import pytest
 
 from ballbot.errors import InputError
 from ballbot.log.mapping_search.commands import command_delay
-from ballbot.log.mapping_search.found import Stated
+from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.mapping_search.proposal import agreement, propose
 from ballbot.log.mapping_search.text import MOST_LINES, Evaluation, answer_lines, evaluate
 from ballbot.log.signals import INTERVAL, Smooth
