@@ -45,7 +45,6 @@ CODES: Mapping[str, str] = MappingProxyType(
         "degrees": "angles or rates are in degrees, or mixed with radians",
         "discrepancy": "parts of a log want different parameters, or an effect that the model lacks would move them",
         "disturbance": "something other than wheels and gravity moves the lean",
-        "driveline": "how well a sweep determines the friction of a wheel",
         "encoders": "an encoder counts for another wheel, backward, with another scale or not at all",
         "excitation": "the logs do not excite a parameter",
         "fall": "the robot falls, or is not on its ball",

@@ -171,7 +171,7 @@ class Bench:
     @cached_property
     def driveline_fit(self) -> DrivelineFit:
         """Wheel 1's friction, from its sweep (Figure 3.2)."""
-        return fit_driveline(self.sweeps[0], run=Run(seed=self.seed))
+        return fit_driveline(self.sweeps[0])
 
     @cached_property
     def contact(self) -> Robot:
