@@ -20,7 +20,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
 from markupsafe import Markup
 from rich import box
 from rich.console import Console, ConsoleOptions, RenderResult
@@ -38,15 +37,6 @@ if TYPE_CHECKING:
 #: a number alone or with its sign, interval or unit; what stands flush right in a table
 _NUMERIC = re.compile(r"[≥≈<>]?\s?[+\-−±]?[.\d].*|[–-]?|unknown|open( \.\. .*)?|falls|no|none")
 
-#: characters from which on a cell is a sentence, and columns of a table that a narrow page can rearrange
-_WORDY, _MOST_BESIDE = 28, 5
-#: a phone's width in characters of a table, the most that the first column takes of it, and the gap between columns
-_PHONE, _WIDEST_FIRST, _GAP = 48, 20, 2
-#: rows of a table that a narrow page shows as blocks, or as lines, without being asked
-_MOST_BLOCKS, _MOST_LINES = 12, 24
-#: classes of cells with words: more characters than these, and the least width of the column [characters]
-_CLASSES = {"long": (60, 25), "some": (18, 15)}
-
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
@@ -54,13 +44,7 @@ class Cell:
 
     text: str | Markup
     below: str = ""  #: a second line, in quiet ink
-    strong: bool = False
     span: int = 1  #: columns
-
-    @property
-    def word_class(self) -> str:
-        """The class of a cell that holds so many words, of `_CLASSES`; empty if few."""
-        return next((name for name, (most, _) in _CLASSES.items() if len(self.text) > most), "")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +60,7 @@ class Sheet:
     caption: str = ""
     groups: Sequence[tuple[str, int]] = ()  #: a row above the headings: text and number of columns
     shaded: frozenset[int] = frozenset()  #: rows to notice
-    folded: bool = False  #: whether a narrow page shows its caption only, until the reader opens it
+    folded: bool = False  #: details: a page shows its caption only, until the reader opens it
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Give a console the table: framed on a terminal, plain where the output is piped or kept."""
@@ -96,46 +80,6 @@ class Sheet:
     def cells(self) -> list[list[Cell]]:
         """Every cell as one."""
         return [[one if isinstance(one, Cell) else Cell(text=one) for one in row] for row in self.rows]
-
-    @property
-    def wordy(self) -> bool:
-        """Whether the last column holds sentences: a narrow page shows each below its row."""
-        if not 3 <= len(self.headings) <= _MOST_BESIDE or self.groups:
-            return False
-        last = [row[-1] for row in self.cells if row]
-        return (
-            not self.numeric[-1]
-            and any(len(str(one.text)) > _WORDY for one in last)
-            and not any(one.span > 1 for row in self.cells for one in row)
-        )
-
-    @property
-    def stacked(self) -> bool:
-        """Whether the table is too wide for a narrow page, which then shows each row as a block."""
-        if self.wordy:
-            return False
-        columns = zip(self.headings, self._columns, self.numeric, strict=True)
-        least = [_least_width(heading, cells, wraps=not numeric) for heading, cells, numeric in columns]
-        least[0] = min(least[0], _WIDEST_FIRST)
-        return sum(least) > _PHONE
-
-    @property
-    def folds(self) -> bool:
-        """Whether a narrow page shows the caption only, as the table would be screens long."""
-        return self.folded or len(self.rows) > (_MOST_BLOCKS if self.stacked else _MOST_LINES)
-
-    @property
-    def numbered(self) -> bool:
-        """Whether the first column numbers the rows, as those of wheels: a block then begins with its heading."""
-        return all(str(row[0].text).isdigit() for row in self.cells if row)
-
-    def place_heading(self, row: Sequence[Cell], place: int) -> str:
-        """Return the heading of a row's cell for a page that shows it beside the cell."""
-        start = sum(cell.span for cell in row[:place])
-        first, last = self.headings[start], self.headings[start + row[place].span - 1]
-        ends = np.cumsum([span for _, span in self.groups])
-        group = self.groups[int(np.searchsorted(ends, start, side="right"))][0] if self.groups else ""
-        return ", ".join(filter(None, (group, first if first == last else f"{first} to {last}")))
 
     @property
     def numeric(self) -> list[bool]:
@@ -166,16 +110,6 @@ def _plain(text: str | Markup) -> str:
 def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Sheet:
     """Return a table of texts."""
     return Sheet(caption=title, headings=headings, rows=rows)
-
-
-def _least_width(heading: str, cells: Sequence[Cell], *, wraps: bool) -> int:
-    """Return how narrow a column can be on a phone [characters]; `wraps`: its lines break between words."""
-    lines = [Markup(text).striptags() for cell in cells for text in (cell.text, cell.below)]
-    longest = max(map(len, lines), default=0)
-    if wraps:
-        least = next((width for most, width in _CLASSES.values() if longest > most), 0)
-        longest = max([least, *(len(word) for line in lines for word in line.split())])
-    return _GAP + max([longest, *map(len, heading.split())])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,7 +153,6 @@ class Picture:
     kind: ClassVar[str] = "picture"
     markup: str
     caption: str
-    narrow: str = ""  #: the same figure for a narrow page, if it is drawn otherwise there
 
 
 @dataclass(frozen=True, kw_only=True)
