@@ -142,12 +142,8 @@ def test_columns_of_numbers_stand_flush_right_and_words_left():
     assert "<th>value</th>" in shown
 
 
-def test_a_cell_spans_wheels_and_has_a_second_line():
-    sheet = Sheet(
-        headings=("name", "1", "2"), rows=[(Cell(text="v", below="speed"), Cell(text="0.6", span=2))]
-    )
-    shown = shown_text(page(sheet))
-    assert '<td colspan="2" class="spanning">0.6</td>' in shown
+def test_a_cell_has_a_second_line():
+    shown = shown_text(page(Sheet(headings=("name", "1"), rows=[(Cell(text="v", below="speed"), "0.6")])))
     assert '<span class="below">speed</span>' in shown
 
 
@@ -284,3 +280,26 @@ def test_a_page_of_ten_long_plots_stays_small():
 )
 def test_a_signed_value_has_no_exponent(value, error, text):
     assert signed_with_error(value, error) == text
+
+
+def test_a_terminal_shows_verdict_tables_and_doubts_of_a_page_but_no_details():
+    detail = Sheet(headings=("a", "b"), rows=[("x", "1.5")], folded=True)
+    shown = Sheet(
+        headings=("state", "RMSE"), groups=(("", 1), ("with", 1)), rows=[("y", "21.25")], caption="One."
+    )
+    report = Report(
+        title="a title",
+        lead="a lead",
+        verdict=[("It", "works."), ("", "Indeed.")],
+        sections=[section("Numbers", detail, shown, Verbatim(text="K = 1")), section("None", detail)],
+        undecided=["everything else"],
+        made=MADE,
+    )
+    out = io.StringIO()
+    for part in report.parts():
+        PlainConsole(file=out, width=60).print(part)
+    lines = [line.strip() for line in out.getvalue().splitlines() if line.strip()]
+    assert lines[:4] == ["It: works.", "Indeed.", "Numbers", "One."]
+    assert lines[4].split() == ["state", "with", "RMSE"]
+    assert lines[5].split() == ["y", "21.25"]
+    assert lines[6:] == ["K = 1", "What the data cannot decide", "- everything else"]

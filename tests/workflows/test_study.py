@@ -26,9 +26,8 @@ from ballbot.log import STATE_NAMES, Log
 from ballbot.progress import Progress, ProgressCallback
 from ballbot.report.page import page_of
 from ballbot.report.provenance import provenance
-from ballbot.report.study import controller_sentence
+from ballbot.report.study import controller_sentence, study_report
 from ballbot.report.study_files import study_results, write_study
-from ballbot.report.study_page import study_report
 from ballbot.results import as_json
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot

@@ -9,6 +9,8 @@
         made=result.origin,
     )
 
+A terminal shows `Report.parts` of it, so that both have the same words and numbers.
+
 Text is escaped when it is rendered, so that a name from a log or a file stays a name. Only a `Picture`, a `TimeSeries`
 and a `Film` bring markup of their own, which Ballbot made.
 """
@@ -16,13 +18,13 @@ and a `Film` bring markup of their own, which Ballbot made.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from markupsafe import Markup
 from rich import box
-from rich.console import Console, ConsoleOptions, RenderResult
+from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 from rich.table import Table
 from rich.text import Text
 
@@ -44,7 +46,6 @@ class Cell:
 
     text: str | Markup
     below: str = ""  #: a second line, in quiet ink
-    span: int = 1  #: columns
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,16 +65,15 @@ class Sheet:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Give a console the table: framed on a terminal, plain where the output is piped or kept."""
-        made = Table(
-            title=Text(printable_line(self.caption)),
-            title_justify="left",
-            title_style="bold",
-            box=box.ROUNDED if options.is_terminal else None,
-        )
-        for heading, numeric in zip(self.headings, self.numeric, strict=True):
-            made.add_column(Text(printable_line(heading)), justify="right" if numeric else "left")
+        if self.caption:
+            yield Text(printable_line(self.caption), style="bold")
+        made = Table(box=box.ROUNDED if options.is_terminal else None)
+        groups = [text for text, span in self.groups for _ in range(span)] or [""] * len(self.headings)
+        for group, heading, numeric in zip(groups, self.headings, self.numeric, strict=True):
+            words = " ".join(filter(None, (group, heading)))
+            made.add_column(Text(printable_line(words)), justify="right" if numeric else "left")
         for row in self.cells:
-            made.add_row(*(Text(printable(_plain(cell.text))) for cell in row))
+            made.add_row(*(Text(printable(_plain(cell.text) or cell.below)) for cell in row))
         yield made
 
     @property
@@ -84,22 +84,11 @@ class Sheet:
     @property
     def numeric(self) -> list[bool]:
         """Whether each column holds numbers; the first holds names."""
+        columns = zip(*self.cells, strict=True) if self.rows else [()] * len(self.headings)
         return [
             index > 0 and all(_NUMERIC.fullmatch(str(cell.text)) for cell in cells)
-            for index, cells in enumerate(self._columns)
+            for index, cells in enumerate(columns)
         ]
-
-    @property
-    def _columns(self) -> list[list[Cell]]:
-        """The cells of each column, without those that span several."""
-        columns: list[list[Cell]] = [[] for _ in self.headings]
-        for row in self.cells:
-            place = 0
-            for cell in row:
-                if cell.span == 1 and place < len(columns):
-                    columns[place].append(cell)
-                place += cell.span
-        return columns
 
 
 def _plain(text: str | Markup) -> str:
@@ -144,6 +133,7 @@ class Verbatim:
     kind: ClassVar[str] = "verbatim"
     text: str
     caption: str = ""
+    folded: bool = False  #: as of a `Sheet`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,6 +179,20 @@ class Report:
     findings: Sequence[Finding] | None = None  #: of the checks of the inputs; None if nothing was checked
     #: whether the errors among them were accepted, so that results follow in spite of them
     accepted: bool = True
+
+    def parts(self) -> Iterator[RenderableType]:
+        """Yield what a terminal shows: verdict, tables and matrices that a page does not fold, what is undecided."""
+        for heading, words in self.verdict:
+            yield Text.assemble((f"{heading}: " if heading else "", "bold"), words)
+        for one in self.sections:
+            shown = [
+                block for block in one.blocks if isinstance(block, Sheet | Verbatim) and not block.folded
+            ]
+            if shown:
+                yield Text(f"\n{one.heading}", style="bold")
+            yield from (block if isinstance(block, Sheet) else Text(block.text) for block in shown)
+        yield Text("\nWhat the data cannot decide", style="bold")
+        yield from (Text(f"- {words}") for words in self.undecided)
 
 
 def section(heading: str, *blocks: Block | None) -> Section:
