@@ -198,7 +198,7 @@ def test_a_figure_takes_the_colors_of_the_theme():
         '<svg><path style="stroke: var(--blue); fill: var(--ink)"/><path style="fill: #123456"/>'
         '<a href="#22303c"/></svg>'
     )
-    assert "var(--blue)" in page(Picture(markup=svg, caption="a figure"))
+    assert "var(--blue)" in page(Picture(markup=lambda: svg, caption="a figure"))
 
 
 @settings(max_examples=30)

@@ -18,7 +18,7 @@ and a `Film` bring markup of their own, which Ballbot made.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -107,7 +107,6 @@ class Paragraph:
 
     kind: ClassVar[str] = "paragraph"
     text: str | Markup
-    quiet: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,14 +115,6 @@ class Bullets:
 
     kind: ClassVar[str] = "bullets"
     items: Sequence[str]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Subheading:
-    """A heading within a section."""
-
-    kind: ClassVar[str] = "subheading"
-    text: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,10 +129,11 @@ class Verbatim:
 
 @dataclass(frozen=True, kw_only=True)
 class Picture:
-    """A figure that does not change: an SVG element from `ballbot.report.style.drawn`, or an `img` element."""
+    """A figure that does not change, drawn when a page is made of it."""
 
     kind: ClassVar[str] = "picture"
-    markup: str
+    #: returns an SVG element, as `ballbot.report.style.drawn` does, or an `img` element
+    markup: Callable[[], str]
     caption: str
 
 
@@ -154,7 +146,7 @@ class Film:
     caption: str
 
 
-Block = Sheet | Paragraph | Bullets | Subheading | Verbatim | Picture | TimeSeries | Film
+Block = Sheet | Paragraph | Bullets | Verbatim | Picture | TimeSeries | Film
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,18 +173,26 @@ class Report:
     accepted: bool = True
 
     def parts(self) -> Iterator[RenderableType]:
-        """Yield what a terminal shows: verdict, tables and matrices that a page does not fold, what is undecided."""
+        """Yield what a terminal shows: the verdict, what a page does not fold of tables and lists, and the doubts."""
         for heading, words in self.verdict:
             yield Text.assemble((f"{heading}: " if heading else "", "bold"), words)
         for one in self.sections:
-            shown = [
-                block for block in one.blocks if isinstance(block, Sheet | Verbatim) and not block.folded
-            ]
+            shown = [part for block in one.blocks for part in _on_terminal(block)]
             if shown:
                 yield Text(f"\n{one.heading}", style="bold")
-            yield from (block if isinstance(block, Sheet) else Text(block.text) for block in shown)
+                yield from shown
         yield Text("\nWhat the data cannot decide", style="bold")
         yield from (Text(f"- {words}") for words in self.undecided)
+
+
+def _on_terminal(block: Block) -> Iterator[RenderableType]:
+    match block:
+        case Sheet(folded=False):
+            yield block
+        case Verbatim(folded=False):
+            yield Text(f"{block.caption}\n{block.text}".lstrip("\n"))
+        case Bullets():
+            yield from (Text(f"- {item}") for item in block.items)
 
 
 def section(heading: str, *blocks: Block | None) -> Section:

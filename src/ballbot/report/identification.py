@@ -365,7 +365,7 @@ def log_blocks(logs: Sequence[StudiedLog]) -> Iterator[Block]:
     yield from (log_series(one) for one in logs[:MOST_LOGS])
     if len(logs) > MOST_LOGS:
         names = ", ".join(one.name for one in logs[MOST_LOGS:])
-        yield Paragraph(text=f"Not drawn, as the page would be too large: {names}.", quiet=True)
+        yield Paragraph(text=f"Not drawn, as the page would be too large: {names}.")
 
 
 #: wheel speeds shown reach this quantile of those in the logs; without logs, so many Stribeck speeds

@@ -157,8 +157,8 @@ def plotted(draw: Callable[[T], Figure], value: T) -> Figure:
 
 
 def drawn_picture(name: str, draw: Callable[[], Figure], caption: str) -> Picture:
-    """Draw a figure for a page; see `drawn`."""
-    return Picture(markup=drawn(draw, name=name), caption=caption)
+    """Return a figure for a page; see `drawn`."""
+    return Picture(markup=partial(drawn, draw, name=name), caption=caption)
 
 
 def _svg(figure: Figure) -> str:
