@@ -102,7 +102,6 @@ def check(
     if figure is not None:
         check_file(figure)
     # compiled code, once the robot has passed its checks
-    from ballbot.report.provenance import provenance
     from ballbot.report.robot_check import robot_check_report
     from ballbot.workflows.robot_check import check_robot
 
@@ -120,9 +119,7 @@ def check(
             )
         if OUTPUT.get().json:  # the results compile the thesis's equations
             emit(checked.results())
-        report = robot_check_report(
-            checked, provenance(command="", files=(), seed=0) if result is None else result.origin
-        )
+        report = robot_check_report(checked, None if result is None else result.origin)
         print_parts((finding_line(one, accepted=True) for one in checked.findings), console)
         print_parts(report.parts(), console)
         console.print(robot_drawing(hung))

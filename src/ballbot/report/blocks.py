@@ -44,7 +44,7 @@ _NUMERIC = re.compile(r"[≥≈<>]?\s?[+\-−±]?[.\d].*|[–-]?|unknown|open( \
 class Cell:
     """A cell of a table that is more than a text."""
 
-    text: str | Markup
+    text: str
     below: str = ""  #: a second line, in quiet ink
 
 
@@ -73,7 +73,7 @@ class Sheet:
             words = " ".join(filter(None, (group, heading)))
             made.add_column(Text(printable_line(words)), justify="right" if numeric else "left")
         for row in self.cells:
-            made.add_row(*(Text(printable(_plain(cell.text) or cell.below)) for cell in row))
+            made.add_row(*(Text(printable(f"{cell.text} {cell.below}".strip())) for cell in row))
         yield made
 
     @property
@@ -89,11 +89,6 @@ class Sheet:
             index > 0 and all(_NUMERIC.fullmatch(str(cell.text)) for cell in cells)
             for index, cells in enumerate(columns)
         ]
-
-
-def _plain(text: str | Markup) -> str:
-    """Return the words of a cell: only markup has tags, and a text keeps its spaces and brackets."""
-    return text.striptags() if isinstance(text, Markup) else text
 
 
 def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Sheet:
@@ -167,7 +162,7 @@ class Report:
     verdict: Sequence[tuple[str, str]]
     sections: Sequence[Section]
     undecided: Sequence[str]  #: what the data cannot decide
-    made: Provenance
+    made: Provenance | None  #: None of what a terminal alone shows
     findings: Sequence[Finding] | None = None  #: of the checks of the inputs; None if nothing was checked
     #: whether the errors among them were accepted, so that results follow in spite of them
     accepted: bool = True

@@ -30,7 +30,7 @@ from ballbot.workflows.robot_check import (
 )
 
 
-def robot_check_report(checked: CheckedRobot, made: Provenance) -> Report:
+def robot_check_report(checked: CheckedRobot, made: Provenance | None) -> Report:
     """Return the page."""
     robot = checked.robot
     kinds = Counter(source.partition(":")[0] for source in robot.sources.values())
