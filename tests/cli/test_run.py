@@ -48,7 +48,7 @@ def test_log_has_its_provenance_and_every_column(tmp_path, capsys):
     assert len(origin["session"]) == 8
     assert origin["longest_unsaved"] < 5.0  # under load; on its own it is a tenth of a second at most
     assert not (tmp_path / "run" / "log.recording").exists()
-    assert "ballbot: 0.0 s" in capsys.readouterr().err  # the monitor, in lines
+    assert "ballbot: time 0.0 s" in capsys.readouterr().err  # the monitor, in lines
 
 
 def test_controller_on_the_host_and_ramp(tmp_path):
@@ -125,7 +125,7 @@ def test_every_refusal_is_one_sentence(words, sentence, tmp_path, monkeypatch, c
     assert main(words.split()) == 2
     said = capsys.readouterr().err
     assert sentence in said
-    assert len([line for line in said.splitlines() if not line.startswith("ballbot: 0.0 s")]) == 1
+    assert len([line for line in said.splitlines() if not line.startswith("ballbot: time 0.0 s")]) == 1
 
 
 #: takes a package away, and asks for a robot, once for each

@@ -17,7 +17,7 @@ from ballbot.identification.driveline import (
     sweeps_of,
 )
 from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_drivelines
-from tests.support.report_pages import figure_count, plain_markup
+from tests.support.report_pages import figure_count
 
 TRUTH = np.array([0.012, 0.05, 0.03, 0.7])  # b, c, s, v_s
 SAMPLE_TIME = 5e-3
@@ -205,7 +205,5 @@ def test_the_shared_sweep(tmp_path, shared_data, capsys):
     assert list(robot.friction.coulomb) == results["parameters"]["c"]
     page = (tmp_path / "report.html").read_text()
     assert figure_count(page) == 6
-    assert "<code>ballbot identify --sweep results.json</code> takes b and c of each wheel" in plain_markup(
-        page
-    )
+    assert "<code>ballbot identify --sweep results.json</code> takes b and c of each wheel" in page
     assert "v_s" in capsys.readouterr().out

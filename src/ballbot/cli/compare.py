@@ -17,7 +17,7 @@ from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.control.references import is_reference_file
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run
-from ballbot.report.comparison import league_parts, league_report
+from ballbot.report.comparison import league_report
 from ballbot.robot import Robot
 from ballbot.summary import counted
 from ballbot.workflows.candidates import Candidate, parse_candidates
@@ -102,10 +102,11 @@ def compare(
             run=Run(progress=bar.report),
         )
         bar.begin_writing()
+        page = league_report(league, result.origin)
         with result.replaced() as new:
             result.write_json(league_results(league), new)
-            result.write_page(league_report(league, described, result.origin), new)
-    result.show(league_parts(league))
+            result.write_page(page, new)
+    result.show(page.parts())
     result.show_file(PAGE)
 
 

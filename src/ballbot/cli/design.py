@@ -21,14 +21,10 @@ from ballbot.files import write_text
 from ballbot.findings import Finding
 from ballbot.fitting.run import Run
 from ballbot.report.design import (
-    controller_design_parts,
     controller_design_report,
-    robust_design_parts,
     robust_design_report,
-    robust_figure,
     search_comment,
 )
-from ballbot.report.style import drawn
 from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.twin.scenario_file import load_scenario
@@ -44,7 +40,7 @@ from ballbot.workflows.robot_check import linearization_results
 from ballbot.workflows.robust_design import Effort, robust_design
 
 #: of a design with and without a search
-DESIGN_FILES = (PAGE, "controller.toml", "results.json", "robust.svg")
+DESIGN_FILES = (PAGE, "controller.toml", "results.json")
 
 
 @Parameter(name="*")
@@ -161,8 +157,9 @@ def design(
         with result.replaced() as new:
             write_controller(found.controller, new / "controller.toml")
             result.write_json(found.results(), new)
-            result.write_page(controller_design_report(found, result.origin, findings), new)
-    result.show(controller_design_parts(found))
+            page = controller_design_report(found, result.origin, findings)
+            result.write_page(page, new)
+    result.show(page.parts())
     warn_of_idle_compensation({"controller.toml": found.controller})
     result.show_file("controller.toml", PAGE)
 
@@ -176,7 +173,7 @@ def _search(
     findings: Sequence[Finding],
     out: Path,
 ) -> None:
-    """Search for the weights, and write the page, controller.toml, results.json and robust.svg."""
+    """Search for the weights, and write the page, controller.toml and results.json."""
     spread = PerturbationRanges.parse(search.perturb, robot)
     scenario = load_scenario(search.scenario, robot)
     inputs = [*inputs, *input_files(search.scenario)]
@@ -212,10 +209,10 @@ def _search(
         with result.replaced() as new:
             text = search_comment(found, result.origin.command) + controller_text(found.controller)
             write_text(new / "controller.toml", text)
-            write_text(new / "robust.svg", drawn(lambda: robust_figure(found), name="robust"))
             result.write_json(results, new)
-            result.write_page(robust_design_report(found, result.origin, findings), new)
-    result.show(robust_design_parts(found))
+            page = robust_design_report(found, result.origin, findings)
+            result.write_page(page, new)
+    result.show(page.parts())
     result.show_file("controller.toml", PAGE)
 
 

@@ -9,36 +9,21 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import (
-    PAGE,
-    CommandResult,
-    WholeNumber,
-    input_files,
-    open_result,
-)
-from ballbot.control.controller import Controller
+from ballbot.cli.context import PAGE, WholeNumber, input_files, open_result
 from ballbot.control.file import write_controller
 from ballbot.control.presets import named_controller
 from ballbot.control.references import write_reference
-from ballbot.files import write_text
 from ballbot.fitting.run import Run
 from ballbot.identification import read_bounds
-from ballbot.report.excitation import (
-    errors_picture,
-    excitation_parts,
-    excitation_report,
-    followed_run,
-    run_figure,
-)
-from ballbot.report.style import drawn
+from ballbot.report.excitation import excitation_report
 from ballbot.robot import Robot
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.excitation_design import DesignEffort
 from ballbot.workflows.excitation_task import Law, RunLimits
-from ballbot.workflows.excite import Excitation, ExcitationOptions, deviations_found
+from ballbot.workflows.excite import ExcitationOptions, deviations_found
 from ballbot.workflows.excite import excite as find
 
-_WRITTEN = (PAGE, "reference.csv", "controller.toml", "results.json", "run.svg", "errors.svg")
+_WRITTEN = (PAGE, "reference.csv", "controller.toml", "results.json")
 
 
 @Parameter(name="*")
@@ -129,7 +114,7 @@ def excite(
     Example: ballbot excite found/robot.toml --found found/results.json --controller mine.toml --out experiment
 
     Writes report.html, reference.csv (t, ref_x, ref_y, ref_psi: follow it with controller.toml beside it, on the robot
-    or by ballbot record nominal --reference experiment/reference.csv), results.json, run.svg and errors.svg.
+    or by ballbot record nominal --reference experiment/reference.csv), and results.json.
 
     Parameters
     ----------
@@ -170,21 +155,11 @@ def excite(
                 ),
                 run=Run(seed=search.seed, progress=bar.report),
             )
+        page = excitation_report(found, result.origin)
         with result.replaced() as new:
-            _write(found, chosen, result, new)
-    result.show(excitation_parts(found))
+            write_reference(found.design.times, found.design.poses, new / "reference.csv")
+            write_controller(chosen, new / "controller.toml")
+            result.write_json(found.results(), new)
+            result.write_page(page, new)
+    result.show(page.parts())
     result.show_file("reference.csv", PAGE)
-
-
-def _write(found: Excitation, controller: Controller, result: CommandResult, folder: Path) -> None:
-    design, limits = found.design, found.task.limits
-    write_reference(design.times, design.poses, folder / "reference.csv")
-    write_controller(controller, folder / "controller.toml")
-    shown = followed_run(found)
-    run = drawn(lambda: run_figure(shown, limits), name="run")
-    errors = errors_picture(found)
-    write_text(folder / "run.svg", run)
-    write_text(folder / "errors.svg", errors.markup)
-    result.write_json(found.results(), folder)
-    page = excitation_report(found, found.task.robot, errors=errors, made=result.origin)
-    result.write_page(page, folder)

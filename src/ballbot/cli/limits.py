@@ -6,18 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from ballbot.cli.context import PAGE, CommandResult, WholeNumber, input_files, open_result
+from ballbot.cli.context import PAGE, WholeNumber, input_files, open_result
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
-from ballbot.files import write_text
 from ballbot.fitting.run import Run, check_seed
 from ballbot.progress import Progress
-from ballbot.report.limits import (
-    MOST_CONTROLLERS,
-    limit_parts,
-    limit_pictures,
-    limits_report,
-)
+from ballbot.report.limits import MOST_CONTROLLERS, limits_report
 from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.twin.scenario_file import load_scenario
@@ -27,7 +21,7 @@ from ballbot.workflows.recovery_region import REFINEMENTS, Loop
 
 #: directions tried on the twin, of the model's
 _ON_TWIN = (0, 9, 18, 27)
-_WRITTEN = (PAGE, "results.json", "planes.svg", "directions.svg", "heights.svg")
+_WRITTEN = (PAGE, "results.json")
 _MOST_REFINEMENTS = 6  # four million points a plane
 
 
@@ -57,8 +51,7 @@ def limits(
     bound assumes that wheels never slip. Both respect the torque limit and the motors' speed limit, and have the
     sensors, delay, noise, floor and payload of the scenario on the compiled loop, but not its play.
 
-    Writes report.html, planes.svg (lean and lean rate in the worst direction), directions.svg, heights.svg and
-    results.json.
+    Writes report.html and results.json.
 
     Example: ballbot limits found/robot.toml none full --twin --out limits
 
@@ -104,9 +97,22 @@ def limits(
             if twin:
                 found.twin[name] = twin_limits(loop, found.model[name], directions=_ON_TWIN, run=run)
         bar.begin_writing()
+        results = {
+            "robot": described.name,
+            "grip": grip,
+            "scenario": truth.name,
+            "controllers": {
+                name: to_results(one) | {"twin": found.twin.get(name, ())}
+                for name, one in found.model.items()
+            },
+        }
+        page = limits_report(
+            described, found.model, found.twin, grip=grip, scenario=truth.name, made=result.origin
+        )
         with result.replaced() as new:
-            _write(found, described, grip, truth.name, result, new)
-    result.show(limit_parts(found.model, found.twin))
+            result.write_json(results, new)
+            result.write_page(page, new)
+    result.show(page.parts())
     result.show_file(PAGE)
 
 
@@ -129,20 +135,3 @@ def _law(name: str, controller: object) -> Controller:
             f"{name} is a controller of your own; limits are computed for controller files only."
         )
     return controller
-
-
-def _write(
-    found: _Found, robot: Robot, grip: float, scenario: str, result: CommandResult, folder: Path
-) -> None:
-    by_controller = {
-        name: to_results(one) | {"twin": found.twin.get(name, ())} for name, one in found.model.items()
-    }
-    results = {"robot": robot.name, "grip": grip, "scenario": scenario, "controllers": by_controller}
-    result.write_json(results, folder)
-    pictures = limit_pictures(found.model, found.twin)
-    for name, picture in pictures.items():
-        write_text(folder / f"{name}.svg", picture.markup)
-    page = limits_report(
-        robot, found.model, found.twin, pictures=pictures, grip=grip, scenario=scenario, made=result.origin
-    )
-    result.write_page(page, folder)

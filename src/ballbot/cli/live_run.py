@@ -18,8 +18,7 @@ from ballbot.link.messages import ControllerPlace
 from ballbot.link.recorder import SUFFIX, check_no_recording
 from ballbot.link.runs import LiveRun, recorded_run, require_log
 from ballbot.log import Log
-from ballbot.report.live import BALANCING, View, counts_line
-from ballbot.report.live_page import live_run_report
+from ballbot.report.live import counts_line, live_run_report
 from ballbot.results import to_results
 
 #: what a recorded run leaves in its folder
@@ -34,7 +33,7 @@ class Plan:
     controller: ControllerPlace
     duration: float  #: longest, from arming on [s]
     ramp: float = 0.0  #: over which the torque limit rises from zero [s]
-    view: View = BALANCING
+    balancing: bool = True  #: whether the robot balances, or is held
 
 
 def record_run(
@@ -89,7 +88,7 @@ def record_run(
             page = live_run_report(
                 log,
                 link.described,
-                balancing=plan.view is BALANCING,
+                balancing=plan.balancing,
                 ending=made.ending.text,
                 about=about_words(connection, link),
                 made=result.origin,
@@ -113,7 +112,7 @@ def make_run(
     monitor = Monitor(connection.robot, standard_output())
 
     def watch(sample: Sample) -> None:
-        monitor.watch(sample, plan.view)
+        monitor.watch(sample, balancing=plan.balancing)
         if connection.camera is not None:
             connection.camera.watch(sample.t)
 

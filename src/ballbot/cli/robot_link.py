@@ -30,9 +30,9 @@ from ballbot.link.messages import State
 from ballbot.link.operators import UPRIGHT, EmulatedCamera, EmulatedOperator, Movement, Operator
 from ballbot.link.session import Session
 from ballbot.link.transport import Transport, open_transport
-from ballbot.report.blocks import Sheet, table
+from ballbot.report.blocks import Sheet
 from ballbot.report.console import PlainConsole
-from ballbot.report.live import View, state_line, state_table
+from ballbot.report.live import sample_rows, state_rows
 from ballbot.robot import Robot
 from ballbot.simulation.held_robot import Hold
 from ballbot.twin.scenario_file import load_scenario
@@ -228,8 +228,7 @@ class Monitor:
         if console.is_terminal:
             self._live = Live(console=console, auto_refresh=False, transient=True)
             # the first picture takes longer to draw than a robot waits; nobody sees this one
-            nowhere = PlainConsole(file=io.StringIO())
-            nowhere.print(table("", ("", ""), [("", "")]))
+            PlainConsole(file=io.StringIO()).print(Sheet(headings=("", ""), rows=[("", "")]))
         #: when the next picture is due, by the clock; or the next line, by the robot's time [s]
         self._next = 0.0
         self._began: float | None = None
@@ -242,21 +241,18 @@ class Monitor:
         if self._live is not None:
             self._live.stop()
 
-    def watch(self, sample: Sample, view: View) -> None:
+    def watch(self, sample: Sample, *, balancing: bool) -> None:
         """Show a sample of an armed robot."""
         if self._is_due(sample.t):
-            self._show(
-                view.table(sample, torque_limit=self._limit), view.line(sample, torque_limit=self._limit)
-            )
+            rows = sample_rows(sample, torque_limit=self._limit, balancing=balancing)
+            self._show(rows, "Armed (Ctrl-C disarms)")
 
     def watch_state(self, state: State) -> None:
         """Show a state of a robot, armed or not."""
         now = 1e-6 * (state.time % 2**32)
         self._began = now if self._began is None else self._began
         if self._is_due((now - self._began) % (1e-6 * 2**32)):
-            self._show(
-                state_table(state, wheel_count=self._wheels), state_line(state, wheel_count=self._wheels)
-            )
+            self._show(state_rows(state, wheel_count=self._wheels), "Ctrl-C ends the monitor")
 
     def _is_due(self, t: float) -> bool:
         """Return whether something is to be shown at the robot's time t [s]."""
@@ -266,11 +262,12 @@ class Monitor:
         self._next = now + interval
         return True
 
-    def _show(self, picture: Sheet, line: str) -> None:
+    def _show(self, rows: list[tuple[str, str]], caption: str) -> None:
         if OUTPUT.get().quiet:
             return
         if self._live is None:
+            line = ", ".join(" ".join(row) for row in rows)
             print(f"ballbot: {line}", file=sys.stderr, flush=True)
         else:
             self._live.start()  # not before there is something to show: the person may have to type first
-            self._live.update(picture, refresh=True)
+            self._live.update(Sheet(headings=("", ""), rows=rows, caption=caption), refresh=True)

@@ -28,8 +28,15 @@ from ballbot.link.references import LiveReference, is_driven, live_reference
 from ballbot.link.runs import require_log
 from ballbot.link.wiring import check_turns, measure_turns
 from ballbot.log import Log
-from ballbot.report.live import HELD, alternation_parts, alternation_results, wiring_parts, wiring_results
-from ballbot.report.live_page import alternation_report, live_run_report, wiring_report
+from ballbot.report.console import finding_line
+from ballbot.report.live import (
+    alternation_report,
+    alternation_results,
+    live_run_report,
+    wiring_report,
+    wiring_results,
+    wiring_sheet,
+)
 from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.simulation.held_robot import SWEEP_PERIOD
@@ -198,7 +205,7 @@ def wiring(port: str | None = None, /, *, link: LinkOptions = _LINK, out: Path |
                 watch=shown.watch_state,
             )
         check = check_turns(lean, turns, robot.ball_from_wheels)
-        print_parts(wiring_parts(check), console)
+        print_parts([wiring_sheet(check), *map(finding_line, check.findings)], console)
         emit(wiring_results(check) | {"findings": finding_results(check.findings)})
         if check.passed:
             robot.test(connection.operator)
@@ -310,7 +317,7 @@ def _bench(
                 commander=TorqueProgram(torques, sample_time=robot.sample_time),
                 controller=ControllerPlace.HOST,
                 duration=duration,
-                view=HELD,
+                balancing=False,
             ),
             out=out,
             inputs=input_files(link.robot, link.scenario),
@@ -431,7 +438,7 @@ def compare(
             result.write_page(page, new)
         for name in names:
             (out / f"{name}{SUFFIX}").unlink(missing_ok=True)
-    result.show(alternation_parts(found))
+    result.show(page.parts())
     result.show_file(PAGE)
 
 

@@ -37,8 +37,7 @@ from ballbot.report.prediction import (
     verdict_parts,
 )
 from ballbot.report.run import over_time
-from ballbot.report.validation import validation_parts, validation_results
-from ballbot.report.validation_page import validation_report
+from ballbot.report.validation import validation_report, validation_results
 from ballbot.report.words import logs_words
 from ballbot.robot import Robot
 from ballbot.validation import ModelPair, join_validations, validate_logs
@@ -256,13 +255,12 @@ def validate(
             validation,
             title=title,
             lead=f"Validated on {logs_words(named)}.",
-            example_of=next(iter(named)) if len(named) == 1 else "the first log that allows it",
             made=result.origin,
         )
         with result.replaced() as new:
             result.write_json({"validation": results}, new, findings=found)
             result.write_page(page, new)
-    result.show(validation_parts(validation))
+    result.show(page.parts())
     result.show_file(PAGE)
 
 

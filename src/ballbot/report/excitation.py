@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, MaxNLocator, StrMethodFormatter
 from numpy.typing import NDArray
-from rich.console import RenderableType
-from rich.text import Text
 
 from ballbot.identification.quantities import BY_NAME
-from ballbot.report.blocks import Paragraph, Picture, Report, Sheet, section, table
-from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE
+from ballbot.report.blocks import Paragraph, Report, Sheet, section, table
+from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Look, Panel, TimeSeries, wheel_lines
 from ballbot.report.style import drawn_picture, thinned
-from ballbot.robot import Robot
 from ballbot.robot.parameters import DIMENSIONLESS
 from ballbot.rounding import digits, unit_heading
 from ballbot.workflows.excitation_task import RunLimits, run_on_model
@@ -29,12 +24,10 @@ from ballbot.workflows.excite import Excitation, Trial
 #: a square's bars and the design's
 _COLORS = (ORANGE, BLUE)
 _MARKS = ("o", "s")
-#: the wheels' lines
-_STYLES = ("-", "--", ":", "-.")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Followed:
+class _Followed:
     """A run to be drawn: the design on the loop where it was tried, on the model otherwise."""
 
     title: str
@@ -44,50 +37,34 @@ class Followed:
     poses: NDArray[np.float64]  #: (N, 3), as asked [m, m, rad]
 
 
-def followed_run(result: Excitation) -> Followed:
+def _followed(result: Excitation) -> _Followed:
     """Return the designed run to be drawn: on the loop with sensors if it was tried, else on the model."""
     trial, poses = result.trials.get("designed"), result.design.poses
     if trial is None:
         log = run_on_model(result.task, result.design.reference).log
-        return Followed(title="on the model", t=log.t, states=log.states, torques=log.torques, poses=poses)
+        return _Followed(title="on the model", t=log.t, states=log.states, torques=log.torques, poses=poses)
     log, truth = trial.log, trial.log.truth()
-    return Followed(
+    return _Followed(
         title="on the loop", t=log.t, states=truth.states, torques=log.torques, poses=poses[: len(log)]
     )
 
 
-def run_figure(shown: Followed, limits: RunLimits) -> Figure:
-    """Draw the path over the floor, and reference, lean and torques over time, with the limits."""
-    figure = Figure(figsize=(7.4, 4.2), layout="constrained")
-    grid = figure.add_gridspec(3, 2, width_ratios=(1.0, 1.5))
-    _draw_path(figure.add_subplot(grid[:, 0]), shown, limits)
-    asked = figure.add_subplot(grid[0, 1])
-    lean, torque = (figure.add_subplot(grid[row, 1], sharex=asked) for row in (1, 2))
-    for column, (name, color, style) in enumerate(
-        (("$x$", BLUE, "-"), ("$y$", ORANGE, "--"), (r"$\psi$", INK, ":"))
-    ):
-        t, values = thinned(shown.t, shown.poses[:, column])
-        asked.plot(t, values, color=color, linestyle=style, linewidth=0.9, label=name)
-    asked.set_ylabel("asked for\n[m, rad]")
-    asked.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
-    asked.tick_params(labelbottom=False)
-    lean.tick_params(labelbottom=False)
-    lean.plot(*thinned(shown.t, _leans(shown)), color=BLUE, linewidth=0.8)
-    lean.axhline(np.degrees(limits.lean), color=INK, linewidth=0.8, linestyle="--")
-    lean.set_ylabel("lean\n[deg]")
-    for torques, color, style in zip(shown.torques.T, (BLUE, ORANGE, GREEN, MUTED), _STYLES, strict=False):
-        torque.plot(*thinned(shown.t, torques), color=color, linestyle=style, linewidth=0.7)
-    for side in (-1.0, 1.0):
-        torque.axhline(side * limits.torque, color=INK, linewidth=0.8, linestyle="--")
-    torque.set_ylabel("torques\n[N m]")
-    torque.set_xlabel("time [s]")
-    return figure
-
-
-def path_figure(shown: Followed, limits: RunLimits) -> Figure:
+def path_figure(shown: _Followed, limits: RunLimits) -> Figure:
     """Draw the path over the floor, with its limit."""
     figure = Figure(figsize=(3.8, 3.6), layout="constrained")
-    _draw_path(figure.subplots(), shown, limits)
+    axes = figure.subplots()
+    turn = np.linspace(0.0, 2.0 * np.pi, 100)
+    axes.plot(
+        limits.floor * np.cos(turn), limits.floor * np.sin(turn), color=INK, linewidth=0.8, linestyle="--"
+    )
+    axes.plot(*thinned(shown.states[:, 0], shown.states[:, 1]), color=BLUE, linewidth=0.9)
+    axes.plot(0.0, 0.0, marker="o", color=MUTED, markersize=3.5)
+    axes.set_aspect("equal")
+    axes.set_title(f"path {shown.title}, limits dashed")
+    for along in (axes.xaxis, axes.yaxis):
+        along.set_major_locator(MaxNLocator(5))
+    axes.set_xlabel("$x$ [m]")
+    axes.set_ylabel("$y$ [m]")
     return figure
 
 
@@ -120,31 +97,8 @@ def errors_figure(result: Excitation) -> Figure:
     return figure
 
 
-def _draw_path(axes: Axes, shown: Followed, limits: RunLimits) -> None:
-    turn = np.linspace(0.0, 2.0 * np.pi, 100)
-    axes.plot(
-        limits.floor * np.cos(turn), limits.floor * np.sin(turn), color=INK, linewidth=0.8, linestyle="--"
-    )
-    axes.plot(*thinned(shown.states[:, 0], shown.states[:, 1]), color=BLUE, linewidth=0.9)
-    axes.plot(0.0, 0.0, marker="o", color=MUTED, markersize=3.5)
-    axes.set_aspect("equal")
-    axes.set_title(f"path {shown.title}, limits dashed")
-    for along in (axes.xaxis, axes.yaxis):
-        along.set_major_locator(MaxNLocator(5))
-    axes.set_xlabel("$x$ [m]")
-    axes.set_ylabel("$y$ [m]")
-
-
 #: how a limit is shown: its unit, and by what its SI number is multiplied
 _SHOWN = {"lean": ("deg", 180.0 / np.pi), "floor": ("m", 1.0), "torque": ("N m", 1.0)}
-
-
-def excitation_parts(result: Excitation) -> Iterator[RenderableType]:
-    """Yield the limits, the standard errors and the verdict."""
-    yield _limits_table(result)
-    yield _errors_table(result)
-    for sentence in _verdict(result):
-        yield Text(sentence)
 
 
 def _limits_table(result: Excitation) -> Sheet:
@@ -239,18 +193,13 @@ def _worst(errors: NDArray[np.float64]) -> str:
     return f"{text} ({none} not identified)" if none else text
 
 
-def errors_picture(result: Excitation) -> Picture:
-    """Return the figure of the standard errors."""
-    caption = (
+def excitation_report(result: Excitation, made: Provenance) -> Report:
+    """Return the page."""
+    limits, shown = result.task.limits, _followed(result)
+    errors = (
         "Standard errors in percent of the bounds' width, of a square and of the design. Those expected are the least "
         "that are possible with the noise assumed: they compare runs."
     )
-    return drawn_picture("errors", partial(errors_figure, result), caption)
-
-
-def excitation_report(result: Excitation, robot: Robot, *, errors: Picture, made: Provenance) -> Report:
-    """Return the page; `errors` is the `errors_picture`."""
-    limits, shown = result.task.limits, followed_run(result)
     undecided = [
         "How much the real robot's friction differs from the assumed one: the design is best for the friction of "
         "the file.",
@@ -264,7 +213,7 @@ def excitation_report(result: Excitation, robot: Robot, *, errors: Picture, made
             "Whether the design helps on a robot with play and noise: it was not tried with sensors.",
         )
     return Report(
-        title=f"{robot.name}: an informative excitation",
+        title=f"{result.task.robot.name}: an informative excitation",
         lead=(
             f"{result.design.times[-1]:.0f} s within {np.degrees(limits.lean):.2g}° of lean, {limits.floor:g} m of "
             f"floor and {limits.torque:.3g} N m of torque."
@@ -281,7 +230,7 @@ def excitation_report(result: Excitation, robot: Robot, *, errors: Picture, made
             section(
                 "Expected errors",
                 _errors_table(result),
-                errors,
+                drawn_picture("errors", partial(errors_figure, result), errors),
             ),
         ],
         undecided=undecided,
@@ -300,7 +249,7 @@ _HOW_TO_RUN = (
 _POSE_LOOKS: tuple[Look, ...] = ("fifth", "sixth", "quiet")
 
 
-def _followed_series(shown: Followed, limits: RunLimits) -> TimeSeries:
+def _followed_series(shown: _Followed, limits: RunLimits) -> TimeSeries:
     """Return reference, lean and torques over time, with the limits."""
     count = len(shown.t)
     asked = [
@@ -326,5 +275,5 @@ def _followed_series(shown: Followed, limits: RunLimits) -> TimeSeries:
     )
 
 
-def _leans(shown: Followed) -> NDArray[np.float64]:
+def _leans(shown: _Followed) -> NDArray[np.float64]:
     return np.degrees(np.arccos(np.cos(shown.states[:, 2]) * np.cos(shown.states[:, 3])))

@@ -147,7 +147,7 @@ def write_reproduction(
         if item.figure:
             picture = drawn_picture(item.key.replace("_", "-"), item.figure, _caption(item))
             figures[item.key] = picture
-            write_text(folder / "figures" / f"{item.key}.svg", str(picture.markup))
+            write_text(folder / "figures" / f"{item.key}.svg", picture.markup())
     results = reproduction_results(made) | {"provenance": to_results(provenance)}
     write_text(folder / "results.json", results_text(results))
     write_text(folder / "reproduce.md", reproduction_markdown(made))
