@@ -21,7 +21,7 @@ from ballbot.report.blocks import Sheet, table
 from ballbot.report.console import finding_line
 from ballbot.rounding import percent, unit_heading
 from ballbot.workflows.alternation import Alternation, Gain
-from ballbot.workflows.controller_verdict import SHOWN
+from ballbot.workflows.controller_prediction import SHOWN
 
 _SELF_TESTS = {
     SelfTestOutcome.NOT_RUN: "not run",

@@ -325,6 +325,12 @@ class Performance:
         """Return its numbers (5,), in the order of `QUANTITIES`."""
         return np.array(astuple(self), dtype=np.float64)
 
+    def sizes(self) -> NDArray[np.float64]:
+        """Return its numbers (5,) with the share of the torque limit that is used in place of that left."""
+        numbers = self.to_array()
+        numbers[QUANTITIES.index("torque_margin")] = 1.0 - self.torque_margin
+        return numbers
+
     @staticmethod
     def from_array(numbers: NDArray[np.float64]) -> Performance:
         """Return the performance of numbers (5,)."""
