@@ -74,7 +74,6 @@ CASES: tuple[Case, ...] = (
     _command("record_upside_down", "record nominal --experiment upside_down --duration 40"),
     _command("twin_export", "twin export alten --out twin_export/twin.xml", sampled=True),
     _command("twin_scenario", "twin scenario resonant --out twin_scenario/scenario.toml", sampled=True),
-    _command("twin_recommendations", "twin recommendations alten --seeds 1 --duration 8"),
     # logs
     _command("check_log", f"check-log {_WALK} --robot alten", needs=("record_square",), sampled=True),
     _input("foreign", inputs.foreign_log, needs=("record_square",)),

@@ -11,13 +11,12 @@ from rich.text import Text
 
 from ballbot.control.margins import MEANING
 from ballbot.control.presets import PRESETS
-from ballbot.report.blocks import Sheet, table
+from ballbot.report.blocks import table
 from ballbot.report.console import finding_line, matrix_text
 from ballbot.report.loop import margins_table
 from ballbot.robot import Robot
 from ballbot.robot.derived import Derived
 from ballbot.robot.drawing import robot_drawing
-from ballbot.rounding import digits
 from ballbot.workflows.reference_check import MARGIN_HEADINGS
 from ballbot.workflows.robot_check import (
     MATRICES,
@@ -28,7 +27,6 @@ from ballbot.workflows.robot_check import (
     CheckedRobot,
     CheckedSwing,
     PoleSpread,
-    PredictionBand,
     state_order,
 )
 
@@ -55,8 +53,6 @@ def robot_check_parts(checked: CheckedRobot) -> list[RenderableType]:
         Text(uncertainty_sentence(checked.spread)),
     ]
     parts += _loop_parts(checked.loop)
-    if checked.band:
-        parts += [Text(""), _band_table(checked.band)]
     if checked.swing:
         parts += _swing_parts(checked.swing)
     if checked.following:
@@ -133,19 +129,6 @@ def uncertainty_sentence(spread: PoleSpread | None) -> str:
         f"{spread.standard_deviation:.2g} rad/s, and it lies between {low:.3g} "
         f"and {high:.3g} in 95 % of {spread.draws} draws ({causes})."
     )
-
-
-def _band_table(band: PredictionBand) -> Sheet:
-    title = f"Predictions after {band.t[-1]:g} s, root mean square over {len(band.starts)} windows of the log"
-    return table(title, ("state", "spread by the standard deviations", "error"), band_rows(band))
-
-
-def band_rows(band: PredictionBand) -> list[list[str]]:
-    """Return the spread and the error of each state at the end of the windows."""
-    return [
-        [state, digits(spread, 2), digits(band.rmse_at_end[state], 2)]
-        for state, spread in band.standard_deviation_at_end.items()
-    ]
 
 
 def _swing_parts(swing: CheckedSwing) -> list[RenderableType]:

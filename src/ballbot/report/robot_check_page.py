@@ -23,7 +23,6 @@ from ballbot.report.console import matrix_text
 from ballbot.report.loop import loop_section, poles_figure
 from ballbot.report.provenance import Provenance
 from ballbot.report.robot_check import (
-    band_rows,
     pole_sentence,
     poles_text,
     sources_sentence,
@@ -44,7 +43,6 @@ from ballbot.workflows.robot_check import (
     CheckedReference,
     CheckedRobot,
     CheckedSwing,
-    PredictionBand,
     state_order,
 )
 
@@ -114,8 +112,6 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
         ),
     )
     yield _loop_section(checked.loop)
-    if checked.band:
-        yield _band_section(checked.band)
     if checked.swing:
         yield _swing_section(checked.swing)
     if checked.following:
@@ -148,20 +144,6 @@ def _matrices(checked: CheckedRobot) -> Iterator[Block]:
         if notes:
             yield Paragraph(text=" ".join(notes), quiet=True)
         yield Verbatim(text=matrix_text(name, checked.matrices[name]))
-
-
-def _band_section(band: PredictionBand) -> Section:
-    caption = (
-        f"Predictions after {band.t[-1]:g} s, root mean square over {len(band.starts)} windows of the log."
-    )
-    return section(
-        "Predictions of the log",
-        Sheet(
-            headings=("state", "spread by the standard deviations", "error"),
-            rows=band_rows(band),
-            caption=caption,
-        ),
-    )
 
 
 def _swing_section(swing: CheckedSwing) -> Section:
