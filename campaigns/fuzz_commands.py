@@ -52,7 +52,7 @@ LINES = (
     "spin none.avi --seam thesis --out out",
     "design alten --q 1,1,10,10,1,1,1,1,1,1 --r 2 --sample-time 0.005 --notch 60 --delay 0.01 --out out",
     "design alten --robust --robots 10 --generations 1 --population 4 --fresh 10 --perturb mass=0.2 --out out",
-    "limits alten none --grip 0.8 --refinements 2 --seed 1 --out out",
+    "limits alten none --grip 0.8 --seed 1 --out out",
     "compare alten none full --scenarios hold,square --seeds 1-2 --plant model --processes 1 --out out",
     "study alten log.csv --bounds bounds.toml --seed 1 --out out",
     "reproduce --out out",

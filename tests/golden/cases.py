@@ -197,7 +197,7 @@ CASES: tuple[Case, ...] = (
     _command("run_wiring", f"run wiring --emulated --robot {_ROBOT} --seed 2"),
     _command("run_sweep", f"run sweep --emulated --robot {_ROBOT} --duration 2"),
     _command("run_upside_down", f"run upside-down --emulated --robot {_ROBOT} --duration 2"),
-    _command("limits", f"limits {_ROBOT} none files/controller_full.toml --refinements 0"),
+    _command("limits", f"limits {_ROBOT} none files/controller_full.toml"),
     _command(
         "compare",
         f"compare {_ROBOT} none full precise --scenarios files/courses.toml --seeds 4,5 --processes 1",
