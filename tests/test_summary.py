@@ -110,7 +110,7 @@ def driveline() -> DrivelineFit:
 
 def limits() -> RobotLimits:
     edge = np.linspace(-1.0, 1.0, 33)
-    region = Region(across=edge, along=edge, kept=edge[:, None] ** 2 + edge**2 < 0.5, runs=10)
+    region = Region(across=edge, along=edge, kept=edge[:, None] ** 2 + edge**2 < 0.5)
     return RobotLimits(
         directions=np.arange(3.0),
         heights=np.arange(9.0),

@@ -40,6 +40,9 @@ from ballbot.robot import Robot
 from ballbot.robot.components import scaled_friction
 from ballbot.simulation.batch import simulate_batch
 
+#: length of the windows that identification cuts a log into [s]
+WINDOW = 0.25
+
 PEAK_UNITS = {"lean": "rad", "floor": "m", "torque": "N m"}
 
 
@@ -115,7 +118,6 @@ class InformationProblem:
     coordinates: Coordinates
     point: NDArray[np.float64]  #: (p,), scaled, what is believed
     deviations: NDArray[np.float64]  #: (10,), of each state's prediction on the robot
-    window: float  #: [s]
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -157,7 +159,7 @@ def expected_errors(question: InformationProblem, logs: Sequence[Log]) -> NDArra
 def _information(question: InformationProblem, logs: Sequence[Log]) -> NDArray[np.float64]:
     """Return H (p, p) of the scaled parameters."""
     predictor = question.predictor
-    windows = windows_for(predictor, question.coordinates.upper, logs, duration=question.window)
+    windows = windows_for(predictor, question.coordinates.upper, logs, duration=WINDOW)
     # measurements off by exactly their deviations: identification takes its weights from the residuals
     off = replace(
         windows,
@@ -217,7 +219,6 @@ def task(
     deviations: NDArray[np.float64],
     law: Law = "stribeck",
     bounds: Bounds | None = None,
-    window: float = 0.25,
 ) -> ExcitationTask:
     """Return what to design an experiment for.
 
@@ -236,8 +237,6 @@ def task(
         The law whose parameters are estimated.
     bounds : Bounds, optional
         Identification's; errors count in shares of their width.
-    window : float
-        Identification's [s].
 
     Raises
     ------
@@ -255,7 +254,6 @@ def task(
         coordinates=coordinates,
         point=point,
         deviations=deviations,
-        window=window,
     )
     believed = with_friction(robot, coordinates.physical(point))
     return ExcitationTask(
