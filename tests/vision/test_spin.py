@@ -13,10 +13,10 @@ from ballbot.errors import InputError
 from ballbot.findings import texts
 from ballbot.log import Log
 from ballbot.mechanics.geometry import transforms
-from ballbot.vision.rendering import Light, Scene, motion_of, render, write_video
 from ballbot.vision.seam import basketball_seam
 from ballbot.vision.spin import Setup, Spin, compare_with_wheels, facing, measure_spin, spin_findings
 from ballbot.vision.video import open_video
+from tests.support.ball_video import Light, Scene, motion_of, render, write_video
 from tests.support.vision_examples import SMALL, Film, ball_video
 
 #: required accuracy of plain and difficult videos, of the peak velocity
