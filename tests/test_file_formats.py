@@ -123,12 +123,10 @@ def test_newer_format_is_refused_with_what_to_do(kind: Kind, tmp_path: Path) -> 
 
 #: by the kind: a key of an earlier file, and its present name
 RENAMED: dict[Kind, tuple[str, str]] = {
-    "controller": ("[lean_bound]", "[lean_limit]"),
     "scenario": ("share = ", "fraction = "),
     "courses": ("unlike = ", "mismatch = "),
 }
 RENAMED_TEXTS: dict[Kind, str] = {
-    "controller": f"{TEXTS['controller']}\n[lean_limit]\nlean = 0.1\nturn = 0.5\n",
     "scenario": f"{TEXTS['scenario']}\n[load_dependence]\nfraction = 0.5\n",
     "courses": TEXTS["courses"],
 }
@@ -151,8 +149,6 @@ def test_file_of_the_format_before_is_migrated_with_a_hint(
         migrated = READERS[kind](before)
     with warnings.catch_warnings(action="error"):
         assert READERS[kind](now) == migrated
-    if kind == "controller":
-        assert format_line(kind) in str(migrated).splitlines()
     later = now.read_text(encoding="utf-8").replace(format_name(kind), f"ballbot {kind} {NEWEST[kind] + 1}")
     now.write_text(later, encoding="utf-8")
     with pytest.raises(InputError, match="which a newer Ballbot wrote"):
