@@ -12,7 +12,6 @@ from ballbot import InputError, Robot
 from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text, read_controller, write_controller
 from ballbot.control.parts.feed_forward import feed_forward_record
-from ballbot.control.parts.floor_adaptation import FloorAdaptation
 from ballbot.control.presets import design_gain, nominal_controller, precise_controller
 from ballbot.errors import UnsuitedController
 from ballbot.robot.components import scaled_friction
@@ -77,13 +76,12 @@ def test_the_parts_of_a_file_are_for_the_robot_that_it_is_read_with(tmp_path):
     np.testing.assert_array_equal(found, feed_forward_record(heavy).by_second)
 
 
-def test_documented_adaptation_and_prediction_tables_are_accepted(tmp_path):
+def test_documented_prediction_table_is_accepted(tmp_path):
     path, robot = tmp_path / "controller.toml", alten(FRICTION)
     write_controller(precise_controller(robot), path)
-    added = "\n[floor_adaptation]\n[prediction]\ndelay = 0.012\n"
+    added = "\n[prediction]\ndelay = 0.012\n"
     path.write_text(path.read_text() + added)
     parts = read_controller(path, robot).parts
-    assert parts.floor_adaptation == FloorAdaptation()
     assert parts.prediction is not None
     assert parts.prediction.delay == 0.012
 
@@ -128,7 +126,7 @@ def file_of_every_part() -> str:
         ("robot =", "robot ==", "not valid TOML"),
         ("frequency = 4.0", "frequency = 0.0", r"shaping.frequency is 0.0; it must be at least 1e-12"),
         ("depth = 0.2", "depth = 2", r"notch.depth is 2; it must be below 1"),
-        ("[floor_adaptation]", "[floor_adaption]", "floor_adaption is not a key of a controller file"),
+        ("[lean_limit]", "[lean_bound]", "lean_bound is not a key of a controller file"),
     ],
 )
 def test_invalid_controller_file_ends_in_one_sentence(tmp_path, good, bad, sentence):

@@ -1,4 +1,4 @@
-"""What is added to the gain: smooth references, feed-forward, integral action, observer, adaptation."""
+"""What is added to the gain: smooth references, feed-forward, integral action, observer."""
 
 from dataclasses import replace
 from math import factorial

@@ -214,12 +214,11 @@ def test_negligible_delay_equals_no_delay():
 def test_design_writes_the_requested_prediction(tmp_path):
     path = tmp_path / "robot.toml"
     write_robot(alten(FRICTION), path)
-    options = ["--kind", "precise", "--delay", "0.016", "--adaptive", "--out", str(tmp_path)]
+    options = ["--kind", "precise", "--delay", "0.016", "--out", str(tmp_path)]
     assert main(["design", str(path), *options]) == 0
     parts = read_controller(tmp_path / "controller.toml", alten(FRICTION)).parts
     assert parts.prediction is not None
     assert parts.prediction.delay == 0.016
-    assert parts.floor_adaptation is not None
 
 
 @pytest.mark.parametrize(
@@ -227,8 +226,7 @@ def test_design_writes_the_requested_prediction(tmp_path):
     [
         (["--delay", "0"], "delay of the prediction is 0; it must be positive"),
         (["--delay", "0.3"], "it can be at most 0.1 s"),
-        (["--adaptive"], "--adaptive has nothing to adapt"),
-        (["--robust", "--adaptive"], "remove --kind"),
+        (["--robust", "--delay", "0.016"], "remove --kind"),
     ],
 )
 def test_design_refuses_in_a_sentence(options, sentence, tmp_path, capsys):

@@ -88,14 +88,13 @@ def double_library(folder: Path) -> Library:
     return Library.open(target)
 
 
-@pytest.mark.parametrize("name", ["everything", "four wheels", "partial", "adaptive"])
+@pytest.mark.parametrize("name", ["everything", "four wheels", "partial"])
 def test_law_in_double_precision_is_python_s_law(name, tmp_path_factory):
     """Torques and memories of many updates in a row agree to rounding: nothing but precision sets the two apart."""
     controller = {
         "everything": lambda: everything(alten(FRICTION)),
         "four wheels": lambda: everything(four_wheeled(friction=True)),
         "partial": lambda: nominal_controller(alten(FRICTION), compensation="partial"),
-        "adaptive": CONTROLLERS["adaptive, 3 wheels"],
     }[name]()
     compiled = double_library(tmp_path_factory.getbasetemp())
     memory, of_python = (np.zeros(1, MEMORY.dtype()) for _ in range(2))
@@ -156,7 +155,7 @@ def test_sanitizers_find_nothing_and_change_no_bit(tmp_path):
         compile_sources(replay, [*LAW_SOURCES, SOURCES / "ballbot_math.c", HERE / "replay.c"], flags=flags)
     except InputError as refusal:
         pytest.skip(f"the compiler has no sanitizers: {str(refusal)[:200]}")
-    for controller in (everything(four_wheeled(friction=True)), CONTROLLERS["adaptive, 3 wheels"]()):
+    for controller in (everything(four_wheeled(friction=True)), CONTROLLERS["precise, 3 wheels"]()):
         law, n = converted(controller.record, LAW), len(controller.gain)
         given, wanted = law.tobytes(), b""
         for update, torques in updates(controller, library(), lanes=20, count=30, seed=7):

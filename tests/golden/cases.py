@@ -183,7 +183,7 @@ CASES: tuple[Case, ...] = (
     ),
     _command(
         "design_precise",
-        f"design {_ROBOT} --kind precise --delay 0.016 --adaptive --allow-overcompensation",
+        f"design {_ROBOT} --kind precise --delay 0.016 --allow-overcompensation",
         sampled=True,
     ),
     _command(

@@ -115,7 +115,7 @@ def design(
 
     Example: ballbot design found/robot.toml --kind precise --out precise
 
-    Example: ballbot design found/robot.toml --kind precise --delay 0.016 --adaptive --out precise
+    Example: ballbot design found/robot.toml --kind precise --delay 0.016 --out precise
 
     Example: ballbot design found/robot.toml --robust --compensation full --out robust
 
@@ -229,7 +229,7 @@ def _refuse_with_robust(weights: WeightOptions, parts: PartOptions) -> None:
     if replace(weights, sample_time=None) != _WEIGHTS or plain != DEFAULT_PARTS:
         raise InputError(
             "--robust searches for the weights of the nominal kind; remove --kind, "
-            "--q, --r, --compensation-gain, --notch, --delay and --adaptive."
+            "--q, --r, --compensation-gain, --notch and --delay."
         )
 
 

@@ -256,11 +256,6 @@ class Controller:
         """The lost torque of each wheel that the disturbance observer estimates and adds now (n,) [N m]."""
         return self.memory["disturbance_observer"]["estimate"][0, : len(self.gain)].copy()
 
-    @property
-    def drag(self) -> float:
-        """The part of the integral [m s] that the floor adaptation gives now in the direction of motion."""
-        return float(self.memory["floor_adaptation"]["drag"][0])
-
 
 def refusal(place: int, value: float) -> str:
     """Return why a reference with that value at that place of the state is refused."""

@@ -15,7 +15,7 @@ that a design compiles nothing:
 
 Left out are friction compensation, which is not linear and cancels what the robot's friction does; limits and the
 integral's dead band, which are not linear; and reference shaping and feed-forward, which act on references only. The
-lean limit and the floor adaptation do nothing for small errors at rest.
+lean limit does nothing for small errors.
 
 The robot of the loop is the exact model without friction. Its torques are held over a sample and act late by the delay
 that the controller predicts over, if it does. The state is fed back as it is: an estimator's lag is not in the loop.

@@ -1,4 +1,4 @@
-"""Ready-made controllers: nominal, precise, and either with floor adaptation.
+"""Ready-made controllers: nominal and precise.
 
 The nominal controller has the "soft" gain of the nominal scenario, the thesis's kind. The thesis prints no gain. This
 one wanders without compensation as the thesis's figures do. It is frozen, so that results made with it can be
@@ -13,7 +13,7 @@ play. It is made for the state of the Kalman filter (`ballbot.estimation.kalman`
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,7 +28,6 @@ from ballbot.control.lqr import LqrDesign, StateSpace, frictionless_model, gain_
 from ballbot.control.parts import Parts
 from ballbot.control.parts.disturbance_observer import DisturbanceObserver
 from ballbot.control.parts.feed_forward import FeedForward
-from ballbot.control.parts.floor_adaptation import FloorAdaptation
 from ballbot.control.parts.integral import IntegralAction
 from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.parts.reference_shaping import ReferenceShaping
@@ -246,11 +245,3 @@ def named_controller(source: str | Path, robot: RobotLike) -> Controller:
         hint = suggest(str(source), PRESETS, otherwise="the ready-made ones are")
         raise InputError(f"There is no controller file or ready-made controller {str(source)!r}; {hint}")
     return read_controller(source, robot)
-
-
-def adaptive(controller: Controller) -> Controller:
-    """Return a copy that follows the floor, if it has integral action and shaped references; otherwise the same."""
-    parts = controller.parts
-    if parts.floor_adaptation is not None or parts.integral is None or parts.shaping is None:
-        return controller
-    return controller.with_parts(replace(parts, floor_adaptation=FloorAdaptation()))

@@ -28,7 +28,6 @@ from ballbot.control.presets import (
     NOMINAL_TORQUE_WEIGHT,
     PRECISE_STATE_WEIGHTS,
     IntegralDesign,
-    adaptive,
     design_gain,
     design_integral_gain,
     precise_controller,
@@ -79,9 +78,6 @@ class PartOptions:
     delay: float | None = None
     """Time from a measurement until the torque computed from it acts [s]. The controller feeds back the state
     predicted for that time. `ballbot identify --estimate delays` estimates it."""
-
-    adaptive: bool = False
-    """Adapt the precise kind to the floor's friction, within limits."""
 
     allow_overcompensation: bool = False
     """Write the controller even if it compensates more friction than is certain."""
@@ -159,8 +155,8 @@ def design_controller(
     Raises
     ------
     InputError
-        If a weight or a part is not possible, an adaptation has no integral action to adapt, more friction is
-        compensated than is certain and this is not allowed, or the loop has no stability margin.
+        If a weight or a part is not possible, more friction is compensated than is certain and this is not allowed, or
+        the loop has no stability margin.
     """
     robot = as_robot(robot)
     found = _design(robot, gain)
@@ -211,12 +207,6 @@ def _controller(
 
 def _with_parts(controller: Controller, options: PartOptions) -> Controller:
     """Return the controller with the requested parts."""
-    if options.adaptive:
-        plain, controller = controller, adaptive(controller)
-        if controller.parts == plain.parts:
-            raise InputError(
-                "--adaptive has nothing to adapt: the nominal kind has no integral action. Add --kind precise."
-            )
     parts = controller.parts
     if options.notch is not None:
         parts = replace(parts, notch=Notch(frequency=options.notch))

@@ -18,7 +18,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.parts.floor_adaptation import direction
 from ballbot.control.parts.part import LawSettings, Part, Steps
 from ballbot.control.records import MAX_WHEELS, number, setting, whole
 from ballbot.errors import InputError
@@ -47,12 +46,9 @@ class IntegralState:
 
 @inlined
 def _add_torque(law, memory, torque, now, i):
-    """Add a wheel's torque for the integrals, with the drag that turns with the motion."""
-    gain, sums, drag = law.integral.gain, memory.integral.sums, memory.floor_adaptation.drag
-    x, y, _ = now.wanted
-    d_x, d_y = direction(law.floor_adaptation, x.rate, y.rate)
-    v_x, v_y = sums[0] + drag * d_x, sums[1] + drag * d_y
-    I_x, I_y = now.a.cos_psi * v_x + now.a.sin_psi * v_y, now.a.cos_psi * v_y - now.a.sin_psi * v_x
+    """Add a wheel's torque for the integrals."""
+    gain, sums, c, s = law.integral.gain, memory.integral.sums, now.a.cos_psi, now.a.sin_psi
+    I_x, I_y = c * sums[0] + s * sums[1], c * sums[1] - s * sums[0]
     return torque + (gain[i, 0] * I_x + gain[i, 1] * I_y + gain[i, 2] * sums[2])
 
 

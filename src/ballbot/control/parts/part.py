@@ -17,15 +17,15 @@ and joins the law by a line in `ballbot.control.parts.Parts`. In compiled code `
    must then do nothing, or return its value unchanged: because it asks for `on`, or because it only adds products with
    numbers of the record or the state.
 3. Choose a state in which all zeros mean rest: this is the memory at the start and after `reset`. If a value does not
-   rest at zero, keep its difference from the start, or a flag `started` (`FloorState`, `ShapingState`).
+   rest at zero, keep its difference from the start, or a flag `started` (`ShapingState`).
 4. Choose stages from `Steps`. Stages run in the order of its fields, and within a stage parts run in the order of the
    fields of `Parts`: put the line there accordingly, and look at `ballbot.control.law.STAGES`. Steps of `observe` and
    `learn` return nothing. In each other stage a step must return its value, which the next one receives.
 5. Leave the torque limit to the law, which clips after the stage `filter`. If a torque exceeded the limit, or a step of
    `error` reduced the error, `learn` receives `limited` as true: a slow state may then shrink but not grow.
-6. Read any record and any memory, but write your own state only. Two exceptions: a torque added against an estimated
-   disturbance is also added to `disturbance_compensation` of the `TorqueHistory`, and the floor adaptation moves a part
-   of the integrals into its own state. Name the parts that yours cannot work without in `needs`.
+6. Read any record and any memory, but write your own state only. One exception: a torque added against an estimated
+   disturbance is also added to `disturbance_compensation` of the `TorqueHistory`. Name the parts that yours cannot work
+   without in `needs`.
 7. The disturbance observer takes `acting` of the history for the torque that the motors gave; the prediction takes it
    less both compensations. `acting` is the command, filtered and limited. If motors give another torque for a command,
    return it in the stage `act`.
