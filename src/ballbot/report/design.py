@@ -158,13 +158,7 @@ def _fractions(parts: Sequence[float], wholes: Sequence[float]) -> str:
 def _margin(margin: CompensationMargin) -> str:
     """Return the compensated fraction of the certain friction, and a warning if it exceeds that friction."""
     fractions = ", ".join(percent(share) for share in (*margin.wheel_fractions, margin.rolling_fraction))
-    amplitudes = ", ".join(f"{one.amplitude:g}" for one in margin.swings)
-    returned = ", ".join(percent(one.fraction) for one in margin.swings)
-    text = (
-        f"Largest compensated fraction of the certain friction of each wheel and of the floor: {fractions}\n"
-        "Largest fraction of the energy dissipated by friction that compensation returns to a wheel oscillating "
-        f"by {amplitudes} rad/s: {returned}"
-    )
+    text = f"Largest compensated fraction of the certain friction of each wheel and of the floor: {fractions}"
     return (
         f"{text}\nWARNING: {margin.sentence}; this injects energy and can destabilise the robot"
         if margin.overcompensates
@@ -261,11 +255,6 @@ def _compensation_blocks(found: ControllerDesign) -> Iterator[Block]:
     rows.append(("rolling", percent(margin.rolling_fraction), ""))
     caption = "Largest compensated fraction of the friction that is certain; beyond 100 % it injects energy."
     yield Sheet(headings=("friction", "compensated", "at"), rows=rows, caption=caption)
-    swings = [(f"{one.amplitude:g} rad/s", percent(one.fraction)) for one in margin.swings]
-    returned = (
-        "Largest fraction of the energy lost to friction that compensation returns to an oscillating wheel."
-    )
-    yield Sheet(headings=("amplitude", "returned"), rows=swings, caption=returned)
     if found.certain is not found.stated:
         yield Paragraph(text=_certain_fractions(found.stated, found.certain).strip())
 
