@@ -28,7 +28,7 @@ from ballbot.link.references import LiveReference, is_driven, live_reference
 from ballbot.link.runs import require_log
 from ballbot.link.wiring import check_turns, measure_turns
 from ballbot.log import Log
-from ballbot.report.live import HELD, alternation_parts, alternation_results, wiring_parts, wiring_results
+from ballbot.report.live import alternation_parts, alternation_results, wiring_parts, wiring_results
 from ballbot.report.live_page import alternation_report, live_run_report, wiring_report
 from ballbot.results import to_results
 from ballbot.robot import Robot
@@ -167,8 +167,8 @@ def monitor(port: str | None = None, /, *, link: LinkOptions = _LINK, duration: 
         emit({"parameters": lines})
         for line in lines:
             console.print(line, soft_wrap=True)
-        with Monitor(robot, console) as shown:
-            robot.watch(shown.watch_state, duration=duration)
+        with Monitor(console) as shown:
+            robot.watch(shown.states_of(robot), duration=duration)
 
 
 @run.command
@@ -189,13 +189,13 @@ def wiring(port: str | None = None, /, *, link: LinkOptions = _LINK, out: Path |
     console = standard_output()
     with connected(port, link) as connection:
         robot = connection.robot
-        with Monitor(robot, console) as shown:
+        with Monitor(console) as shown:
             lean, turns = measure_turns(
                 robot.session,
                 connection.operator,
                 wheel_count=robot.wheel_count,
                 encoder_step=robot.encoder_step,
-                watch=shown.watch_state,
+                watch=shown.states_of(robot),
             )
         check = check_turns(lean, turns, robot.ball_from_wheels)
         print_parts(wiring_parts(check), console)
@@ -310,7 +310,7 @@ def _bench(
                 commander=TorqueProgram(torques, sample_time=robot.sample_time),
                 controller=ControllerPlace.HOST,
                 duration=duration,
-                view=HELD,
+                held=True,
             ),
             out=out,
             inputs=input_files(link.robot, link.scenario),

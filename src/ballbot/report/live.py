@@ -1,23 +1,20 @@
-"""A live robot as tables and lines: its samples while it runs, its wiring check, and two controllers in turn."""
+"""A live robot as lines and tables: its samples while it runs, its wiring check, and two controllers in turn."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from ballbot.control.safety import StopReason
 from ballbot.firmware.records import SelfTestOutcome
 from ballbot.link.live import Sample
 from ballbot.link.messages import State
 from ballbot.link.session import stop_reason
 from ballbot.link.wiring import Turn, WiringCheck
-from ballbot.report.blocks import Sheet, table
+from ballbot.report.blocks import table
 from ballbot.report.console import finding_line
 from ballbot.rounding import percent, unit_heading
 from ballbot.workflows.alternation import Alternation, Gain
@@ -47,21 +44,6 @@ def sample_line(sample: Sample, *, torque_limit: float) -> str:
     )
 
 
-def sample_table(sample: Sample, *, torque_limit: float) -> Sheet:
-    """Return a sample as a table for a terminal."""
-    x, y, psi = sample.state[[0, 1, 4]]
-    rows = [
-        ("time", f"{sample.t:.1f} s"),
-        ("position", f"{x:+.3f}  {y:+.3f} m"),
-        ("heading", f"{math.degrees(psi):+.1f} degrees"),
-        ("distance from the reference", f"{1e3 * _distance(sample):.0f} mm"),
-        ("lean", f"{math.degrees(_lean(sample)):.2f} degrees"),
-        ("torques", "  ".join(f"{one:+.2f}" for one in sample.torques) + " N m"),
-        ("largest torque", f"{percent(_share(sample, torque_limit))} of the limit"),
-    ]
-    return table("Armed (Ctrl-C disarms)", ("", ""), rows)
-
-
 def bench_line(sample: Sample, *, torque_limit: float) -> str:
     """Return a sample of a held robot in one line."""
     speeds = " ".join(f"{one:+.1f}" for one in sample.wheel_speeds)
@@ -72,73 +54,22 @@ def bench_line(sample: Sample, *, torque_limit: float) -> str:
     )
 
 
-def bench_table(sample: Sample, *, torque_limit: float) -> Sheet:
-    """Return a sample of a held robot as a table for a terminal."""
-    rows = [
-        ("time", f"{sample.t:.1f} s"),
-        ("torques", "  ".join(f"{one:+.2f}" for one in sample.torques) + " N m"),
-        ("largest torque", f"{percent(_share(sample, torque_limit))} of the limit"),
-        ("wheel speeds", "  ".join(f"{one:+.2f}" for one in sample.wheel_speeds) + " rad/s"),
-    ]
-    return table("Armed and held (Ctrl-C disarms)", ("", ""), rows)
-
-
-@dataclass(frozen=True, kw_only=True)
-class View:
-    """What a monitor shows of a sample: a line, or a table on a terminal; both take the torque limit [N m]."""
-
-    line: SampleText
-    table: SampleTable
-
-
-class SampleText(Protocol):
-    """Returns a sample in one line."""
-
-    def __call__(self, sample: Sample, *, torque_limit: float) -> str: ...
-
-
-class SampleTable(Protocol):
-    """Returns a sample as a table."""
-
-    def __call__(self, sample: Sample, *, torque_limit: float) -> Sheet: ...
-
-
-BALANCING = View(line=sample_line, table=sample_table)
-HELD = View(line=bench_line, table=bench_table)
-
-
 def state_line(state: State, *, wheel_count: int) -> str:
     """Return a state in one line."""
     theta, phi, psi = np.degrees(state.attitude)
+    gyro = " ".join(f"{one:+.2f}" for one in state.gyro)
+    counts = " ".join(map(str, state.wheel_counts[:wheel_count].tolist()))
+    speeds = " ".join(f"{one:+.1f}" for one in state.wheel_speeds[:wheel_count])
     stop = stop_reason(state)
     return (
         f"{'armed' if state.armed else 'disarmed'}, self-test {_self_test(state)}, "
-        f"theta {theta:+.1f}, phi {phi:+.1f}, psi {psi:+.1f} degrees, counts "
-        f"{' '.join(map(str, state.wheel_counts[:wheel_count].tolist()))}"
-        + (f", stopped: {_words(stop)}" if stop else "")
+        f"theta {theta:+.1f}, phi {phi:+.1f}, psi {psi:+.1f} degrees, gyro {gyro} rad/s, counts {counts}, "
+        f"wheel speeds {speeds} rad/s" + (f", stopped: {stop}" if stop else "")
     )
-
-
-def state_table(state: State, *, wheel_count: int) -> Sheet:
-    """Return a state as a table for a terminal."""
-    rows = [
-        ("self-test", _self_test(state)),
-        ("stop", _words(stop_reason(state))),
-        ("theta, phi, psi", "  ".join(f"{one:+7.2f}" for one in np.degrees(state.attitude)) + " degrees"),
-        ("gyro", "  ".join(f"{one:+7.3f}" for one in state.gyro) + " rad/s"),
-        ("encoder counts", "  ".join(map(str, state.wheel_counts[:wheel_count].tolist()))),
-        ("wheel speeds", "  ".join(f"{one:+7.2f}" for one in state.wheel_speeds[:wheel_count]) + " rad/s"),
-    ]
-    title = "Armed" if state.armed else "Disarmed"
-    return table(f"{title} (Ctrl-C ends the monitor)", ("", ""), rows)
 
 
 def _self_test(state: State) -> str:
     return _SELF_TESTS.get(SelfTestOutcome(state.self_test), f"failed (wheel {state.self_test_wheel})")
-
-
-def _words(stop: StopReason | None) -> str:
-    return "none" if stop is None else str(stop)
 
 
 def _distance(sample: Sample) -> float:
