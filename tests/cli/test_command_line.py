@@ -11,7 +11,7 @@ import pytest
 
 from ballbot.cli import ARGV
 from ballbot.cli.app import COMMANDS
-from ballbot.cli.context import WholeNumber, argv, input_files
+from ballbot.cli.context import argv, input_files
 from ballbot.cli.main import main
 from ballbot.robot import Robot
 
@@ -33,9 +33,9 @@ def hints(kind: object) -> Iterator[tuple[str, object]]:
 
 
 def kinds(hint: object) -> Iterator[object]:
-    """Yield a type and what it consists of, up to a whole number."""
+    """Yield a type and what it consists of, up to what has a converter, as a whole number does."""
     yield hint
-    if hint != WholeNumber:
+    if not any(getattr(one, "converter", None) for one in getattr(hint, "__metadata__", ())):
         for one in get_args(hint):
             yield from kinds(one)
 

@@ -67,11 +67,6 @@ def test_help_prints_what_the_option_prints(
     assert "--quiet" in helped
 
 
-def test_help_on_a_misspelt_command_names_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["help", "studdy"]) == 2
-    assert "'studdy'; did you mean 'study'?" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     ("line", "nearest"),
     [

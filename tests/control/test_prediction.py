@@ -193,8 +193,8 @@ def test_one_nan_measurement_has_no_lasting_effect():
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
-        (lambda: DelayPrediction(delay=0.0), "delay of the prediction is 0; it must be positive"),
-        (lambda: DelayPrediction(delay=np.nan), "must be positive"),
+        (lambda: DelayPrediction(delay=0.0), "The prediction: delay is 0.0; it must be above 0"),
+        (lambda: DelayPrediction(delay=np.nan), "delay is nan"),
         (lambda: predicting(alten(), 0.1001), "at most 0.1 s"),
     ],
 )
@@ -224,7 +224,7 @@ def test_design_writes_the_requested_prediction(tmp_path):
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (["--delay", "0"], "delay of the prediction is 0; it must be positive"),
+        (["--delay", "0"], "The prediction: delay is 0.0; it must be above 0"),
         (["--delay", "0.3"], "it can be at most 0.1 s"),
         (["--robust", "--delay", "0.016"], "remove --kind"),
     ],

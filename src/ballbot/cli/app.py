@@ -14,7 +14,6 @@ from typing import Annotated, cast
 from cyclopts import App, Group, Parameter
 
 from ballbot.cli import OUTPUT
-from ballbot.errors import InputError, suggest
 
 _ABOUT = """Model, identify, validate and control ball-balancing robots.
 
@@ -117,16 +116,7 @@ def build_app(tokens: Sequence[str] = (), *, unavailable: Collection[str] = ()) 
         The command line, without the program's name. Only the command that it names is imported.
     unavailable : collection of str
         Commands that stand in the list without their options, because what they need is not installed.
-
-    Raises
-    ------
-    InputError
-        If it names no command of Ballbot.
     """
-    names = [command.name for command in COMMANDS]
-    if tokens and not tokens[0].startswith("-") and tokens[0] not in names:
-        hint = suggest(tokens[0], names, otherwise="the commands are")
-        raise InputError(f"There is no command {tokens[0]!r}; {hint}")
     app = App(
         name="ballbot",
         help=_ABOUT,

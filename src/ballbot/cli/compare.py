@@ -7,6 +7,7 @@ from pathlib import Path
 from ballbot.cli.context import (
     PAGE,
     ClusterAddress,
+    OutFolder,
     WholeNumber,
     input_files,
     open_result,
@@ -37,7 +38,7 @@ def compare(
     seeds: str = "1-3",
     processes: WholeNumber | None = None,
     cluster: ClusterAddress = None,
-    out: Path,
+    out: OutFolder,
 ) -> None:
     """Compare controllers in closed loop: the same courses and seeds for all, with intervals of the differences.
 
@@ -69,8 +70,6 @@ def compare(
         Number of parallel processes; by default one per core. Results do not depend on it.
     cluster
         The address of a Dask scheduler on which runs on the twin are made, such as tcp://10.0.0.5:8786.
-    out
-        The folder to write into.
     """
     if processes is not None and processes < 1:
         raise InputError(f"--processes is {processes}; it must be at least 1.")
@@ -102,9 +101,7 @@ def compare(
             run=Run(progress=bar.report),
         )
         bar.begin_writing()
-        with result.replaced() as new:
-            result.write_json(league_results(league), new)
-            result.write_page(league_report(league, described, result.origin), new)
+        result.write(league_results(league), league_report(league, described, result.origin))
     result.show(league_parts(league))
     result.show_file(PAGE)
 

@@ -12,8 +12,10 @@ from cyclopts import Parameter
 from ballbot.cli.context import (
     PAGE,
     CommandResult,
+    OutFolder,
+    RobotName,
+    Seed,
     WholeNumber,
-    input_files,
     open_result,
 )
 from ballbot.control.controller import Controller
@@ -70,8 +72,7 @@ class SearchOptions:
     population: WholeNumber = 16
     """References tried in each generation."""
 
-    seed: WholeNumber = 0
-    """Random seed. The same seed gives the same result."""
+    seed: Seed = 0
 
 
 @Parameter(name="*")
@@ -111,7 +112,7 @@ _TRIAL, _IDENTIFICATION = TrialOptions(), IdentificationOptions()
 
 
 def excite(
-    robot: str,
+    robot: RobotName,
     /,
     *,
     within: LimitOptions = _LIMITS,
@@ -119,7 +120,7 @@ def excite(
     trial: TrialOptions = _TRIAL,
     identification: IdentificationOptions = _IDENTIFICATION,
     controller: str = "nominal",
-    out: Path,
+    out: OutFolder,
 ) -> None:
     """Design an informative excitation within limits on lean, floor space and torque, and try it on the loop
     with sensors.
@@ -133,12 +134,8 @@ def excite(
 
     Parameters
     ----------
-    robot
-        A preset's name or a robot file, with or without identified friction.
     controller
         The controller that the robot will use: nominal (without compensation), precise or a controller file.
-    out
-        The folder to write into.
     """
     described = Robot.load(robot)
     limits = RunLimits(
@@ -151,7 +148,7 @@ def excite(
     scenario = load_scenario(trial.scenario, described)
     bounds = read_bounds(identification.bounds) if identification.bounds else None
     deviations = deviations_found(identification.found) if identification.found else None
-    inputs = input_files(robot, trial.scenario, controller, identification.found, identification.bounds)
+    inputs = [robot, trial.scenario, controller, identification.found, identification.bounds]
     with open_result(out, command="excite", writes=_WRITTEN, inputs=inputs, seed=search.seed) as result:
         with result.progress("excite") as bar:
             found = find(

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
-from ballbot.cli.context import PAGE, CommandResult, WholeNumber, input_files, open_result
+from ballbot.cli.context import PAGE, CommandResult, OutFolder, WholeNumber, open_result
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
-from ballbot.files import write_text
 from ballbot.fitting.run import Run, check_seed
 from ballbot.progress import Progress
 from ballbot.report.limits import (
@@ -49,7 +47,7 @@ def limits(
     twin: bool = False,
     scenario: str = "nominal",
     seed: WholeNumber = 1,
-    out: Path,
+    out: OutFolder,
 ) -> None:
     """Find the largest tilts and impulses that a robot recovers from with its controllers.
 
@@ -80,15 +78,13 @@ def limits(
         A scenario's name or file.
     seed
         Random seed of the runs.
-    out
-        The folder to write into.
     """
     described, candidates = Robot.load(robot), parse_candidates(controllers)
     chosen = {one.name: _law(one.name, one.controller(described)) for one in candidates}
     _check(len(chosen), grip=grip, refinements=refinements, seed=seed)
     truth = load_scenario(scenario, described)
     found = _Found()
-    inputs = input_files(robot, [one.file for one in candidates if one.file], scenario)
+    inputs = [robot, [one.file for one in candidates if one.file], scenario]
     with (
         open_result(out, command="limits", writes=_WRITTEN, inputs=inputs, seed=seed) as result,
         result.progress("limits") as bar,
@@ -104,8 +100,7 @@ def limits(
             if twin:
                 found.twin[name] = twin_limits(loop, found.model[name], directions=_ON_TWIN, run=run)
         bar.begin_writing()
-        with result.replaced() as new:
-            _write(found, described, grip, truth.name, result, new)
+        _write(found, described, grip, truth.name, result)
     result.show(limit_parts(found.model, found.twin))
     result.show_file(PAGE)
 
@@ -131,18 +126,13 @@ def _law(name: str, controller: object) -> Controller:
     return controller
 
 
-def _write(
-    found: _Found, robot: Robot, grip: float, scenario: str, result: CommandResult, folder: Path
-) -> None:
+def _write(found: _Found, robot: Robot, grip: float, scenario: str, result: CommandResult) -> None:
     by_controller = {
         name: to_results(one) | {"twin": found.twin.get(name, ())} for name, one in found.model.items()
     }
     results = {"robot": robot.name, "grip": grip, "scenario": scenario, "controllers": by_controller}
-    result.write_json(results, folder)
     pictures = limit_pictures(found.model, found.twin)
-    for name, picture in pictures.items():
-        write_text(folder / f"{name}.svg", picture.markup)
     page = limits_report(
         robot, found.model, found.twin, pictures=pictures, grip=grip, scenario=scenario, made=result.origin
     )
-    result.write_page(page, folder)
+    result.write(results, page, texts={f"{name}.svg": one.markup for name, one in pictures.items()})

@@ -22,7 +22,7 @@ from ballbot.control.controller import Compensation, Controller
 from ballbot.control.linear import lacking_margin
 from ballbot.control.overcompensation import overcompensation_warning
 from ballbot.control.parts import KINDS, Parts
-from ballbot.control.records import Table, extended_table, settings_of, table_of, table_text
+from ballbot.control.records import Table, extended_table, table_of, table_text
 from ballbot.errors import InputError, UnsuitedController, every
 from ballbot.estimation.interface import EstimatorName
 from ballbot.file_formats import format_line, take_format
@@ -251,11 +251,7 @@ def _parts_of(table: FeedbackTable) -> Parts:
     for name, kind in KINDS.items():
         described = getattr(table, name)
         if described is not None:
-            values = described.model_dump()
-            for key, one in settings_of(kind).items():
-                if one.columns:
-                    values[key] = np.array(values[key])
-            found[name] = kind(**values)
+            found[name] = kind(**described.model_dump())
     return Parts(**found)
 
 

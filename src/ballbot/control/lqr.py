@@ -69,12 +69,17 @@ class LqrDesign:
     poles: NDArray[np.complex128]
     cost: NDArray[np.float64]  #: P (m, m): x' P x is the cost still to come from x
     sample_time: float | None  #: [s]; None where the gain is for continuous control
+    integral_gain: NDArray[np.float64] | None = (
+        None  #: K_I (n, 3) for the integrals of x, y and psi, if it has one
+    )
 
     def summary(self) -> Summary:
-        """Return the gain of each state and the closed loop's poles."""
+        """Return the gain of each state and of the integrals, and the closed loop's poles."""
+        names = ("integral of x", "integral of y", "integral of psi")
+        integral = () if self.integral_gain is None else matrix_rows(self.integral_gain.T, names)
         return Summary(
             title=f"LQR gain, {sampling_words(self.sample_time)}",
-            rows=(*gain_rows(self.gain), ("poles", f"{pole_words(self.poles)} rad/s")),
+            rows=(*gain_rows(self.gain), *integral, ("poles", f"{pole_words(self.poles)} rad/s")),
         )
 
     def plot(self) -> Figure:

@@ -27,7 +27,6 @@ from ballbot.control.presets import (
     NOMINAL_STATE_WEIGHTS,
     NOMINAL_TORQUE_WEIGHT,
     PRECISE_STATE_WEIGHTS,
-    IntegralDesign,
     design_gain,
     design_integral_gain,
     precise_controller,
@@ -98,7 +97,7 @@ class ControllerDesign:
     """A controller and how it was designed."""
 
     controller: Controller
-    gain: LqrDesign | IntegralDesign
+    gain: LqrDesign
     uncertainty: Propagated  #: of the gain, from the standard deviations of the robot's parameters
     stated: Friction  #: the robot's friction
     certain: Friction  #: the part of it that is present with 95 % confidence
@@ -179,7 +178,7 @@ def design_controller(
     )
 
 
-def _design(robot: Robot, options: GainOptions) -> LqrDesign | IntegralDesign:
+def _design(robot: Robot, options: GainOptions) -> LqrDesign:
     """Return the gain for a robot, with the kind's own weights if none are given."""
     if options.kind == "precise":
         return design_integral_gain(
@@ -196,11 +195,9 @@ def _design(robot: Robot, options: GainOptions) -> LqrDesign | IntegralDesign:
     )
 
 
-def _controller(
-    robot: Robot, found: LqrDesign | IntegralDesign, compensation: Compensation | None
-) -> Controller:
+def _controller(robot: Robot, found: LqrDesign, compensation: Compensation | None) -> Controller:
     """Return the controller of a gain, with its kind's own compensation if none is given."""
-    if isinstance(found, IntegralDesign):
+    if found.integral_gain is not None:
         return precise_controller(robot, compensation=compensation or "full", design=found)
     return Controller(robot, found.gain, sample_time=found.sample_time, compensation=compensation or "none")
 

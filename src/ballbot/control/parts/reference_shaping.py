@@ -22,13 +22,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.parts.part import LawSettings, Part, Smooth, Steps
-from ballbot.control.records import number, setting, whole
+from ballbot.control.parts.part import LawSettings, Part, Smooth
+from ballbot.control.records import Setting, number, whole
 from ballbot.mechanics.engine.compiled import inlined
 
 #: settings of a shaping beyond which its derivatives are lost in rounding or overflow
@@ -89,7 +89,7 @@ class _Lags(NamedTuple):
 
 
 @inlined
-def _shape(law, memory, wanted, state):
+def shape(law, memory, wanted, state):
     """Return the shaped reference, or the reference itself without shaping."""
     if law.shaping.on == 0:
         return wanted
@@ -206,43 +206,36 @@ class ReferenceShaping(Part):
     )
     record = ShapingRecord
     state = ShapingState
-    steps = Steps(shape=_shape)
 
-    frequency: float = field(
-        default=3.0,
-        metadata=setting(
+    frequency: Annotated[
+        float,
+        Setting(
             "rad/s", "w of each of the four lags of x and y", at_least=_LEAST, at_most=_MOST, example=4.0
         ),
-    )
-    speed_limit: float = field(
-        default=0.5,
-        metadata=setting(
-            "m/s", "speed of a jump over the floor", at_least=_LEAST, at_most=_MOST, example=0.4
-        ),
-    )
-    yaw_frequency: float = field(
-        default=3.0,
-        metadata=setting(
-            "rad/s", "w of each of the four lags of psi", at_least=_LEAST, at_most=_MOST, example=2.5
-        ),
-    )
-    yaw_rate_limit: float = field(
-        default=1.0, metadata=setting("rad/s", "rate of a turn", at_least=_LEAST, at_most=_MOST, example=0.8)
-    )
-    acceleration_limit: float = field(
-        default=0.2,
-        metadata=setting(
+    ] = 3.0
+    speed_limit: Annotated[
+        float, Setting("m/s", "speed of a jump over the floor", at_least=_LEAST, at_most=_MOST, example=0.4)
+    ] = 0.5
+    yaw_frequency: Annotated[
+        float,
+        Setting("rad/s", "w of each of the four lags of psi", at_least=_LEAST, at_most=_MOST, example=2.5),
+    ] = 3.0
+    yaw_rate_limit: Annotated[
+        float, Setting("rad/s", "rate of a turn", at_least=_LEAST, at_most=_MOST, example=0.8)
+    ] = 1.0
+    acceleration_limit: Annotated[
+        float,
+        Setting(
             "m/s^2",
             "beyond which a change of the reference's speed counts ever less as a bend",
             at_least=_LEAST,
             at_most=_MOST,
             example=0.25,
         ),
-    )
-    yaw_acceleration_limit: float = field(
-        default=0.4,
-        metadata=setting("rad/s^2", "the same of a turn", at_least=_LEAST, at_most=_MOST, example=0.5),
-    )
+    ] = 0.2
+    yaw_acceleration_limit: Annotated[
+        float, Setting("rad/s^2", "the same of a turn", at_least=_LEAST, at_most=_MOST, example=0.5)
+    ] = 0.4
 
     def numbers(self, settings: LawSettings) -> ShapingRecord:
         """Return the sampled shaping; the lead makes up for a delay that is predicted over."""
