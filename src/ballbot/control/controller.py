@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.arguments import checked_arguments
 from ballbot.arrays import checked_sample_time, real_array
 from ballbot.control.law import ALLOWED, MEMORY, control_law, law_record
 from ballbot.control.lqr import gain_rows, sampling_words
@@ -114,7 +113,6 @@ class Controller:
     memory: NDArray[np.void]
     packed: NDArray[np.float64]
 
-    @checked_arguments
     def __init__(
         self,
         robot: RobotLike,

@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
-from ballbot.arguments import checked_arguments
 from ballbot.arrays import instead_of_sample_time
 from ballbot.errors import InputError
 from ballbot.log.columns import STATE_NAMES
@@ -114,7 +113,6 @@ def matrix_rows(matrix: NDArray[np.float64], names: Sequence[str]) -> tuple[tupl
     return tuple(zip((f"  {name}" for name in names), cells, strict=True))
 
 
-@checked_arguments
 def lqr(
     model: Linearizable | StateSpace | ModelLike,
     Q: ArrayLike,
