@@ -38,7 +38,6 @@ _FIGURES = {
     "ControllerDesign": ("ballbot.report.plots", "controller_design_figure"),
     "DrivelineFit": ("ballbot.report.plots", "driveline_figure"),
     "Identification": ("ballbot.report.identification", "friction_figure"),
-    "IntegralDesign": ("ballbot.report.plots", "design_figure"),
     "League": ("ballbot.report.comparison", "overview_figure"),
     "Log": ("ballbot.report.plots", "log_figure"),
     "LqrDesign": ("ballbot.report.plots", "design_figure"),

@@ -211,7 +211,7 @@ def test_check_refuses_impossible_values(
 @pytest.mark.parametrize(
     ("tokens", "says"),
     [
-        (("chekc", "alten"), "There is no command 'chekc'; did you mean 'check'?"),
+        (("chekc", "alten"), 'Unknown command "chekc". Did you mean "check"?'),
         (("zzz",), "the commands are study, demo, new, check"),
         (("check",), "ballbot check --help"),
         (("check", "alten", "--fig", "a.svg"), "--figure"),

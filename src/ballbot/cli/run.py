@@ -178,8 +178,8 @@ def monitor(port: str | None = None, /, *, link: LinkOptions = _LINK, duration: 
         emit({"parameters": lines})
         for line in lines:
             console.print(line, soft_wrap=True)
-        with Monitor(robot, console) as shown:
-            robot.watch(shown.watch_state, duration=duration)
+        with Monitor(console) as shown:
+            robot.watch(shown.states_of(robot), duration=duration)
 
 
 @run.command
@@ -200,13 +200,13 @@ def wiring(port: str | None = None, /, *, link: LinkOptions = _LINK, out: Path |
     console = standard_output()
     with connected(port, link) as connection:
         robot = connection.robot
-        with Monitor(robot, console) as shown:
+        with Monitor(console) as shown:
             lean, turns = measure_turns(
                 robot.session,
                 connection.operator,
                 wheel_count=robot.wheel_count,
                 encoder_step=robot.encoder_step,
-                watch=shown.watch_state,
+                watch=shown.states_of(robot),
             )
         check = check_turns(lean, turns, robot.ball_from_wheels)
         print_parts([wiring_sheet(check), *map(finding_line, check.findings)], console)
@@ -321,7 +321,7 @@ def _bench(
                 commander=TorqueProgram(torques, sample_time=robot.sample_time),
                 controller=ControllerPlace.HOST,
                 duration=duration,
-                balancing=False,
+                held=True,
             ),
             out=out,
             inputs=input_files(link.robot, link.scenario),

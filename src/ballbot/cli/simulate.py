@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import PAGE, ROBOT_BESIDE, LogFormatName, WholeNumber, input_files, open_result
+from ballbot.cli.context import PAGE, ROBOT_BESIDE, LogFormatName, OutFolder, WholeNumber, open_result
 from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.cli.output import notice_output, print_verdict, standard_output
@@ -61,7 +60,7 @@ def simulate(
     simulated: PlantOptions = _PLANT,
     format: LogFormatName = "csv",
     accept: Accept = None,
-    out: Path,
+    out: OutFolder,
 ) -> None:
     """Simulate a robot in closed loop on its equations of motion, with stick-slip friction.
 
@@ -81,8 +80,6 @@ def simulate(
         ref_x, ref_y and ref_psi, as ballbot excite writes it. The square stays at the start for 8 s.
     duration
         Length of the run [s].
-    out
-        The folder to write into.
     """
     described = Robot.load(robot)
     findings = check_robot(described, robot, accept=accept)
@@ -93,7 +90,7 @@ def simulate(
     console = standard_output()
     warn_of_idle_compensation({chosen.controller or "nominal controller": controller})
     plant = _plant(Model(described, simulated.formulation), simulated.scenario, controller.estimator)
-    inputs = input_files(robot, reference, chosen.controller, simulated.scenario)
+    inputs = [robot, reference, chosen.controller, simulated.scenario]
     with open_result(out, command="simulate", writes=_WRITTEN, inputs=inputs, seed=simulated.seed) as result:
         with result.progress(f"simulating {duration:g} s") as bar:
             log = run(

@@ -12,7 +12,6 @@ from ballbot.control.controller import Controller
 from ballbot.control.linear import robot_loop
 from ballbot.control.lqr import LqrDesign
 from ballbot.control.margins import loop_margins
-from ballbot.control.presets import IntegralDesign
 from ballbot.errors import InputError
 from ballbot.identification.driveline import DrivelineFit
 from ballbot.identification.upside_down import UpsideDown
@@ -79,7 +78,7 @@ def _draw_columns(axes: Axes, log: Log, names: Sequence[str]) -> None:
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(names), borderpad=0.0)
 
 
-def design_figure(design: LqrDesign | IntegralDesign) -> Figure:
+def design_figure(design: LqrDesign) -> Figure:
     """Return the poles of the closed loop in the complex plane."""
     return poles_figure(closed_loop=design.poles)
 
