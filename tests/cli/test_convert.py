@@ -12,7 +12,8 @@ from ballbot.log import Log
 @pytest.fixture
 def log() -> Log:
     t = 0.005 * np.arange(40)
-    return Log({"t": t, "u1": np.sin(t), "theta": 0.01 * np.cos(t), "wheel1": 3.0 * t, "gyro_x": t**2})
+    columns = {"t": t, "u1": np.sin(t), "theta": 0.01 * np.cos(t), "wheel1": 3.0 * t, "gyro_x": t**2}
+    return Log({name: np.asarray(one, float) for name, one in columns.items()})
 
 
 def test_a_log_converts_from_format_to_format_by_one_command(tmp_path, capsys, log):

@@ -46,18 +46,11 @@ def test_new_writes_beside_you_by_default(tmp_path: Path, monkeypatch: pytest.Mo
     assert Robot.load("mine.toml").name == "mine"
 
 
-@pytest.mark.parametrize("file", ["mine.toml", "mine.urdf"])
-def test_new_takes_the_file_for_the_name(file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_new_takes_the_file_for_the_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["new", file, "--from", "cmu"]) == 0
-    assert [one.name for one in tmp_path.iterdir()] == [file]
-    if file == "mine.toml":
-        assert Robot.load(file).name == "mine"
-
-
-def test_the_twin_is_not_written_as_urdf(capsys: pytest.CaptureFixture[str]) -> None:
-    message = refused(capsys, "twin", "export", "alten", "--out", "a.urdf")
-    assert "ballbot new a.urdf --from alten" in message
+    assert main(["new", "mine.toml", "--from", "cmu"]) == 0
+    assert [one.name for one in tmp_path.iterdir()] == ["mine.toml"]
+    assert Robot.load("mine.toml").name == "mine"
 
 
 def test_new_overwrites_only_when_forced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
