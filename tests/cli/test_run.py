@@ -110,7 +110,6 @@ def test_controller_is_sent(tmp_path, capsys):
         ("run /dev/ttyACM9 --board", "--board and --plant are of an emulated robot"),
         ("run /dev/ttyACM9 --plant twin", "--board and --plant are of an emulated robot"),
         ("run --emulated --reference sqare", "There is no reference 'sqare'"),
-        ("run udp://10.0.0.1:5", "key"),
         ("run /dev/ttyACM9 --controller none.toml", "give --robot"),
         ("run /dev/ttyACM9 --on-host", "--on-host needs the controller"),
         ("run --emulated --ramp -1", "torque ramp"),

@@ -23,7 +23,6 @@ from ballbot.control.presets import nominal_controller
 from ballbot.errors import InputError
 from ballbot.firmware.export import check_belongs
 from ballbot.fitting.run import check_seed
-from ballbot.link.datagram import read_key
 from ballbot.link.emulated import emulated_robot
 from ballbot.link.live import LiveRobot, Sample
 from ballbot.link.messages import State
@@ -62,9 +61,6 @@ class LinkOptions:
 
     robot: str | None = None
     """A preset's name or a robot file. Needed if a controller is sent; of an emulated robot alten by default."""
-
-    key: Path | None = None
-    """A file with the robot's key, for UDP to a robot that is not on this computer."""
 
     scenario: str = "nominal"
     """The true friction, sensors and play of an emulated robot: a scenario of the twin (name or file)."""
@@ -165,7 +161,7 @@ def connected(
                 )
             yield Connection(robot=robot, operator=EmulatedOperator(hand), address="emulated", camera=camera)
         return
-    transport = open_transport(port, key=read_key(link.key) if link.key else None)
+    transport = open_transport(port)
     with _session(transport, time.monotonic) as robot:
         yield Connection(robot=robot, operator=TerminalOperator(), address=port)
 

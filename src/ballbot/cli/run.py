@@ -38,9 +38,9 @@ from ballbot.workflows.controller_prediction import Prediction, read_prediction
 from ballbot.workflows.controller_verdict import check_controller, evaluate_log
 from ballbot.workflows.metrics import SETTLE, Performance, settled
 
-ABOUT = """Run a live robot over a serial port or UDP: check it, record it, balance it, compare controllers on it.
+ABOUT = """Run a live robot over a serial port: check it, record it, balance it, compare controllers on it.
 
-Every command takes the robot's port, such as /dev/ttyACM0 or udp://127.0.0.1:5005, or --emulated in its place.
+Every command takes the robot's port, such as /dev/ttyACM0, or --emulated in its place.
 docs/tutorials/hardware.md and docs/bring_up.md have the commands in the order in which a new robot needs them.
 
 Example: ballbot run /dev/ttyACM0 --reference square --duration 32 --out run1
@@ -78,7 +78,7 @@ def balance(
     Parameters
     ----------
     port
-        A serial port such as /dev/ttyACM0?baud=921600, or udp://HOST:PORT.
+        A serial port such as /dev/ttyACM0?baud=921600.
     reference
         hold, square, change_pose, circle, figure_eight, a file with t, ref_x, ref_y and ref_psi; keyboard (arrow keys,
         comma and full stop turn, e ends); gamepad, or a joystick device such as /dev/input/js1. It begins where the

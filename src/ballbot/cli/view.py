@@ -118,7 +118,7 @@ def _write(page: str, save: Path | None, video: Path | None) -> None:
 
 def _is_port(word: str) -> bool:
     """Return whether a word names the port of a robot, and no file."""
-    return re.match(r"(udp|tcp)://|/dev/|COM\d+($|\?)", word) is not None
+    return re.match(r"/dev/|COM\d+($|\?)", word) is not None
 
 
 def _sorted_out(shown: tuple[str, ...]) -> tuple[list[str], dict[str, Path]]:
