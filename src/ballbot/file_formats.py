@@ -1,10 +1,9 @@
 """The versions of the formats of Ballbot's own files.
 
 Robot, controller, scenario, mapping and course files have a key `format`, such as "ballbot robot 1", and in its comment
-the version of Ballbot that wrote them; results.json has both as keys, and a recording of a live run begins with the
-format. A file without the key was written before formats had numbers, or by hand, and is read as before. Each reader
-turns the names of earlier keys into the present ones, whatever the number; what else differs between two numbers is in
-`MIGRATIONS`.
+the version of Ballbot that wrote them; results.json has both as keys. A file without the key was written before formats
+had numbers, or by hand, and is read as before. Each reader turns the names of earlier keys into the present ones,
+whatever the number; what else differs between two numbers is in `MIGRATIONS`.
 
 A number rises when an earlier Ballbot would misread the new file: a key is renamed, removed, or means something else. A
 new key that may be left out changes nothing.
@@ -23,7 +22,7 @@ from ballbot.files import read_json
 from ballbot.results import as_json, with_infinities
 from ballbot.schema import toml_line
 
-Kind = Literal["robot", "controller", "scenario", "mapping", "courses", "results", "recording"]
+Kind = Literal["robot", "controller", "scenario", "mapping", "courses", "results"]
 
 #: the number of the format that is written now
 NEWEST: Mapping[Kind, int] = {
@@ -33,7 +32,6 @@ NEWEST: Mapping[Kind, int] = {
     "mapping": 1,
     "courses": 1,
     "results": 4,
-    "recording": 1,
 }
 
 Migration = Callable[[dict[str, object]], dict[str, object]]

@@ -353,7 +353,7 @@ def test_new_robot_with_wrong_axes_does_not_arm(options):
 
 
 def test_run_without_a_sample_leaves_no_recording(tmp_path):
-    live, path = Connected(), tmp_path / "log.recording"
+    live, path = Connected(), tmp_path / "log.recording.csv"
 
     def mute():
         live.line.mute = True

@@ -10,7 +10,7 @@ from cyclopts import App
 from numpy.typing import NDArray
 
 from ballbot.cli.context import PAGE, Seconds, WholeNumber, input_files, open_result
-from ballbot.cli.live_run import WRITTEN, Plan, about_run, about_words, finish, make_run, record_run
+from ballbot.cli.live_run import Plan, about_run, about_words, finish, make_run, record_run
 from ballbot.cli.output import emit, print_parts, standard_output, suggest_page
 from ballbot.cli.robot_link import Connection, ControllerOnRobot, LinkOptions, Monitor, connected
 from ballbot.control.controller import Controller
@@ -23,13 +23,13 @@ from ballbot.firmware.export import export_controller
 from ballbot.link.bench import bench_log, bench_parameters, check_balancing_parameters, stir, sweep_of
 from ballbot.link.live import Commander, ControlFromHost, FollowReference, TorqueProgram
 from ballbot.link.messages import ControllerPlace
-from ballbot.link.recorder import SUFFIX, check_no_recording, read_recording
+from ballbot.link.recorder import SUFFIX, check_no_recording
 from ballbot.link.references import LiveReference, is_driven, live_reference
 from ballbot.link.runs import require_log
 from ballbot.link.wiring import check_turns, measure_turns
 from ballbot.log import Log
 from ballbot.report.live import HELD, alternation_parts, alternation_results, wiring_parts, wiring_results
-from ballbot.report.live_page import alternation_report, live_run_report, wiring_report
+from ballbot.report.live_page import alternation_report, wiring_report
 from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.simulation.held_robot import SWEEP_PERIOD
@@ -68,8 +68,8 @@ def balance(
 ) -> None:
     """Balance a robot: self-test, arming after a confirmation at this terminal, a reference, a log, disarming.
 
-    Ctrl-C disarms. While the robot runs, every row of the log is on the disk within 100 ms; `ballbot run recover` makes
-    a log of a run that was cut off.
+    Ctrl-C disarms. While the robot runs, every row of the log is on the disk within 100 ms: of a run that was cut off,
+    log.recording.csv stays.
 
     Example: ballbot run /dev/ttyACM0 --reference square --duration 32 --out run1
 
@@ -413,7 +413,7 @@ def compare(
                 result.console.print(f"Run {k + 1} of {len(names)}: {files[k % 2]}", soft_wrap=True)
                 parameters = export_controller(controllers[k % 2], lean=lean).parameters
                 connection.robot.use_parameters(parameters)
-                logs.append(_course_run(connection, predicted, out / f"{name}{SUFFIX}", about))
+                logs.append(_course_run(connection, predicted, out / f"{name}{SUFFIX}"))
         found = _compared(predicted, logs, described, controllers)
         with result.replaced() as new:
             for name, log in zip(names, logs, strict=True):
@@ -435,9 +435,7 @@ def compare(
     result.show_file(PAGE)
 
 
-def _course_run(
-    connection: Connection, predicted: Prediction, recording: Path, about: dict[str, object]
-) -> Log:
+def _course_run(connection: Connection, predicted: Prediction, recording: Path) -> Log:
     """Return the log of one run of the predicted course."""
     course = live_reference(predicted.course.name)
     plan = Plan(
@@ -445,7 +443,7 @@ def _course_run(
         controller=ControllerPlace.ROBOT,
         duration=predicted.course.duration,
     )
-    made = make_run(connection, plan, recording=recording, about=about)
+    made = make_run(connection, plan, recording=recording)
     finish(connection, made)
     return require_log(made)
 
@@ -459,42 +457,3 @@ def _compared(
     return alternate(
         performances, [evaluate_log(predicted, log, robot, controllers[1]) for log in logs[1::2]]
     )
-
-
-@run.command
-def recover(recording: Path, /, *, out: Path) -> None:
-    """Make a log of a run that was cut off: by a pulled plug, a killed process or a full disk.
-
-    Example: ballbot run recover run1/log.recording --out recovered
-
-    Parameters
-    ----------
-    recording
-        The file that was left where the log was to be.
-    out
-        The folder for report.html, log.csv and results.json.
-    """
-    read = read_recording(recording)
-    with open_result(out, command="run", writes=WRITTEN, inputs=[recording]) as result:
-        results = {
-            "rows": len(read.log),
-            "sample_time": read.log.sample_time,
-            "ended": "cut off",
-            "damaged_bytes": read.damaged_bytes,
-            "provenance": read.about,
-        }
-        with result.replaced() as new:
-            read.log.write(new / "log.csv")
-            write_text(new / "results.json", results_text(results))
-            page = live_run_report(
-                read.log,
-                None,
-                balancing=True,
-                ending="Cut off.",
-                about=f"From {recording}.",
-                made=result.origin,
-            )
-            result.write_page(page, new)
-    length = float(read.log.t[-1] - read.log.t[0])
-    result.console.print(f"Rows: {len(read.log)} in {length:.1f} s. Bytes lost: {read.damaged_bytes}.")
-    result.show_file("log.csv", PAGE)
