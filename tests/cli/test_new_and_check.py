@@ -128,7 +128,6 @@ def test_check_prints_and_writes_derived_quantities(
         assert row in printed
     assert "unstable pole: 5.20" in printed
     assert "27.59" in printed
-    assert "side (x right, z up)" in printed
     results = json.loads((tmp_path / "results.json").read_text())
     assert results["unstable_pole"] == pytest.approx(5.20, abs=0.005)
     assert np.array(results["matrices"]["T_owb"]) @ np.array(results["matrices"]["T_obw"]) == pytest.approx(
@@ -274,8 +273,10 @@ def test_a_reader_that_leaves_early_is_no_error() -> None:
 
 
 @pytest.mark.slow
-def test_a_narrow_terminal_gets_question_marks_instead_of_an_error() -> None:
-    script = "import sys; from ballbot.cli.main import main; sys.exit(main(['check', 'alten']))"
+def test_a_terminal_of_ascii_gets_question_marks_instead_of_an_error(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    assert main(["new", "Kugelrobotér", "--out", str(path)]) == 0
+    script = f"import sys; from ballbot.cli.main import main; sys.exit(main(['check', {str(path)!r}]))"
     done = subprocess.run(
         [sys.executable, "-c", script],
         capture_output=True,
@@ -283,4 +284,4 @@ def test_a_narrow_terminal_gets_question_marks_instead_of_an_error() -> None:
         check=False,
     )
     assert done.returncode == 0
-    assert b"?" in done.stdout
+    assert b"Kugelrobot?r" in done.stdout

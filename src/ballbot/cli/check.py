@@ -65,11 +65,11 @@ def check(
     accept: Accept = None,
     out: Path | None = None,
 ) -> None:
-    """Check that a robot is plausible, print quantities that follow from its parameters, and draw it.
+    """Check that a robot is plausible, and print quantities that follow from its parameters.
 
     Prints derived quantities, the transformation matrices between ball and wheels, A, B and the poles of the exact
-    model about upright, the stability margins with a controller, and a drawing to scale. Standard deviations in the
-    file are propagated to the unstable pole.
+    model about upright, and the stability margins with a controller. Standard deviations in the file are propagated to
+    the unstable pole.
 
     Example: `ballbot check alten --figure alten.svg`
 
@@ -84,7 +84,7 @@ def check(
     robot : str
         A preset's name or a robot file.
     figure : Path
-        File to save a drawing to: .svg, .pdf or .png.
+        File to save a drawing to scale to: .svg, .pdf or .png.
     predict : Path
         A log: shows how much the standard deviations in the robot file spread predictions of it over 0.25 s.
     reference : str

@@ -1,4 +1,4 @@
-"""A checked robot as text: derived quantities, matrices, poles, their uncertainty, a swing, a reference, a drawing."""
+"""A checked robot as text: derived quantities, matrices, poles, their uncertainty, a swing, a reference."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from ballbot.report.console import finding_line, matrix_text
 from ballbot.report.loop import margins_table
 from ballbot.robot import Robot
 from ballbot.robot.derived import Derived
-from ballbot.robot.drawing import robot_drawing
 from ballbot.rounding import digits
 from ballbot.workflows.reference_check import MARGIN_HEADINGS
 from ballbot.workflows.robot_check import (
@@ -61,7 +60,7 @@ def robot_check_parts(checked: CheckedRobot) -> list[RenderableType]:
         parts += _swing_parts(checked.swing)
     if checked.following:
         parts += _reference_parts(checked.following)
-    return [*parts, Text("\nDrawing", style="bold"), Text(robot_drawing(robot))]
+    return parts
 
 
 def _unit(one: Derived) -> str:
