@@ -115,7 +115,12 @@ class Connection:
 
 @contextmanager
 def connected(
-    port: str | None, link: LinkOptions, *, hold: Hold = "on_ball", real_time: bool = False
+    port: str | None,
+    link: LinkOptions,
+    *,
+    hold: Hold = "on_ball",
+    real_time: bool = False,
+    imu_checked: bool = True,
 ) -> Iterator[Connection]:
     """Hold the link to a robot while the block runs.
 
@@ -128,6 +133,8 @@ def connected(
         How an emulated robot is held; in the air and upside down it stays so when it arms.
     real_time : bool
         Whether an emulated robot runs no faster than a real one, for a person who drives or watches it.
+    imu_checked : bool
+        Whether the IMU's axes of an emulated robot count as checked.
 
     Raises
     ------
@@ -151,6 +158,7 @@ def connected(
             hold=hold,
             seed=link.seed,
             real_time=real_time,
+            imu_checked=imu_checked,
         )
         hand = emulated.hand
         with _session(emulated, emulated.clock) as robot:

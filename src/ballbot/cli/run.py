@@ -187,17 +187,11 @@ def wiring(port: str | None = None, /, *, link: LinkOptions = _LINK, out: Path |
         The folder for report.html and results.json; nothing is written if it is not given.
     """
     console = standard_output()
-    with connected(port, link) as connection:
+    with connected(port, link, imu_checked=False) as connection:
         robot = connection.robot
         with Monitor(robot, console) as shown:
-            lean, turns = measure_turns(
-                robot.session,
-                connection.operator,
-                wheel_count=robot.wheel_count,
-                encoder_step=robot.encoder_step,
-                watch=shown.watch_state,
-            )
-        check = check_turns(lean, turns, robot.ball_from_wheels)
+            turns = measure_turns(robot, connection.operator, watch=shown.watch_state)
+        check = check_turns(turns, robot.ball_from_wheels)
         print_parts(wiring_parts(check), console)
         emit(wiring_results(check) | {"findings": finding_results(check.findings)})
         if check.passed:

@@ -179,6 +179,7 @@ def emulated_robot(
     hold: Hold = "on_ball",
     seed: int = 0,
     real_time: bool = False,
+    imu_checked: bool = True,
 ) -> EmulatedRobot:
     """Return an emulated robot with the nominal controller.
 
@@ -197,6 +198,8 @@ def emulated_robot(
     seed : int
     real_time : bool
         As for `EmulatedRobot`.
+    imu_checked : bool
+        Whether the axes of the IMU count as checked; on a board they do not.
 
     Raises
     ------
@@ -220,7 +223,9 @@ def emulated_robot(
     )
     return EmulatedRobot(
         body,
-        BoardLine(QemuBoard(board_image(exported.files))) if on_board else CompiledRobot(exported.parameters),
+        BoardLine(QemuBoard(board_image(exported.files)))
+        if on_board
+        else CompiledRobot(exported.parameters, imu_checked=imu_checked),
         sample_time=controller.sample_time,
         seed=seed,
         hand=HeldRobot(model.robot, sensors=scenario.sensors, hold=hold, torque_noise=scenario.torque_noise),

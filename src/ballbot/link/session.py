@@ -289,7 +289,12 @@ class Session:
         self._demand(SelfTest())
 
     def self_test(
-        self, *, timeout: float = 3.0, move: Callable[[SelfTestOutcome], None] | None = None
+        self,
+        *,
+        timeout: float = 3.0,
+        move: Callable[[SelfTestOutcome], None] | None = None,
+        motors: bool = True,
+        watch: Callable[[State], None] = lambda _: None,
     ) -> SelfTestOutcome:
         """Run the self-test and return its result. States that come meanwhile wait for the next `poll`.
 
@@ -301,6 +306,10 @@ class Session:
             For motors and encoders, by the robot's clock [s].
         move : callable, optional
             Asks a person for the position that the robot waits for; without it that is the result.
+        motors : bool
+            Whether the motors' test follows that of the IMU's axes.
+        watch : callable
+            Takes every state meanwhile.
 
         Raises
         ------
@@ -311,12 +320,16 @@ class Session:
         seen, passed, waited_for = self.state, 0.0, None
         while passed < (timeout if waited_for is None else MOVING_TIME):
             before = self.state
-            self._queued += self._step(KEEP_INTERVAL)
+            found = self._step(KEEP_INTERVAL)
+            self._queued += found
+            for one in found:
+                if isinstance(one, State):
+                    watch(one)
             if self.state is seen or self.state is None:
                 continue
             passed += 0.0 if before is None else 1e-6 * ((self.state.time - before.time) % 2**32)
             outcome = SelfTestOutcome(self.state.self_test)
-            if outcome is SelfTestOutcome.IMU_PASSED:
+            if outcome is SelfTestOutcome.IMU_PASSED and motors:
                 self._queued.clear()  # the states of a minute
                 self.start_self_test()
                 seen, passed, waited_for = self.state, 0.0, None

@@ -16,7 +16,7 @@ from ballbot.firmware.records import SelfTestOutcome
 from ballbot.link.live import Sample
 from ballbot.link.messages import State
 from ballbot.link.session import stop_reason
-from ballbot.link.wiring import Turn, WiringCheck
+from ballbot.link.wiring import WiringCheck
 from ballbot.report.blocks import Sheet, table
 from ballbot.report.console import finding_line
 from ballbot.rounding import percent, unit_heading
@@ -156,10 +156,10 @@ def _share(sample: Sample, torque_limit: float) -> float:
 def wiring_parts(check: WiringCheck) -> Iterator[RenderableType]:
     """Yield a wiring check: what each sensor measured of each movement, and what is wrong."""
     yield Text("The wiring is right." if check.passed else "The wiring is not right.", style="bold")
-    rows = [(one.movement.words, *_turn_cells(one)) for one in check.turns]
+    rows = [(one.movement.words, _degrees(one.attitude), _degrees(one.wheels)) for one in check.turns]
     yield table(
         "Turns about x, y, z, and of each wheel",
-        ("the robot was", "attitude [deg]", "gyro [deg]", "wheels [deg]"),
+        ("the robot was", "attitude [deg]", "wheels [deg]"),
         rows,
     )
     for finding in check.findings:
@@ -170,12 +170,10 @@ def wiring_results(check: WiringCheck) -> dict[str, object]:
     """Return what results.json holds of a wiring check."""
     return {
         "passed": check.passed,
-        "lean": check.lean,
         "turns": [
             {
                 "movement": one.movement.words,
                 "attitude": one.attitude,
-                "gyro": one.gyro,
                 "wheels": one.wheels,
             }
             for one in check.turns
@@ -184,17 +182,9 @@ def wiring_results(check: WiringCheck) -> dict[str, object]:
     }
 
 
-def _turn_cells(turn: Turn) -> tuple[str, str, str]:
+def _degrees(angles: np.ndarray) -> str:
     # zero is added to a rounded number so that it is never written as -0
-    cells = (
-        "  ".join(f"{one:.0f}" for one in np.round(np.degrees(values)) + 0.0) for values in _measured(turn)
-    )
-    attitude, gyro, wheels = cells
-    return attitude, gyro, wheels
-
-
-def _measured(turn: Turn) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return turn.attitude, turn.gyro, turn.wheels
+    return "  ".join(f"{one:.0f}" for one in np.round(np.degrees(angles)) + 0.0)
 
 
 _GAIN_NAMES = {name: one.words for name, one in SHOWN.items()} | {"torque_margin": "torque used"}

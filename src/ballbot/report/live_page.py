@@ -49,7 +49,9 @@ def wiring_report(check: WiringCheck, *, about: str, made: Provenance) -> Report
         if check.passed
         else f"The wiring is not right. {check.findings[0].text}"
     )
-    caption = "What each sensor measured of each movement: attitude and gyro about x, y, z; the wheels in their order."
+    caption = (
+        "What the sensors measured of each movement: the attitude about x, y, z; the wheels in their order."
+    )
     untested = (
         "The direction of the torques: the self-test of each motor with its encoder waits for the wiring."
     )
