@@ -112,7 +112,7 @@ def test_controller_is_sent(tmp_path, capsys):
         ("run /dev/ttyACM9 --controller none.toml", "give --robot"),
         ("run /dev/ttyACM9 --on-host", "--on-host needs the controller"),
         ("run --emulated --ramp -1", "torque ramp"),
-        ("run --emulated --reference gamepad", "gamepad"),
+        ("run --emulated --reference gamepad", "There is no reference 'gamepad'"),
         ("run sweep --emulated --torque 99 --out out", "torque limit"),
         ("run compare --emulated --prediction none.json --out out", "none.json"),
     ],

@@ -24,7 +24,7 @@ from ballbot.link.bench import bench_log, bench_parameters, check_balancing_para
 from ballbot.link.live import Commander, ControlFromHost, FollowReference, TorqueProgram
 from ballbot.link.messages import ControllerPlace
 from ballbot.link.recorder import SUFFIX, check_no_recording
-from ballbot.link.references import LiveReference, is_driven, live_reference
+from ballbot.link.references import KEYBOARD, LiveReference, live_reference
 from ballbot.link.runs import require_log
 from ballbot.link.wiring import check_turns, measure_turns
 from ballbot.log import Log
@@ -81,8 +81,7 @@ def balance(
         A serial port such as /dev/ttyACM0?baud=921600.
     reference
         hold, square, change_pose, circle, figure_eight, a file with t, ref_x, ref_y and ref_psi; keyboard (arrow keys,
-        comma and full stop turn, e ends); gamepad, or a joystick device such as /dev/input/js1. It begins where the
-        robot stands.
+        comma and full stop turn, e ends). It begins where the robot stands.
     duration
         Longest time from arming on [s].
     ramp
@@ -94,7 +93,7 @@ def balance(
     controller = chosen.read(link)
     driven = live_reference(reference)
     try:
-        with connected(port, link, real_time=is_driven(reference)) as connection:
+        with connected(port, link, real_time=reference == KEYBOARD) as connection:
             _balance(connection, link, chosen, controller, driven, duration=duration, ramp=ramp, out=out)
     finally:
         driven.close()
