@@ -71,8 +71,7 @@ def record_run(
     recording = out / f"log{SUFFIX}"
     check_no_recording(recording)
     with open_result(out, command="run", writes=WRITTEN, inputs=inputs, seed=link.seed) as result:
-        about = about_run(connection, link, result)
-        made = make_run(connection, plan, recording=recording, about=about)
+        made = make_run(connection, plan, recording=recording)
         log = kept(require_log(made))
         results = {
             "rows": len(log),
@@ -80,7 +79,7 @@ def record_run(
             "ended": made.ending.kind,
             "reason": made.ending.text,
             **summary(log),
-            "provenance": about | {"longest_unsaved": made.longest_unsaved},
+            "provenance": about_run(connection, link, result),
         }
         with result.replaced() as new:
             log.write(new / "log.csv")
@@ -101,13 +100,7 @@ def record_run(
         result.show_file("log.csv", PAGE)
 
 
-def make_run(
-    connection: Connection,
-    plan: Plan,
-    *,
-    recording: Path | None = None,
-    about: Mapping[str, object] | None = None,
-) -> LiveRun:
+def make_run(connection: Connection, plan: Plan, *, recording: Path | None = None) -> LiveRun:
     """Make a run, watched by the monitor; see `recorded_run`."""
     monitor, line = Monitor(standard_output()), bench_line if plan.held else sample_line
 
@@ -126,7 +119,6 @@ def make_run(
             ramp=plan.ramp,
             watch=watch,
             recording=recording,
-            about=about,
         )
 
 
