@@ -8,11 +8,11 @@ see `ballbot.log.mapping_search`.)
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import permutations
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 from ballbot.findings import Finding, error, finding, note, warning
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, wheel_angle_names, wheel_speed_names
@@ -308,14 +308,10 @@ def _unit_of_wheels(gain: float, robot: Robot) -> str | None:
 
 def _best_order(correlation: NDArray[np.float64]) -> tuple[int, ...]:
     """Return the logged column that fits each wheel of the robot; the columns' own order if none is clearly better."""
-    n = len(correlation)
-    size = np.abs(correlation)
-    own = tuple(range(n))
-    scores = {
-        order: float(np.mean([size[order[j], j] for j in range(n)])) for order in permutations(range(n))
-    }
-    best = max(scores, key=lambda order: scores[order])
-    return best if scores[best] > scores[own] + CLEAR_MARGIN else own
+    size, own = np.abs(correlation), np.arange(len(correlation))
+    order = np.argsort(linear_sum_assignment(size, maximize=True)[1])
+    clear = size[order, own].mean() > size[own, own].mean() + CLEAR_MARGIN
+    return tuple((order if clear else own).tolist())
 
 
 def check_disturbance(log: Log, robot: Robot) -> list[Finding]:
