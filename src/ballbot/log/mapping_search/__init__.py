@@ -3,7 +3,7 @@
 names                  what a column's name says
 roles                            which column is which quantity
 units                            units by headings, else by what physics supports
-placement, placements            how the lean responds to the wheels, in every order and sign
+placement                       how the lean responds to the wheels, in every order and sign
 frame                            order, signs, the IMU's turn and reversed axes that follow
 commands                         which command drives which wheel, with which sign, how late
 evidence                         weights and errors

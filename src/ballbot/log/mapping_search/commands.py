@@ -32,8 +32,8 @@ from ballbot.log.mapping_search.evidence import (
     jackknife_error,
     probabilities,
     solved,
+    vertex_with_error,
 )
-from ballbot.log.mapping_search.placement import vertex_with_error
 from ballbot.log.signals import INTERVAL, Smooth
 
 

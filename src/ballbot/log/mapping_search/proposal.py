@@ -196,9 +196,7 @@ def _questions(proposal: Proposal, motion: Motion) -> Iterator[Question]:
             )
             yield question("[wheels] sign", "direction in which all wheels count", words, evidence)
         elif frame.handedness < CONFIDENT:
-            evidence = (
-                f"the turning of the heading shows it by {abs(tested.same_handedness):.1f} standard errors"
-            )
+            evidence = f"the turning of the heading shows it by {abs(tested.handedness):.1f} standard errors"
             words = str(list(frame.axis_signs)), "one axis reversed"
             yield question("[attitude] sign", "axes of the IMU", words, evidence)
         if tested.body_frame < -WORLD_BETTER:
