@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -13,11 +15,17 @@ from ballbot.file_formats import format_line
 from ballbot.findings import Finding, by_severity
 from ballbot.log.checks import check
 from ballbot.log.checks.kinematics import disturbance_findings
+from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.log import Log
 from ballbot.log.mapping import apply_mapping
 from ballbot.log.mapping_file import parse_mapping
-from ballbot.log.mapping_search.found import KINDS, Proposal, Question
+from ballbot.log.mapping_search.commands import KINDS, Drive
+from ballbot.log.mapping_search.frame import Frame
+from ballbot.log.mapping_search.motion import Columned, Motion
 from ballbot.log.mapping_search.names import InputKind
+from ballbot.log.mapping_search.placement import LeanTest
+from ballbot.log.mapping_search.roles import Roles
+from ballbot.log.mapping_search.units import Unit
 from ballbot.log.pose import with_odometry
 from ballbot.printable import printable_line
 from ballbot.robot import Robot
@@ -33,6 +41,57 @@ OF_THE_RECORDING = frozenset(
 MOST_CHANGE = 0.3
 #: a delay of the commands is written if it is this many standard errors from zero
 CLEAR_DELAY = 2.0
+
+
+What = Literal["balancing", "held by hand", "free wheels", "IMU only"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Question:
+    """What the log and its user leave open."""
+
+    key: str  #: where the answer stands: "[input] kind"
+    name: str  #: "kind of the command"
+    answers: tuple[str, ...]  #: the likeliest first
+    evidence: str
+
+    @property
+    def text(self) -> str:
+        """The question with its alternatives."""
+        return f"{self.name} ({' or '.join(self.answers)}): {self.evidence}"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Proposal:
+    """What a foreign log is."""
+
+    table: ForeignTable
+    base: Columned
+    rows: tuple[int, int] | None  #: first and last row to take, from 1; None for all
+    repeated: bool
+    unordered: bool
+    time: Unit
+    lean: Unit | None
+    motion: Motion | None  #: None without wheels
+    frame: Frame
+    keep: tuple[tuple[float, float], ...] | None  #: spans of balancing [s]
+    what: What
+    drive: Drive | None = None
+    questions: tuple[Question, ...] = ()
+    contradiction: str = ""  #: why it is not this robot's log, in a sentence; empty if nothing says so
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def file(self) -> Path:
+        return self.base.path
+
+    @property
+    def roles(self) -> Roles:
+        return self.base.roles
+
+    @property
+    def tested(self) -> LeanTest | None:
+        return self.motion.tested if self.motion else None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,8 +131,7 @@ def evaluate(proposal: Proposal, robot: Robot, *, common: Proposal | None = None
     refusal = _refusal(proposal, robot)
     if not refusal:
         try:
-            log = Log(apply_mapping(parse_mapping(text, source="the mapping"), proposal.base.cut))
-            log = with_odometry(log, robot) if proposal.roles.attitude else log
+            log = mapped(proposal, robot)
         except InputError as error:
             refusal = f"the mapping makes no log: {error}"
     if log is not None:
@@ -86,6 +144,13 @@ def evaluate(proposal: Proposal, robot: Robot, *, common: Proposal | None = None
     if proposal.tested is not None:
         findings = by_severity((*findings, *disturbance_findings(proposal.tested.disturbance)))
     return Evaluation(proposal=proposal, findings=findings, text=text, log=log, refusal=refusal)
+
+
+def mapped(proposal: Proposal, robot: Robot) -> Log:
+    """Return the log that a proposal makes; one without a drive takes the commands for torques."""
+    text = mapping_text(replace(proposal, questions=()), robot)
+    log = Log(apply_mapping(parse_mapping(text, source="the mapping"), proposal.base.cut))
+    return with_odometry(log, robot) if proposal.roles.attitude else log
 
 
 def _too_coarse(log: Log) -> str:
@@ -133,13 +198,6 @@ def _refusal(proposal: Proposal, robot: Robot) -> str:
         names = ", ".join(f"{one.name} ({one.key})" for one in proposal.questions)
         return f"cannot determine: {names}; the lines to fill in are in the mapping file."
     return ""
-
-
-def raw_log(proposal: Proposal, robot: Robot) -> Log:
-    """Return the log of a proposal without a drive, with the commands as torques in its order of the wheels."""
-    text = mapping_text(replace(proposal, questions=()), robot)
-    # a hole in one column does not keep the commands' effect from showing
-    return Log(apply_mapping(parse_mapping(text, source="the mapping"), proposal.base.cut))
 
 
 def mapping_text(proposal: Proposal, robot: Robot) -> str:
