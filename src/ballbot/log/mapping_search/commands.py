@@ -85,6 +85,12 @@ class Assignment:
     next_best: str  #: in words
     confidence: float
 
+    @property
+    def evidence(self) -> str:
+        """How well the motion explains the commands, in words."""
+        better = f"{self.advantage:.1f} standard errors better than any other order or signs"
+        return f"the motion explains {100.0 * self.explained:.0f} % of them, {better}"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Drive:

@@ -173,6 +173,12 @@ class LeanTest:
         return second.misfit / max(first.misfit, 1e-12)
 
     @property
+    def evidence(self) -> str:
+        """The best placement and the next one in words."""
+        best, other = self.placements[:2]
+        return f"{best.description}; the next best, {other.description}, fits {self.margin:.1f} times worse"
+
+    @property
     def reversed_wheels(self) -> tuple[int, ...]:
         """The wheels (from 1) in the robot's order that count against the others; none if the log leaves it open.
 
