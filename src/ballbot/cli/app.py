@@ -101,20 +101,24 @@ RENAMED_OPTIONS = {
 _RESUMED = (
     "compare", "design", "excite", "identify", "identify-axis", "identify-upside-down", "record", "study"
 )  # fmt: skip
+#: options of identify-axis that are gone
+_OF_LOOPS_AND_LOADS = (
+    "--reference", "--position-gain", "--velocity-gain", "--limit", "--temperature", "--load", "--load-mass",
+    "--load-arm", "--hanging", "--period", "--separate", "--added-force-scale",
+)  # fmt: skip
 #: options that are gone: command, name, and what to do instead
 REMOVED_OPTIONS = {
     (
         "study",
         "--plant",
     ): "candidates run on the compiled loop and the twin confirms the choice; --no-confirm leaves that out",
-    (
-        "identify-axis",
-        "--horizon",
-    ): "the length of the windows is now chosen by held-out errors; leave it out",
-    (
-        "identify-axis",
-        "--window",
-    ): "the blocks that are held out are now chosen from the record; leave it out",
+    **dict.fromkeys(
+        (("identify-axis", option) for option in ("--horizon", "--window")), "windows last 1 s; leave it out"
+    ),
+    **dict.fromkeys(
+        (("identify-axis", option) for option in _OF_LOOPS_AND_LOADS),
+        "the result does not depend on the loop, and identifies a load with the axis; leave it out",
+    ),
     **dict.fromkeys(
         ((command, "--resume") for command in _RESUMED),
         "finished runs are kept where a command makes many, so give the command without it",

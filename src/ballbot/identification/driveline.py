@@ -233,7 +233,7 @@ def fit_driveline(sweep: Sweep, *, run: Run = DEFAULT_RUN) -> DrivelineFit:
     """
     # a robot file has this law; a free wheel has no weight, and a sweep passes its ripple at every speed
     options = AxisOptions(
-        law="stribeck", known={"mass": sweep.inertia}, harmonics=(), spring=False, load_friction="none"
+        law="stribeck", known={"mass": sweep.inertia}, harmonics=(), spring=False, load_friction=False
     )
     found = identify_axis(sweep.record(), options=options, run=run)
     places = [list(found.best.values).index(one.name) for one in QUANTITIES]
