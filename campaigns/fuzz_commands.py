@@ -44,7 +44,7 @@ LINES = (
     "identify-axis axis.csv --law viscous --unit rad --harmonics 3 --out out",
     "identify-axis axis.mat --force-scale kp --added-force reference --out out",
     "identify-driveline alten log.csv --speed-limit 20 --seed 1 --out out",
-    "identify-upside-down alten log.csv --window 1.0 --bounds bounds.toml --out out",
+    "identify-upside-down alten log.csv --window 1.0 --out out",
     "identify-geometry alten --balancing log.csv --motion-capture film.csv --out out",
     "validate rezero log.csv --seed 1 --out out",
     "validate alten log.csv --controller controller.toml --out out",

@@ -144,7 +144,7 @@ CASES: tuple[Case, ...] = (
     _command("identify_driveline", "identify-driveline alten record_sweep/log.csv", needs=("record_sweep",)),
     _command(
         "identify_upside_down",
-        "identify-upside-down alten record_upside_down/log.csv --bounds files/bounds.toml --window 0.5",
+        "identify-upside-down alten record_upside_down/log.csv --window 0.5",
         needs=("record_upside_down",),
     ),
     _command(

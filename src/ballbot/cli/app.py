@@ -112,6 +112,7 @@ REMOVED_OPTIONS = {
         "study",
         "--plant",
     ): "candidates run on the compiled loop and the twin confirms the choice; --no-confirm leaves that out",
+    ("identify-upside-down", "--bounds"): "friction is zero or more, and has no other bounds",
     **dict.fromkeys(
         (("identify-axis", option) for option in ("--horizon", "--window")), "windows last 1 s; leave it out"
     ),
