@@ -19,9 +19,9 @@ from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.errors import InputError
 from ballbot.findings import Finding, by_severity
 from ballbot.fitting.run import Run, check_seed
+from ballbot.identification.bench_checks import upside_down_findings
 from ballbot.identification.upside_down import UpsideDown
 from ballbot.identification.upside_down import identify_upside_down as find_friction
-from ballbot.identification.upside_down_checks import upside_down_findings
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
 from ballbot.report.bench import upside_down_parts, upside_down_report

@@ -43,7 +43,7 @@ NAMES = tuple(one.symbol for one in QUANTITIES)
 #: and more (root mean square) [rad]
 _STILL = np.radians(0.2)
 #: from this share of the limit, the speed counts as limited
-_LIMITED = 0.995
+LIMITED = 0.995
 _SHORTEST_PIECE = 0.5  # [s]
 #: an angle that moves by more between two rows than its speed gives wraps, or was reset [rad]
 _LARGEST_JUMP = 0.5
@@ -104,7 +104,7 @@ class Sweep:
 
     def pieces(self) -> list[tuple[int, int]]:
         """Return first row and row after the last of the pieces in which the speed is not limited."""
-        free = np.abs(self.speed) < _LIMITED * self.limit
+        free = np.abs(self.speed) < LIMITED * self.limit
         edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]])))
         shortest = _SHORTEST_PIECE / self.sample_time
         return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a >= shortest]
