@@ -300,16 +300,14 @@ def _drivelines() -> Iterator[tuple[str, Case]]:
             f"simulate_drivelines, {type(friction).__name__}",
             Case(
                 call=lambda a, line=line: simulate_drivelines(
-                    line, a["u"], sample_time=H, initial_speeds=a["w"], torque_of=a["of"]
+                    line, a["u"], sample_time=H, initial_speeds=a["w"]
                 ),
                 arrays={
                     "u": np.array([TORQUES, -TORQUES]),
                     "w": np.array([0.5, 0.25]),
-                    "of": np.array([1, 0]),
                 },
-                rows=("u", "w", "of"),
-                lengths=("u", "w", "of"),
-                optional=("of",),
+                rows=("u", "w"),
+                lengths=("u", "w"),
             ),
         )
 
