@@ -19,8 +19,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from ballbot.identification.axis import AxisRecord, KnownLoad
-from ballbot.identification.axis.record import NO_LOAD
+from ballbot.identification.axis import AxisRecord
 
 #: records last no longer [s]
 LONGEST = 15.0
@@ -53,9 +52,7 @@ class Machine:
     gravity: tuple[float, float] = (0.0, 0.0)  #: of sin q and cos q [N m]
     cogging: tuple[int, float, float] = (0, 0.0, 0.0)  #: harmonic, of its sine and cosine [N m]
     spring: float = 0.0  #: [N m/rad]
-    load: KnownLoad = NO_LOAD
-    #: Coulomb friction over the load of its gears, and the shares of the drive's force and of that over position in it
-    gears: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gears: float = 0.0  #: Coulomb friction over the load of its gears, the mean of both sides' forces
     #: None if it is rigid; one that yields goes with no load and no force that depends on position
     drive: Drive | None = None
 
@@ -113,7 +110,7 @@ def _simulate(
                 behind += 0.5 * STEP * (its_speed + faster)
                 its_speed = faster
             net = acting - load
-            dry = c + gears[0] * abs(gears[1] * acting + gears[2] * load)
+            dry = c + 0.5 * gears * abs(acting + load)
             if w == 0.0 and abs(net) <= friction * (dry + s):
                 continue
             way = math.copysign(1.0, w if w != 0.0 else net)
@@ -177,11 +174,9 @@ def record_of(machine: Machine, logging: Logging, seed: int, name: str = "machin
     rows = round(logging.duration * control)
     t = np.arange(rows, dtype=np.float64) * (every * STEP)
     reference, rates = _MOTIONS[logging.motion](t, logging, random)
-    inertia = machine.inertia + machine.load.inertia
+    inertia = machine.inertia
     # as fast as a loop of that rate can be with some margin
     natural = min(2.0 * np.pi * 6.0, 0.12 * control)
-    weight = machine.load.weight
-    gravity = (machine.gravity[0] + weight, machine.gravity[1])
     numbers = np.array(
         [
             inertia,
@@ -195,9 +190,9 @@ def record_of(machine: Machine, logging: Logging, seed: int, name: str = "machin
     )
     out = _simulate(
         numbers,
-        np.array(gravity),
+        np.array(machine.gravity),
         np.array(machine.cogging, dtype=np.float64),
-        np.array(machine.gears),
+        machine.gears,
         _drive_numbers(machine),
         reference,
         rates,
@@ -257,21 +252,19 @@ def _logged(
         position=position,
         unit="m" if machine.kind == "cart" else "rad",
         times=None if even else times,
-        known_load=machine.load,
     )
 
 
 def _pendulum(random: np.random.Generator) -> tuple[Machine, Logging]:
-    """A servo that lifts a rod with a weight; the weight is known, the rod is not."""
+    """A servo that lifts a rod with a weight."""
     arm, mass = random.uniform(0.08, 0.2), random.uniform(0.2, 1.0)
     weight = 9.81 * mass * arm
     machine = Machine(
         kind="pendulum",
-        inertia=random.uniform(0.1, 0.6) * mass * arm**2,
+        inertia=random.uniform(1.1, 1.6) * mass * arm**2,
         viscous=weight * random.uniform(0.01, 0.06),
         coulomb=weight * random.uniform(0.03, 0.2),
-        gravity=(weight * random.uniform(0.02, 0.1), 0.0),
-        load=KnownLoad(inertia=mass * arm**2, weight=weight),
+        gravity=(weight * random.uniform(1.02, 1.1), 0.0),
     )
     logging = Logging(
         duration=random.uniform(10.0, 30.0),
@@ -363,10 +356,9 @@ def _cart(random: np.random.Generator) -> tuple[Machine, Logging]:
 
 
 def _servo(random: np.random.Generator) -> tuple[Machine, Logging]:
-    """A pendulum whose gears rub more under load, by one of three definitions of the load."""
+    """A pendulum whose gears rub more under load."""
     machine, logging = _pendulum(random)
-    shares = ((0.0, 1.0), (0.5, 0.5), (1.0, 0.0))[random.integers(3)]
-    return replace(machine, kind="servo", gears=(random.uniform(0.05, 0.2), *shares)), logging
+    return replace(machine, kind="servo", gears=random.uniform(0.05, 0.2)), logging
 
 
 MACHINES = MappingProxyType(

@@ -24,7 +24,7 @@ COMMANDS = [
 ]
 #: options that make the long commands and the runs for them shorter; the page's own options stay
 _SHORTER = {
-    "identify-upside-down": ["--bounds", str(ROOT / "tests/golden/files/bounds.toml"), "--window", "0.5"],
+    "identify-upside-down": ["--window", "0.5"],
     "study": ["--bounds", str(ROOT / "tests/golden/files/bounds.toml"), "--no-confirm", "--draws", "6"],
 }
 
