@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from ballbot.fitting.intervals import Interval
 from ballbot.identification.coulomb import CoulombEquivalent, coulomb_sentence
-from ballbot.identification.driveline import DrivelineFit, PrintedFit
+from ballbot.identification.driveline import DrivelineFit
 from ballbot.identification.parameters import scale_between
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import FRICTION, QUANTITIES, Layout
@@ -26,7 +26,7 @@ from ballbot.identification.variation import Variation
 from ballbot.identification.windows import Span
 from ballbot.log import Log
 from ballbot.mechanics.friction import wheel_friction
-from ballbot.report.driveline import driveline_findings, parameter_rows
+from ballbot.report.driveline import parameter_rows
 from ballbot.report.identification import (
     _parameter_sheet,
     _rows_within,
@@ -298,62 +298,26 @@ def test_a_parameter_without_a_standard_error_is_as_uncertain_as_its_range():
     assert np.isfinite(lost.assumed_covariance).all()
 
 
-def _driveline(values, errors, intervals):
+def test_a_driveline_parameter_without_an_interval_has_no_number():
+    errors = np.array([0.001, 0.01, np.nan, np.nan])
+    values = np.array([0.02, 0.1, 0.0, 0.3])
     fit = DrivelineFit(
         wheel=1,
-        values=np.array(values),
-        standard_errors=np.array(errors),
-        correlation=np.eye(5),
-        intervals=intervals,
-        delay=0.0,
-        innovation=0.02,
-        unknown=np.zeros(5, dtype=bool),
-        cost=0.1,
-        samples=10,
-        rmse=0.1,
-        rmse_without=1.0,
+        values=values,
+        standard_errors=errors,
+        intervals=np.column_stack([values - 2.0 * errors, values + 2.0 * errors]),
+        correlation=np.eye(4),
         predicted=np.zeros(10),
         without=np.zeros(10),
+        rmse=0.1,
+        rmse_without=1.0,
     )
-    clamp = PrintedFit(values=np.array(values), rmse=0.1, predicted=np.zeros(10), rmse_restarted=0.1)
-    return fit, driveline_findings([fit], [clamp])[0].text
-
-
-@pytest.mark.parametrize(
-    ("values", "errors", "words"),
-    [
-        (
-            (0.02, 0.1, 0.05, 0.2, 1.0),
-            (0.001, 0.002, 0.005, 0.1, 0.1),
-            "b to 5 %, least sure is v_s, to 50 %.",
-        ),
-        (
-            (0.0, 0.1, 0.05, 0.2, 1.0),
-            (np.nan, 0.01, 0.001, 0.01, 0.01),
-            "Wheel 1: least sure is c, to 10 %. At a bound, without a standard error: b.",
-        ),
-        ((0.0, 0.1, 0.05, 0.2, 1.0), (np.nan,) * 5, "no parameter has a standard error"),
-    ],
-)
-def test_parameter_at_a_bound_is_not_printed_as_a_number(values, errors, words):
-    _, told = _driveline(values, errors, {})
-    assert words in told
-    assert "nan" not in told
-    assert "inf" not in told
-
-
-@pytest.mark.parametrize(
-    ("upper", "cell", "words"),
-    [
-        (3.96, "0.7 (0.6 to 4.0)", "least sure is v_s, to 130 %."),
-        (np.inf, "0.69 (0.55 to open)", "least sure is v_s, with an open interval."),
-    ],
-)
-def test_a_profile_takes_the_place_of_a_standard_error(upper, cell, words):
-    interval = Interval(lower=0.55, upper=upper, method="profile")
-    fit, told = _driveline((0.02, 0.1, 0.05, 0.694, 1.0), (0.001,) * 5, {"v_s": interval})
-    assert words in told
-    assert parameter_rows([fit])[3] == ("v_s", "rad/s", cell)
+    assert [row[2] for row in parameter_rows([fit])] == [
+        "0.0200 (0.0180 to 0.0220)",
+        "0.100 (0.080 to 0.120)",
+        "0, at its bound",
+        "unknown",
+    ]
 
 
 def _plot() -> Figure:

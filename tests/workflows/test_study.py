@@ -313,7 +313,6 @@ def test_report_shows_the_predicted_performance(small: Study):
         draws=6,
         chosen=intervals,
         none={},
-        signature={},
     )
     made = provenance(command="ballbot study", files=[], seed=3)
     page = page_of(study_report(replace(small, prediction=prediction), made))

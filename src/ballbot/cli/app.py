@@ -81,7 +81,7 @@ COMMANDS = (
     Command(
         "twin",
         "Experiments",
-        "Write the twin's MuJoCo model or a scenario; try the thesis's recommendations.",
+        "Write the twin's MuJoCo model or a scenario.",
     ),
     Command("reproduce", "Thesis", "Reproduce the thesis's figures and tables."),
     Command("help", "Help", "Explain a command, or list all of them."),

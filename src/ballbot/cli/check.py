@@ -15,7 +15,7 @@ from cyclopts import Parameter
 
 from ballbot.cli import OUTPUT
 from ballbot.cli.context import PAGE, input_files, open_result
-from ballbot.cli.findings import Accept, check_input, show_findings
+from ballbot.cli.findings import Accept, show_findings
 from ballbot.cli.output import emit, print_parts, progress_bar, standard_output, suggest_page
 from ballbot.errors import InputError
 from ballbot.files import check_file
@@ -26,7 +26,6 @@ from ballbot.robot.drawing import robot_drawing
 from ballbot.robot.plausibility import robot_findings
 
 if TYPE_CHECKING:
-    from ballbot.log.checks import CheckedLogs
     from ballbot.workflows.robot_check import CheckedReference, CheckedSwing
 
 
@@ -59,7 +58,6 @@ def check(
     /,
     *,
     figure: Path | None = None,
-    predict: Path | None = None,
     reference: str | None = None,
     controller: str = "nominal",
     swinging: SwingOptions = _SWING,
@@ -74,8 +72,6 @@ def check(
 
     Example: `ballbot check alten --figure alten.svg`
 
-    Example: `ballbot check mine.toml --predict square.csv --out checked`
-
     Example: `ballbot check mine.toml --reference circle --controller controller.toml`
 
     Example: `ballbot check mine.toml --swing hanging.csv --out checked`
@@ -86,8 +82,6 @@ def check(
         A preset's name or a robot file.
     figure : Path
         File to save a drawing to: .svg, .pdf or .png.
-    predict : Path
-        A log: shows how much the standard deviations in the robot file spread predictions of it over 0.25 s.
     reference : str
         A reference's name, or a file with t, ref_x, ref_y and ref_psi: shows whether the robot can follow it and
         how much of each limit that takes.
@@ -105,7 +99,7 @@ def check(
     from ballbot.report.robot_check import robot_check_report
     from ballbot.workflows.robot_check import check_robot
 
-    inputs = input_files(robot, predict, reference, controller, swinging.swing)
+    inputs = input_files(robot, reference, controller, swinging.swing)
     held = open_result(out, command="check", writes=_WRITTEN, inputs=inputs) if out else nullcontext()
     with held as result:
         with progress_bar(console, "checking the robot"):
@@ -114,7 +108,6 @@ def check(
                 findings,
                 controller=controller,
                 swing=_swing(hung, swinging, accept),
-                log=None if predict is None else _log(hung, robot, predict, accept),
                 following=_following(hung, reference, controller),
             )
         if OUTPUT.get().json:  # the results compile the thesis's equations
@@ -172,17 +165,6 @@ def _swing(robot: Robot, options: SwingOptions, accept: list[str] | None) -> Che
     pivot = Pivot.of(robot, distance=options.pivot_distance, deviation=options.pivot_deviation)
     codes = check_codes(accept or ())
     return check_swing(robot, options.swing, pivot, column=options.swing_column, accept=codes)
-
-
-def _log(robot: Robot, source: str, path: Path, accept: list[str] | None) -> CheckedLogs:
-    from ballbot.log import Log
-    from ballbot.log.checks import CheckedLogs
-    from ballbot.workflows.robot_check import stop_without_deviations
-
-    log = Log.read(path)
-    findings = check_input(robot, {path: log}, accept=accept, source=source)
-    stop_without_deviations(robot)
-    return CheckedLogs(logs={str(path): log}, findings=findings)
 
 
 def _save_figure(robot: Robot, path: Path) -> None:

@@ -61,7 +61,8 @@ def compare(
         model: the compiled loop, with the sensors, drive and floor of each course. twin: a MuJoCo robot, also with
         rollers and slip.
     scenarios
-        Separated by commas: sets (motions, disturbances, league: both, mismatch: robots 20 % off), courses (hold,
+        Separated by commas: sets (motions, disturbances, league: both, mismatch: robots 20 % off,
+        recommendations: the thesis's), courses (hold,
         square, circle, figure_eight, change_pose, push, ramp, payload, floor, heading) and course files.
     seeds
         Random seeds, such as 1-20 or 1,4,7-9. Each controller runs once per course and seed.

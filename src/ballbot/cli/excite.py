@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 from cyclopts import Parameter
 
@@ -20,7 +19,7 @@ from ballbot.robot import Robot
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.excitation_design import DesignEffort
 from ballbot.workflows.excitation_task import Law, RunLimits
-from ballbot.workflows.excite import ExcitationOptions, deviations_found
+from ballbot.workflows.excite import ExcitationOptions
 from ballbot.workflows.excite import excite as find
 
 _WRITTEN = (PAGE, "reference.csv", "controller.toml", "results.json")
@@ -61,25 +60,8 @@ class SearchOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class TrialOptions:
-    """The trial on the compiled loop with sensors."""
-
-    tried: Annotated[bool, Parameter(name="--try", negative="--no-try")] = True
-    """Run the excitation and a square of the same length on the loop with sensors, with the scenario's friction, half
-    and one and a half times as much and three seeds each, and identify friction from a log of both."""
-
-    scenario: str = "nominal"
-    """Sensors, drive, play and true friction of the trial: a scenario's name or file, as in ballbot record."""
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
 class IdentificationOptions:
     """The identification that the run is for."""
-
-    found: Path | None = None
-    """results.json of `ballbot identify`, from which the accuracy of predicted states is taken. If not given, that
-    of the loop around the square is used."""
 
     law: Law = "stribeck"
     """The friction law that will be identified."""
@@ -87,12 +69,9 @@ class IdentificationOptions:
     bounds: Path | None = None
     """The bounds file of `ballbot identify`. Standard errors are weighted by the width of the bounds."""
 
-    window: float = 0.25
-    """Length of the windows of the identification [s]."""
-
 
 _LIMITS, _SEARCH = LimitOptions(), SearchOptions()
-_TRIAL, _IDENTIFICATION = TrialOptions(), IdentificationOptions()
+_IDENTIFICATION = IdentificationOptions()
 
 
 def excite(
@@ -101,20 +80,22 @@ def excite(
     *,
     within: LimitOptions = _LIMITS,
     search: SearchOptions = _SEARCH,
-    trial: TrialOptions = _TRIAL,
+    scenario: str = "nominal",
     identification: IdentificationOptions = _IDENTIFICATION,
     controller: str = "nominal",
     out: Path,
 ) -> None:
-    """Design an informative excitation within limits on lean, floor space and torque, and try it on the loop
-    with sensors.
+    """Design an informative excitation within limits on lean, floor space and torque.
 
     Example: ballbot excite alten --lean 8 --floor 1 --torque 3 --out experiment
 
-    Example: ballbot excite found/robot.toml --found found/results.json --controller mine.toml --out experiment
+    Example: ballbot excite found/robot.toml --controller mine.toml --out experiment
+
+    The excitation and a square of the same length also run on the compiled loop with sensors, with the scenario's
+    friction, half and one and a half times as much and three seeds each: do the limits hold?
 
     Writes report.html, reference.csv (t, ref_x, ref_y, ref_psi: follow it with controller.toml beside it, on the robot
-    or by ballbot record nominal --reference experiment/reference.csv), and results.json.
+    or by ballbot record nominal --reference experiment/reference.csv) and results.json.
 
     Parameters
     ----------
@@ -122,6 +103,8 @@ def excite(
         A preset's name or a robot file, with or without identified friction.
     controller
         The controller that the robot will use: nominal (without compensation), precise or a controller file.
+    scenario
+        Sensors, drive, play and true friction of the loop: a scenario's name or file, as in ballbot record.
     out
         The folder to write into.
     """
@@ -133,10 +116,9 @@ def excite(
     )
     effort = DesignEffort(generations=search.generations, population=search.population)
     chosen = named_controller(controller, described)
-    scenario = load_scenario(trial.scenario, described)
+    conditions = load_scenario(scenario, described)
     bounds = read_bounds(identification.bounds) if identification.bounds else None
-    deviations = deviations_found(identification.found) if identification.found else None
-    inputs = input_files(robot, trial.scenario, controller, identification.found, identification.bounds)
+    inputs = input_files(robot, scenario, controller, identification.bounds)
     with open_result(out, command="excite", writes=_WRITTEN, inputs=inputs, seed=search.seed) as result:
         with result.progress("excite") as bar:
             found = find(
@@ -144,15 +126,8 @@ def excite(
                 chosen,
                 limits=limits,
                 duration=search.duration,
-                scenario=scenario,
-                options=ExcitationOptions(
-                    deviations=deviations,
-                    tried=trial.tried,
-                    law=identification.law,
-                    bounds=bounds,
-                    window=identification.window,
-                    effort=effort,
-                ),
+                scenario=conditions,
+                options=ExcitationOptions(law=identification.law, bounds=bounds, effort=effort),
                 run=Run(seed=search.seed, progress=bar.report),
             )
         page = excitation_report(found, result.origin)

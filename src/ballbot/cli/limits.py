@@ -17,12 +17,11 @@ from ballbot.robot import Robot
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.limits import RobotLimits, TwinLimit, find_limits, twin_limits
-from ballbot.workflows.recovery_region import REFINEMENTS, Loop
+from ballbot.workflows.recovery_region import Loop
 
 #: directions tried on the twin, of the model's
 _ON_TWIN = (0, 9, 18, 27)
 _WRITTEN = (PAGE, "results.json")
-_MOST_REFINEMENTS = 6  # four million points a plane
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +38,6 @@ def limits(
     /,
     *,
     grip: float = 1.0,
-    refinements: WholeNumber = REFINEMENTS,
     twin: bool = False,
     scenario: str = "nominal",
     seed: WholeNumber = 1,
@@ -64,9 +62,6 @@ def limits(
         compare, LABEL=... renames one, and a trailing @kalman selects the estimator.
     grip
         Friction coefficient of the wheels on the ball.
-    refinements
-        How many times the coarse grid of the planes is refined by half along the boundary, 0 to 6; 3 gives
-        257 x 257 points, as fine as they are drawn.
     twin
         Also find the limits on the twin, in four directions: with slip and play.
     scenario
@@ -78,7 +73,7 @@ def limits(
     """
     described, candidates = Robot.load(robot), parse_candidates(controllers)
     chosen = {one.name: _law(one.name, one.controller(described)) for one in candidates}
-    _check(len(chosen), grip=grip, refinements=refinements, seed=seed)
+    _check(len(chosen), grip=grip, seed=seed)
     truth = load_scenario(scenario, described)
     found = _Found()
     inputs = input_files(robot, [one.file for one in candidates if one.file], scenario)
@@ -93,7 +88,7 @@ def limits(
 
             loop = Loop(robot=described, controller=controller, scenario=truth, grip=grip, seed=seed)
             run = Run(seed=seed, progress=report)
-            found.model[name] = find_limits(loop, refinements=refinements, run=run)
+            found.model[name] = find_limits(loop, run=run)
             if twin:
                 found.twin[name] = twin_limits(loop, found.model[name], directions=_ON_TWIN, run=run)
         bar.begin_writing()
@@ -116,7 +111,7 @@ def limits(
     result.show_file(PAGE)
 
 
-def _check(controllers: int, *, grip: float, refinements: int, seed: int) -> None:
+def _check(controllers: int, *, grip: float, seed: int) -> None:
     """Raise InputError unless the numbers are in range."""
     if controllers > MOST_CONTROLLERS:
         raise InputError(f"There are {controllers} controllers; at most {MOST_CONTROLLERS} can be compared.")
@@ -124,8 +119,6 @@ def _check(controllers: int, *, grip: float, refinements: int, seed: int) -> Non
         raise InputError(
             f"--grip is {grip:g}; it must be a positive friction coefficient, such as 1 for rubber on rubber."
         )
-    if not 0 <= refinements <= _MOST_REFINEMENTS:
-        raise InputError(f"--refinements is {refinements}; it must be from 0 to {_MOST_REFINEMENTS}.")
     check_seed(seed)
 
 

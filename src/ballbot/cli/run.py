@@ -41,8 +41,12 @@ from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.simulation.held_robot import SWEEP_PERIOD
 from ballbot.workflows.alternation import MIN_RUNS, Alternation, alternate
-from ballbot.workflows.controller_prediction import Prediction, read_prediction
-from ballbot.workflows.controller_verdict import check_controller, evaluate_log
+from ballbot.workflows.controller_prediction import (
+    Prediction,
+    check_controller,
+    evaluate_log,
+    read_prediction,
+)
 from ballbot.workflows.metrics import SETTLE, Performance, settled
 
 ABOUT = """Run a live robot over a serial port or UDP: check it, record it, balance it, compare controllers on it.
@@ -421,7 +425,7 @@ def compare(
                 parameters = export_controller(controllers[k % 2], lean=lean).parameters
                 connection.robot.use_parameters(parameters)
                 logs.append(_course_run(connection, predicted, out / f"{name}{SUFFIX}", about))
-        found = _compared(predicted, logs, described, controllers)
+        found = _compared(predicted, logs, controllers)
         with result.replaced() as new:
             for name, log in zip(names, logs, strict=True):
                 log.write(new / f"{name}.csv")
@@ -457,15 +461,11 @@ def _course_run(
     return require_log(made)
 
 
-def _compared(
-    predicted: Prediction, logs: list[Log], robot: Robot, controllers: list[Controller]
-) -> Alternation:
+def _compared(predicted: Prediction, logs: list[Log], controllers: list[Controller]) -> Alternation:
     """Return the comparison of runs in turn; those of the second controller are compared with the prediction."""
     limits = [controllers[k % 2].torque_limit for k in range(len(logs))]
     performances = [Performance.of(log, torque_limit=limit) for log, limit in zip(logs, limits, strict=True)]
-    return alternate(
-        performances, [evaluate_log(predicted, log, robot, controllers[1]) for log in logs[1::2]]
-    )
+    return alternate(performances, [evaluate_log(predicted, log, controllers[1]) for log in logs[1::2]])
 
 
 @run.command

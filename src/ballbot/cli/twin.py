@@ -1,30 +1,25 @@
-"""`ballbot twin`: the twin's own files, and the thesis's recommendations tried on it."""
+"""`ballbot twin`: the twin's own files."""
 
 from __future__ import annotations
 
-import os
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
 from cyclopts import App
 
-from ballbot.cli.context import PAGE, input_files, open_result, parse_seeds
 from ballbot.cli.output import show_written
 from ballbot.errors import InputError
 from ballbot.files import check_file, check_new_file, write_text
-from ballbot.report.blocks import table
 from ballbot.robot import Robot
 from ballbot.twin import twin_mjcf
 from ballbot.twin.mjcf import Mounting
 from ballbot.twin.model_files import model_text
 from ballbot.twin.scenario_file import load_scenario, write_scenario
 
-ABOUT = """The twin's MuJoCo model, its scenarios, and the thesis's recommendations tried on it.
+ABOUT = """The twin's MuJoCo model and its scenarios.
 
 Example: ballbot twin export alten --out twin.xml
 """
-
-_WRITTEN = (PAGE, "results.json")
 
 twin = App(name="twin", help=ABOUT)
 
@@ -89,50 +84,3 @@ def scenario(source: str = "nominal", /, *, robot: str = "alten", out: Path, for
     check_new_file(out, force=force)
     write_scenario(load_scenario(source, described), out)
     show_written(out)
-
-
-@twin.command
-def recommendations(
-    robot: str = "alten", /, *, seeds: str = "1-5", duration: float = 64.0, out: Path
-) -> None:
-    """Try what the thesis recommends: single-row wheels, a stiffer ball, less play, sensor fusion.
-
-    Example: ballbot twin recommendations alten --seeds 1-5 --out recommended
-
-    Prints position error and torque noise before and after, without and with friction compensation; writes
-    report.html, and results.json with every run's scores.
-
-    Parameters
-    ----------
-    robot
-        A preset's name or a robot file.
-    seeds
-        Random seeds, such as 1-10 or 1,4,7-9.
-    duration
-        Length of a run around a square of 0.5 m [s].
-    out
-        The folder to write into.
-    """
-    from ballbot.report.twin import recommendations_report
-    from ballbot.workflows.twin_recommendations import HEADINGS, rows, try_recommendations
-
-    described, numbers = Robot.load(robot), parse_seeds(seeds)
-    inputs = input_files(robot)
-    with open_result(
-        out, command="twin recommendations", writes=_WRITTEN, inputs=inputs, seed=seeds
-    ) as result:
-        with result.progress("trying the recommendations") as bar:
-            found = try_recommendations(
-                described,
-                seeds=numbers,
-                duration=duration,
-                threads=os.cpu_count() or 1,
-                progress=bar.report,
-            )
-        scores = {name: comparison.scores for name, comparison in found.items()}
-        with result.replaced() as new:
-            result.write_json(scores, new)
-            result.write_page(recommendations_report(described, found, result.origin), new)
-    title = "Position error after settling, and torque noise"
-    result.show([table(title, HEADINGS, rows(found))])
-    result.show_file(PAGE)

@@ -35,8 +35,6 @@ _LOOKS = (
 )
 #: more would look like one another
 MOST_CONTROLLERS = len(_LOOKS)
-#: a plane is drawn by so many intervals a side where it has more
-_DRAWN = 256
 #: largest number of planes in a row
 _IN_ROW = 3
 
@@ -117,9 +115,8 @@ def _bound_handles() -> list[Line2D]:
 
 
 def _draw_region(axes: Axes, region: Region, color: str, style: str) -> None:
-    step = max(1, (len(region.across) - 1) // _DRAWN)
-    lean, rate = np.degrees(region.across[::step]), np.degrees(region.along[::step])
-    kept = region.kept[::step, ::step].T.astype(np.float64)
+    lean, rate = np.degrees(region.across), np.degrees(region.along)
+    kept = region.kept.T.astype(np.float64)
     axes.contourf(lean, rate, kept, levels=[0.5, 1.5], colors=[color])
     axes.contour(lean, rate, kept, levels=[0.5], colors=[INK], linewidths=0.8, linestyles=style)
 

@@ -21,7 +21,7 @@ from ballbot.report.series import Line, Look, Panel, TimeSeries, together
 from ballbot.robot import Robot
 from ballbot.rounding import percent, unit_heading
 from ballbot.workflows.alternation import Alternation
-from ballbot.workflows.controller_verdict import SHOWN
+from ballbot.workflows.controller_prediction import SHOWN
 from ballbot.workflows.metrics import position_error
 
 _SELF_TESTS = {

@@ -17,7 +17,7 @@ from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import drawn_picture
 from ballbot.robot.figure import robot_figure
-from ballbot.rounding import digits, unit_heading
+from ballbot.rounding import unit_heading
 from ballbot.summary import counted
 from ballbot.workflows.reference_check import MARGIN_HEADINGS
 from ballbot.workflows.robot_check import (
@@ -105,14 +105,6 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
         yield section(f"Stability margins with {of}", Paragraph(text=loop.refusal))
     else:
         yield loop_section(loop.margins, of=of)
-    if band := checked.band:
-        rows = [
-            [state, digits(spread, 2), digits(band.rmse_at_end[state], 2)]
-            for state, spread in band.standard_deviation_at_end.items()
-        ]
-        caption = f"After {band.t[-1]:g} s, root mean square over {len(band.starts)} windows of the log."
-        headings = ("state", "spread by the standard deviations", "error")
-        yield section("Predictions of the log", Sheet(headings=headings, rows=rows, caption=caption))
     if swing := checked.swing:
         yield section(
             "The swing",
