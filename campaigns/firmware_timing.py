@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ballbot import Controller, Robot
 from ballbot.control.controller import Compensation
 from ballbot.control.law import LAW, MEMORY
-from ballbot.control.presets import adaptive, nominal_controller, precise_controller
+from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.records import converted
 from ballbot.estimation.interface import EstimatorName
 from ballbot.estimation.kalman import filter_model, first_covariance
@@ -225,8 +225,7 @@ def presets() -> dict[str, Controller]:
         for compensation in compensations
         for estimator in estimators
     }
-    precise = precise_controller(robot)
-    return found | {"precise, kalman": precise, "precise adaptive, kalman": adaptive(precise)}
+    return found | {"precise, kalman": precise_controller(robot)}
 
 
 def _check(label: str, rows: Sequence[tuple[object, bool]]) -> None:

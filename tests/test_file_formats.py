@@ -15,7 +15,6 @@ from ballbot.cli.main import main
 from ballbot.control.file import controller_text, read_controller
 from ballbot.control.presets import nominal_controller
 from ballbot.file_formats import NEWEST, Kind, format_line, format_name, read_results, without_format
-from ballbot.link.recorder import read_recording
 from ballbot.log.mapping_file import parse_mapping, read_mapping
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
@@ -45,7 +44,6 @@ READERS: dict[Kind, Callable[[Path], object]] = {
     "mapping": read_mapping,
     "courses": lambda path: read_courses(path, ALTEN, "model"),
     "results": read_results,
-    "recording": read_recording,
 }
 #: by the kind: a text that reads, of the present version
 TEXTS: dict[Kind, str] = {
@@ -55,8 +53,6 @@ TEXTS: dict[Kind, str] = {
     "mapping": f"{format_line('mapping')}\n{(OLD / 'mapping.toml').read_text(encoding='utf-8')}",
     "courses": f"{format_line('courses')}{COURSES}",
     "results": json.dumps({"format": format_name("results")}),
-    "recording": '{"format": "ballbot recording 1", "columns": ["t", "u1"], "about": {"robot": "alten"}}\n'
-    "0.005,0.1\n0.01,-2e-3\n",
 }
 
 
@@ -88,15 +84,7 @@ def test_checksum_of_a_controller_does_not_depend_on_the_number_of_the_format() 
 CHECKSUM = "207b4704be437a666943af470f96cd4d1c7f42e15cd8f151eb92c10ccb29932e"
 
 
-def test_recording_of_the_first_format_is_read(tmp_path: Path) -> None:
-    path = tmp_path / "live.recording"
-    path.write_text(TEXTS["recording"], encoding="utf-8")
-    found = read_recording(path)
-    assert {name: found.log[name].tolist() for name in found.log} == {"t": [0.005, 0.01], "u1": [0.1, -0.002]}
-    assert (dict(found.about), found.damaged_bytes) == ({"robot": "alten"}, 0)
-
-
-@pytest.mark.parametrize("kind", [kind for kind in NEWEST if kind != "recording"])
+@pytest.mark.parametrize("kind", NEWEST)
 def test_file_of_the_present_format_reads_as_one_without_it(kind: Kind, tmp_path: Path) -> None:
     now, before = tmp_path / "now", tmp_path / "before"
     now.write_text(TEXTS[kind], encoding="utf-8")
@@ -112,7 +100,7 @@ def test_newer_format_is_refused_with_what_to_do(kind: Kind, tmp_path: Path) -> 
     path = tmp_path / f"newer_{kind}"
     newer = f"ballbot {kind} {NEWEST[kind] + 1}"
     text = TEXTS[kind].replace(format_name(kind), newer)
-    path.write_text(text.replace('"columns"', '"channels"'), encoding="utf-8")
+    path.write_text(text, encoding="utf-8")
     with pytest.raises(
         InputError, match=rf"newer_{kind}: format is '{newer}'.*pip install --upgrade ballbot"
     ):

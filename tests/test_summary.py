@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from ballbot.control.controller import Controller
 from ballbot.control.lqr import LqrDesign
-from ballbot.control.presets import IntegralDesign, nominal_controller
+from ballbot.control.presets import nominal_controller
 from ballbot.findings import Finding, note, warning
 from ballbot.fitting.model_selection import Gain
 from ballbot.fitting.sweep import digest
@@ -161,9 +161,7 @@ RESULTS = {
     "controller of an unstable loop": lambda: Controller(alten(), GAIN),
     "controller with every part": lambda: everything(alten(FRICTION)),
     "gain": lambda: LQR,
-    "gain with integral": lambda: IntegralDesign(
-        gain=GAIN, integral_gain=GAIN[:, :3], poles=np.linspace(-1, -9, 13) + 0j, sample_time=5e-3
-    ),
+    "gain with integral": lambda: replace(LQR, integral_gain=GAIN[:, :3]),
     "robust design": robust,
     "controller design": lambda: design_controller(alten(FRICTION)),
     "upside down": upside_down,

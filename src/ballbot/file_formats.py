@@ -1,8 +1,8 @@
 """The versions of the formats of Ballbot's own files.
 
 Robot, controller, scenario, mapping and course files have a key `format`, such as "ballbot robot 1", and in its comment
-the version of Ballbot that wrote them; results.json has both as keys, and a recording of a live run begins with the
-format. A file without the key was written by hand, and is read as one of the present format.
+the version of Ballbot that wrote them; results.json has both as keys. A file without the key was written by hand, and
+is read as one of the present format.
 
 A number rises when an earlier Ballbot would misread the new file: a key is renamed, removed, or means something else. A
 new key that may be left out changes nothing. Files of another number are refused.
@@ -21,7 +21,7 @@ from ballbot.files import read_json
 from ballbot.results import as_json, with_infinities
 from ballbot.schema import toml_line
 
-Kind = Literal["robot", "controller", "scenario", "mapping", "courses", "results", "recording"]
+Kind = Literal["robot", "controller", "scenario", "mapping", "courses", "results"]
 
 #: the number of the format that is written now
 NEWEST: Mapping[Kind, int] = {
@@ -31,7 +31,6 @@ NEWEST: Mapping[Kind, int] = {
     "mapping": 1,
     "courses": 1,
     "results": 4,
-    "recording": 1,
 }
 
 _NAME = re.compile(r"ballbot (\w+) (\d{1,9})")

@@ -119,7 +119,8 @@ CASES: tuple[Case, ...] = (
     _command("identify", f"identify alten {_WALK} --window 0.1", needs=("record_square",)),
     _command(
         "identify_logs",
-        f"identify alten {_WALK} --judge-on {_EIGHT} --free friction,delay --leave-out psi,psi_dot --seed 2 {_FEW}",
+        f"identify alten {_WALK} --holdout {_EIGHT} --estimate friction,delay "
+        f"--exclude-states psi,psi_dot --seed 2 {_FEW}",
         needs=("record_square", "record_eight"),
     ),
     _command(
@@ -176,15 +177,17 @@ CASES: tuple[Case, ...] = (
     _command("design", "design files/robot_geometry.toml", sampled=True),
     _command("design_sampled", f"design {_ROBOT} --sample-time 0.01 --r 60 --notch 12", sampled=True),
     _command("design_full", f"design {_ROBOT} --compensation full --compensation-gain 0.5", sampled=True),
-    _command("design_partial", f"design {_ROBOT} --compensation partial --allow-pumping", sampled=True),
+    _command(
+        "design_partial", f"design {_ROBOT} --compensation partial --allow-overcompensation", sampled=True
+    ),
     _command(
         "design_precise",
-        f"design {_ROBOT} --kind precise --delay 0.016 --adaptive --allow-pumping",
+        f"design {_ROBOT} --kind precise --delay 0.016 --allow-overcompensation",
         sampled=True,
     ),
     _command(
         "design_robust",
-        f"design {_ROBOT} --robust --compensation full --allow-pumping "
+        f"design {_ROBOT} --robust --compensation full --allow-overcompensation "
         "--robots 20 --generations 2 --population 4 --fresh 20",
         alone=True,
     ),

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 from ballbot import Robot
-from ballbot.control.safety import SELF_TEST_DURATION, SelfTest, evaluate_self_test
-from ballbot.log import Log
 from ballbot.mechanics.geometry import transforms
 from ballbot.robot.derived import encoder_step, wheel_speed_limit
 from ballbot.simulation.driveline import Driveline, simulate_drivelines
@@ -94,19 +92,6 @@ def test_tilted_body_turns_the_wheels_the_other_way(axis, angle):
         measured.wheel_angles, -transforms(plant.robot).T_owb @ target, atol=1.01 * resolution(plant.robot)
     )
     np.testing.assert_allclose(measured.truth[2:5], target, atol=1e-12)
-
-
-@pytest.mark.slow
-def test_self_test_on_the_ball_passes():
-    plant = held("on_ball")
-    test = SelfTest(plant.robot)
-    rows, measured = [], plant.reset(None, seed=3)
-    for k in range(round(SELF_TEST_DURATION / STEP)):
-        rows.append([measured.t, *measured.wheel_angles])
-        measured = plant.step(test.update(k * STEP, measured.state, np.zeros(10)), STEP)
-    names = ("t", "wheel1", "wheel2", "wheel3")
-    log = Log(dict(zip(names, np.array(rows).T, strict=True)))
-    assert evaluate_self_test(plant.robot, log).passed
 
 
 def test_place_and_heading_are_those_of_the_reset():

@@ -19,7 +19,6 @@ from numba.core.dispatcher import Dispatcher
 
 import ballbot
 from ballbot import Controller, InputError, Log, Model, Robot, simulate, simulate_batch
-from ballbot.control.parts.reference_shaping import ReferenceShaping, shape_references
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import hold
 from ballbot.control.safety import SafeController
@@ -178,14 +177,6 @@ def _control() -> Iterator[tuple[str, Case]]:
         Case(call=lambda a: update(a | {"state": STATE}), arrays={"reference": reference}),
     )
     yield "SafeController.update", Case(call=safe, arrays={"state": STATE}, missing=True)
-    yield (
-        "shape_references",
-        Case(
-            call=lambda a: shape_references(ReferenceShaping(), a["references"], H),
-            arrays={"references": np.array([reference] * 3)},
-            rows=("references",),
-        ),
-    )
 
 
 def _estimators() -> Iterator[tuple[str, Case]]:

@@ -22,7 +22,6 @@ from ballbot.files import check_file
 from ballbot.findings import Finding, by_severity, check_codes, stop_on_errors
 from ballbot.report.console import finding_line
 from ballbot.robot import Robot
-from ballbot.robot.drawing import robot_drawing
 from ballbot.robot.plausibility import robot_findings
 
 if TYPE_CHECKING:
@@ -64,11 +63,11 @@ def check(
     accept: Accept = None,
     out: Path | None = None,
 ) -> None:
-    """Check that a robot is plausible, print quantities that follow from its parameters, and draw it.
+    """Check that a robot is plausible, and print quantities that follow from its parameters.
 
     Prints derived quantities, the transformation matrices between ball and wheels, A, B and the poles of the exact
-    model about upright, the stability margins with a controller, and a drawing to scale. Standard deviations in the
-    file are propagated to the unstable pole.
+    model about upright, and the stability margins with a controller. Standard deviations in the file are propagated to
+    the unstable pole.
 
     Example: `ballbot check alten --figure alten.svg`
 
@@ -81,7 +80,7 @@ def check(
     robot : str
         A preset's name or a robot file.
     figure : Path
-        File to save a drawing to: .svg, .pdf or .png.
+        File to save a drawing to scale to: .svg, .pdf or .png.
     reference : str
         A reference's name, or a file with t, ref_x, ref_y and ref_psi: shows whether the robot can follow it and
         how much of each limit that takes.
@@ -115,7 +114,6 @@ def check(
         report = robot_check_report(checked, None if result is None else result.origin)
         print_parts((finding_line(one, accepted=True) for one in checked.findings), console)
         print_parts(report.parts(), console)
-        console.print(robot_drawing(hung))
         if figure is not None:
             _save_figure(checked.robot, figure)
             console.print(f"Wrote {figure}.", soft_wrap=True)

@@ -7,6 +7,7 @@ from pathlib import Path
 from ballbot.cli.context import (
     PAGE,
     ClusterAddress,
+    OutFolder,
     WholeNumber,
     input_files,
     open_result,
@@ -37,7 +38,7 @@ def compare(
     seeds: str = "1-3",
     processes: WholeNumber | None = None,
     cluster: ClusterAddress = None,
-    out: Path,
+    out: OutFolder,
 ) -> None:
     """Compare controllers in closed loop: the same courses and seeds for all, with intervals of the differences.
 
@@ -70,8 +71,6 @@ def compare(
         Number of parallel processes; by default one per core. Results do not depend on it.
     cluster
         The address of a Dask scheduler on which runs on the twin are made, such as tcp://10.0.0.5:8786.
-    out
-        The folder to write into.
     """
     if processes is not None and processes < 1:
         raise InputError(f"--processes is {processes}; it must be at least 1.")
@@ -104,9 +103,7 @@ def compare(
         )
         bar.begin_writing()
         page = league_report(league, result.origin)
-        with result.replaced() as new:
-            result.write_json(league_results(league), new)
-            result.write_page(page, new)
+        result.write(league_results(league), page)
     result.show(page.parts())
     result.show_file(PAGE)
 

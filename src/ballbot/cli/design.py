@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import PAGE, WholeNumber, input_files, open_result
+from ballbot.cli.context import PAGE, OutFolder, Seed, WholeNumber, open_result
 from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.control.controller import Compensation
-from ballbot.control.file import controller_text, write_controller
+from ballbot.control.file import controller_text
 from ballbot.control.lqr import frictionless_model
 from ballbot.control.presets import NOMINAL_TORQUE_WEIGHT
 from ballbot.errors import InputError
-from ballbot.files import write_text
 from ballbot.findings import Finding
 from ballbot.fitting.run import Run
 from ballbot.report.design import (
@@ -87,8 +85,7 @@ class SearchOptions:
     fresh: WholeNumber = Effort.fresh
     """Number of other robots on which the result is compared with the nominal weights and a plain LQR."""
 
-    seed: WholeNumber = 0
-    """Random seed. The same seed gives the same result."""
+    seed: Seed = 0
 
 
 _WEIGHTS, _SEARCH = WeightOptions(), SearchOptions()
@@ -103,7 +100,7 @@ def design(
     robust: Annotated[bool, Parameter(negative="")] = False,
     search: SearchOptions = _SEARCH,
     accept: Accept = None,
-    out: Path,
+    out: OutFolder,
 ) -> None:
     """Design a controller: sampled LQR on the exact model, with friction compensation.
 
@@ -111,7 +108,7 @@ def design(
 
     Example: ballbot design found/robot.toml --kind precise --out precise
 
-    Example: ballbot design found/robot.toml --kind precise --delay 0.016 --adaptive --out precise
+    Example: ballbot design found/robot.toml --kind precise --delay 0.016 --out precise
 
     Example: ballbot design found/robot.toml --robust --compensation full --out robust
 
@@ -128,19 +125,16 @@ def design(
     robust
         Search for the weights on perturbed simulated robots, to minimise the mean cost of the worst tenth of them.
         Takes minutes.
-    out
-        The folder to write into.
     """
     described = Robot.load(robot)
     findings = check_robot(described, robot, accept=accept)
-    inputs = input_files(robot)
     if robust:
         _refuse_with_robust(weights, parts)
         if weights.sample_time is not None:
             sensors = replace(described.sensors, sample_time=weights.sample_time)
             described = described.replace(sensors=sensors)
         compensation = parts.compensation or "none"
-        _search(described, compensation, search=search, inputs=inputs, findings=findings, out=out)
+        _search(described, compensation, search=search, inputs=[robot], findings=findings, out=out)
         return
     gain = GainOptions(
         kind=weights.kind,
@@ -149,16 +143,13 @@ def design(
         sample_time=weights.sample_time,
     )
     with (
-        open_result(out, command="design", writes=DESIGN_FILES, inputs=inputs) as result,
+        open_result(out, command="design", writes=DESIGN_FILES, inputs=[robot]) as result,
         result.progress("designing the controller") as bar,
     ):
         found = design_controller(described, gain=gain, parts=parts)
         bar.begin_writing()
-        with result.replaced() as new:
-            write_controller(found.controller, new / "controller.toml")
-            result.write_json(found.results(), new)
-            page = controller_design_report(found, result.origin, findings)
-            result.write_page(page, new)
+        page = controller_design_report(found, result.origin, findings)
+        result.write(found.results(), page, texts={"controller.toml": controller_text(found.controller)})
     result.show(page.parts())
     warn_of_idle_compensation({"controller.toml": found.controller})
     result.show_file("controller.toml", PAGE)
@@ -169,14 +160,14 @@ def _search(
     compensation: Compensation,
     *,
     search: SearchOptions,
-    inputs: Sequence[Path],
+    inputs: Sequence[str],
     findings: Sequence[Finding],
-    out: Path,
+    out: OutFolder,
 ) -> None:
     """Search for the weights, and write the page, controller.toml and results.json."""
     spread = PerturbationRanges.parse(search.perturb, robot)
     scenario = load_scenario(search.scenario, robot)
-    inputs = [*inputs, *input_files(search.scenario)]
+    inputs = [*inputs, search.scenario]
     effort = Effort(
         robots=search.robots,
         generations=search.generations,
@@ -206,12 +197,9 @@ def _search(
             "linearization": linearization_results(frictionless_model(robot)),
             **to_results(found),
         }
-        with result.replaced() as new:
-            text = search_comment(found, result.origin.command) + controller_text(found.controller)
-            write_text(new / "controller.toml", text)
-            result.write_json(results, new)
-            page = robust_design_report(found, result.origin, findings)
-            result.write_page(page, new)
+        page = robust_design_report(found, result.origin, findings)
+        text = search_comment(found, result.origin.command) + controller_text(found.controller)
+        result.write(results, page, texts={"controller.toml": text})
     result.show(page.parts())
     result.show_file("controller.toml", PAGE)
 
@@ -226,7 +214,7 @@ def _refuse_with_robust(weights: WeightOptions, parts: PartOptions) -> None:
     if replace(weights, sample_time=None) != _WEIGHTS or plain != DEFAULT_PARTS:
         raise InputError(
             "--robust searches for the weights of the nominal kind; remove --kind, "
-            "--q, --r, --compensation-gain, --notch, --delay and --adaptive."
+            "--q, --r, --compensation-gain, --notch and --delay."
         )
 
 

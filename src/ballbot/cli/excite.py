@@ -8,7 +8,7 @@ from pathlib import Path
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import PAGE, WholeNumber, input_files, open_result
+from ballbot.cli.context import PAGE, OutFolder, RobotName, Seed, WholeNumber, open_result
 from ballbot.control.file import write_controller
 from ballbot.control.presets import named_controller
 from ballbot.control.references import write_reference
@@ -54,8 +54,7 @@ class SearchOptions:
     population: WholeNumber = 16
     """References tried in each generation."""
 
-    seed: WholeNumber = 0
-    """Random seed. The same seed gives the same result."""
+    seed: Seed = 0
 
 
 @Parameter(name="*")
@@ -75,7 +74,7 @@ _IDENTIFICATION = IdentificationOptions()
 
 
 def excite(
-    robot: str,
+    robot: RobotName,
     /,
     *,
     within: LimitOptions = _LIMITS,
@@ -83,7 +82,7 @@ def excite(
     scenario: str = "nominal",
     identification: IdentificationOptions = _IDENTIFICATION,
     controller: str = "nominal",
-    out: Path,
+    out: OutFolder,
 ) -> None:
     """Design an informative excitation within limits on lean, floor space and torque.
 
@@ -99,14 +98,10 @@ def excite(
 
     Parameters
     ----------
-    robot
-        A preset's name or a robot file, with or without identified friction.
     controller
         The controller that the robot will use: nominal (without compensation), precise or a controller file.
     scenario
         Sensors, drive, play and true friction of the loop: a scenario's name or file, as in ballbot record.
-    out
-        The folder to write into.
     """
     described = Robot.load(robot)
     limits = RunLimits(
@@ -118,7 +113,7 @@ def excite(
     chosen = named_controller(controller, described)
     conditions = load_scenario(scenario, described)
     bounds = read_bounds(identification.bounds) if identification.bounds else None
-    inputs = input_files(robot, scenario, controller, identification.bounds)
+    inputs = [robot, scenario, controller, identification.bounds]
     with open_result(out, command="excite", writes=_WRITTEN, inputs=inputs, seed=search.seed) as result:
         with result.progress("excite") as bar:
             found = find(

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
-from ballbot.cli.context import PAGE, WholeNumber, input_files, open_result
+from ballbot.cli.context import PAGE, OutFolder, WholeNumber, open_result
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run, check_seed
@@ -41,7 +40,7 @@ def limits(
     twin: bool = False,
     scenario: str = "nominal",
     seed: WholeNumber = 1,
-    out: Path,
+    out: OutFolder,
 ) -> None:
     """Find the largest tilts and impulses that a robot recovers from with its controllers.
 
@@ -68,15 +67,13 @@ def limits(
         A scenario's name or file.
     seed
         Random seed of the runs.
-    out
-        The folder to write into.
     """
     described, candidates = Robot.load(robot), parse_candidates(controllers)
     chosen = {one.name: _law(one.name, one.controller(described)) for one in candidates}
     _check(len(chosen), grip=grip, seed=seed)
     truth = load_scenario(scenario, described)
     found = _Found()
-    inputs = input_files(robot, [one.file for one in candidates if one.file], scenario)
+    inputs = [robot, [one.file for one in candidates if one.file], scenario]
     with (
         open_result(out, command="limits", writes=_WRITTEN, inputs=inputs, seed=seed) as result,
         result.progress("limits") as bar,
@@ -104,9 +101,7 @@ def limits(
         page = limits_report(
             described, found.model, found.twin, grip=grip, scenario=truth.name, made=result.origin
         )
-        with result.replaced() as new:
-            result.write_json(results, new)
-            result.write_page(page, new)
+        result.write(results, page)
     result.show(page.parts())
     result.show_file(PAGE)
 

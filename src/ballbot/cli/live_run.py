@@ -18,7 +18,7 @@ from ballbot.link.messages import ControllerPlace
 from ballbot.link.recorder import SUFFIX, check_no_recording
 from ballbot.link.runs import LiveRun, recorded_run, require_log
 from ballbot.log import Log
-from ballbot.report.live import counts_line, live_run_report
+from ballbot.report.live import bench_line, counts_line, live_run_report, sample_line
 from ballbot.results import to_results
 
 #: what a recorded run leaves in its folder
@@ -33,7 +33,7 @@ class Plan:
     controller: ControllerPlace
     duration: float  #: longest, from arming on [s]
     ramp: float = 0.0  #: over which the torque limit rises from zero [s]
-    balancing: bool = True  #: whether the robot balances, or is held
+    held: bool = False  #: whether the robot is held, and does not balance
 
 
 def record_run(
@@ -71,8 +71,7 @@ def record_run(
     recording = out / f"log{SUFFIX}"
     check_no_recording(recording)
     with open_result(out, command="run", writes=WRITTEN, inputs=inputs, seed=link.seed) as result:
-        about = about_run(connection, link, result)
-        made = make_run(connection, plan, recording=recording, about=about)
+        made = make_run(connection, plan, recording=recording)
         log = kept(require_log(made))
         results = {
             "rows": len(log),
@@ -80,7 +79,7 @@ def record_run(
             "ended": made.ending.kind,
             "reason": made.ending.text,
             **summary(log),
-            "provenance": about | {"longest_unsaved": made.longest_unsaved},
+            "provenance": about_run(connection, link, result),
         }
         with result.replaced() as new:
             log.write(new / "log.csv")
@@ -88,7 +87,7 @@ def record_run(
             page = live_run_report(
                 log,
                 link.described,
-                balancing=plan.balancing,
+                balancing=not plan.held,
                 ending=made.ending.text,
                 about=about_words(connection, link),
                 made=result.origin,
@@ -101,18 +100,12 @@ def record_run(
         result.show_file("log.csv", PAGE)
 
 
-def make_run(
-    connection: Connection,
-    plan: Plan,
-    *,
-    recording: Path | None = None,
-    about: Mapping[str, object] | None = None,
-) -> LiveRun:
+def make_run(connection: Connection, plan: Plan, *, recording: Path | None = None) -> LiveRun:
     """Make a run, watched by the monitor; see `recorded_run`."""
-    monitor = Monitor(connection.robot, standard_output())
+    monitor, line = Monitor(standard_output()), bench_line if plan.held else sample_line
 
     def watch(sample: Sample) -> None:
-        monitor.watch(sample, balancing=plan.balancing)
+        monitor.show(sample.t, lambda: line(sample, torque_limit=connection.robot.torque_limit))
         if connection.camera is not None:
             connection.camera.watch(sample.t)
 
@@ -126,7 +119,6 @@ def make_run(
             ramp=plan.ramp,
             watch=watch,
             recording=recording,
-            about=about,
         )
 
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.arguments import checked_arguments
 from ballbot.arrays import checked_sample_time, real_array
 from ballbot.control.law import ALLOWED, MEMORY, control_law, law_record
 from ballbot.control.lqr import gain_rows, sampling_words
@@ -114,7 +113,6 @@ class Controller:
     memory: NDArray[np.void]
     packed: NDArray[np.float64]
 
-    @checked_arguments
     def __init__(
         self,
         robot: RobotLike,
@@ -255,11 +253,6 @@ class Controller:
     def disturbance_estimate(self) -> NDArray[np.float64]:
         """The lost torque of each wheel that the disturbance observer estimates and adds now (n,) [N m]."""
         return self.memory["disturbance_observer"]["estimate"][0, : len(self.gain)].copy()
-
-    @property
-    def drag(self) -> float:
-        """The part of the integral [m s] that the floor adaptation gives now in the direction of motion."""
-        return float(self.memory["floor_adaptation"]["drag"][0])
 
 
 def refusal(place: int, value: float) -> str:

@@ -128,17 +128,7 @@ def state_errors(
 
     The drift is taken over all pairs of instants a minute apart, so that neither a good end nor a way that
     returns to where it began can hide it.
-
-    Raises
-    ------
-    InputError
-        If the shapes do not fit each other.
     """
-    if not (states.shape == truth.shape == (len(t), 10) and len(t) > 1):
-        raise InputError(
-            f"Errors of states need t (N,) and two arrays of states (N, 10), not {t.shape}, {states.shape} "
-            f"and {truth.shape}."
-        )
     error = states - truth
     rows = round(_MINUTE * (len(t) - 1) / float(t[-1] - t[0]))
     drift = error[rows:, :2] - error[:-rows, :2]

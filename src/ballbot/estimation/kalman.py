@@ -49,7 +49,6 @@ from ballbot.estimation.kalman_model import (
     G,
     S,
     X,
-    absorb,
     sample,
 )
 from ballbot.mechanics.engine.lanes import LANES
@@ -231,12 +230,12 @@ class KalmanFilter:
         if fix.heading is not None and known(fix.heading):
             seen[2] = math.remainder(fix.heading - self._x[PSI], 2 * math.pi)
         deviations = np.array([fix.position_deviation, fix.position_deviation, fix.heading_deviation])
-        rows = np.eye(STATES)[[X, X + 1, PSI]]
         there = np.isfinite(seen)
-        x, P = self._x.copy(), self._P
-        absorb(x, P, seen[there], rows[there], deviations[there] ** 2)
-        self._x[:] = x
-        self._P = P
+        H, R, P = np.eye(STATES)[[X, X + 1, PSI]][there], np.diag(deviations[there] ** 2), self._P
+        K = np.linalg.solve(H @ P @ H.T + R, H @ P).T
+        rest = np.eye(STATES) - K @ H
+        self._x += K @ seen[there]
+        self._P = rest @ P @ rest.T + K @ R @ K.T  # Joseph's form
 
 
 def filter_model(robot: Robot, *, sample_time: float, noise: FilterNoise) -> FilterModel:

@@ -190,11 +190,6 @@ def _compensation_blocks(found: ControllerDesign) -> Iterator[Block]:
     rows.append(("rolling", percent(margin.rolling_fraction), ""))
     caption = "Largest compensated fraction of the friction that is certain; beyond 100 % it injects energy."
     yield Sheet(headings=("friction", "compensated", "at"), rows=rows, caption=caption)
-    swings = [(f"{one.amplitude:g} rad/s", percent(one.fraction)) for one in margin.swings]
-    returned = (
-        "Largest fraction of the energy lost to friction that compensation returns to an oscillating wheel."
-    )
-    yield Sheet(headings=("amplitude", "returned"), rows=swings, caption=returned)
     if found.certain is not found.stated:
         yield Bullets(items=[_certain_fractions(found.stated, found.certain)])
 

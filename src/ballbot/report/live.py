@@ -7,7 +7,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ballbot.control.safety import StopReason
 from ballbot.firmware.records import SelfTestOutcome
 from ballbot.link.live import Sample
 from ballbot.link.messages import State
@@ -38,40 +37,54 @@ _SELF_TESTS = {
 }
 
 
-def sample_rows(sample: Sample, *, torque_limit: float, balancing: bool) -> list[tuple[str, str]]:
-    """Return what a monitor shows of an armed robot that balances or is held: names and values."""
-    x, y, theta, phi, psi = sample.state[:5]
-    distance = float(np.hypot(*(sample.state[:2] - sample.reference[:2])))
-    lean = math.acos(min(1.0, math.cos(theta) * math.cos(phi)))
-    balance = [
-        ("position", f"{x:+.3f} {y:+.3f} m"),
-        ("heading", f"{math.degrees(psi):+.1f} degrees"),
-        ("distance from the reference", f"{1e3 * distance:.0f} mm"),
-        ("lean", f"{math.degrees(lean):.2f} degrees"),
-    ]
-    share = float(np.abs(sample.torques).max()) / torque_limit
-    return [
-        ("time", f"{sample.t:.1f} s"),
-        *(balance if balancing else []),
-        ("torques", " ".join(f"{one:+.2f}" for one in sample.torques) + " N m"),
-        ("largest torque", f"{percent(share)} of the limit"),
-        ("wheel speeds", " ".join(f"{one:+.1f}" for one in sample.wheel_speeds) + " rad/s"),
-    ]
+def sample_line(sample: Sample, *, torque_limit: float) -> str:
+    """Return a sample in one line."""
+    x, y, psi = sample.state[[0, 1, 4]]
+    return (
+        f"{sample.t:.1f} s, at ({x:+.3f}, {y:+.3f}) m, psi {math.degrees(psi):+.1f} degrees, "
+        f"{1e3 * _distance(sample):.0f} mm from the reference, lean {math.degrees(_lean(sample)):.1f} degrees, "
+        f"torque {percent(_share(sample, torque_limit))} of the limit"
+    )
 
 
-def state_rows(state: State, *, wheel_count: int) -> list[tuple[str, str]]:
-    """Return what a monitor shows of a robot that is not driven: names and values."""
-    test = SelfTestOutcome(state.self_test)
-    stop: StopReason | None = stop_reason(state)
-    return [
-        ("robot", "armed" if state.armed else "disarmed"),
-        ("self-test", _SELF_TESTS.get(test, f"failed (wheel {state.self_test_wheel})")),
-        ("stop", "none" if stop is None else str(stop)),
-        ("theta, phi, psi", " ".join(f"{one:+.1f}" for one in np.degrees(state.attitude)) + " degrees"),
-        ("gyro", " ".join(f"{one:+.3f}" for one in state.gyro) + " rad/s"),
-        ("encoder counts", " ".join(map(str, state.wheel_counts[:wheel_count].tolist()))),
-        ("wheel speeds", " ".join(f"{one:+.2f}" for one in state.wheel_speeds[:wheel_count]) + " rad/s"),
-    ]
+def bench_line(sample: Sample, *, torque_limit: float) -> str:
+    """Return a sample of a held robot in one line."""
+    speeds = " ".join(f"{one:+.1f}" for one in sample.wheel_speeds)
+    torques = " ".join(f"{one:+.2f}" for one in sample.torques)
+    return (
+        f"{sample.t:.1f} s, torques {torques} N m ({percent(_share(sample, torque_limit))} of the limit), "
+        f"wheel speeds {speeds} rad/s"
+    )
+
+
+def state_line(state: State, *, wheel_count: int) -> str:
+    """Return a state in one line."""
+    theta, phi, psi = np.degrees(state.attitude)
+    gyro = " ".join(f"{one:+.2f}" for one in state.gyro)
+    counts = " ".join(map(str, state.wheel_counts[:wheel_count].tolist()))
+    speeds = " ".join(f"{one:+.1f}" for one in state.wheel_speeds[:wheel_count])
+    stop = stop_reason(state)
+    return (
+        f"{'armed' if state.armed else 'disarmed'}, self-test {_self_test(state)}, "
+        f"theta {theta:+.1f}, phi {phi:+.1f}, psi {psi:+.1f} degrees, gyro {gyro} rad/s, counts {counts}, "
+        f"wheel speeds {speeds} rad/s" + (f", stopped: {stop}" if stop else "")
+    )
+
+
+def _self_test(state: State) -> str:
+    return _SELF_TESTS.get(SelfTestOutcome(state.self_test), f"failed (wheel {state.self_test_wheel})")
+
+
+def _distance(sample: Sample) -> float:
+    return float(np.hypot(*(sample.state[:2] - sample.reference[:2])))
+
+
+def _lean(sample: Sample) -> float:
+    return math.acos(min(1.0, math.cos(sample.state[2]) * math.cos(sample.state[3])))
+
+
+def _share(sample: Sample, torque_limit: float) -> float:
+    return float(np.abs(sample.torques).max()) / torque_limit
 
 
 def counts_line(host: Sequence[int], robot: Sequence[int]) -> str | None:
@@ -115,9 +128,11 @@ def wiring_sheet(check: WiringCheck) -> Sheet:
         # zero is added to a rounded number so that it is never written as -0
         return "  ".join(f"{one:.0f}" for one in np.round(np.degrees(angles)) + 0.0)
 
-    rows = [(one.movement.words, cell(one.attitude), cell(one.gyro), cell(one.wheels)) for one in check.turns]
-    caption = "What each sensor measured of each movement: attitude and gyro about x, y, z; the wheels in their order."
-    headings = ("the robot was", "attitude [deg]", "gyro [deg]", "wheels [deg]")
+    rows = [(one.movement.words, cell(one.attitude), cell(one.wheels)) for one in check.turns]
+    caption = (
+        "What the sensors measured of each movement: the attitude about x, y, z; the wheels in their order."
+    )
+    headings = ("the robot was", "attitude [deg]", "wheels [deg]")
     return Sheet(headings=headings, rows=rows, caption=caption)
 
 
@@ -151,12 +166,10 @@ def wiring_results(check: WiringCheck) -> dict[str, object]:
     """Return what results.json holds of a wiring check."""
     return {
         "passed": check.passed,
-        "lean": check.lean,
         "turns": [
             {
                 "movement": one.movement.words,
                 "attitude": one.attitude,
-                "gyro": one.gyro,
                 "wheels": one.wheels,
             }
             for one in check.turns

@@ -111,7 +111,6 @@ FIGURES: Mapping[str, Callable[[Any], Figure]] = {
     "ControllerDesign": lambda design: bode_figure(design.loop_margins),
     "DrivelineFit": lambda fit: curve_figure([fit], float(np.nanmax(np.abs(fit.predicted), initial=1.0))),
     "Identification": friction_figure,
-    "IntegralDesign": lambda design: poles_figure(design.poles),
     "League": overview_figure,
     "Log": log_figure,
     "LqrDesign": lambda design: poles_figure(design.poles),

@@ -23,7 +23,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.parts.part import LawSettings, Part, Steps
+from ballbot.control.parts.part import LawSettings, Part
 from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
@@ -83,15 +83,14 @@ def feed_forward_record(robot: Robot) -> FeedForwardRecord:
 
 
 @inlined
-def _lean_error(law, memory, error, a, wanted):
+def lean_error(law, e, a, wanted):
     """Return the error to the lean, and from the position, that the motion asks for; see the module's docstring."""
-    e, limited = error
     own = law.feed_forward
     x, y, _ = wanted
     second, third = _turned(a, x.second, y.second), _turned(a, x.third, y.third)
     lean, lean_rate = _times(own.lean, second), _times(own.lean, third)
     ahead, ahead_rate = _times(own.offset, second), _times(own.offset, third)
-    moved = (
+    return (
         e[0] - ahead[0],
         e[1] - ahead[1],
         e[2] + lean[0],
@@ -103,11 +102,10 @@ def _lean_error(law, memory, error, a, wanted):
         e[8] + lean_rate[1],
         e[9],
     )
-    return moved, limited
 
 
 @inlined
-def _add_torque(law, memory, torque, now, i):
+def add_feed_forward(law, torque, now, i):
     """Add a wheel's torque for s'', s'''' (heading frame) and psi''."""
     own = law.feed_forward
     x, y, psi = now.wanted
@@ -149,7 +147,6 @@ class FeedForward(Part):
     label = "feed-forward"
     comment = "A shaped motion is given the lean and the torques that it needs."
     record = FeedForwardRecord
-    steps = Steps(error=_lean_error, torque=_add_torque)
     needs: ClassVar[Mapping[str, str]] = {"shaping": "it uses the derivatives of the shaped reference"}
 
     def numbers(self, settings: LawSettings) -> FeedForwardRecord:

@@ -17,13 +17,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.lqr import held
-from ballbot.control.parts.part import MAX_PAST, LawSettings, Measured, Part, Steps
-from ballbot.control.records import MAX_WHEELS, number, setting, whole
+from ballbot.control.parts.part import MAX_PAST, LawSettings, Measured, Part
+from ballbot.control.records import MAX_WHEELS, Setting, number, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import called, inlined
 from ballbot.mechanics.equations import attitude
@@ -114,7 +115,7 @@ def _effect(
 
 
 @inlined
-def _predict(law, memory, seen, n):
+def predict(law, memory, seen, n):
     """Return the state in which the torques will act, and make room for them in the history."""
     own = law.prediction
     if own.on == 0:
@@ -197,11 +198,10 @@ class DelayPrediction(Part):
     comment = "Torques act late; the state fed back is the one predicted for when they act."
     record = PredictionRecord
     state = PredictionState
-    steps = Steps(predict=_predict)
 
-    delay: float = field(
-        metadata=setting("s", "from a measurement to the action of its torque", above=0.0, example=0.012)
-    )
+    delay: Annotated[
+        float, Setting("s", "from a measurement to the action of its torque", above=0.0, example=0.012)
+    ]
 
     def numbers(self, settings: LawSettings) -> PredictionRecord:
         """Return the prediction for the robot."""
