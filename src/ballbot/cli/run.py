@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from cyclopts import App
 from numpy.typing import NDArray
+from rich.text import Text
 
 from ballbot.cli.context import PAGE, Seconds, WholeNumber, input_files, open_result
 from ballbot.cli.live_run import Plan, about_run, about_words, finish, make_run, record_run
@@ -201,7 +202,8 @@ def wiring(port: str | None = None, /, *, link: LinkOptions = _LINK, out: Path |
         with Monitor(console) as shown:
             turns = measure_turns(robot, connection.operator, watch=shown.states_of(robot))
         check = check_turns(turns, robot.ball_from_wheels)
-        print_parts([wiring_sheet(check), *map(finding_line, check.findings)], console)
+        verdict = "The wiring is right." if check.passed else "The wiring is not right."
+        print_parts([Text(verdict), wiring_sheet(check), *map(finding_line, check.findings)], console)
         emit(wiring_results(check) | {"findings": finding_results(check.findings)})
         if check.passed:
             robot.test(connection.operator)

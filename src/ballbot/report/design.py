@@ -124,8 +124,7 @@ def controller_design_report(
     parts = ", ".join(part.label for _, part in controller.parts.present()) or "none"
     kind = "no" if controller.compensation == "none" else controller.compensation
     lead = (
-        f"Sampled LQR at {1e3 * controller.sample_time:g} ms; {kind} friction compensation; parts: {parts}. "
-        f"Torque limit of each wheel: {torque_limit_words(controller)}."
+        f"Sampled LQR at {1e3 * controller.sample_time:g} ms; {kind} friction compensation; parts: {parts}."
     )
     verdict = [
         (
@@ -134,9 +133,13 @@ def controller_design_report(
             f"about {4.0 / slowest:.2g} s.",
         ),
         ("Margins", _capital(found.loop_margins.sentence())),
+        ("Torque limit of each wheel", f"{torque_limit_words(controller)}."),
     ]
     if controller.compensation != "none":
-        verdict.append(("Compensation", _nothing_compensated(found) or _capital(found.margin.sentence)))
+        margin = _capital(found.margin.sentence)
+        if found.margin.overcompensates:
+            margin = f"WARNING: {found.margin.sentence}; this injects energy and can destabilise the robot."
+        verdict.append(("Compensation", _nothing_compensated(found) or margin))
     poles = [(f"{pole.real:.4f}", f"{pole.imag:.4f}") for pole in found.gain.poles]
     undecided = [
         "How the loop behaves with the robot's friction, play, noise and limits: the poles are those of the linear "
