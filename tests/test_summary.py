@@ -30,9 +30,8 @@ from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import EXAMPLES, scenario_of
 from ballbot.workflows.controller_design import design_controller
 from ballbot.workflows.limits import Bounds, Plane, RobotLimits
-from ballbot.workflows.perturbed_robots import CostUnits, PerturbationRanges
 from ballbot.workflows.recovery_region import Region
-from ballbot.workflows.robust_design import ComparedDesign, RobustDesign
+from ballbot.workflows.robust_design import ComparedDesign, CostUnits, PerturbationRanges, RobustDesign
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
 from tests.support.log_examples import smooth_log, with_wheels
 from tests.support.screen import assert_fits_a_screen
@@ -49,8 +48,6 @@ LQR = LqrDesign(
 def robust() -> RobustDesign:
     compared = {
         name: ComparedDesign(
-            state_weights=(1.0,) * 10,
-            torque_weight=1.0,
             gain=GAIN,
             worst_tenth=1.5,
             mean=1.0,
@@ -59,7 +56,7 @@ def robust() -> RobustDesign:
             falls=0,
             costs=np.linspace(1.0, 2.0, 20),
         )
-        for name in ("robust", "nominal", "plain")
+        for name in ("robust", "nominal")
     }
     return RobustDesign(
         design=LQR,
