@@ -155,7 +155,6 @@ def draw_perturbed(
             friction=scaled_friction(robot.friction, wheels, rolling_factor=float(rolling)),
         )
         made = LoopRobot.of(true, scenario, known=robot)
-        assert made.imperfections is not None
         borne = replace(
             made.imperfections,
             delay=min(made.imperfections.delay + delay, MAX_DELAY),
@@ -201,7 +200,7 @@ def measure_runs(
         hold(),
         duration=RUN,
         initial_states=np.tile(perturbed.starts, (len(controllers), 1)),
-        imperfections=[one.imperfections for one in robots if one.imperfections],
+        imperfections=[one.imperfections for one in robots],
         every=_EVERY,
         threads=threads,
     )
