@@ -29,7 +29,7 @@ from ballbot.summary import HEIGHT, WIDTH, Summary, first_texts
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import EXAMPLES, scenario_of
 from ballbot.workflows.controller_design import design_controller
-from ballbot.workflows.limits import Bounds, Plane, RobotLimits
+from ballbot.workflows.limits import LimitBounds, Plane, RobotLimits
 from ballbot.workflows.recovery_region import Region
 from ballbot.workflows.robust_design import ComparedDesign, CostUnits, PerturbationRanges, RobustDesign
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
@@ -116,8 +116,8 @@ def limits() -> RobotLimits:
     return RobotLimits(
         directions=np.arange(3.0),
         heights=np.arange(9.0),
-        lean=Bounds(lower=np.full(3, 0.2), upper=np.full(3, 0.3), runs=5),
-        impulse=Bounds(lower=np.ones((9, 3)), upper=np.full((9, 3), 2.0), runs=5),
+        lean=LimitBounds(lower=np.full(3, 0.2), upper=np.full(3, 0.3)),
+        impulse=LimitBounds(lower=np.ones((9, 3)), upper=np.full((9, 3), 2.0)),
         plane=Plane(direction=0.0, lower=region, upper=region),
     )
 

@@ -20,7 +20,7 @@ from ballbot.link.wiring import Turn, WiringCheck
 from ballbot.report.blocks import Sheet, table
 from ballbot.report.console import finding_line
 from ballbot.rounding import percent, unit_heading
-from ballbot.workflows.alternation import Alternation, Gain
+from ballbot.workflows.alternation import Alternation, PairedGain
 from ballbot.workflows.controller_prediction import SHOWN
 
 _SELF_TESTS = {
@@ -250,7 +250,7 @@ def alternation_results(found: Alternation) -> dict[str, object]:
     }
 
 
-def _gain_results(gain: Gain) -> dict[str, object]:
+def _gain_results(gain: PairedGain) -> dict[str, object]:
     return {
         "factor": gain.factor,
         "interval": [gain.low, gain.high],

@@ -181,18 +181,8 @@ class RunMeasures:
         return np.isfinite(self.ended)
 
 
-def measure_runs(
-    controllers: Sequence[Controller], perturbed: PerturbedRobots, *, threads: int | None = None
-) -> RunMeasures:
-    """Run every controller on every perturbed robot, all in one batch; each robot has the same noise for all.
-
-    Parameters
-    ----------
-    controllers : sequence of Controller
-    perturbed : PerturbedRobots
-    threads : int, optional
-        All cores by default; the result does not depend on it.
-    """
+def measure_runs(controllers: Sequence[Controller], perturbed: PerturbedRobots) -> RunMeasures:
+    """Run every controller on every perturbed robot, all in one batch; each robot has the same noise for all."""
     robots = perturbed.robots * len(controllers)
     batch = simulate_batch(
         [one.model for one in robots],
@@ -202,7 +192,6 @@ def measure_runs(
         initial_states=np.tile(perturbed.starts, (len(controllers), 1)),
         imperfections=[one.imperfections for one in robots],
         every=_EVERY,
-        threads=threads,
     )
     shape = (len(controllers), len(perturbed.robots))
     late = batch.t > RUN - SETTLED
@@ -340,7 +329,6 @@ def robust_design(
     scenario: Scenario,
     effort: Effort,
     run: Run = DEFAULT_RUN,
-    threads: int | None = None,
 ) -> RobustDesign:
     """Search for the weights whose worst tenth over perturbed robots is best, and compare them on fresh robots.
 
@@ -355,8 +343,6 @@ def robust_design(
     effort : Effort
     run : Run, optional
         Its seed fixes the result bit for bit.
-    threads : int, optional
-        All cores by default; the result does not depend on it.
 
     Raises
     ------
@@ -371,7 +357,7 @@ def robust_design(
         return Controller(robot, gain, compensation=compensation, estimator="kalman")
 
     nominal = controller_of(NOMINAL_STATE_WEIGHTS)
-    units = CostUnits.of(measure_runs([nominal], perturbed, threads=threads))
+    units = CostUnits.of(measure_runs([nominal], perturbed))
 
     def cost_of(candidates: NDArray[np.float64]) -> NDArray[np.float64]:
         costs = np.full(len(candidates), _NO_GAIN)
@@ -382,7 +368,7 @@ def robust_design(
             except InputError:
                 continue  # weights so far apart that the equations have no solution in these digits
         if made:
-            marks = measure_runs(list(made.values()), perturbed, threads=threads)
+            marks = measure_runs(list(made.values()), perturbed)
             costs[list(made)] = worst_tenth(units.costs(marks))
         return costs
 
@@ -400,7 +386,7 @@ def robust_design(
     run.progress(Progress(stage="comparison"))
     fresh = draw_perturbed(robot, effort.fresh, spread=spread, scenario=scenario, seed=run.seed + 1_000_003)
     controllers = {"robust": controller_of(weights), "nominal": nominal}
-    marks = measure_runs(list(controllers.values()), fresh, threads=threads)
+    marks = measure_runs(list(controllers.values()), fresh)
     return RobustDesign(
         design=design_gain(robot, state_weights=weights),
         controller=controllers["robust"],
