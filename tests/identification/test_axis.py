@@ -122,7 +122,7 @@ def test_missing_mat_file_is_reported(tmp_path, capsys):
         (["--harmonics", "1"], "give --period"),
         (["--harmonics", "0"], "--harmonics names 0; a harmonic is a whole number from 1 to 500"),
         (["--harmonics", "-3"], "--harmonics names -3; a harmonic is a whole number from 1 to 500"),
-        (["--harmonics", "x"], "--harmonics is 'x'; it must be a whole number"),
+        (["--harmonics", "x"], 'unable to convert "x" into int'),
         (["--period", "0", "--harmonics", "1"], "--period is 0; the travel of the first harmonic must be"),
         (["--period", "-1"], "must be a finite number above zero"),
         (["--period", "x"], 'unable to convert "x" into float'),

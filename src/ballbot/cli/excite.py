@@ -60,7 +60,7 @@ class LimitOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class SearchOptions:
+class ExciteSearchOptions:
     """The search for the run."""
 
     duration: float = 32.0
@@ -77,7 +77,7 @@ class SearchOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class TrialOptions:
+class ExciteTrialOptions:
     """The trial on the compiled loop with sensors."""
 
     tried: Annotated[bool, Parameter(name="--try", negative="--no-try")] = True
@@ -90,7 +90,7 @@ class TrialOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class IdentificationOptions:
+class ExciteFitOptions:
     """The identification that the run is for."""
 
     found: Path | None = None
@@ -107,8 +107,8 @@ class IdentificationOptions:
     """Length of the windows of the identification [s]."""
 
 
-_LIMITS, _SEARCH = LimitOptions(), SearchOptions()
-_TRIAL, _IDENTIFICATION = TrialOptions(), IdentificationOptions()
+_LIMITS, _SEARCH = LimitOptions(), ExciteSearchOptions()
+_TRIAL, _IDENTIFICATION = ExciteTrialOptions(), ExciteFitOptions()
 
 
 def excite(
@@ -116,9 +116,9 @@ def excite(
     /,
     *,
     within: LimitOptions = _LIMITS,
-    search: SearchOptions = _SEARCH,
-    trial: TrialOptions = _TRIAL,
-    identification: IdentificationOptions = _IDENTIFICATION,
+    search: ExciteSearchOptions = _SEARCH,
+    trial: ExciteTrialOptions = _TRIAL,
+    identification: ExciteFitOptions = _IDENTIFICATION,
     controller: str = "nominal",
     out: OutFolder,
 ) -> None:
