@@ -35,8 +35,8 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.checks.torque_balance import smoothed_wheel_speeds
 from ballbot.log.formats import is_foreign
-from ballbot.log.mapping_search.found import Stated
 from ballbot.log.mapping_search.frame import TURNING_BY_WHEELS
+from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.mapping_search.proposal import propose
 from ballbot.log.mapping_search.text import Evaluation, evaluate
 from ballbot.processes import worker_pool

@@ -97,15 +97,10 @@ def upside_down() -> UpsideDown:
 def driveline() -> DrivelineFit:
     return DrivelineFit(
         wheel=1,
-        values=np.array([0.014, 0.1, 0.05, 0.6, 1.1]),
-        standard_errors=np.array([0.001, 0.01, np.nan, 0.1, 0.1]),
-        correlation=np.eye(5),
-        intervals={},
-        delay=0.01,
-        innovation=0.02,
-        unknown=np.array([False, False, False, False, True]),
-        cost=0.1,
-        samples=10,
+        values=np.array([0.014, 0.1, 0.05, 0.6]),
+        standard_errors=np.array([0.001, 0.01, np.nan, 0.1]),
+        intervals=np.array([[0.012, 0.016], [0.08, 0.12], [np.nan, np.nan], [0.4, 0.8]]),
+        correlation=np.eye(4),
         rmse=0.1,
         rmse_without=1.0,
         predicted=np.linspace(-20.0, 20.0, 10),
@@ -115,7 +110,7 @@ def driveline() -> DrivelineFit:
 
 def limits() -> RobotLimits:
     edge = np.linspace(-1.0, 1.0, 33)
-    region = Region(across=edge, along=edge, kept=edge[:, None] ** 2 + edge**2 < 0.5, runs=10)
+    region = Region(across=edge, along=edge, kept=edge[:, None] ** 2 + edge**2 < 0.5)
     return RobotLimits(
         directions=np.arange(3.0),
         heights=np.arange(9.0),

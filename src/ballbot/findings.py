@@ -45,7 +45,6 @@ CODES: Mapping[str, str] = MappingProxyType(
         "degrees": "angles or rates are in degrees, or mixed with radians",
         "discrepancy": "parts of a log want different parameters, or an effect that the model lacks would move them",
         "disturbance": "something other than wheels and gravity moves the lean",
-        "driveline": "how well a sweep determines the friction of a wheel",
         "encoders": "an encoder counts for another wheel, backward, with another scale or not at all",
         "excitation": "the logs do not excite a parameter",
         "fall": "the robot falls, or is not on its ball",
@@ -132,7 +131,6 @@ CODES: Mapping[str, str] = MappingProxyType(
         "unlimited": "the data limit a parameter on one side only, or not at all",
         "use": "the log lacks columns for a use",
         "weak-state": "a state that the model does not predict significantly better",
-        "wheel-unlike": "one wheel turns unlike the others for the states: its encoder, gear or columns",
         "wheels": "wheel angles or speeds contradict the states, or the places of the wheels are uncertain",
         "wrap": "an angle jumps by a full turn",
     }
@@ -161,14 +159,24 @@ class Finding:
     where: Place = Place()
 
 
-def warning(code: str, text: str) -> Finding:
+def finding(code: str, severity: Severity, text: str, *columns: str, time: float | None = None) -> Finding:
+    """Return a finding on these columns that is, or begins, at a time [s]."""
+    return Finding(code=code, severity=severity, text=text, where=Place(columns=columns, time=time))
+
+
+def error(code: str, text: str, *columns: str, time: float | None = None) -> Finding:
+    """Return a finding that makes results wrong."""
+    return Finding(code=code, severity="error", text=text, where=Place(columns=columns, time=time))
+
+
+def warning(code: str, text: str, *columns: str, time: float | None = None) -> Finding:
     """Return a finding that must be known before results are used."""
-    return Finding(code=code, severity="warning", text=text)
+    return Finding(code=code, severity="warning", text=text, where=Place(columns=columns, time=time))
 
 
-def note(code: str, text: str) -> Finding:
+def note(code: str, text: str, *columns: str, time: float | None = None) -> Finding:
     """Return a finding that is a fact."""
-    return Finding(code=code, severity="note", text=text)
+    return Finding(code=code, severity="note", text=text, where=Place(columns=columns, time=time))
 
 
 def texts(findings: Iterable[Finding]) -> list[str]:

@@ -37,7 +37,7 @@ _FIGURES = {
     "Controller": ("ballbot.report.plots", "controller_figure"),
     "ControllerDesign": ("ballbot.report.plots", "controller_design_figure"),
     "DrivelineFit": ("ballbot.report.plots", "driveline_figure"),
-    "Identification": ("ballbot.report.friction", "wheel_friction_figure"),
+    "Identification": ("ballbot.report.identification", "friction_figure"),
     "League": ("ballbot.report.comparison", "overview_figure"),
     "Log": ("ballbot.report.plots", "log_figure"),
     "LqrDesign": ("ballbot.report.plots", "design_figure"),

@@ -153,7 +153,8 @@ def test_design_compensates_what_is_certain_by_the_robots_file(tmp_path, capsys)
     assert stated_covariance(alten(FRICTION)) is None
     assert certain_friction(alten(FRICTION)) == FRICTION
     write_robot(robot, tmp_path / "found.toml")
-    assert main(["design", str(tmp_path / "found.toml"), "--out", str(tmp_path)]) == 0
+    words = ["design", str(tmp_path / "found.toml"), "--compensation", "full"]
+    assert main([*words, "--out", str(tmp_path)]) == 0
     assert "Only the friction that is certain is compensated" in capsys.readouterr().out
     compensated = read_controller(tmp_path / "controller.toml", robot).robot.friction
     assert compensated == cautious_friction(FRICTION, covariance)

@@ -74,7 +74,6 @@ CASES: tuple[Case, ...] = (
     _command("record_upside_down", "record nominal --experiment upside_down --duration 40"),
     _command("twin_export", "twin export alten --out twin_export/twin.xml", sampled=True),
     _command("twin_scenario", "twin scenario resonant --out twin_scenario/scenario.toml", sampled=True),
-    _command("twin_recommendations", "twin recommendations alten --seeds 1 --duration 8"),
     # logs
     _command("check_log", f"check-log {_WALK} --robot alten", needs=("record_square",), sampled=True),
     _input("foreign", inputs.foreign_log, needs=("record_square",)),
@@ -201,7 +200,7 @@ CASES: tuple[Case, ...] = (
     _command("run_wiring", f"run wiring --emulated --robot {_ROBOT} --seed 2"),
     _command("run_sweep", f"run sweep --emulated --robot {_ROBOT} --duration 2"),
     _command("run_upside_down", f"run upside-down --emulated --robot {_ROBOT} --duration 2"),
-    _command("limits", f"limits {_ROBOT} none files/controller_full.toml --refinements 0"),
+    _command("limits", f"limits {_ROBOT} none files/controller_full.toml"),
     _command(
         "compare",
         f"compare {_ROBOT} none full precise --scenarios files/courses.toml --seeds 4,5 --processes 1",
@@ -212,14 +211,7 @@ CASES: tuple[Case, ...] = (
         f"compare {_ROBOT} none partial@kalman --plant twin --scenarios files/courses.toml --seeds 1 --processes 2",
     ),
     # the whole
-    _command(
-        "excite", f"excite {_ROBOT} --no-try --duration 10 --generations 1 --population 4", sampled=True
-    ),
-    _command(
-        "excite_try",
-        "excite alten --found identify/results.json --duration 16 --law coulomb --generations 2 --population 4",
-        needs=("identify",),
-    ),
+    _command("excite", f"excite {_ROBOT} --duration 10 --generations 1 --population 4", sampled=True),
     _command(
         "study",
         f"study alten {_WALK} --no-confirm --draws 6 --bounds files/bounds.toml",

@@ -78,7 +78,7 @@ def foreign_log(folder: Path) -> None:
 
 def video(folder: Path) -> None:
     """Write ball.avi: 1 s of a turning ball with the thesis's seam, 200 x 160 pixels, without loss."""
-    from ballbot.vision.rendering import Camera, Scene, render, wandering, write_video
+    from tests.support.ball_video import Camera, Scene, render, wandering, write_video
 
     camera = Camera(size=(200, 160), centre=(104.0, 77.0), radius=66.0)
     scene = Scene(camera=camera)

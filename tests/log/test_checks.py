@@ -54,7 +54,7 @@ def test_a_gap_is_found_where_it_is(row, lost):
     log = Log({name: CLEAN[name][kept] for name in CLEAN})
     finding = only(log, "gap")
     assert finding.where.time == CLEAN.t[row - 1]
-    assert f"row {row} " in finding.text
+    assert f"after row {row} " in finding.text
 
 
 def test_a_rate_is_not_compared_over_a_pause():

@@ -26,7 +26,6 @@ from ballbot.estimation import Fix, OnboardState, Reading
 from ballbot.estimation.kalman import KalmanFilter
 from ballbot.identification.axis.model import AXIS_LAWS, Axis
 from ballbot.identification.axis.record import AxisRecord, PositionVelocityLoop
-from ballbot.identification.driveline_innovations import Track, innovations
 from ballbot.identification.swing import Swing
 from ballbot.identification.swing import _motion as swing_motion
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
@@ -118,7 +117,6 @@ def cases() -> Iterator[tuple[str, Case]]:
     yield from _plants()
     yield from _simulations()
     yield from _drivelines()
-    yield "innovations of a sweep", _sweep()
     yield from _clamped_ball()
     yield "Log", _log()
     yield from _identification()
@@ -305,31 +303,6 @@ def _drivelines() -> Iterator[tuple[str, Case]]:
                 optional=("of",),
             ),
         )
-
-
-def _sweep() -> Case:
-    rows = np.array(
-        [[0.01, 0.1, 0.05, 0.5, 1.25, 0.5, 0.25, 0.125], [0.02, 0.1, 0.0, 0.5, 1.0, 1.0, 0.25, 0.125]]
-    )
-
-    def run(a: Arrays) -> object:
-        track = Track(
-            torque=a["torque"],
-            angle=a["angle"],
-            speed=a["speed"],
-            pieces=((0, 10),),
-            sample_time=H,
-            inertia=0.003,
-            rotor_inertia=0.002,
-            brake=0.0,
-            event=np.full(10, -1),
-            origin=np.zeros(10),
-        )
-        return innovations(track, a["rows"], noise=0.01)
-
-    wave = np.sin(np.arange(10.0))
-    arrays = {"torque": wave, "angle": 0.125 * wave, "speed": 0.5 * wave, "rows": rows}
-    return Case(call=run, arrays=arrays, rows=("rows",))
 
 
 def _clamped_ball() -> Iterator[tuple[str, Case]]:

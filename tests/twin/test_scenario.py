@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ballbot.errors import InputError, OldFileFormat
+from ballbot.errors import InputError
 from ballbot.mechanics.friction_laws import Armstrong, Dahl, LuGre, Smoothed
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.imperfections import Push, Supply
@@ -193,14 +193,6 @@ def test_the_scenario_in_the_documents_is_one(tmp_path: Path) -> None:
     assert len(found.pushes) == 1
     for name in Scenario.names():
         assert f"`{name}`" in page
-
-
-def test_keys_of_earlier_versions_are_read_with_a_hint(tmp_path: Path) -> None:
-    with pytest.warns(
-        OldFileFormat, match=r"mine.toml was written by an earlier version: load_dependence.share is now"
-    ):
-        found = read("[load_dependence]\nshare = 0.3\n", tmp_path)
-    assert found.load_dependence == LoadDependence(fraction=0.3)
 
 
 def test_an_old_file_is_read_without_a_hint_if_its_keys_have_not_changed() -> None:

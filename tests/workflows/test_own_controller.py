@@ -89,12 +89,14 @@ def test_the_modules_that_it_imports_belong_to_it(tmp_path):
     (tmp_path / "first.py").write_text("import second")
     (tmp_path / "second.py").write_text("from package import third")
     (tmp_path / "package").mkdir()
-    (tmp_path / "package" / "third.py").write_text("")
+    for name in ("__init__.py", "third.py"):
+        (tmp_path / "package" / name).write_text("")
     for name in ("later.py", "unused.py"):
         (tmp_path / name).write_text("")
     one = controller(tmp_path, "import first, numpy", updated="import later")
     names = {Path(path).relative_to(tmp_path).as_posix() for path in one.checksums}
-    assert names == {"mine.py", "first.py", "second.py", "package/third.py", "later.py"}
+    package = {"package/__init__.py", "package/third.py"}
+    assert names == {"mine.py", "first.py", "second.py", "later.py", *package}
 
 
 @pytest.mark.parametrize("name", ["mine.py", "helper.py"])

@@ -79,7 +79,7 @@ COMMANDS = (
     Command(
         "twin",
         "Experiments",
-        "Write the twin's MuJoCo model or a scenario; try the thesis's recommendations.",
+        "Write the twin's MuJoCo model or a scenario.",
     ),
     Command("reproduce", "Thesis", "Reproduce the thesis's figures and tables."),
     Command("completion", "Help", "Print a script that completes commands and options in a shell."),

@@ -18,7 +18,7 @@ from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.control.references import is_reference_file
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run
-from ballbot.report.comparison import league_parts, league_report
+from ballbot.report.comparison import league_report
 from ballbot.robot import Robot
 from ballbot.summary import counted
 from ballbot.workflows.candidates import Candidate, parse_candidates
@@ -62,7 +62,8 @@ def compare(
         model: the compiled loop, with the sensors, drive and floor of each course. twin: a MuJoCo robot, also with
         rollers and slip.
     scenarios
-        Separated by commas: sets (motions, disturbances, league: both, mismatch: robots 20 % off), courses (hold,
+        Separated by commas: sets (motions, disturbances, league: both, mismatch: robots 20 % off,
+        recommendations: the thesis's), courses (hold,
         square, circle, figure_eight, change_pose, push, ramp, payload, floor, heading) and course files.
     seeds
         Random seeds, such as 1-20 or 1,4,7-9. Each controller runs once per course and seed.
@@ -101,8 +102,9 @@ def compare(
             run=Run(progress=bar.report),
         )
         bar.begin_writing()
-        result.write(league_results(league), league_report(league, described, result.origin))
-    result.show(league_parts(league))
+        page = league_report(league, result.origin)
+        result.write(league_results(league), page)
+    result.show(page.parts())
     result.show_file(PAGE)
 
 

@@ -19,14 +19,10 @@ from ballbot.errors import InputError
 from ballbot.findings import Finding
 from ballbot.fitting.run import Run
 from ballbot.report.design import (
-    controller_design_parts,
     controller_design_report,
-    robust_design_parts,
     robust_design_report,
-    robust_figure,
     search_comment,
 )
-from ballbot.report.style import drawn
 from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.twin.scenario_file import load_scenario
@@ -42,7 +38,7 @@ from ballbot.workflows.robot_check import linearization_results
 from ballbot.workflows.robust_design import Effort, robust_design
 
 #: of a design with and without a search
-DESIGN_FILES = (PAGE, "controller.toml", "results.json", "robust.svg")
+DESIGN_FILES = (PAGE, "controller.toml", "results.json")
 
 
 @Parameter(name="*")
@@ -154,7 +150,7 @@ def design(
         bar.begin_writing()
         page = controller_design_report(found, result.origin, findings)
         result.write(found.results(), page, texts={"controller.toml": controller_text(found.controller)})
-    result.show(controller_design_parts(found))
+    result.show(page.parts())
     warn_of_idle_compensation({"controller.toml": found.controller})
     result.show_file("controller.toml", PAGE)
 
@@ -168,7 +164,7 @@ def _search(
     findings: Sequence[Finding],
     out: OutFolder,
 ) -> None:
-    """Search for the weights, and write the page, controller.toml, results.json and robust.svg."""
+    """Search for the weights, and write the page, controller.toml and results.json."""
     spread = PerturbationRanges.parse(search.perturb, robot)
     scenario = load_scenario(search.scenario, robot)
     inputs = [*inputs, search.scenario]
@@ -201,13 +197,10 @@ def _search(
             "linearization": linearization_results(frictionless_model(robot)),
             **to_results(found),
         }
-        texts = {
-            "controller.toml": search_comment(found, result.origin.command)
-            + controller_text(found.controller),
-            "robust.svg": drawn(lambda: robust_figure(found), name="robust"),
-        }
-        result.write(results, robust_design_report(found, result.origin, findings), texts=texts)
-    result.show(robust_design_parts(found))
+        page = robust_design_report(found, result.origin, findings)
+        text = search_comment(found, result.origin.command) + controller_text(found.controller)
+        result.write(results, page, texts={"controller.toml": text})
+    result.show(page.parts())
     result.show_file("controller.toml", PAGE)
 
 

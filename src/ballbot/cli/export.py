@@ -12,7 +12,7 @@ from ballbot.firmware.export import check_belongs, export_controller, exported_n
 from ballbot.firmware.processor_load import check_clock, measure_load, what_to_install
 from ballbot.firmware.records import FIRMWARE
 from ballbot.progress import Progress
-from ballbot.report.export import export_parts, export_report, load_section
+from ballbot.report.export import export_report, load_section
 from ballbot.robot import Robot
 
 _README = "README.md"
@@ -83,8 +83,6 @@ def export(
         )
         texts = dict(exported.files) | {_README: f"{exported.files[_README]}\n{section}"}
         result.write(results, page, texts=texts)
-    result.show(export_parts(exported, read, load))
-    if to_install:
-        result.console.print(to_install)
+    result.show(page.parts())
     warn_of_idle_compensation({controller.name: read})
     result.show_file(_README, PAGE)

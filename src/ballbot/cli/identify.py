@@ -23,7 +23,6 @@ from ballbot.cli.context import (
 )
 from ballbot.cli.findings import Accept, check_input
 from ballbot.errors import InputError
-from ballbot.files import write_text
 from ballbot.fitting.model_selection import ModelSelection
 from ballbot.fitting.run import Run
 from ballbot.identification import (
@@ -43,13 +42,13 @@ from ballbot.log import Log
 from ballbot.log.checks import CheckedLogs
 from ballbot.log.collection import named_files
 from ballbot.log.pose import causal_states
-from ballbot.report.friction import identification_parts
-from ballbot.report.identification_page import identification_report, ladder_picture
+from ballbot.report.blocks import Report
+from ballbot.report.identification import identification_report
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
 from ballbot.summary import counted
 
-_WRITTEN = (PAGE, "robot.toml", "results.json", "ladder.svg")
+_WRITTEN = (PAGE, "robot.toml", "results.json")
 
 
 @Parameter(name="*")
@@ -168,9 +167,9 @@ def identify(
             for name, one in others.items()
         ]
         with result.replaced() as new:
-            written = _write(found, checked, selection, holdouts, result, new)
-    result.show(identification_parts(found, selection, holdouts))
-    result.show_file(*written)
+            page = _write(found, checked, selection, holdouts, result, new)
+    result.show(page.parts())
+    result.show_file(PAGE, *["robot.toml"] * found.verdict.usable)
     if not found.verdict.usable:
         raise InputError(f"{found.verdict.sentence} No robot.toml was written.")
 
@@ -240,8 +239,8 @@ def _write(
     holdouts: Sequence[HoldoutResult],
     result: CommandResult,
     folder: Path,
-) -> list[str]:
-    """Write the results and return the names of what people read."""
+) -> Report:
+    """Write the results and return their page."""
     results = found.to_dict()
     if selection:
         results["ladder"] = law_results(selection)
@@ -250,17 +249,13 @@ def _write(
     if found.verdict.usable:
         write_robot(found.robot, folder / "robot.toml")
     result.write_json(results, folder)
-    ladder = None if selection is None else ladder_picture(selection)
     page = identification_report(
         found,
         checked.logs,
         findings=checked.findings,
         selection=selection,
-        ladder=ladder,
         holdouts=holdouts,
         made=result.origin,
     )
     result.write_page(page, folder)
-    if ladder:
-        write_text(folder / "ladder.svg", ladder.markup)
-    return [PAGE, *["robot.toml"] * found.verdict.usable, *["ladder.svg"] * bool(ladder)]
+    return page

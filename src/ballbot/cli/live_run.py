@@ -18,8 +18,7 @@ from ballbot.link.messages import ControllerPlace
 from ballbot.link.recorder import SUFFIX, check_no_recording
 from ballbot.link.runs import LiveRun, recorded_run, require_log
 from ballbot.log import Log
-from ballbot.report.live import bench_line, counts_line, sample_line
-from ballbot.report.live_page import live_run_report
+from ballbot.report.live import bench_line, counts_line, live_run_report, sample_line
 from ballbot.results import to_results
 
 #: what a recorded run leaves in its folder
@@ -72,8 +71,7 @@ def record_run(
     recording = out / f"log{SUFFIX}"
     check_no_recording(recording)
     with open_result(out, command="run", writes=WRITTEN, inputs=inputs, seed=link.seed) as result:
-        about = about_run(connection, link, result)
-        made = make_run(connection, plan, recording=recording, about=about)
+        made = make_run(connection, plan, recording=recording)
         log = kept(require_log(made))
         results = {
             "rows": len(log),
@@ -81,7 +79,7 @@ def record_run(
             "ended": made.ending.kind,
             "reason": made.ending.text,
             **summary(log),
-            "provenance": about | {"longest_unsaved": made.longest_unsaved},
+            "provenance": about_run(connection, link, result),
         }
         with result.replaced() as new:
             log.write(new / "log.csv")
@@ -102,13 +100,7 @@ def record_run(
         result.show_file("log.csv", PAGE)
 
 
-def make_run(
-    connection: Connection,
-    plan: Plan,
-    *,
-    recording: Path | None = None,
-    about: Mapping[str, object] | None = None,
-) -> LiveRun:
+def make_run(connection: Connection, plan: Plan, *, recording: Path | None = None) -> LiveRun:
     """Make a run, watched by the monitor; see `recorded_run`."""
     monitor, line = Monitor(standard_output()), bench_line if plan.held else sample_line
 
@@ -127,7 +119,6 @@ def make_run(
             ramp=plan.ramp,
             watch=watch,
             recording=recording,
-            about=about,
         )
 
 

@@ -1,4 +1,4 @@
-"""A live page of robots, simulated or real: the server that shows it, and the commands' options for it."""
+"""A live page of simulated robots: the server that shows it, and the commands' options for it."""
 
 from __future__ import annotations
 
@@ -7,19 +7,14 @@ import webbrowser
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from ballbot.cli.context import WholeNumber
-from ballbot.cli.output import notice_output
+from ballbot.cli.output import notice_output, progress_bar, standard_output
 from ballbot.errors import InputError
 from ballbot.robot import Robot
-
-if TYPE_CHECKING:
-    from ballbot.viewer.page import LivePage
-    from ballbot.viewer.server import Source
 
 
 @Parameter(name="*")
@@ -42,9 +37,6 @@ class LiveOptions:
 
     port: WholeNumber = 0
     """The port to listen on; a free one by default."""
-
-    key: Path | None = None
-    """A file with a real robot's key, for UDP to a robot that is not on this computer."""
 
     browser: Annotated[bool, Parameter(negative="--no-browser")] = True
     """Whether to open the page."""
@@ -74,51 +66,18 @@ def simulate_live(
     ready : callable, optional
         Called with the page's address when it can be opened; the browser opens it by default, if it is to.
     """
-    from ballbot.viewer.live import live_entries, live_view_page
-    from ballbot.viewer.live_process import LiveProcess
+    from ballbot.viewer.live import World, live_entries, live_view_page
+    from ballbot.viewer.server import Access, serve_live
     from ballbot.workflows.candidates import parse_candidates
 
-    _check_port(options)
+    if not 0 <= options.port < 65536:
+        raise InputError(f"The port is {options.port}; it must be from 0 (any free one) to 65535.")
     candidates = parse_candidates(options.controller)
     entries = live_entries(robots, candidates, plant=options.plant, scenario=options.scenario)
     page = live_view_page(entries)
-    with LiveProcess(entries) as source:
-        _serve(page, source, options, ready)
-
-
-def watch_robot(port: str, robot: Robot, options: LiveOptions) -> None:
-    """Serve a page of a real robot until Ctrl-C; nothing is sent to the robot but what keeps the link open.
-
-    Parameters
-    ----------
-    port : str
-        As for `ballbot run`.
-    robot : Robot
-        Gives the geometry and the friction.
-    options : LiveOptions
-
-    Raises
-    ------
-    InputError
-        If the link fails, or the robot at the port has another number of wheels.
-    """
-    from ballbot.cli.robot_link import LinkOptions, connected
-    from ballbot.viewer.monitor import RobotMonitor, monitor_page
-
-    _check_port(options)
-    with connected(port, LinkOptions(key=options.key)) as connection:
-        page = monitor_page(robot, port)
-        with RobotMonitor(connection.robot, robot) as source:
-            _serve(page, source, options, None)
-
-
-def _check_port(options: LiveOptions) -> None:
-    if not 0 <= options.port < 65536:
-        raise InputError(f"The port is {options.port}; it must be from 0 (any free one) to 65535.")
-
-
-def _serve(page: LivePage, source: Source, options: LiveOptions, ready: Callable[[str], None] | None) -> None:
-    from ballbot.viewer.server import Access, serve_live
+    with progress_bar(standard_output(), "starting the simulation"):
+        world = World(entries)
+        world.prepare()
 
     def announce(address: str) -> None:
         words = f"The live view is at {address}\nCtrl-C ends it."
@@ -130,6 +89,6 @@ def _serve(page: LivePage, source: Source, options: LiveOptions, ready: Callable
 
     access = Access(host=options.host)
     try:
-        asyncio.run(serve_live(page, source, access=access, port=options.port, ready=announce))
+        asyncio.run(serve_live(page, world, access=access, port=options.port, ready=announce))
     except KeyboardInterrupt:
         raise KeyboardInterrupt("the live view has ended.") from None

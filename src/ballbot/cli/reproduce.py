@@ -29,7 +29,7 @@ def reproduce(*, out: Path, only: str | None = None, seed: WholeNumber = 0) -> N
         Random seed. The same seed gives the same result.
     """
     check_seed(seed)
-    # imported late: the twin and the vision are extras
+    # imported late: the twin is an extra
     from ballbot.thesis.reproduce.campaign import items_named
     from ballbot.thesis.reproduce.campaign import reproduce as remake
     from ballbot.thesis.reproduce.page import REPRODUCTION_FILES, write_reproduction

@@ -24,7 +24,6 @@ from ballbot.control.presets import nominal_controller
 from ballbot.errors import InputError
 from ballbot.firmware.export import check_belongs
 from ballbot.fitting.run import check_seed
-from ballbot.link.datagram import read_key
 from ballbot.link.emulated import emulated_robot
 from ballbot.link.live import LiveRobot
 from ballbot.link.messages import State
@@ -62,9 +61,6 @@ class LinkOptions:
 
     robot: str | None = None
     """A preset's name or a robot file. Needed if a controller is sent; of an emulated robot alten by default."""
-
-    key: Path | None = None
-    """A file with the robot's key, for UDP to a robot that is not on this computer."""
 
     scenario: str = "nominal"
     """The true friction, sensors and play of an emulated robot: a scenario of the twin (name or file)."""
@@ -119,7 +115,12 @@ class Connection:
 
 @contextmanager
 def connected(
-    port: str | None, link: LinkOptions, *, hold: Hold = "on_ball", real_time: bool = False
+    port: str | None,
+    link: LinkOptions,
+    *,
+    hold: Hold = "on_ball",
+    real_time: bool = False,
+    imu_checked: bool = True,
 ) -> Iterator[Connection]:
     """Hold the link to a robot while the block runs.
 
@@ -132,6 +133,8 @@ def connected(
         How an emulated robot is held; in the air and upside down it stays so when it arms.
     real_time : bool
         Whether an emulated robot runs no faster than a real one, for a person who drives or watches it.
+    imu_checked : bool
+        Whether the IMU's axes of an emulated robot count as checked.
 
     Raises
     ------
@@ -155,6 +158,7 @@ def connected(
             hold=hold,
             seed=link.seed,
             real_time=real_time,
+            imu_checked=imu_checked,
         )
         hand = emulated.hand
         with _session(emulated, emulated.clock) as robot:
@@ -165,7 +169,7 @@ def connected(
                 )
             yield Connection(robot=robot, operator=EmulatedOperator(hand), address="emulated", camera=camera)
         return
-    transport = open_transport(port, key=read_key(link.key) if link.key else None)
+    transport = open_transport(port)
     with _session(transport, time.monotonic) as robot:
         yield Connection(robot=robot, operator=TerminalOperator(), address=port)
 

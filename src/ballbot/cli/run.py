@@ -10,7 +10,7 @@ from cyclopts import App
 from numpy.typing import NDArray
 
 from ballbot.cli.context import PAGE, Seconds, WholeNumber, input_files, open_result
-from ballbot.cli.live_run import WRITTEN, Plan, about_run, about_words, finish, make_run, record_run
+from ballbot.cli.live_run import Plan, about_run, about_words, finish, make_run, record_run
 from ballbot.cli.output import emit, print_parts, standard_output, suggest_page
 from ballbot.cli.robot_link import Connection, ControllerOnRobot, LinkOptions, Monitor, connected
 from ballbot.control.controller import Controller
@@ -23,24 +23,34 @@ from ballbot.firmware.export import export_controller
 from ballbot.link.bench import bench_log, bench_parameters, check_balancing_parameters, stir, sweep_of
 from ballbot.link.live import Commander, ControlFromHost, FollowReference, TorqueProgram
 from ballbot.link.messages import ControllerPlace
-from ballbot.link.recorder import SUFFIX, check_no_recording, read_recording
-from ballbot.link.references import LiveReference, is_driven, live_reference
+from ballbot.link.recorder import SUFFIX, check_no_recording
+from ballbot.link.references import KEYBOARD, LiveReference, live_reference
 from ballbot.link.runs import require_log
 from ballbot.link.wiring import check_turns, measure_turns
 from ballbot.log import Log
-from ballbot.report.live import alternation_parts, alternation_results, wiring_parts, wiring_results
-from ballbot.report.live_page import alternation_report, live_run_report, wiring_report
+from ballbot.report.console import finding_line
+from ballbot.report.live import (
+    alternation_report,
+    alternation_results,
+    wiring_report,
+    wiring_results,
+    wiring_sheet,
+)
 from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.simulation.held_robot import SWEEP_PERIOD
 from ballbot.workflows.alternation import MIN_RUNS, Alternation, alternate
-from ballbot.workflows.controller_prediction import Prediction, read_prediction
-from ballbot.workflows.controller_verdict import check_controller, evaluate_log
+from ballbot.workflows.controller_prediction import (
+    Prediction,
+    check_controller,
+    evaluate_log,
+    read_prediction,
+)
 from ballbot.workflows.metrics import SETTLE, Performance, settled
 
-ABOUT = """Run a live robot over a serial port or UDP: check it, record it, balance it, compare controllers on it.
+ABOUT = """Run a live robot over a serial port: check it, record it, balance it, compare controllers on it.
 
-Every command takes the robot's port, such as /dev/ttyACM0 or udp://127.0.0.1:5005, or --emulated in its place.
+Every command takes the robot's port, such as /dev/ttyACM0, or --emulated in its place.
 docs/tutorials/hardware.md and docs/bring_up.md have the commands in the order in which a new robot needs them.
 
 Example: ballbot run /dev/ttyACM0 --reference square --duration 32 --out run1
@@ -68,8 +78,8 @@ def balance(
 ) -> None:
     """Balance a robot: self-test, arming after a confirmation at this terminal, a reference, a log, disarming.
 
-    Ctrl-C disarms. While the robot runs, every row of the log is on the disk within 100 ms; `ballbot run recover` makes
-    a log of a run that was cut off.
+    Ctrl-C disarms. While the robot runs, every row of the log is on the disk within 100 ms: of a run that was cut off,
+    log.recording.csv stays.
 
     Example: ballbot run /dev/ttyACM0 --reference square --duration 32 --out run1
 
@@ -78,11 +88,10 @@ def balance(
     Parameters
     ----------
     port
-        A serial port such as /dev/ttyACM0?baud=921600, or udp://HOST:PORT.
+        A serial port such as /dev/ttyACM0?baud=921600.
     reference
         hold, square, change_pose, circle, figure_eight, a file with t, ref_x, ref_y and ref_psi; keyboard (arrow keys,
-        comma and full stop turn, e ends); gamepad, or a joystick device such as /dev/input/js1. It begins where the
-        robot stands.
+        comma and full stop turn, e ends). It begins where the robot stands.
     duration
         Longest time from arming on [s].
     ramp
@@ -94,7 +103,7 @@ def balance(
     controller = chosen.read(link)
     driven = live_reference(reference)
     try:
-        with connected(port, link, real_time=is_driven(reference)) as connection:
+        with connected(port, link, real_time=reference == KEYBOARD) as connection:
             _balance(connection, link, chosen, controller, driven, duration=duration, ramp=ramp, out=out)
     finally:
         driven.close()
@@ -187,18 +196,12 @@ def wiring(port: str | None = None, /, *, link: LinkOptions = _LINK, out: Path |
         The folder for report.html and results.json; nothing is written if it is not given.
     """
     console = standard_output()
-    with connected(port, link) as connection:
+    with connected(port, link, imu_checked=False) as connection:
         robot = connection.robot
         with Monitor(console) as shown:
-            lean, turns = measure_turns(
-                robot.session,
-                connection.operator,
-                wheel_count=robot.wheel_count,
-                encoder_step=robot.encoder_step,
-                watch=shown.states_of(robot),
-            )
-        check = check_turns(lean, turns, robot.ball_from_wheels)
-        print_parts(wiring_parts(check), console)
+            turns = measure_turns(robot, connection.operator, watch=shown.states_of(robot))
+        check = check_turns(turns, robot.ball_from_wheels)
+        print_parts([wiring_sheet(check), *map(finding_line, check.findings)], console)
         emit(wiring_results(check) | {"findings": finding_results(check.findings)})
         if check.passed:
             robot.test(connection.operator)
@@ -413,8 +416,8 @@ def compare(
                 result.console.print(f"Run {k + 1} of {len(names)}: {files[k % 2]}", soft_wrap=True)
                 parameters = export_controller(controllers[k % 2], lean=lean).parameters
                 connection.robot.use_parameters(parameters)
-                logs.append(_course_run(connection, predicted, out / f"{name}{SUFFIX}", about))
-        found = _compared(predicted, logs, described, controllers)
+                logs.append(_course_run(connection, predicted, out / f"{name}{SUFFIX}"))
+        found = _compared(predicted, logs, controllers)
         with result.replaced() as new:
             for name, log in zip(names, logs, strict=True):
                 log.write(new / f"{name}.csv")
@@ -431,13 +434,11 @@ def compare(
             result.write_page(page, new)
         for name in names:
             (out / f"{name}{SUFFIX}").unlink(missing_ok=True)
-    result.show(alternation_parts(found))
+    result.show(page.parts())
     result.show_file(PAGE)
 
 
-def _course_run(
-    connection: Connection, predicted: Prediction, recording: Path, about: dict[str, object]
-) -> Log:
+def _course_run(connection: Connection, predicted: Prediction, recording: Path) -> Log:
     """Return the log of one run of the predicted course."""
     course = live_reference(predicted.course.name)
     plan = Plan(
@@ -445,56 +446,13 @@ def _course_run(
         controller=ControllerPlace.ROBOT,
         duration=predicted.course.duration,
     )
-    made = make_run(connection, plan, recording=recording, about=about)
+    made = make_run(connection, plan, recording=recording)
     finish(connection, made)
     return require_log(made)
 
 
-def _compared(
-    predicted: Prediction, logs: list[Log], robot: Robot, controllers: list[Controller]
-) -> Alternation:
+def _compared(predicted: Prediction, logs: list[Log], controllers: list[Controller]) -> Alternation:
     """Return the comparison of runs in turn; those of the second controller are compared with the prediction."""
     limits = [controllers[k % 2].torque_limit for k in range(len(logs))]
     performances = [Performance.of(log, torque_limit=limit) for log, limit in zip(logs, limits, strict=True)]
-    return alternate(
-        performances, [evaluate_log(predicted, log, robot, controllers[1]) for log in logs[1::2]]
-    )
-
-
-@run.command
-def recover(recording: Path, /, *, out: Path) -> None:
-    """Make a log of a run that was cut off: by a pulled plug, a killed process or a full disk.
-
-    Example: ballbot run recover run1/log.recording --out recovered
-
-    Parameters
-    ----------
-    recording
-        The file that was left where the log was to be.
-    out
-        The folder for report.html, log.csv and results.json.
-    """
-    read = read_recording(recording)
-    with open_result(out, command="run", writes=WRITTEN, inputs=[recording]) as result:
-        results = {
-            "rows": len(read.log),
-            "sample_time": read.log.sample_time,
-            "ended": "cut off",
-            "damaged_bytes": read.damaged_bytes,
-            "provenance": read.about,
-        }
-        with result.replaced() as new:
-            read.log.write(new / "log.csv")
-            write_text(new / "results.json", results_text(results))
-            page = live_run_report(
-                read.log,
-                None,
-                balancing=True,
-                ending="Cut off.",
-                about=f"From {recording}.",
-                made=result.origin,
-            )
-            result.write_page(page, new)
-    length = float(read.log.t[-1] - read.log.t[0])
-    result.console.print(f"Rows: {len(read.log)} in {length:.1f} s. Bytes lost: {read.damaged_bytes}.")
-    result.show_file("log.csv", PAGE)
+    return alternate(performances, [evaluate_log(predicted, log, controllers[1]) for log in logs[1::2]])

@@ -24,7 +24,6 @@ from ballbot.simulation.run import simulate as run
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin.imperfections import imperfections_of, left_out, with_identified
 from ballbot.twin.scenario_file import load_scenario
-from ballbot.viewer.foxglove import write_with_scene
 from ballbot.workflows.metrics import run_results
 
 _WRITTEN = (*(f"log{suffix}" for suffix in WRITTEN_SUFFIXES), "results.json", ROBOT_BESIDE, PAGE)
@@ -102,7 +101,7 @@ def simulate(
                 progress=lambda now: bar.show(now.share),
             )
         with result.replaced() as new:
-            missing = write_with_scene(new / f"log.{format}", log, described)
+            log.write(new / f"log.{format}")
             result.write_json(run_results(log), new)
             write_robot(described, new / ROBOT_BESIDE)
             page = simulation_report(
@@ -117,8 +116,6 @@ def simulate(
             result.write_page(page, new)
     print_verdict(run_verdict(log), console)
     result.show_file(f"log.{format}", PAGE)
-    if missing:
-        notice_output().print(missing, markup=False, soft_wrap=True)
 
 
 def _plant(model: Model, scenario: str | None, estimator: EstimatorName) -> Plant | Model:

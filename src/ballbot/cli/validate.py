@@ -24,27 +24,29 @@ from ballbot.cli.output import emit, print_parts, standard_output
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
-from ballbot.findings import Finding, by_severity, finding_results
+from ballbot.findings import by_severity, finding_results
 from ballbot.fitting.run import Run, check_seed
 from ballbot.log.formats import is_log_file
 from ballbot.mechanics.parameters import Formulation
-from ballbot.report.blocks import Block
 from ballbot.report.prediction import (
-    StudyFolder,
     next_steps,
     prediction_report,
     prediction_results,
     verdict_parts,
 )
 from ballbot.report.run import over_time
-from ballbot.report.validation import validation_parts, validation_results
-from ballbot.report.validation_page import validation_report
+from ballbot.report.validation import validation_report, validation_results
 from ballbot.report.words import logs_words
 from ballbot.robot import Robot
 from ballbot.validation import ModelPair, join_validations, validate_logs
 from ballbot.validation.validation import fitted_findings
-from ballbot.workflows.controller_prediction import Prediction, read_prediction
-from ballbot.workflows.controller_verdict import EXPLAINED_CODES, Verdict, check_controller, evaluate_log
+from ballbot.workflows.controller_prediction import (
+    EXPLAINED_CODES,
+    Prediction,
+    check_controller,
+    evaluate_log,
+    read_prediction,
+)
 
 _WRITTEN = (PAGE, "results.json")
 
@@ -82,10 +84,8 @@ def validate_prediction(
     prediction = read_prediction(results)
     source, log_path = _robot_and_log(results, inputs)
     robot = Robot.load(source)
-    files = StudyFolder(
-        results=results, robot=Path(source), controller=controller or results.with_name("controller.toml")
-    )
-    driver = _predicted_controller(files.controller, prediction, robot)
+    controller = controller or results.with_name("controller.toml")
+    driver = _predicted_controller(controller, prediction, robot)
     log = read_balancing_log(log_path, mapping, robot)
     # what the robot does wrong, the verdict is about
     accepted = [*(accept or ()), *sorted(EXPLAINED_CODES)]
@@ -93,17 +93,31 @@ def validate_prediction(
         robot, {log_path: log}, accept=accepted, source=source, mappings={log_path: mapping}, show=False
     )
     try:
-        verdict = evaluate_log(prediction, log, robot, driver)
+        verdict = evaluate_log(prediction, log, driver, log_findings=found)
     except InputError as error:
         raise InputError(f"{log_path}: {error}") from None
-    steps = next_steps(verdict, prediction, files)
-    console = standard_output()
-    print_parts(verdict_parts(verdict, steps), console)
+    steps = next_steps(verdict, prediction, results=results, robot=Path(source), controller=controller)
+    stated = prediction_results(verdict, prediction, steps)
+    print_parts(verdict_parts(verdict, steps), standard_output())
     show_findings(found)
-    emit({"prediction": prediction_results(verdict, prediction, steps), "findings": finding_results(found)})
-    if out is not None:
-        used = [results, files.controller, log_path, *([mapping] if mapping else [])]
-        _write_verdict(out, verdict, prediction, steps, found, series=over_time(log, robot), files=used)
+    emit({"prediction": stated, "findings": finding_results(found)})
+    if out is None:
+        return
+    used = [results, *input_files([log_path], controller, mapping)]
+    with open_result(out, command="validate", writes=_WRITTEN, inputs=used) as result:
+        page = prediction_report(
+            verdict,
+            prediction,
+            title=f"{log_path}: the controller against its prediction",
+            steps=steps,
+            series=over_time(log, robot),
+            findings=found,
+            made=result.origin,
+        )
+        with result.replaced() as new:
+            result.write_json({"prediction": stated}, new, findings=found)
+            result.write_page(page, new)
+    result.show_file(PAGE)
 
 
 def _robot_and_log(results: Path, inputs: Sequence[str]) -> tuple[str, Path]:
@@ -131,28 +145,6 @@ def _predicted_controller(path: Path, prediction: Prediction, robot: Robot) -> C
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     return controller
-
-
-def _write_verdict(
-    out: Path,
-    verdict: Verdict,
-    prediction: Prediction,
-    steps: Sequence[str],
-    found: Sequence[Finding],
-    *,
-    series: Sequence[Block],
-    files: Sequence[Path],
-) -> None:
-    title = f"{files[2]}: the controller against its prediction"
-    with open_result(out, command="validate", writes=_WRITTEN, inputs=files) as result:
-        page = prediction_report(
-            verdict, prediction, title=title, steps=steps, series=series, findings=found, made=result.origin
-        )
-        with result.replaced() as new:
-            verdict_results = prediction_results(verdict, prediction, steps)
-            result.write_json({"prediction": verdict_results}, new, findings=found)
-            result.write_page(page, new)
-    result.show_file(PAGE)
 
 
 @Parameter(name="*")
@@ -256,13 +248,12 @@ def validate(
             validation,
             title=title,
             lead=f"Validated on {logs_words(named)}.",
-            example_of=next(iter(named)) if len(named) == 1 else "the first log that allows it",
             made=result.origin,
         )
         with result.replaced() as new:
             result.write_json({"validation": results}, new, findings=found)
             result.write_page(page, new)
-    result.show(validation_parts(validation))
+    result.show(page.parts())
     result.show_file(PAGE)
 
 

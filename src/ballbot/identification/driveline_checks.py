@@ -16,7 +16,7 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.findings import Finding, Place, by_severity
+from ballbot.findings import Finding, Place, Severity, by_severity
 from ballbot.identification.driveline import Sweep
 from ballbot.robot import Robot
 from ballbot.robot.derived import wheel_speed_limit
@@ -50,7 +50,7 @@ def sweep_findings(robot: Robot, sweeps: Sequence[Sweep]) -> tuple[Finding, ...]
     """Return the faults of the sweeps of all wheels of a robot, errors first."""
     fits = [_fit(sweep.torque, sweep) for sweep in sweeps]
     dead = [one for sweep in sweeps for one in _dead(sweep, sweeps)]
-    frozen = [one for sweep in sweeps for one in (*_frozen(sweep), *_frozen_torque(sweep))]
+    frozen = [one for sweep in sweeps for one in _frozen(sweep)]
     findings = [*_sampling(sweeps[0]), *_limit(sweeps), *frozen, *dead]
     if not dead:
         findings += _order(sweeps, fits) or [
@@ -104,15 +104,17 @@ def _columns(sweep: Sweep) -> tuple[str, str]:
     return f"u{sweep.wheel}", f"wheel{sweep.wheel}_dot"
 
 
+def _finding(code: str, text: str, *columns: str, severity: Severity = "error") -> Finding:
+    return Finding(code=code, severity=severity, text=text, where=Place(columns=columns))
+
+
 def _sampling(sweep: Sweep) -> Iterator[Finding]:
-    if sweep.sample_time > _SLOWEST_SAMPLING:
-        text = (
-            f"Rows come every {sweep.sample_time:.3g} s, too slowly for a driveline; "
-            f"t appears to be in milliseconds ({0.001 * sweep.sample_time:.3g} s)."
-            if sweep.sample_time >= 1.0
-            else f"Rows come every {sweep.sample_time:.3g} s, too slowly for a driveline; log at 100 Hz or more."
+    h = sweep.sample_time
+    if h > _SLOWEST_SAMPLING:
+        cause = (
+            f"t appears to be in milliseconds ({0.001 * h:.3g} s)" if h >= 1.0 else "log at 100 Hz or more"
         )
-        yield Finding(code="scale", severity="error", text=text, where=Place(columns=("t",)))
+        yield _finding("scale", f"Rows come every {h:.3g} s, too slowly for a driveline; {cause}.", "t")
 
 
 def _limit(sweeps: Sequence[Sweep]) -> Iterator[Finding]:
@@ -123,7 +125,7 @@ def _limit(sweeps: Sequence[Sweep]) -> Iterator[Finding]:
             f"The speed limit is {sweeps[0].limit:.4g} rad/s and the wheels reach {fastest:.4g} rad/s. "
             f"If the limit was given in rpm, it is {sweeps[0].limit * math.pi / 30.0:.4g} rad/s."
         )
-        yield Finding(code="speed-limit", severity="warning", text=text)
+        yield _finding("speed-limit", text, severity="warning")
 
 
 def _frozen(sweep: Sweep) -> Iterator[Finding]:
@@ -140,24 +142,7 @@ def _frozen(sweep: Sweep) -> Iterator[Finding]:
             f"{w} stays at {sweep.speed[edges[longest]]:.4g} rad/s for {lasts:.2g} s from t = {start:.4g} s "
             f"on, while {u} changes by {moved:.3g} N m: the encoder or the log froze. Remove that interval."
         )
-        yield Finding(code="stuck", severity="error", text=text, where=Place(columns=(w,), time=start))
-
-
-def _frozen_torque(sweep: Sweep) -> Iterator[Finding]:
-    """Yield a torque that repeats itself in the midst of a sweep that changes from row to row otherwise."""
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(sweep.torque)) + 1, [len(sweep.torque)]])
-    lengths = np.where(sweep.torque[edges[:-1]] != 0.0, np.diff(edges), 0)
-    longest = int(np.argmax(lengths))
-    usual = float(np.quantile(lengths, 0.9))
-    if lengths[longest] * sweep.sample_time > 2.0 * _FROZEN and lengths[longest] > 20.0 * max(usual, 1.0):
-        start, (u, _) = float(sweep.t[edges[longest]]), _columns(sweep)
-        lasts = lengths[longest] * sweep.sample_time
-        text = (
-            f"{u} stays at {sweep.torque[edges[longest]]:.4g} N m for {lasts:.2g} s from "
-            f"t = {start:.4g} s on, although it changes from row to row otherwise: the "
-            "log froze, or the motor driver limits the torque. Remove that interval."
-        )
-        yield Finding(code="stuck", severity="warning", text=text, where=Place(columns=(u,), time=start))
+        yield _finding("stuck", text, w)
 
 
 def _dead(sweep: Sweep, sweeps: Sequence[Sweep]) -> Iterator[Finding]:
@@ -171,20 +156,19 @@ def _dead(sweep: Sweep, sweeps: Sequence[Sweep]) -> Iterator[Finding]:
             f"most) while {u} reaches {np.abs(sweep.torque).max():.3g} N m and the other "
             "wheels turn: its motor or its encoder is dead, or the wheel is jammed."
         )
-        yield Finding(code="dead-motor", severity="error", text=text, where=Place(columns=(u, w)))
+        yield _finding("dead-motor", text, u, w)
     elif drives < _DEAD:
         text = (
             f"{u} stays below {np.abs(sweep.torque).max():.2g} N m while wheel {sweep.wheel} "
             "turns like the others: its torque was not logged, or has another unit."
         )
-        yield Finding(code="dead-motor", severity="error", text=text, where=Place(columns=(u, w)))
+        yield _finding("dead-motor", text, u, w)
 
 
-def _sign(sweeps: Sequence[Sweep]) -> list[Finding]:
+def _sign(sweeps: Sequence[Sweep]) -> Iterator[Finding]:
     wrong = [sweep for sweep in sweeps if _power(sweep) < _BRAKES]
     if not wrong:
-        return []
-    columns = tuple(name for sweep in wrong for name in _columns(sweep))
+        return
     if len(wrong) == len(sweeps):
         what = "All torques, or all wheel speeds, have the opposite sign"
     else:
@@ -194,7 +178,7 @@ def _sign(sweeps: Sequence[Sweep]) -> list[Finding]:
         f"{what}: the free wheels turn against their motors all the time (correlation "
         f"{_power(wrong[0]):.2f}), and nothing else drives them. Negate the torques or the speeds."
     )
-    return [Finding(code="torque-sign", severity="error", text=text, where=Place(columns=columns))]
+    yield _finding("torque-sign", text, *(name for sweep in wrong for name in _columns(sweep)))
 
 
 def _order(sweeps: Sequence[Sweep], fits: Sequence[_Fit]) -> list[Finding]:
@@ -213,7 +197,7 @@ def _order(sweeps: Sequence[Sweep], fits: Sequence[_Fit]) -> list[Finding]:
     pairs = [f"u{column + 1} drives wheel {wheel + 1}" for wheel, column in moved]
     text = f"The torques are in another order than the wheels: {', '.join(pairs)}. Rename the columns."
     columns = tuple(f"u{wheel + 1}" for wheel, _ in moved)
-    return [Finding(code="torque-order", severity="error", text=text, where=Place(columns=columns))]
+    return [_finding("torque-order", text, *columns)]
 
 
 def _unrelated(sweep: Sweep, fit: _Fit) -> Iterator[Finding]:
@@ -223,7 +207,7 @@ def _unrelated(sweep: Sweep, fit: _Fit) -> Iterator[Finding]:
             f"{w} explains only {100.0 * max(fit.explained, 0.0):.0f} % of {u}: that torque does not "
             "move that wheel. The column may belong to another wheel or another run, or be noise."
         )
-        yield Finding(code="torque-unrelated", severity="error", text=text, where=Place(columns=(u, w)))
+        yield _finding("torque-unrelated", text, u, w)
 
 
 def _scale(robot: Robot, sweeps: Sequence[Sweep], fits: Sequence[_Fit]) -> list[Finding]:
@@ -242,10 +226,7 @@ def _scale(robot: Robot, sweeps: Sequence[Sweep], fits: Sequence[_Fit]) -> list[
             f"{_no_load_speed(robot):.3g} rad/s that the robot's motors reach without load. Check the "
             f"unit of the speeds ({' or '.join(near) or 'encoder counts'}?) and drive.supply_voltage."
         )
-        columns = tuple(_columns(sweep)[1] for sweep in sweeps)
-        findings.append(
-            Finding(code="speed-limit", severity="error", text=text, where=Place(columns=columns))
-        )
+        findings.append(_finding("speed-limit", text, *(_columns(sweep)[1] for sweep in sweeps)))
     return findings
 
 
@@ -260,9 +241,7 @@ def _unlike_others(sweeps: Sequence[Sweep], fits: Sequence[_Fit], usual: float) 
                 f"By {u} and {w}, wheel {sweep.wheel} has {ratio:.3g} times the inertia of the other "
                 "wheels: one of the two columns has another unit than those of the other wheels."
             )
-            findings.append(
-                Finding(code="torque-scale", severity="error", text=text, where=Place(columns=(u, w)))
-            )
+            findings.append(_finding("torque-scale", text, u, w))
     return findings
 
 
@@ -276,8 +255,8 @@ def _off_by(ratio: float, robot: Robot, sweeps: Sequence[Sweep]) -> list[Finding
             "in the robot file: they speed up when the torque falls. Torques and "
             "speeds are not simultaneous; shift the columns u in time."
         )
-        return [Finding(code="torque-delay", severity="error", text=text, where=Place(columns=columns))]
-    severity = "warning" if _POSSIBLE[0] <= ratio <= _POSSIBLE[1] else "error"
+        return [_finding("torque-delay", text, *columns)]
+    severity: Severity = "warning" if _POSSIBLE[0] <= ratio <= _POSSIBLE[1] else "error"
     causes = list(_causes(ratio, robot, sweeps))
     if not causes:
         causes = ["torques, speeds or t are in another unit"]
@@ -287,7 +266,7 @@ def _off_by(ratio: float, robot: Robot, sweeps: Sequence[Sweep]) -> list[Finding
         f"By these torques the wheels have {ratio:.3g} times the inertia in the "
         f"robot file ({sweeps[0].inertia:.3g} kg m^2): {', or '.join(causes)}."
     )
-    return [Finding(code="torque-scale", severity=severity, text=text, where=Place(columns=columns))]
+    return [_finding("torque-scale", text, *columns, severity=severity)]
 
 
 def _causes(ratio: float, robot: Robot, sweeps: Sequence[Sweep]) -> Iterator[str]:
@@ -303,13 +282,7 @@ def _causes(ratio: float, robot: Robot, sweeps: Sequence[Sweep]) -> Iterator[str
         ("the torques are in N cm", 1e2, 1e2, 1.0, 1.0),
         ("the torques are the motors', before the gear", 1.0 / n, 1.0 / n, 1.0, 1.0),
         ("the torques are currents in A", 1.0 / (n * drive.torque_constant), None, 1.0, 1.0),
-        (
-            "the torques are duties or percent",
-            100.0 / drive.torque_limit,
-            100.0 / drive.torque_limit,
-            1.0,
-            1.0,
-        ),
+        ("the torques are in percent of the largest", 100.0 / drive.torque_limit, None, 1.0, 1.0),
         ("the speeds are in rpm", math.pi / 30.0, 1.0, 30.0 / math.pi, 1.0),
         ("the speeds are in deg/s", math.pi / 180.0, 1.0, 180.0 / math.pi, 1.0),
         ("the speeds are the motors', before the gear", 1.0 / n, 1.0, n, 1.0),

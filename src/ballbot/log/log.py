@@ -42,8 +42,6 @@ if TYPE_CHECKING:
 
 #: longest log and shortest interval between rows [s]
 LONGEST, SHORTEST = 7.0 * 86400.0, 1e-9
-#: units that may be mistaken for seconds, with the least interval of rows at 1 to 1000 Hz in that unit [s]
-_CLOCKS = (("nanoseconds", 1e6), ("microseconds", 1e3), ("milliseconds", 1.0))
 _REFERENCE_NAMES = ("ref_x", "ref_y", "ref_psi")
 
 
@@ -77,7 +75,7 @@ class Log:
     def __post_init__(self) -> None:
         columns = {name: _column(name, values) for name, values in self.columns.items()}
         _check_shape(columns)
-        _check_time(columns["t"])
+        check_time(columns["t"])
         continued, found = continuous_headings(columns, columns["t"])
         for heading in continued.values():
             heading.flags.writeable = False
@@ -446,48 +444,36 @@ def _check_shape(columns: Mapping[str, NDArray[np.float64]]) -> None:
             raise InputError(f"The log's column {name} has the shape {column.shape}, but t has {rows}.")
 
 
-def _check_time(t: NDArray[np.float64]) -> None:
+def check_time(t: NDArray[np.float64]) -> None:
+    """Raise InputError if times (N,) [s] are missing, do not increase, or are so many that they are in another unit."""
     unknown = np.flatnonzero(~np.isfinite(t))
     if unknown.size:
         raise InputError(
-            f"The time t is missing or not finite at row {unknown[0] + 1}; every row needs its time."
+            f"The time t is missing or not finite at row {unknown[0] + 1}; give every row its time or remove the row."
         )
-    wrong = np.flatnonzero(np.diff(t) <= 0.0)
+    steps = np.diff(t)
+    wrong = np.flatnonzero(steps < SHORTEST)
     if wrong.size:
-        k = int(wrong[0]) + 1
-        change = "does not increase" if t[k] == t[k - 1] else "decreases"
+        k = int(wrong[0])
+        change = "decreases" if steps[k] < 0.0 else "does not increase"
         raise InputError(
-            f"Time {change} at row {k + 1}: t = {t[k]:.9g} s after "
-            f"{t[k - 1]:.9g} s. Sort the rows or split the log."
-        )
-    close = np.flatnonzero(np.diff(t) < SHORTEST)
-    if close.size:
-        k = int(close[0]) + 1
-        raise InputError(
-            f"Time increases by {t[k] - t[k - 1]:.3g} s at row {k + 1}; "
-            f"rows must be at least {SHORTEST:g} s apart. t is in seconds."
+            f"Time {change} at row {k + 2}: t = {t[k + 1]:.9g} s after {t[k]:.9g} s. Sort the rows or split the log; "
+            f"rows must be at least {SHORTEST:g} s apart."
         )
     span = float(t[-1] - t[0])
     if span > LONGEST:
-        raise InputError(f"The log spans {format_duration(span)}{_why_long(t)}")
-
-
-def _why_long(t: NDArray[np.float64]) -> str:
-    """Return the rest of the sentence on a log that is too long: one wrong time, or a wrong unit."""
-    intervals = np.diff(t)
-    k = int(np.argmax(intervals))
-    usual = float(np.median(intervals))
-    if intervals[k] > 0.5 * (t[-1] - t[0]):
-        return (
-            f": t jumps from {t[k]:.9g} to {t[k + 1]:.9g} s at row {k + 2}. "
-            "Correct that time, or remove the rows on one side of it."
+        k = int(np.argmax(steps))
+        stray = steps[k] > 0.5 * span
+        cause = (
+            f"t jumps from {t[k]:.9g} to {t[k + 1]:.9g} s at row {k + 2}. Correct that time, or remove the rows on one "
+            "side of it."
+            if stray
+            else f"rows come every {format_duration(float(np.median(steps)))}. t is in seconds; convert it with a "
+            "mapping file."
         )
-    units = [unit for unit, least in _CLOCKS if usual >= least]
-    perhaps = f" and is perhaps in {units[0]}" if units else ""
-    return (
-        f", with rows every {format_duration(usual)}: t is in seconds{perhaps}. "
-        f"Convert it with a mapping file; at most {format_duration(LONGEST)} are read."
-    )
+        raise InputError(
+            f"The log spans {format_duration(span)}: {cause} At most {format_duration(LONGEST)} are read."
+        )
 
 
 def _missing_sentence(missing: list[str], present: tuple[str, ...]) -> str:

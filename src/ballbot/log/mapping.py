@@ -41,6 +41,7 @@ from ballbot.log.imu_angles import (
     quaternion_angles,
     yaw_ahead,
 )
+from ballbot.log.log import check_time
 from ballbot.log.row_order import later_runs, repeated_rows, rows_in_order, rows_with_times
 from ballbot.log.signals import new_messages, sampling_times, unwrapped, without_holes, without_resets
 from ballbot.log.wrapping import continuous_clock, continuous_headings
@@ -295,17 +296,7 @@ def row_times(mapping: LogMapping, table: Mapping[str, NDArray[np.float64]]) -> 
         If they do not increase.
     """
     t = _clock(mapping.columns["t"], table)
-    unknown = np.flatnonzero(~np.isfinite(t))
-    if unknown.size:
-        raise InputError(
-            f"The time is missing or not finite at row {unknown[0] + 1}; give every row its time or remove the row."
-        )
-    wrong = np.flatnonzero(~(np.diff(t) > 0.0))
-    if wrong.size:
-        raise InputError(
-            f"Time does not increase at row {wrong[0] + 2} (t = "
-            f"{t[wrong[0] + 1]:.9g} s). Sort the rows or split the log."
-        )
+    check_time(t)
     return t
 
 

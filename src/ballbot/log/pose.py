@@ -29,17 +29,9 @@ from scipy.spatial.transform import Rotation
 from ballbot.errors import InputError
 from ballbot.log.columns import STATE_NAMES, similar_column, wheel_angle_names, wheel_speed_names
 from ballbot.log.formats import read_columns
-from ballbot.log.formats.text import OWN_LAYOUT
 from ballbot.log.imu_angles import angle_rates_of, from_roll_pitch_yaw, integral_of
 from ballbot.log.log import Log
-from ballbot.log.mapping import (
-    LogMapping,
-    Source,
-    apply_mapping,
-    row_times,
-    sensor_delay,
-    whole_rows,
-)
+from ballbot.log.mapping import LogMapping, apply_mapping, row_times, sensor_delay, whole_rows
 from ballbot.log.mapping_file import read_mapping
 from ballbot.robot import Robot
 
@@ -128,25 +120,13 @@ def with_position(log: Log, robot: Robot) -> Log:
     return with_odometry(log, robot)
 
 
-def with_rates(log: Log, robot: Robot) -> Log | None:
-    """Return the log with the rates of its angles and the path of the ball that follows from them.
-
-    None if it lacks no rate, or an angle.
-    """
+def with_rates(log: Log, robot: Robot) -> Log:
+    """Return the log with the rates of its angles that it lacks, if it has every angle and rows to take them from."""
     angles = ("theta", "phi", "psi", *wheel_angle_names(robot.wheel_count))
-    rates = {f"{name}_dot": name for name in angles if f"{name}_dot" not in log}
-    if (
-        not rates
-        or any(name not in log for name in rates.values())
-        or not {"theta", "phi", "psi"} <= set(log.names)
-    ):
-        return None
-    sources = {name: Source(column=name) for name in log.names}
-    mapping = LogMapping(layout=OWN_LAYOUT, columns=sources, derivatives=rates, motors=None)
-    try:
-        return with_position(Log(apply_mapping(mapping, {name: log[name] for name in log.names})), robot)
-    except InputError:
-        return None
+    lacking = [name for name in angles if f"{name}_dot" not in log]
+    if len(log) < 2 or any(name not in log for name in (*lacking, "theta", "phi", "psi")):
+        return log
+    return log.with_columns({f"{name}_dot": np.gradient(log[name], log.t) for name in lacking})
 
 
 #: length of the past that is mapped [s], and the shortest that gives a state

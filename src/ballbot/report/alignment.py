@@ -14,10 +14,10 @@ from ballbot.log import Log
 from ballbot.report.blocks import Block, Bullets, Report, Sheet, section
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries
-from ballbot.report.words import signed_with_error, state_mark, with_symbols
+from ballbot.report.words import signed_with_error, state_mark, with_error, with_symbols
 from ballbot.rounding import digits
 from ballbot.validation.alignment import Alignment, SensorErrors, alignment_findings
-from ballbot.validation.alignment.align import PositionError
+from ballbot.validation.alignment.align import PREFIX, PositionError
 
 
 def alignment_report(
@@ -26,8 +26,17 @@ def alignment_report(
     """Return the page of an alignment."""
     verdict, *others = (finding.text for finding in alignment_findings(alignment))
     sensors = alignment.sensors
-    sections = [section("What was found", Bullets(items=[with_symbols(text) for text in others]))]
-    undecided = ["Which of the two is right where they differ: the cameras are taken as the truth."]
+    bullets = Bullets(items=[with_symbols(text) for text in others]) if others else None
+    estimates = Sheet(
+        headings=ESTIMATE_HEADINGS,
+        rows=estimate_rows(alignment),
+        caption="Clocks, frames and path. ±: half width of the 95 % interval, from blocks of time.",
+    )
+    sections = [section("What was found", bullets, estimates)]
+    undecided = [
+        "Which of the two is right where they differ: the cameras are taken as the truth.",
+        f"A delay of {_CLOCK_SIGNALS[alignment.clock_signal]}, which cannot be separated from the clock's offset.",
+    ]
     if sensors is None:
         undecided.append("The errors of the angles: the log has no theta, phi and psi to compare.")
     else:
@@ -111,7 +120,7 @@ def _beside(log: Log, name: str, label: str, scale: float) -> Panel:
     """Return a column as the cameras and as the sensors on board see it."""
     lines = (
         Line(name="on board", values=scale * log[name], look="second"),
-        Line(name="cameras", values=scale * log[f"mocap_{name}"], look="measured"),
+        Line(name="cameras", values=scale * log[f"{PREFIX}{name}"], look="measured"),
     )
     return Panel(label=label, lines=lines)
 
@@ -143,7 +152,34 @@ def smoothed(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
 _ACROSS = "time of the log [s]"
 #: what the clocks of log and cameras are aligned by
 _CLOCK_SIGNALS = {"gyro": "the gyro", "angles": "the log's angles"}
+ESTIMATE_HEADINGS = ("", "estimate", "unit")
 ERROR_HEADINGS = ("", "unit", "RMS", "largest", "drift per minute", "RMS about the drift", "delay [ms]")
+
+
+def estimate_rows(alignment: Alignment) -> list[tuple[str, ...]]:
+    """Return name, value with half width, and unit of clock, frames, lever arm and scale of the path."""
+    motion, frame, path = alignment.motion, alignment.frame, alignment.path
+    found: list[tuple[str, float, float, str]] = [
+        ("cameras' clock at the log's zero", motion.clock.offset, motion.offset_half_width, "s"),
+        ("how much faster it runs", 1e6 * motion.clock.rate, 1e6 * motion.rate_half_width, "ppm"),
+    ]
+    turned = np.degrees(np.column_stack([motion.body_marker.as_rotvec(), motion.rotation_half_width]))
+    found += [
+        (f"markers' frame against the body's, about {axis}", value, half, "deg")
+        for axis, (value, half) in zip("xyz", turned.tolist(), strict=True)
+    ]
+    if frame is not None:
+        up = frame.camera_world.apply([0.0, 0.0, 1.0])
+        tilt = float(np.degrees(np.arccos(np.clip(up[2], -1.0, 1.0))))
+        found.append(("tilt of the cameras' frame", tilt, float(np.degrees(frame.tilt_half_width)), "deg"))
+    if path is not None:
+        arms = np.column_stack([path.arm, path.arm_half_width])
+        found += [
+            (f"lever arm, {axis}", 1e3 * value, 1e3 * half, "mm")
+            for axis, (value, half) in zip("xyz", arms.tolist(), strict=True)
+        ]
+        found.append(("distances, log over cameras", path.scale, path.scale_half_width, ""))
+    return [(name, with_error(value, half), unit) for name, value, half, unit in found]
 
 
 def error_rows(sensors: SensorErrors) -> list[tuple[str, ...]]:
@@ -162,7 +198,7 @@ def error_rows(sensors: SensorErrors) -> list[tuple[str, ...]]:
 
 def alignment_results(alignment: Alignment, *, log_findings: Sequence[Finding] = ()) -> dict[str, object]:
     """Return what results.json holds: SI units, quaternions wxyz, half widths of 95 %."""
-    motion, lever, rival = alignment.motion, alignment.lever, alignment.rival_clock
+    motion, frame, path, sensors = alignment.motion, alignment.frame, alignment.path, alignment.sensors
     return {
         "findings": finding_results([*log_findings, *alignment_findings(alignment)]),
         "clock": {
@@ -171,48 +207,37 @@ def alignment_results(alignment: Alignment, *, log_findings: Sequence[Finding] =
             "rate": motion.clock.rate,
             "rate_half_width": motion.rate_half_width,
             "follows": alignment.clock_signal,
-            "rival": rival,
+            "rival": alignment.rival_clock,
         },
-        "body_marker": {
-            "wxyz": _wxyz(motion.body_marker),
-            "half_width": motion.rotation_half_width,
-            "unobservable_axis": motion.unobservable_axis,
-        },
-        "flips": alignment.flips,
+        "body_marker": {"wxyz": _wxyz(motion.body_marker), "half_width": motion.rotation_half_width},
         "unseen": alignment.unseen,
-        "frame": _frame_results(alignment),
-        "lever_arm": None
-        if lever is None
-        else {"fitted": lever.arm, "half_width": lever.half_width, "used": lever.used},
+        "frame": None
+        if frame is None
+        else {
+            "camera_world_wxyz": _wxyz(frame.camera_world),
+            "tilt_half_width": frame.tilt_half_width,
+            "heading_half_width": frame.heading_half_width,
+            "origin": frame.origin,
+        },
+        "path": path,
         "increments": {"count": motion.increments, "rms_error": motion.error, "rms": motion.motion},
-        "sensors": None if alignment.sensors is None else _sensor_results(alignment.sensors),
-    }
-
-
-def _frame_results(alignment: Alignment) -> dict[str, object] | None:
-    frame = alignment.frame
-    if frame is None:
-        return None
-    return {
-        "camera_world_wxyz": _wxyz(frame.camera_world),
-        "tilt_half_width": frame.tilt_half_width,
-        "heading_half_width": frame.heading_half_width,
-        "origin": frame.origin,
+        "sensors": None if sensors is None else _sensor_results(sensors),
     }
 
 
 def _sensor_results(sensors: SensorErrors) -> dict[str, object]:
-    results: dict[str, object] = dict(sensors.of)
     position = sensors.position
-    results["position"] = None
-    if position is not None:
-        results["position"] = {
+    return {
+        **sensors.of,
+        "position": None
+        if position is None
+        else {
             "largest": position.largest,
             "path": position.path,
             "explained_by_heading": position.by_heading,
-            "scale": position.scale,
-        }
-    return results | {"duration": sensors.duration}
+        },
+        "duration": sensors.duration,
+    }
 
 
 def _wxyz(rotation: Rotation) -> NDArray[np.float64]:

@@ -1,24 +1,27 @@
-"""A live robot as lines and tables: its samples while it runs, its wiring check, and two controllers in turn."""
+"""A live robot: its samples and states while it runs, and the pages of a run, of its wiring and of runs in turn."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-from rich.console import RenderableType
-from rich.text import Text
 
 from ballbot.firmware.records import SelfTestOutcome
 from ballbot.link.live import Sample
 from ballbot.link.messages import State
 from ballbot.link.session import stop_reason
-from ballbot.link.wiring import Turn, WiringCheck
-from ballbot.report.blocks import table
-from ballbot.report.console import finding_line
+from ballbot.link.wiring import WiringCheck
+from ballbot.log import Log
+from ballbot.report.blocks import Bullets, Report, Sheet, section
+from ballbot.report.provenance import Provenance
+from ballbot.report.run import over_time, run_sections, run_verdict
+from ballbot.report.series import Line, Look, Panel, TimeSeries, together
+from ballbot.robot import Robot
 from ballbot.rounding import percent, unit_heading
-from ballbot.workflows.alternation import Alternation, Gain
-from ballbot.workflows.controller_verdict import SHOWN
+from ballbot.workflows.alternation import Alternation
+from ballbot.workflows.controller_prediction import SHOWN
+from ballbot.workflows.metrics import position_error
 
 _SELF_TESTS = {
     SelfTestOutcome.NOT_RUN: "not run",
@@ -84,29 +87,89 @@ def _share(sample: Sample, torque_limit: float) -> float:
     return float(np.abs(sample.torques).max()) / torque_limit
 
 
-def wiring_parts(check: WiringCheck) -> Iterator[RenderableType]:
-    """Yield a wiring check: what each sensor measured of each movement, and what is wrong."""
-    yield Text("The wiring is right." if check.passed else "The wiring is not right.", style="bold")
-    rows = [(one.movement.words, *_turn_cells(one)) for one in check.turns]
-    yield table(
-        "Turns about x, y, z, and of each wheel",
-        ("the robot was", "attitude [deg]", "gyro [deg]", "wheels [deg]"),
-        rows,
+def counts_line(host: Sequence[int], robot: Sequence[int]) -> str | None:
+    """Return a line on frames that either side refused, by the layers' counts; None if there are none."""
+    if not (any(host) or any(robot)):
+        return None
+    return (
+        f"Frames refused: {sum(host)} by this computer, {sum(robot)} by the robot; the cable, the baud rate or the "
+        "radio loses bytes."
     )
-    for finding in check.findings:
-        yield finding_line(finding)
+
+
+def live_run_report(
+    log: Log, robot: Robot | None, *, balancing: bool, ending: str, about: str, made: Provenance
+) -> Report:
+    """Return the page of a recorded run; `about` names the robot and its controller, `ending` how the run ended."""
+    verdict = run_verdict(log) if balancing else []
+    sections = run_sections(log, robot) if balancing else [section("Over time", *over_time(log, robot))]
+    undecided = ["How much runs differ: this is one. `ballbot run compare` makes several in turn."]
+    if balancing:
+        undecided.insert(
+            0,
+            "Where the robot truly was: position and heading are those that it computes on board, and they drift.",
+        )
+    if robot is None:
+        undecided.append("What is a wheel's share of its limit: the robot is not described (--robot).")
+    return Report(
+        title="A run of a live robot",
+        lead=about,
+        verdict=[*verdict, ("Ending", ending)],
+        sections=sections,
+        undecided=undecided,
+        made=made,
+    )
+
+
+def wiring_sheet(check: WiringCheck) -> Sheet:
+    """Return what each sensor measured of each movement."""
+
+    def cell(angles: np.ndarray) -> str:
+        # zero is added to a rounded number so that it is never written as -0
+        return "  ".join(f"{one:.0f}" for one in np.round(np.degrees(angles)) + 0.0)
+
+    rows = [(one.movement.words, cell(one.attitude), cell(one.wheels)) for one in check.turns]
+    caption = (
+        "What the sensors measured of each movement: the attitude about x, y, z; the wheels in their order."
+    )
+    headings = ("the robot was", "attitude [deg]", "wheels [deg]")
+    return Sheet(headings=headings, rows=rows, caption=caption)
+
+
+def wiring_report(check: WiringCheck, *, about: str, made: Provenance) -> Report:
+    """Return the page of a wiring check and, if it passed, of the self-test that must then have passed, too."""
+    verdict = (
+        "The wiring is right. Every motor turns its own encoder forward: the self-test passed."
+        if check.passed
+        else f"The wiring is not right. {check.findings[0].text}"
+    )
+    undecided = [
+        "Scale factors more exactly than the hand turns: `ballbot identify-geometry` finds them from logs."
+    ]
+    if not check.passed:
+        undecided.append(
+            "The direction of the torques: the self-test of each motor with its encoder waits for the wiring."
+        )
+    return Report(
+        title="Wiring of a robot",
+        lead=about,
+        verdict=[("", verdict)],
+        sections=[section("Turns by hand", wiring_sheet(check))],
+        undecided=undecided,
+        made=made,
+        findings=check.findings,
+        accepted=False,
+    )
 
 
 def wiring_results(check: WiringCheck) -> dict[str, object]:
     """Return what results.json holds of a wiring check."""
     return {
         "passed": check.passed,
-        "lean": check.lean,
         "turns": [
             {
                 "movement": one.movement.words,
                 "attitude": one.attitude,
-                "gyro": one.gyro,
                 "wheels": one.wheels,
             }
             for one in check.turns
@@ -115,61 +178,85 @@ def wiring_results(check: WiringCheck) -> dict[str, object]:
     }
 
 
-def _turn_cells(turn: Turn) -> tuple[str, str, str]:
-    # zero is added to a rounded number so that it is never written as -0
-    cells = (
-        "  ".join(f"{one:.0f}" for one in np.round(np.degrees(values)) + 0.0) for values in _measured(turn)
-    )
-    attitude, gyro, wheels = cells
-    return attitude, gyro, wheels
-
-
-def _measured(turn: Turn) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return turn.attitude, turn.gyro, turn.wheels
-
-
-_GAIN_NAMES = {name: one.words for name, one in SHOWN.items()} | {"torque_margin": "torque used"}
-
-
-def alternation_parts(found: Alternation) -> Iterator[RenderableType]:
-    """Yield two controllers in turn: every run, the factors with the drift removed, and the verdicts."""
-    runs = range(1, len(found.performances) + 1)
-    rows = [
+def alternation_report(
+    found: Alternation, logs: Sequence[Log], *, controllers: tuple[str, str], about: str, made: Provenance
+) -> Report:
+    """Return the page of two controllers in turn; `controllers` names the files of the one before and the one after."""
+    runs = [f"{k} {'after' if k % 2 == 0 else 'before'}" for k in range(1, len(logs) + 1)]
+    performances = [
         (
             unit_heading(shown.words, shown.unit),
             *(shown.shown(getattr(one, name)) for one in found.performances),
         )
         for name, shown in SHOWN.items()
     ]
-    headings = ("quantity", *(f"{k} {'after' if k % 2 == 0 else 'before'}" for k in runs))
-    yield table("Runs in turn", headings, rows)
-    rows = [
+    names = {name: one.words for name, one in SHOWN.items()} | {"torque_margin": "torque used"}
+    gains = [
         (
-            _GAIN_NAMES[name],
-            f"{gain.factor:.2f}",
-            f"{gain.low:.2f} to {gain.high:.2f}",
-            gain.verdict,
+            *(names[name], f"{gain.factor:.2f}", f"{gain.low:.2f} to {gain.high:.2f}", gain.verdict),
             f"{round(100.0 * (gain.drift - 1.0)):+d} %",
         )
         for name, gain in found.gains.items()
     ]
-    yield table(
-        "After over before, the drift removed",
-        ("quantity", "factor", "95 % interval", "", "drift from run to run"),
-        rows,
+    verdicts = [
+        f"Run {2 * k} against the prediction: {one.recommendation}. {one.reason}"
+        for k, one in enumerate(found.verdicts, start=1)
+    ]
+    t, errors = together([(log.t - log.t[0], 1e3 * position_error(log)) for log in logs])
+    looks: tuple[Look, ...] = ("second", "first", "third", "fourth", "fifth", "sixth")
+    lines = [
+        Line(name=f"run {name}", values=values, look=looks[k % len(looks)])
+        for k, (name, values) in enumerate(zip(runs, errors, strict=True))
+    ]
+    panel = Panel(label="distance from the reference [mm]", lines=lines, from_zero=True)
+    undecided = ["Where the robot truly was: the errors are those of its own position, which drifts."]
+    open_ones = [name.replace("_", " ") for name, gain in found.gains.items() if gain.verdict == "undecided"]
+    if open_ones:
+        text = f"Whether {', '.join(open_ones)} differ: their intervals contain one. More --rounds make them narrow."
+        undecided.insert(0, text)
+    return Report(
+        title="Two controllers in turn on a live robot",
+        lead=f"{about} Before: {controllers[0]}. After: {controllers[1]}.",
+        verdict=[("", _conclusion(found))],
+        sections=[
+            section(
+                "Compared",
+                Sheet(headings=("quantity", *runs), rows=performances, caption="Runs in turn."),
+                Sheet(
+                    headings=("quantity", "factor", "95 % interval", "", "drift from run to run"),
+                    rows=gains,
+                    caption="After over before, the drift removed.",
+                ),
+                Bullets(items=verdicts),
+            ),
+            section(
+                "Over time",
+                TimeSeries(
+                    t=t, panels=(panel,), caption="The runs one over another, from the start of each."
+                ),
+            ),
+        ],
+        undecided=undecided,
+        made=made,
     )
-    for k, one in enumerate(found.verdicts, start=1):
-        yield Text(f"Run {2 * k} against the prediction: {one.recommendation}. {one.reason}")
-    yield Text(conclusion(found), style="bold")
 
 
 def alternation_results(found: Alternation) -> dict[str, object]:
     """Return what results.json holds of two controllers in turn."""
     return {
         "recommendation": found.recommendation,
-        "conclusion": conclusion(found),
+        "conclusion": _conclusion(found),
         "runs": found.performances,
-        "gains": {name: _gain_results(gain) for name, gain in found.gains.items()},
+        "gains": {
+            name: {
+                "factor": gain.factor,
+                "interval": [gain.low, gain.high],
+                "verdict": gain.verdict,
+                "drift": gain.drift,
+                "without_pairing": gain.without_pairing,
+            }
+            for name, gain in found.gains.items()
+        },
         "verdicts": [
             {
                 "recommendation": one.recommendation,
@@ -181,17 +268,7 @@ def alternation_results(found: Alternation) -> dict[str, object]:
     }
 
 
-def _gain_results(gain: Gain) -> dict[str, object]:
-    return {
-        "factor": gain.factor,
-        "interval": [gain.low, gain.high],
-        "verdict": gain.verdict,
-        "drift": gain.drift,
-        "without_pairing": gain.without_pairing,
-    }
-
-
-def conclusion(found: Alternation) -> str:
+def _conclusion(found: Alternation) -> str:
     """Return the result of runs in turn in one or two sentences."""
     advice = f"{found.recommendation.capitalize()} the controller by the study's prediction."
     gain = found.gains.get("peak_error")
@@ -201,13 +278,3 @@ def conclusion(found: Alternation) -> str:
     if gain.verdict == "undecided":
         return f"{advice} {size}, which decides nothing; repeat the comparison with more --rounds."
     return f"{advice} {size}."
-
-
-def counts_line(host: Sequence[int], robot: Sequence[int]) -> str | None:
-    """Return a line on frames that either side refused, by the layers' counts; None if there are none."""
-    if not (any(host) or any(robot)):
-        return None
-    return (
-        f"Frames refused: {sum(host)} by this computer, {sum(robot)} by the robot; the cable, the baud rate or the "
-        "radio loses bytes."
-    )

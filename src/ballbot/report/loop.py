@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -14,10 +13,13 @@ from numpy.typing import NDArray
 
 from ballbot.control.linear import RobotLoop, StepResponse, step_response
 from ballbot.control.margins import HEADINGS, MEANING, Margins
-from ballbot.report.blocks import Section, Sheet, section, table
+from ballbot.mechanics.model import LinearModel
+from ballbot.report.blocks import Section, Sheet, Verbatim, section
+from ballbot.report.console import matrix_text
 from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE, SHADE, VIOLET, YELLOW
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.report.style import LineStyle, drawn_picture
+from ballbot.workflows.robot_check import state_order
 
 _NONE = np.zeros(0, np.complex128)
 #: of the wheels' lines, and of those of all wheels alike, distinct in grey
@@ -65,10 +67,13 @@ def poles_figure(
     return figure
 
 
-def margins_table(margins: Margins) -> Sheet:
-    """Return the margins of a loop as a table."""
-    title = "Margins of the loop without friction, broken at the wheels' torques"
-    return table(title, HEADINGS, margins.rows())
+def linear_section(linear: LinearModel, *, caption: str) -> Section:
+    """Return the section on a linear model about upright."""
+    order = state_order(linear.B.shape[1])
+    text = "\n".join((order, matrix_text("A", linear.A), matrix_text("B", linear.B)))
+    return section(
+        "Linear model", Verbatim(text=text, caption=f"x_dot = A x + B u about upright, {caption}.")
+    )
 
 
 def loop_section(margins: Margins, *, of: str = "") -> Section:
@@ -76,13 +81,11 @@ def loop_section(margins: Margins, *, of: str = "") -> Section:
     loop = margins.loop
     bode = (
         "Bode diagram of the loop broken at the wheels' torques: at one wheel with the others closed, and at all "
-        "wheels together, as the eigenvalues for the two leans and the heading. Where a gain crosses 0 dB, the "
-        "distance of its phase to -180° is the phase margin; where a phase crosses -180°, that of its gain to 0 dB "
-        "is the gain margin."
+        "wheels together, as the eigenvalues for the two leans and the heading."
     )
     return section(
         f"Stability margins{f' with {of}' if of else ''}",
-        replace(margins_table(margins), caption=MEANING),
+        Sheet(headings=HEADINGS, rows=margins.rows(), caption=MEANING),
         drawn_picture("bode", partial(bode_figure, margins), bode),
         *(step_series(loop, name) for name in STEPS),
     )

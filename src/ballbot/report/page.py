@@ -25,16 +25,7 @@ from ballbot.report.series import TimeSeries
 from ballbot.report.words import RAISED, with_symbols
 from ballbot.viewer.page import hash_source, web_file
 
-_OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
-_UNIT = re.compile(r"[(\[][^()\[\]]{1,12}[)\]]")
-#: blanks at which a line must not break: within N m s/rad and about x, before a unit, [rad/s] or %, and after ±
-_TOGETHER = re.compile(
-    r"(?<=\bN) (?=m\b)|(?<=N m) (?=s\b)|(?<=±) |(?<=\d) (?=[%±×]|(?:m|s|mm|ms|N|rad|deg|kg|Hz|ppm)(?![\w-]))"
-    r"| (?=\[(?:m|rad)(?:/s)?\])|(?<=\babout) (?=[xyz]\b)"
-)
 _POWER = re.compile(r"\^(-?\d)\b")
-#: of a letter in a figure, as Matplotlib writes it
-_OUTLINE = re.compile(r'<path id="(?P<name>[^"]+)"(?P<shape> d="[^"]+" transform="scale\(0\.015625\)")/>\n?')
 
 
 def page_of(report: Report) -> str:
@@ -102,8 +93,7 @@ def render(
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.globals |= {"symbols": with_symbols, "themed": _FigureMarkup(), "words": _with_code}
-    environment.globals |= {"heading_words": _heading, "typeset": _typeset, "command": _whole_options}
+    environment.globals |= {"symbols": with_symbols, "themed": _themed, "words": _typeset}
     own = _script(charts)
     allowed = " ".join(hash_source(one) for one in (own, *scripts))
     policy = (
@@ -124,46 +114,15 @@ def _printable_text(value: object) -> object:
     return printable(value) if type(value) is str else value
 
 
-def _with_code(text: str) -> Markup:
-    """Return a text, escaped unless it is markup, with `commands` as code and powers raised."""
-    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(_whole_options(_typeset(text)))))
+def _typeset(text: str) -> Markup:
+    """Return a text, escaped unless it is markup, with `commands` as code and kg m^2 as kg m²."""
+    escaped = str(escape(_printable_text(text)))
+    raised = _POWER.sub(lambda found: found[1].translate(RAISED), escaped)
+    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", raised))
 
 
-def _whole_options(text: str) -> Markup:
-    """Return a text, escaped unless it is markup, in which no line breaks after the dashes of an option."""
-    return Markup(_OPTION.sub(r'<span class="option">\g<0></span>', str(escape(_printable_text(text)))))
-
-
-def _heading(text: str) -> Markup:
-    """Return a column's heading, of which no line breaks within a unit."""
-    return _with_code(type(text)(_UNIT.sub(lambda found: found[0].replace(" ", "\u00a0"), str(text))))
-
-
-def _typeset(text: str) -> str:
-    """Return a text with kg m^2 as kg m², of which no line breaks between a number and its unit."""
-    raised = _POWER.sub(lambda found: found[1].translate(RAISED), str(text))
-    return type(text)(_TOGETHER.sub("\u00a0", raised))
-
-
-class _FigureMarkup:
-    """Figures of one page, in its theme's colors; the outlines of letters stand in the first figure that has them."""
-
-    def __init__(self) -> None:
-        self._known: dict[str, str] = {}  #: names of outlines, by outline
-
-    def __call__(self, svg: str) -> Markup:
-        moved: dict[str, str] = {}
-
-        def kept(outline: re.Match[str]) -> str:
-            name = self._known.setdefault(outline["shape"], outline["name"])
-            if name == outline["name"]:
-                return outline[0]
-            moved[outline["name"]] = name
-            return ""
-
-        svg = _OUTLINE.sub(kept, svg)
-        svg = re.sub(r'(?<=href="#)[^"]+', lambda found: moved.get(found[0], found[0]), svg)
-        return Markup(themed(svg))
+def _themed(svg: str) -> Markup:
+    return Markup(themed(svg))
 
 
 def _web(name: str) -> str:

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from ballbot.log import STATE_NAMES
 from ballbot.printable import printable, printable_line
 from ballbot.report.blocks import Picture
-from ballbot.report.narrow import NARROW, make_narrow
 from ballbot.report.palette import AXIS, BLUE, GRID, INK, MUTED, ORANGE, PALE
 
 if TYPE_CHECKING:  # of matplotlib 3.10
@@ -128,11 +127,6 @@ def drawn(draw: Callable[[], Figure], *, name: str) -> str:
     name : str
         Different for each figure of a page; it keeps the figures' inner names apart.
     """
-    return _drawn(draw, name)[1]
-
-
-def _drawn(draw: Callable[[], Figure], name: str) -> tuple[Figure, str]:
-    """Return the figure, and the element of `drawn`."""
     with mpl.rc_context(_RC), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing")  # of a name; a box stands for it
         figure = draw()
@@ -150,7 +144,7 @@ def _drawn(draw: Callable[[], Figure], name: str) -> tuple[Figure, str]:
     svg = re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", svg)
     # the width in the page's own measure; the view box keeps the proportions
     svg = re.sub(r' width="([\d.]+)pt" height="[\d.]+pt"', _width_on_page, svg, count=1)
-    return figure, re.sub(r"\s*\n\s*", "\n", svg)
+    return re.sub(r"\s*\n\s*", "\n", svg)
 
 
 def plotted(draw: Callable[[T], Figure], value: T) -> Figure:
@@ -163,19 +157,8 @@ def plotted(draw: Callable[[T], Figure], value: T) -> Figure:
 
 
 def drawn_picture(name: str, draw: Callable[[], Figure], caption: str) -> Picture:
-    """Draw a figure for a page, and a second time for a phone if it is too wide for one; see `drawn`.
-
-    The second has the panels of the first one below another.
-    """
-    figure, markup = _drawn(draw, name)
-    if figure.get_figwidth() <= NARROW:
-        return Picture(markup=markup, caption=caption)
-
-    def narrowed() -> Figure:
-        make_narrow(figure)
-        return figure
-
-    return Picture(markup=markup, narrow=drawn(narrowed, name=f"{name}-narrow"), caption=caption)
+    """Return a figure for a page; see `drawn`."""
+    return Picture(markup=partial(drawn, draw, name=name), caption=caption)
 
 
 def _svg(figure: Figure) -> str:

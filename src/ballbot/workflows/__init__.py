@@ -1,7 +1,7 @@
 """What a user wants done, from robot and logs to a result: each workflow is a function that a command calls.
 
 study.py                  the main job: identify, validate, choose a controller on perturbed plants
-controller_*.py           the choice, the prediction for the next run, the verdict on it, and its likely causes
+controller_*.py           the choice, the prediction for the next run, and the verdict on it
 alternation.py            two controllers in turn on one robot, A B A B, the drift removed
 comparison.py, league.py  controllers against each other on the same courses with the same seeds
 excite.py                 an informative excitation for identification

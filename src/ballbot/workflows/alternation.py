@@ -10,7 +10,7 @@ limit that is used). exp(g) is the factor by which the new controller changes th
 g is free of d: it is the mean of each inner run against the mean of its two neighbours. Its 95 % interval is Student's,
 with n - 3 degrees of freedom; of four runs that is one, and the interval is wide. More rounds make it narrow quickly.
 
-Each run of the new controller is compared with the study's prediction besides (`controller_verdict`), as
+Each run of the new controller is compared with the study's prediction besides (`controller_prediction`), as
 `ballbot validate --prediction` does with a single log.
 """
 
@@ -26,8 +26,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.summary import counted
-from ballbot.workflows.controller_prediction import CONFIDENCE
-from ballbot.workflows.controller_verdict import Recommendation, Verdict
+from ballbot.workflows.controller_prediction import CONFIDENCE, Recommendation, Verdict
 from ballbot.workflows.metrics import QUANTITIES, Performance
 
 #: fewest runs: gain, drift and offset are estimated, and one run is left for the scatter
@@ -90,10 +89,7 @@ def alternate(performances: Sequence[Performance], verdicts: Sequence[Verdict]) 
             f"{counted(len(performances), 'run')} in turn cannot be compared. Make {MIN_RUNS} or more, as many with "
             "one controller as with the other."
         )
-    table = np.array([one.to_array() for one in performances])
-    sizes = table.copy()
-    margin = QUANTITIES.index("torque_margin")
-    sizes[:, margin] = 1.0 - table[:, margin]
+    sizes = np.array([one.sizes() for one in performances])
     gains = {
         name: paired_gain(sizes[:, place])
         for place, name in enumerate(QUANTITIES)

@@ -30,9 +30,7 @@ from ballbot.simulation.run import simulate
 from ballbot.summary import Summary, plotted, summarized
 from ballbot.twin import Twin
 from ballbot.workflows.recovery_region import (
-    COARSE,
     DURATION,
-    REFINEMENTS,
     Loop,
     Reach,
     Region,
@@ -151,12 +149,7 @@ class RobotLimits:
     @reported
     def runs(self) -> int:
         """Number of runs that were computed."""
-        return self.lean.runs + self.impulse.runs + self.plane.lower.runs + self.plane.upper.runs
-
-    @reported
-    def points(self) -> int:
-        """Number of points of the two planes."""
-        return self.plane.lower.kept.size + self.plane.upper.kept.size
+        return self.lean.runs + self.impulse.runs + self.plane.lower.kept.size + self.plane.upper.kept.size
 
     @property
     def central_impulse(self) -> Bounds:
@@ -208,21 +201,15 @@ class TwinLimit:
         return 0.95 * self.lower <= self.twin <= 1.05 * self.upper
 
 
-#: the stages of the planes
-_REGIONS = ("region without slip", "region with unlimited grip")
-
-
-def find_limits(loop: Loop, *, refinements: int = REFINEMENTS, run: Run = DEFAULT_RUN) -> RobotLimits:
+def find_limits(loop: Loop, *, run: Run = DEFAULT_RUN) -> RobotLimits:
     """Return the largest tilts and impulses from which a robot recovers.
 
     Parameters
     ----------
     loop : Loop
         Its grip is that of the lower bounds.
-    refinements : int
-        Of the planes' grid; 3 make 257 x 257 points, as fine as they are drawn.
     run : Run, optional
-        Its progress is reported after each grid; the loop has its own seed.
+        Its progress is reported; the loop has its own seed.
     """
     run.progress(Progress(stage="tilts"))
     unlimited = replace(loop, grip=np.inf)
@@ -237,27 +224,17 @@ def find_limits(loop: Loop, *, refinements: int = REFINEMENTS, run: Run = DEFAUL
     widest = float(lean.upper[lean.lower.argmin()])
     growth = float(loop.model.linearize().poles().real.max())
     ends = (min(1.6 * widest, LARGEST_LEAN), 2.2 * growth * widest)
-    planes = []
-    for stage, one in zip(_REGIONS, (loop, unlimited), strict=True):
-
-        def report(intervals: int, stage: str = stage) -> None:
-            run.progress(Progress(stage=stage, done=intervals, total=COARSE << refinements))
-
-        planes.append(
-            map_region(
-                one.recovers,
-                lambda a, b: leaning_state(worst, a, b),
-                ends=ends,
-                refinements=refinements,
-                progress=report,
-            )
-        )
+    run.progress(Progress(stage="tilts and tilt rates"))
+    lower, upper = (
+        map_region(one.recovers, lambda a, b: leaning_state(worst, a, b), ends=ends)
+        for one in (loop, unlimited)
+    )
     return RobotLimits(
         directions=directions,
         heights=heights,
         lean=lean,
         impulse=impulse,
-        plane=Plane(direction=worst, lower=planes[0], upper=planes[1]),
+        plane=Plane(direction=worst, lower=lower, upper=upper),
     )
 
 

@@ -325,6 +325,12 @@ class Performance:
         """Return its numbers (5,), in the order of `QUANTITIES`."""
         return np.array(astuple(self), dtype=np.float64)
 
+    def sizes(self) -> NDArray[np.float64]:
+        """Return its numbers (5,) with the share of the torque limit that is used in place of that left."""
+        numbers = self.to_array()
+        numbers[QUANTITIES.index("torque_margin")] = 1.0 - self.torque_margin
+        return numbers
+
     @staticmethod
     def from_array(numbers: NDArray[np.float64]) -> Performance:
         """Return the performance of numbers (5,)."""
@@ -338,33 +344,3 @@ QUANTITIES = tuple(field.name for field in fields(Performance))
 def performance_of(log: Log, controller: Controller) -> Performance:
     """Return the numbers of a run with that controller."""
     return Performance.of(log, torque_limit=controller.torque_limit)
-
-
-#: slower than this is drift [Hz]
-_MIN_CYCLE_FREQUENCY = 0.5
-#: shortest time in which a cycle can be detected [s]
-_MIN_CYCLE_TIME = 4.0
-
-
-def cycle_amplitude(log: Log, *, settle: float = 6.0) -> float:
-    """Return the amplitude of the strongest periodic motion along x or y [m], faster than 0.5 Hz.
-
-    The true position counts where the log has it. A line's amplitude comes from the spectrum of the whole run from
-    `settle` on under a Hann window, and so is that of a cycle which lasts.
-
-    Raises
-    ------
-    InputError
-        If the run has less than 4 s from there on.
-    """
-    place = log.truth() if "true_x" in log else log
-    late = log.t - log.t[0] >= settle
-    if np.count_nonzero(late) * log.sample_time < _MIN_CYCLE_TIME:
-        raise InputError(
-            f"The run has less than {_MIN_CYCLE_TIME:g} s after the first {settle:g} s; that is too short to find "
-            "a limit cycle."
-        )
-    high = scipy.signal.butter(2, _MIN_CYCLE_FREQUENCY, "high", fs=1.0 / log.sample_time, output="sos")
-    window = np.hanning(np.count_nonzero(late))
-    lines = [np.abs(np.fft.rfft(scipy.signal.sosfiltfilt(high, place[name][late]) * window)) for name in "xy"]
-    return float(2.0 * np.max(lines) / window.sum())

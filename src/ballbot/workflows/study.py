@@ -241,7 +241,7 @@ def study(
         confirmation=confirmation,
         steps=steps,
         stiffness=stiffness,
-        prediction=predict(choice, logs=[one.log for one in studied]),
+        prediction=predict(choice, log_findings=checked.findings),
         options=options,
         seed=run.seed,
     )

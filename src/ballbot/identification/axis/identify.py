@@ -13,7 +13,7 @@ An asymmetry is not selected: blocks of the same record share whatever made it, 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -122,6 +122,7 @@ class AxisOptions:
     load_friction: str | None = None  #: see `LOADS`, or "none"
     period: float | None = None  #: of the first harmonic [m]; one turn if None
     separate: tuple[str, ...] = ()  #: parameters of which each record has its own
+    known: Mapping[str, float] = field(default_factory=dict)  #: parameters that are not estimated, by name
 
     def __post_init__(self) -> None:
         if self.law is not None:
@@ -166,6 +167,7 @@ class Estimate:
     values: dict[str, float]  #: by label, SI units
     standard_errors: dict[str, float]  #: by label, of the whole interval; NaN for a parameter at a bound
     half_widths: dict[str, float]  #: of the 95 % intervals, by label
+    correlation: NDArray[np.float64]  #: (p, p) of the errors; empty of the inverse model
     errors: tuple[AxisErrors, ...]  #: on the records fitted, then on the others
 
     @property
@@ -418,6 +420,7 @@ def _model(
         period=options.period or TURN,
         separate=options.separate,
         records=len(records),
+        held=options.known,
         # rows at uneven times are not those of the loop that holds the force
         interpolated=not all(one.even for one in records),
     )
@@ -555,6 +558,8 @@ def _fit(law: str, model: AxisModel, seen: Sequence[Sighting], bandwidth: float 
     start = linear.by_name
     for number, one in enumerate(records):
         label, known = own.label("mass", number), one.known_load.inertia
+        if label not in start:
+            continue
         if start[label] + known <= 0.0:
             raise InputError(
                 f"{one.name}: the inverse model estimates a mass of {start[label]:.3g}, which must be above zero. The "
@@ -639,7 +644,9 @@ def _select_law(
 def _estimate(fit: OutputErrorFit, seen: Sequence[Sighting], others: Sequence[Sighting]) -> Estimate:
     found = _estimate_of("output error", fit.model, fit.values, None, seen, others)
     halves = {label: fit.quantile * error for label, error in fit.standard_errors.items()}
-    return replace(found, standard_errors=fit.standard_errors, half_widths=halves)
+    return replace(
+        found, standard_errors=fit.standard_errors, half_widths=halves, correlation=fit.correlation
+    )
 
 
 def _estimate_of(
@@ -662,6 +669,7 @@ def _estimate_of(
         values=values,
         standard_errors=errors,
         half_widths={label: 1.96 * error for label, error in errors.items()},
+        correlation=np.empty((0, 0)),
         errors=tuple(
             axis_errors(model.axis(values, number), one, duration, model) for number, one in numbered
         ),

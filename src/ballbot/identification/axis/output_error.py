@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.fitting.least_squares import Stopping, minimize_squares
 from ballbot.fitting.parameter import RelativeSpace
-from ballbot.fitting.uncertainty import block_length, errors_in_time
+from ballbot.fitting.uncertainty import block_length, correlation, covariance, leverage_corrected
 from ballbot.identification.axis.model import AxisModel, Values
 from ballbot.identification.axis.motion import Motion, position_noise, smoothed_motion, speed_at_start
 from ballbot.identification.axis.record import AxisRecord
@@ -253,7 +253,8 @@ class OutputErrorFit:
 
     problem: OutputError  #: with the starts estimated
     values: dict[str, float]  #: by label, SI units
-    standard_errors: dict[str, float]  #: by label, clustered in time; NaN for a parameter at a bound
+    standard_errors: dict[str, float]  #: by label, clustered by window; NaN for a parameter at a bound
+    correlation: NDArray[np.float64]  #: (p, p) of the parameters' errors
     residuals: NDArray[np.float64]  #: (m,) [m], of the best starts
     slopes: NDArray[
         np.float64
@@ -355,13 +356,17 @@ def _fit_at(
 ) -> OutputErrorFit:
     """Return the fit that ends at a scaled point with derivatives by it (m, p), zero for a parameter at a bound."""
     kept = np.linalg.norm(J, axis=0) > 0.0
-    deviations = np.full(len(z), np.nan)
-    deviations[kept] = errors_in_time(J[:, kept], residuals, problem.window)
-    slopes = space.slopes(z)
+    rows = np.split(np.arange(len(J)), np.flatnonzero(np.diff(problem.window)) + 1)
+    matrices = np.array([J[one].T @ J[one] for one in rows])
+    scores = np.array([J[one].T @ residuals[one] for one in rows])
+    # an axis passes its slow speeds in a few windows, which a fit follows closely
+    C = covariance(leverage_corrected(matrices, scores, kept), kept)
+    deviations, slopes = np.sqrt(C.diagonal()), space.slopes(z)
     return OutputErrorFit(
         problem=problem,
         values=problem.model.by_label(space.physical(z)),
         standard_errors=problem.model.by_label(deviations * slopes),
+        correlation=correlation(C),
         residuals=residuals,
         slopes=J / slopes,
     )

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from ballbot.findings import Finding, Place
+from ballbot.findings import Finding, error
 from ballbot.log.checks.lean import (
     EVERY,
     Motion,
@@ -101,23 +101,17 @@ class Assignment:
         return " and ".join(parts)
 
     @property
+    def places(self) -> list[tuple[int, int, int]]:
+        """For each torque its number, its wheel's, and 0 for its sign as logged or 1 for the other."""
+        signed = zip(self.wheels, self.signs, strict=True)
+        return [(j, wheel, int(sign < 0)) for j, (wheel, sign) in enumerate(signed)]
+
+    @property
     def changes(self) -> int:
         """Number of separate faults."""
         moved = sum(wheel != j for j, wheel in enumerate(self.wheels))
         negated = self.signs.count(-1)
         return moved + (1 if negated == len(self.signs) else negated)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TorqueEvidence:
-    """The torques of one log compared with its motion."""
-
-    assignments: tuple[Assignment, ...]  #: the best explanations, simplest first
-    explained: float  #: fraction of the torques' variance that the best explains
-    as_logged: float  #: fraction that the columns as logged explain
-    clearness: float  #: advantage of the best over the columns as logged, in standard errors
-    differing: float  #: mean fraction gained on the torques that the best assigns differently
-    turned: float  #: time in which wheels turned for certain, of all together [s]
 
 
 def driving_of(log: Log, rows: Rows, motion: Motion, robot: Robot) -> Driving | None:
@@ -142,65 +136,41 @@ def driving_of(log: Log, rows: Rows, motion: Motion, robot: Robot) -> Driving | 
     )
 
 
-def torque_evidence(driving: Driving) -> TorqueEvidence:
-    """Fit every logged torque by every wheel's motion with either sign, and compare the assignments."""
-    n = driving.torque.shape[1]
+def torque_findings(driving: Driving, *, names: tuple[str, ...]) -> list[Finding]:
+    """Fit every torque by every wheel's motion with either sign; return the error of order, sign or no relation."""
     left = _left_unexplained(driving)
     explained = 1.0 - left.sum(axis=-1)  # [torque, wheel, sign]
-    own = Assignment(tuple(range(n)), (1,) * n)
     every = _assignments(explained)
-    scores = {one: _mean(explained, one) for one in every}
-    best = max(scores, key=lambda one: scores[one])
+    scores = {one: float(np.mean([explained[place] for place in one.places])) for one in every}
+    best = max(scores.values())
     good = sorted(
-        (one for one in every if scores[one] >= scores[best] - AS_GOOD),
-        key=lambda one: (one.changes, -scores[one]),
+        (one for one in every if scores[one] >= best - AS_GOOD), key=lambda one: (one.changes, -scores[one])
     )
-    chosen = good[0]
-    other = [j for j in range(n) if (chosen.wheels[j], chosen.signs[j]) != (j, 1)]
-    gain = np.array([left[j, j, 0] - left[j, chosen.wheels[j], _place(chosen.signs[j])] for j in other])
-    return TorqueEvidence(
-        assignments=tuple(good),
-        explained=scores[chosen],
-        as_logged=scores[own],
-        clearness=clarity(_bounded(left, chosen, other)) if other else 0.0,
-        differing=float(gain.sum(axis=1).mean()) if other else 0.0,
-        turned=EVERY * INTERVAL * float(np.sum(driving.turning**TURNED_POWER)),
-    )
-
-
-def torque_findings(found: TorqueEvidence, *, names: tuple[str, ...]) -> list[Finding]:
-    """Return findings on the torques: order, sign, or that they are unrelated to the motion."""
-    where = Place(columns=names)
-    clear = found.differing > CLEAR_GAIN and found.clearness > CLEARLY_BETTER
-    if (
-        found.assignments[0].changes
-        and clear
-        and found.turned > LEAST_TURNING
-        and found.explained > EXPLAINED
-    ):
-        return [_misplaced(found, where)]
-    if found.as_logged < UNRELATED:
-        sentence = (
+    chosen, as_logged = good[0], 100.0 * max(scores[every[0]], 0.0)
+    other = [place for place, own in zip(chosen.places, every[0].places, strict=True) if place != own]
+    if other:
+        own, found = sum(left[j, j, 0] for j, _, _ in other), sum(left[place] for place in other)
+        clear = clarity((own - found) / np.maximum(own + found, 1e-30)) > CLEARLY_BETTER
+        turned = EVERY * INTERVAL * float(np.sum(driving.turning**TURNED_POWER))
+        gained = float(np.sum(own - found)) / len(other)
+        if clear and gained > CLEAR_GAIN and turned > LEAST_TURNING and scores[chosen] > EXPLAINED:
+            causes = [one.fault for one in good if one.changes <= chosen.changes + 1][:4]
+            text = (
+                f"The torques do not fit the motion as logged: {', or '.join(causes)}. With this correction they "
+                f"explain {100.0 * scores[chosen]:.0f} % of the torque that the motion needs, as logged "
+                f"{as_logged:.0f} %. Correct the columns or the mapping."
+            )
+            if chosen.wheels == every[0].wheels:
+                return [error("torque-sign", text, *names)]
+            return [error("torque-order", text, *names)]
+    if as_logged < 100.0 * UNRELATED:
+        text = (
             "The torques are unrelated to the motion: as logged they explain "
-            f"{100 * max(found.as_logged, 0.0):.0f} % of the torque that the motion needs, and no other order "
-            "or signs fit. They are from another log, shifted in time, or not the torques of the motors."
+            f"{as_logged:.0f} % of the torque that the motion needs, and no other order or signs fit. They are from "
+            "another log, shifted in time, or not the torques of the motors."
         )
-        return [Finding(code="torque-unrelated", severity="error", text=sentence, where=where)]
+        return [error("torque-unrelated", text, *names)]
     return []
-
-
-def _misplaced(found: TorqueEvidence, where: Place) -> Finding:
-    """Return the finding that names every order and sign of the torques that fits as well as the best."""
-    best = found.assignments[0]
-    causes = [one.fault for one in found.assignments if one.changes <= best.changes + 1][:4]
-    sentence = (
-        f"The torques do not fit the motion as logged: {', or '.join(causes)}. With this correction "
-        f"they explain {100 * found.explained:.0f} % of the torque that the motion needs, as logged "
-        f"{100 * max(found.as_logged, 0.0):.0f} %. Correct the columns or the mapping."
-    )
-    if best.wheels == tuple(range(len(best.wheels))):
-        return Finding(code="torque-sign", severity="error", text=sentence, where=where)
-    return Finding(code="torque-order", severity="error", text=sentence, where=where)
 
 
 def _needed(motion: Motion, robot: Robot) -> NDArray[np.float64]:
@@ -262,32 +232,14 @@ def _left_unexplained(driving: Driving) -> NDArray[np.float64]:
 
 
 def _assignments(explained: NDArray[np.float64]) -> list[Assignment]:
-    """Return every order, each torque with every sign that is not clearly the worse one, and the order as logged."""
+    """Return the order as logged, then every order, each torque with the sign that is not the worse one."""
     n = len(explained)
-    found = {Assignment(tuple(range(n)), (1,) * n), Assignment(tuple(range(n)), (-1,) * n)}
+    own = tuple(range(n))
+    found = [Assignment(own, (1,) * n), Assignment(own, (-1,) * n)]
     for order in permutations(range(n)):
-        better = [1 if explained[j, order[j], 0] >= explained[j, order[j], 1] else -1 for j in range(n)]
-        found.add(Assignment(order, tuple(better)))
-    return list(found)
-
-
-def _place(sign: int) -> int:
-    return 0 if sign > 0 else 1
-
-
-def _mean(explained: NDArray[np.float64], one: Assignment) -> float:
-    return float(
-        np.mean(
-            [explained[j, i, _place(s)] for j, (i, s) in enumerate(zip(one.wheels, one.signs, strict=True))]
-        )
-    )
-
-
-def _bounded(left: NDArray[np.float64], one: Assignment, torques: list[int]) -> NDArray[np.float64]:
-    """Return the advantage (B,) of an assignment over the columns as logged, by blocks, from -1 to 1."""
-    own = sum(left[j, j, 0] for j in torques)
-    best = sum(left[j, one.wheels[j], _place(one.signs[j])] for j in torques)
-    return np.asarray((own - best) / np.maximum(own + best, 1e-30))
+        better = [1 if explained[j, i, 0] >= explained[j, i, 1] else -1 for j, i in enumerate(order)]
+        found.append(Assignment(order, tuple(better)))
+    return list(dict.fromkeys(found))
 
 
 def gravity_need(motion: Motion, robot: Robot) -> NDArray[np.float64]:

@@ -26,20 +26,13 @@ from numpy.typing import NDArray
 from ballbot.arrays import check_table, format_bytes
 from ballbot.errors import InputError, either, nearest, suggest
 from ballbot.files import LARGEST_TABLE, check_regular, folder_refusal
-from ballbot.log.columns import (
-    KNOWN_NAMES,
-    Columns,
-    check_column_names,
-    has_native_names,
-    mark_missing,
-    native_columns,
-)
+from ballbot.log.columns import Columns, check_column_names, has_native_names, mark_missing, native_columns
 from ballbot.log.formats.inference import (
     ForeignTable,
     infer_text_table,
-    own_layout_below,
+    read_inferred,
     read_text_units,
-    read_text_variables,
+    text_names,
 )
 from ballbot.log.formats.json import read_json_table
 from ballbot.log.formats.mat import read_mat, write_mat
@@ -51,13 +44,11 @@ from ballbot.log.formats.text import (
     OWN_LAYOUT,
     SEMICOLON_LAYOUT,
     TextLayout,
-    own_layout,
-    read_text_header,
     read_text_table,
     write_text_table,
 )
 from ballbot.log.row_order import rows_with_times
-from ballbot.printable import printable_line, shell_line
+from ballbot.printable import printable_line
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +80,7 @@ FORMATS: tuple[LogFormat, ...] = (
     LogFormat(
         name="CSV",
         suffixes=(".csv", ".txt", ".tsv", ".dat", ".log"),
-        read=read_text_variables,
+        read=read_inferred,
         write=write_text_table,
         is_text=True,
     ),
@@ -107,14 +98,7 @@ FORMATS: tuple[LogFormat, ...] = (
     LogFormat(name="ROS 2 bag", suffixes=(".db3",), read=read_bag, write=write_ros_bag, extra="formats"),
     LogFormat(name="ROS 1 bag", suffixes=(".bag",), read=read_bag, extra="formats"),
 )
-#: what unpacks a compressed file and keeps it, by its suffix
-_COMPRESSED = {
-    ".gz": ("gunzip", "--keep"),
-    ".zst": ("unzstd",),
-    ".xz": ("unxz", "--keep"),
-    ".bz2": ("bunzip2", "--keep"),
-    ".zip": ("unzip",),
-}
+_COMPRESSED = (".gz", ".zst", ".xz", ".bz2", ".zip")
 #: how a folder is read, whatever its name
 _FOLDER = LogFormat(name="ROS 2 bag", suffixes=(), read=read_bag, extra="formats")
 #: suffixes of the files that are written, the default first
@@ -142,10 +126,7 @@ def is_foreign(path: str | Path) -> bool:
     if not (path.is_file() or path.is_dir()):
         return False
     one = _format_of(path)
-    if one is None or one.is_text:
-        header = read_text_header(path)
-        return not has_native_names(header) and own_layout_below(path) is None
-    return not has_native_names(_read(one, path))
+    return not has_native_names(text_names(path) if one is None or one.is_text else _read(one, path))
 
 
 def read_columns(
@@ -162,7 +143,7 @@ def read_columns(
     path : str or Path
         A file of one of the `FORMATS`.
     layout : TextLayout, optional
-        How a table of text is laid out; as its header shows if it is not given.
+        How a table of text is laid out; as its lines show if it is not given.
     used : collection of str, optional
         The columns that must consist of numbers, see `read_text_table`; Ballbot's own without a layout.
     notes : list of str, optional
@@ -179,16 +160,9 @@ def read_columns(
         If the suffix is unknown, a package that reads the format is missing, or the file is not such a table.
     """
     one = _known_format(path)
-    if one.is_text:
-        if layout is None:
-            names = read_text_header(path)
-            layout = (
-                own_layout(path) if has_native_names(names) else own_layout_below(path) or own_layout(path)
-            )
-            used = {*KNOWN_NAMES, *native_columns(layout.names or names)}
-            return _native(read_text_table(path, layout, used=used, notes=notes), notes)
+    if one.is_text and layout is not None:
         return read_text_table(path, layout, used=used, notes=notes)
-    columns = _table(one, Path(path))
+    columns = read_inferred(path, of_a_log=True, notes=notes) if one.is_text else _table(one, Path(path))
     return _native(columns, notes) if layout is None else columns
 
 
@@ -306,9 +280,8 @@ def _known_format(path: str | Path) -> LogFormat:
 def _check_unpacked(path: Path) -> None:
     """Raise InputError if the suffix of a file is that of a compressed one."""
     check_regular(path)
-    command = _COMPRESSED.get(path.suffix.lower())
-    if command:
-        raise InputError(f"{path} is compressed; unpack it first, as with `{shell_line([*command, path])}`.")
+    if path.suffix.lower() in _COMPRESSED:
+        raise InputError(f"{path} is compressed; unpack it first.")
 
 
 def _read(one: LogFormat, path: Path) -> Columns:

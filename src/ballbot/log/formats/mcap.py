@@ -2,8 +2,7 @@
 
 A log is written with a topic for each unit, such as /angle_rad or /torque_N_m. Each row of the log is a message with
 `t` and the columns of that unit, and a missing value is left out. The schema of a topic states the unit of each field;
-the file's metadata "ballbot" has the columns' names in their order. `replay` topics may be added: the scene of
-`ballbot.viewer.foxglove`.
+the file's metadata "ballbot" has the columns' names in their order.
 
 Files of others are read by the times and names of their messages (`ballbot.log.formats.messages`): JSON, and ROS 2
 messages (`ballbot.log.formats.ros`). Messages in other encodings are skipped.
@@ -77,17 +76,13 @@ def read_mcap(path: Path) -> Columns:
     return _own_columns(json.loads(own[0]), topics) if own else joined(topics.values())
 
 
-def write_mcap(
-    path: Path, columns: Mapping[str, NDArray[np.float64]], replay: Sequence[Channel] = ()
-) -> None:
+def write_mcap(path: Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
     """Write columns (N,) to an MCAP file, whole or not at all.
 
     Parameters
     ----------
     path : str or Path
     columns : mapping of str to ndarray
-    replay : sequence of Channel
-        Further topics.
 
     Raises
     ------
@@ -101,7 +96,7 @@ def write_mcap(
     writer.start(library=f"ballbot {version('ballbot')}")
     origin = first_time(columns)
     messages: list[tuple[int, int, bytes]] = []
-    for channel in (*_channels(columns), *replay):
+    for channel in _channels(columns):
         schema = writer.register_schema(
             name=channel.schema, encoding="jsonschema", data=json.dumps(channel.definition).encode()
         )

@@ -1,6 +1,6 @@
 """How a foreign log becomes one of Ballbot's: what the user states, what the motion shows, what is left to ask.
 
-names, name_words, name_series   what a column's name says
+names                  what a column's name says
 roles                            which column is which quantity
 units                            units by headings, else by what physics supports
 placement, placements            how the lean responds to the wheels, in every order and sign

@@ -32,7 +32,6 @@ from ballbot.log.mapping_search.evidence import (
     jackknife_error,
     probabilities,
     solved,
-    without_each_block,
 )
 from ballbot.log.mapping_search.placement import vertex_with_error
 from ballbot.log.signals import INTERVAL, Smooth
@@ -48,8 +47,6 @@ class Assignment:
     advantage: float  #: over the next best assignment, in standard errors over blocks of a second
     next_best: str  #: in words
     confidence: float
-    #: whether mixtures of all wheels' torques explain the commands far better than any order of single ones
-    mixed: bool = False
 
 
 def assign(driving: Driving, expected: Sequence[tuple[int, int]]) -> Assignment:
@@ -65,38 +62,22 @@ def assign(driving: Driving, expected: Sequence[tuple[int, int]]) -> Assignment:
     """
     totals = _left(driving)
     least = min(totals.values(), key=lambda one: float(one.sum()))
-    weights = {one: _usual(one, expected) - _log_odds(total, least) for one, total in totals.items()}
-    found = probabilities(weights)
+    odds = {one: -_log_odds(total, least) for one, total in totals.items()}
+    found = probabilities({one: _usual(one, expected) + odd for one, odd in odds.items()})
+    seen = probabilities(odds)  # what is usual is preferred among what fits alike, but makes nothing certain
     (wheels, signs), (other, other_signs) = list(found)[:2]
     explained = 1.0 - float(totals[wheels, signs].sum())
-    # what explains little may be chance however often it repeats
-    enough = min(max((explained - 0.1) / 0.2, 0.0), 1.0)
-    mixed = _mixed(driving, 1.0 - explained)
+    # commands that are torques about axes are mixtures of all wheels': single ones leave 0.38 of them, and at most 0.18
+    # on the development halves where they are right
+    enough = min(max((explained - 0.5) / 0.2, 0.0), 1.0)
     return Assignment(
         wheels=wheels,
         signs=signs,
         explained=explained,
         advantage=clarity(totals[other, other_signs] - totals[wheels, signs]),
         next_best=f"commands for wheels {tuple(i + 1 for i in other)} with signs {other_signs}",
-        confidence=min(_probability(found, driving.torque), MOST) * enough * (0.5 if mixed else 1.0),
-        mixed=mixed,
+        confidence=min(_probability((wheels, signs), seen, driving.torque), MOST) * enough,
     )
-
-
-#: share of the commands that an order of single wheels must leave, and what mixtures may leave of that, for mixtures;
-#: single wheels leave at most 0.18 on the development halves where they are right, and 0.38 of torques about axes
-_MIXED_LEFT, _MIXED_BETTER = 0.25, 0.25
-
-
-def _mixed(driving: Driving, left: float) -> bool:
-    """Return whether a mixture of all wheels' torques for each command leaves far less than single wheels do."""
-    if left < _MIXED_LEFT:
-        return False
-    u = driving.torque - driving.torque.mean(axis=0)
-    friction = driving.friction.reshape(len(u), -1)
-    X = np.column_stack([driving.needed, friction, np.ones(len(u))])
-    rest = u - X @ np.linalg.lstsq(X, u, rcond=None)[0]
-    return float(np.square(rest).sum()) < _MIXED_BETTER * left * float(np.square(u).sum())
 
 
 #: assignments whose torques differ by less than this part of their size are one: half of what torques may be off
@@ -104,13 +85,14 @@ SAME_TORQUES = 0.1
 
 
 def _probability(
-    found: dict[tuple[tuple[int, ...], tuple[int, ...]], float], commands: NDArray[np.float64]
+    best: tuple[tuple[int, ...], tuple[int, ...]],
+    found: dict[tuple[tuple[int, ...], tuple[int, ...]], float],
+    commands: NDArray[np.float64],
 ) -> float:
     """Return the probability of the best assignment and of those that make nearly the same torques.
 
     With four wheels and a still heading, opposite wheels have opposite commands.
     """
-    best = next(iter(found))
     own = _by_wheel(commands, best)
     size = float(np.std(own))
     return sum(
@@ -191,18 +173,8 @@ def _left(driving: Driving) -> dict[tuple[tuple[int, ...], tuple[int, ...]], NDA
     return found
 
 
-@dataclass(frozen=True, kw_only=True)
-class Response:
-    """How the commands answer to what the wheels need; with the order and signs of `assign`."""
-
-    gain: float  #: a, command a N m of need; nan if the log does not show it
-    gain_error: float  #: standard error of its logarithm
-    damping: float  #: b / a [N m s/rad]
-    damping_error: float  #: standard error
-
-
-def response(driving: Driving, assigned: Assignment, pulled: NDArray[np.float64]) -> Response:
-    """Estimate gain and damping.
+def gain_of(driving: Driving, assigned: Assignment, pulled: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the command a of 1 N m of need (nan if the log does not show it), and its logarithm's standard error.
 
     Parameters
     ----------
@@ -210,54 +182,30 @@ def response(driving: Driving, assigned: Assignment, pulled: NDArray[np.float64]
         The commands are its torques.
     assigned : Assignment
     pulled : ndarray (N, n)
-        Gravity's part of the need, by wheel [N m].
+        Gravity's part of the need, by wheel [N m]: the instrument, which noise of the accelerations is not part of.
     """
     n = driving.torque.shape[1]
-    place = np.argsort(assigned.wheels)  # the command of each wheel
-    s = np.asarray(assigned.signs, dtype=np.float64)
-    u = (driving.torque * s)[:, place]
-    weight = driving.turning**TURNED_POWER
+    u = _by_wheel(driving.torque, (assigned.wheels, assigned.signs))
     rows = np.arange(n)
     own = np.zeros((len(u), n, 3 * n))  # sign, falling sign and offset of each wheel
     for part, values in enumerate((driving.friction[:, :, 0], driving.friction[:, :, 2], np.ones_like(u))):
         own[:, rows, 3 * rows + part] = values
-    speed = driving.friction[:, :, 1]
-    X = np.concatenate([driving.needed[..., None], speed[..., None], own], axis=-1)
-    Z = np.concatenate([pulled[..., None], speed[..., None], own], axis=-1)
-    forward = _block_products(Z, X, u, weight, driving.block)
-
-    def log_gain(sums: NDArray[np.float64]) -> float:
-        a = solved(sums)[0]
-        return math.log(a) if a > 0.0 else math.nan
-
-    def damping(sums: NDArray[np.float64]) -> float:
-        a, b = solved(sums)[:2]
-        return float(b / a) if a else math.nan
-
-    found = log_gain(forward.sum(axis=0))
-    return Response(
-        gain=math.exp(found) if math.isfinite(found) else math.nan,
-        gain_error=jackknife_error(without_each_block(forward, log_gain)),
-        damping=damping(forward.sum(axis=0)),
-        damping_error=jackknife_error(without_each_block(forward, damping)),
+    speed, weight = driving.friction[:, :, 1, None], driving.turning[..., None] ** TURNED_POWER
+    X = np.concatenate([driving.needed[..., None], speed, own, u[..., None]], axis=-1)
+    Z = np.concatenate([pulled[..., None], speed, own], axis=-1) * weight
+    sums = np.array(
+        [
+            np.einsum("nwi,nwj->ij", Z[driving.block == b], X[driving.block == b])
+            for b in range(int(driving.block[-1]) + 1)
+        ]
     )
 
+    def log_gain(of_sums: NDArray[np.float64]) -> float:
+        a = solved(of_sums)[0]
+        return math.log(a) if a > 0.0 else math.nan
 
-def _block_products(
-    Z: NDArray[np.float64],
-    X: NDArray[np.float64],
-    y: NDArray[np.float64],
-    weight: NDArray[np.float64],
-    block: NDArray[np.intp],
-) -> NDArray[np.float64]:
-    """Return Z^T [X y] (B, k, k + 1), weighted and summed over rows and wheels, by blocks."""
-    right = np.concatenate([X, y[..., None]], axis=-1)
-    made = np.zeros((int(block[-1]) + 1, Z.shape[-1], right.shape[-1]))
-    weighted = Z * weight[..., None]
-    for b in range(len(made)):
-        rows = block == b
-        made[b] = np.einsum("nwi,nwj->ij", weighted[rows], right[rows])
-    return made
+    total = sums.sum(axis=0)
+    return math.exp(log_gain(total)), jackknife_error(np.array([log_gain(total - one) for one in sums]))
 
 
 #: delays of the commands that are tried [s], and the filter of the wheels for it [s]: delays show in what is quick
@@ -269,11 +217,13 @@ LEAST_EXPLAINED = 0.4
 
 
 def command_delay(
-    wheels: Smooth, commands: NDArray[np.float64], usable: NDArray[np.bool_]
+    wheels: Smooth, commands: NDArray[np.float64], usable: NDArray[np.bool_], driven: NDArray[np.float64]
 ) -> tuple[float, float]:
     """Return how late the wheels (N, n) answer to commands (N, k) [s], and its standard error; nan, inf if unknown.
 
-    The lean is not among what explains them: commands are made of it, and would share its gain.
+    The lean is not among what explains them: commands are made of it, and would share its gain. Commands that chatter
+    fit half a period later, too, with all signs turned: `driven` (k, n), 1 or -1 where a command drives a wheel and 0
+    elsewhere, tells the two apart.
     """
     if usable.sum() * INTERVAL < 3.0:
         return math.nan, math.inf
@@ -286,7 +236,9 @@ def command_delay(
         X = np.column_stack([late, speed, np.tanh(speed / 0.3), np.ones(len(late))])[usable]
         size = np.sqrt((X**2).mean(axis=0)) + 1e-12
         normal = (X / size).T @ (X / size) + RIDGE * len(X) * np.eye(X.shape[1])
-        rest = y - X / size @ np.linalg.solve(normal, (X / size).T @ y)
+        factors = np.linalg.solve(normal, (X / size).T @ y)
+        backwards = float((factors[: len(driven)] / size[: len(driven), None] * driven).sum()) <= 0.0
+        rest = y if backwards else y - X / size @ factors
         left.append(np.bincount(blocks, weights=(rest**2).sum(axis=1)) / float((y**2).sum()))
     if 1.0 - min(float(one.sum()) for one in left) < LEAST_EXPLAINED:
         return math.nan, math.inf

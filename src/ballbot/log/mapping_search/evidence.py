@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Hashable, Mapping
 from typing import TypeVar
 
 import numpy as np
@@ -47,14 +47,6 @@ def jackknife_error(estimates: NDArray[np.float64]) -> float:
     if count < 3:
         return math.nan
     return float(np.sqrt((count - 1) / count * np.square(estimates - estimates.mean()).sum()))
-
-
-def without_each_block(
-    sums: NDArray[np.float64], estimate: Callable[[NDArray[np.float64]], float]
-) -> NDArray[np.float64]:
-    """Return an estimate (B,) from sums (B, ...) over blocks, with each block left out in turn."""
-    total = sums.sum(axis=0)
-    return np.array([estimate(total - one) for one in sums])
 
 
 def solved(sums: NDArray[np.float64]) -> NDArray[np.float64]:

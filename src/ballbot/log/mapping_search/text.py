@@ -17,7 +17,8 @@ from ballbot.log.log import Log
 from ballbot.log.mapping import apply_mapping
 from ballbot.log.mapping_file import parse_mapping
 from ballbot.log.mapping_search.found import KINDS, Proposal, Question
-from ballbot.log.mapping_search.name_words import InputKind
+from ballbot.log.mapping_search.names import InputKind
+from ballbot.log.pose import with_odometry
 from ballbot.printable import printable_line
 from ballbot.robot import Robot
 from ballbot.schema import toml_line
@@ -25,8 +26,11 @@ from ballbot.schema import toml_line
 #: errors of a log that are faults of the recording, under whatever mapping: they stop the analysis of the log, which
 #: names them again, and not the mapping
 OF_THE_RECORDING = frozenset(
-    ("copied", "corrupted", "gap", "held", "jump", "missing", "rows", "spike", "stuck", "torque-clipped")
+    ("copied", "corrupted", "gap", "held", "jump", "missing", "rows", "spike", "torque-clipped")
 )
+#: largest share of the torques' variance that may change from row to row, 1 - cos(2 pi / 8): a sine of fewer than 8
+#: rows a period shows neither when a torque acts nor, of a voltage or duty, the back-EMF of the wheel's speed
+MOST_CHANGE = 0.3
 #: a delay of the commands is written if it is this many standard errors from zero
 CLEAR_DELAY = 2.0
 
@@ -68,8 +72,8 @@ def evaluate(proposal: Proposal, robot: Robot, *, common: Proposal | None = None
     refusal = _refusal(proposal, robot)
     if not refusal:
         try:
-            log = Log(apply_mapping(parse_mapping(text, source="the mapping"), proposal.cut))
-            log = _with_path(log, proposal, robot)
+            log = Log(apply_mapping(parse_mapping(text, source="the mapping"), proposal.base.cut))
+            log = with_odometry(log, robot) if proposal.roles.attitude else log
         except InputError as error:
             refusal = f"the mapping makes no log: {error}"
     if log is not None:
@@ -78,9 +82,25 @@ def evaluate(proposal: Proposal, robot: Robot, *, common: Proposal | None = None
         findings = by_severity((*findings, *errors))
         if wrong:
             refusal = f"the log contradicts the robot {robot.name}: {wrong[0].text}"
+        refusal = refusal or _too_coarse(log)
     if proposal.tested is not None:
         findings = by_severity((*findings, *disturbance_findings(proposal.tested.disturbance)))
     return Evaluation(proposal=proposal, findings=findings, text=text, log=log, refusal=refusal)
+
+
+def _too_coarse(log: Log) -> str:
+    """Return why the rows of a log are too far apart for its torques; empty if they are not."""
+    if "u1" not in log:
+        return ""
+    u = log.torques
+    power = 2.0 * float(np.var(u, axis=0).sum())
+    share = float(np.var(np.diff(u, axis=0), axis=0).sum()) / power if power > 0.0 else 0.0
+    if share <= MOST_CHANGE:
+        return ""
+    return (
+        f"the torques change by {100.0 * share:.0f} % of their variance from row to row, {1e3 * log.sample_time:.3g} "
+        "ms apart, which is too coarse to show when they act. Log every control period."
+    )
 
 
 def _answered(proposal: Proposal, common: Proposal) -> Proposal:
@@ -96,12 +116,6 @@ def _answered(proposal: Proposal, common: Proposal) -> Proposal:
     return answered
 
 
-def _with_path(log: Log, proposal: Proposal, robot: Robot) -> Log:
-    from ballbot.log.pose import with_odometry
-
-    return with_odometry(log, robot) if proposal.roles.attitude else log
-
-
 def _refusal(proposal: Proposal, robot: Robot) -> str:
     if proposal.what == "IMU only":
         return (
@@ -115,9 +129,6 @@ def _refusal(proposal: Proposal, robot: Robot) -> str:
         )
     if proposal.contradiction:
         return f"the log contradicts the robot {robot.name}: {proposal.contradiction}"
-    stuck = [one for one in proposal.findings if one.code == "stuck"]
-    if stuck:
-        return stuck[0].text
     if proposal.questions:
         names = ", ".join(f"{one.name} ({one.key})" for one in proposal.questions)
         return f"cannot determine: {names}; the lines to fill in are in the mapping file."
@@ -128,7 +139,7 @@ def raw_log(proposal: Proposal, robot: Robot) -> Log:
     """Return the log of a proposal without a drive, with the commands as torques in its order of the wheels."""
     text = mapping_text(replace(proposal, questions=()), robot)
     # a hole in one column does not keep the commands' effect from showing
-    return Log(apply_mapping(parse_mapping(text, source="the mapping"), proposal.cut))
+    return Log(apply_mapping(parse_mapping(text, source="the mapping"), proposal.base.cut))
 
 
 def mapping_text(proposal: Proposal, robot: Robot) -> str:
@@ -160,8 +171,6 @@ def _asked(lines: list[str], questions: Sequence[Question]) -> list[str]:
     for line in lines:
         table = line if line.startswith("[") else table
         found = asked.get(f"{table} {line.split(' = ')[0].lstrip('# ')}")
-        if found is None and line.startswith("complete"):
-            found = asked.get("--columns")
         if found is None and table == line == "[input]":
             found = asked.get("[input] zero")
         if found is not None:
@@ -196,13 +205,15 @@ def _file_lines(proposal: Proposal) -> list[str]:
 
 def _time_lines(proposal: Proposal) -> list[str]:
     lines = ["[time]"]
-    if proposal.continued.noise is not None:
-        before, after = proposal.continued.noise
+    if proposal.motion is not None and proposal.motion.noise is not None:
+        before, after = proposal.motion.noise
         reason = (
             f"noise of the wheel speeds {before:.2g} rad/s; with the times that the encoders give {after:.2g}"
         )
         lines.append(toml_line("repair", True, reason))
-    lines.append(toml_line("sample_time", float(f"{proposal.sample_time:g}")))
+    # an even interval near the rows' own: 5 ms or a multiple, 1 ms if rows come faster
+    usual = float(np.median(np.diff(proposal.base.t)))
+    lines.append(toml_line("sample_time", float(f"{max(0.005 * int(usual / 0.005 + 0.1), 0.001):g}")))
     if proposal.keep is not None:
         spans = [(round(start, 3), round(end, 3)) for start, end in proposal.keep]
         lines.append(toml_line("keep", spans, "balancing: neither at rest nor fallen nor held by hand"))
@@ -211,27 +222,23 @@ def _time_lines(proposal: Proposal) -> list[str]:
 
 def _column_lines(proposal: Proposal) -> list[str]:
     roles, time = proposal.roles, proposal.time
-    source: object = roles.time
-    if roles.time_parts:
-        source = dict(zip(("from", "nanoseconds"), roles.time_parts, strict=True))
-    elif time.name != "s":
-        source = {"from": roles.time, "unit": time.name}
+    source = roles.time if time.name == "s" else {"from": roles.time, "unit": time.name}
     lines = ["[columns]", toml_line("t", source, time.reason)]
-    if roles.attitude and proposal.gyro is None:
+    if roles.attitude and (proposal.motion is None or proposal.motion.gyro is None):
         lines += [toml_line(f"{name}_dot", {"derivative_of": name}) for name in ("theta", "phi", "psi")]
     return lines
 
 
 def _attitude_lines(proposal: Proposal) -> list[str]:
-    roles, frame, tested, gyro = proposal.roles, proposal.frame, proposal.tested, proposal.gyro
+    roles, frame, tested = proposal.roles, proposal.frame, proposal.tested
+    gyro = proposal.motion.gyro if proposal.motion else None
     if not roles.attitude or proposal.lean is None:
         return []
     lines = ["[attitude]"]
     if roles.quaternion:
         lines.append(toml_line("from", roles.quaternion, "a quaternion w, x, y, z"))
     else:
-        own = [roles.unit((name,)) or proposal.lean.name for name in roles.attitude[:2]]
-        units = [*own, *([proposal.heading_unit.name] if proposal.heading_unit else [])]
+        units = proposal.base.angle_units(proposal.lean.name)
         unit: object = units[0] if len(set(units)) == 1 else units
         lines += [toml_line("from", roles.attitude), toml_line("unit", unit, proposal.lean.reason)]
     if roles.half_turn is not None:
@@ -249,7 +256,7 @@ def _attitude_lines(proposal: Proposal) -> list[str]:
     if gyro is not None:
         rates = {
             "from": [roles.gyro[place] for place in gyro.order],
-            "unit": gyro.unit.name,
+            "unit": gyro.unit,
             "sign": [sign * axis for sign, axis in zip(gyro.signs, frame.axis_signs, strict=True)],
         }
         shown = ", ".join(f"{one:.2f}" for one in gyro.correlations)
@@ -258,79 +265,67 @@ def _attitude_lines(proposal: Proposal) -> list[str]:
 
 
 def _wheel_lines(proposal: Proposal) -> list[str]:
-    roles, frame, wheel, tested = proposal.roles, proposal.frame, proposal.wheel, proposal.tested
-    if not roles.angles:
+    roles, frame, tested, motion = proposal.roles, proposal.frame, proposal.tested, proposal.motion
+    if motion is None:
         return []
-    lines, reason = ["[wheels]"], "as in the file: nothing tests it"
+    reason, shown = "as in the file: nothing tests it", "as in the file"
     if tested is not None:
         best, other = tested.placements[:2]
         reason = (
             f"{best.description}; the next best, {other.description}, fits {tested.margin:.1f} times worse"
         )
-    lines.append(toml_line("order", frame.order, reason))
-    shown = "as in the file"
-    if proposal.heading is not None:
-        shown = f"the wheels' sum and the heading's rate correlate by {proposal.heading.correlation:.2f}"
-    elif tested is not None:
         shown = "with the smaller turn of the IMU; a log that turns its heading would show it"
-    lines.append(toml_line("sign", frame.signs, shown))
+    if motion.heading is not None:
+        shown = f"the wheels' sum and the heading's rate correlate by {motion.heading.correlation:.2f}"
+    lines = ["[wheels]", toml_line("order", frame.order, reason), toml_line("sign", frame.signs, shown)]
+    wheel = motion.units[1]
     table: dict[str, object] = {"from": roles.angles, "unit": wheel.name}
     if wheel.name.startswith("counts"):
         table["counts_per_turn"] = float(f"{2.0 * math.pi / wheel.factor:g}")
-    if proposal.continued.wrap is not None:
-        table["wrap"] = proposal.continued.wrap
-    if proposal.continued.largest_speed is not None:
-        table["largest_speed"] = float(f"{proposal.continued.largest_speed:.4g}")
+    if motion.wrap is not None:
+        table["wrap"] = motion.wrap
+    if motion.largest_speed is not None:
+        table["largest_speed"] = float(f"{motion.largest_speed:.4g}")
     if roles.of_speeds:
         return [*lines, toml_line("angle", {"integral_of": "speed"}), toml_line("speed", table, wheel.reason)]
     return [*lines, toml_line("angle", table, wheel.reason), toml_line("speed", {"derivative_of": "angle"})]
 
 
 def _input_lines(proposal: Proposal, robot: Robot) -> list[str]:
-    names, drive, frame = proposal.roles.commands, proposal.drive, proposal.frame
+    names, drive, order = proposal.roles.commands, proposal.drive, proposal.frame.order
     if not names:
         return []
-    by_wheel = [names[place - 1] for place in frame.order]
-    signs: list[int] = [1] * len(names)
-    if drive is None:
-        lines = ["[input]", toml_line("kind", "torque"), toml_line("scale", 1.0)]
-        return [*lines, *_listed(proposal, by_wheel, signs), toml_line("delay", 0.0)]
-    assigned, kind = drive.assigned, drive.kind
-    if assigned is not None:  # command j of the log that was compared is the file's number order[j]
-        for j, wheel in enumerate(assigned.wheels):
-            by_wheel[wheel], signs[wheel] = names[frame.order[j] - 1], assigned.signs[j]
-    lines = ["[input]", *kind_lines(kind or "torque", drive.scale, robot, stated=kind is not None)]
-    if kind is None:
-        for other in KINDS:
-            if other in drive.ratios:
-                lines.append(f"# if it is a {other}, these lines in place of the three above:")
-                lines += [
-                    f"#   {one}" for one in kind_lines(other, drive.ratios[other][0], robot, stated=True)
-                ]
-    if any(one.key == "[input] zero" for one in proposal.questions):
-        lines += ["# zero = ..  # the number that stands for no command", "# direction = [..]"]
-    clear = drive.delay > CLEAR_DELAY * drive.delay_error
-    shown = f"{1e3 * drive.delay:.0f} ms, standard error {1e3 * drive.delay_error:.0f} ms"
-    delay = toml_line(
-        "delay", round(drive.delay, 4) if clear else 0.0, f"by the wheels' accelerations {shown}"
-    )
-    return [*lines, *_listed(proposal, by_wheel, signs), delay]
-
-
-def _listed(proposal: Proposal, by_wheel: list[str], signs: list[int]) -> list[str]:
-    """Return the motors' columns in the order of the wheels' columns, as `order` in [wheels] applies to them, too."""
-    listed = {place: wheel for wheel, place in enumerate(proposal.frame.order)}
-    places = [listed[place] for place in sorted(listed)]
-    reason = "nothing tests it"
-    assigned = proposal.drive.assigned if proposal.drive else None
+    # by the file's wheels, as `order` in [wheels] applies to the motors, too
+    columns, signs, reason = list(names), [1] * len(names), "nothing tests it"
+    assigned = drive.assigned if drive else None
     if assigned is not None:
+        for j, wheel in enumerate(
+            assigned.wheels
+        ):  # command j of the log that was compared is number order[j]
+            columns[order[wheel] - 1], signs[order[wheel] - 1] = names[order[j] - 1], assigned.signs[j]
         reason = (
             f"the motion explains {100.0 * assigned.explained:.0f} % of them, {assigned.advantage:.1f} standard errors "
             "better than any other order or signs"
         )
+    kind, scale = (drive.kind, drive.scale) if drive else ("torque", 1.0)
+    lines = ["[input]", *kind_lines(kind or "torque", scale, robot, stated=kind is not None)]
+    for other in KINDS if drive and kind is None else ():
+        if drive and other in drive.ratios:
+            lines.append(f"# if it is a {other}, these lines in place of the three above:")
+            lines += [f"#   {one}" for one in kind_lines(other, drive.ratios[other][0], robot, stated=True)]
+    if any(one.key == "[input] zero" for one in proposal.questions):
+        lines += ["# zero = ..  # the number that stands for no command", "# direction = [..]"]
+    delay, shown = 0.0, ""
+    if drive:
+        clear = drive.delay > CLEAR_DELAY * drive.delay_error
+        delay = round(drive.delay, 4) if clear else 0.0
+        measured = f"{1e3 * drive.delay:.0f} ms, standard error {1e3 * drive.delay_error:.0f} ms"
+        shown = f"by the wheels' accelerations {measured}"
     return [
-        toml_line("from", [by_wheel[wheel] for wheel in places]),
-        toml_line("sign", [signs[wheel] for wheel in places], reason),
+        *lines,
+        toml_line("from", columns),
+        toml_line("sign", signs, reason),
+        toml_line("delay", delay, shown),
     ]
 
 
@@ -376,34 +371,44 @@ MOST_LINES = 30
 
 def answer_lines(found: Evaluation) -> list[str]:
     """Return what the log is, what was found in it and what is open, in at most `MOST_LINES` lines."""
-    one, roles = found.proposal, found.proposal.roles
-    seconds = float(np.ptp(one.cut[roles.time])) * one.time.factor
+    one, roles, tested, drive = (
+        found.proposal,
+        found.proposal.roles,
+        found.proposal.tested,
+        found.proposal.drive,
+    )
     without = " (without torques)" if one.what == "balancing" and not roles.commands else ""
-    lines = [f"{one.file.name}: {one.what}, {seconds:.0f} s; usable for {_USES[one.what]}{without}."]
+    lines = [
+        f"{one.file.name}: {one.what}, {np.ptp(one.base.t):.0f} s; usable for {_USES[one.what]}{without}."
+    ]
     lines.append(f"time       {roles.time} [{one.time.name}]: {one.time.reason}")
     if one.lean is not None:
         lines.append(f"lean       {', '.join(roles.attitude)} [{one.lean.name}]: {one.lean.reason}")
-    if roles.angles:
-        lines.append(f"wheels     {', '.join(roles.angles)} [{one.wheel.name}]: {one.wheel.reason}")
-    if one.tested is not None:
-        best, other = one.tested.placements[:2]
+    if one.motion is not None:
+        wheel = one.motion.units[1]
+        lines.append(f"wheels     {', '.join(roles.angles)} [{wheel.name}]: {wheel.reason}")
+    if tested is not None:
+        best, other = tested.placements[:2]
         lines.append(
             f"order      {list(one.frame.order)}, signs {list(one.frame.signs)}: {best.description}; the next best, "
-            f"{other.description}, fits {one.tested.margin:.1f} times worse"
+            f"{other.description}, fits {tested.margin:.1f} times worse"
         )
-        error = one.tested.phase_error
+        error = tested.phase_error
         shown = "" if error is None else f" +- {math.degrees(error):.1f}"
         lines.append(
             f"IMU        turned by {math.degrees(one.frame.turn):.1f} deg (measured "
             f"{math.degrees(one.frame.measured_turn):.1f}{shown}); wheel 1 is where the robot file has it"
         )
-    if one.drive is not None:
-        drive, assigned = one.drive, one.drive.assigned
-        _, ratio = drive.ratios.get(drive.kind, (1.0, math.nan)) if drive.kind else (1.0, math.nan)
-        fits = f", {ratio:.2f} times the torques that the motion needs" if math.isfinite(ratio) else ""
+    if drive is not None:
+        fits = (
+            f", {drive.ratio:.2f} times the torques that the motion needs"
+            if math.isfinite(drive.ratio)
+            else ""
+        )
         lines.append(
             f"commands   {', '.join(roles.commands)}: {drive.kind or 'kind not stated'} x {drive.scale:.6g}{fits}"
         )
+        assigned = drive.assigned
         if assigned is not None:
             by_file = sorted(range(len(assigned.wheels)), key=lambda j: one.frame.order[j])
             lines.append(

@@ -1,7 +1,6 @@
-"""Appendix I, hardware: Figure I.1. III, parameters: Figure III.1. IV, sensors: IV.1 to IV.4. V, video: V.1 and V.2.
+"""Appendix I, hardware: Figure I.1. III, parameters: Figure III.1. IV, sensors: IV.1 to IV.4.
 
-Figure III.1 is made on simulated swings, those of Appendix IV on three-minute runs of the twin, those of Appendix V on
-a video of the twin upside down.
+Figure III.1 is made on simulated swings, those of Appendix IV on three-minute runs of the twin.
 """
 
 from __future__ import annotations
@@ -11,18 +10,16 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
 from ballbot.identification.inertia import Pivot, inertia_of_swing
 from ballbot.report.alignment import smoothed
 from ballbot.report.bench import swing_figure
-from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
-from ballbot.report.spin import velocity_figure
+from ballbot.report.palette import MUTED
 from ballbot.report.style import MEASURED, STATE_SYMBOLS, WITHOUT_FRICTION, LineStyle
 from ballbot.robot import Robot
 from ballbot.robot.derived import shell_wall, wheel_speed_limit
-from ballbot.thesis.reproduce.bench import BallVideo, Bench
+from ballbot.thesis.reproduce.bench import Bench
 from ballbot.thesis.reproduce.drawing import Arrow, Curve, blocks_figure, panels_figure
 from ballbot.thesis.reproduce.item import Check, Item, over_runs
 from ballbot.thesis.reproduce.mistakes import RUBBER
@@ -248,68 +245,6 @@ def _correlation(first: NDArray[np.float64], second: NDArray[np.float64]) -> flo
     return float(np.mean(a * b)) / max(rms(a) * rms(b), 1e-12)
 
 
-#: RMS difference of the two velocities over the peak that counts as a match
-_MATCH = 0.05
-
-
-def figure_v_1(bench: Bench) -> Item:
-    """The seam that is seen and the curve that is fitted to it."""
-    video = bench.ball_video
-    off, half_band = rms(video.distances), 0.5 * video.scene.seam_width
-    tracked = float(video.spin.track.tracked.mean())
-    return Item(
-        name="Figure V.1",
-        title="The seam that is seen, and the seam's curve fitted to it",
-        thesis="The thesis shows the detected seam on the sphere with its curve fitted to it, for every "
-        "frame.",
-        ours=f"In {100.0 * tracked:.4g} % of {len(video.spin.t)} frames the curve is fitted; in the one "
-        f"shown, {len(video.seen)} seam pixels are {1e3 * off:.0f} mrad from it (RMS), in a band that is "
-        f"{1e3 * half_band:.0f} mrad to either side. The curve is (V.4) with both misprints mended (mistake "
-        "10).",
-        checks=(
-            Check("the curve is fitted to every frame", "share of the frames", tracked, lowest=0.99),
-            Check(
-                "the curve lies on the seam",
-                "RMS distance of the seam's pixels, over half its width",
-                off / half_band,
-                highest=1.0,
-            ),
-        ),
-        figure=lambda: _seam_figure(video),
-    )
-
-
-def figure_v_2(bench: Bench) -> Item:
-    """The ball's velocity by video and by the wheels."""
-    found = bench.ball_video.comparison
-    off = float(found.rms.max())
-    gains = ", ".join(
-        f"{gain:.3f} ± {half:.3f}" for gain, half in zip(found.gain, found.gain_half_width, strict=True)
-    )
-    return Item(
-        name="Figure V.2",
-        title="The ball's angular velocity by video, and T_obw times the wheels' speeds",
-        thesis="Both match, so that the transformation from wheel speeds to ball velocity is right.",
-        ours=f"They differ by at most {off:.3f} rad/s about any axis (RMS), where the ball turns by up to "
-        f"{found.peak:.1f} rad/s; video over wheels is {gains} about x, y and z.",
-        checks=(
-            Check(
-                "both match",
-                "largest RMS difference about an axis over the peak",
-                off / found.peak,
-                highest=_MATCH,
-            ),
-            Check(
-                "the transformation is right",
-                "how far video over wheels is from 1, at most",
-                float(np.abs(found.gain - 1.0).max()),
-                highest=_MATCH,
-            ),
-        ),
-        figure=lambda: velocity_figure(bench.ball_video.spin, found),
-    )
-
-
 def _architecture(robot: Robot) -> Figure:
     """Return the architecture with the robot's numbers."""
     drive, sensors, n = robot.drive, robot.sensors, robot.wheel_count
@@ -377,33 +312,3 @@ def _errors(found: Alignment, names: Sequence[str]) -> Figure:
         ]
         panels.append((f"error of {STATE_SYMBOLS[name]} [{unit}]", curves))
     return panels_figure(panels)
-
-
-#: of what was seen of the seam, about so many points are drawn
-_POINTS = 600
-
-
-def _seam_figure(video: BallVideo) -> Figure:
-    """Return a frame of the video, and beside it the sphere with the seam that is seen and the curve fitted."""
-    figure = Figure(figsize=(7.4, 3.6), layout="constrained")
-    picture, sphere = figure.subplots(1, 2)
-    view = video.spin.view
-    picture.imshow(video.frame[:, :, ::-1])
-    picture.plot(*view.outline().T, color="white", linewidth=0.8, linestyle="--")
-    reach = 1.2 * view.radius
-    picture.set(xlim=(view.x - reach, view.x + reach), ylim=(view.y + reach, view.y - reach))
-    picture.set(title=f"Frame {video.row} and the ball's outline found", xlabel="pixels", ylabel="pixels")
-    picture.grid(visible=False)
-    # the unit sphere as the camera sees it from far away, x to the right, y down
-    sphere.add_patch(Circle((0.0, 0.0), 1.0, facecolor="none", edgecolor=INK, linewidth=1.0))
-    seen = video.seen[:: max(1, len(video.seen) // _POINTS)]
-    sphere.plot(seen[:, 0], seen[:, 1], ".", color=ORANGE, markersize=2.5, label="seam seen")
-    near = video.curve[:, 2:] < 0.0  # the camera looks along +z
-    curves = ((~near, ":", MUTED, "on the far side"), (near, "-", BLUE, "curve fitted"))
-    for side, style, color, label in curves:
-        places = np.where(side, video.curve, np.nan)
-        sphere.plot(places[:, 0], places[:, 1], linestyle=style, linewidth=1.2, color=color, label=label)
-    sphere.set(xlim=(-1.2, 1.2), ylim=(1.2, -1.2), aspect="equal", title="Seam and curve on the ball")
-    sphere.set(xlabel="$x$ [ball radii]", ylabel="$y$ [ball radii]")
-    figure.legend(loc="outside lower right", ncols=3, markerscale=2.0)
-    return figure

@@ -2,8 +2,7 @@
 
 The recordings are of the nominal twin; the friction is identified from two of them, as a user would; models, gains and
 compensation know that friction and nothing else of the twin. A model has no chance in it, but the loop around it is
-chaotic: a model with friction is evaluated over several initial states. The ball on the upside-down twin is
-recorded on video and tracked (Appendix V).
+chaotic: a model with friction is evaluated over several initial states.
 """
 
 from __future__ import annotations
@@ -16,7 +15,6 @@ from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.lqr import LqrDesign, held
@@ -38,69 +36,7 @@ from ballbot.thesis.reproduce.item import RUNS, run_seed
 from ballbot.thesis.reproduce.recordings import CHANGE, CHANGE_RUN, Logs, ModelOnGrid, record
 from ballbot.thesis.reproduce.runs import Validated, validated
 from ballbot.validation.alignment import Alignment, align
-from ballbot.vision.rendering import MPEG4, Scene, motion_of, render, write_video
-from ballbot.vision.seam_pixels import ball_pixels, seam_finder
-from ballbot.vision.spin import Spin, WheelComparison, compare_with_wheels, facing, measure_spin
-from ballbot.vision.video import open_video
 from ballbot.workflows.ball_movement import BallMovement, ball_movement
-
-#: where the robot's x points in the picture [rad]
-_FORWARD = 0.4
-#: the renderer's motion has so many rows a second
-_ROWS = 1000.0
-#: the video shows the beginning of the ball on the wheels of the robot upside down [s]
-_VIDEO_LENGTH = 8.0
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BallVideo:
-    """What the video shows."""
-
-    scene: Scene
-    spin: Spin
-    comparison: WheelComparison  #: with T_obw times the wheels' speeds
-    row: int  #: the frame that is looked at
-    frame: NDArray[np.uint8]  #: (height, width, 3), as OpenCV has it
-    seen: NDArray[np.float64]  #: (k, 3) unit vectors, camera frame: where the seam's colour was seen
-    curve: NDArray[np.float64]  #: (m, 3) the seam's curve, fitted
-    distances: NDArray[np.float64]  #: (k,) of what was seen from the curve [rad]
-
-
-def _ball_video(robot: Robot, logs: Logs, *, path: Path, seed: int) -> BallVideo:
-    """Film the ball of a bench run with a real codec, follow its seam, and set it against the wheels.
-
-    What is shown is the middle one of the tracked frames.
-    """
-    scene, truth = Scene(), logs["truth"]
-    t = np.arange(0.0, truth.t[-1], 1.0 / _ROWS)
-    omega = np.column_stack([np.interp(t, truth.t, truth[f"ball_omega_{axis}"]) for axis in "xyz"])
-    motion = motion_of(t, omega @ facing(_FORWARD).as_matrix())
-    rate = scene.camera.frame_rate
-    duration = np.floor((t[-1] - 1.0 / rate) * rate) / rate
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_video(path, render(scene, motion, duration=duration, seed=seed), frame_rate=rate, codec=MPEG4)
-    spin = measure_spin(open_video(path))
-    comparison = compare_with_wheels(spin, logs["log"], robot)
-    spin = spin.turned(comparison.robot_camera)
-    tracked = np.flatnonzero(spin.track.tracked)
-    row = int(tracked[len(tracked) // 2])
-    frame = next(frame for k, (_, frame) in enumerate(spin.video.frames()) if k == row)
-    finder = seam_finder(ball_pixels(spin.view, spin.video.size), spin.colour)
-    seen = np.asarray(finder.find(frame)[0].p, dtype=np.float64)
-    curve = spin.seam.points @ spin.track.R[row].T
-    # chords are as good as arcs at these distances
-    distances = np.asarray(KDTree(curve).query(seen)[0], dtype=np.float64)
-    return BallVideo(
-        scene=scene,
-        spin=spin,
-        comparison=comparison,
-        row=row,
-        frame=frame,
-        seen=seen,
-        curve=curve,
-        distances=distances,
-    )
-
 
 #: a run that stands about the origin lasts so long [s], from a lean of so much [rad]
 STANDING, FIRST_LEAN = 60.0, 0.02
@@ -171,7 +107,7 @@ class Bench:
     @cached_property
     def driveline_fit(self) -> DrivelineFit:
         """Wheel 1's friction, from its sweep (Figure 3.2)."""
-        return fit_driveline(self.sweeps[0], run=Run(seed=self.seed))
+        return fit_driveline(self.sweeps[0])
 
     @cached_property
     def contact(self) -> Robot:
@@ -269,14 +205,6 @@ class Bench:
             error = TRACKING_ERROR * random.standard_normal(len(t))
             fits.append(fit_swing(swing_of(t, angle + error, kind="angle", source="a simulated swing")))
         return tuple(fits)
-
-    @cached_property
-    def ball_video(self) -> BallVideo:
-        """The ball of the robot held upside down, recorded on video and tracked (Appendix V)."""
-        logs = {
-            name: log.between(0.0, _VIDEO_LENGTH) for name, log in self.recorded("upside_down")[0].items()
-        }
-        return _ball_video(self.robot, logs, path=self.folder / "ball.mp4", seed=self.seed)
 
     def _linear(self, formulation: Formulation, reference: Reference) -> Log:
         gain = self.design.gain

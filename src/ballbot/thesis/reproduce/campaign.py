@@ -40,8 +40,6 @@ ITEMS: tuple[Callable[[Bench], Item], ...] = (
     appendices.figure_iv_2,
     appendices.figure_iv_3,
     appendices.figure_iv_4,
-    appendices.figure_v_1,
-    appendices.figure_v_2,
 )
 
 

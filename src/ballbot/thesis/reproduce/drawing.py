@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from ballbot.log import Log
 from ballbot.mechanics.parameters import Formulation
-from ballbot.report.narrow import NARROW
 from ballbot.report.palette import GREEN, INK, MUTED, SHADE
 from ballbot.report.style import REFERENCE, STATE_SYMBOLS, STATE_UNITS, LineStyle, thinned, with_peaks
 from ballbot.robot import Robot
@@ -39,8 +38,8 @@ class Arrow:
 
 
 def blocks_figure(blocks: Sequence[Block], arrows: Sequence[Arrow], *, height: float) -> Figure:
-    """Return a block diagram as wide as a phone, and so many inches high."""
-    figure = Figure(figsize=(NARROW, height))
+    """Return a block diagram that is 4 inches wide and so many inches high."""
+    figure = Figure(figsize=(4.0, height))
     axes = figure.add_axes((0.01, 0.02, 0.98, 0.96))
     axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
     axes.set_axis_off()

@@ -44,7 +44,7 @@ mistakes by numbers. It takes about ten minutes on two cores. Run the command ag
 | `thesis/figures/*.svg` | the figures, as vectors |
 | `thesis/results.json` | all numbers, with their bounds and intervals |
 | `thesis/reproduce.md` | this page |
-| `thesis/runs/` | the recordings, the identified friction and the video of the ball, kept for the next run |
+| `thesis/runs/` | the recordings, kept for the next run |
 
 Each figure is a function of its name: Figure 5.6 is `figure_5_6` in `ballbot.thesis.reproduce.chapter5`.
 
@@ -69,6 +69,7 @@ depends on one run. A random quantity is given as the median of several runs wit
 - The thesis prints neither its gain nor its friction, so shapes and ratios must agree, and sizes such as those of
   Figure 5.8 only roughly.
 - Photographs and drawings of parts (Figures 1.1, 1.2, 3.3 and I.2) are not reproduced.
+- Figures V.1 and V.2, the seam on the ball and the velocity by video, are what `ballbot spin` draws of your own video.
 """
 
 
@@ -147,7 +148,7 @@ def write_reproduction(
         if item.figure:
             picture = drawn_picture(item.key.replace("_", "-"), item.figure, _caption(item))
             figures[item.key] = picture
-            write_text(folder / "figures" / f"{item.key}.svg", str(picture.markup))
+            write_text(folder / "figures" / f"{item.key}.svg", picture.markup())
     results = reproduction_results(made) | {"provenance": to_results(provenance)}
     write_text(folder / "results.json", results_text(results))
     write_text(folder / "reproduce.md", reproduction_markdown(made))
