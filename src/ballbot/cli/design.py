@@ -61,7 +61,7 @@ class WeightOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class SearchOptions:
+class RobustSearchOptions:
     """Options of the search for robust weights. They have no effect without --robust."""
 
     perturb: str = ""
@@ -86,7 +86,7 @@ class SearchOptions:
     seed: Seed = 0
 
 
-_WEIGHTS, _SEARCH = WeightOptions(), SearchOptions()
+_WEIGHTS, _SEARCH = WeightOptions(), RobustSearchOptions()
 
 
 def design(
@@ -96,7 +96,7 @@ def design(
     weights: WeightOptions = _WEIGHTS,
     parts: Annotated[PartOptions, Parameter(name="*", negative="")] = DEFAULT_PARTS,
     robust: Annotated[bool, Parameter(negative="")] = False,
-    search: SearchOptions = _SEARCH,
+    search: RobustSearchOptions = _SEARCH,
     accept: Accept = None,
     out: OutFolder,
 ) -> None:
@@ -157,7 +157,7 @@ def _search(
     robot: Robot,
     compensation: Compensation,
     *,
-    search: SearchOptions,
+    search: RobustSearchOptions,
     inputs: Sequence[str],
     findings: Sequence[Finding],
     out: OutFolder,

@@ -48,7 +48,7 @@ from ballbot.workflows.controller_prediction import (
 _WRITTEN = (PAGE, "results.json")
 
 
-def validate_prediction(
+def _validate_prediction(
     results: Path,
     inputs: Sequence[str],
     *,
@@ -57,27 +57,7 @@ def validate_prediction(
     mapping: Path | None,
     accept: Accept,
 ) -> None:
-    """Compare one log with a study's prediction, print the verdict, and write it if a folder is given.
-
-    Parameters
-    ----------
-    results : Path
-        The study's results.json.
-    inputs : sequence of str
-        The log; or a robot's preset or file, and the log.
-    out : Path, optional
-    controller : Path, optional
-        The controller's file; that beside the results if not given.
-    mapping : Path, optional
-        Of the log.
-    accept : list of str, optional
-        Codes of errors of the log to ignore.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read or does not belong to the prediction, or the log is not one of the course.
-    """
+    """Compare one log with a study's prediction, print the verdict, and write it if a folder is given."""
     prediction = read_prediction(results)
     source, log_path = _robot_and_log(results, inputs)
     robot = Robot.load(source)
@@ -197,7 +177,7 @@ def validate(
     if prediction is not None:
         _refuse_models(against, seed)
         inputs = (robot, *map(str, logs))
-        validate_prediction(
+        _validate_prediction(
             prediction, inputs, out=out, controller=controller, mapping=mapping, accept=accept
         )
         return
