@@ -9,6 +9,7 @@ from rich.text import Text
 
 from ballbot.control.controller import Controller, torque_limit_words
 from ballbot.findings import Finding
+from ballbot.firmware.emulator import CYCLES
 from ballbot.firmware.export import Export
 from ballbot.firmware.processor_load import ProcessorLoad
 from ballbot.report.blocks import Report, Sheet, section, table
@@ -48,17 +49,12 @@ def load_rows(load: ProcessorLoad) -> list[list[str]]:
     rows = [
         ["instructions of an update, typical", f"{load.typical_instructions:,}"],
         ["instructions of an update, worst", f"{load.worst_instructions:,}"],
-        ["cycles, typical, at most", f"{load.typical_cycles:,}"],
         ["cycles, worst, at most", f"{load.worst_cycles:,}"],
     ]
-    if load.fix_instructions is not None and load.fix_cycles is not None:
-        rows += [
-            ["instructions, worst, with a fix of the pose", f"{load.fix_instructions:,}"],
-            ["cycles, worst, with a fix of the pose, at most", f"{load.fix_cycles:,}"],
-        ]
+    if load.fix_instructions is not None:
+        rows.append(["instructions, worst, with a fix of the pose", f"{load.fix_instructions:,}"])
     return [
         *rows,
-        [f"share of {period}, typical", f"{100 * load.typical_share:.1f} %"],
         [f"share of {period}, worst", f"{100 * load.worst_share:.1f} %"],
         ["highest rate", f"{load.highest_rate:,.0f} Hz"],
         ["flash: library, robot.c and numbers", f"{load.flash:,} bytes"],
@@ -78,9 +74,8 @@ def load_section(load: ProcessorLoad | None, *, to_install: str) -> str:
             "",
             f"Measured over {load.samples} samples on an emulated Cortex-M4F, the library compiled by Clang with -O2 "
             f"({load.compiler}).",
-            "Instructions are exact. Cycles are an upper estimate: those of the processor's manual, and two wait",
-            "states for each 64 bits of code and each word of constants in flash. Interrupts and drivers come on top."
-            "",
+            f"Instructions are exact. Cycles are an upper estimate, {CYCLES:g} for each instruction in flash with two "
+            "wait states. Interrupts and drivers come on top.",
             "",
             "| quantity | value |",
             "|---|---:|",
@@ -120,10 +115,7 @@ def export_report(
             0, "What interrupts and drivers of a board take: they come on top of the library's cycles."
         )
     rows = [(name, f"{len(text):,}") for name, text in sorted(exported.files.items())]
-    measured = (
-        "On an emulated Cortex-M4F. Instructions are exact; cycles are an upper estimate with two wait states of "
-        "flash."
-    )
+    measured = f"On an emulated Cortex-M4F. Instructions are exact; cycles are an upper estimate, {CYCLES:g} for each."
     return Report(
         title=f"{robot.name}: a controller as firmware",
         lead=f"{len(exported.files)} files in C99. README.md beside this page says how to build them.",
