@@ -51,9 +51,9 @@ class Variant:
 def variants(robot: Robot) -> list[Variant]:
     """Return the nominal robot, a softer ball, and each recommendation by itself and all together."""
     nominal = Scenario.nominal(robot)
-    single_row = Scenario.single_row(robot)
+    single_row = Scenario.named("single_row", robot)
     return [
-        Variant(name="softer ball, 30 kN/m", scenario=Scenario.soft_ball(robot)),
+        Variant(name="softer ball, 30 kN/m", scenario=Scenario.named("soft_ball", robot)),
         Variant(name=NOMINAL, scenario=nominal),
         Variant(name="single-row wheels", scenario=single_row),
         Variant(name="play 0.1 degrees", scenario=replace(nominal, backlash=_LESS_PLAY)),
